@@ -1,0 +1,144 @@
+"""The command `drop`: parse, call a stage, print. No physics and no files here.
+
+What a command needs is imported when it runs, so that `drop --help` is quick.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.console import output, running, show_drop
+from pipeline.options import takes_scenario
+from pipeline.scenario import Camera, Scenario
+
+app = typer.Typer(
+    name="drop",
+    pretty_exceptions_enable=False,
+    help="Drop a box in PyBullet, keep everything in one Rerun recording, and learn where each "
+    "millimetre of the error comes from.",
+    epilog="Start with: drop run",
+)
+
+Run = Annotated[Path, typer.Argument(metavar="RUN.rrd", help="The recording to read.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, for scripts.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+At = Annotated[
+    list[str] | None,
+    typer.Option(metavar="SECONDS", help="Time to take apart; may be given again. [default: 0.3]"),
+]
+Fps = Annotated[float, typer.Option(help="Frames per second of the gif, at most 50.")]
+
+
+@app.callback(invoke_without_command=True)
+def _drop(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if version:
+        from importlib.metadata import version as version_of
+
+        print(f"drop {version_of('drop')}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+@app.command(epilog="Example: drop simulate --out moon.rrd --gravity moon --duration 2")
+@takes_scenario
+def simulate(
+    *,
+    out: Annotated[Path, typer.Option(metavar="RUN.rrd", help="The recording to write.")],
+    force: Force = False,
+    json: Json = False,
+    scenario: Scenario,
+    camera: Camera | None,
+) -> None:
+    """Drop the body, and put everything that happens into one recording."""
+    from pipeline.stages.simulate import simulate
+
+    with output.progress() as progress:
+        simulation = simulate(scenario, out, camera=camera, force=force, progress=progress)
+    show_drop.show_simulation(simulation, as_json=json)
+
+
+@app.command(epilog="Example: drop analyze recordings/run.rrd --at 0.1 --at 0.3 --table run.csv")
+def analyze(
+    run: Run,
+    *,
+    at: At = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="LAYER.rrd", help="The layer to write. [default: RUN.analysis.rrd]"),
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write every sample to a .parquet or .csv file."),
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Say where each millimetre between simulation and theory comes from."""
+    from pipeline.fields import times
+    from pipeline.stages.analyze import analyze
+
+    analysis = analyze(run, at_s=times(at or []), out=out, table=table, force=force)
+    show_drop.show_analysis(analysis, as_json=json)
+
+
+@app.command(epilog="Example: drop render recordings/run.rrd --fps 30 --plot fall.svg")
+def render(
+    run: Run,
+    *,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.gif", help="The gif to write. [default: RUN.gif]")
+    ] = None,
+    fps: Fps = 20.0,
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The plot, .png or .svg. [default: RUN.png]"),
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Make a gif of the recorded frames, and a plot of heights and errors."""
+    from pipeline.stages.render import render
+
+    with output.progress() as progress:
+        rendering = render(run, out=out, fps=fps, plot=plot, force=force, progress=progress)
+    show_drop.show_rendering(rendering, as_json=json)
+
+
+@app.command(epilog="Example: drop run --timestep 1/480")
+@takes_scenario
+def run(
+    *,
+    out_dir: Annotated[
+        Path, typer.Option(metavar="DIR", help="Where the files go; made if missing.")
+    ] = Path("recordings"),
+    at: At = None,
+    fps: Fps = 20.0,
+    json: Json = False,
+    scenario: Scenario,
+    camera: Camera | None,
+) -> None:
+    """Simulate, analyze and render in a row: the whole story of one drop."""
+    from pipeline.fields import times
+    from pipeline.stages.run import run
+
+    with output.progress() as progress:
+        whole = run(
+            scenario, out_dir, camera=camera, at_s=times(at or []), fps=fps, progress=progress
+        )
+    show_drop.show_run(whole, as_json=json)
+
+
+def main() -> None:
+    """Run the command line; every error is one line and an exit code."""
+    raise SystemExit(running.run(app))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,50 @@
+"""A drop, from its scenario to its pictures.
+
+A `Scenario` is dropped in PyBullet by `simulate`, which puts everything that happened into one
+Rerun recording. From there on the recording is all there is: `analyze` reads it back and takes its
+error apart, `render` makes a gif and a plot of it. `run` does the three in a row.
+
+    from pipeline import Scenario, simulate, analyze, render
+
+The names here are loaded when they are first used, so that importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pipeline.budget.results import Analysis as Analysis
+    from pipeline.errors import DropError as DropError
+    from pipeline.scenario import Camera as Camera
+    from pipeline.scenario import Scenario as Scenario
+    from pipeline.stages.analyze import analyze as analyze
+    from pipeline.stages.render import Rendering as Rendering
+    from pipeline.stages.render import render as render
+    from pipeline.stages.run import Run as Run
+    from pipeline.stages.run import run as run
+    from pipeline.stages.simulate import Simulation as Simulation
+    from pipeline.stages.simulate import simulate as simulate
+
+_HOMES = {
+    "DropError": "pipeline.errors",
+    "Scenario": "pipeline.scenario",
+    "Camera": "pipeline.scenario",
+    "simulate": "pipeline.stages.simulate",
+    "Simulation": "pipeline.stages.simulate",
+    "analyze": "pipeline.stages.analyze",
+    "Analysis": "pipeline.budget.results",
+    "render": "pipeline.stages.render",
+    "Rendering": "pipeline.stages.render",
+    "run": "pipeline.stages.run",
+    "Run": "pipeline.stages.run",
+}
+
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'pipeline' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)

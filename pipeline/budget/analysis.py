@@ -1,0 +1,291 @@
+"""The verdict on a fall: everything that its samples tell, in one typed result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.budget.conservation import Mechanics, max_relative_drift, mechanics
+from pipeline.budget.decomposition import Decomposition, decompose
+from pipeline.budget.energy import ledger
+from pipeline.budget.findings import Evidence, findings
+from pipeline.budget.landing import (
+    contact_law_heights,
+    find_bounces,
+    find_contact,
+    find_impact,
+    find_rest,
+)
+from pipeline.budget.phases import Phases, phases
+from pipeline.budget.results import Airborne, Analysis, Conservation, Coverage, Moment, Terms
+from pipeline.errors import ScenarioError
+from pipeline.physics import bullet_law, theory
+from pipeline.physics.bullet_law import fall_of
+from pipeline.physics.theory import Fall
+from pipeline.scenario import Scenario
+
+Float64 = NDArray[np.float64]
+
+DEFAULT_AT_S = 0.3
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The recorded state as arrays, one row per sample."""
+
+    position_m: Float64
+    orientation: Float64
+    velocity_m_s: Float64
+    spin_rad_s: Float64
+    contact_points: Float64
+
+    @property
+    def height_m(self) -> Float64:
+        """Height of the centre [m], shape (samples,)."""
+        return self.position_m[:, 2]
+
+
+def analysis_of(
+    scenario: Scenario,
+    engine: Mapping[str, Any],
+    states: pl.DataFrame,
+    *,
+    at_s: Sequence[float] = (),
+) -> Analysis:
+    """Analyze the samples of a fall.
+
+    Parameters
+    ----------
+    scenario
+        What was dropped, and how.
+    engine
+        What the engine reported of the body: mass, inertia, joints, shape, rest height.
+    states
+        One row per sample from the release on: `step`, and the columns of the recording's state.
+    at_s
+        Times to take apart [s]; without any, 0.3 s where that is in the air.
+
+    Raises
+    ------
+    ScenarioError
+        If a time lies outside the recording.
+    """
+    samples = _samples(states)
+    fall, timestep_s = fall_of(scenario), scenario.timestep_s
+    speed_m_s = np.linalg.norm(samples.velocity_m_s, axis=1)
+    found = phases(samples.height_m, speed_m_s, samples.contact_points)
+    mismatch = _mismatch(scenario, engine, fall, samples, found.airborne)
+    coverage = _coverage(scenario, engine, found, mismatch)
+    parts = decompose(fall, samples.height_m[: coverage.samples], timestep_s=timestep_s)
+    energies = _mechanics(engine, samples, fall)
+    table = _table(scenario, engine, fall, found, samples, parts, energies)
+    at = [_moment(table, step) for step in _steps_at(at_s, scenario, coverage.samples)]
+
+    law_m = contact_law_heights(scenario, engine, fall, steps=found.samples - 1)
+    impact = find_impact(scenario, engine, fall, found, samples.height_m, samples.velocity_m_s)
+    bounces = find_bounces(scenario, engine, fall, samples.height_m,
+                           samples.velocity_m_s[:, 2], samples.contact_points)  # fmt: skip
+    rest = find_rest(engine, found, samples.height_m, law_m)
+    evidence = Evidence(
+        scenario=scenario,
+        engine=engine,
+        fall=fall,
+        time_s=table["time_s"].to_numpy(),
+        state=states.drop("step").to_numpy()[:, :13],
+        phases=found,
+        mismatch=mismatch,
+        moment=at[0] if at else None,
+        impact=impact,
+        bounces=bounces,
+        rest=rest,
+    )
+    return Analysis(
+        scenario=asdict(scenario),
+        engine=dict(engine),
+        at=at,
+        coverage=coverage,
+        airborne=_airborne(parts),
+        impact=impact,
+        contact=find_contact(found, samples.height_m, law_m),
+        bounces=bounces,
+        rest=rest,
+        conservation=_conservation(energies, samples.contact_points == 0),
+        energy=ledger(
+            energies,
+            samples.velocity_m_s,
+            fall,
+            airborne=found.airborne,
+            timestep_s=timestep_s,
+            mass_kg=engine["mass_kg"],
+        ),
+        findings=findings(evidence),
+        table=table,
+    )
+
+
+def _samples(states: pl.DataFrame) -> Samples:
+    return Samples(
+        position_m=states.select("x_m", "y_m", "z_m").to_numpy(),
+        orientation=states.select("qx", "qy", "qz", "qw").to_numpy(),
+        velocity_m_s=states.select("vx_m_s", "vy_m_s", "vz_m_s").to_numpy(),
+        spin_rad_s=states.select("wx_rad_s", "wy_rad_s", "wz_rad_s").to_numpy(),
+        contact_points=states["contact_points"].to_numpy(),
+    )
+
+
+def _mismatch(
+    scenario: Scenario,
+    engine: Mapping[str, Any],
+    fall: Fall,
+    samples: Samples,
+    airborne: int,
+) -> tuple[int, float] | None:
+    """Return the first sample in the air that does not follow Bullet's law, and by how much."""
+    if not scenario.stepped or engine["joints"] or not airborne:
+        return None
+    position_m, velocity_m_s = bullet_law.airborne(
+        fall, timestep_s=scenario.timestep_s, steps=airborne - 1, mass_kg=engine["mass_kg"]
+    )
+    recorded = np.hstack((samples.position_m, samples.velocity_m_s))[:airborne]
+    law = np.hstack((position_m, velocity_m_s))
+    # On x86-64 the law is the engine's to the last bit; elsewhere multiply and add may be fused.
+    # A body that turns is stepped in its own frame, which rounds besides.
+    exact = engine.get("machine") in ("x86_64", "AMD64") and not any(scenario.spin_rad_s)
+    tolerance = 0.0 if exact else 1e-12
+    deviation = np.abs(recorded - law).max(axis=1)
+    off = np.flatnonzero(~(deviation <= tolerance * np.maximum(1.0, np.abs(law).max(axis=1))))
+    return (int(off[0]), float(deviation[off[0]])) if len(off) else None
+
+
+def _coverage(
+    scenario: Scenario,
+    engine: Mapping[str, Any],
+    found: Phases,
+    mismatch: tuple[int, float] | None,
+) -> Coverage:
+    """Say how far the law of the air explains the recording."""
+    if not scenario.stepped:
+        return Coverage(0, found.samples, "no step was taken, so no law of motion applies")
+    if engine["joints"]:
+        why = f"the body has {engine['joints']} joints, and the law is that of one rigid body"
+        return Coverage(0, found.samples, why)
+    if mismatch is not None:
+        why = f"from sample {mismatch[0]} on the state does not follow Bullet's law"
+        return Coverage(mismatch[0], found.samples, why)
+    if found.contact_step is not None:
+        why = f"from sample {found.contact_step} on the body is, or has been, in contact"
+        return Coverage(found.airborne, found.samples, why)
+    return Coverage(found.samples, found.samples, "the whole recording is in the air")
+
+
+def _mechanics(engine: Mapping[str, Any], samples: Samples, fall: Fall) -> Mechanics:
+    return mechanics(
+        samples.height_m,
+        samples.orientation,
+        samples.velocity_m_s,
+        samples.spin_rad_s,
+        mass_kg=engine["mass_kg"],
+        inertia_kg_m2=np.array(engine["inertia_kg_m2"]),
+        gravity_m_s2=fall.gravity_m_s2,
+    )
+
+
+def _table(
+    scenario: Scenario,
+    engine: Mapping[str, Any],
+    fall: Fall,
+    found: Phases,
+    samples: Samples,
+    parts: Decomposition,
+    energies: Mechanics,
+) -> pl.DataFrame:
+    """Return one row per sample; error terms are null where the law of the air does not hold."""
+    time_s = np.arange(found.samples, dtype=np.float64) * scenario.timestep_s
+    # Theory knows no floor. After the first contact it is held at the rest height.
+    lowest_m = np.full(found.samples, -math.inf)
+    if scenario.floor:
+        lowest_m[found.airborne :] = engine["rest_height_m"]
+    free_fall_m = np.maximum(theory.free_fall_height(fall, time_s), lowest_m)
+
+    def explained(values: Float64) -> pl.Series:
+        return pl.Series(values, dtype=pl.Float64).extend_constant(
+            None, found.samples - len(values)
+        )
+
+    return pl.DataFrame(
+        {
+            "step": np.arange(found.samples),
+            "time_s": time_s,
+            "phase": found.column(),
+            "simulated_m": samples.height_m,
+            "free_fall_m": free_fall_m,
+            "damped_fall_m": np.maximum(theory.damped_fall_height(fall, time_s), lowest_m),
+            "error_m": samples.height_m - free_fall_m,
+            "timestep_m": explained(parts.timestep_m),
+            "damping_m": explained(parts.damping_m),
+            "interaction_m": explained(parts.interaction_m),
+            "rounding_m": explained(parts.rounding_m),
+            "kinetic_linear_j": energies.kinetic_linear_j,
+            "kinetic_angular_j": energies.kinetic_angular_j,
+            "potential_j": energies.potential_j,
+            "energy_j": energies.total_j,
+        }
+    )
+
+
+def _steps_at(at_s: Sequence[float], scenario: Scenario, covered: int) -> list[int]:
+    """Return the samples nearest to the times asked for, or the default one."""
+    end_s = scenario.steps * scenario.timestep_s
+    for time_s in at_s:
+        if not 0 <= time_s <= end_s * (1 + 1e-12):
+            raise ScenarioError(
+                f"--at must lie within the recording, 0 to {end_s:g} s, got {time_s:g}"
+            )
+    if at_s:
+        return [min(scenario.steps, round(time_s / scenario.timestep_s)) for time_s in at_s]
+    if covered == 0:
+        return []
+    standard = round(DEFAULT_AT_S / scenario.timestep_s)
+    return [standard if standard < covered else (covered - 1) // 2]
+
+
+def _moment(table: pl.DataFrame, step: int) -> Moment:
+    row = table.row(step, named=True)
+    names = ("timestep", "damping", "interaction", "rounding")
+    explained = row["timestep_m"] is not None
+    return Moment(
+        time_s=row["time_s"],
+        step=step,
+        phase=row["phase"],
+        simulated_m=row["simulated_m"],
+        free_fall_m=row["free_fall_m"],
+        error_m=row["error_m"],
+        terms_m=Terms(**{name: row[f"{name}_m"] for name in names}) if explained else None,
+    )
+
+
+def _airborne(parts: Decomposition) -> Airborne | None:
+    if not len(parts.total_m):
+        return None
+    return Airborne(
+        samples=len(parts.total_m),
+        max_abs_error_m=float(np.abs(parts.total_m).max()),
+        rms_error_m=float(np.sqrt(np.mean(parts.total_m**2))),
+        max_abs_rounding_m=float(np.abs(parts.rounding_m).max()),
+    )
+
+
+def _conservation(energies: Mechanics, without_contact: NDArray[np.bool_]) -> Conservation:
+    return Conservation(
+        energy_initial_j=float(energies.total_j[0]),
+        energy_max_rel_drift=max_relative_drift(energies.total_j[without_contact]),
+        angular_momentum_max_rel_drift=max_relative_drift(
+            energies.angular_momentum_kg_m2_s[without_contact]
+        ),
+    )

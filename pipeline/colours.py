@@ -1,0 +1,17 @@
+"""One colour for one thing, in the plot and in the viewer alike.
+
+Okabe and Ito's palette, which colour-blind readers can tell apart.
+"""
+
+SIMULATED = "#0072b2"
+FREE_FALL = "#8a8f98"
+DAMPED_FALL = "#56b4e9"
+TOTAL = "#222222"
+TOTAL_ON_DARK = "#e6edf3"
+TIMESTEP = "#d55e00"
+DAMPING = "#009e73"
+INTERACTION = "#cc79a7"
+ROUNDING = "#e69f00"
+KINETIC = "#f0e442"
+ROTATION = "#cc79a7"
+POTENTIAL = "#56b4e9"

@@ -1,0 +1,231 @@
+"""Tell the story of one drop: what was recorded, what it tells, what was rendered."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.markup import escape
+
+from pipeline.console.output import millimetres, print_json, print_lines
+from pipeline.fields import fraction
+
+if TYPE_CHECKING:
+    from pipeline.budget.results import Analysis, Moment
+    from pipeline.stages.render import Rendering
+    from pipeline.stages.run import Run
+    from pipeline.stages.simulate import Simulation
+
+
+def show_simulation(simulation: Simulation, *, as_json: bool) -> None:
+    """Print what `simulate` made."""
+    if as_json:
+        print_json(_simulation_json(simulation))
+    else:
+        print_lines(_simulation_line(simulation))
+
+
+def show_analysis(analysis: Analysis, *, as_json: bool) -> None:
+    """Print what `analyze` found."""
+    if as_json:
+        print_json(analysis.as_json())
+    else:
+        print_lines(*_story(analysis))
+
+
+def show_rendering(rendering: Rendering, *, as_json: bool) -> None:
+    """Print what `render` made."""
+    if as_json:
+        print_json(_rendering_json(rendering))
+    else:
+        print_lines(*_rendering_lines(rendering))
+
+
+def show_run(run: Run, *, as_json: bool) -> None:
+    """Print the whole story of a drop."""
+    if as_json:
+        print_json(
+            {
+                "simulate": _simulation_json(run.simulation),
+                "analyze": run.analysis.as_json(),
+                "render": _rendering_json(run.rendering),
+            }
+        )
+        return
+    recording = run.simulation.recording
+    print_lines(
+        *_story(run.analysis),
+        "",
+        _simulation_line(run.simulation),
+        *_rendering_lines(run.rendering),
+        f"[dim]see it move[/]      rerun {recording} {run.analysis.layer}",
+    )
+
+
+def _simulation_json(simulation: Simulation) -> dict[str, Any]:
+    return {
+        "recording": str(simulation.recording),
+        "recording_id": simulation.recording_id,
+        "samples": simulation.samples,
+        "frames": simulation.frames,
+        "bytes": simulation.bytes,
+        "wall_s": simulation.wall_s,
+    }
+
+
+def _rendering_json(rendering: Rendering) -> dict[str, Any]:
+    return {
+        "gif": None if rendering.gif is None else str(rendering.gif),
+        "frames": rendering.frames,
+        "fps": rendering.fps,
+        "plot": None if rendering.plot is None else str(rendering.plot),
+    }
+
+
+def _simulation_line(made: Simulation) -> str:
+    return (
+        f"[dim]recording[/]        {made.recording}   {made.samples:,} samples, "
+        f"{made.frames} frames, {made.bytes / 1e3:,.0f} kB, {made.wall_s:.1f} s"
+    )
+
+
+def _rendering_lines(made: Rendering) -> list[str]:
+    lines = []
+    if made.gif is not None:
+        seconds = made.frames / made.fps
+        lines.append(f"[dim]gif[/]              {made.gif}   {made.frames} frames, {seconds:.2f} s")
+    if made.plot is not None:
+        lines.append(f"[dim]plot[/]             {made.plot}")
+    return lines
+
+
+def _story(analysis: Analysis) -> list[str]:
+    """Tell a drop from its release to its rest, in lines of at most 80 characters."""
+    scenario = analysis.scenario
+    first, last = analysis.table.row(0, named=True), analysis.table.row(-1, named=True)
+    damping = "default" if scenario["linear_damping"] is None else f"{scenario['linear_damping']:g}"
+    lines = [
+        f"[bold]{escape(Path(scenario['body']).name)}[/] dropped from {first['simulated_m']:.4f} m, "
+        f"timestep {fraction(scenario['timestep_s'])} s, damping {damping}",
+        f"after {last['time_s']:.4g} s its centre is at {last['simulated_m']:.4f} m",
+    ]
+    for moment in analysis.at:
+        lines += ["", *_moment(moment)]
+    coverage = analysis.coverage
+    if coverage.samples < coverage.of:
+        covered = f"samples 0 to {coverage.samples - 1}" if coverage.samples else "no sample"
+        lines += ["", *_titled("Covered", f"{covered} of {coverage.of:,}: {coverage.why}")]
+    lines += ["", *_impact(analysis), *_bounces(analysis), *_rest(analysis), *_energy(analysis)]
+    if analysis.findings:
+        lines.append("")
+    for finding in analysis.findings:
+        lines += _titled("Finding", f"{finding.code}: {finding.message}")
+    return lines
+
+
+def _titled(title: str, words: str) -> list[str]:
+    """Return words beside a title, wrapped so that they line up."""
+    wrapped = textwrap.wrap(words, 80 - _TITLE, break_on_hyphens=False, break_long_words=False)
+    return [
+        f"[bold]{title if number == 0 else '':<{_TITLE}}[/]{escape(line)}"
+        for number, line in enumerate(wrapped)
+    ]
+
+
+def _moment(moment: Moment) -> list[str]:
+    lines = [
+        f"[bold]At {moment.time_s:.4g} s[/] (step {moment.step})",
+        f"  simulated      {moment.simulated_m:10.4f} m",
+        f"  free fall      {moment.free_fall_m:10.4f} m",
+        f"  difference     {moment.error_m:+10.4f} m",
+    ]
+    terms = moment.terms_m
+    if terms is None:
+        return [*lines, "  not taken apart: the law of the air does not hold here"]
+    why = {
+        "timestep": "Euler's step moves with the velocity after it",
+        "damping": "Bullet's own air; stays when the timestep shrinks",
+        "interaction": "timestep × damping",
+        "rounding": "double precision",
+    }
+    return [
+        *lines,
+        "",
+        *(
+            f"  {name:<12} {millimetres(getattr(terms, name))}   [dim]{reason}[/]"
+            for name, reason in why.items()
+        ),
+        f"  {'':<12} {'─' * 13}",
+        f"  {'total':<12} [bold]{millimetres(moment.error_m)}[/]",
+    ]
+
+
+def _impact(analysis: Analysis) -> list[str]:
+    impact = analysis.impact
+    if impact is None:
+        return _titled("Impact", "none: the body never touched anything")
+    times = {
+        "simulated": impact.time_simulated_s,
+        "free fall": impact.time_free_fall_s,
+        "damped fall": impact.time_damped_s,
+    }
+    predicted = [f"{name} {time_s:.4f} s" for name, time_s in times.items() if time_s is not None]
+    step_mm = impact.speed_m_s * analysis.scenario["timestep_s"] * 1e3
+    return [
+        *_titled("Impact", ", ".join(predicted) or "from the start"),
+        *_titled(
+            "",
+            f"arrives at {impact.speed_m_s:.3f} m/s, {step_mm:.1f} mm a step; is caught at step "
+            f"{impact.step}, {impact.penetration_m * 1e3:.1f} mm deep",
+        ),
+    ]
+
+
+def _bounces(analysis: Analysis) -> list[str]:
+    lines = []
+    for number, bounce in enumerate(analysis.bounces[:_MOST_BOUNCES], start=1):
+        apex = "not reached" if bounce.apex_m is None else f"{bounce.apex_m * 1e3:.1f} mm"
+        lines += _titled(
+            f"Bounce {number}",
+            f"rises {apex}, by theory {bounce.predicted_apex_m * 1e3:.1f} mm; restitution "
+            f"{bounce.effective_restitution:.4f}, correction {bounce.correction_m_s:+.3f} m/s",
+        )
+    left = len(analysis.bounces) - _MOST_BOUNCES
+    return lines + (_titled("", f"and {left} more bounces: see --json") if left > 0 else [])
+
+
+def _rest(analysis: Analysis) -> list[str]:
+    rest = analysis.rest
+    if rest is None:
+        return []
+    lines = _titled(
+        "Rest", f"{rest.height_m:.4f} m: the position is the body's centre, not its underside"
+    )
+    error = f"{rest.error_m * 1e6:+.2f} µm off {rest.expected_m:g} m"
+    if rest.terms_m is None:
+        return lines + _titled("", f"{error}; the contact law does not cover this landing")
+    terms = rest.terms_m
+    return lines + _titled(
+        "",
+        f"{error}: {terms.slop * 1e6:+.2f} slop, {terms.solver * 1e6:+.2f} solver stopped early, "
+        f"{terms.settling * 1e6:+.2f} not yet settled",
+    )
+
+
+def _energy(analysis: Analysis) -> list[str]:
+    energy = analysis.energy
+    lost = {
+        "damping": energy.damping_j,
+        "integrator": energy.integrator_j,
+        "rotation": energy.rotation_j,
+        "contact": energy.contact_j,
+    }
+    causes = [f"{joules:+.4f} {cause}" for cause, joules in lost.items() if joules]
+    sum_up = f"{energy.initial_j:.4f} J at release, {energy.final_j:.4f} J at the end"
+    return _titled("Energy", f"{sum_up}: {', '.join(causes)}" if causes else sum_up)
+
+
+_TITLE = 12
+"""Columns that a title takes."""
+_MOST_BOUNCES = 5

@@ -1,0 +1,21 @@
+"""The errors `drop` raises on purpose: one line each, with the rule, the value and what to try."""
+
+
+class DropError(Exception):
+    """Something could not be done; the message says what, and what to do."""
+
+    exit_code = 1
+
+
+class ScenarioError(DropError, ValueError):
+    """A value that no drop can be made with: outside its domain, or not readable."""
+
+    exit_code = 2
+
+
+class RecordingError(DropError):
+    """A recording that is missing, damaged, unfinished, or not one of ours."""
+
+
+class OutputError(DropError):
+    """A file that cannot be written where it was asked for."""

@@ -1,0 +1,221 @@
+"""Write frames as a gif: every frame its own, every colour exact, memory flat.
+
+Pillow's own writer merges frames that do not differ, holds all of them at once, and picks new
+palettes for colours that it could keep. So the container is laid out here, one block per frame as
+it comes, and Pillow does what takes time: decode, compare, compress. Each frame holds only the
+rectangle that differs from the frame before.
+
+Layout: CompuServe, "Graphics Interchange Format, Version 89a" (1990), the sections named below.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import struct
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageChops
+
+from pipeline.errors import ScenarioError
+
+Box = tuple[int, int, int, int]
+"""Left, top, right (exclusive), bottom (exclusive) [px]."""
+Colours = NDArray[np.uint32]
+"""Ascending colours 0xRRGGBB, shape (n,); a pixel's index is its colour's place in them."""
+
+MOST_COLOURS = 256
+MAX_FPS = 50.0
+"""Viewers play delays below 0.02 s as 0.1 s."""
+MIN_FPS = 100 / 0xFFFF
+"""A delay is 16 bits of 0.01 s."""
+
+
+@dataclass(frozen=True)
+class Gif:
+    """What was written."""
+
+    frames: int
+    duration_s: float
+    """One pass through all frames; the gif loops for ever."""
+    quantised: int
+    """Frames whose colours are not exact, because they have more than a gif can hold."""
+
+
+def check_fps(fps: float) -> None:
+    """Make sure that a gif can show this many frames per second, before any work is done for it.
+
+    Raises
+    ------
+    ScenarioError
+        If it is not a number above 0 and at most 50, or a frame would stay for over 655.35 s.
+    """
+    if not 0 < fps <= MAX_FPS:
+        raise ScenarioError(
+            f"--fps must be above 0 and at most {MAX_FPS:g} (viewers play faster gifs at 10), "
+            f"got {fps:g}; try --fps {'50' if fps > MAX_FPS else '20'}"
+        )
+    if fps < MIN_FPS:
+        raise ScenarioError(
+            f"--fps must be at least {MIN_FPS:.6f} (a gif shows a frame for at most 655.35 s), "
+            f"got {fps:g}; try --fps 1"
+        )
+
+
+def delay_cs(frame: int, *, fps: float) -> int:
+    """Return how long a frame is shown [0.01 s], so that none starts over 0.005 s off its time.
+
+    Delays are whole hundredths: at 30 frames per second they are 3, 4, 3, 3, 4, …
+
+    Parameters
+    ----------
+    frame
+        Number of the frame, from 0.
+    fps
+        Frames per second.
+    """
+    return round(100 * (frame + 1) / fps) - round(100 * frame / fps)
+
+
+def write_gif(pngs: Iterable[bytes], stream: BinaryIO, *, fps: float) -> Gif:
+    """Write PNG pictures as a gif that loops for ever, holding two of them at a time.
+
+    Parameters
+    ----------
+    pngs
+        Pictures of one size, at least one; RGB, without transparency.
+    stream
+        Where to write; nothing is written before the first picture has been read.
+    fps
+        Frames per second, above 0 and at most 50.
+
+    Returns
+    -------
+    How many frames were written, how long they play, and in how many a colour was changed.
+
+    Raises
+    ------
+    ScenarioError
+        If the frame rate cannot be shown.
+    ValueError
+        If there is no picture, one is not a PNG, has another size, or is too large for a gif.
+    """
+    check_fps(fps)
+    shared: Colours | None = None
+    frames = quantised = 0
+    for image, box in _changes(pngs):
+        patch = image.crop(box)
+        colours = _colours(patch)
+        if colours is None:
+            # convert() makes the 256 colours of the quantised patch exact ones to carry on with.
+            patch = patch.quantize(MOST_COLOURS, dither=Image.Dither.NONE).convert("RGB")
+            colours = _colours(patch)
+            assert colours is not None
+            quantised += 1
+        if shared is None:
+            shared = colours
+            stream.write(_head(image.size, shared))
+        own = not np.isin(colours, shared).all()
+        table = colours if own else shared
+        indices = np.searchsorted(table, _packed(patch)).astype(np.uint8)
+        delay = delay_cs(frames, fps=fps)
+        stream.write(_frame(box, indices, delay=delay, own_table=table if own else None))
+        frames += 1
+    if not frames:
+        raise ValueError("a gif needs at least one frame, got none; record with a camera")
+    stream.write(b";")  # section 27, trailer
+    return Gif(frames, round(100 * frames / fps) / 100, quantised)
+
+
+def _changes(pngs: Iterable[bytes]) -> Iterator[tuple[Image.Image, Box]]:
+    """Yield each picture with the smallest box that differs from the one before.
+
+    The first differs everywhere; one that does not differ at all gives its first pixel, because a
+    frame must have one.
+    """
+    shown: Image.Image | None = None
+    shown_png = b""
+    for number, png in enumerate(pngs):
+        if shown is not None and png == shown_png:
+            yield shown, (0, 0, 1, 1)
+            continue
+        image = _decoded(png, number)
+        if shown is None:
+            if max(image.size) > 0xFFFF:
+                raise ValueError(f"a gif is at most 65535 px wide and high, got {image.size}")
+            box: Box | None = (0, 0, *image.size)
+        elif image.size != shown.size:
+            raise ValueError(
+                f"all frames must have one size, got {image.size} px in frame {number} "
+                f"after {shown.size} px"
+            )
+        else:
+            box = ImageChops.subtract_modulo(image, shown).getbbox()
+        yield image, box or (0, 0, 1, 1)
+        shown, shown_png = image, png
+
+
+def _decoded(png: bytes, number: int) -> Image.Image:
+    try:
+        image = Image.open(io.BytesIO(png), formats=["PNG"])
+        image.load()
+    except (OSError, SyntaxError) as error:
+        raise ValueError(f"every frame must be a PNG, got frame {number}: {error}") from None
+    return image if image.mode == "RGB" else image.convert("RGB")
+
+
+# -- colours --------------------------------------------------------------------------------------
+
+
+def _colours(patch: Image.Image) -> Colours | None:
+    """Return a patch's colours, or None where they are more than a table can hold."""
+    found = patch.getcolors(MOST_COLOURS)
+    if found is None:
+        return None
+    return np.array(
+        sorted(int.from_bytes(bytes(colour), "big") for _, colour in found),  # type: ignore[arg-type]
+        dtype=np.uint32,
+    )
+
+
+def _packed(patch: Image.Image) -> NDArray[np.uint32]:
+    """Return a patch's pixels as 0xRRGGBB, shape (height, width)."""
+    rgb = np.asarray(patch, dtype=np.uint32)
+    return (rgb[..., 0] << 16 | rgb[..., 1] << 8 | rgb[..., 2]).astype(np.uint32, copy=False)
+
+
+# -- blocks of the format -------------------------------------------------------------------------
+
+
+def _head(size: tuple[int, int], colours: Colours) -> bytes:
+    """Sections 17 to 19: header, screen and global colour table; then "loop for ever"."""
+    screen = struct.pack("<HHBBB", *size, 0x80 | _table_bits(colours), 0, 0)
+    loop = b"!\xff\x0bNETSCAPE2.0" + struct.pack("<BBHB", 3, 1, 0, 0)
+    return b"GIF89a" + screen + _table(colours) + loop
+
+
+def _frame(box: Box, indices: NDArray[np.uint8], *, delay: int, own_table: Colours | None) -> bytes:
+    """Sections 23 and 20 to 22: delay, place, colour table of its own if any, compressed pixels."""
+    left, top, right, bottom = box
+    leave_in_place = 1 << 2
+    control = b"!\xf9" + struct.pack("<BBHBB", 4, leave_in_place, delay, 0, 0)
+    flags = 0 if own_table is None else 0x80 | _table_bits(own_table)
+    place = b"," + struct.pack("<HHHHB", left, top, right - left, bottom - top, flags)
+    table = b"" if own_table is None else _table(own_table)
+    bits_per_pixel = 8  # what Pillow's encoder starts its codes from, however small the table
+    pixels = Image.fromarray(indices).tobytes("gif", "L")
+    return control + place + table + bytes([bits_per_pixel]) + pixels + b"\0"
+
+
+def _table_bits(colours: Colours) -> int:
+    """Return n, for a colour table of 2^(n + 1) entries."""
+    return max(0, math.ceil(math.log2(len(colours))) - 1)
+
+
+def _table(colours: Colours) -> bytes:
+    entries = b"".join(int(colour).to_bytes(3, "big") for colour in colours)
+    return entries.ljust(3 << _table_bits(colours) + 1, b"\0")

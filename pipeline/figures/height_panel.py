@@ -1,0 +1,150 @@
+"""The upper panel: what happened, beside what theory says; and the impact, enlarged."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import colours
+from pipeline.figures.style import (
+    FEW_POINTS,
+    METRES,
+    SECONDS,
+    Ink,
+    Unit,
+    mark_time,
+    thinned,
+    unit_for,
+)
+
+if TYPE_CHECKING:
+    import polars as pl
+    from matplotlib.axes import Axes
+
+CURVES = {  # widest first: each lies on the one before and leaves its edges to be seen
+    "free_fall": ("free fall", colours.FREE_FALL, 6.5),
+    "damped_fall": ("damped fall", colours.DAMPED_FALL, 4.0),
+    "simulated": ("simulated", colours.SIMULATED, 1.6),
+}
+Float64 = NDArray[np.float64]
+
+
+def draw_heights(
+    axes: Axes,
+    table: pl.DataFrame,
+    *,
+    impact_s: float | None,
+    rest_m: float | None,
+    time: Unit,
+    ink: Ink,
+) -> None:
+    """Draw simulated and theoretical height, and point out impact and rest.
+
+    Parameters
+    ----------
+    axes
+        Where to draw; its limits in time are set.
+    table
+        One row per sample, see `plot.build_figure`.
+    impact_s, rest_m
+        When the body meets the floor [s] and where it comes to lie [m], if it does.
+    time
+        The unit of the time axis.
+    ink
+        The colours of all that is not data.
+    """
+    values = table.select(f"{name}_m" for name in CURVES).to_numpy()
+    lowest, highest = float(values.min()), float(values.max())
+    bottom = min(0.0, lowest)
+    room = (highest - bottom) or 1.0
+    unit = unit_for(max(highest, -bottom), METRES, usual="m")
+    drawn = thinned(table)
+    _draw_curves(axes, drawn, drawn["time_s"].to_numpy() * time.per_si, unit)
+    top = highest + 0.09 * room
+    axes.set_ylim((bottom - 0.06 * room * (bottom < 0)) * unit.per_si, top * unit.per_si)
+    axes.set_ylabel(f"height of the centre [{unit.name}]")
+    axes.tick_params(bottom=False)
+    if impact_s is not None:
+        mark_time(axes, impact_s, time, ink)
+        late = impact_s * time.per_si > 0.6 * axes.get_xlim()[1]
+        axes.annotate(
+            f"impact at {impact_s * time.per_si:.4g} {time.name}",
+            (impact_s * time.per_si, 1),
+            xycoords=("data", "axes fraction"),
+            xytext=(-5 if late else 5, 1),
+            textcoords="offset points",
+            ha="right" if late else "left",
+            va="top",
+            size=10,
+            color=ink.faint,
+        )
+    if rest_m is not None:
+        rest = unit_for(abs(rest_m), METRES, usual="mm")
+        axes.annotate(
+            f"rests at {rest_m * rest.per_si:.3f} {rest.name}",
+            (1, rest_m * unit.per_si),
+            xycoords=("axes fraction", "data"),
+            xytext=(0, 6),
+            textcoords="offset points",
+            ha="right",
+            va="bottom",
+            size=10,
+            color=ink.faint,
+        )
+
+
+def _draw_curves(axes: Axes, table: pl.DataFrame, times: Float64, unit: Unit) -> None:
+    for name, (label, colour, width) in CURVES.items():
+        dots = name == "simulated" and len(table) <= FEW_POINTS
+        axes.plot(
+            times,
+            table[f"{name}_m"].to_numpy() * unit.per_si,
+            color=colour,
+            linewidth=width,
+            marker="o" if dots else None,
+            markersize=4,
+            label=label,
+            solid_capstyle="butt",
+        )
+
+
+def stays_low(table: pl.DataFrame, impact_s: float) -> bool:
+    """Tell whether the space above the curve is free after the impact."""
+    heights_m = table["simulated_m"].to_numpy()
+    after = heights_m[table["time_s"].to_numpy() >= impact_s]
+    return bool(len(after) and np.abs(after).max() < 0.2 * heights_m.max())
+
+
+def enlarge_impact(axes: Axes, table: pl.DataFrame, impact_s: float, ink: Ink) -> None:
+    """Show the impact in a panel of its own, sample by sample, time counted from it.
+
+    Parameters
+    ----------
+    axes
+        The panel whose empty upper right it takes.
+    table
+        One row per sample, at least two, see `plot.build_figure`.
+    impact_s
+        When the body meets the floor [s].
+    ink
+        The colours of all that is not data.
+    """
+    times_s = table["time_s"].to_numpy()
+    reach_s = max(4 * float(times_s[1] - times_s[0]), 0.02 * impact_s)
+    from_s, to_s = -reach_s, 2.5 * reach_s
+    near = thinned(table.filter((table["time_s"] - impact_s).is_between(from_s, to_s)))
+    values = near.select(f"{name}_m" for name in CURVES).to_numpy()
+    unit = unit_for(float(values.max()), METRES, usual="mm")
+    time = unit_for(to_s, SECONDS, usual="ms")
+    panel = axes.inset_axes((0.60, 0.33, 0.40, 0.50))
+    panel.set_label("impact")
+    panel.set_title("impact, enlarged", size=10, color=ink.faint, loc="left", pad=5)
+    _draw_curves(panel, near, (near["time_s"].to_numpy() - impact_s) * time.per_si, unit)
+    mark_time(panel, 0, time, ink)
+    panel.set_xlim(from_s * time.per_si, to_s * time.per_si)
+    panel.set_ylim(min(0, values.min() * 1.05) * unit.per_si, values.max() * 1.05 * unit.per_si)
+    panel.tick_params(labelsize=9)
+    panel.set_xlabel(f"time from impact [{time.name}]", size=9, labelpad=2)
+    panel.set_ylabel(f"height [{unit.name}]", size=9, labelpad=2)

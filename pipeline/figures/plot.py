@@ -1,0 +1,197 @@
+"""Plot a drop: its height against theory, and below it the error, taken apart.
+
+The upper panel shows what happened. All curves lie within millimetres of each other there, so the
+impact, where they part, is shown enlarged. The lower panel stacks the terms of the error, what
+pulls down below zero and what pushes up above it, with their sum as a line: one sees them add up.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+
+from pipeline.figures import style
+from pipeline.figures.error_panel import COLUMNS, draw_terms, row_at, sum_up
+from pipeline.figures.height_panel import CURVES, draw_heights, enlarge_impact, stays_low
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a plot points out; what is None is left out."""
+
+    title: str
+    subtitle: str = ""
+    at_s: float | None = None
+    """The time whose error is taken apart [s], moved to the nearest sample that has terms; None
+    for the last one that has."""
+    impact_s: float | None = None
+    rest_m: float | None = None
+
+
+def facts_of(table: pl.DataFrame) -> Facts:
+    """Return what a table gives away by itself: where it starts, meets the floor and rests.
+
+    Parameters
+    ----------
+    table
+        One row per sample, at least one, see `build_figure`.
+    """
+    heights_m, steps = table["simulated_m"], len(table) - 1
+    step = style.seconds(table["time_s"][1] - table["time_s"][0]) if steps else ""
+    return Facts(
+        title=f"Dropped from {heights_m[0]:.6g} m",
+        subtitle=f"{steps} step{'s' * (steps > 1)} of {step}" if steps else "",
+        at_s=0.3,
+        impact_s=_crossing_s(table),
+        rest_m=heights_m[-1] if table["phase"][-1] == "rest" else None,
+    )
+
+
+def plot_drop(
+    table: pl.DataFrame,
+    target: Path | BinaryIO,
+    *,
+    format: Literal["png", "svg"],  # noqa: A002
+    facts: Facts | None = None,
+    dark: bool = False,
+) -> None:
+    """Plot a drop into a file of 1200 x 900 px; the same table gives the same bytes.
+
+    Parameters
+    ----------
+    table
+        One row per sample, at least one, see `build_figure`.
+    target
+        The file to write, or a stream.
+    format
+        `png`, or `svg` with its text as text.
+    facts
+        What to point out; None for what the table gives away by itself.
+    dark
+        Whether it is for a dark page.
+
+    Raises
+    ------
+    ValueError
+        If the table has no samples.
+    OSError
+        If the file cannot be written.
+    """
+    figure = build_figure(table, facts, dark=dark)
+    with style.plain(style.DARK if dark else style.LIGHT):
+        if format == "svg":
+            figure.savefig(target, format="svg", metadata={"Date": None})
+            return
+        pixels = io.BytesIO()
+        figure.savefig(pixels, format="rgba")
+    size = figure.canvas.get_width_height()
+    image = Image.frombytes("RGBA", size, pixels.getvalue()).convert("RGB")
+    # 256 colours are enough for a plot's flat areas and soft edges, in a third of the bytes.
+    image.quantize(256, dither=Image.Dither.NONE).save(target, format="png", optimize=True)
+
+
+def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool = False) -> Figure:
+    """Return the figure of a drop: heights above, error terms below, on one time axis.
+
+    Parameters
+    ----------
+    table
+        One row per sample, at least one: `time_s`, `phase` (falling, contact or rest),
+        `simulated_m`, `free_fall_m`, `damped_fall_m`, and `timestep_m`, `damping_m`,
+        `interaction_m`, `rounding_m`, which are null where theory does not cover a sample.
+    facts
+        What to point out; None for what the table gives away by itself.
+    dark
+        Whether it is for a dark page.
+
+    Returns
+    -------
+    A figure of two axes labelled `height` and `error`; where there is room for the impact
+    enlarged, `height` has it as its child `impact`.
+
+    Raises
+    ------
+    ValueError
+        If the table has no samples.
+    """
+    if not len(table):
+        raise ValueError("a plot needs at least one sample, got an empty table")
+    facts = facts or facts_of(table)
+    ink = style.DARK if dark else style.LIGHT
+    table = _landed_theory(table)
+    explained = table.drop_nulls(COLUMNS)
+    end_s = float(table["time_s"][-1])
+    time = style.unit_for(end_s, style.SECONDS, usual="s")
+    # After an early impact the right half of both panels is empty and takes what there is to say;
+    # else it is said beside them.
+    roomy = len(explained) > 0 and float(explained["time_s"][-1]) < 0.56 * end_s
+    with style.plain(ink):
+        figure = Figure(figsize=(8, 6), dpi=150)
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.15, 1])
+        figure.subplots_adjust(0.1, 0.085, 0.97 if roomy else 0.715, 0.875, hspace=0.12)
+        above.set_label("height")
+        below.set_label("error")
+        below.set_xlim(0, end_s * time.per_si or 1)
+        below.set_xlabel(f"time [{time.name}]")
+        figure.text(0.02, 0.972, facts.title, size=15, weight="bold", va="top")
+        figure.text(0.02, 0.921, facts.subtitle, size=10.5, color=ink.faint, va="top")
+        draw_heights(above, table, impact_s=facts.impact_s, rest_m=facts.rest_m, time=time, ink=ink)
+        if roomy and facts.impact_s is not None and stays_low(table, facts.impact_s):
+            enlarge_impact(above, table, facts.impact_s, ink)
+        unit = draw_terms(below, explained, time, ink)
+        if facts.impact_s is not None:
+            style.mark_time(below, facts.impact_s, time, ink)
+        if len(explained):
+            row = row_at(explained, facts.at_s)
+            sum_up(below, row, time, unit, ink, left=0.60 if roomy else 1.03)
+        figure.align_ylabels([above, below])
+        figure.legend(  # above the panels, where no curve can run through it
+            *above.get_legend_handles_labels(),
+            loc="center right",
+            bbox_to_anchor=(0.98, 0.908),
+            ncols=len(CURVES),
+            borderaxespad=0,
+            borderpad=0,
+            handlelength=1.6,
+            columnspacing=1.4,
+        )
+    return figure
+
+
+def _landed_theory(table: pl.DataFrame) -> pl.DataFrame:
+    """Stop theory at the floor, also in the one sample where simulated contact lags behind."""
+    landed = table.filter(table["phase"] != "falling")
+    if not len(landed):
+        return table
+    lowest_m = {name: landed[name].to_numpy().min() for name in ("free_fall_m", "damped_fall_m")}
+    return table.with_columns(
+        table[name].clip(lower_bound=float(height_m)) for name, height_m in lowest_m.items()
+    )
+
+
+def _crossing_s(table: pl.DataFrame) -> float | None:
+    """Return when the simulated height passes the one that theory stops at [s].
+
+    That is between two samples; a body that lands on an edge does not get there before its first
+    contact, and counts from that.
+    """
+    landed = np.flatnonzero((table["phase"] != "falling").to_numpy())
+    if not len(landed):
+        return None
+    heights_m, times_s = table["simulated_m"].to_numpy(), table["time_s"].to_numpy()
+    floor_m = table["free_fall_m"].to_numpy()[landed].min()
+    below = np.flatnonzero(heights_m[: landed[0]] < floor_m)
+    if not len(below) or below[0] == 0:
+        return float(times_s[landed[0]])
+    last, first = below[0] - 1, below[0]
+    part = (heights_m[last] - floor_m) / (heights_m[last] - heights_m[first])
+    return float(times_s[last] + part * (times_s[first] - times_s[last]))

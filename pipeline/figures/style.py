@@ -1,0 +1,147 @@
+"""How plots look: one face for light and dark pages, and numbers in units fit to read.
+
+Nothing of the user's own matplotlib settings gets in: the same table gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import matplotlib
+import numpy as np
+
+from pipeline import colours
+
+if TYPE_CHECKING:
+    import polars as pl
+    from matplotlib.axes import Axes
+
+MOST_POINTS = 2000
+"""Points drawn per curve: more than there are pixels."""
+FEW_POINTS = 50
+"""Up to here each sample is marked."""
+DASHED = (0, (4, 3))
+
+
+@dataclass(frozen=True)
+class Ink:
+    """The colours of all that is not data."""
+
+    page: str
+    text: str
+    faint: str
+    """For what explains and must not stand out: labels of axes, notes."""
+
+
+LIGHT = Ink(page="#ffffff", text=colours.TOTAL, faint="#5f6670")
+DARK = Ink(page="#0d1117", text="#e6edf3", faint="#9aa4af")
+
+
+@contextlib.contextmanager
+def plain(ink: Ink) -> Iterator[None]:
+    """Set matplotlib up for one figure, and leave its settings as they were."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(
+            {
+                # Its first choice, DejaVu Sans, comes with matplotlib: alike on every machine.
+                "font.family": "sans-serif",
+                "font.size": 11,
+                "figure.facecolor": ink.page,
+                "savefig.facecolor": ink.page,
+                "axes.facecolor": ink.page,
+                "axes.edgecolor": ink.faint,
+                "axes.labelcolor": ink.text,
+                "axes.labelsize": 11,
+                "axes.spines.top": False,
+                "axes.spines.right": False,
+                "axes.formatter.useoffset": False,
+                "axes.unicode_minus": True,
+                "text.color": ink.text,
+                "text.parse_math": False,
+                "xtick.color": ink.faint,
+                "ytick.color": ink.faint,
+                "xtick.labelsize": 10,
+                "ytick.labelsize": 10,
+                "legend.frameon": False,
+                "legend.fontsize": 11,
+                "svg.fonttype": "none",  # text stays text
+                "svg.hashsalt": "drop",  # identifiers without chance
+            }
+        )
+        yield
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit to show SI values in: shown = value * per_si."""
+
+    name: str
+    per_si: float
+
+
+METRES = (Unit("km", 1e-3), Unit("m", 1.0), Unit("mm", 1e3), Unit("µm", 1e6), Unit("nm", 1e9))
+SECONDS = (Unit("s", 1.0), Unit("ms", 1e3), Unit("µs", 1e6))
+
+
+def unit_for(largest: float, units: tuple[Unit, ...], *, usual: str) -> Unit:
+    """Return the unit in which the largest of some values reads best.
+
+    The usual one is kept from 0.01 to 9999 of it; else it is the largest that gives at least 1.
+
+    Parameters
+    ----------
+    largest
+        Largest size of the values, in SI.
+    units
+        Units to choose from, largest first.
+    usual
+        Name of the unit to keep where it will do; also the one for nothing but zeros.
+    """
+    keep = next(unit for unit in units if unit.name == usual)
+    if largest == 0 or not math.isfinite(largest) or 0.01 <= largest * keep.per_si < 1e4:
+        return keep
+    return next((unit for unit in units if largest * unit.per_si >= 1), units[-1])
+
+
+_RAISED = str.maketrans("−0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def decimals_for(largest: float) -> int:
+    """Return how many decimals show the largest of some numbers with four digits: 3 for 6.131."""
+    return max(0, 3 - math.floor(math.log10(largest))) if largest else 0
+
+
+def signed(value: float, decimals: int) -> str:
+    """Return a number with its sign; what would round to nothing in powers of ten: −3×10⁻¹³."""
+    if value == 0:
+        return "0"
+    if abs(value) >= 0.5 * 10**-decimals:
+        return f"{value:+.{decimals}f}".replace("-", "−")
+    mantissa, exponent = f"{value:+.0e}".replace("-", "−").split("e")
+    power = exponent[0].replace("+", "") + exponent[1:].lstrip("0")
+    return f"{mantissa}×10{power.translate(_RAISED)}"
+
+
+def seconds(value_s: float) -> str:
+    """Return a timestep as people write it: 1/240 s where it is such a fraction."""
+    whole = round(1 / value_s) if value_s > 0 else 0
+    if whole > 1 and math.isclose(whole * value_s, 1, rel_tol=1e-9):
+        return f"1/{whole} s"
+    return f"{value_s:.6g} s"
+
+
+def mark_time(axes: Axes, time_s: float, time: Unit, ink: Ink) -> None:
+    """Draw a dashed line through a panel at a time [s]."""
+    axes.axvline(time_s * time.per_si, color=ink.faint, lw=0.9, linestyle=DASHED, zorder=0.9)
+
+
+def thinned(table: pl.DataFrame) -> pl.DataFrame:
+    """Return evenly spread rows, the last one included, few enough to draw."""
+    if len(table) <= MOST_POINTS:
+        return table
+    return table[np.linspace(0, len(table) - 1, MOST_POINTS).astype(np.int64)]

@@ -1,0 +1,1 @@
+"""Physics: what theory says, what Bullet's law says, and the world itself."""

@@ -1,0 +1,182 @@
+"""The discrete step that Bullet takes in the air, bit for bit and in exact arithmetic.
+
+The float versions keep the engine's order of operations. On x86-64, where each operation rounds
+once, they equal PyBullet 3.2.7 in every bit, for a body released in the orientation of the world's
+axes; a machine that fuses multiply and add may differ by 1e-12. The exact version is the same law
+with 40 digits. File names and line numbers are bullet3's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from decimal import Context, Decimal, localcontext
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.physics.theory import Fall
+from pipeline.scenario import Coordinates, Scenario
+
+Float64 = NDArray[np.float64]
+Number = TypeVar("Number", float, Decimal)
+
+DEFAULT_LINEAR_DAMPING = {"reduced": float(np.float32(0.04)), "maximal": 0.0}
+"""The angular default too: `btMultiBody.cpp` 120-124 `m_linearDamping(0.04f)`; `btRigidBody` 0."""
+MAX_COORDINATE_VELOCITY_M_S = 100.0
+"""Of each component, spin too: `btMultiBody.cpp` 127, `btMultiBody.h` 483-487. Not in maximal."""
+EPSILON = 2.220446049250313e-16
+"""SIMD_EPSILON: a squared length up to this counts as none (`btVector3::safeNorm`)."""
+
+
+def effective_damping(damping: float | None, coordinates: Coordinates) -> float:
+    """Return the coefficient that the engine uses, linear or angular, when told `damping`.
+
+    None and negative values leave the default: PyBullet passes on 0 and more. `btRigidBody`
+    clamps to 1 (`setDamping`), `btMultiBody` takes any value.
+    """
+    if damping is None or damping < 0:
+        return DEFAULT_LINEAR_DAMPING[coordinates]
+    return damping if coordinates == "reduced" else min(damping, 1.0)
+
+
+def fall_of(scenario: Scenario) -> Fall:
+    """Return the release and the air of a scenario, as the engine has them."""
+    return Fall(
+        height_m=scenario.height_m,
+        velocity_m_s=scenario.velocity_m_s,
+        gravity_m_s2=scenario.effective_gravity_m_s2,
+        linear_damping=effective_damping(scenario.linear_damping, scenario.coordinates),
+        coordinates=scenario.coordinates,
+    )
+
+
+# -- the law --------------------------------------------------------------------------------------
+
+
+def reduced_law(
+    k: Number, mass: Number, dt: Number, limit: Number
+) -> Callable[[Number, Number, Number], Number]:
+    """Return a function from velocity, speed and force to the next velocity along that axis.
+
+    v' = f/m - k v (1 + |v|): `btMultiBody.cpp` 841-843, divided by the mass in `solveImatrix`,
+    added and limited in `applyDeltaVeeMultiDof`.
+    """
+    inverse, least = 1 / mass, -limit
+
+    def velocity_after(v: Number, speed: Number, force: Number) -> Number:
+        v = v + -((-force + (mass * v) * (k + k * speed)) * inverse) * dt
+        if least <= v <= limit:
+            return v
+        return limit if v > limit else least
+
+    return velocity_after
+
+
+def maximal_law(
+    kept: Number, mass: Number, dt: Number
+) -> Callable[[Number, Number, Number], Number]:
+    """Return the same for maximal coordinates: damped, v *= (1 - k)^dt, and then pulled.
+
+    `btRigidBody::applyDamping`; `btSequentialImpulseConstraintSolver.cpp` 477. `kept` is the double
+    that the engine's pow returns, in exact arithmetic too. Rounded once, it acts in every step
+    alike: a slightly other damping, no rounding that averages out.
+    """
+    inverse = 1 / mass
+
+    def velocity_after(v: Number, speed: Number, force: Number) -> Number:  # noqa: ARG001
+        return v * kept + force * inverse * dt
+
+    return velocity_after
+
+
+def _samples(
+    fall: Fall,
+    number: Callable[[float], Number],
+    root: Callable[[Number], Number],
+    timestep_s: float,
+    steps: int,
+    mass_kg: float,
+) -> Iterator[tuple[Number, ...]]:
+    """Yield rows (z, vz) of a vertical fall, else (x, y, z, vx, vy, vz): semi-implicit Euler."""
+    dt, g, mass = number(timestep_s), number(fall.gravity_m_s2), number(mass_kg)
+    zero, epsilon = number(0.0), number(EPSILON)
+    if fall.coordinates == "reduced":
+        limit = number(MAX_COORDINATE_VELOCITY_M_S)
+        after, weight = reduced_law(number(fall.linear_damping), mass, dt, limit), g * mass
+    else:
+        kept = number(math.pow(1.0 - fall.linear_damping, timestep_s))
+        after, weight = maximal_law(kept, mass, dt), g * (1 / (1 / mass))  # btRigidBody::setGravity
+    x, y, z = zero, zero, number(fall.height_m)
+    vx, vy, vz = map(number, fall.velocity_m_s)
+    if _is_vertical(fall):
+        yield z, vz
+        for _ in range(steps):
+            vz = after(vz, abs(vz) if vz * vz > epsilon else zero, weight)
+            z = z + dt * vz
+            yield z, vz
+        return
+    yield x, y, z, vx, vy, vz
+    for _ in range(steps):
+        squared = vx * vx + vy * vy + vz * vz
+        speed = root(squared) if squared > epsilon else zero
+        vx, vy, vz = after(vx, speed, zero), after(vy, speed, zero), after(vz, speed, weight)
+        x, y, z = x + dt * vx, y + dt * vy, z + dt * vz
+        yield x, y, z, vx, vy, vz
+
+
+def _is_vertical(fall: Fall) -> bool:
+    return fall.velocity_m_s[0] == fall.velocity_m_s[1] == 0
+
+
+# -- what it makes of a fall ----------------------------------------------------------------------
+
+
+def airborne(
+    fall: Fall, *, timestep_s: float, steps: int, mass_kg: float
+) -> tuple[Float64, Float64]:
+    """Return positions [m] and velocities [m/s] before each step and after the last.
+
+    Shape (steps + 1, 3). PyBullet's, bit for bit, at any mass. Spin moves the fall by rounding only,
+    and only in reduced coordinates, where the engine turns vectors into the body's frame and back.
+    """
+    rows = _samples(fall, float, math.sqrt, timestep_s, steps, mass_kg)
+    table = np.zeros((steps + 1, 6))
+    if _is_vertical(fall):
+        table[:, 2::3] = np.fromiter(rows, np.dtype((np.float64, 2)), steps + 1)
+    else:
+        table[:] = np.fromiter(rows, np.dtype((np.float64, 6)), steps + 1)
+    return table[:, :3], table[:, 3:]
+
+
+@dataclass(frozen=True, slots=True)
+class ExactHeights:
+    """Heights in two doubles [m], (steps + 1,): the nearest one, and what that leaves out."""
+
+    nearest_m: Float64
+    left_out_m: Float64
+
+
+def airborne_exact(fall: Fall, *, timestep_s: float, steps: int) -> ExactHeights:
+    """Return the heights of the law in exact arithmetic: 40 digits, in which the mass cancels.
+
+    Timestep, gravity, damping and release are the doubles they are, taken for exact.
+    """
+    nearest, left_out = np.empty(steps + 1), np.empty(steps + 1)
+    with localcontext(Context(prec=40)):
+        rows = _samples(fall, Decimal, Decimal.sqrt, timestep_s, steps, 1.0)
+        for step, row in enumerate(rows):
+            height = row[len(row) // 2 - 1]
+            nearest[step] = near = float(height)
+            left_out[step] = float(height - Decimal(near))
+    return ExactHeights(nearest, left_out)
+
+
+def difference(exact: ExactHeights, reference_m: Float64) -> Float64:
+    """Return reference - exact [m], to the last bit; the shape of `reference_m`.
+
+    Near doubles have an exact difference (Sterbenz), so that only the second subtraction rounds.
+    """
+    return (reference_m - exact.nearest_m) - exact.left_out_m

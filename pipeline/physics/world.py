@@ -1,0 +1,331 @@
+"""The world the body falls in: the only file that imports pybullet.
+
+Build it, step it, read it, photograph it. Every setting is made explicitly in a client of its own,
+so that no earlier run in the process can reach this one.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import math
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ScenarioError
+from pipeline.scenario import Camera, Scenario
+
+Float64 = NDArray[np.float64]
+Report = dict[str, float | int | str | bool | list[float]]
+
+STATE_WIDTH = 16
+"""Numbers in one row of state: position 3, orientation 4, velocities 3 + 3, contact 3."""
+
+SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
+"""pybullet's GEOM_ constants."""
+
+
+@contextmanager
+def _c_output_moved_aside() -> Iterator[list[str]]:
+    """Keep what C prints, such as Bullet's banner and warnings, off the user's streams.
+
+    C writes to file descriptors 1 and 2, whatever `sys.stdout` is, and buffers its text, so it is
+    flushed before and after. The list yielded holds the text once the block has ended.
+    """
+    libc = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
+    printed: list[str] = []
+    with tempfile.TemporaryFile() as aside:
+        libc.fflush(None)
+        kept = {fd: os.dup(fd) for fd in (1, 2) if _is_open(fd)}
+        for fd in kept:
+            os.dup2(aside.fileno(), fd)
+        try:
+            yield printed
+        finally:
+            libc.fflush(None)
+            for fd, copy in kept.items():
+                os.dup2(copy, fd)
+                os.close(copy)
+            aside.seek(0)
+            printed.append(aside.read().decode(errors="replace"))
+
+
+def _is_open(fd: int) -> bool:
+    try:
+        os.fstat(fd)
+    except OSError:
+        return False
+    return True
+
+
+def _import_pybullet() -> tuple[Any, str]:
+    with _c_output_moved_aside() as printed:
+        import pybullet
+    return pybullet, printed[0].partition("build time:")[2].strip()
+
+
+p, BUILD_TIME = _import_pybullet()
+"""`BUILD_TIME` is what the banner says; empty where somebody imported pybullet before us."""
+
+
+def find_body(body: str) -> Path:
+    """Return the URDF file that a name means: a path, or a file of `pybullet_data`.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such file in either place.
+    """
+    import pybullet_data
+
+    for candidate in (Path(body), Path(pybullet_data.getDataPath()) / body):
+        if candidate.is_file():
+            return candidate
+    raise ScenarioError(
+        f"--body must be a URDF file of pybullet_data or a path, got {body!r} and found neither; "
+        "try cube_small.urdf or ./my_body.urdf"
+    )
+
+
+class World:
+    """One body above one floor, in a PyBullet client of its own; use it in a `with` statement.
+
+    Raises
+    ------
+    ScenarioError
+        If the body cannot be found or loaded, or has no mass.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self._urdf = find_body(scenario.body)
+        self._client: int = p.connect(p.DIRECT)
+        try:
+            self._body = self._load_body()
+            self.half_size_m, self.rest_height_m = self._measure()
+            self._floor = self._load("plane.urdf") if scenario.floor else None
+            self._configure()
+            self.place((0.0, 0.0, scenario.height_m), (0.0, 0.0, 0.0, 1.0))
+            p.resetBaseVelocity(
+                self._body,
+                scenario.velocity_m_s,
+                scenario.spin_rad_s,
+                physicsClientId=self._client,
+            )
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Disconnect from the engine."""
+        if p.isConnected(self._client):
+            p.disconnect(self._client)
+
+    # -- building ---------------------------------------------------------------------------------
+
+    def _load(self, urdf: str | Path, **how: Any) -> int:  # noqa: ANN401
+        import pybullet_data
+
+        with _c_output_moved_aside():
+            p.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=self._client)
+            return int(p.loadURDF(str(urdf), physicsClientId=self._client, **how))
+
+    def _load_body(self) -> int:
+        maximal = self.scenario.coordinates == "maximal"
+        try:
+            body = self._load(self._urdf, useMaximalCoordinates=maximal)
+        except p.error as error:
+            raise ScenarioError(
+                f"--body must be a URDF that Bullet can load, got {self.scenario.body!r} "
+                f"({error}); check it with another tool, or try cube_small.urdf"
+            ) from None
+        how = {"bodyUniqueId": body, "linkIndex": -1, "physicsClientId": self._client}
+        if self.scenario.mass_kg is not None:
+            p.changeDynamics(mass=self.scenario.mass_kg, **how)
+        if self.scenario.linear_damping is not None:
+            p.changeDynamics(linearDamping=self.scenario.linear_damping, **how)
+        if self.scenario.angular_damping is not None:
+            p.changeDynamics(angularDamping=self.scenario.angular_damping, **how)
+        if not p.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0:
+            raise ScenarioError(
+                f"--body must have a mass, got 0 kg in {self.scenario.body!r}: "
+                "Bullet holds it still; try --mass 0.1"
+            )
+        return body
+
+    def _measure(self) -> tuple[Float64, float]:
+        """Return half the body's extent [m], and its centre's height when it lies as released [m].
+
+        Measured at the origin, where the bounding box is exact to the last bit.
+        """
+        self.place((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        lowest, highest = map(np.array, p.getAABB(self._body, -1, physicsClientId=self._client))
+        return (highest - lowest) / 2, float(-lowest[2])
+
+    def _configure(self) -> None:
+        scenario, client = self.scenario, self._client
+        p.setTimeStep(scenario.timestep_s, physicsClientId=client)
+        if scenario.gravity_set:
+            p.setGravity(0.0, 0.0, scenario.gravity_m_s2, physicsClientId=client)
+        settings = {
+            "contactERP": scenario.contact_erp,
+            "solverResidualThreshold": scenario.solver_residual,
+            "numSolverIterations": scenario.solver_iterations,
+        }
+        chosen = {name: value for name, value in settings.items() if value is not None}
+        p.setPhysicsEngineParameter(numSubSteps=0, physicsClientId=client, **chosen)
+        if scenario.restitution is not None:
+            for body in (self._body, self._floor):
+                if body is not None:
+                    p.changeDynamics(
+                        body, -1, restitution=scenario.restitution, physicsClientId=client
+                    )
+
+    # -- reading ----------------------------------------------------------------------------------
+
+    def report(self) -> Report:
+        """Return what the engine says of itself and of both bodies, read back after set-up.
+
+        Damping, contact ERP and the solver's residual are not among it: PyBullet has no call
+        that returns them.
+        """
+        client = self._client
+        engine = p.getPhysicsEngineParameters(physicsClientId=client)
+        body = p.getDynamicsInfo(self._body, -1, physicsClientId=client)
+        shapes = self._shapes()
+        report: Report = {
+            "timestep_s": engine["fixedTimeStep"],
+            "substeps": engine["numSubSteps"],
+            "solver_iterations": engine["numSolverIterations"],
+            "gravity_m_s2": [engine[f"gravityAcceleration{axis}"] for axis in "XYZ"],
+            "body_name": p.getBodyInfo(self._body, physicsClientId=client)[1].decode(),
+            "body_sha256": hashlib.sha256(self._urdf.read_bytes()).hexdigest(),
+            "body_type": {1: "btRigidBody", 2: "btMultiBody"}.get(body[10], str(body[10])),
+            "joints": p.getNumJoints(self._body, physicsClientId=client),
+            "mass_kg": body[0],
+            "inertia_kg_m2": list(body[2]),
+            "lateral_friction": body[1],
+            "rolling_friction": body[6],
+            "spinning_friction": body[7],
+            "restitution": body[5],
+            "collision_margin_m": body[11],
+            "shape": SHAPES.get(shapes[0][2], "unknown") if len(shapes) == 1 else "compound",
+            "shape_dimensions_m": list(shapes[0][3]) if len(shapes) == 1 else [],
+            "rest_height_m": self.rest_height_m,
+            "pybullet_api": p.getAPIVersion(),
+        }
+        if self._floor is not None:
+            floor = p.getDynamicsInfo(self._floor, -1, physicsClientId=client)
+            report["floor_lateral_friction"], report["floor_restitution"] = floor[1], floor[5]
+        return report
+
+    def _shapes(self) -> Any:  # noqa: ANN401
+        if self.scenario.coordinates == "reduced":
+            return p.getCollisionShapeData(self._body, -1, physicsClientId=self._client)
+        # PyBullet does not say it of a btRigidBody: ask the same URDF in reduced coordinates.
+        with World(replace(self.scenario, coordinates="reduced")) as twin:
+            return twin._shapes()
+
+    def samples(self, batch: int) -> Iterator[Float64]:
+        """Fall: yield the state before each step and after the last, in batches.
+
+        Parameters
+        ----------
+        batch
+            Most rows in one batch.
+
+        Yields
+        ------
+        Arrays of shape (n, 16), float64: position [m], orientation (x, y, z, w), linear [m/s] and
+        angular [rad/s] velocity in world axes; then number of contact points, smallest distance
+        [m] (nan without contact) and total normal force [N] of the step that led here.
+        """
+        pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
+        body, client, contact = self._body, self._client, self._contact
+        stepped = self.scenario.stepped
+        samples = self.scenario.steps + 1
+        for start in range(0, samples, batch):
+            rows: list[float] = []
+            for sample in range(start, min(start + batch, samples)):
+                if sample and stepped:
+                    step(client)
+                position, orientation = pose(body, client)
+                linear, angular = velocity(body, client)
+                rows += (*position, *orientation, *linear, *angular, *contact())
+            yield np.array(rows, dtype=np.float64).reshape(-1, STATE_WIDTH)
+
+    def _contact(self) -> tuple[float, float, float]:
+        if self._floor is None:
+            return 0.0, math.nan, 0.0
+        points = p.getContactPoints(self._body, self._floor, physicsClientId=self._client)
+        if not points:
+            return 0.0, math.nan, 0.0
+        return float(len(points)), min(c[8] for c in points), math.fsum(c[9] for c in points)
+
+    # -- photographing ----------------------------------------------------------------------------
+
+    def place(self, position_m: Any, orientation: Any) -> None:  # noqa: ANN401
+        """Put the body at a position [m], with an orientation as a quaternion x, y, z, w."""
+        p.resetBasePositionAndOrientation(
+            self._body, position_m, orientation, physicsClientId=self._client
+        )
+
+    def photograph(self, camera: Camera) -> NDArray[np.uint8]:
+        """Return a picture of the world as it is now, shape (height, width, 3), RGB."""
+        width, height = camera.size_px
+        _, _, rgba, _, _ = p.getCameraImage(
+            width,
+            height,
+            viewMatrix=_view_matrix(camera),
+            projectionMatrix=p.computeProjectionMatrixFOV(
+                camera.vertical_fov_deg, width / height, camera.near_m, camera.far_m
+            ),
+            renderer=p.ER_TINY_RENDERER,
+            physicsClientId=self._client,
+        )
+        # Built without numpy, PyBullet returns a flat tuple instead of an array.
+        pixels = np.asarray(rgba, dtype=np.uint8).reshape(height, width, 4)
+        return np.ascontiguousarray(pixels[:, :, :3])
+
+
+def _view_matrix(camera: Camera) -> list[float]:
+    up_axis_z = 2
+    return list(
+        p.computeViewMatrixFromYawPitchRoll(
+            camera.target_m,
+            camera.distance_m,
+            camera.yaw_deg,
+            camera.pitch_deg,
+            camera.roll_deg,
+            up_axis_z,
+        )
+    )
+
+
+def world_from_camera(camera: Camera) -> Float64:
+    """Return the camera's pose, shape (4, 4): its x right, y up, z backwards, as in OpenGL."""
+    camera_from_world = np.array(_view_matrix(camera)).reshape(4, 4).T
+    return np.linalg.inv(camera_from_world)
+
+
+def engine_versions() -> dict[str, str]:
+    """Return what decides the engine's numbers: its version, its wheel, and when it was built."""
+    distribution = metadata.distribution("pybullet")
+    wheel = (distribution.read_text("WHEEL") or "").partition("Tag:")[2].split()
+    versions = {"pybullet_version": distribution.version, "pybullet_build": BUILD_TIME}
+    return versions | {"pybullet_wheel": wheel[0] if wheel else ""}

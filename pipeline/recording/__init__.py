@@ -1,0 +1,1 @@
+"""The recording: its schema, how it is written, how it is read back, how the viewer shows it."""

@@ -1,0 +1,101 @@
+"""The viewer's layout: what a person sees who opens a recording, alone or with its analysis."""
+
+from __future__ import annotations
+
+import rerun.blueprint as rrb
+
+from pipeline.recording import schema
+
+PLAYBACK_SPEED = 0.25
+"""A fall from 1 m takes half a second: too fast to watch."""
+
+EYE = rrb.EyeControls3D(position=(2.5, -0.55, 1.35), look_target=(0.45, -0.42, 0.5))
+"""Beside the camera, so that its picture is seen from the front, and floor and fall with it."""
+
+
+def layout(*, frames: bool, analysis: bool = False) -> rrb.Blueprint:
+    """Return the layout of a recording.
+
+    Parameters
+    ----------
+    frames
+        Whether the recording has camera frames.
+    analysis
+        Whether it is for the recording with its analysis layer.
+    """
+    left = rrb.Vertical(_world(), _camera(), row_shares=[4, 3]) if frames else _world()
+    about = rrb.TextDocumentView(origin=schema.ABOUT, name="About")
+    if analysis:
+        curves = rrb.Vertical(_heights("RightTop"), _errors(), _energy(), row_shares=[3, 4, 3])
+        texts = rrb.Vertical(
+            rrb.TextDocumentView(origin=schema.FINDINGS, name="Findings"),
+            _events(),
+            about,
+            row_shares=[5, 3, 2],
+        )
+        columns = rrb.Horizontal(left, curves, texts, column_shares=[3, 4, 3])
+    else:
+        right = rrb.Vertical(_heights("LeftBottom"), about, row_shares=[1, 1])
+        columns = rrb.Horizontal(left, right, column_shares=[1, 1])
+    return rrb.Blueprint(
+        columns,
+        # A layout cannot say where the time cursor starts: alone the fall is played, and with the
+        # analysis it waits at the release.
+        rrb.TimePanel(
+            timeline=schema.TIME_TIMELINE,
+            state="collapsed",
+            play_state="paused" if analysis else "playing",
+            loop_mode="all",
+            playback_speed=PLAYBACK_SPEED,
+        ),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+    )
+
+
+def _world() -> rrb.Spatial3DView:
+    until_now = [
+        rrb.VisibleTimeRange(
+            timeline,
+            start=rrb.TimeRangeBoundary.infinite(),
+            end=rrb.TimeRangeBoundary.cursor_relative(),
+        )
+        for timeline in (schema.TIME_TIMELINE, schema.STEP_TIMELINE)
+    ]
+    return rrb.Spatial3DView(
+        origin=schema.WORLD,
+        name="World",
+        eye_controls=EYE,
+        line_grid=rrb.LineGrid3D(visible=False),
+        overrides={schema.TRAIL: rrb.VisibleTimeRanges(until_now)},
+    )
+
+
+def _camera() -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(origin=schema.CAMERA, name="Camera")
+
+
+def _heights(legend: str) -> rrb.TimeSeriesView:
+    return _curves(schema.HEIGHT, "Height of the centre [m]", legend)
+
+
+def _errors() -> rrb.TimeSeriesView:
+    return _curves(schema.ERROR_MM, "Simulated minus free fall [mm]", "LeftTop")
+
+
+def _energy() -> rrb.TimeSeriesView:
+    return _curves(schema.ENERGY, "Energy [J]", "RightTop")
+
+
+def _curves(origin: str, name: str, legend: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=rrb.PlotLegend(legend))
+
+
+def _events() -> rrb.TextLogView:
+    return rrb.TextLogView(
+        origin=schema.EVENTS,
+        name="Events",
+        columns=rrb.TextLogColumns(
+            timeline_columns=[schema.TIME_TIMELINE], text_log_columns=["body"]
+        ),
+    )

@@ -1,0 +1,109 @@
+"""The analysis layer: what `analyze` adds to a recording, in a file beside it.
+
+It carries the recording's own id, so that the viewer shows both files as one recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import polars as pl
+from rerun.chunk import Chunk
+
+from pipeline import colours
+from pipeline.recording import schema, writer
+from pipeline.recording.blueprint import layout
+
+ERROR_CURVES = {
+    "error_m": ("total", colours.TOTAL_ON_DARK),
+    "timestep_m": ("timestep", colours.TIMESTEP),
+    "damping_m": ("damping", colours.DAMPING),
+    "interaction_m": ("interaction", colours.INTERACTION),
+    "rounding_m": ("rounding", colours.ROUNDING),
+}
+"""Column of the analysis table -> its name under `error/`, and its colour."""
+
+ENERGY_CURVES = {
+    "kinetic_linear_j": ("kinetic", colours.KINETIC),
+    "kinetic_angular_j": ("rotation", colours.ROTATION),
+    "potential_j": ("potential", colours.POTENTIAL),
+    "energy_j": ("total", colours.TOTAL_ON_DARK),
+}
+"""Column of the analysis table -> its name under `energy/`, and its colour."""
+
+
+def layer_of(recording: Path) -> Path:
+    """Return the layer's name beside a recording: `run.rrd` has `run.analysis.rrd`."""
+    return recording.with_name(recording.name.removesuffix(".rrd") + ".analysis.rrd")
+
+
+def write_layer(
+    path: Path,
+    *,
+    recording_id: str,
+    timestep_s: float,
+    frames: bool,
+    samples: pl.DataFrame,
+    events: Sequence[tuple[int, str]],
+    findings: str,
+    force: bool,
+) -> None:
+    """Write the layer: error terms, energies, events and findings.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    recording_id
+        The id of the recording it belongs to.
+    timestep_s
+        Timestep [s].
+    frames
+        Whether the recording has camera frames.
+    samples
+        The analysis table, one row per sample; null where there is no number to show.
+    events
+        What happened: steps in order, and a line each.
+    findings
+        What the recording gives away, as Markdown.
+    force
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    chunks = _chunks(timestep_s, samples, events, findings)
+    writer.record(
+        path,
+        chunks,
+        recording_id=recording_id,
+        blueprint=layout(frames=frames, analysis=True),
+        force=force,
+    )
+
+
+def _chunks(
+    timestep_s: float, samples: pl.DataFrame, events: Sequence[tuple[int, str]], findings: str
+) -> Iterator[Chunk]:
+    explained = samples.filter(pl.col("timestep_m").is_not_null())
+    steps = explained["step"].to_numpy()
+    for column, (name, colour) in ERROR_CURVES.items():
+        number, curve = f"{schema.ERROR}/{name}", f"{schema.ERROR_MM}/{name}"
+        values_m = explained[column].to_numpy()
+        yield writer.curve_style_chunk(number, f"{name} [m]", colour)
+        yield writer.curve_style_chunk(curve, f"{name} [mm]", colour)
+        if len(steps):
+            yield writer.curve_chunk(number, steps, timestep_s, values_m)
+            yield writer.curve_chunk(curve, steps, timestep_s, values_m * 1e3)
+    steps = samples["step"].to_numpy()
+    for column, (name, colour) in ENERGY_CURVES.items():
+        entity = f"{schema.ENERGY}/{name}"
+        yield writer.curve_style_chunk(entity, f"{name} [J]", colour)
+        yield writer.curve_chunk(entity, steps, timestep_s, samples[column].to_numpy())
+    if events:
+        happened, lines = zip(*events, strict=True)
+        yield writer.event_chunk(schema.EVENTS, happened, timestep_s, lines)
+    yield writer.document_chunk(schema.FINDINGS, findings)

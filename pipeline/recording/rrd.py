@@ -1,0 +1,193 @@
+"""Rerun's file format, as far as it takes to read a recording that may be damaged.
+
+Rerun's own reader trusts a file: a wrong bit makes it panic, which aborts the whole process, or
+reserve the memory that the bit asks for; and a file that ends within a message it refuses whole.
+Here a length is held against the file before it is believed, and what is inside a message is read
+by Arrow's C++ reader, which is made for input that nobody vouches for.
+
+    "RRF2", version, options                                            12 bytes
+    kind u64, length u64, a protobuf message                            again and again
+    offset u64, length u64 and checksum u32 of the footer, "RRF2FOOT", 1 u32
+
+The footer is the last message. Sources: rerun 0.41, `re_log_encoding/src/rrd/` (frames) and
+`re_protos/proto/rerun/v1alpha1/log_msg.proto` (messages).
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import pyarrow as pa
+
+FOOTER, STORE, CHUNK, ACTIVATION = range(4)
+"""Kinds of message."""
+RECORDING_STORE = 1
+"""The other kind of store is a blueprint."""
+UNCOMPRESSED, LZ4 = 1, 2
+LZ4_RATIO = 255
+"""No LZ4 block grows by more."""
+LARGEST_CHUNK = 1 << 28
+"""Bytes; ours have some hundred kilobytes, and Rerun's own tools merge them up to some megabytes."""
+ROW_ID_BYTES = 16
+"""Every row has an id, so that no chunk has more rows than it has bytes for."""
+
+_START = struct.Struct("<4s8s")
+_HEAD = struct.Struct("<QQ")
+_TRAILER = struct.Struct("<QQI8sI")
+
+
+class DamagedError(Exception):
+    """A file that is no whole Rerun file: what is wrong with it, in a few words."""
+
+
+class Chunk(NamedTuple):
+    """Rows of one entity, and the recording they belong to."""
+
+    application_id: str
+    recording_id: str
+    entity: str
+    batch: pa.RecordBatch
+    """Columns as `Chunk.to_record_batch` of Rerun names them."""
+
+
+def chunks(path: Path, *, unfinished: bool = False) -> Iterator[Chunk]:
+    """Yield the chunks of the recordings in a file, in the order in which they were written.
+
+    Parameters
+    ----------
+    path
+        The file.
+    unfinished
+        Whether it may end anywhere: what was whole before its end is yielded then.
+
+    Raises
+    ------
+    DamagedError
+        If it is no Rerun file, is not finished, or a chunk cannot be decoded.
+    """
+    with path.open("rb") as file:
+        for kind, message in _messages(file, unfinished=unfinished):
+            if kind == CHUNK and (chunk := _chunk(message)) is not None:
+                yield chunk
+
+
+def _messages(file: BinaryIO, *, unfinished: bool) -> Iterator[tuple[int, memoryview]]:
+    size = os.fstat(file.fileno()).st_size
+    if size < _START.size or not file.read(_START.size).startswith(b"RRF2"):
+        raise DamagedError("it does not begin like a Rerun file")
+    position = _START.size
+    while size - position >= _HEAD.size:
+        kind, length = _HEAD.unpack(_exactly(file, _HEAD.size))
+        position += _HEAD.size
+        if kind > ACTIVATION or length > size - position:
+            break
+        if kind == FOOTER:
+            rest = file.seek(position + length) and file.read(_TRAILER.size + 1)
+            if _is_trailer(rest, position, length):
+                return
+            break
+        if length > LARGEST_CHUNK:
+            raise DamagedError(f"a message of {length:,} bytes is none of ours")
+        yield kind, memoryview(_exactly(file, length))
+        position += length
+    if not unfinished:
+        raise DamagedError("it does not end like a finished recording")
+
+
+def _is_trailer(data: bytes, position: int, length: int) -> bool:
+    if len(data) != _TRAILER.size:
+        return False
+    offset, stated, _, name, _ = _TRAILER.unpack(data)
+    return (offset, stated, name) == (position, length, b"RRF2FOOT")
+
+
+def _exactly(file: BinaryIO, length: int) -> bytes:
+    data = file.read(length)
+    if len(data) != length:
+        raise DamagedError("it became shorter while it was read")
+    return data
+
+
+# -- one message ----------------------------------------------------------------------------------
+
+
+def _chunk(message: memoryview) -> Chunk | None:
+    """Return what an `ArrowMsg` holds; None where it belongs to a blueprint."""
+    try:
+        fields = _fields(message)
+        store = _fields(fields[1])
+        if store[1] != RECORDING_STORE:
+            return None
+        application_id = _text(_fields(store[3])[1])
+        recording_id = _text(store[2])
+        batch = _batch(_decompressed(fields))
+        entity = (batch.schema.metadata or {})[b"rerun:entity_path"].decode()
+    except DamagedError:
+        raise
+    except (pa.ArrowException, ArithmeticError, LookupError, MemoryError, OSError, StopIteration,
+            TypeError, ValueError) as error:  # fmt: skip
+        words = str(error).partition("\n")[0]
+        raise DamagedError(f"a chunk cannot be decoded ({words or type(error).__name__})") from None
+    return Chunk(application_id, recording_id, entity.removeprefix("/"), batch)
+
+
+def _decompressed(fields: dict[int, int | memoryview]) -> pa.Buffer:
+    payload, size = pa.py_buffer(fields[5]), fields.get(3, 0)
+    if fields[2] == UNCOMPRESSED:
+        return payload
+    if fields[2] != LZ4 or not isinstance(size, int):
+        raise DamagedError("a chunk is compressed in a way we do not know")
+    if size > min(LARGEST_CHUNK, LZ4_RATIO * payload.size):
+        raise DamagedError(f"a chunk of {payload.size:,} bytes claims to unpack to {size:,}")
+    return pa.Codec("lz4_raw").decompress(payload, decompressed_size=size)
+
+
+def _batch(data: pa.Buffer) -> pa.RecordBatch:
+    batch = pa.ipc.open_stream(data).read_next_batch()
+    batch.validate(full=True)
+    if batch.num_rows * ROW_ID_BYTES > data.size:
+        raise DamagedError(f"a chunk of {data.size:,} bytes claims {batch.num_rows:,} rows")
+    return batch
+
+
+def _fields(message: int | memoryview) -> dict[int, int | memoryview]:
+    """Return the fields of a protobuf message by number; of a repeated one the last.
+
+    Source: protobuf.dev/programming-guides/encoding. Only what occurs here is understood: varints,
+    fixed 64-bit numbers and lengths with bytes.
+    """
+    if isinstance(message, int):
+        raise DamagedError("a chunk's header is not readable")
+    found: dict[int, int | memoryview] = {}
+    position = 0
+    while position < len(message):
+        key, position = _varint(message, position)
+        number, wire_type = key >> 3, key & 7
+        if wire_type == 0:
+            found[number], position = _varint(message, position)
+            continue
+        length, position = (8, position) if wire_type == 1 else _varint(message, position)
+        if wire_type not in (1, 2) or length > len(message) - position:
+            raise DamagedError("a chunk's header is not readable")
+        found[number] = message[position : position + length]
+        position += length
+    return found
+
+
+def _varint(message: memoryview, position: int) -> tuple[int, int]:
+    value = 0
+    for shift in range(0, 64, 7):
+        byte = message[position]
+        position += 1
+        value |= (byte & 0x7F) << shift
+        if byte < 0x80:
+            return value, position
+    raise DamagedError("a chunk's header is not readable")
+
+
+def _text(field: int | memoryview) -> str:
+    return bytes(field).decode() if isinstance(field, memoryview) else ""

@@ -1,0 +1,66 @@
+"""What a recording holds, and under which names: the one place where they stand.
+
+A recording has two timelines: `sim_step`, the integer key that samples are joined on, and
+`sim_time`, the same step in simulated time (whole nanoseconds, for looking at). The numbers that
+everything is computed from are the float64 scalars under `state/`; the transforms under `world/`
+are float32, for looking at.
+"""
+
+from __future__ import annotations
+
+APPLICATION_ID = "drop"
+SCHEMA_VERSION = 1
+
+STEP_TIMELINE = "sim_step"
+TIME_TIMELINE = "sim_time"
+
+# -- what is measured: entity path -> the columns of its scalars ----------------------------------
+
+STATE: dict[str, tuple[str, ...]] = {
+    "state/position": ("x_m", "y_m", "z_m"),
+    "state/orientation": ("qx", "qy", "qz", "qw"),
+    "state/linear_velocity": ("vx_m_s", "vy_m_s", "vz_m_s"),
+    "state/angular_velocity": ("wx_rad_s", "wy_rad_s", "wz_rad_s"),
+    "state/contact": ("contact_points", "contact_distance_m", "contact_force_n"),
+}
+"""World axes; orientation is a quaternion x, y, z, w. The contact is that of the step which led to
+the sample, its distance nan where there is none."""
+
+STATE_COLUMNS: tuple[str, ...] = tuple(column for columns in STATE.values() for column in columns)
+
+# -- what is drawn --------------------------------------------------------------------------------
+
+WORLD = "world"
+FLOOR = "world/floor"
+BOX = "world/box"
+CAMERA = "world/camera"
+IMAGE = "world/camera/image"
+TRAIL = "world/trail"
+"""Where the body was, at most some forty points of it."""
+ABOUT = "about"
+
+HEIGHT = "height"
+HEIGHT_SIMULATED = "height/simulated"
+HEIGHT_FREE_FALL = "height/free_fall"
+HEIGHT_DAMPED_FALL = "height/damped_fall"
+
+# -- what it was made with: properties ------------------------------------------------------------
+
+SCENARIO_PROPERTY = "scenario"
+ENGINE_PROPERTY = "engine"
+CAMERA_PROPERTY = "camera"
+RECORDING_PROPERTY = "recording"
+"""Schema version, project version, samples, frames, and the digest of the state: written last."""
+
+PROPERTIES = (SCENARIO_PROPERTY, ENGINE_PROPERTY, CAMERA_PROPERTY, RECORDING_PROPERTY)
+
+# -- the layer that `analyze` adds, under the same recording id -----------------------------------
+
+ERROR_TERMS = ("total", "timestep", "damping", "interaction", "rounding")
+ERROR = "error"
+"""Metres: the numbers."""
+ERROR_MM = "error_mm"
+"""The same in millimetres: the curves, because the viewer cannot scale what it shows."""
+ENERGY = "energy"
+EVENTS = "events"
+FINDINGS = "findings"

@@ -1,0 +1,277 @@
+"""Put a drop into a recording: the only file that turns our arrays into Rerun's chunks.
+
+A recording is a stream of chunks. `record` writes them one by one into `RUN.rrd.part`, adds the
+viewer's layout, verifies the whole, and only then gives it its name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+from rerun.chunk import Chunk, LazyChunkStream
+
+from pipeline import colours
+from pipeline.recording import schema
+from pipeline.recording.files import seal, unfinished
+from pipeline.scenario import Camera
+
+Float64 = NDArray[np.float64]
+Steps = NDArray[np.int64]
+__all__ = ["Chunk"]  # for the stages, which hand chunks on and know nothing else of Rerun
+
+Value = float | int | str | bool | Sequence[float]
+
+
+class StateDigest:
+    """SHA-256 over the state rows in step order: the same however the rows were chunked."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+
+    def update(self, rows: Float64) -> None:
+        """Take in rows of state, shape (n, 16)."""
+        self._hash.update(np.ascontiguousarray(rows, dtype="<f8").tobytes())
+
+    def hexdigest(self) -> str:
+        """Return the digest of all rows so far."""
+        return self._hash.hexdigest()
+
+
+def record(
+    path: Path,
+    chunks: Iterable[Chunk],
+    *,
+    recording_id: str,
+    blueprint: rrb.Blueprint,
+    force: bool = False,
+) -> None:
+    """Write chunks to a recording that has its name only when it is whole and verified.
+
+    Parameters
+    ----------
+    path
+        The recording to write.
+    chunks
+        What goes into it, in this order; asked for one by one.
+    recording_id
+        Files of one id open as one recording.
+    blueprint
+        The viewer's layout.
+    force
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If the file exists and `force` is not given, cannot be written, or fails verification.
+    """
+    rows: dict[str, int] = {}
+    failures: list[BaseException] = []
+
+    def counted() -> Iterator[Chunk]:
+        # Rerun would turn any exception into a RuntimeError. Ending the stream instead leaves a
+        # `.part` with a footer, and the exception its type.
+        try:
+            for chunk in chunks:
+                rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
+                yield chunk
+        except BaseException as failure:  # noqa: BLE001 - raised again below
+            failures.append(failure)
+
+    with unfinished(path, force=force) as part, _strict():
+        LazyChunkStream.from_iter(counted()).write_rrd(
+            part, application_id=schema.APPLICATION_ID, recording_id=recording_id
+        )
+        if failures:
+            raise failures[0]
+        with tempfile.TemporaryDirectory() as folder:
+            layout = Path(folder, "layout.rbl")
+            blueprint.save(schema.APPLICATION_ID, str(layout))
+            seal(part, path, blueprint=layout, rows=rows, force=force)
+
+
+@contextmanager
+def _strict() -> Iterator[None]:
+    """Make a bad call raise: by default Rerun only warns, and the data is lost."""
+    before = rr.strict_mode()
+    rr.set_strict_mode(True)
+    try:
+        yield
+    finally:
+        rr.set_strict_mode(before)
+
+
+# -- chunks ---------------------------------------------------------------------------------------
+
+
+def property_chunk(name: str, values: Mapping[str, Value | None]) -> Chunk:
+    """Return a property of the recording; a value of None is left out."""
+    given: dict[str, Any] = {
+        key: _typed(value) for key, value in values.items() if value is not None
+    }
+    return Chunk.from_property(name, rr.AnyValues(**given))
+
+
+def _typed(value: Value) -> NDArray[Any] | list[str]:
+    # A component keeps the type it was first logged with in a process.
+    if isinstance(value, str):
+        return [value]
+    return np.atleast_1d(np.asarray(value))
+
+
+def scene_chunks(camera: Camera | None, world_from_camera: Float64 | None, half_size_m: Float64,
+                 *, floor: bool) -> Iterator[Chunk]:  # fmt: skip
+    """Yield what stands still in the 3-D view: axes, floor, the box's size, the camera.
+
+    Parameters
+    ----------
+    camera, world_from_camera
+        The camera and its pose, shape (4, 4), or None where no frames are taken.
+    half_size_m
+        Half the body's extent along its own axes [m], shape (3,).
+    floor
+        Whether there is a floor.
+    """
+    z_up = rr.ViewCoordinates.RIGHT_HAND_Z_UP
+    yield _static(schema.WORLD, rr.ViewCoordinates.columns(xyz=[z_up.coordinates]))
+    if floor:
+        yield _static(
+            schema.FLOOR,
+            rr.Boxes3D.columns(
+                half_sizes=[[0.75, 0.75, 0.005]],
+                centers=[[0.0, 0.0, -0.005]],
+                colors=[0xB8C0CCFF],
+                fill_mode=[rr.components.FillMode.Solid],
+            ),
+        )
+    yield _static(
+        schema.BOX,
+        rr.Boxes3D.columns(
+            half_sizes=[half_size_m],
+            colors=[_rgba(colours.SIMULATED)],
+            fill_mode=[rr.components.FillMode.Solid],
+        ),
+    )
+    if camera is not None and world_from_camera is not None:
+        width, height = camera.size_px
+        focal = camera.focal_length_px
+        image_from_camera = [[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]
+        yield _static(
+            schema.CAMERA,
+            rr.Transform3D.columns(
+                translation=[world_from_camera[:3, 3]], mat3x3=[world_from_camera[:3, :3]]
+            ),
+        )
+        yield _static(
+            schema.CAMERA,
+            rr.Pinhole.columns(
+                image_from_camera=[np.array(image_from_camera)],
+                resolution=[[width, height]],
+                camera_xyz=[rr.ViewCoordinates.RUB.coordinates],
+                image_plane_distance=[0.45],
+                color=[0x9AA4AFFF],
+            ),
+        )
+
+
+def document_chunk(entity: str, markdown: str) -> Chunk:
+    """Return a text document."""
+    return _static(entity, rr.TextDocument.columns(text=[markdown], media_type=["text/markdown"]))
+
+
+def curve_style_chunk(entity: str, name: str, colour: str, *, width: float = 2.0) -> Chunk:
+    """Return how a curve is drawn: its name with unit, its colour as `#rrggbb`, its width."""
+    return _static(
+        entity, rr.SeriesLines.columns(names=[name], colors=[_rgba(colour)], widths=[width])
+    )
+
+
+def _rgba(colour: str) -> int:
+    return int(colour.removeprefix("#") + "ff", 16)
+
+
+def state_chunks(steps: Steps, timestep_s: float, rows: Float64) -> Iterator[Chunk]:
+    """Yield samples of state: float64 scalars to measure by, and the box's pose to look at.
+
+    Parameters
+    ----------
+    steps
+        Step numbers, shape (n,).
+    timestep_s
+        Timestep [s].
+    rows
+        State, shape (n, 16), in the order of `schema.STATE_COLUMNS`.
+    """
+    times = _times(steps, timestep_s)
+    first = 0
+    for entity, columns in schema.STATE.items():
+        width = len(columns)
+        values = rows[:, first : first + width]
+        yield Chunk.from_columns(
+            entity,
+            times,
+            rr.Scalars.columns(scalars=values.ravel()).partition([width] * len(steps)),
+        )
+        first += width
+    yield Chunk.from_columns(
+        schema.BOX,
+        times,
+        rr.Transform3D.columns(translation=rows[:, 0:3], quaternion=rows[:, 3:7]),
+    )
+
+
+def curve_chunk(entity: str, steps: Steps, timestep_s: float, values: Float64) -> Chunk:
+    """Return one scalar per step, shape (n,), float64."""
+    return Chunk.from_columns(entity, _times(steps, timestep_s), rr.Scalars.columns(scalars=values))
+
+
+def trail_chunk(steps: Steps, timestep_s: float, positions_m: Float64) -> Chunk:
+    """Return points that the body leaves behind [m], shape (n, 3): a stroboscope's picture."""
+    n = len(steps)
+    return Chunk.from_columns(
+        schema.TRAIL,
+        _times(steps, timestep_s),
+        rr.Points3D.columns(
+            positions=positions_m, radii=[0.008] * n, colors=[_rgba(colours.DAMPED_FALL)] * n
+        ),
+    )
+
+
+def image_chunk(step: int, timestep_s: float, png: bytes) -> Chunk:
+    """Return one camera frame."""
+    return Chunk.from_columns(
+        schema.IMAGE,
+        _times(np.array([step]), timestep_s),
+        rr.EncodedImage.columns(blob=[png], media_type=["image/png"]),
+    )
+
+
+def event_chunk(
+    entity: str, steps: Sequence[int], timestep_s: float, texts: Sequence[str]
+) -> Chunk:
+    """Return log lines, one per event."""
+    return Chunk.from_columns(
+        entity,
+        _times(np.array(steps), timestep_s),
+        rr.TextLog.columns(text=list(texts), level=["INFO"] * len(texts)),
+    )
+
+
+def _static(entity: str, columns: rr.ComponentColumnList) -> Chunk:
+    return Chunk.from_columns(entity, [], columns)
+
+
+def _times(steps: Steps, timestep_s: float) -> list[rr.TimeColumn]:
+    return [
+        rr.TimeColumn(schema.STEP_TIMELINE, sequence=steps),
+        rr.TimeColumn(schema.TIME_TIMELINE, duration=steps * timestep_s),
+    ]

@@ -1,0 +1,178 @@
+"""What to drop, and how: the two inputs of every run, validated, in SI units.
+
+Each field of `Scenario` and `Camera` carries its command-line option, its help and its parser, so
+that the command line, the recording and a sweep all speak of the same thing. This is the bottom
+of the house: it imports nothing of ours but how a field is declared.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from pipeline.errors import ScenarioError
+from pipeline.fields import Optioned, Vector, integer, number, option, size, vector
+
+Coordinates = Literal["reduced", "maximal"]
+Renderer = Literal["tiny", "egl"]
+
+GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.0}
+MAX_STEPS = 1_000_000_000
+"""Beyond this a recording would take some 100 GB; ask for several shorter ones."""
+
+
+def gravity(text: str) -> float:
+    """Read a z component in m/s², or the name of a preset."""
+    preset = GRAVITY_PRESETS_M_S2.get(text.lower())
+    if preset is not None:
+        return preset
+    try:
+        return number(text)
+    except ScenarioError:
+        raise ScenarioError(f"a number or one of {', '.join(GRAVITY_PRESETS_M_S2)}") from None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Scenario(Optioned):
+    """One drop: the body, the world it falls in, and how the engine is told to step it.
+
+    `None` leaves the engine's own value. World axes are x, y, z with z up; the floor is z = 0.
+
+    Raises
+    ------
+    ScenarioError
+        If a value lies outside its domain, or the duration is no whole number of steps.
+    """
+
+    height_m: float = option(
+        "--height", "Centre of the body above the floor at release [m].", number,
+        default=1.0, low=0, high=1e6, above=True,
+    )  # fmt: skip
+    timestep_s: float = option(
+        "--timestep", "Timestep [s]: a number, or a fraction such as 1/480.", number,
+        default=1 / 240, shown="1/240", low=1e-9, high=10,
+    )  # fmt: skip
+    duration_s: float = option(
+        "--duration", "Simulated time [s], a whole number of steps.", number,
+        default=1.0, low=0, high=1e9, above=True,
+    )  # fmt: skip
+    gravity_m_s2: float = option(
+        "--gravity", "z component of gravity [m/s²], or earth, moon, mars, zero.", gravity,
+        default=-9.81, low=-1e4, high=1e4,
+    )  # fmt: skip
+    linear_damping: float | None = option(
+        "--linear-damping", "Bullet's coefficient of translational damping.", number,
+        default=None, shown="default", low=0, high=1,
+    )  # fmt: skip
+    angular_damping: float | None = option(
+        "--angular-damping", "Bullet's coefficient of rotational damping.", number,
+        default=None, shown="default", low=0, high=1,
+    )  # fmt: skip
+    velocity_m_s: Vector = option(
+        "--velocity", "Initial velocity X,Y,Z [m/s], world axes.", vector,
+        default=(0.0, 0.0, 0.0), shown="0,0,0", low=-1e4, high=1e4,
+    )  # fmt: skip
+    spin_rad_s: Vector = option(
+        "--spin", "Initial angular velocity X,Y,Z [rad/s], world axes.", vector,
+        default=(0.0, 0.0, 0.0), shown="0,0,0", low=-1e4, high=1e4,
+    )  # fmt: skip
+    body: str = option(
+        "--body", "URDF of the body, from pybullet_data or a path.", default="cube_small.urdf"
+    )
+    mass_kg: float | None = option(
+        "--mass", "Mass of the body [kg], instead of the URDF's.", number,
+        default=None, shown="default", low=1e-9, high=1e9,
+    )  # fmt: skip
+    restitution: float | None = option(
+        "--restitution", "Restitution of body and floor both.", number,
+        default=None, shown="default", low=0, high=1,
+    )  # fmt: skip
+    contact_erp: float | None = option(
+        "--contact-erp", "Share of a penetration that contact corrects per step.", number,
+        default=None, shown="default", low=0, high=1,
+    )  # fmt: skip
+    solver_residual: float | None = option(
+        "--solver-residual", "Residual at which the contact solver stops early.", number,
+        default=None, shown="default", low=0, high=1,
+    )  # fmt: skip
+    solver_iterations: int | None = option(
+        "--solver-iterations", "Most iterations of the contact solver per step.", integer,
+        default=None, shown="default", low=1, high=100_000,
+    )  # fmt: skip
+    coordinates: Coordinates = option(
+        "--coordinates", "reduced (btMultiBody) or maximal (btRigidBody).", default="reduced"
+    )
+    stepped: bool = option("--no-step", "Mistake 1: never call stepSimulation.", default=True)
+    gravity_set: bool = option("--no-gravity", "Mistake 2: never call setGravity.", default=True)
+    floor: bool = option("--no-floor", "Mistake 3: leave out the floor.", default=True)
+
+    def __post_init__(self) -> None:
+        self.check_domains()
+        if self.coordinates not in get_args(Coordinates):
+            choices = " or ".join(get_args(Coordinates))
+            raise ScenarioError(f"--coordinates must be {choices}, got {self.coordinates!r}")
+        if not self.body or "\0" in self.body:
+            raise ScenarioError(f"--body must name a URDF file, got {self.body!r}")
+        ratio = self.duration_s / self.timestep_s
+        if ratio > MAX_STEPS:
+            raise ScenarioError(
+                f"--duration over --timestep must be at most {MAX_STEPS:,} steps, got {ratio:.3g}, "
+                f"some {ratio * 130 / 1e9:.3g} GB on disk; try a longer timestep"
+            )
+        # 1e-9: what is left of a decimal such as 0.0041666666667 is meant as the fraction.
+        if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
+            below, above = math.floor(ratio), math.ceil(ratio)
+            near = " or ".join(f"{n * self.timestep_s:.12g}" for n in (below, above) if n > 0)
+            raise ScenarioError(
+                f"--duration must be a whole number of timesteps of {self.timestep_s:.12g} s, "
+                f"got {self.duration_s:.12g} s, that is {ratio:.6g} of them; try {near}"
+            )
+
+    @property
+    def steps(self) -> int:
+        """How many timesteps make the duration; a recording has one sample more."""
+        return round(self.duration_s / self.timestep_s)
+
+    @property
+    def effective_gravity_m_s2(self) -> float:
+        """The z component of gravity that the engine was told: 0 where it never was."""
+        return self.gravity_m_s2 if self.gravity_set else 0.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Camera(Optioned):
+    """How the fall is photographed: the experiment's look-at camera, up axis z."""
+
+    capture_every: int = option(
+        "--capture-every", "Take a frame every N steps.", integer, default=6, low=1, high=1e9
+    )
+    size_px: tuple[int, int] = option(
+        "--size", "Frame size WIDTHxHEIGHT [px].", size,
+        default=(480, 360), shown="480x360", low=16, high=4096,
+    )  # fmt: skip
+    renderer: Renderer = option(
+        "--renderer", "tiny (software, the same everywhere) or egl (GPU or Mesa).", default="tiny"
+    )
+    target_m: Vector = (0.0, 0.0, 0.5)
+    distance_m: float = 2.0
+    yaw_deg: float = 45.0
+    pitch_deg: float = -25.0
+    roll_deg: float = 0.0
+    vertical_fov_deg: float = 60.0
+    near_m: float = 0.1
+    far_m: float = 10.0
+
+    def __post_init__(self) -> None:
+        self.check_domains()
+        if self.renderer not in get_args(Renderer):
+            choices = " or ".join(get_args(Renderer))
+            raise ScenarioError(f"--renderer must be {choices}, got {self.renderer!r}")
+
+    @property
+    def focal_length_px(self) -> float:
+        """Focal length of the pinhole [px], the same in both directions."""
+        return self.size_px[1] / 2 / math.tan(math.radians(self.vertical_fov_deg) / 2)
+
+
+STANDARD_CAMERA = Camera()

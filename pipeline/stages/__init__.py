@@ -1,0 +1,1 @@
+"""The verbs: each takes paths, does one thing, and returns a typed result."""

@@ -1,0 +1,69 @@
+"""Read a recording back and say where each millimetre of its error comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from pipeline.budget.analysis import analysis_of
+from pipeline.budget.results import Analysis
+from pipeline.recording.files import check_target
+from pipeline.recording.layer import layer_of, write_layer
+from pipeline.recording.reader import read
+from pipeline.recording.table import check_table, write_table
+from pipeline.stages.story import events, findings_markdown
+
+
+def analyze(
+    recording: Path | str,
+    *,
+    at_s: Sequence[float] = (),
+    out: Path | str | None = None,
+    table: Path | str | None = None,
+    force: bool = False,
+) -> Analysis:
+    """Analyze a recording, and write the layer that shows the analysis beside it.
+
+    Parameters
+    ----------
+    recording
+        The recording to read.
+    at_s
+        Times to take apart [s]; without any, 0.3 s where that is in the air.
+    out
+        The layer recording to write; None puts it beside the recording.
+    table
+        A `.parquet` or `.csv` file for the table of all samples, or None.
+    force
+        Whether files named here may be replaced; the layer under its own name always is.
+
+    Raises
+    ------
+    RecordingError
+        If the recording is missing, damaged or not one of ours.
+    ScenarioError
+        If a time lies outside the recording, or the table has another suffix.
+    OutputError
+        If a file cannot be written.
+    """
+    path = Path(recording)
+    layer = layer_of(path) if out is None else Path(out)
+    check_target(layer, force=force or out is None)
+    if table is not None:
+        check_table(Path(table), force=force)
+    read_back = read(path)
+    analysis = analysis_of(read_back.scenario, read_back.engine, read_back.states, at_s=at_s)
+    write_layer(
+        layer,
+        recording_id=read_back.recording_id,
+        timestep_s=read_back.scenario.timestep_s,
+        frames=read_back.camera is not None,
+        samples=analysis.table,
+        events=events(analysis),
+        findings=findings_markdown(analysis),
+        force=force or out is None,
+    )
+    if table is not None:
+        write_table(Path(table), analysis.table, force=force)
+    return replace(analysis, recording=path, layer=layer)

@@ -1,0 +1,70 @@
+"""The three stages in a row, with the recording handed from one to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.budget.results import Analysis
+from pipeline.errors import OutputError
+from pipeline.recording.files import part_of
+from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
+from pipeline.stages.analyze import analyze
+from pipeline.stages.render import Rendering, render
+from pipeline.stages.simulate import Progress, Simulation, simulate
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the three stages made."""
+
+    simulation: Simulation
+    analysis: Analysis
+    rendering: Rendering
+
+
+def run(
+    scenario: Scenario,
+    out_dir: Path | str = "recordings",
+    *,
+    camera: Camera | None = STANDARD_CAMERA,
+    at_s: Sequence[float] = (),
+    fps: float = 20.0,
+    progress: Progress = lambda *_: None,
+) -> Run:
+    """Simulate, analyze and render into a folder; a second run there is numbered.
+
+    Raises
+    ------
+    ScenarioError
+        If the body, a time or the frame rate cannot be used.
+    OutputError
+        If the folder or a file cannot be written.
+    """
+    path = _next_name(Path(out_dir))
+    simulation = simulate(scenario, path, camera=camera, progress=progress)
+    analysis = analyze(path, at_s=at_s)
+    rendering = render(path, fps=fps, progress=progress)
+    return Run(simulation, analysis, rendering)
+
+
+def _next_name(folder: Path) -> Path:
+    """Return the first of run.rrd, run-2.rrd, … of which nothing is there yet."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"the folder {folder} cannot be made: {error.strerror}; choose another with --out-dir"
+        ) from None
+    number = 1
+    while True:
+        stem = "run" if number == 1 else f"run-{number}"
+        path = folder / f"{stem}.rrd"
+        made = (path, part_of(path), *(folder / f"{stem}{end}" for end in _DERIVED))
+        if not any(one.exists() for one in made):
+            return path
+        number += 1
+
+
+_DERIVED = (".analysis.rrd", ".gif", ".png")

@@ -1,0 +1,190 @@
+"""Drop the body, and put everything that happens into one recording."""
+
+from __future__ import annotations
+
+import platform
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import colours
+from pipeline.physics import theory
+from pipeline.physics.bullet_law import fall_of
+from pipeline.physics.pictures import draw
+from pipeline.physics.world import World, engine_versions, find_body, world_from_camera
+from pipeline.recording import schema, writer
+from pipeline.recording.about import about
+from pipeline.recording.blueprint import layout
+from pipeline.recording.files import check_target
+from pipeline.recording.writer import Chunk
+from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
+
+Float64 = NDArray[np.float64]
+
+BATCH = 4096
+"""Samples in one chunk of a recording: what a killed run loses at most."""
+
+TRAIL_POINTS = 40
+"""How many points the body leaves behind in the 3-D view, about."""
+
+Progress = Callable[[str, int, int], None]
+"""Told what is being done, how much of it is done, and out of how much."""
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What a run made."""
+
+    recording: Path
+    recording_id: str
+    samples: int
+    frames: int
+    bytes: int
+    wall_s: float
+
+
+def simulate(
+    scenario: Scenario,
+    out: Path | str,
+    *,
+    camera: Camera | None = STANDARD_CAMERA,
+    force: bool = False,
+    progress: Progress = lambda *_: None,
+) -> Simulation:
+    """Drop the body of a scenario and record it, the state before each step and after the last.
+
+    Parameters
+    ----------
+    scenario
+        What to drop, and how.
+    out
+        The recording to write; it has this name only when it is whole and verified.
+    camera
+        How to photograph the fall, or None for no frames.
+    force
+        Whether an existing file may be replaced.
+    progress
+        Called while it runs.
+
+    Raises
+    ------
+    ScenarioError
+        If the body cannot be found or loaded.
+    OutputError
+        If the recording cannot be written.
+    """
+    began = time.perf_counter()
+    path = Path(out)
+    check_target(path, force=force)
+    find_body(scenario.body)
+    recording_id = uuid.uuid4().hex
+    frames = 0 if camera is None else scenario.steps // camera.capture_every + 1
+    with World(scenario) as world:
+        writer.record(
+            path,
+            _chunks(scenario, camera, world, progress),
+            recording_id=recording_id,
+            blueprint=layout(frames=camera is not None),
+            force=force,
+        )
+    return Simulation(
+        recording=path,
+        recording_id=recording_id,
+        samples=scenario.steps + 1,
+        frames=frames,
+        bytes=path.stat().st_size,
+        wall_s=time.perf_counter() - began,
+    )
+
+
+def _chunks(
+    scenario: Scenario, camera: Camera | None, world: World, progress: Progress
+) -> Iterator[Chunk]:
+    """Yield the whole recording: what it was made with, the fall, and last what must be in it."""
+    engine = world.report() | engine_versions() | _library_versions()
+    yield writer.property_chunk(schema.SCENARIO_PROPERTY, asdict(scenario))
+    yield writer.property_chunk(schema.ENGINE_PROPERTY, engine)
+    pose = None
+    if camera is not None:
+        yield writer.property_chunk(schema.CAMERA_PROPERTY, asdict(camera))
+        pose = world_from_camera(camera)
+    yield from writer.scene_chunks(camera, pose, world.half_size_m, floor=scenario.floor)
+    yield from _curve_styles()
+    yield writer.document_chunk(schema.ABOUT, about(scenario, camera, engine))
+
+    samples = scenario.steps + 1
+    digest = writer.StateDigest()
+    first, strobe = 0, max(1, scenario.steps // TRAIL_POINTS)
+    for rows in world.samples(BATCH):
+        steps = np.arange(first, first + len(rows))
+        digest.update(rows)
+        yield from writer.state_chunks(steps, scenario.timestep_s, rows)
+        yield from _heights(scenario, world.rest_height_m, steps, rows[:, 2])
+        lit = steps % strobe == 0
+        if lit.any():
+            yield writer.trail_chunk(steps[lit], scenario.timestep_s, rows[lit, :3])
+        if camera is not None:
+            yield from _frames(scenario, camera, steps, rows, progress)
+        first += len(rows)
+        progress("stepping", first, samples)
+
+    yield writer.property_chunk(
+        schema.RECORDING_PROPERTY,
+        {
+            "schema_version": schema.SCHEMA_VERSION,
+            "samples": samples,
+            "state_sha256": digest.hexdigest(),
+        },
+    )
+
+
+def _curve_styles() -> Iterator[Chunk]:
+    yield writer.curve_style_chunk(schema.HEIGHT_SIMULATED, "simulated [m]", colours.SIMULATED)
+    yield writer.curve_style_chunk(schema.HEIGHT_FREE_FALL, "free fall [m]", colours.FREE_FALL)
+    yield writer.curve_style_chunk(schema.HEIGHT_DAMPED_FALL, "damped fall [m]", colours.DAMPED_FALL)
+
+
+def _heights(
+    scenario: Scenario, rest_height_m: float, steps: NDArray[np.int64], simulated_m: Float64
+) -> Iterator[Chunk]:
+    """Yield the height curves; theory stops at the floor and stays at the rest height."""
+    fall, time_s = fall_of(scenario), steps.astype(np.float64) * scenario.timestep_s
+    lowest = rest_height_m if scenario.floor else -np.inf
+    curves = {
+        schema.HEIGHT_SIMULATED: simulated_m,
+        schema.HEIGHT_FREE_FALL: np.maximum(theory.free_fall_height(fall, time_s), lowest),
+        schema.HEIGHT_DAMPED_FALL: np.maximum(theory.damped_fall_height(fall, time_s), lowest),
+    }
+    for entity, values in curves.items():
+        yield writer.curve_chunk(entity, steps, scenario.timestep_s, values)
+
+
+def _frames(
+    scenario: Scenario,
+    camera: Camera,
+    steps: NDArray[np.int64],
+    rows: Float64,
+    progress: Progress,
+) -> Iterator[Chunk]:
+    """Yield the frames due among these samples, drawn from the recorded poses."""
+    due = steps % camera.capture_every == 0
+    total = scenario.steps // camera.capture_every + 1
+    for step, png in zip(steps[due], draw(scenario, camera, rows[due, :7]), strict=True):
+        yield writer.image_chunk(step, scenario.timestep_s, png)
+        progress("drawing frames", int(step) // camera.capture_every + 1, total)
+
+
+def _library_versions() -> dict[str, str]:
+    return {
+        "drop_version": metadata.version("drop"),
+        "numpy_version": metadata.version("numpy"),
+        "rerun_version": metadata.version("rerun-sdk"),
+        "python_version": platform.python_version(),
+        "machine": platform.machine(),
+    }

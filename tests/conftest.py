@@ -1,0 +1,70 @@
+"""What the tests share: one standard drop for the session, and the command as a user has it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from pipeline import Analysis, Scenario, simulate
+from pipeline.budget.analysis import analysis_of
+from pipeline.recording.reader import Recording, read
+from pipeline.stages.run import Run, run
+
+Drop = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="session")
+def standard(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Return the experiment itself, simulated, analyzed and rendered once for all tests."""
+    return run(Scenario(), tmp_path_factory.mktemp("standard"))
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """Record scenarios, each once in a session, without frames."""
+
+    folder: Path
+
+    def __call__(self, **scenario: object) -> Recording:
+        """Return the recording of a scenario."""
+        name = "-".join(f"{key}={value}" for key, value in sorted(scenario.items()))
+        path = self.folder / f"{name.replace('/', '_')[:120] or 'standard'}-{hash(name):x}.rrd"
+        if not path.exists():
+            simulate(Scenario(**scenario), path, camera=None)  # type: ignore[arg-type]
+        return read(path)
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorder:
+    """Return a function from scenario fields to their recording."""
+    return Recorder(tmp_path_factory.mktemp("recorded"))
+
+
+def judge(recording: Recording, at_s: Sequence[float] = ()) -> Analysis:
+    """Analyze a recording that was read."""
+    return analysis_of(recording.scenario, recording.engine, recording.states, at_s=at_s)
+
+
+@pytest.fixture
+def drop(tmp_path: Path) -> Drop:
+    """Return the command line as a process of its own, its streams being pipes."""
+
+    def call(*arguments: object, **how: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "cli", *map(str, arguments)],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "COLUMNS": "80"},
+            timeout=120,
+            check=False,
+            **how,  # type: ignore[call-overload]
+        )
+
+    return call

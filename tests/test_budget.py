@@ -1,0 +1,256 @@
+"""Verification: the terms of the error are what physics says they are, and they add up."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from conftest import Recorder, judge
+
+TERMS = ("timestep_m", "damping_m", "interaction_m", "rounding_m")
+
+SCENARIOS: dict[str, dict[str, object]] = {
+    "standard": {},
+    "1/60": {"timestep_s": 1 / 60},
+    "1/960": {"timestep_s": 1 / 960},
+    "odd step": {"timestep_s": 0.003, "duration_s": 0.3},
+    "no damping": {"linear_damping": 0.0},
+    "tiny damping": {"linear_damping": 1e-12},
+    "small damping": {"linear_damping": 1e-6},
+    "large damping": {"linear_damping": 0.9},
+    "Moon": {"gravity_m_s2": -1.62},
+    "no gravity": {"gravity_m_s2": 0.0, "velocity_m_s": (0.0, 0.0, -2.0)},
+    "upward gravity": {"gravity_m_s2": 3.0, "velocity_m_s": (0.0, 0.0, -1.0), "floor": False},
+    "heavy": {"mass_kg": 1234.5},
+    "light": {"mass_kg": 1e-4},
+    "thrown up": {"velocity_m_s": (0.0, 0.0, 3.0)},
+    "thrown down": {"velocity_m_s": (0.0, 0.0, -5.0)},
+    "oblique": {"velocity_m_s": (3.0, -2.0, 4.0)},
+    "spinning": {"spin_rad_s": (3.0, -2.0, 10.0)},
+    "oblique and spinning": {"velocity_m_s": (3.0, 0.0, 1.0), "spin_rad_s": (9.0, 1.0, 0.0)},
+    "high": {"height_m": 100.0, "duration_s": 4.0},
+    "maximal": {"coordinates": "maximal"},
+    "maximal, damped": {"coordinates": "maximal", "linear_damping": 0.3},
+    "maximal, oblique": {"coordinates": "maximal", "linear_damping": 0.04,
+                         "velocity_m_s": (3.0, -2.0, 4.0)},
+    "clamped": {"height_m": 200.0, "linear_damping": 0.0, "velocity_m_s": (0.0, 0.0, -95.0)},
+    "thrown at the clamp": {"velocity_m_s": (0.0, 0.0, 150.0), "floor": False},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_terms_add_up_and_only_rounding_is_unexplained(recorded: Recorder, name: str) -> None:
+    analysis = judge(recorded(**SCENARIOS[name]))
+    table = analysis.table.head(analysis.coverage.samples)
+    assert analysis.coverage.samples > 10
+    total = table["error_m"].to_numpy()
+    terms = table.select(TERMS).to_numpy()
+    # One rounding of the largest number involved: the height for the error, the largest term.
+    scale = np.maximum(1.0, np.abs(terms).max(axis=1))
+    height = np.maximum(1.0, np.abs(table["free_fall_m"].to_numpy()))
+    assert np.all(np.abs(terms.sum(axis=1) - total) <= 1e-15 * np.maximum(scale, height))
+    # Doubles are as coarse as the largest height passed, wherever the body is by then.
+    reach = np.maximum.accumulate(height)
+    assert np.all(np.abs(terms[:, 3]) <= 1e-14 * reach)
+    assert [finding.code for finding in analysis.findings].count("law-mismatch") == 0
+
+
+@pytest.mark.parametrize(
+    ("timestep_s", "total", "timestep", "damping", "interaction", "rounding"),
+    [
+        (1 / 240, -0.001820347613623, -0.00613125, 0.004310219835131, 6.8255e-7, -2.8e-16),
+        (1 / 480, 0.001245143340375, -0.003065625, 0.004310219835131, 5.4851e-7, 2e-17),
+        (1 / 960, 0.002777733377185, -0.0015328125, 0.004310219835131, 3.2604e-7, -8e-17),
+    ],
+)
+def test_golden_terms_at_three_tenths_of_a_second(
+    recorded: Recorder,
+    timestep_s: float,
+    total: float,
+    timestep: float,
+    damping: float,
+    interaction: float,
+    rounding: float,
+) -> None:
+    (moment,) = judge(recorded(timestep_s=timestep_s)).at
+    terms = moment.terms_m
+    assert terms is not None
+    assert moment.error_m == pytest.approx(total, abs=1e-15)
+    assert terms.timestep == pytest.approx(timestep, abs=1e-15)
+    assert terms.damping == pytest.approx(damping, abs=2e-15)
+    assert terms.interaction == pytest.approx(interaction, abs=5e-12)
+    assert terms.rounding == pytest.approx(rounding, abs=2e-17)
+
+
+def test_the_timestep_term_is_signed_and_exact_without_damping(recorded: Recorder) -> None:
+    """Semi-implicit Euler is behind by exactly g t dt / 2; explicit Euler would be ahead by it."""
+    table = judge(recorded(linear_damping=0.0)).table.head(100)
+    time_s = table["time_s"].to_numpy()
+    # 100 additions of numbers up to 1 m, each rounded to half of 2.2e-16 m, and two in theory.
+    assert np.allclose(table["error_m"], -9.81 * time_s / 480, rtol=0, atol=2e-15)
+    assert np.abs(table["interaction_m"].to_numpy()).max() < 5e-16
+
+
+def test_four_recordings_give_the_same_budget_without_any_theory(recorded: Recorder) -> None:
+    """Damping on and off, at dt and dt/2, extrapolated to dt = 0 (Richardson, first order)."""
+    at, fine = 72, 144
+    on, off = recorded().column("z_m")[at], recorded(linear_damping=0.0).column("z_m")[at]
+    on2 = recorded(timestep_s=1 / 480).column("z_m")[fine]
+    off2 = recorded(timestep_s=1 / 480, linear_damping=0.0).column("z_m")[fine]
+    limit_on, limit_off = 2 * on2 - on, 2 * off2 - off
+    timestep, damping = off - limit_off, limit_on - limit_off
+    interaction = (on - limit_on) - (off - limit_off)
+    (moment,) = judge(recorded()).at
+    assert moment.terms_m is not None
+    # Extrapolation leaves the term of second order, which is all in damping × timestep.
+    assert timestep == pytest.approx(moment.terms_m.timestep, abs=1e-15)
+    assert damping == pytest.approx(moment.terms_m.damping, abs=4.2e-7)
+    assert interaction == pytest.approx(moment.terms_m.interaction, abs=4.2e-7)
+    assert timestep + damping + interaction == pytest.approx(on - limit_off, abs=1e-15)
+
+
+def test_what_is_not_covered_gets_no_number(recorded: Recorder) -> None:
+    analysis = judge(recorded(), at_s=[0.3, 0.5])
+    after = analysis.table.filter(analysis.table["step"] >= 109)
+    assert after.select(TERMS).null_count().row(0) == (132,) * 4
+    assert analysis.at[1].terms_m is None
+    assert analysis.coverage.samples == 109
+    assert "contact" in analysis.coverage.why
+
+
+def test_a_body_with_joints_is_left_out_loudly(recorded: Recorder) -> None:
+    analysis = judge(recorded(body="r2d2.urdf", duration_s=0.1))
+    assert analysis.coverage.samples == 0
+    assert "15 joints" in analysis.coverage.why
+    assert analysis.at == []
+    assert analysis.airborne is None
+
+
+# -- impact, contact, rest ------------------------------------------------------------------------
+
+
+def test_impact(recorded: Recorder) -> None:
+    impact = judge(recorded()).impact
+    assert impact is not None
+    assert impact.time_free_fall_s == pytest.approx(math.sqrt(2 * 0.975 / 9.81), abs=1e-15)
+    assert impact.time_free_fall_s == pytest.approx(0.4458438722, abs=1e-10)
+    assert impact.time_damped_s == pytest.approx(0.4500868681, abs=1e-10)
+    z = recorded().column("z_m")
+    crossing = (107 + (z[107] - 0.025) / (z[107] - z[108])) / 240
+    assert impact.time_simulated_s == pytest.approx(crossing, abs=1e-15)
+    assert (impact.lowest_step, impact.step) == (108, 109)
+    assert impact.penetration_m == pytest.approx(0.025 - 0.01618091982485528, abs=1e-15)
+    assert impact.penetration_m < impact.speed_m_s / 240
+
+
+@pytest.mark.parametrize("timestep_s", [1 / 60, 1 / 240, 1 / 480, 1 / 960])
+@pytest.mark.parametrize("restitution", [None, 0.9])
+def test_the_contact_law_is_the_engines_where_the_solver_runs_to_its_end(
+    recorded: Recorder, timestep_s: float, restitution: float | None
+) -> None:
+    recording = recorded(timestep_s=timestep_s, restitution=restitution, solver_residual=0.0)
+    contact = judge(recording).contact
+    assert contact is not None
+    assert contact.max_deviation_m <= 1e-13
+
+
+def test_rest_is_explained_in_micrometres(recorded: Recorder) -> None:
+    rest = judge(recorded()).rest
+    assert rest is not None
+    assert rest.terms_m is not None
+    terms = rest.terms_m
+    assert rest.error_m * 1e6 == pytest.approx(-11.98, abs=0.005)
+    assert terms.slop * 1e6 == pytest.approx(-10.00, abs=0.005)
+    assert terms.solver * 1e6 == pytest.approx(-1.84, abs=0.005)
+    assert terms.settling * 1e6 == pytest.approx(-0.15, abs=0.005)
+    assert terms.slop + terms.solver + terms.settling == pytest.approx(rest.error_m, abs=1e-17)
+    exact = judge(recorded(solver_residual=0.0)).rest
+    assert exact is not None
+    assert exact.terms_m is not None
+    assert abs(exact.terms_m.solver) < 1e-13
+
+
+def test_bounces_rise_as_theory_says_once_the_correction_is_off(recorded: Recorder) -> None:
+    plain = recorded(restitution=math.sqrt(0.5), timestep_s=1 / 960, duration_s=1.5)
+    exact = recorded(
+        restitution=math.sqrt(0.5), timestep_s=1 / 960, duration_s=1.5, contact_erp=0.0,
+        linear_damping=0.0, solver_residual=0.0,
+    )  # fmt: skip
+    (inflated, *_), (bounce, *_) = judge(plain).bounces, judge(exact).bounces
+    assert bounce.effective_restitution == pytest.approx(0.5, abs=1e-12)
+    assert bounce.correction_m_s == pytest.approx(0.0, abs=1e-12)
+    assert bounce.predicted_apex_m == pytest.approx(0.25 * 0.975, abs=1e-12)
+    assert bounce.apex_m == pytest.approx(0.25 * 0.975, rel=0.02)
+    assert 0.5 < inflated.effective_restitution < 0.58
+    assert inflated.correction_m_s > 0
+    assert [one.predicted_apex_m for one in judge(exact).bounces[:2]] == pytest.approx(
+        [0.5**2 * 0.975, 0.5**4 * 0.975]
+    )
+
+
+# -- conservation ---------------------------------------------------------------------------------
+
+
+def test_where_the_energy_went(recorded: Recorder) -> None:
+    energy = judge(recorded()).energy
+    assert energy.initial_j == pytest.approx(0.981, abs=1e-15)
+    assert energy.damping_j == pytest.approx(-0.0483104, abs=5e-8)
+    assert energy.integrator_j == pytest.approx(-0.0087175, abs=5e-8)
+    assert energy.contact_j == pytest.approx(-0.8994588, abs=5e-8)
+    assert abs(energy.closing_j) < 1e-12
+    booked = energy.damping_j + energy.integrator_j + energy.rotation_j + energy.contact_j
+    assert energy.initial_j + booked == pytest.approx(energy.final_j, abs=1e-12)
+
+
+def test_undamped_energy_less_its_integrator_term_is_conserved(recorded: Recorder) -> None:
+    """In the air without damping E - m g dt v / 2 keeps its value, g = 9.81 and v downwards < 0."""
+    recording = recorded(linear_damping=0.0)
+    table = judge(recording).table.head(100)
+    shadow = table["energy_j"].to_numpy() - 0.1 * 9.81 / 240 * recording.column("vz_m_s")[:100] / 2
+    assert np.abs(shadow - shadow[0]).max() < 5e-15
+
+
+@pytest.mark.parametrize("coordinates", ["reduced", "maximal"])
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+@pytest.mark.parametrize("body", ["cube_small.urdf", "jenga/jenga.urdf"])
+def test_floating_and_spinning_bodies_conserve_what_they_should(
+    recorded: Recorder, body: str, damping: float, coordinates: str
+) -> None:
+    recording = recorded(
+        body=body, gravity_m_s2=0.0, floor=False, coordinates=coordinates, mass_kg=0.7,
+        velocity_m_s=(1.0, 2.0, 3.0), spin_rad_s=(0.0, 0.0, 5.0),
+        linear_damping=damping, angular_damping=damping,
+    )  # fmt: skip
+    conservation = judge(recording).conservation
+    inertia_z = recording.engine["inertia_kg_m2"][2]
+    assert conservation.energy_initial_j == pytest.approx(0.7 * 14 / 2 + inertia_z * 25 / 2)
+    assert conservation.energy_max_rel_drift is not None
+    assert conservation.angular_momentum_max_rel_drift is not None
+    if damping:
+        assert conservation.energy_max_rel_drift > 0.1
+        assert conservation.angular_momentum_max_rel_drift > 0.1
+    else:
+        assert conservation.energy_max_rel_drift < 1e-12
+        assert conservation.angular_momentum_max_rel_drift < 1e-12
+
+
+def test_energy_and_momentum_of_a_turned_body_are_those_of_its_principal_axes() -> None:
+    """A body turned by 90° about x, spinning about world z, spins about its own y."""
+    from pipeline.budget.conservation import mechanics
+
+    half = math.sqrt(0.5)
+    found = mechanics(
+        np.array([2.0]), np.array([[half, 0.0, 0.0, half]]), np.zeros((1, 3)),
+        np.array([[0.0, 0.0, 3.0]]), mass_kg=1.5, inertia_kg_m2=np.array([1.0, 10.0, 100.0]),
+        gravity_m_s2=-9.81,
+    )  # fmt: skip
+    assert found.kinetic_angular_j[0] == pytest.approx(10 * 3**2 / 2)
+    assert found.angular_momentum_kg_m2_s[0] == pytest.approx([0, 0, 30])
+    assert found.potential_j[0] == pytest.approx(1.5 * 9.81 * 2)
+
+
+def test_what_starts_at_zero_has_no_relative_drift(recorded: Recorder) -> None:
+    conservation = judge(recorded(gravity_m_s2=0.0)).conservation
+    assert conservation.energy_max_rel_drift is None
+    assert conservation.angular_momentum_max_rel_drift is None

@@ -1,0 +1,544 @@
+"""Verification: a gif shows every frame, exactly, at its time; a plot shows what its table says.
+
+The frames are PyBullet's own, drawn here and through none of our code; the tables follow Bullet's
+law of one step, `v += dt (-g - k v (1 + |v|)); z += dt v`, beside its closed forms.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import itertools
+import re
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pybullet as p
+import pybullet_data
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from PIL import Image
+
+from pipeline import colours
+from pipeline.errors import ScenarioError
+from pipeline.figures import style
+from pipeline.figures.gif import Gif, check_fps, delay_cs, write_gif
+from pipeline.figures.plot import Facts, build_figure, facts_of, plot_drop
+
+Pixels = np.ndarray
+
+# -- gif: what comes in ---------------------------------------------------------------------------
+
+
+def png_of(pixels: Pixels, *, effort: int = 1) -> bytes:
+    stream = io.BytesIO()
+    Image.fromarray(pixels).save(stream, "png", compress_level=effort)
+    return stream.getvalue()
+
+
+@pytest.fixture(scope="module")
+def standard_frames() -> list[Pixels]:
+    """Return the experiment's 41 pictures, each of shape (360, 480, 3)."""
+    client = p.connect(p.DIRECT)
+    try:
+        p.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=client)
+        p.setGravity(0, 0, -9.81, physicsClientId=client)
+        p.loadURDF("plane.urdf", physicsClientId=client)
+        p.loadURDF("cube_small.urdf", [0, 0, 1], physicsClientId=client)
+        view = p.computeViewMatrixFromYawPitchRoll([0, 0, 0.5], 2.0, 45.0, -25.0, 0.0, 2)
+        projection = p.computeProjectionMatrixFOV(60.0, 480 / 360, 0.1, 10.0)
+        frames = []
+        for step in range(241):
+            if step % 6 == 0:
+                rgba = p.getCameraImage(
+                    480,
+                    360,
+                    view,
+                    projection,
+                    renderer=p.ER_TINY_RENDERER,
+                    physicsClientId=client,
+                )[2]
+                frames.append(np.reshape(np.asarray(rgba, np.uint8), (360, 480, 4))[:, :, :3])
+            p.stepSimulation(physicsClientId=client)
+        return frames
+    finally:
+        p.disconnect(client)
+
+
+def coloured(count: int, *, seed: int = 0, size: tuple[int, int] = (40, 30)) -> Pixels:
+    """Return a picture of exactly so many colours, at random places."""
+    rng = np.random.default_rng(seed)
+    packed = rng.choice(1 << 24, count, replace=False)
+    palette = np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1).astype(np.uint8)
+    width, height = size
+    indices = np.arange(width * height) % count
+    return palette[rng.permutation(indices).reshape(height, width)]
+
+
+def written(frames: Sequence[Pixels], *, fps: float = 20.0) -> tuple[Gif, bytes]:
+    stream = io.BytesIO()
+    return write_gif(map(png_of, frames), stream, fps=fps), stream.getvalue()
+
+
+def decoded(gif: bytes) -> tuple[list[Pixels], list[int]]:
+    """Return the pictures that a viewer shows, and for how long each [ms]."""
+    with Image.open(io.BytesIO(gif)) as image:
+        pictures, delays_ms = [], []
+        for frame in range(image.n_frames):
+            image.seek(frame)
+            delays_ms.append(image.info["duration"])
+            pictures.append(np.asarray(image.convert("RGB")))
+        return pictures, delays_ms
+
+
+def same(one: Sequence[Pixels], other: Sequence[Pixels]) -> bool:
+    return len(one) == len(other) and all(map(np.array_equal, one, other))
+
+
+# -- gif: what comes out --------------------------------------------------------------------------
+
+
+def test_every_recorded_frame_is_in_the_gif_to_the_pixel(standard_frames: list[Pixels]) -> None:
+    still = sum(map(np.array_equal, standard_frames, standard_frames[1:]))
+    assert still >= 10  # the box lies still in the end: these are what other writers merge
+    wrote, gif = written(standard_frames)
+    pictures, delays_ms = decoded(gif)
+    assert wrote == Gif(frames=41, duration_s=2.05, quantised=0)
+    assert same(pictures, standard_frames)
+    assert delays_ms == [50] * 41
+    with Image.open(io.BytesIO(gif)) as image:
+        assert image.info["loop"] == 0  # for ever
+
+
+def test_only_what_changed_is_stored(standard_frames: list[Pixels]) -> None:
+    first, *_ = standard_frames
+    _, alone = written([first])
+    _, fifty = written([first] * 50)
+    assert (len(fifty) - len(alone)) / 49 < 32  # bytes for a frame in which nothing changes
+    again = io.BytesIO()
+    write_gif([png_of(first), png_of(first, effort=9)], again, fps=20)
+    assert len(again.getvalue()) - len(alone) < 32  # the same picture in another file
+    spot = first.copy()
+    spot[100:103, 200:205] = (255, 0, 0)
+    with Image.open(io.BytesIO(written([first, spot])[1])) as image:
+        image.seek(1)
+        assert image.tile[0].extents == (200, 100, 205, 103)
+
+
+@pytest.mark.parametrize("fps", [20, 24, 30, 50, 12.5, 7, 1, 0.1])
+def test_every_frame_starts_at_its_time(fps: float) -> None:
+    frames = [coloured(2, seed=seed, size=(4, 3)) for seed in range(31)]
+    wrote, gif = written(frames, fps=fps)
+    _, delays_ms = decoded(gif)
+    starts_ms = [0, *itertools.accumulate(delays_ms)]
+    assert starts_ms == [10 * round(100 * frame / fps) for frame in range(32)]
+    assert wrote.duration_s == starts_ms[-1] / 1000
+    assert delays_ms == [10 * delay_cs(frame, fps=fps) for frame in range(31)]
+
+
+def test_thirty_frames_per_second_take_turns() -> None:
+    assert [delay_cs(frame, fps=30) for frame in range(6)] == [3, 4, 3, 3, 4, 3]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 127, 128, 129, 255, 256])
+def test_up_to_256_colours_are_exact(count: int) -> None:
+    frame = coloured(count)
+    wrote, gif = written([frame])
+    assert same(decoded(gif)[0], [frame])
+    assert wrote.quantised == 0
+
+
+def test_new_colours_get_a_palette_of_their_own() -> None:
+    frames = [coloured(200, seed=seed) for seed in (1, 2, 2, 1, 3)]  # 600 colours in all
+    frames.append(frames[-1].copy())
+    frames[-1][3, 4] = (1, 2, 3)
+    wrote, gif = written(frames)
+    assert same(decoded(gif)[0], frames)
+    assert wrote.quantised == 0
+
+
+def test_colours_one_step_apart_are_told_apart() -> None:
+    ramp = np.arange(256, dtype=np.uint8)
+    for channel in range(3):
+        frame = np.zeros((16, 16, 3), np.uint8)
+        frame[:, :, channel] = ramp.reshape(16, 16)
+        assert same(decoded(written([frame])[1])[0], [frame])
+
+
+def test_more_colours_than_a_gif_holds_are_reported_and_close() -> None:
+    y, x = np.mgrid[:60, :80]
+    gradient = np.stack([4 * y, 3 * x, y + x], axis=2).astype(np.uint8)
+    plain = np.full_like(gradient, 200)
+    wrote, gif = written([plain, gradient, plain])
+    assert wrote.quantised == 1
+    pictures, _ = decoded(gif)
+    assert same(pictures[::2], [plain, plain])
+    off = np.abs(pictures[1].astype(int) - gradient)
+    assert off.max() > 0
+    assert off.mean() < 8  # of 255; 256 colours for 4800
+
+
+def test_frames_are_written_as_they_come() -> None:
+    """Memory cannot grow with the number of frames: each is written before the next is asked."""
+    stream = io.BytesIO()
+    lengths = []
+
+    def pngs() -> Iterator[bytes]:
+        for seed in range(5):
+            lengths.append(len(stream.getvalue()))
+            yield png_of(coloured(9, seed=seed))
+
+    write_gif(pngs(), stream, fps=20)
+    assert lengths[0] == 0
+    assert all(later > sooner for sooner, later in itertools.pairwise(lengths))
+
+
+def test_transparency_is_not_needed_and_greys_will_do() -> None:
+    grey = np.arange(48, dtype=np.uint8).reshape(6, 8)
+    assert same(decoded(written([grey])[1])[0], [np.stack([grey] * 3, axis=2)])
+
+
+@pytest.mark.parametrize("fps", [0, -1, 50.001, 1e9, 0.0001, float("nan"), float("inf")])
+def test_a_rate_that_no_gif_can_show_is_refused_before_anything_is_written(fps: float) -> None:
+    stream = io.BytesIO()
+    rule = rf"--fps must be .*, got {re.escape(f'{fps:g}')}; try --fps \d+$"
+    with pytest.raises(ScenarioError, match=rule) as refused:
+        write_gif(iter([png_of(coloured(2))]), stream, fps=fps)
+    assert stream.getvalue() == b""
+    check_fps(float(str(refused.value).split()[-1]))  # what it says to try works
+
+
+@pytest.mark.parametrize(
+    ("pngs", "message"),
+    [
+        ([], "at least one frame, got none"),
+        ([b"no picture"], "must be a PNG, got frame 0"),
+        ([png_of(coloured(2))[:-40]], "must be a PNG, got frame 0"),
+        (
+            [png_of(coloured(2)), png_of(coloured(2, size=(40, 31)))],
+            r"one size, got \(40, 31\) px in frame 1 after \(40, 30\) px",
+        ),
+    ],
+    ids=["none", "not a PNG", "cut short", "two sizes"],
+)
+def test_frames_that_make_no_gif_are_named(pngs: list[bytes], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        write_gif(iter(pngs), io.BytesIO(), fps=20)
+
+
+def test_the_gif_needs_no_plotting_library() -> None:
+    code = "import sys, pipeline.figures.gif; print({'matplotlib', 'polars'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+# -- plot: what comes in --------------------------------------------------------------------------
+
+DAMPING = float(np.float32(0.04))
+TERMS = ("timestep", "damping", "interaction", "rounding")
+
+
+def table_of(
+    *,
+    timestep_s: float = 1 / 240,
+    steps: int = 240,
+    height_m: float = 1.0,
+    gravity_m_s2: float = 9.81,
+    damping: float = DAMPING,
+    floor: bool = True,
+    restitution: float = 0.0,
+    stepped: bool = True,
+) -> pl.DataFrame:
+    """Return the table of a drop from rest: Bullet's law, and the closed forms beside it."""
+    rest_m = 0.025
+    g, k, dt = (gravity_m_s2, damping, timestep_s) if stepped else (0.0, 0.0, timestep_s)
+    heights, landed = [height_m], [False]
+    z, v = height_m, 0.0
+    for _ in range(steps):
+        depth = z - rest_m
+        v += dt * (-g - k * v * (1 + abs(v)))
+        if floor and depth < 0:
+            bounce = -restitution * v if v < -0.2 else 0.0
+            v = max(v, bounce - 0.08 * depth / dt)
+        z += dt * v
+        heights.append(z)
+        landed.append(landed[-1] or (floor and depth < 0))
+    t = np.arange(steps + 1) * dt
+    simulated, in_air = np.array(heights), ~np.array(landed)
+    free = height_m - g * t**2 / 2
+    damped = free
+    if g and k:
+        w = np.sqrt(g / k + 1 / 4)
+        phi = np.arctanh(1 / (2 * w))
+        damped = height_m + t / 2 - np.log(np.cosh(k * w * t + phi) / np.cosh(phi)) / k
+    timestep = -g * t * dt / 2
+    rounding = np.zeros(steps + 1)
+    interaction = simulated - free - timestep - (damped - free)
+    terms = dict(zip(TERMS, (timestep, damped - free, interaction, rounding), strict=True))
+    still = np.abs(simulated - rest_m) < 1e-4
+    stops = np.where(in_air, -np.inf, rest_m)
+    return pl.DataFrame(
+        {
+            "step": np.arange(steps + 1),
+            "time_s": t,
+            "phase": np.where(in_air, "falling", np.where(still, "rest", "contact")),
+            "simulated_m": simulated,
+            "free_fall_m": np.maximum(free, stops),
+            "damped_fall_m": np.maximum(damped, stops),
+        }
+        | {
+            f"{name}_m": [
+                v if air else None for v, air in zip(values.tolist(), in_air, strict=True)
+            ]
+            for name, values in terms.items()
+        }
+    ).with_columns(error_m=pl.sum_horizontal(f"{name}_m" for name in TERMS))
+
+
+def uncovered() -> pl.DataFrame:
+    columns = [pl.lit(None, dtype=pl.Float64).alias(f"{name}_m") for name in TERMS]
+    return table_of().with_columns(columns)
+
+
+TABLES = {
+    "standard": table_of(),
+    "Moon, still in the air": table_of(gravity_m_s2=1.62),
+    "no floor": table_of(floor=False),
+    "not stepped": table_of(stepped=False),
+    "one sample": table_of(steps=0),
+    "two samples": table_of(steps=1),
+    "0.1 ms": table_of(timestep_s=1e-5, steps=10),
+    "20 km": table_of(height_m=20000.0, timestep_s=1 / 60, steps=4000, floor=False),
+    "bounces": table_of(restitution=0.8, steps=480),
+    "a long, fine run": table_of(timestep_s=1 / 4800, steps=9600),
+    "coarse": table_of(timestep_s=0.1, steps=20),
+    "starts in the floor": table_of(height_m=0.02),
+    "without theory": uncovered(),
+}
+STANDARD = TABLES["standard"]
+
+
+def axes_of(figure: Figure) -> dict[str, Axes]:
+    main = {str(axes.get_label()): axes for axes in figure.axes}
+    return main | {str(axes.get_label()): axes for axes in main["height"].child_axes}
+
+
+@functools.cache
+def panels(name: str) -> dict[str, Axes]:
+    """Return the axes of a table's figure by their labels."""
+    return axes_of(build_figure(TABLES[name]))
+
+
+def line(axes: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
+    (found,) = (one for one in axes.lines if one.get_label() == label)
+    return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
+
+
+def texts(axes: Axes) -> list[str]:
+    return [text.get_text() for text in axes.texts]
+
+
+# -- plot: what comes out -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_every_drop_can_be_plotted(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "plot.png"
+    plot_drop(TABLES[name], path, format="png")
+    with Image.open(path) as image:
+        assert image.size == (1200, 900)
+        assert image.convert("RGB").getpixel((0, 0)) == (255, 255, 255)
+    assert path.stat().st_size < 100_000
+
+
+def test_a_plot_for_dark_pages_is_dark() -> None:
+    stream = io.BytesIO()
+    plot_drop(STANDARD, stream, format="png", dark=True)
+    with Image.open(stream) as image:
+        assert image.convert("RGB").getpixel((0, 0)) == (13, 17, 23)
+    (title, *_) = build_figure(STANDARD, dark=True).texts
+    assert title.get_color() == style.DARK.text
+
+
+@pytest.mark.parametrize("name", ["standard", "Moon, still in the air", "bounces", "20 km"])
+def test_no_words_lie_on_others_or_off_the_page(name: str) -> None:
+    figure = build_figure(TABLES[name])
+    figure.draw_without_rendering()
+    words = [*figure.texts, *figure.legends[0].get_texts()]
+    for axes in axes_of(figure).values():
+        words += [axes.xaxis.label, axes.yaxis.label, *axes.texts]
+        words += [axes.get_title(loc="left") and axes._left_title]
+    boxes = [(one, one.get_window_extent()) for one in words if one and one.get_text()]
+    for one, box in boxes:
+        assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1, one
+    for (one, box), (other, other_box) in itertools.combinations(boxes, 2):
+        assert not box.overlaps(other_box), (one, other)
+
+
+@pytest.mark.parametrize("format", ["png", "svg"])
+def test_the_same_table_gives_the_same_bytes(format: str) -> None:  # noqa: A002
+    streams = io.BytesIO(), io.BytesIO()
+    for stream in streams:
+        plot_drop(STANDARD, stream, format=format)  # type: ignore[arg-type]
+    assert streams[0].getvalue() == streams[1].getvalue()
+
+
+def test_an_svg_keeps_its_text_as_text_and_no_date() -> None:
+    stream = io.BytesIO()
+    plot_drop(STANDARD, stream, format="svg", facts=Facts("A & <b> $x$", at_s=0.3))
+    svg = stream.getvalue().decode()
+    for text in ("time [s]", "−1.820", "timestep", "A &amp; &lt;b&gt; $x$"):
+        assert f">{text}</text>" in svg
+    assert "dc:date" not in svg
+    assert "sans-serif" in svg  # for readers without matplotlib's own font
+
+
+def test_the_users_own_settings_stay_out_and_untouched() -> None:
+    import matplotlib
+
+    before, plain = io.BytesIO(), io.BytesIO()
+    plot_drop(STANDARD, plain, format="png")
+    with matplotlib.rc_context({"font.size": 30, "lines.linewidth": 9, "axes.grid": True}):
+        plot_drop(STANDARD, before, format="png")
+        assert matplotlib.rcParams["font.size"] == 30
+    assert before.getvalue() == plain.getvalue()
+    assert "matplotlib.pyplot" not in sys.modules
+
+
+def test_curves_are_the_tables_columns() -> None:
+    axes = panels("standard")["height"]
+    times, heights = line(axes, "simulated")
+    assert np.array_equal(times, STANDARD["time_s"])
+    assert np.array_equal(heights, STANDARD["simulated_m"])
+    in_air = (STANDARD["phase"] == "falling").to_numpy()
+    for label, column in (("free fall", "free_fall_m"), ("damped fall", "damped_fall_m")):
+        _, theory = line(axes, label)
+        # in the air as in the table, but theory never goes below where it stops
+        assert np.array_equal(theory[in_air], STANDARD[column].to_numpy()[in_air].clip(0.025))
+        assert theory.min() == 0.025
+
+
+def test_the_terms_add_up_to_the_line_over_them() -> None:
+    axes = panels("standard")["error"]
+    explained = STANDARD.drop_nulls("timestep_m")
+    times, total = line(axes, "total")
+    assert np.array_equal(times, explained["time_s"])
+    errors_mm = 1e3 * (explained["simulated_m"] - explained["free_fall_m"]).to_numpy()
+    assert total == pytest.approx(errors_mm, abs=1e-12)
+    stacked = {}  # height of the stack at the last sample, down and up
+    for area in axes.collections:
+        name = str(area.get_label())
+        if name in TERMS:
+            edges = area.get_paths()[0].vertices
+            stacked.setdefault(name, []).extend(edges[np.isclose(edges[:, 0], times[-1]), 1])
+    last = explained.row(-1, named=True)
+    assert min(stacked["timestep"]) == pytest.approx(1e3 * last["timestep_m"])
+    assert max(stacked["damping"]) == pytest.approx(1e3 * last["damping_m"])
+    top_mm = 1e3 * (last["damping_m"] + last["interaction_m"])
+    assert max(stacked["interaction"]) == pytest.approx(top_mm)
+    on_damping = max(edge for edge in stacked["interaction"] if edge < top_mm - 1e-9)
+    assert on_damping == pytest.approx(1e3 * last["damping_m"])
+
+
+def test_the_sum_is_written_out_at_the_time_asked_for() -> None:
+    written = texts(panels("standard")["error"])
+    assert "at 0.3 s, in mm" in written
+    sums = ["−6.131", "timestep", "+4.310", "damping", "+0.001", "interaction", "0", "rounding"]
+    assert written[1:] == [*sums, "−1.820", "total"]
+    earlier = build_figure(STANDARD, Facts("", at_s=0.1))
+    assert texts(axes_of(earlier)["error"])[1] == "−2.044"  # -9.81 * 0.1 / 480 m
+
+
+@pytest.mark.parametrize(("at_s", "shown"), [(0.0, "0 s"), (5.0, "0.45 s"), (None, "0.45 s")])
+def test_a_time_without_terms_becomes_the_nearest_with(at_s: float | None, shown: str) -> None:
+    written = texts(axes_of(build_figure(STANDARD, Facts("", at_s=at_s)))["error"])
+    assert written[0] == f"at {shown}, in mm"
+
+
+def test_impact_and_rest_are_pointed_out() -> None:
+    facts = facts_of(STANDARD)
+    # Semi-implicit Euler with damping, between samples 107 and 108.
+    assert facts.impact_s == pytest.approx(0.44793, abs=1e-5)
+    assert facts.rest_m == STANDARD["simulated_m"][-1]
+    axes = panels("standard")
+    assert texts(axes["height"]) == ["impact at 0.4479 s", "rests at 25.000 mm"]
+    times, heights = line(axes["impact"], "simulated")
+    lowest = int(np.argmin(heights))
+    assert heights[lowest] == pytest.approx(16.18, abs=0.01)  # mm
+    assert times[lowest] == pytest.approx(1e3 * (108 / 240 - facts.impact_s))  # ms
+
+
+def test_without_an_impact_there_is_none() -> None:
+    for name in ("Moon, still in the air", "no floor", "not stepped", "one sample"):
+        facts = facts_of(TABLES[name])
+        assert (facts.impact_s, facts.rest_m) == (None, None)
+        assert "impact" not in panels(name)
+
+
+def test_high_bounces_are_not_covered_by_the_enlargement() -> None:
+    assert "impact" not in panels("bounces")
+
+
+@pytest.mark.parametrize(
+    ("name", "time", "height", "error"),
+    [
+        ("standard", "s", "m", "mm"),
+        ("not stepped", "s", "m", "mm"),
+        ("one sample", "s", "m", "mm"),
+        ("0.1 ms", "µs", "m", "nm"),
+        ("20 km", "s", "km", "km"),
+        ("two samples", "ms", "m", "mm"),
+    ],
+)
+def test_every_axis_has_a_unit_that_fits(name: str, time: str, height: str, error: str) -> None:
+    axes = panels(name)
+    assert axes["error"].get_xlabel() == f"time [{time}]"
+    assert axes["height"].get_ylabel() == f"height of the centre [{height}]"
+    assert axes["error"].get_ylabel() == f"simulated − free fall [{error}]"
+
+
+def test_no_error_is_a_flat_line_in_the_middle() -> None:
+    axes = panels("not stepped")["error"]
+    assert not line(axes, "total")[1].any()
+    assert axes.get_ylim() == (-1, 1)
+
+
+def test_long_runs_are_thinned_but_keep_their_end() -> None:
+    table = TABLES["a long, fine run"]
+    times, _ = line(panels("a long, fine run")["height"], "simulated")
+    assert len(times) == 2000
+    assert times[0] == 0
+    assert times[-1] == table["time_s"][-1]
+
+
+def test_one_thing_has_one_colour() -> None:
+    axes = panels("standard")
+    for label, colour in (("free fall", colours.FREE_FALL), ("simulated", colours.SIMULATED)):
+        for panel in ("height", "impact"):
+            (drawn,) = (one for one in axes[panel].lines if one.get_label() == label)
+            assert drawn.get_color() == colour
+
+
+def test_an_empty_table_is_refused() -> None:
+    with pytest.raises(ValueError, match="at least one sample"):
+        build_figure(STANDARD.clear())
+
+
+@pytest.mark.parametrize(
+    ("value", "decimals", "shown"),
+    [
+        (0.0, 3, "0"),
+        (-6.13125, 3, "−6.131"),
+        (4.3102, 3, "+4.310"),
+        (-2.8e-13, 3, "−3×10⁻¹³"),
+        (6.8e-4, 3, "+0.001"),
+        (1234.5, 0, "+1234"),
+    ],
+)
+def test_numbers_are_signed_and_never_a_false_zero(value: float, decimals: int, shown: str) -> None:
+    assert style.signed(value, decimals) == shown

@@ -1,0 +1,92 @@
+"""Each finding is there when its cause is, with its number, and is not there without it."""
+
+from __future__ import annotations
+
+import re
+
+import polars as pl
+import pytest
+from conftest import Recorder, judge
+
+from pipeline.budget.analysis import analysis_of
+
+BOUNCY = 0.7**0.5
+FAST = {"height_m": 2000.0, "linear_damping": 0.0, "duration_s": 12.0}
+RESTLESS = {"restitution": 1.0, "contact_erp": 0.0, "duration_s": 0.6}
+
+# Code -> a scenario that provokes it, a word of its message, and one that must not.
+CASES: dict[str, tuple[dict[str, object], str, dict[str, object]]] = {
+    "not-stepped": ({"stepped": False}, "241 samples", {}),
+    "no-gravity": ({"gravity_set": False}, "1.0000 m", {}),
+    "no-floor": ({"floor": False}, "-3.5783 m", {}),
+    "default-damping": ({}, "+4.31 mm", {"linear_damping": 0.04}),
+    "no-damping-in-maximal-coordinates": (
+        {"coordinates": "maximal"},
+        "btRigidBody",
+        {"coordinates": "maximal", "linear_damping": 0.0},
+    ),
+    "velocity-clamped": (FAST, "reaches 100", {**FAST, "coordinates": "maximal"}),
+    "refining-hurts": ({}, "1/341 s", {"linear_damping": 0.0}),
+    "deep-penetration": ({}, "8.8 mm", {"timestep_s": 1 / 960}),
+    "rest-below-expected": ({}, "11.98 µm", {"duration_s": 0.3}),
+    "restitution-inflated": (
+        {"restitution": BOUNCY},
+        "0.7 (body × floor)",
+        {"restitution": BOUNCY, "contact_erp": 0.0},
+    ),
+    "bounce-swallowed": (
+        {"restitution": 0.3, "height_m": 0.3},
+        "0.2 m/s",
+        RESTLESS,
+    ),
+    "still-airborne": ({"gravity_m_s2": -1.62}, "0.2057 m", {}),
+}
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_a_finding_names_its_number_and_what_changes_it(recorded: Recorder, code: str) -> None:
+    provoking, number, _ = CASES[code]
+    messages = {one.code: one.message for one in judge(recorded(**provoking)).findings}
+    assert code in messages
+    assert number in messages[code]
+    assert re.search(r"--[a-z]|p\.[a-zA-Z]+", messages[code])
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_a_finding_is_not_there_without_its_cause(recorded: Recorder, code: str) -> None:
+    *_, innocent = CASES[code]
+    assert code not in [one.code for one in judge(recorded(**innocent)).findings]
+
+
+def test_the_three_mistakes_are_told_apart(recorded: Recorder) -> None:
+    mistakes = {"not-stepped": "stepped", "no-gravity": "gravity_set", "no-floor": "floor"}
+    for code, field in mistakes.items():
+        found = {one.code for one in judge(recorded(**{field: False})).findings}
+        assert found & set(mistakes) == {code}
+
+
+@pytest.mark.parametrize(
+    ("column", "step", "by"),
+    [("z_m", 50, 1e-12), ("vz_m_s", 108, 1e-12), ("x_m", 3, 1e-300), ("vy_m_s", 1, -1e-9)],
+)
+def test_an_altered_state_does_not_follow_the_law(
+    recorded: Recorder, column: str, step: int, by: float
+) -> None:
+    recording = recorded()
+    altered = recording.states.with_columns(
+        pl.when(pl.col("step") == step).then(pl.col(column) + by).otherwise(pl.col(column))
+        .alias(column)
+    )  # fmt: skip
+    analysis = analysis_of(recording.scenario, recording.engine, altered)
+    (message,) = [one.message for one in analysis.findings if one.code == "law-mismatch"]
+    assert f"sample {step} " in message
+    assert analysis.coverage.samples == step
+    assert "law-mismatch" not in [one.code for one in judge(recording).findings]
+
+
+def test_an_engine_with_another_law_is_noticed(recorded: Recorder) -> None:
+    """A recording that names the default damping, made with another."""
+    other = recorded(linear_damping=0.05)
+    named = recorded()
+    analysis = analysis_of(named.scenario, named.engine, other.states)
+    assert "law-mismatch" in [one.code for one in analysis.findings]

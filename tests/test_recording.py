@@ -1,0 +1,261 @@
+"""The recording follows its schema, is whole or not there, and is read back to the bit."""
+
+from __future__ import annotations
+
+import subprocess
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from rerun.chunk import Chunk, LazyChunkStream, RrdReader
+
+from pipeline import DropError, Scenario, simulate
+from pipeline.errors import OutputError, RecordingError
+from pipeline.recording import files, schema
+from pipeline.recording.reader import read
+from pipeline.stages.run import Run
+
+
+def chunks_of(path: Path) -> list[Chunk]:
+    return list(RrdReader(path).stream())
+
+
+def table(path: Path, entity: str) -> pl.DataFrame:
+    found = [c for c in chunks_of(path) if c.entity_path == f"/{entity}" and not c.is_static]
+    return pl.concat([pl.DataFrame(pl.from_arrow(c.to_record_batch())) for c in found])
+
+
+def rerun(*arguments: object) -> subprocess.CompletedProcess[str]:
+    spec = find_spec("rerun_cli")
+    assert spec is not None
+    assert spec.origin is not None
+    command = [str(Path(spec.origin).parent / "rerun"), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+# -- the schema -----------------------------------------------------------------------------------
+
+
+def test_state_is_float64_on_an_integer_step(standard: Run) -> None:
+    for entity, columns in schema.STATE.items():
+        rows = table(standard.simulation.recording, entity)
+        assert rows.schema["Scalars:scalars"] == pl.List(pl.Float64)
+        assert rows.schema["sim_step"] == pl.Int64
+        assert rows["sim_step"].to_list() == list(range(241))
+        assert set(rows["Scalars:scalars"].list.len()) == {len(columns)}
+
+
+def test_timelines_are_step_and_time_and_nothing_else(standard: Run) -> None:
+    found = {name for c in chunks_of(standard.simulation.recording) for name in c.timeline_names}
+    assert found == {"sim_step", "sim_time"}
+    rows = table(standard.simulation.recording, "state/position")
+    assert rows["sim_time"].dtype == pl.Duration("ns")
+    assert rows["sim_time"].cast(pl.Int64)[240] == 1_000_000_000
+
+
+def test_theory_stops_at_the_floor_and_stays(standard: Run) -> None:
+    for entity in (schema.HEIGHT_FREE_FALL, schema.HEIGHT_DAMPED_FALL):
+        heights_m = table(standard.simulation.recording, entity)["Scalars:scalars"].explode()
+        assert heights_m.dtype == pl.Float64
+        assert heights_m[0] == 1.0
+        assert heights_m.min() == 0.025
+        assert heights_m[-1] == 0.025
+
+
+def test_the_pose_to_look_at_is_the_state_rounded_to_float32(standard: Run) -> None:
+    poses = table(standard.simulation.recording, schema.BOX)
+    positions = table(standard.simulation.recording, "state/position")
+    shown = np.array([row[0] for row in poses["Transform3D:translation"].to_list()])
+    measured = np.array(positions["Scalars:scalars"].to_list())
+    assert np.array_equal(shown, measured.astype(np.float32))
+
+
+def test_frames_are_png_every_six_steps_seen_through_a_pinhole(standard: Run) -> None:
+    images = table(standard.simulation.recording, schema.IMAGE)
+    assert images["sim_step"].to_list() == list(range(0, 241, 6))
+    assert set(images["EncodedImage:media_type"].explode()) == {"image/png"}
+    static = [c for c in chunks_of(standard.simulation.recording) if c.is_static]
+    camera = {name for c in static if c.entity_path == f"/{schema.CAMERA}"
+              for name in c.to_record_batch().schema.names}  # fmt: skip
+    assert {"Pinhole:image_from_camera", "Pinhole:resolution", "Transform3D:translation"} <= camera
+
+
+def test_the_pinhole_sees_what_pybullets_camera_saw(standard: Run) -> None:
+    """Project the released box's centre through the pinhole, and look for its colour there."""
+    import io
+
+    from PIL import Image
+
+    from pipeline.physics.world import world_from_camera
+    from pipeline.recording.reader import frames
+
+    recording = read(standard.simulation.recording)
+    camera = recording.camera
+    assert camera is not None
+    pixels = np.asarray(Image.open(io.BytesIO(next(iter(frames(recording.path)))[1])))
+    x, y, z, _ = np.linalg.inv(world_from_camera(camera)) @ [0, 0, 1, 1]
+    column = camera.size_px[0] / 2 + camera.focal_length_px * x / -z
+    row = camera.size_px[1] / 2 - camera.focal_length_px * y / -z
+    background = pixels[0, 0]
+    box_rows, box_columns = np.nonzero((pixels[:180] != background).any(axis=2))
+    near = (abs(box_rows - row) < 12) & (abs(box_columns - column) < 12)
+    assert near.any()
+    assert abs(box_rows[near].mean() - row) < 1.5
+    assert abs(box_columns[near].mean() - column) < 1.5
+
+
+def test_properties_hold_every_input_and_what_the_engine_reports(standard: Run) -> None:
+    recording = read(standard.simulation.recording)
+    assert recording.scenario == Scenario()
+    engine = recording.engine
+    assert engine["gravity_m_s2"] == [0.0, 0.0, -9.81]
+    assert engine["timestep_s"] == 1 / 240
+    assert engine["mass_kg"] == 0.1
+    assert engine["inertia_kg_m2"] == [0.000125] * 3
+    assert engine["pybullet_version"] == "3.2.7"
+    for name in ("pybullet_wheel", "numpy_version", "rerun_version", "drop_version"):
+        assert engine[name]
+
+
+def test_about_says_what_it_is(standard: Run) -> None:
+    (about,) = [c for c in chunks_of(standard.simulation.recording) if c.entity_path == "/about"]
+    text = about.to_record_batch().column("TextDocument:text")[0].as_py()[0]
+    assert "cube_small.urdf" in text
+    assert "0.1 kg" in text
+
+
+def test_reruns_own_verification_passes(standard: Run) -> None:
+    for path in (standard.simulation.recording, standard.analysis.layer):
+        done = rerun("rrd", "verify", path)
+        assert done.returncode == 0
+        assert "1 file verified" in done.stdout + done.stderr
+
+
+def test_the_layer_carries_the_recordings_id(standard: Run) -> None:
+    assert standard.analysis.layer is not None
+    (layer,) = RrdReader(standard.analysis.layer).recordings()
+    assert layer.recording_id == standard.simulation.recording_id
+    found = {c.entity_path for c in chunks_of(standard.analysis.layer)}
+    terms = {f"/error/{term}" for term in schema.ERROR_TERMS}
+    assert terms | {"/events", "/findings", "/energy/potential"} <= found
+
+
+# -- whole or not there ---------------------------------------------------------------------------
+
+
+def test_a_failing_run_leaves_the_part_and_no_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> object:
+        raise RuntimeError("the camera fell over")
+
+    monkeypatch.setattr("pipeline.stages.simulate.draw", broken)
+    with pytest.raises(RuntimeError, match="fell over"):
+        simulate(Scenario(), tmp_path / "run.rrd")
+    assert [path.name for path in tmp_path.iterdir()] == ["run.rrd.part"]
+    partial = read(tmp_path / "run.rrd.part")
+    assert partial.partial
+    assert len(partial.states) == 241
+
+
+def test_an_existing_recording_is_kept_unless_forced(tmp_path: Path) -> None:
+    path = tmp_path / "run.rrd"
+    path.write_bytes(b"precious")
+    with pytest.raises(OutputError, match="--force"):
+        simulate(Scenario(), path, camera=None)
+    assert path.read_bytes() == b"precious"
+    simulate(Scenario(), path, camera=None, force=True)
+    assert read(path).scenario == Scenario()
+    assert [one.name for one in tmp_path.iterdir()] == ["run.rrd"]
+
+
+def test_a_recording_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
+    part, path = tmp_path / "run.rrd.part", tmp_path / "run.rrd"
+    part.write_bytes(b"new")
+    path.write_bytes(b"precious")
+    with pytest.raises(OutputError, match="meanwhile"):
+        files._rename(part, path, force=False)
+    assert path.read_bytes() == b"precious"
+
+
+def test_two_writers_of_one_file_are_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "run.rrd"
+    with files.unfinished(path, force=False), pytest.raises(OutputError, match="another process"):
+        simulate(Scenario(), path, camera=None)
+
+
+def test_rows_that_went_missing_are_noticed_before_the_name_is_given(
+    tmp_path: Path, standard: Run
+) -> None:
+    part, path = tmp_path / "run.rrd.part", tmp_path / "run.rrd"
+    part.write_bytes(standard.simulation.recording.read_bytes())
+    with pytest.raises(OutputError, match="lacks rows"):
+        files.seal(part, path, blueprint=None, rows={"/state/position": 242}, force=False)
+    assert not path.exists()
+
+
+# -- reading back ---------------------------------------------------------------------------------
+
+
+def rewritten(source: Path, path: Path, change: object, *, application_id: str = "drop") -> Path:
+    """Write a recording again, each chunk changed by a function that returns a chunk or None."""
+    assert callable(change)
+    chunks = [one for c in chunks_of(source) if (one := change(c)) is not None]
+    LazyChunkStream.from_iter(chunks).write_rrd(
+        path, application_id=application_id, recording_id="rewritten"
+    )
+    return path
+
+
+def test_a_bit_changed_in_the_state_is_noticed(tmp_path: Path, standard: Run) -> None:
+    def nudge(chunk: Chunk) -> Chunk:
+        if chunk.entity_path != "/state/angular_velocity":
+            return chunk
+        import pyarrow as pa
+
+        batch = chunk.to_record_batch()
+        index = batch.schema.get_field_index("Scalars:scalars")
+        rows = batch.column(index).to_pylist()
+        rows[7][1] = float(np.nextafter(rows[7][1], 1))
+        changed = pa.array(rows, type=batch.schema.field(index).type)
+        (one,) = Chunk.from_record_batch(
+            batch.set_column(index, batch.schema.field(index), changed)
+        )
+        return one
+
+    path = rewritten(standard.simulation.recording, tmp_path / "nudged.rrd", nudge)
+    with pytest.raises(RecordingError, match="not the one that was written"):
+        read(path)
+
+
+def test_without_a_change_the_rewritten_recording_reads_the_same(
+    tmp_path: Path, standard: Run
+) -> None:
+    path = rewritten(standard.simulation.recording, tmp_path / "same.rrd", lambda chunk: chunk)
+    assert read(path).states.equals(read(standard.simulation.recording).states)
+
+
+@pytest.mark.parametrize("entity", ["/state/contact", "/__properties/scenario"])
+def test_a_missing_part_is_named(tmp_path: Path, standard: Run, entity: str) -> None:
+    path = rewritten(
+        standard.simulation.recording,
+        tmp_path / "less.rrd",
+        lambda chunk: None if chunk.entity_path == entity else chunk,
+    )
+    with pytest.raises(RecordingError, match=entity.rsplit("/", maxsplit=1)[-1]):
+        read(path)
+
+
+def test_a_recording_of_another_application_is_refused(tmp_path: Path, standard: Run) -> None:
+    path = rewritten(
+        standard.simulation.recording, tmp_path / "x.rrd", lambda c: c, application_id="other"
+    )
+    with pytest.raises(RecordingError, match="'other'"):
+        read(path)
+
+
+def test_every_error_of_ours_is_a_drop_error() -> None:
+    assert issubclass(RecordingError, DropError)
+    assert issubclass(OutputError, DropError)

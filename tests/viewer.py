@@ -1,0 +1,237 @@
+"""Open recordings in the real native Rerun viewer, without a screen, and look at what it shows.
+
+The viewer draws with Mesa's software Vulkan driver and is driven over its own control service, on
+loopback, with a home folder of its own and analytics off.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from rerun.experimental import ViewerClient
+
+Picture = NDArray[np.int64]
+
+EXPECTED_WARNINGS = ("Software rasterizer detected", "inside a Docker container", "XDG_RUNTIME_DIR")
+"""What the viewer says of a machine without a screen, not of a recording."""
+
+BLANK = 0.002
+"""A picture of which a smaller share differs from its commonest colour shows nothing."""
+SAME = 8
+"""Largest difference of a colour channel between two pictures of the same thing."""
+MOVED = 30
+"""Smallest largest difference of a colour channel where something has moved."""
+
+
+def vulkan_driver() -> Path | None:
+    """Return Mesa's software Vulkan driver, or None where it is not installed."""
+    return next(Path("/usr/share/vulkan/icd.d").glob("lvp_icd*.json"), None)
+
+
+def free_port() -> int:
+    """Return a port of loopback that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def isolated(home: Path) -> dict[str, str]:
+    """Return an environment in which Rerun knows nothing of this machine's user, nor counts him."""
+    settings = home / ".config/rerun"
+    settings.mkdir(parents=True, exist_ok=True)
+    environment = os.environ | {
+        "HOME": str(home),
+        "XDG_CONFIG_HOME": str(home / ".config"),
+        "XDG_DATA_HOME": str(home / ".local/share"),
+        "XDG_RUNTIME_DIR": str(home),
+        "RERUN_APP_ONLY": "true",
+        "RUST_LOG": "warn",
+        "NO_COLOR": "1",
+    }
+    subprocess.run(
+        [binary(), "analytics", "disable"], env=environment, check=True, capture_output=True
+    )
+    return environment
+
+
+def binary() -> Path:
+    """Return Rerun's own binary."""
+    spec = find_spec("rerun_cli")
+    assert spec is not None
+    assert spec.origin is not None
+    return Path(spec.origin).parent / "rerun"
+
+
+class Viewer:
+    """A viewer without a screen, started with files as a user would; use it in a `with` statement."""
+
+    def __init__(self, *files: Path, size: str = "1200x750") -> None:
+        self._home = tempfile.TemporaryDirectory()
+        environment = isolated(Path(self._home.name))
+        self.url = f"rerun+http://127.0.0.1:{free_port()}/proxy"
+        port = self.url.rsplit(":", 1)[1].removesuffix("/proxy")
+        self._log = Path(self._home.name, "viewer.log")
+        with self._log.open("w") as log:
+            self.process = subprocess.Popen(
+                [binary(), *files, "--headless", "--renderer", "vulkan", "--bind", "127.0.0.1",
+                 "--port", port, "--window-size", size, "--hide-welcome-screen"],
+                env=environment, stdout=log, stderr=subprocess.STDOUT,
+            )  # fmt: skip
+        self.client = self._connected()
+        if files:
+            self._wait_until_loaded()
+
+    def _connected(self) -> ViewerClient:
+        deadline = time.monotonic() + 30
+        while True:
+            if self.process.poll() is not None:
+                raise RuntimeError(f"the viewer died at start: {self._log.read_text()[-800:]}")
+            try:
+                client = ViewerClient.connect(self.url)
+                client.get_state()
+            except Exception:  # noqa: BLE001 - whatever it says while it is starting
+                if time.monotonic() > deadline:
+                    self.close()
+                    raise
+                time.sleep(0.1)
+            else:
+                return client
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the viewer."""
+        self.process.send_signal(signal.SIGTERM)
+        try:
+            self.process.wait(5)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self._home.cleanup()
+
+    # -- what is open -------------------------------------------------------------------------------
+
+    def _wait_until_loaded(self, *, seconds: float = 20) -> None:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline and not self.warnings():
+            state = self.client.get_state()
+            if state.active_recording and state.views and not state.loading:
+                break
+            time.sleep(0.1)
+
+    def warnings(self) -> list[str]:
+        """Return what the viewer complained of."""
+        return [
+            f"{entry.level}: {entry.message}"
+            for entry in self.client.get_logs()
+            if entry.level in ("WARN", "ERROR")
+            and not any(known in entry.message for known in EXPECTED_WARNINGS)
+        ]
+
+    def set_time(self, time_s: float) -> None:
+        """Put the time cursor somewhere, and let it rest there."""
+        self.client.set_time("sim_time", duration=time_s, play_state="paused")
+
+    # -- pictures -------------------------------------------------------------------------------------
+
+    def picture(self, view_id: str | None = None) -> Picture:
+        """Return the window or one view as RGB, shape (height, width, 3)."""
+        return decoded(self.client.take_screenshot(view_id))
+
+    def settled(self, *, seconds: float = 20) -> bytes:
+        """Return a PNG of the window once two in a row are the same: chunks load when needed."""
+        deadline = time.monotonic() + seconds
+        png = self.client.take_screenshot()
+        while time.monotonic() < deadline and not self.warnings():
+            time.sleep(0.2)
+            last, png = png, self.client.take_screenshot()
+            before, now = decoded(last), decoded(png)
+            if before.shape == now.shape and np.abs(before - now).max() < SAME:
+                break
+        return png
+
+
+def decoded(png: bytes) -> Picture:
+    """Return a PNG as RGB, shape (height, width, 3)."""
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(np.int64)
+
+
+def is_blank(picture: Picture) -> bool:
+    """Whether a picture is one colour but for next to nothing."""
+    colours = (picture // 8) @ (1 << 16, 1 << 8, 1)
+    _, counts = np.unique(colours, return_counts=True)
+    return bool(1 - counts.max() / counts.sum() < BLANK)
+
+
+def complaints(
+    viewer: Viewer,
+    *,
+    views: Mapping[str, bool],
+    times_s: Sequence[float] = (0.0, 0.3, 0.8),
+) -> list[str]:
+    """Look at every view of the one recording that is open at some times; say what is wrong.
+
+    Parameters
+    ----------
+    viewer
+        The viewer, started with a recording and perhaps its layers.
+    views
+        The name of every view that there must be, and whether it must change with time.
+    times_s
+        Times to look at [s].
+    """
+    state = viewer.client.get_state()
+    found: list[str] = []
+    if len(state.recordings) != 1:
+        return [f"{len(state.recordings)} recordings", *viewer.warnings()]
+    recording = state.recordings[0]
+    if {timeline.name for timeline in recording.timelines} != {"sim_step", "sim_time"}:
+        found.append(f"timelines {[timeline.name for timeline in recording.timelines]}")
+    if recording.current_timeline != "sim_time":
+        found.append(f"opens on timeline {recording.current_timeline}")
+    if sorted(view.name for view in state.views) != sorted(views):
+        found.append(f"views {sorted(view.name for view in state.views)}")
+    shots: dict[str, list[Picture]] = {view.name: [] for view in state.views}
+    for time_s in times_s:
+        viewer.set_time(time_s)
+        viewer.settled()
+        for view in state.views:
+            picture = viewer.picture(view.view_id)
+            shots[view.name].append(picture)
+            if is_blank(picture):
+                found.append(f"{view.name} is blank at {time_s:g} s")
+    for name, pictures in shots.items():
+        pairs = zip(pictures, pictures[1:], strict=False)
+        if views.get(name) and any(np.abs(one - two).max() < MOVED for one, two in pairs):
+            found.append(f"{name} does not change with time")
+    for view in viewer.client.get_state().views:
+        if not view.visible:
+            found.append(f"{view.name} is not visible")
+        found += [f"{view.name} reports {one.severity}: {one.summary}" for one in view.reports]
+    if viewer.process.poll() is not None:
+        found.append(f"the viewer died with {viewer.process.returncode}")
+    return [*dict.fromkeys(found), *viewer.warnings()]
