@@ -51,16 +51,26 @@ def _drop(
 def simulate(
     *,
     out: Annotated[Path, typer.Option(metavar="RUN.rrd", help="The recording to write.")],
+    spawn: Annotated[bool, typer.Option("--spawn", help="Show the fall live in a viewer.")] = False,
+    connect: Annotated[
+        str | None,
+        typer.Option(metavar="URL", help="Show it live in a viewer that is open already."),
+    ] = None,
     force: Force = False,
     json: Json = False,
     scenario: Scenario,
     camera: Camera | None,
 ) -> None:
     """Drop the body, and put everything that happens into one recording."""
+    from pipeline.stages import view
     from pipeline.stages.simulate import simulate
 
+    viewer = view.spawn if spawn else None if connect is None else view.connection(connect)
     with output.progress() as progress:
-        simulation = simulate(scenario, out, camera=camera, force=force, progress=progress)
+        simulation = simulate(
+            scenario, out, camera=camera, force=force,
+            viewer=viewer, note=output.note, progress=progress,
+        )  # fmt: skip
     show_drop.show_simulation(simulation, as_json=json)
 
 
@@ -133,6 +143,49 @@ def run(
             scenario, out_dir, camera=camera, at_s=times(at or []), fps=fps, progress=progress
         )
     show_drop.show_run(whole, as_json=json)
+
+
+@app.command(epilog="Example: drop check run.rrd --against recordings/golden/standard.rrd")
+def check(
+    run: Run,
+    *,
+    against: Annotated[
+        Path, typer.Option(metavar="GOLDEN.rrd", help="The recording that is right.")
+    ],
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            metavar="METRES",
+            help="Difference to let pass; 0 is bit for bit in the air, 1e-9 m in contact.",
+        ),
+    ] = 0.0,
+    update: Annotated[
+        bool, typer.Option("--update", help="Make RUN.rrd the golden recording.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Compare a recording with a golden one: the same physics? Exit 3 where it is not."""
+    from pipeline.console.show_check import show_check
+    from pipeline.stages.check import check
+
+    checked = check(run, against, tolerance_m=tolerance, update=update)
+    raise typer.Exit(show_check(checked, as_json=json))
+
+
+@app.command(epilog="Example: drop view recordings/run.rrd")
+def view(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN.rrd …", help="What to look at.")],
+    *,
+    web: Annotated[bool, typer.Option("--web", help="Look at it in a browser.")] = False,
+    json: Json = False,
+) -> None:
+    """Look at recordings in Rerun's viewer, with their analysis; ends when it is closed."""
+    from pipeline.console.show_view import show_view
+    from pipeline.stages import view
+
+    shown = view.view(runs, web=web)
+    show_view(shown, as_json=json)
+    view.show(shown)
 
 
 def main() -> None:

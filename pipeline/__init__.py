@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from pipeline.scenario import Camera as Camera
     from pipeline.scenario import Scenario as Scenario
     from pipeline.stages.analyze import analyze as analyze
+    from pipeline.stages.check import Check as Check
+    from pipeline.stages.check import check as check
     from pipeline.stages.render import Rendering as Rendering
     from pipeline.stages.render import render as render
     from pipeline.stages.run import Run as Run
@@ -35,6 +37,8 @@ _HOMES = {
     "Simulation": "pipeline.stages.simulate",
     "analyze": "pipeline.stages.analyze",
     "Analysis": "pipeline.budget.results",
+    "check": "pipeline.stages.check",
+    "Check": "pipeline.stages.check",
     "render": "pipeline.stages.render",
     "Rendering": "pipeline.stages.render",
     "run": "pipeline.stages.run",

@@ -7,11 +7,15 @@ ever parsed, never evaluated.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Any, Self
+from numbers import Integral, Real
+from types import UnionType
+from typing import Any, Literal, Self, get_args, get_origin, get_type_hints
 
 from pipeline.errors import ScenarioError
 
@@ -65,6 +69,11 @@ def text(value: str) -> str:
     return value
 
 
+def exact(value: object) -> str:
+    """Write a value so that reading it gives the same to the last bit: the other way of parsing."""
+    return ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)
+
+
 def times(texts: Sequence[str]) -> list[float]:
     """Read the times of `--at` [s].
 
@@ -100,6 +109,35 @@ class Option:
         """Whether giving the option switches the field off."""
         return self.name.startswith("--no-")
 
+    def read(self, raw: str) -> Any:  # noqa: ANN401
+        """Read one value; `default` is None where the engine has a value of its own.
+
+        Raises
+        ------
+        ScenarioError
+            If the text cannot be read.
+        """
+        if self.default == raw == "default":
+            return None
+        try:
+            return self.parse(raw)
+        except ScenarioError as error:
+            raise ScenarioError(f"{self.name} takes {error}, got {shown(raw)}") from None
+
+    def read_list(self, raw: str) -> tuple[Any, ...]:
+        """Read values separated by commas, or by semicolons where values have commas of their own.
+
+        Raises
+        ------
+        ScenarioError
+            If one of them cannot be read, or lies outside the domain.
+        """
+        by_semicolon = self.parse is vector or ";" in raw
+        values = tuple(self.read(one.strip()) for one in raw.split(";" if by_semicolon else ","))
+        for value in values:
+            self.check(value)
+        return values
+
     def domain(self) -> str:
         """Say which values are allowed."""
         if math.isinf(self.low) and math.isinf(self.high):
@@ -112,7 +150,20 @@ class Option:
     def contains(self, value: float) -> bool:
         """Whether a number lies in the domain; nan never does."""
         above_low = value > self.low if self.above else value >= self.low
-        return math.isfinite(value) and above_low and value <= self.high
+        return above_low and value <= self.high and abs(value) <= sys.float_info.max
+
+    def check(self, value: object) -> None:
+        """Make sure that the numbers in a value lie in the domain.
+
+        Raises
+        ------
+        ScenarioError
+            If one lies outside it.
+        """
+        for one in value if isinstance(value, tuple) else (value,):
+            is_number = isinstance(one, int | float) and not isinstance(one, bool)
+            if is_number and not self.contains(one):
+                raise ScenarioError(f"{self.name} must be {self.domain()}, got {shown(one)}")
 
 
 def option(
@@ -159,25 +210,73 @@ class Optioned:
             raw = given.get(name)
             if isinstance(raw, bool):
                 values[name] = raw
-            elif raw is not None and not (spec.default == "default" and raw == "default"):
-                try:
-                    values[name] = spec.parse(raw)
-                except ScenarioError as error:
-                    raise ScenarioError(f"{spec.name} takes {error}, got {raw!r}") from None
+            elif raw is not None:
+                values[name] = spec.read(raw)
         return cls(**values)
 
     def check_domains(self) -> None:
-        """Check every number against its field's domain.
+        """Check every value's type and domain; a whole number becomes a float where one belongs.
 
         Raises
         ------
         ScenarioError
-            If one lies outside it.
+            If one is of another type, or lies outside its domain.
         """
+        hints = _hints(type(self))
         for name, spec in self.options().items():
-            value = getattr(self, name)
-            numbers = value if isinstance(value, tuple) else (value,)
-            for one in numbers:
-                is_number = isinstance(one, int | float) and not isinstance(one, bool)
-                if is_number and not spec.contains(one):
-                    raise ScenarioError(f"{spec.name} must be {spec.domain()}, got {one!r}")
+            given = getattr(self, name)
+            try:
+                value = _of_kind(given, hints[name])
+            except (TypeError, OverflowError):
+                raise ScenarioError(
+                    f"{spec.name} must be {_kind(hints[name])}, got {shown(given)}"
+                ) from None
+            spec.check(value)
+            object.__setattr__(self, name, value)  # frozen for everybody else
+
+
+# -- types ----------------------------------------------------------------------------------------
+
+
+def shown(value: object) -> str:
+    """Return a value as an error quotes it: not longer than a line takes."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to write out a number of some thousand digits
+        text = "a number too long to write"
+    return text if len(text) <= 120 else f"{text[:100]}…{text[-10:]}"
+
+
+@functools.cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)  # evaluates every annotation, in ten times what the checks take
+
+
+def _of_kind(value: Any, hint: Any) -> Any:  # noqa: ANN401
+    """Return a value as the type that a field is declared with; TypeError if it is of another."""
+    arguments = get_args(hint)
+    if get_origin(hint) is Literal:
+        if value in arguments:
+            return value
+    elif isinstance(hint, UnionType):  # of one type and None
+        return None if value is None else _of_kind(value, arguments[0])
+    elif get_origin(hint) is tuple:
+        if isinstance(value, tuple | list) and len(value) == len(arguments):
+            return tuple(map(_of_kind, value, arguments))
+    elif hint in (bool, str) or isinstance(value, bool):
+        if isinstance(value, hint):
+            return value
+    elif isinstance(value, Real if hint is float else Integral):
+        return hint(value)
+    raise TypeError
+
+
+def _kind(hint: Any) -> str:  # noqa: ANN401
+    arguments = get_args(hint)
+    if get_origin(hint) is Literal:
+        return " or ".join(arguments)
+    if isinstance(hint, UnionType):
+        return _kind(arguments[0])
+    if get_origin(hint) is tuple:
+        return f"{len(arguments)} times {_kind(arguments[0])}"
+    return {float: "a number", int: "a whole number", bool: "True or False", str: "text"}[hint]

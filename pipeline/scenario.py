@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 from pipeline.errors import ScenarioError
-from pipeline.fields import Optioned, Vector, integer, number, option, size, vector
+from pipeline.fields import Optioned, Vector, integer, number, option, shown, size, vector
 
 Coordinates = Literal["reduced", "maximal"]
 Renderer = Literal["tiny", "egl"]
@@ -109,11 +109,8 @@ class Scenario(Optioned):
 
     def __post_init__(self) -> None:
         self.check_domains()
-        if self.coordinates not in get_args(Coordinates):
-            choices = " or ".join(get_args(Coordinates))
-            raise ScenarioError(f"--coordinates must be {choices}, got {self.coordinates!r}")
         if not self.body or "\0" in self.body:
-            raise ScenarioError(f"--body must name a URDF file, got {self.body!r}")
+            raise ScenarioError(f"--body must name a URDF file, got {shown(self.body)}")
         ratio = self.duration_s / self.timestep_s
         if ratio > MAX_STEPS:
             raise ScenarioError(
@@ -165,9 +162,6 @@ class Camera(Optioned):
 
     def __post_init__(self) -> None:
         self.check_domains()
-        if self.renderer not in get_args(Renderer):
-            choices = " or ".join(get_args(Renderer))
-            raise ScenarioError(f"--renderer must be {choices}, got {self.renderer!r}")
 
     @property
     def focal_length_px(self) -> float:

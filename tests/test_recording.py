@@ -151,7 +151,7 @@ def test_a_failing_run_leaves_the_part_and_no_recording(
     def broken(*_: object) -> object:
         raise RuntimeError("the camera fell over")
 
-    monkeypatch.setattr("pipeline.stages.simulate.draw", broken)
+    monkeypatch.setattr("pipeline.physics.pictures.Photographer.draw", broken)
     with pytest.raises(RuntimeError, match="fell over"):
         simulate(Scenario(), tmp_path / "run.rrd")
     assert [path.name for path in tmp_path.iterdir()] == ["run.rrd.part"]

@@ -13,11 +13,12 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,8 @@ BLANK = 0.002
 """A picture of which a smaller share differs from its commonest colour shows nothing."""
 SAME = 8
 """Largest difference of a colour channel between two pictures of the same thing."""
+COLOURED = 20
+"""Fewest pixels of a colour that something has."""
 MOVED = 30
 """Smallest largest difference of a colour channel where something has moved."""
 
@@ -187,10 +190,25 @@ def is_blank(picture: Picture) -> bool:
     return bool(1 - counts.max() / counts.sum() < BLANK)
 
 
+class Look(NamedTuple):
+    """What a view must look like."""
+
+    moves: bool
+    """Whether it must change with time."""
+    colours: Collection[str] = ()
+    """Colours that must be seen in it, as `#rrggbb`."""
+
+
+def has_colour(picture: Picture, colour: str) -> bool:
+    """Whether some pixels of a picture have a colour: a curve, or its dot in the legend."""
+    rgb = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+    return int((np.abs(picture - rgb).max(axis=2) < SAME).sum()) > COLOURED
+
+
 def complaints(
     viewer: Viewer,
     *,
-    views: Mapping[str, bool],
+    views: Mapping[str, Look],
     times_s: Sequence[float] = (0.0, 0.3, 0.8),
 ) -> list[str]:
     """Look at every view of the one recording that is open at some times; say what is wrong.
@@ -200,7 +218,7 @@ def complaints(
     viewer
         The viewer, started with a recording and perhaps its layers.
     views
-        The name of every view that there must be, and whether it must change with time.
+        The name of every view that there must be, and how it must look.
     times_s
         Times to look at [s].
     """
@@ -215,6 +233,11 @@ def complaints(
         found.append(f"opens on timeline {recording.current_timeline}")
     if sorted(view.name for view in state.views) != sorted(views):
         found.append(f"views {sorted(view.name for view in state.views)}")
+    known = viewer.client.get_recording_schema(recording.store_id, paths_only=True).entities
+    for view in state.views:
+        origin = f"/{view.origin.strip('/')}"
+        if not any(f"{one.entity_path}/".startswith(f"{origin}/") for one in known):
+            found.append(f"{view.name} looks at {view.origin}, where nothing is")
     shots: dict[str, list[Picture]] = {view.name: [] for view in state.views}
     for time_s in times_s:
         viewer.set_time(time_s)
@@ -224,10 +247,15 @@ def complaints(
             shots[view.name].append(picture)
             if is_blank(picture):
                 found.append(f"{view.name} is blank at {time_s:g} s")
-    for name, pictures in shots.items():
-        pairs = zip(pictures, pictures[1:], strict=False)
-        if views.get(name) and any(np.abs(one - two).max() < MOVED for one, two in pairs):
+    for name in shots.keys() & views.keys():
+        look, pictures = views[name], shots[name]
+        if look.moves and any(np.abs(a - b).max() < MOVED for a, b in pairwise(pictures)):
             found.append(f"{name} does not change with time")
+        found += [
+            f"{name} shows nothing in {colour}"
+            for colour in look.colours
+            if not any(has_colour(picture, colour) for picture in pictures)
+        ]
     for view in viewer.client.get_state().views:
         if not view.visible:
             found.append(f"{view.name} is not visible")

@@ -16,7 +16,7 @@ from pipeline.budget.decomposition import Decomposition, decompose
 from pipeline.budget.energy import ledger
 from pipeline.budget.findings import Evidence, findings
 from pipeline.budget.landing import (
-    contact_law_heights,
+    contact_law_path,
     find_bounces,
     find_contact,
     find_impact,
@@ -85,12 +85,12 @@ def analysis_of(
     parts = decompose(fall, samples.height_m[: coverage.samples], timestep_s=timestep_s)
     energies = _mechanics(engine, samples, fall)
     table = _table(scenario, engine, fall, found, samples, parts, energies)
-    at = [_moment(table, step) for step in _steps_at(at_s, scenario, coverage.samples)]
+    at = [_moment(table, step) for step in _steps_at(at_s, scenario, coverage)]
 
-    law_m = contact_law_heights(scenario, engine, fall, steps=found.samples - 1)
+    law = contact_law_path(scenario, engine, fall, steps=found.samples - 1)
+    law_m = None if law is None else law[0]
     impact = find_impact(scenario, engine, fall, found, samples.height_m, samples.velocity_m_s)
-    bounces = find_bounces(scenario, engine, fall, samples.height_m,
-                           samples.velocity_m_s[:, 2], samples.contact_points)  # fmt: skip
+    bounces = find_bounces(scenario, engine, fall, samples.height_m, samples.velocity_m_s[:, 2])
     rest = find_rest(engine, found, samples.height_m, law_m)
     evidence = Evidence(
         scenario=scenario,
@@ -239,16 +239,17 @@ def _table(
     )
 
 
-def _steps_at(at_s: Sequence[float], scenario: Scenario, covered: int) -> list[int]:
+def _steps_at(at_s: Sequence[float], scenario: Scenario, coverage: Coverage) -> list[int]:
     """Return the samples nearest to the times asked for, or the default one."""
-    end_s = scenario.steps * scenario.timestep_s
+    last, covered = coverage.of - 1, coverage.samples
+    end_s = last * scenario.timestep_s
     for time_s in at_s:
         if not 0 <= time_s <= end_s * (1 + 1e-12):
             raise ScenarioError(
                 f"--at must lie within the recording, 0 to {end_s:g} s, got {time_s:g}"
             )
     if at_s:
-        return [min(scenario.steps, round(time_s / scenario.timestep_s)) for time_s in at_s]
+        return [min(last, round(time_s / scenario.timestep_s)) for time_s in at_s]
     if covered == 0:
         return []
     standard = round(DEFAULT_AT_S / scenario.timestep_s)

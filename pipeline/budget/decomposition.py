@@ -33,18 +33,22 @@ class Decomposition:
     rounding_m: Float64
 
 
-def decompose(fall: Fall, simulated_m: Float64, *, timestep_s: float) -> Decomposition:
-    """Take apart simulated minus free-fall height, sample by sample from the release on.
+def decompose(
+    fall: Fall, simulated_m: Float64, *, timestep_s: float, first: int = 0
+) -> Decomposition:
+    """Take apart simulated minus free-fall height, sample by sample.
 
     Parameters
     ----------
     fall
         The release and the air: what the simulation was told to do.
     simulated_m
-        Simulated heights of consecutive steps, the first at the release [m], shape (samples,).
-        All of them must be in the air.
+        Simulated heights of consecutive samples [m], shape (samples,). All of them must be in the
+        air.
     timestep_s
         Timestep [s].
+    first
+        Step number of the first of them; 0 is the release.
 
     Returns
     -------
@@ -52,11 +56,12 @@ def decompose(fall: Fall, simulated_m: Float64, *, timestep_s: float) -> Decompo
     """
     if not len(simulated_m):
         return Decomposition(*[np.empty(0)] * len(fields(Decomposition)))
-    time_s = np.arange(len(simulated_m), dtype=np.float64) * timestep_s
+    last = first + len(simulated_m) - 1
+    time_s = np.arange(first, last + 1, dtype=np.float64) * timestep_s
     free_fall_m = theory.free_fall_height(fall, time_s)
     timestep_m = theory.timestep_displacement(fall, time_s, timestep_s)
     damping_m = theory.damping_displacement(fall, time_s)
-    law_m = bullet_law.airborne_exact(fall, timestep_s=timestep_s, steps=len(simulated_m) - 1)
+    law_m = bullet_law.airborne_exact(fall, timestep_s=timestep_s, steps=last, first=first)
     explained_m = free_fall_m + timestep_m + damping_m
     return Decomposition(
         free_fall_m=free_fall_m,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.budget.landing import pair_restitution
 from pipeline.budget.phases import Phases
 from pipeline.budget.results import Bounce, Finding, Impact, Moment, Rest
 from pipeline.physics.bullet_law import MAX_COORDINATE_VELOCITY_M_S
@@ -177,7 +178,7 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
 
 
 def _bounces(e: Evidence) -> Iterator[Finding]:
-    asked = e.engine["restitution"] * e.engine.get("floor_restitution", 0.0)
+    asked = pair_restitution(e.engine)
     if asked == 0 or e.impact is None:
         return
     for number, bounce in enumerate(e.bounces, start=1):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.budget.phases import Phases, crossing_time
 from pipeline.budget.results import Bounce, Contact, Impact, Rest, RestTerms
 from pipeline.physics import contact_law, theory
-from pipeline.physics.contact_law import CONTACT_SLOP_M, DEFAULT_CONTACT_ERP
+from pipeline.physics.contact_law import CONTACT_ERP, CONTACT_SLOP_M
 from pipeline.physics.theory import Fall
 from pipeline.scenario import Scenario
 
@@ -46,30 +46,34 @@ def find_impact(
     )
 
 
-def contact_law_heights(
-    scenario: Scenario, engine: Mapping[str, Any], fall: Fall, *, steps: int
-) -> Float64 | None:
-    """Return the heights that the contact law predicts, shape (steps + 1,).
+def contact_law_path(
+    scenario: Scenario,
+    engine: Mapping[str, Any],
+    fall: Fall,
+    *,
+    steps: int,
+    contact_erp: float | None = None,
+) -> tuple[Float64, Float64] | None:
+    """Return the heights and vertical velocities of the contact law, shape (steps + 1,) each.
 
-    None where the law does not hold: it is that of one rigid box in reduced coordinates that lands
-    flat, without spin or sideways velocity.
+    None where the law does not hold: it is that of one rigid box that lands flat, without spin or
+    sideways velocity. `contact_erp` is tried instead of the scenario's.
     """
     flat = not any((*scenario.velocity_m_s[:2], *scenario.spin_rad_s))
     rigid_box = engine["shape"] == "box" and not engine["joints"]
     if not (flat and rigid_box and scenario.floor and scenario.stepped):
         return None
-    if scenario.coordinates != "reduced":
-        return None
-    heights_m, _ = contact_law.flat_drop(
+    if contact_erp is None:
+        contact_erp = CONTACT_ERP if scenario.contact_erp is None else scenario.contact_erp
+    return contact_law.flat_drop(
         fall,
         timestep_s=scenario.timestep_s,
         steps=steps,
         mass_kg=engine["mass_kg"],
         rest_height_m=engine["rest_height_m"],
-        restitution=engine["restitution"] * engine["floor_restitution"],
-        contact_erp=_contact_erp(scenario),
+        restitution=pair_restitution(engine),
+        contact_erp=contact_erp,
     )
-    return heights_m
 
 
 def find_contact(found: Phases, height_m: Float64, law_m: Float64 | None) -> Contact | None:
@@ -105,47 +109,47 @@ def find_bounces(
     fall: Fall,
     height_m: Float64,
     vertical_m_s: Float64,
-    contact_points: Float64,
 ) -> list[Bounce]:
-    """Return the rebounds that leave the floor again, in order.
+    """Return the rebounds that leave the floor again, beside what restitution alone would give.
 
-    Each argument array has shape (samples,). A rebound that rises by less than it would in one step
-    of settling is none: only those faster than the restitution threshold count.
+    Heights and vertical velocities have shape (samples,).
     """
-    asked = engine["restitution"] * engine.get("floor_restitution", 0.0)
-    if asked == 0 or fall.gravity_m_s2 >= 0:
+    asked = pair_restitution(engine)
+    if asked == 0 or fall.gravity_m_s2 >= 0 or not scenario.floor:
         return []
-    gravity = -fall.gravity_m_s2
-    fallen_m = fall.height_m - engine["rest_height_m"] + fall.velocity_m_s[2] ** 2 / (2 * gravity)
-    touching = contact_points > 0
-    landings = np.flatnonzero(touching[1:] & ~touching[:-1]) + 1
-    bounces: list[Bounce] = []
-    for landing in landings:
-        leaves = int(landing + np.argmin(touching[landing:])) if not touching[landing:].all() else 0
-        if not leaves:
-            break
-        approach = float(-vertical_m_s[landing - 1]) + gravity * scenario.timestep_s
-        rebound = float(vertical_m_s[landing:leaves].max())
-        if rebound <= 0:
-            continue
-        later = np.flatnonzero(touching[leaves:])
-        until = leaves + int(later[0]) if len(later) else len(height_m)
-        apex = leaves + int(np.argmax(height_m[leaves:until]))
-        seen = apex < len(height_m) - 1
-        number = len(bounces) + 1
-        bounces.append(
-            Bounce(
-                step=leaves,
-                approach_m_s=approach,
-                rebound_m_s=rebound,
-                effective_restitution=rebound / approach,
-                apex_m=float(height_m[apex]) - engine["rest_height_m"] if seen else None,
-                predicted_apex_m=asked ** (2 * number) * fallen_m,
-                correction_m_s=rebound - asked * approach,
-            )
+
+    def bounces(heights_m: Float64, velocities_m_s: Float64) -> list[contact_law.Bounce]:
+        return contact_law.bounces(
+            heights_m,
+            velocities_m_s,
+            fall,
+            timestep_s=scenario.timestep_s,
+            mass_kg=engine["mass_kg"],
+            rest_height_m=engine["rest_height_m"],
         )
-    return bounces
+
+    found = bounces(height_m, vertical_m_s)
+    # A throw, up or down, arrives as fast as a drop from v²/2g higher.
+    thrown_m = fall.velocity_m_s[2] ** 2 / (-2 * fall.gravity_m_s2)
+    drop_height_m = fall.height_m - engine["rest_height_m"] + thrown_m
+    predicted_m = contact_law.rebound_heights(drop_height_m, asked, len(found))
+    plain = contact_law_path(scenario, engine, fall, steps=len(height_m) - 1, contact_erp=0.0)
+    uncorrected = [] if plain is None else bounces(*plain)
+    return [
+        Bounce(
+            step=one.step,
+            approach_m_s=one.approach_m_s,
+            rebound_m_s=one.rebound_m_s,
+            effective_restitution=one.restitution,
+            apex_m=one.apex_m,
+            predicted_apex_m=float(predicted_m[number]),
+            uncorrected_apex_m=uncorrected[number].apex_m if number < len(uncorrected) else None,
+            correction_m_s=one.rebound_m_s - asked * one.approach_m_s,
+        )
+        for number, one in enumerate(found)
+    ]
 
 
-def _contact_erp(scenario: Scenario) -> float:
-    return DEFAULT_CONTACT_ERP if scenario.contact_erp is None else scenario.contact_erp
+def pair_restitution(engine: Mapping[str, Any]) -> float:
+    """Return the restitution of body and floor together: the product of the two."""
+    return float(engine["restitution"] * engine.get("floor_restitution", 0.0))

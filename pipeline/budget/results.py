@@ -85,14 +85,16 @@ class Bounce:
     """One rebound, recorded and predicted."""
 
     step: int
-    """Sample in which the body leaves the floor."""
+    """The last sample in free fall before it."""
     approach_m_s: float
     rebound_m_s: float
     effective_restitution: float
-    apex_m: float | None
-    """Highest point above the rest height; None where the recording ends before it."""
+    apex_m: float
+    """Highest point above the rest height before the next contact, or the recording's end."""
     predicted_apex_m: float
     """The same by theory: restitution to the power of twice the bounce's number, times the fall."""
+    uncorrected_apex_m: float | None
+    """The same by the contact law without position correction, that is with `--contact-erp 0`."""
     correction_m_s: float
     """Speed that the position correction added to restitution × approach."""
 
@@ -159,6 +161,8 @@ class Analysis:
     recording: Path | None = None
     layer: Path | None = None
     """The recording that was analyzed and the layer that shows it, where they are files."""
+    partial: bool = False
+    """Whether the recording was never finished: this is the analysis of what there is of it."""
 
     def as_json(self) -> dict[str, Any]:
         """Return all but the table as the contract's JSON object; what does not exist is null."""

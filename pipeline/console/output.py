@@ -43,6 +43,11 @@ def print_json(value: dict[str, Any]) -> None:
     print(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
 
 
+def note(sentence: str) -> None:
+    """Say something that is worth knowing but no error, on standard error."""
+    print(f"drop: {sentence}", file=sys.stderr)
+
+
 def print_lines(*lines: str) -> None:
     """Print lines with Rich's markup: coloured on a terminal, plain in a pipe, never wrapped."""
     from rich.console import Console

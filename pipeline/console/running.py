@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import io
 import os
 import signal
 import sys
@@ -22,10 +25,12 @@ def run(app: typer.Typer) -> int:
 
     With `DROP_DEBUG=1` the traceback is shown instead.
     """
+    _open_closed_streams()
     received: list[int] = []
 
     def stop(number: int, _: object) -> None:
         received.append(number)
+        signal.signal(number, signal.SIG_DFL)  # whoever asks again wants it at once
         raise Stopped
 
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -33,18 +38,44 @@ def run(app: typer.Typer) -> int:
     try:
         code = app(standalone_mode=False)
         sys.stdout.flush()
-    except BrokenPipeError:
-        # Whoever read us has gone: nothing is wrong here, and Python must not complain at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (BrokenPipeError, SystemExit):
+        # Whoever read us has gone: nothing is wrong here. Click and Rich turn that into an exit.
+        _give_up_standard_output()
         return 141
-    except (Exception, Stopped) as error:  # noqa: BLE001 - this is where errors end
+    except (Exception, Stopped) as error:
         if os.environ.get("DROP_DEBUG") == "1":
             raise
         # A signal that arrives inside a library may come out as that library's own error.
         said, code = _stopped(received[0]) if received else _verdict(error)
         line = "; ".join([said, *getattr(error, "__notes__", [])])
-        print(f"drop: {' '.join(line.split())}", file=sys.stderr)
+        with contextlib.suppress(OSError):
+            print(f"drop: {' '.join(line.split())}", file=sys.stderr)
+        _give_up_standard_output()
     return code if isinstance(code, int) else 0
+
+
+def _open_closed_streams() -> None:
+    """Open what was closed before we came (`>&-`): else a recording gets its number, and its text.
+
+    What an encoding cannot say is written as an escape, which is valid in JSON too.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: this one
+            setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _give_up_standard_output() -> None:
+    """Send what is still buffered nowhere, so that Python does not complain of it at exit."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _stopped(number: int) -> tuple[str, int]:
@@ -57,6 +88,8 @@ def _verdict(error: BaseException) -> tuple[str, int]:
 
     if isinstance(error, DropError):
         return str(error), error.exit_code
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
+        return "standard output cannot be written: no space left; send it elsewhere", 1
     if isinstance(error, typer.TyperException):
         return f"{error.format_message()}; see: drop --help", error.exit_code
     return f"{type(error).__name__}: {error}; DROP_DEBUG=1 shows where", 1

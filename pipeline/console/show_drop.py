@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from pipeline.console.output import millimetres, print_json, print_lines
+from pipeline.console.output import millimetres, note, print_json, print_lines
 from pipeline.fields import fraction
 
 if TYPE_CHECKING:
@@ -28,6 +28,11 @@ def show_simulation(simulation: Simulation, *, as_json: bool) -> None:
 
 def show_analysis(analysis: Analysis, *, as_json: bool) -> None:
     """Print what `analyze` found."""
+    if analysis.partial:
+        note(
+            f"{analysis.recording} was never finished: this is the analysis of the "
+            f"{len(analysis.table):,} samples that it holds, and nothing vouches for them"
+        )
     if as_json:
         print_json(analysis.as_json())
     else:
@@ -185,11 +190,14 @@ def _impact(analysis: Analysis) -> list[str]:
 def _bounces(analysis: Analysis) -> list[str]:
     lines = []
     for number, bounce in enumerate(analysis.bounces[:_MOST_BOUNCES], start=1):
-        apex = "not reached" if bounce.apex_m is None else f"{bounce.apex_m * 1e3:.1f} mm"
+        without = bounce.uncorrected_apex_m
         lines += _titled(
             f"Bounce {number}",
-            f"rises {apex}, by theory {bounce.predicted_apex_m * 1e3:.1f} mm; restitution "
-            f"{bounce.effective_restitution:.4f}, correction {bounce.correction_m_s:+.3f} m/s",
+            f"rises {bounce.apex_m * 1e3:.1f} mm where restitution alone gives "
+            f"{bounce.predicted_apex_m * 1e3:.1f} mm: effective restitution "
+            f"{bounce.effective_restitution:.4f}, {bounce.correction_m_s:+.3f} m/s by the "
+            "position correction"
+            + ("" if without is None else f"; {without * 1e3:.1f} mm with --contact-erp 0"),
         )
     left = len(analysis.bounces) - _MOST_BOUNCES
     return lines + (_titled("", f"and {left} more bounces: see --json") if left > 0 else [])

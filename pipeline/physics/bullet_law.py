@@ -8,6 +8,7 @@ with 40 digits. File names and line numbers are bullet3's.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ Number = TypeVar("Number", float, Decimal)
 DEFAULT_LINEAR_DAMPING = {"reduced": float(np.float32(0.04)), "maximal": 0.0}
 """The angular default too: `btMultiBody.cpp` 120-124 `m_linearDamping(0.04f)`; `btRigidBody` 0."""
 MAX_COORDINATE_VELOCITY_M_S = 100.0
-"""Of each component, spin too: `btMultiBody.cpp` 127, `btMultiBody.h` 483-487. Not in maximal."""
+"""Of each component, spin too: `btMultiBody.cpp` 124, `btMultiBody.h` 483-487. Not in maximal."""
 EPSILON = 2.220446049250313e-16
 """SIMD_EPSILON: a squared length up to this counts as none (`btVector3::safeNorm`)."""
 
@@ -56,40 +57,61 @@ def fall_of(scenario: Scenario) -> Fall:
 # -- the law --------------------------------------------------------------------------------------
 
 
-def reduced_law(
-    k: Number, mass: Number, dt: Number, limit: Number
-) -> Callable[[Number, Number, Number], Number]:
-    """Return a function from velocity, speed and force to the next velocity along that axis.
+VelocityLaw = Callable[[Number, Number, Number], Number]
+"""From velocity, speed (of all three components) and force along an axis to the next velocity."""
 
-    v' = f/m - k v (1 + |v|): `btMultiBody.cpp` 841-843, divided by the mass in `solveImatrix`,
-    added and limited in `applyDeltaVeeMultiDof`.
+
+def velocity_law(
+    fall: Fall, number: Callable[[float], Number], timestep_s: float, mass_kg: float
+) -> tuple[VelocityLaw[Number], Number]:
+    """Return the velocity's part of a step for numbers of one kind, and the body's weight [N].
+
+    Reduced: v' = f/m - k v (1 + |v|), `btMultiBody.cpp` 842-843, divided by the mass in its
+    `solveImatrix`, added and limited in `applyDeltaVeeMultiDof`.
+
+    Maximal: damped by v *= (1 - k)^dt in `btRigidBody::applyDamping`, then pulled in
+    `btSequentialImpulseConstraintSolver.cpp` 477. That power is the double which the engine's pow
+    returns, in exact arithmetic too: rounded once, it acts in every step alike. It is a slightly
+    other damping, not rounding that averages out.
     """
-    inverse, least = 1 / mass, -limit
+    dt, g, mass = number(timestep_s), number(fall.gravity_m_s2), number(mass_kg)
+    inverse = 1 / mass
+    if fall.coordinates == "maximal":
+        kept = number(math.pow(1.0 - fall.linear_damping, timestep_s))
+        return lambda v, _, force: v * kept + force * inverse * dt, g * (1 / inverse)
 
-    def velocity_after(v: Number, speed: Number, force: Number) -> Number:
+    k, limit = number(fall.linear_damping), number(MAX_COORDINATE_VELOCITY_M_S)
+    least = -limit
+
+    def reduced(v: Number, speed: Number, force: Number) -> Number:
         v = v + -((-force + (mass * v) * (k + k * speed)) * inverse) * dt
         if least <= v <= limit:
             return v
         return limit if v > limit else least
 
-    return velocity_after
+    return reduced, g * mass
 
 
-def maximal_law(
-    kept: Number, mass: Number, dt: Number
-) -> Callable[[Number, Number, Number], Number]:
-    """Return the same for maximal coordinates: damped, v *= (1 - k)^dt, and then pulled.
+def vertical_velocity_law(
+    fall: Fall, number: Callable[[float], Number], timestep_s: float, mass_kg: float
+) -> Callable[[Number], Number]:
+    """Return the same for a body that moves straight up or down: from velocity to next velocity."""
+    after, weight = velocity_law(fall, number, timestep_s, mass_kg)
+    zero, epsilon = number(0.0), number(EPSILON)
+    return lambda v: after(v, abs(v) if v * v > epsilon else zero, weight)
 
-    `btRigidBody::applyDamping`; `btSequentialImpulseConstraintSolver.cpp` 477. `kept` is the double
-    that the engine's pow returns, in exact arithmetic too. Rounded once, it acts in every step
-    alike: a slightly other damping, no rounding that averages out.
-    """
-    inverse = 1 / mass
 
-    def velocity_after(v: Number, speed: Number, force: Number) -> Number:  # noqa: ARG001
-        return v * kept + force * inverse * dt
-
-    return velocity_after
+def _vertical_samples(
+    fall: Fall, number: Callable[[float], Number], timestep_s: float, steps: int, mass_kg: float
+) -> Iterator[tuple[Number, Number]]:
+    """Yield (z, vz) before each step and after the last: semi-implicit Euler."""
+    after = vertical_velocity_law(fall, number, timestep_s, mass_kg)
+    z, v, dt = number(fall.height_m), number(fall.velocity_m_s[2]), number(timestep_s)
+    yield z, v
+    for _ in range(steps):
+        v = after(v)
+        z = z + dt * v
+        yield z, v
 
 
 def _samples(
@@ -99,25 +121,12 @@ def _samples(
     timestep_s: float,
     steps: int,
     mass_kg: float,
-) -> Iterator[tuple[Number, ...]]:
-    """Yield rows (z, vz) of a vertical fall, else (x, y, z, vx, vy, vz): semi-implicit Euler."""
-    dt, g, mass = number(timestep_s), number(fall.gravity_m_s2), number(mass_kg)
-    zero, epsilon = number(0.0), number(EPSILON)
-    if fall.coordinates == "reduced":
-        limit = number(MAX_COORDINATE_VELOCITY_M_S)
-        after, weight = reduced_law(number(fall.linear_damping), mass, dt, limit), g * mass
-    else:
-        kept = number(math.pow(1.0 - fall.linear_damping, timestep_s))
-        after, weight = maximal_law(kept, mass, dt), g * (1 / (1 / mass))  # btRigidBody::setGravity
+) -> Iterator[tuple[Number, Number, Number, Number, Number, Number]]:
+    """Yield (x, y, z, vx, vy, vz): the same in space, coupled by the speed."""
+    after, weight = velocity_law(fall, number, timestep_s, mass_kg)
+    dt, zero, epsilon = number(timestep_s), number(0.0), number(EPSILON)
     x, y, z = zero, zero, number(fall.height_m)
     vx, vy, vz = map(number, fall.velocity_m_s)
-    if _is_vertical(fall):
-        yield z, vz
-        for _ in range(steps):
-            vz = after(vz, abs(vz) if vz * vz > epsilon else zero, weight)
-            z = z + dt * vz
-            yield z, vz
-        return
     yield x, y, z, vx, vy, vz
     for _ in range(steps):
         squared = vx * vx + vy * vy + vz * vz
@@ -139,38 +148,44 @@ def airborne(
 ) -> tuple[Float64, Float64]:
     """Return positions [m] and velocities [m/s] before each step and after the last.
 
-    Shape (steps + 1, 3). PyBullet's, bit for bit, at any mass. Spin moves the fall by rounding only,
-    and only in reduced coordinates, where the engine turns vectors into the body's frame and back.
+    Shape (steps + 1, 3). PyBullet's, bit for bit, at any mass. Spin changes the fall by rounding
+    only: in reduced coordinates the engine then turns vectors into the body's frame and back.
     """
-    rows = _samples(fall, float, math.sqrt, timestep_s, steps, mass_kg)
     table = np.zeros((steps + 1, 6))
     if _is_vertical(fall):
-        table[:, 2::3] = np.fromiter(rows, np.dtype((np.float64, 2)), steps + 1)
+        pairs = _vertical_samples(fall, float, timestep_s, steps, mass_kg)
+        table[:, 2::3] = np.fromiter(pairs, np.dtype((np.float64, 2)), steps + 1)
     else:
+        rows = _samples(fall, float, math.sqrt, timestep_s, steps, mass_kg)
         table[:] = np.fromiter(rows, np.dtype((np.float64, 6)), steps + 1)
     return table[:, :3], table[:, 3:]
 
 
 @dataclass(frozen=True, slots=True)
 class ExactHeights:
-    """Heights in two doubles [m], (steps + 1,): the nearest one, and what that leaves out."""
+    """Heights in two doubles [m], shape (n,): the nearest one, and what that leaves out."""
 
     nearest_m: Float64
     left_out_m: Float64
 
 
-def airborne_exact(fall: Fall, *, timestep_s: float, steps: int) -> ExactHeights:
+def airborne_exact(
+    fall: Fall, *, timestep_s: float, steps: int, first: int = 0
+) -> ExactHeights:
     """Return the heights of the law in exact arithmetic: 40 digits, in which the mass cancels.
 
-    Timestep, gravity, damping and release are the doubles they are, taken for exact.
+    From sample `first` on, shape (steps + 1 - first,). Timestep, gravity, damping and release are the doubles they are, taken for exact.
     """
-    nearest, left_out = np.empty(steps + 1), np.empty(steps + 1)
+    nearest, left_out = np.empty(steps + 1 - first), np.empty(steps + 1 - first)
     with localcontext(Context(prec=40)):
-        rows = _samples(fall, Decimal, Decimal.sqrt, timestep_s, steps, 1.0)
-        for step, row in enumerate(rows):
-            height = row[len(row) // 2 - 1]
-            nearest[step] = near = float(height)
-            left_out[step] = float(height - Decimal(near))
+        heights = (
+            (z for z, _ in _vertical_samples(fall, Decimal, timestep_s, steps, 1.0))
+            if _is_vertical(fall)
+            else (row[2] for row in _samples(fall, Decimal, Decimal.sqrt, timestep_s, steps, 1.0))
+        )
+        for place, height in enumerate(itertools.islice(heights, first, None)):
+            nearest[place] = near = float(height)
+            left_out[place] = float(height - Decimal(near))
     return ExactHeights(nearest, left_out)
 
 

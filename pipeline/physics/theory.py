@@ -19,6 +19,7 @@ ways: it has a Taylor series of its own, which serves until the drag has its say
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -235,6 +236,7 @@ def _rate(leg: _Leg) -> float:
     return math.sqrt(abs(leg.omega_squared)) + leg.a / 2 + leg.b * leg.v0
 
 
+@functools.lru_cache(maxsize=64)
 def _velocity_series(leg: _Leg) -> Float64:
     """Return the coefficients of v - v_free [m/s] in powers of x = rate t.
 
@@ -320,7 +322,7 @@ def _oblique(fall: Fall, time: Float64) -> _Motion:
 
     moments, back = np.unique(np.append(time, 0.0), return_inverse=True)
     solution = solve_ivp(
-        derivative, (0.0, moments[-1]), np.zeros(6), "DOP853", moments, rtol=1e-13, atol=1e-30
+        derivative, (0, moments[-1] or 1), np.zeros(6), "DOP853", moments, rtol=1e-13, atol=1e-30
     )
     change = k * solution.y.T[back[:-1]]
     free = free_fall_velocity(fall, time)

@@ -6,13 +6,10 @@ so that no earlier run in the process can reach this one.
 
 from __future__ import annotations
 
-import ctypes
+import functools
 import hashlib
 import math
-import os
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -22,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ScenarioError
+from pipeline.physics.quiet import c_output_moved_aside
 from pipeline.scenario import Camera, Scenario
 
 Float64 = NDArray[np.float64]
@@ -34,41 +32,8 @@ SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsu
 """pybullet's GEOM_ constants."""
 
 
-@contextmanager
-def _c_output_moved_aside() -> Iterator[list[str]]:
-    """Keep what C prints, such as Bullet's banner and warnings, off the user's streams.
-
-    C writes to file descriptors 1 and 2, whatever `sys.stdout` is, and buffers its text, so it is
-    flushed before and after. The list yielded holds the text once the block has ended.
-    """
-    libc = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
-    printed: list[str] = []
-    with tempfile.TemporaryFile() as aside:
-        libc.fflush(None)
-        kept = {fd: os.dup(fd) for fd in (1, 2) if _is_open(fd)}
-        for fd in kept:
-            os.dup2(aside.fileno(), fd)
-        try:
-            yield printed
-        finally:
-            libc.fflush(None)
-            for fd, copy in kept.items():
-                os.dup2(copy, fd)
-                os.close(copy)
-            aside.seek(0)
-            printed.append(aside.read().decode(errors="replace"))
-
-
-def _is_open(fd: int) -> bool:
-    try:
-        os.fstat(fd)
-    except OSError:
-        return False
-    return True
-
-
 def _import_pybullet() -> tuple[Any, str]:
-    with _c_output_moved_aside() as printed:
+    with c_output_moved_aside() as printed:
         import pybullet
     return pybullet, printed[0].partition("build time:")[2].strip()
 
@@ -114,13 +79,7 @@ class World:
             self.half_size_m, self.rest_height_m = self._measure()
             self._floor = self._load("plane.urdf") if scenario.floor else None
             self._configure()
-            self.place((0.0, 0.0, scenario.height_m), (0.0, 0.0, 0.0, 1.0))
-            p.resetBaseVelocity(
-                self._body,
-                scenario.velocity_m_s,
-                scenario.spin_rad_s,
-                physicsClientId=self._client,
-            )
+            self._release()
         except BaseException:
             self.close()
             raise
@@ -141,7 +100,7 @@ class World:
     def _load(self, urdf: str | Path, **how: Any) -> int:  # noqa: ANN401
         import pybullet_data
 
-        with _c_output_moved_aside():
+        with c_output_moved_aside():
             p.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=self._client)
             return int(p.loadURDF(str(urdf), physicsClientId=self._client, **how))
 
@@ -154,6 +113,15 @@ class World:
                 f"--body must be a URDF that Bullet can load, got {self.scenario.body!r} "
                 f"({error}); check it with another tool, or try cube_small.urdf"
             ) from None
+        self._set_dynamics(int(body))
+        if not p.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0:
+            raise ScenarioError(
+                f"--body must have a mass, got 0 kg in {self.scenario.body!r}: "
+                "Bullet holds it still; try --mass 0.1"
+            )
+        return body
+
+    def _set_dynamics(self, body: int) -> None:
         how = {"bodyUniqueId": body, "linkIndex": -1, "physicsClientId": self._client}
         if self.scenario.mass_kg is not None:
             p.changeDynamics(mass=self.scenario.mass_kg, **how)
@@ -161,12 +129,6 @@ class World:
             p.changeDynamics(linearDamping=self.scenario.linear_damping, **how)
         if self.scenario.angular_damping is not None:
             p.changeDynamics(angularDamping=self.scenario.angular_damping, **how)
-        if not p.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0:
-            raise ScenarioError(
-                f"--body must have a mass, got 0 kg in {self.scenario.body!r}: "
-                "Bullet holds it still; try --mass 0.1"
-            )
-        return body
 
     def _measure(self) -> tuple[Float64, float]:
         """Return half the body's extent [m], and its centre's height when it lies as released [m].
@@ -195,6 +157,15 @@ class World:
                     p.changeDynamics(
                         body, -1, restitution=scenario.restitution, physicsClientId=client
                     )
+
+    def _release(self) -> None:
+        self.place((0.0, 0.0, self.scenario.height_m), (0.0, 0.0, 0.0, 1.0))
+        p.resetBaseVelocity(
+            self._body,
+            self.scenario.velocity_m_s,
+            self.scenario.spin_rad_s,
+            physicsClientId=self._client,
+        )
 
     # -- reading ----------------------------------------------------------------------------------
 
@@ -323,6 +294,7 @@ def world_from_camera(camera: Camera) -> Float64:
     return np.linalg.inv(camera_from_world)
 
 
+@functools.cache
 def engine_versions() -> dict[str, str]:
     """Return what decides the engine's numbers: its version, its wheel, and when it was built."""
     distribution = metadata.distribution("pybullet")

@@ -9,33 +9,38 @@ from pipeline.recording import schema
 PLAYBACK_SPEED = 0.25
 """A fall from 1 m takes half a second: too fast to watch."""
 
-EYE = rrb.EyeControls3D(position=(2.5, -0.55, 1.35), look_target=(0.45, -0.42, 0.5))
-"""Beside the camera, so that its picture is seen from the front, and floor and fall with it."""
+EYE_M, TARGET_M = (2.9, -0.95, 1.6), (0.4, -0.5, 0.5)
+"""Beside the camera, so that its picture is seen from the front, and with it floor and fall."""
 
 
-def layout(*, frames: bool, analysis: bool = False) -> rrb.Blueprint:
+def layout(*, height_m: float, frames: bool, analysis: bool = False) -> rrb.Blueprint:
     """Return the layout of a recording.
 
     Parameters
     ----------
+    height_m
+        Height of the release [m]; the eye steps back for a high one.
     frames
         Whether the recording has camera frames.
     analysis
         Whether it is for the recording with its analysis layer.
     """
-    left = rrb.Vertical(_world(), _camera(), row_shares=[4, 3]) if frames else _world()
+    world = _world(far=max(1.0, height_m))
+    left = rrb.Vertical(world, _camera(), row_shares=[4, 3]) if frames else world
     about = rrb.TextDocumentView(origin=schema.ABOUT, name="About")
     if analysis:
-        curves = rrb.Vertical(_heights("RightTop"), _errors(), _energy(), row_shares=[3, 4, 3])
+        curves = rrb.Vertical(
+            _heights(rrb.Corner2D.RightTop), _errors(), _energy(), row_shares=[3, 4, 3]
+        )
         texts = rrb.Vertical(
             rrb.TextDocumentView(origin=schema.FINDINGS, name="Findings"),
             _events(),
             about,
-            row_shares=[5, 3, 2],
+            row_shares=[6, 3, 2],
         )
         columns = rrb.Horizontal(left, curves, texts, column_shares=[3, 4, 3])
     else:
-        right = rrb.Vertical(_heights("LeftBottom"), about, row_shares=[1, 1])
+        right = rrb.Vertical(_heights(rrb.Corner2D.LeftBottom), about, row_shares=[1, 1])
         columns = rrb.Horizontal(left, right, column_shares=[1, 1])
     return rrb.Blueprint(
         columns,
@@ -53,7 +58,7 @@ def layout(*, frames: bool, analysis: bool = False) -> rrb.Blueprint:
     )
 
 
-def _world() -> rrb.Spatial3DView:
+def _world(*, far: float) -> rrb.Spatial3DView:
     until_now = [
         rrb.VisibleTimeRange(
             timeline,
@@ -65,7 +70,9 @@ def _world() -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin=schema.WORLD,
         name="World",
-        eye_controls=EYE,
+        eye_controls=rrb.EyeControls3D(
+            position=[far * x for x in EYE_M], look_target=[far * x for x in TARGET_M]
+        ),
         line_grid=rrb.LineGrid3D(visible=False),
         overrides={schema.TRAIL: rrb.VisibleTimeRanges(until_now)},
     )
@@ -75,19 +82,19 @@ def _camera() -> rrb.Spatial2DView:
     return rrb.Spatial2DView(origin=schema.CAMERA, name="Camera")
 
 
-def _heights(legend: str) -> rrb.TimeSeriesView:
+def _heights(legend: rrb.Corner2D) -> rrb.TimeSeriesView:
     return _curves(schema.HEIGHT, "Height of the centre [m]", legend)
 
 
 def _errors() -> rrb.TimeSeriesView:
-    return _curves(schema.ERROR_MM, "Simulated minus free fall [mm]", "LeftTop")
+    return _curves(schema.ERROR_MM, "Simulated minus free fall [mm]", rrb.Corner2D.LeftTop)
 
 
 def _energy() -> rrb.TimeSeriesView:
-    return _curves(schema.ENERGY, "Energy [J]", "RightTop")
+    return _curves(schema.ENERGY, "Energy [J]", rrb.Corner2D.RightTop)
 
 
-def _curves(origin: str, name: str, legend: str) -> rrb.TimeSeriesView:
+def _curves(origin: str, name: str, legend: rrb.Corner2D) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=rrb.PlotLegend(legend))
 
 

@@ -7,19 +7,26 @@ same way through `written_whole`.
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import os
+import re
+import shutil
 import subprocess
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
 from pipeline.errors import OutputError
+from pipeline.recording.viewer import binary
 
 
 def part_of(path: Path) -> Path:
     """Return the name a file has until it is whole."""
     return path.with_name(path.name + ".part")
+
+
+def is_part(path: Path) -> bool:
+    """Whether a name is that of a file which may not be whole."""
+    return path.name.endswith(".part")
 
 
 def check_target(path: Path, *, force: bool) -> None:
@@ -28,17 +35,41 @@ def check_target(path: Path, *, force: bool) -> None:
     Raises
     ------
     OutputError
-        If it exists and `force` is not given, is a folder, or its folder is missing or read-only.
+        If it exists and `force` is not given, is no plain file, or its folder is missing or
+        read-only.
     """
     folder = path.parent
-    if path.is_dir():
-        raise OutputError(f"{path} is a folder; name a file in it, such as {path / 'run.rrd'}")
-    if path.exists() and not force:
-        raise OutputError(f"{path} exists and is left as it is; give another name, or --force")
-    if not folder.is_dir():
-        raise OutputError(f"the folder {folder} does not exist; make it with: mkdir -p '{folder}'")
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise OutputError(f"the folder {folder} cannot be written to; choose another one")
+    with _translated(path):
+        if path.is_dir():
+            raise OutputError(f"{path} is a folder; name a file in it, such as {path / 'run.rrd'}")
+        if path.exists() and not path.is_file():  # a rename would put a file in a device's place
+            raise OutputError(f"{path} is no plain file; give another name")
+        if path.exists() and not force:
+            raise OutputError(f"{path} exists and is left as it is; give another name, or --force")
+        if folder.exists() and not folder.is_dir():
+            raise OutputError(f"{folder} is a file, not a folder; give another name")
+        if not folder.is_dir():
+            raise OutputError(
+                f"the folder {folder} does not exist; make it with: mkdir -p '{folder}'"
+            )
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise OutputError(f"the folder {folder} cannot be written to; choose another one")
+
+
+def check_room(path: Path, needed_bytes: int) -> None:
+    """Make sure that a file has room on its disk, before any work is done for it.
+
+    Raises
+    ------
+    OutputError
+        If it has not.
+    """
+    free = shutil.disk_usage(path.parent).free
+    if needed_bytes > free:
+        raise OutputError(
+            f"{path} needs some {needed_bytes / 1e9:.3g} GB on the disk while it is written, and "
+            f"{free / 1e9:.3g} GB are free; make room, or record fewer steps"
+        )
 
 
 @contextlib.contextmanager
@@ -52,15 +83,16 @@ def unfinished(path: Path, *, force: bool) -> Iterator[Path]:
     """
     check_target(path, force=force)
     part = part_of(path)
-    with _translated(path), part.open("ab") as handle:
-        _lock(handle, path)
+    with _translated(path), _locked(part, path):
         try:
-            yield part
+            with _translated(path):
+                yield part
         except BaseException as failure:
-            if part.stat().st_size:
-                failure.add_note(f"what was recorded until then is in {part}")
-            else:
-                part.unlink()
+            with contextlib.suppress(FileNotFoundError):  # its folder may be gone
+                if part.stat().st_size:
+                    failure.add_note(f"what was recorded until then is in {part}")
+                else:
+                    part.unlink()
             raise
 
 
@@ -71,11 +103,12 @@ def written_whole(path: Path, *, force: bool = True) -> Iterator[BinaryIO]:
     Raises
     ------
     OutputError
-        As `check_target`; if the disk is full. What was there before is untouched then.
+        As `check_target`; if another process is writing the same file; if the disk is full. What
+        was there before is untouched then.
     """
     check_target(path, force=force)
     part = part_of(path)
-    with _translated(path):
+    with _translated(path), _locked(part, path):
         try:
             with part.open("wb") as handle:
                 yield handle
@@ -86,10 +119,44 @@ def written_whole(path: Path, *, force: bool = True) -> Iterator[BinaryIO]:
             part.unlink(missing_ok=True)
 
 
+@contextlib.contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """Yield the `.part` file that another program writes; it gets its name when the block ends.
+
+    Raises
+    ------
+    OutputError
+        As `check_target`; if another process is writing the same file; if the disk is full. What
+        was there before is untouched then.
+    """
+    check_target(path, force=True)
+    part = part_of(path)
+    with _translated(path), _locked(part, path):
+        try:
+            yield part
+            with part.open("rb+") as handle:
+                os.fsync(handle.fileno())
+            _rename(part, path, force=True)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+def pack(recording: Path, path: Path) -> None:
+    """Write a recording again in as few bytes as Rerun can: its many small chunks in a few.
+
+    The whole recording is in memory meanwhile.
+    """
+    _rerun("rrd", "optimize", str(recording), "-o", str(path))
+
+
 def seal(
     part: Path, path: Path, *, blueprint: Path | None, rows: Mapping[str, int], force: bool
 ) -> None:
     """Give a finished recording its name: add the viewer's layout, verify, rename.
+
+    Without a layout the file is as Rerun's writer left it, and is verified by reading all of it
+    back in this process. A sweep cannot afford to start Rerun's own verifier for every recording:
+    12 ms, where the rest takes 4.
 
     Parameters
     ----------
@@ -115,7 +182,8 @@ def seal(
             # `route` copies messages without decoding them: 0.1 s and flat memory for 300 MB,
             # where `merge` loads everything.
             _rerun("rrd", "route", str(part), str(blueprint), "-o", str(whole))
-        _verify(whole, rows)
+            _verify(whole)
+        _check_rows(whole, rows)
         with whole.open("rb+") as handle:
             os.fsync(handle.fileno())
         _rename(whole, path, force=force)
@@ -125,12 +193,15 @@ def seal(
             whole.unlink(missing_ok=True)
 
 
-def _verify(path: Path, rows: Mapping[str, int]) -> None:
-    from rerun.chunk import RrdReader
-
+def _verify(path: Path) -> None:
     # `verify` exits 0 on an empty file too, so its sentence and the row counts are asked for.
     if "1 file verified" not in _rerun("rrd", "verify", str(path)):
         raise OutputError(f"{path} does not verify; it stays for inspection, run the command again")
+
+
+def _check_rows(path: Path, rows: Mapping[str, int]) -> None:
+    from rerun.chunk import RrdReader
+
     counted: dict[str, int] = {}
     for line in RrdReader(path).store().summary().splitlines():
         entity, count = line.split(" ")[:2]
@@ -140,17 +211,17 @@ def _verify(path: Path, rows: Mapping[str, int]) -> None:
 
 
 def _rerun(*arguments: str) -> str:
-    """Run Rerun's own binary (the `rerun` on the PATH is a slower wrapper); return its words."""
-    spec = importlib.util.find_spec("rerun_cli")
-    if spec is None or spec.origin is None:
-        raise OutputError("rerun-sdk's command line is not installed; try: pip install rerun-sdk")
-    binary = Path(spec.origin).parent / "rerun"
+    """Run Rerun's command line, and return its words."""
     done = subprocess.run(
-        [binary, *arguments], capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
+        [binary(), *arguments],
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        check=False,
     )
     words = done.stdout + done.stderr
     if done.returncode != 0:
-        raise OutputError(f"rerun {' '.join(arguments[:2])} failed: {words.strip()[-300:]}")
+        raise RuntimeError(f"rerun {' '.join(arguments[:2])}: {words.strip()[-300:]}")
     return words
 
 
@@ -168,6 +239,18 @@ def _rename(part: Path, path: Path, *, force: bool) -> None:
         part.unlink()
 
 
+@contextlib.contextmanager
+def _locked(part: Path, path: Path) -> Iterator[None]:
+    """Hold the `.part` file against other processes."""
+    while True:
+        with part.open("ab") as handle:
+            _lock(handle, path)
+            # Between our opening it and locking it, its writer may have finished and renamed it.
+            if part.exists() and os.path.samestat(part.stat(), os.fstat(handle.fileno())):
+                yield
+                return
+
+
 def _lock(handle: BinaryIO, path: Path) -> None:
     try:
         import fcntl
@@ -175,7 +258,7 @@ def _lock(handle: BinaryIO, path: Path) -> None:
         return
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    except BlockingIOError:
         raise OutputError(
             f"another process is writing {path}; wait, or give another name"
         ) from None
@@ -187,8 +270,12 @@ def _translated(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
-    except RuntimeError as error:  # Rerun's writer
-        if "os error" not in str(error):
+        reason = error.strerror or str(error)
+        raise OutputError(f"{error.filename or path} cannot be written: {reason}") from error
+    except RuntimeError as error:  # Rerun's writer, and its command line
+        found = re.search(r"([\w ]+) \(os error \d+\)", str(error))
+        if found is None:
             raise
-        raise OutputError(f"{path} cannot be written: {error}; make room and try again") from error
+        reason = found[1].strip()
+        what = f"{path} cannot be written: {reason}"
+        raise OutputError(f"{what}; make room there, or choose another folder") from error

@@ -43,6 +43,7 @@ def write_layer(
     *,
     recording_id: str,
     timestep_s: float,
+    height_m: float,
     frames: bool,
     samples: pl.DataFrame,
     events: Sequence[tuple[int, str]],
@@ -59,6 +60,8 @@ def write_layer(
         The id of the recording it belongs to.
     timestep_s
         Timestep [s].
+    height_m
+        Height of the release [m].
     frames
         Whether the recording has camera frames.
     samples
@@ -80,7 +83,7 @@ def write_layer(
         path,
         chunks,
         recording_id=recording_id,
-        blueprint=layout(frames=frames, analysis=True),
+        blueprint=layout(height_m=height_m, frames=frames, analysis=True),
         force=force,
     )
 

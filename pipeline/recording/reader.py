@@ -1,31 +1,36 @@
-"""Read a recording back: the only file that turns Rerun's chunks into our arrays.
+"""Read a recording back: from Rerun's chunks to our arrays.
 
-Nothing is believed that was not checked: the samples must be complete and finite, and the state
-must have the digest that was written last.
+Nothing is believed that was not checked. Samples, inputs and frames must have the digests that were
+written last; the samples must be complete, in order and numbers; scenario and engine must agree.
+What fails is damaged, and said to be so in one line.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import warnings
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import polars as pl
+import pyarrow as pa
 from numpy.typing import NDArray
-from rerun.chunk import Chunk, RrdReader
 
 from pipeline.errors import RecordingError, ScenarioError
-from pipeline.recording import schema
+from pipeline.recording import rrd, schema
+from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
+from pipeline.recording.files import is_part
 from pipeline.scenario import Camera, Scenario
 
 Float64 = NDArray[np.float64]
 Properties = dict[str, Any]
 T = TypeVar("T")
+
+DISTANCE = "contact_distance_m"
+AGAIN = "record it again with: drop simulate"
 
 
 @dataclass(frozen=True)
@@ -52,37 +57,44 @@ class Recording:
 
 
 def read(path: Path) -> Recording:
-    """Read a recording.
+    """Read a recording; one whose name ends in `.part` may be unfinished.
 
     Raises
     ------
     RecordingError
-        If it is missing, damaged, no recording of ours, or its state is not what was written.
+        If it is missing, damaged, no recording of ours, or not what was written.
     """
-    recording_id = _open(path)[1]
     state: dict[str, list[pl.DataFrame]] = {entity: [] for entity in schema.STATE}
     properties: dict[str, Properties] = {}
-    for chunk in _chunks(path, [f"/{entity}" for entity in schema.STATE] + ["/__properties/**"]):
-        entity = chunk.entity_path.removeprefix("/")
-        if entity in state:
-            state[entity].append(_scalars(chunk, schema.STATE[entity], path))
-        elif chunk.is_static:
-            properties[entity.removeprefix("__properties/")] = _values(chunk)
+    recording_id = ""
+    for chunk in _chunks(path):
+        recording_id = chunk.recording_id
+        group, _, name = chunk.entity.partition("/")
+        if chunk.entity in state:
+            state[chunk.entity].append(_scalars(chunk, path))
+        elif group == "__properties":
+            properties[name] = _values(chunk, path)
 
-    try:
-        scenario = _dataclass(Scenario, properties[schema.SCENARIO_PROPERTY])
-        engine = properties[schema.ENGINE_PROPERTY]
-        camera_values = properties.get(schema.CAMERA_PROPERTY)
-        camera = None if camera_values is None else _dataclass(Camera, camera_values)
-    except (KeyError, TypeError, ScenarioError) as error:
-        raise RecordingError(
-            f"{path} lacks its scenario or engine property ({error}); {_AGAIN}"
-        ) from None
-    closing = properties.get(schema.RECORDING_PROPERTY)
+    closing = _closing(properties, path)
+    scenario, camera = _inputs(properties, path)
+    engine = properties[schema.ENGINE_PROPERTY]
+    _check_engine(engine, scenario, path)
     states = _joined(state, path)
-    if closing is not None:
-        _check_complete(states, scenario, closing, path)
+    _check_states(states, scenario, closing, path)
     return Recording(path, recording_id, scenario, engine, camera, states, partial=closing is None)
+
+
+def recording_id(path: Path) -> str:
+    """Return the id of a recording or layer of ours.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, damaged, or no recording of ours.
+    """
+    for chunk in _chunks(path):
+        return chunk.recording_id
+    raise _damaged(path, "it is empty")
 
 
 def frames(path: Path) -> Iterator[tuple[int, bytes]]:
@@ -94,65 +106,148 @@ def frames(path: Path) -> Iterator[tuple[int, bytes]]:
         If the recording is missing or damaged.
     """
     found: dict[int, bytes] = {}
-    for chunk in _chunks(path, [f"/{schema.IMAGE}"]):
-        batch = chunk.to_record_batch()
-        steps = batch.column(schema.STEP_TIMELINE).to_pylist()
-        for step, blob in zip(steps, batch.column("EncodedImage:blob"), strict=True):
-            found[step] = blob.values[0].values.to_numpy().tobytes()
-    yield from sorted(found.items())
+    properties: dict[str, Properties] = {}
+    for chunk in _chunks(path):
+        if chunk.entity == schema.IMAGE:
+            found.update(_images(chunk, path))
+        elif chunk.entity.startswith("__properties/"):
+            properties[chunk.entity.removeprefix("__properties/")] = _values(chunk, path)
+
+    closing, (_, camera) = _closing(properties, path), _inputs(properties, path)
+    pictures = dict(sorted(found.items()))
+    for step, png in pictures.items():
+        # Width and height stand there in every PNG; what they claim is what a decoder reserves.
+        size = int.from_bytes(png[16:20]), int.from_bytes(png[20:24])
+        if camera is None or size != camera.size_px:
+            raise _damaged(path, f"its frame at step {step} is not of the size it was taken with")
+    if closing is not None:
+        digest = FrameDigest()
+        for step, png in pictures.items():
+            digest.update(step, png)
+        if digest.hexdigest() != closing.get("frames_sha256"):
+            raise _damaged(path, "its frames are not those that were written")
+    yield from pictures.items()
 
 
-_AGAIN = "record it again with: drop simulate"
+# -- chunks ---------------------------------------------------------------------------------------
 
 
-def _open(path: Path) -> tuple[RrdReader, str]:
-    if not path.is_file():
-        raise RecordingError(
-            f"{path} is no recording: there is no such file; see: drop simulate --help"
-        )
+def _damaged(path: Path, what: str) -> RecordingError:
+    return RecordingError(f"{path} is damaged: {what}; {AGAIN}")
+
+
+def _chunks(path: Path) -> Iterator[rrd.Chunk]:
+    """Yield the chunks of the one recording in a file; nothing else may be in it."""
+    only: str | None = None
     try:
-        with warnings.catch_warnings():  # Rerun warns of a missing footer; we say so ourselves
-            warnings.simplefilter("ignore")
-            reader = RrdReader(path)
-            stores = reader.recordings()
-    except (RuntimeError, ValueError, OSError) as error:
-        reason = str(error).rsplit(": ", 1)[-1]
-        raise RecordingError(f"{path} is no Rerun recording: {reason}; {_AGAIN}") from None
-    if len(stores) != 1:
-        raise RecordingError(f"{path} must hold one recording, got {len(stores)}; {_AGAIN}")
-    if stores[0].application_id != schema.APPLICATION_ID:
+        if not path.is_file():
+            raise RecordingError(
+                f"{path} is no recording: there is no such file; see: drop simulate --help"
+            )
+        for chunk in rrd.chunks(path, unfinished=is_part(path)):
+            only = chunk.recording_id if only is None else only
+            if chunk.application_id != schema.APPLICATION_ID:
+                raise RecordingError(
+                    f"{path} must be a recording made by drop, got one of "
+                    f"{chunk.application_id!r}; {AGAIN}"
+                )
+            if chunk.recording_id != only:
+                raise RecordingError(f"{path} must hold one recording, got several; {AGAIN}")
+            yield chunk
+    except rrd.DamagedError as error:
+        raise _damaged(path, str(error)) from None
+    except OSError as error:
         raise RecordingError(
-            f"{path} must be a recording made by drop, got one of {stores[0].application_id!r}; "
-            f"{_AGAIN}"
-        )
-    return reader, stores[0].recording_id
-
-
-def _chunks(path: Path, content: list[str]) -> Iterator[Chunk]:
-    reader, _ = _open(path)
-    try:
-        yield from reader.stream().filter(content=content)
-    except (RuntimeError, ValueError) as error:
-        raise RecordingError(f"{path} is damaged: {error}; {_AGAIN}") from None
-
-
-def _scalars(chunk: Chunk, columns: tuple[str, ...], path: Path) -> pl.DataFrame:
-    batch = chunk.to_record_batch()
-    try:
-        steps = batch.column(schema.STEP_TIMELINE).to_numpy()
-        flat = batch.column("Scalars:scalars").flatten().to_numpy()
-        rows = flat.astype(np.float64, casting="safe").reshape(len(steps), len(columns))
-    except (KeyError, ValueError, TypeError) as error:
-        raise RecordingError(
-            f"{path} is damaged in {chunk.entity_path}: {error}; {_AGAIN}"
+            f"{path} cannot be read: {error.strerror or error}; see: ls -l '{path}'"
         ) from None
-    return pl.DataFrame({"step": steps} | dict(zip(columns, rows.T, strict=True)))
 
 
-def _values(chunk: Chunk) -> Properties:
-    row = chunk.to_record_batch().to_pylist()[0]
-    listed = {key: value for key, value in row.items() if key != "rerun.controls.RowId"}
-    return {key: v[0] if len(v) == 1 else v for key, v in listed.items() if v is not None}
+def _scalars(chunk: rrd.Chunk, path: Path) -> pl.DataFrame:
+    columns = schema.STATE[chunk.entity]
+    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
+    lists = _column(chunk, "Scalars:scalars", _is_list_of(pa.types.is_float64), path)
+    flat = lists.flatten()
+    if flat.null_count or set(lists.value_lengths().to_pylist()) - {len(columns)}:
+        raise _damaged(path, f"{chunk.entity} must hold {len(columns)} numbers per step")
+    rows = flat.to_numpy().reshape(-1, len(columns))
+    return pl.DataFrame(
+        {"step": steps.to_numpy()} | dict(zip(columns, rows.T, strict=True)),
+        schema={"step": pl.Int64} | dict.fromkeys(columns, pl.Float64),
+    )
+
+
+def _images(chunk: rrd.Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
+    bytes_ = _is_list_of(_is_list_of(pa.types.is_uint8))
+    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
+    blobs = _column(chunk, "EncodedImage:blob", bytes_, path)
+    if set(blobs.value_lengths().to_pylist()) - {1}:
+        raise _damaged(path, "its frames must be one picture per step")
+    for step, blob in zip(steps.to_pylist(), blobs.flatten(), strict=True):
+        yield step, blob.values.to_numpy().tobytes()
+
+
+def _column(chunk: rrd.Chunk, name: str, is_right: Callable[[Any], bool], path: Path) -> pa.Array:
+    """Return a column of the type that we write, every row of it given."""
+    index = chunk.batch.schema.get_field_index(name)
+    if index < 0 or not is_right(chunk.batch.schema.field(index).type):
+        raise _damaged(path, f"{chunk.entity} has no column {name} of the right type")
+    column = chunk.batch.column(index)
+    if column.null_count:
+        raise _damaged(path, f"{chunk.entity} has gaps in {name}")
+    return column
+
+
+def _is_list_of(is_right: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    return lambda kind: pa.types.is_list(kind) and is_right(kind.value_type)
+
+
+def _values(chunk: rrd.Chunk, path: Path) -> Properties:
+    """Return a property's values by name; a list of one is its element."""
+    if chunk.batch.num_rows != 1:
+        raise _damaged(path, f"its property {chunk.entity} must have one row")
+    (row,) = chunk.batch.to_pylist()
+    given = {key: value for key, value in row.items() if isinstance(value, list)}
+    return {key: value[0] if len(value) == 1 else value for key, value in given.items()}
+
+
+# -- properties -----------------------------------------------------------------------------------
+
+
+def _closing(properties: Mapping[str, Properties], path: Path) -> Properties | None:
+    """Return the property that was written last; None where the recording may lack it."""
+    closing = properties.get(schema.RECORDING_PROPERTY)
+    if closing is None:
+        if is_part(path):
+            return None
+        raise RecordingError(
+            f"{path} is damaged: it lacks the property that is written last; to read what there "
+            f"is, rename it: mv '{path}' '{path}.part'"
+        )
+    if closing.get("schema_version") != schema.SCHEMA_VERSION:
+        raise RecordingError(
+            f"{path} must be of schema {schema.SCHEMA_VERSION}, got "
+            f"{closing.get('schema_version')}; read it with the drop that wrote it, or {AGAIN}"
+        )
+    return closing
+
+
+def _inputs(properties: Mapping[str, Properties], path: Path) -> tuple[Scenario, Camera | None]:
+    """Return scenario and camera, if they are what was written."""
+    names = (schema.SCENARIO_PROPERTY, schema.ENGINE_PROPERTY)
+    missing = [name for name in names if name not in properties]
+    if missing:
+        raise _damaged(path, f"it lacks its {' and '.join(missing)} property")
+    closing = properties.get(schema.RECORDING_PROPERTY)
+    inputs = {key: value for key, value in properties.items() if key in schema.INPUT_PROPERTIES}
+    if closing is not None and inputs_digest(inputs) != closing.get("inputs_sha256"):
+        raise _damaged(path, "its scenario, engine or camera is not the one that was written")
+    camera = properties.get(schema.CAMERA_PROPERTY)
+    try:
+        return _dataclass(Scenario, properties[schema.SCENARIO_PROPERTY]), (
+            None if camera is None else _dataclass(Camera, camera)
+        )
+    except (TypeError, ScenarioError) as error:
+        raise _damaged(path, f"its scenario or camera cannot be ({error})") from None
 
 
 def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
@@ -161,29 +256,81 @@ def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
     return kind(**{key: value for key, value in given.items() if key in known})
 
 
+def _check_engine(engine: Properties, scenario: Scenario, path: Path) -> None:
+    """Check that the engine reports what its scenario says, and what the analysis asks it for."""
+    for name, is_right in _ENGINE.items():
+        if not is_right(engine.get(name)):
+            raise _damaged(path, f"its engine must report {name}, got {engine.get(name)!r}")
+    if scenario.floor and not _is_number(engine.get("floor_restitution")):
+        raise _damaged(path, "its engine must report floor_restitution, and does not")
+    gravity_m_s2 = [0.0, 0.0, scenario.effective_gravity_m_s2]
+    if (engine["timestep_s"], engine["gravity_m_s2"]) != (scenario.timestep_s, gravity_m_s2):
+        raise _damaged(path, "its engine reports another timestep or gravity than its scenario")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, float) and math.isfinite(value)
+
+
+def _is_vector(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
+
+
+_ENGINE: dict[str, Callable[[Any], bool]] = {
+    "timestep_s": _is_number,
+    "gravity_m_s2": _is_vector,
+    "mass_kg": lambda value: _is_number(value) and value > 0,
+    "inertia_kg_m2": _is_vector,
+    "restitution": _is_number,
+    "rest_height_m": _is_number,
+    "joints": lambda value: isinstance(value, int) and value >= 0,
+    "shape": lambda value: isinstance(value, str),
+}
+"""What the analysis asks the engine's report for, and when it is an answer."""
+
+
+# -- states ---------------------------------------------------------------------------------------
+
+
 def _joined(state: Mapping[str, list[pl.DataFrame]], path: Path) -> pl.DataFrame:
-    missing = [entity for entity, parts in state.items() if not parts]
+    """Return the samples that are there in all their parts."""
+    missing = [entity for entity, parts in state.items() if not sum(map(len, parts))]
     if missing:
-        raise RecordingError(f"{path} holds no {', '.join(missing)}; {_AGAIN}")
+        raise RecordingError(f"{path} holds no {', '.join(missing)}; {AGAIN}")
     tables = [pl.concat(parts).sort("step") for parts in state.values()]
-    whole = tables[0]
-    for table in tables[1:]:
-        whole = whole.join(table, on="step", how="inner", maintain_order="left")
-    steps = whole["step"].to_numpy()
-    if not np.array_equal(steps, np.arange(len(steps))):
-        raise RecordingError(f"{path} must hold steps 0, 1, 2, … once each, and does not; {_AGAIN}")
-    return whole
+    for table in tables:
+        steps = table["step"].to_numpy()
+        if not np.array_equal(steps, np.arange(len(steps))):
+            raise RecordingError(
+                f"{path} must hold steps 0, 1, 2, … once each, and does not; {AGAIN}"
+            )
+    # The same steps in the same order: side by side is joined. An unfinished recording may end
+    # within a sample, so that the shortest decides.
+    samples = min(map(len, tables))
+    columns = [table.head(samples).drop("step") for table in tables]
+    return pl.concat([tables[0].head(samples).select("step"), *columns], how="horizontal")
 
 
-def _check_complete(
-    states: pl.DataFrame, scenario: Scenario, closing: Properties, path: Path
+def _check_states(
+    states: pl.DataFrame, scenario: Scenario, closing: Properties | None, path: Path
 ) -> None:
-    if len(states) != scenario.steps + 1 or len(states) != closing["samples"]:
-        raise RecordingError(
-            f"{path} must hold {scenario.steps + 1} samples, got {len(states)}; {_AGAIN}"
-        )
-    rows = states.select(schema.STATE_COLUMNS).to_numpy()
-    if hashlib.sha256(np.ascontiguousarray(rows).tobytes()).hexdigest() != closing["state_sha256"]:
-        raise RecordingError(
-            f"{path} is damaged: its state is not the one that was written; {_AGAIN}"
-        )
+    samples = scenario.steps + 1
+    if closing is not None and not len(states) == samples == closing.get("samples"):
+        raise _damaged(path, f"it must hold {samples} samples, got {len(states)}")
+    if len(states) > samples:
+        raise _damaged(path, f"it must hold at most {samples} samples, got {len(states)}")
+    if closing is not None:
+        digest = StateDigest()
+        for part in states.iter_slices(1 << 16):
+            digest.update(part.select(schema.STATE_COLUMNS).to_numpy())
+        if digest.hexdigest() != closing.get("state_sha256"):
+            raise _damaged(path, "its state is not the one that was written")
+    numbers = [pl.col(name).is_finite() for name in schema.STATE_COLUMNS if name != DISTANCE]
+    # The distance to the floor is nan where there is no contact, and only there.
+    touches = pl.col("contact_points") > 0
+    distance = (
+        pl.when(touches).then(pl.col(DISTANCE).is_finite()).otherwise(pl.col(DISTANCE).is_nan())
+    )
+    wrong = states.filter(~pl.all_horizontal(*numbers, distance))
+    if len(wrong):
+        raise _damaged(path, f"its state at step {wrong['step'][0]} is no number")

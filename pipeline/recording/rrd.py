@@ -31,7 +31,7 @@ UNCOMPRESSED, LZ4 = 1, 2
 LZ4_RATIO = 255
 """No LZ4 block grows by more."""
 LARGEST_CHUNK = 1 << 28
-"""Bytes; ours have some hundred kilobytes, and Rerun's own tools merge them up to some megabytes."""
+"""Bytes; ours have some hundred kilobytes, and Rerun's tools merge them into some megabytes."""
 ROW_ID_BYTES = 16
 """Every row has an id, so that no chunk has more rows than it has bytes for."""
 
@@ -86,8 +86,8 @@ def _messages(file: BinaryIO, *, unfinished: bool) -> Iterator[tuple[int, memory
         if kind > ACTIVATION or length > size - position:
             break
         if kind == FOOTER:
-            rest = file.seek(position + length) and file.read(_TRAILER.size + 1)
-            if _is_trailer(rest, position, length):
+            file.seek(length, os.SEEK_CUR)
+            if _is_trailer(file.read(_TRAILER.size + 1), position, length):
                 return
             break
         if length > LARGEST_CHUNK:

@@ -50,9 +50,11 @@ SCENARIO_PROPERTY = "scenario"
 ENGINE_PROPERTY = "engine"
 CAMERA_PROPERTY = "camera"
 RECORDING_PROPERTY = "recording"
-"""Schema version, project version, samples, frames, and the digest of the state: written last."""
+"""Schema version, numbers of samples and frames, digests of state, inputs and frames: written last.
+A recording without it was never finished."""
 
-PROPERTIES = (SCENARIO_PROPERTY, ENGINE_PROPERTY, CAMERA_PROPERTY, RECORDING_PROPERTY)
+INPUT_PROPERTIES = (SCENARIO_PROPERTY, ENGINE_PROPERTY, CAMERA_PROPERTY)
+PROPERTIES = (*INPUT_PROPERTIES, RECORDING_PROPERTY)
 
 # -- the layer that `analyze` adds, under the same recording id -----------------------------------
 

@@ -6,7 +6,8 @@ viewer's layout, verifies the whole, and only then gives it its name.
 
 from __future__ import annotations
 
-import hashlib
+import os
+import functools
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -31,27 +32,12 @@ __all__ = ["Chunk"]  # for the stages, which hand chunks on and know nothing els
 Value = float | int | str | bool | Sequence[float]
 
 
-class StateDigest:
-    """SHA-256 over the state rows in step order: the same however the rows were chunked."""
-
-    def __init__(self) -> None:
-        self._hash = hashlib.sha256()
-
-    def update(self, rows: Float64) -> None:
-        """Take in rows of state, shape (n, 16)."""
-        self._hash.update(np.ascontiguousarray(rows, dtype="<f8").tobytes())
-
-    def hexdigest(self) -> str:
-        """Return the digest of all rows so far."""
-        return self._hash.hexdigest()
-
-
 def record(
     path: Path,
     chunks: Iterable[Chunk],
     *,
     recording_id: str,
-    blueprint: rrb.Blueprint,
+    blueprint: rrb.Blueprint | None,
     force: bool = False,
 ) -> None:
     """Write chunks to a recording that has its name only when it is whole and verified.
@@ -65,7 +51,7 @@ def record(
     recording_id
         Files of one id open as one recording.
     blueprint
-        The viewer's layout.
+        The viewer's layout; None leaves it out, and the file is verified without another program.
     force
         Whether an existing file may be replaced.
 
@@ -93,6 +79,9 @@ def record(
         )
         if failures:
             raise failures[0]
+        if blueprint is None:
+            seal(part, path, blueprint=None, rows=rows, force=force)
+            return
         with tempfile.TemporaryDirectory() as folder:
             layout = Path(folder, "layout.rbl")
             blueprint.save(schema.APPLICATION_ID, str(layout))
@@ -101,13 +90,18 @@ def record(
 
 @contextmanager
 def _strict() -> Iterator[None]:
-    """Make a bad call raise: by default Rerun only warns, and the data is lost."""
-    before = rr.strict_mode()
+    """Make a bad call raise, where Rerun only warns and loses the data; overrule `RERUN=off`."""
+    strict, switch = rr.strict_mode(), os.environ.get("RERUN")
     rr.set_strict_mode(True)
+    os.environ["RERUN"] = "on"
     try:
         yield
     finally:
-        rr.set_strict_mode(before)
+        rr.set_strict_mode(strict)
+        if switch is None:
+            del os.environ["RERUN"]
+        else:
+            os.environ["RERUN"] = switch
 
 
 # -- chunks ---------------------------------------------------------------------------------------
@@ -149,7 +143,7 @@ def scene_chunks(camera: Camera | None, world_from_camera: Float64 | None, half_
             rr.Boxes3D.columns(
                 half_sizes=[[0.75, 0.75, 0.005]],
                 centers=[[0.0, 0.0, -0.005]],
-                colors=[0xB8C0CCFF],
+                colors=[0x8A93A0FF],
                 fill_mode=[rr.components.FillMode.Solid],
             ),
         )
@@ -188,6 +182,7 @@ def document_chunk(entity: str, markdown: str) -> Chunk:
     return _static(entity, rr.TextDocument.columns(text=[markdown], media_type=["text/markdown"]))
 
 
+@functools.cache
 def curve_style_chunk(entity: str, name: str, colour: str, *, width: float = 2.0) -> Chunk:
     """Return how a curve is drawn: its name with unit, its colour as `#rrggbb`, its width."""
     return _static(
@@ -236,12 +231,12 @@ def curve_chunk(entity: str, steps: Steps, timestep_s: float, values: Float64) -
 
 def trail_chunk(steps: Steps, timestep_s: float, positions_m: Float64) -> Chunk:
     """Return points that the body leaves behind [m], shape (n, 3): a stroboscope's picture."""
-    n = len(steps)
+    n, radius = len(steps), -1.5  # negative: in points of the screen, seen from any distance
     return Chunk.from_columns(
         schema.TRAIL,
         _times(steps, timestep_s),
         rr.Points3D.columns(
-            positions=positions_m, radii=[0.008] * n, colors=[_rgba(colours.DAMPED_FALL)] * n
+            positions=positions_m, radii=[radius] * n, colors=[_rgba(colours.SIMULATED)] * n
         ),
     )
 

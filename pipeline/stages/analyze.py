@@ -58,6 +58,7 @@ def analyze(
         layer,
         recording_id=read_back.recording_id,
         timestep_s=read_back.scenario.timestep_s,
+        height_m=read_back.scenario.height_m,
         frames=read_back.camera is not None,
         samples=analysis.table,
         events=events(analysis),
@@ -66,4 +67,4 @@ def analyze(
     )
     if table is not None:
         write_table(Path(table), analysis.table, force=force)
-    return replace(analysis, recording=path, layer=layer)
+    return replace(analysis, recording=path, layer=layer, partial=read_back.partial)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import platform
 import time
 import uuid
@@ -16,12 +18,14 @@ from numpy.typing import NDArray
 from pipeline import colours
 from pipeline.physics import theory
 from pipeline.physics.bullet_law import fall_of
-from pipeline.physics.pictures import draw
+from pipeline.physics.pictures import Photographer
 from pipeline.physics.world import World, engine_versions, find_body, world_from_camera
 from pipeline.recording import schema, writer
 from pipeline.recording.about import about
 from pipeline.recording.blueprint import layout
+from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
 from pipeline.recording.files import check_target
+from pipeline.recording.live import shown
 from pipeline.recording.writer import Chunk
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 
@@ -29,6 +33,9 @@ Float64 = NDArray[np.float64]
 
 BATCH = 4096
 """Samples in one chunk of a recording: what a killed run loses at most."""
+
+LIVE_EVERY_S = 1 / 30
+"""Simulated time between two pictures of a live view [s]."""
 
 TRAIL_POINTS = 40
 """How many points the body leaves behind in the 3-D view, about."""
@@ -55,6 +62,8 @@ def simulate(
     *,
     camera: Camera | None = STANDARD_CAMERA,
     force: bool = False,
+    viewer: Callable[[], str] | None = None,
+    note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda *_: None,
 ) -> Simulation:
     """Drop the body of a scenario and record it, the state before each step and after the last.
@@ -69,6 +78,10 @@ def simulate(
         How to photograph the fall, or None for no frames.
     force
         Whether an existing file may be replaced.
+    viewer
+        Called before the fall, to return the URL of a viewer that is to show it live; or None.
+    note
+        Told in a sentence what is worth knowing but no reason to stop.
     progress
         Called while it runs.
 
@@ -78,6 +91,8 @@ def simulate(
         If the body cannot be found or loaded.
     OutputError
         If the recording cannot be written.
+    ViewerError
+        If no viewer can be reached.
     """
     began = time.perf_counter()
     path = Path(out)
@@ -85,14 +100,18 @@ def simulate(
     find_body(scenario.body)
     recording_id = uuid.uuid4().hex
     frames = 0 if camera is None else scenario.steps // camera.capture_every + 1
-    with World(scenario) as world:
-        writer.record(
-            path,
-            _chunks(scenario, camera, world, progress),
-            recording_id=recording_id,
-            blueprint=layout(frames=camera is not None),
-            force=force,
-        )
+    url = None if viewer is None else viewer()
+    batch = BATCH if url is None else max(1, round(LIVE_EVERY_S / scenario.timestep_s))
+    look = layout(height_m=scenario.height_m, frames=camera is not None)
+    with contextlib.ExitStack() as stack:
+        photographer = None
+        if camera is not None:
+            photographer = stack.enter_context(Photographer(scenario, camera, frames=frames))
+        world = stack.enter_context(World(scenario))
+        chunks = chunks_of(scenario, world, photographer, batch, progress)
+        if url is not None:
+            chunks = shown(chunks, url=url, recording_id=recording_id, blueprint=look, note=note)
+        writer.record(path, chunks, recording_id=recording_id, blueprint=look, force=force)
     return Simulation(
         recording=path,
         recording_id=recording_id,
@@ -103,25 +122,31 @@ def simulate(
     )
 
 
-def _chunks(
-    scenario: Scenario, camera: Camera | None, world: World, progress: Progress
+def chunks_of(
+    scenario: Scenario,
+    world: World,
+    photographer: Photographer | None,
+    batch: int,
+    progress: Progress,
 ) -> Iterator[Chunk]:
     """Yield the whole recording: what it was made with, the fall, and last what must be in it."""
-    engine = world.report() | engine_versions() | _library_versions()
-    yield writer.property_chunk(schema.SCENARIO_PROPERTY, asdict(scenario))
-    yield writer.property_chunk(schema.ENGINE_PROPERTY, engine)
-    pose = None
-    if camera is not None:
-        yield writer.property_chunk(schema.CAMERA_PROPERTY, asdict(camera))
+    engine = world.report() | engine_versions() | library_versions()
+    inputs = {schema.SCENARIO_PROPERTY: asdict(scenario), schema.ENGINE_PROPERTY: engine}
+    camera = pose = None
+    if photographer is not None:
+        camera = photographer.camera
+        inputs[schema.CAMERA_PROPERTY] = asdict(camera)
         pose = world_from_camera(camera)
+    for name, values in inputs.items():
+        yield writer.property_chunk(name, values)
     yield from writer.scene_chunks(camera, pose, world.half_size_m, floor=scenario.floor)
     yield from _curve_styles()
     yield writer.document_chunk(schema.ABOUT, about(scenario, camera, engine))
 
     samples = scenario.steps + 1
-    digest = writer.StateDigest()
+    digest, pictures = StateDigest(), FrameDigest()
     first, strobe = 0, max(1, scenario.steps // TRAIL_POINTS)
-    for rows in world.samples(BATCH):
+    for rows in world.samples(batch):
         steps = np.arange(first, first + len(rows))
         digest.update(rows)
         yield from writer.state_chunks(steps, scenario.timestep_s, rows)
@@ -129,8 +154,8 @@ def _chunks(
         lit = steps % strobe == 0
         if lit.any():
             yield writer.trail_chunk(steps[lit], scenario.timestep_s, rows[lit, :3])
-        if camera is not None:
-            yield from _frames(scenario, camera, steps, rows, progress)
+        if photographer is not None:
+            yield from _frames(scenario, photographer, steps, rows, pictures, progress)
         first += len(rows)
         progress("stepping", first, samples)
 
@@ -139,7 +164,10 @@ def _chunks(
         {
             "schema_version": schema.SCHEMA_VERSION,
             "samples": samples,
+            "frames": 0 if camera is None else scenario.steps // camera.capture_every + 1,
             "state_sha256": digest.hexdigest(),
+            "frames_sha256": pictures.hexdigest(),
+            "inputs_sha256": inputs_digest(inputs),
         },
     )
 
@@ -147,7 +175,9 @@ def _chunks(
 def _curve_styles() -> Iterator[Chunk]:
     yield writer.curve_style_chunk(schema.HEIGHT_SIMULATED, "simulated [m]", colours.SIMULATED)
     yield writer.curve_style_chunk(schema.HEIGHT_FREE_FALL, "free fall [m]", colours.FREE_FALL)
-    yield writer.curve_style_chunk(schema.HEIGHT_DAMPED_FALL, "damped fall [m]", colours.DAMPED_FALL)
+    yield writer.curve_style_chunk(
+        schema.HEIGHT_DAMPED_FALL, "damped fall [m]", colours.DAMPED_FALL
+    )
 
 
 def _heights(
@@ -167,20 +197,25 @@ def _heights(
 
 def _frames(
     scenario: Scenario,
-    camera: Camera,
+    photographer: Photographer,
     steps: NDArray[np.int64],
     rows: Float64,
+    digest: FrameDigest,
     progress: Progress,
 ) -> Iterator[Chunk]:
     """Yield the frames due among these samples, drawn from the recorded poses."""
-    due = steps % camera.capture_every == 0
-    total = scenario.steps // camera.capture_every + 1
-    for step, png in zip(steps[due], draw(scenario, camera, rows[due, :7]), strict=True):
+    every = photographer.camera.capture_every
+    due = steps % every == 0
+    total = scenario.steps // every + 1
+    for step, png in zip(steps[due], photographer.draw(rows[due, :7]), strict=True):
+        digest.update(int(step), png)
         yield writer.image_chunk(step, scenario.timestep_s, png)
-        progress("drawing frames", int(step) // camera.capture_every + 1, total)
+        progress("drawing frames", int(step) // every + 1, total)
 
 
-def _library_versions() -> dict[str, str]:
+@functools.cache
+def library_versions() -> dict[str, str]:
+    """Return the versions of what takes part in a recording, and what it is made on."""
     return {
         "drop_version": metadata.version("drop"),
         "numpy_version": metadata.version("numpy"),

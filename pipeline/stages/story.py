@@ -1,4 +1,4 @@
-"""The analysis in words, for the layer that is opened in the viewer: what happened when, and why."""
+"""The analysis in words, for the layer: what happened when, and where the error comes from."""
 
 from __future__ import annotations
 
@@ -27,13 +27,21 @@ def events(analysis: Analysis) -> list[tuple[int, str]]:
 def _sum(moment: Moment) -> str:
     """Write an error as a sum on one line; what rounds to nothing is left out."""
     terms = moment.terms_m
-    said = f"{moment.error_m * 1e3:+.2f} mm from free fall"
+    said = f"{moment.error_m * 1e3:+.2f} mm off"
     if terms is None:
         return said
     parts = [
-        f"{name} {value_m * 1e3:+.2f}" for name, value_m in asdict(terms).items() if abs(value_m) > 5e-6
+        f"{name} {value_m * 1e3:+.2f}"
+        for name, value_m in asdict(terms).items()
+        if abs(value_m) > 5e-6
     ]
     return f"{said}: {', '.join(parts)}" if parts else said
+
+
+def _millimetres(value_m: float) -> str:
+    """Write a length in mm; what four decimals cannot show is given in powers of ten."""
+    value = value_m * 1e3
+    return f"{value:+.4f}" if value == 0 or abs(value) >= 5e-5 else f"{value:+.1e}"
 
 
 def findings_markdown(analysis: Analysis) -> str:
@@ -50,8 +58,8 @@ def _moments(analysis: Analysis) -> Iterator[str]:
         yield "| | mm |"
         yield "| --- | --- |"
         for name, value_m in asdict(moment.terms_m).items():
-            yield f"| {name} | {value_m * 1e3:+.4f} |"
-        yield f"| **simulated − free fall** | **{moment.error_m * 1e3:+.4f}** |"
+            yield f"| {name} | {_millimetres(value_m)} |"
+        yield f"| **simulated − free fall** | **{_millimetres(moment.error_m)}** |"
         yield ""
 
 

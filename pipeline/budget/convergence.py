@@ -1,0 +1,160 @@
+"""How an error shrinks with the timestep, and what the limit is: plain functions of both.
+
+Timesteps always come coarse to fine, with the values of a run for each. The observed order says
+whether errors shrink as the method promises; Richardson's extrapolation and the grid convergence
+index need no exact solution, only a sequence that converges.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+SAFETY_FACTOR = 1.25
+"""Roache's for three grids or more, and an observed order near the formal one."""
+FORMAL_ORDER = 1
+"""Of semi-implicit Euler."""
+
+
+def observed_orders(timesteps_s: Sequence[float], errors: Sequence[float]) -> list[float | None]:
+    """Return ln|e1/e2| / ln(h1/h2) for each pair of neighbours; None where an error is 0.
+
+    Source: W. L. Oberkampf and C. J. Roy, *Verification and Validation in Scientific Computing*,
+    Cambridge 2010, section 5.3.1. It means something only where e goes to 0 with h.
+    """
+    return [
+        math.log(abs(e1 / e2)) / math.log(h1 / h2) if e1 and e2 else None
+        for h1, h2, e1, e2 in zip(timesteps_s, timesteps_s[1:], errors, errors[1:], strict=False)
+    ]
+
+
+def solution_order(timesteps_s: Sequence[float], solutions: Sequence[float]) -> float | None:
+    """Return the order p at which three solutions, coarse to fine, approach their common limit.
+
+    Solves (f3 - f2)/(f2 - f1) = r21^p (r32^p - 1)/(r21^p - 1) by fixed-point iteration; with one
+    ratio r it is ln[(f3 - f2)/(f2 - f1)] / ln r. None where they do not approach one monotonically.
+
+    Source: I. B. Celik et al., "Procedure for estimation and reporting of uncertainty due to
+    discretization in CFD applications", *J. Fluids Eng.* 130, 078001 (2008), step 3.
+    """
+    (h3, h2, h1), (f3, f2, f1) = timesteps_s, solutions
+    if f2 == f1 or (f3 - f2) / (f2 - f1) <= 0:
+        return None
+    coarse, fine, quotient = h3 / h2, h2 / h1, (f3 - f2) / (f2 - f1)
+    order = math.log(quotient) / math.log(fine)
+    for _ in range(100):
+        if order <= 0:
+            return None
+        last = order
+        order = math.log(quotient * (fine**last - 1) / (coarse**last - 1)) / math.log(fine)
+        if abs(order - last) <= 1e-14 * abs(last):
+            break
+    return order
+
+
+def richardson(coarse: float, fine: float, *, ratio: float, order: float) -> float:
+    """Return the limit f1 + (f1 - f2)/(r^p - 1) that two solutions of order p point to.
+
+    Source: L. F. Richardson, *Phil. Trans. R. Soc. A* 210, 307 (1911); Oberkampf and Roy, 8.3.
+    """
+    return fine + (fine - coarse) / (ratio**order - 1)
+
+
+def grid_convergence_index(coarse: float, fine: float, *, ratio: float, order: float) -> float:
+    """Return Fs |(f2 - f1)/f1| / (r^p - 1): the finer solution's relative error, to be safe.
+
+    Source: P. J. Roache, "Perspective: a method for uniform reporting of grid refinement studies",
+    *J. Fluids Eng.* 116, 405 (1994).
+    """
+    return SAFETY_FACTOR * abs((coarse - fine) / fine) / (ratio**order - 1)
+
+
+def cancelling_timestep(timestep_s: float, *, timestep_m: float, damping_m: float) -> float | None:
+    """Return where the timestep's share, which is proportional to it, cancels the damping's [s].
+
+    For a fall from rest dt* = 2 damping/(g t). None where they have the same sign, or one is 0.
+    """
+    if timestep_m * damping_m >= 0:
+        return None
+    return -timestep_s * damping_m / timestep_m
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a refinement study needs of one run [m]; its terms are those of the error budget."""
+
+    timestep_s: float
+    simulated_m: float
+    error_m: float
+    timestep_m: float
+    damping_m: float
+    interaction_m: float
+    rounding_m: float
+
+    @property
+    def discretisation_m(self) -> float:
+        """Simulated minus damped fall: what is left of the error against the engine's own model."""
+        return self.timestep_m + self.interaction_m + self.rounding_m
+
+
+@dataclass(frozen=True)
+class Study:
+    """Runs that differ in nothing but the timestep, coarse to fine, and what they tell together.
+
+    What needs three runs, or a sequence that converges, is None without it.
+    """
+
+    runs: tuple[Run, ...]
+    orders_free_fall: list[float | None]
+    """Observed orders against free fall: without a meaning unless damping is off."""
+    orders_damped_fall: list[float | None]
+    """Observed orders against damped fall, in continuous time."""
+    order: float | None
+    """Observed order of the three finest solutions, which needs no theory."""
+    extrapolated_m: float | None
+    """Richardson's extrapolation of the height."""
+    damped_fall_m: float
+    """Height that it should find."""
+    grid_convergence_index: float | None
+    """Relative error of the finest height, estimated."""
+    relative_error: float
+    """The same, known from theory."""
+    cancelling_timestep_s: float | None
+    """Where timestep and damping cancel."""
+    limit_m: float
+    """What the error against free fall goes to as the timestep shrinks: the damping's share."""
+
+    @property
+    def refining_hurts(self) -> bool:
+        """Whether some refinement made the error against free fall grow."""
+        errors = [abs(run.error_m) for run in self.runs]
+        return any(fine > coarse for coarse, fine in zip(errors, errors[1:], strict=False))
+
+
+def study_of(runs: Sequence[Run]) -> Study:
+    """Return what runs of different timesteps tell; at least two, in any order."""
+    ordered = tuple(sorted(runs, key=lambda run: -run.timestep_s))
+    steps, heights = [run.timestep_s for run in ordered], [run.simulated_m for run in ordered]
+    finest = ordered[-1]
+    damped_fall_m = finest.simulated_m - finest.discretisation_m
+    order = solution_order(steps[-3:], heights[-3:]) if len(ordered) > 2 else None
+    extrapolated_m = index = None
+    if order is not None:
+        ratio = steps[-2] / steps[-1]
+        extrapolated_m = richardson(*heights[-2:], ratio=ratio, order=order)
+        index = grid_convergence_index(*heights[-2:], ratio=ratio, order=order)
+    return Study(
+        runs=ordered,
+        orders_free_fall=observed_orders(steps, [run.error_m for run in ordered]),
+        orders_damped_fall=observed_orders(steps, [run.discretisation_m for run in ordered]),
+        order=order,
+        extrapolated_m=extrapolated_m,
+        damped_fall_m=damped_fall_m,
+        grid_convergence_index=index,
+        relative_error=abs(finest.discretisation_m / finest.simulated_m),
+        cancelling_timestep_s=cancelling_timestep(
+            finest.timestep_s, timestep_m=finest.timestep_m, damping_m=finest.damping_m
+        ),
+        limit_m=finest.damping_m,
+    )

@@ -1,0 +1,106 @@
+"""What many samples of one quantity say together: mean, spread, quantiles, and how sure the mean is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import ArrayLike, NDArray
+
+Float64 = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+QUANTILES = (0.05, 0.5, 0.95)
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Count, mean and sum of squared deviations from it: all that a confidence interval needs."""
+
+    count: int = 0
+    mean: float = 0.0
+    squares: float = 0.0
+
+    def with_values(self, values: ArrayLike) -> Moments:
+        """Return the moments with more values in them."""
+        new: Float64 = np.asarray(values, dtype=np.float64)
+        if not len(new):
+            return self
+        mean = float(new.mean())
+        return self.merged(Moments(len(new), mean, float(np.sum((new - mean) ** 2))))
+
+    def merged(self, other: Moments) -> Moments:
+        """Return the moments of both.
+
+        Source: T. F. Chan, G. H. Golub and R. J. LeVeque, "Updating formulae and a pairwise
+        algorithm for computing sample variances", Stanford STAN-CS-79-773 (1979), equation 2.1.
+        """
+        count = self.count + other.count
+        if not count:
+            return self
+        apart = other.mean - self.mean
+        return Moments(
+            count,
+            self.mean + apart * other.count / count,
+            self.squares + other.squares + apart**2 * self.count * other.count / count,
+        )
+
+    @property
+    def spread(self) -> float | None:
+        """Standard deviation, with n - 1; None for fewer than two values."""
+        return math.sqrt(self.squares / (self.count - 1)) if self.count > 1 else None
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Confidence interval of the mean at 95 %: mean ± t s/√n with Student's t."""
+        if self.spread is None:
+            return None
+        from scipy.special import stdtrit  # slow to import, and needed here only
+
+        t = float(stdtrit(self.count - 1, (1 + CONFIDENCE) / 2))
+        half = t * self.spread / math.sqrt(self.count)
+        return self.mean - half, self.mean + half
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One quantity over the samples that have it."""
+
+    quantity: str
+    count: int
+    mean: float
+    spread: float | None
+    quantiles: dict[str, float]
+    """By name, `5%`, `50%` and `95%`; between two samples they are interpolated."""
+    interval: tuple[float, float] | None
+    """Confidence interval of the mean, 95 %."""
+
+
+def summaries(rows: pl.LazyFrame, quantities: tuple[str, ...]) -> list[Summary]:
+    """Return a summary of each quantity over all rows; rows without it are left out.
+
+    A quantity that no row has is left out itself. One pass over the file for each.
+    """
+    found = []
+    for quantity in quantities:
+        values = rows.select(pl.col(quantity).drop_nulls()).collect()[quantity].to_numpy()
+        if not len(values):
+            continue
+        moments = Moments().with_values(values)
+        quantiles = np.quantile(values, QUANTILES)
+        found.append(
+            Summary(
+                quantity=quantity,
+                count=moments.count,
+                mean=moments.mean,
+                spread=moments.spread,
+                quantiles={
+                    f"{share:.0%}": float(value)
+                    for share, value in zip(QUANTILES, quantiles, strict=True)
+                },
+                interval=moments.interval,
+            )
+        )
+    return found

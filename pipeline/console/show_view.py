@@ -1,0 +1,32 @@
+"""Say what is being shown, before the viewer opens."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pipeline.console.output import note, print_json, print_lines
+
+if TYPE_CHECKING:
+    from pipeline.stages.view import View
+
+
+def show_view(view: View, *, as_json: bool) -> None:
+    """Print what is shown, and where."""
+    for layer in view.stale:
+        note(f"{layer} belongs to an earlier recording; make it again with: drop analyze")
+    if as_json:
+        print_json(
+            {
+                "recordings": list(map(str, view.recordings)),
+                "layers": list(map(str, view.layers)),
+                "command": view.viewer.command,
+                "url": view.viewer.url,
+                "page": view.viewer.page,
+            }
+        )
+        return
+    files = " ".join(map(str, [*view.recordings, *view.layers]))
+    lines = [f"[dim]showing[/]          {files}"]
+    if view.viewer.page is not None:
+        lines.append(f"[dim]open in a browser[/]  {view.viewer.page}   (Ctrl-C ends it)")
+    print_lines(*lines)

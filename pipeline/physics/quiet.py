@@ -1,0 +1,42 @@
+"""Keep a C library's own words off the user's streams."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def c_output_moved_aside() -> Iterator[list[str]]:
+    """Keep what C prints, such as Bullet's banner and warnings, off the user's streams.
+
+    C writes to file descriptors 1 and 2, whatever `sys.stdout` is, and buffers its text, so it is
+    flushed before and after. The list yielded holds the text once the block has ended.
+    """
+    libc = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
+    printed: list[str] = []
+    with tempfile.TemporaryFile() as aside:
+        libc.fflush(None)
+        kept = {fd: os.dup(fd) for fd in (1, 2) if _is_open(fd)}
+        for fd in kept:
+            os.dup2(aside.fileno(), fd)
+        try:
+            yield printed
+        finally:
+            libc.fflush(None)
+            for fd, copy in kept.items():
+                os.dup2(copy, fd)
+                os.close(copy)
+            aside.seek(0)
+            printed.append(aside.read().decode(errors="replace"))
+
+
+def _is_open(fd: int) -> bool:
+    try:
+        os.fstat(fd)
+    except OSError:
+        return False
+    return True

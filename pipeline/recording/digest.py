@@ -1,0 +1,60 @@
+"""Digests of everything that a number or a picture is made from.
+
+They are written last, into the recording's closing property, and checked before anything is
+believed: a bit that changed on the disk is damage, not a result.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class StateDigest:
+    """SHA-256 over the state rows in step order: the same however the rows were chunked."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+
+    def update(self, rows: NDArray[np.float64]) -> None:
+        """Take in rows of state, shape (n, 16)."""
+        self._hash.update(np.ascontiguousarray(rows, dtype="<f8").tobytes())
+
+    def hexdigest(self) -> str:
+        """Return the digest of all rows so far."""
+        return self._hash.hexdigest()
+
+
+class FrameDigest:
+    """SHA-256 over the camera frames in step order."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+
+    def update(self, step: int, png: bytes) -> None:
+        """Take in one frame."""
+        self._hash.update(step.to_bytes(8, "little") + len(png).to_bytes(8, "little") + png)
+
+    def hexdigest(self) -> str:
+        """Return the digest of all frames so far."""
+        return self._hash.hexdigest()
+
+
+def inputs_digest(properties: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the SHA-256 of properties by name, the same before writing and after reading."""
+    plain = {name: _plain(values) for name, values in properties.items()}
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values as they are read back: None is not written, a list of one is its element."""
+    return {
+        key: value[0] if isinstance(value, list | tuple) and len(value) == 1 else value
+        for key, value in values.items()
+        if value is not None
+    }

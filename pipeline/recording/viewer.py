@@ -1,0 +1,212 @@
+"""Rerun's own programs: its command line, and its viewer, on loopback only and never counted."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.errors import DropError, ScenarioError
+from pipeline.recording import schema
+
+LOOPBACK = "127.0.0.1"
+STARTS_WITHIN_S = 30.0
+VIEWER_PORT, PAGE_PORT = 9876, 9090
+"""Rerun's own, where they are free."""
+
+
+class ViewerError(DropError):
+    """A viewer that cannot be started or reached."""
+
+
+def binary() -> Path:
+    """Return Rerun's binary; the `rerun` on the PATH is a slower wrapper around it.
+
+    Raises
+    ------
+    ViewerError
+        If it is not installed.
+    """
+    spec = importlib.util.find_spec("rerun_cli")
+    if spec is None or spec.origin is None:
+        raise ViewerError("rerun-sdk's command line is not installed; try: pip install rerun-sdk")
+    return Path(spec.origin).parent / "rerun"
+
+
+@dataclass(frozen=True)
+class Viewer:
+    """How to start a viewer, and where it is found then."""
+
+    command: list[str]
+    port: int
+    page: str | None
+    """The address to open in a browser, for the web viewer."""
+
+    @property
+    def url(self) -> str:
+        """Where it listens for recordings and for orders."""
+        return f"rerun+http://{LOOPBACK}:{self.port}/proxy"
+
+
+def viewer(files: Sequence[Path] = (), *, web: bool = False) -> Viewer:
+    """Return a viewer of these files; the layout of the last one is what is seen.
+
+    Parameters
+    ----------
+    files
+        Recordings and layers; none for a viewer that waits for data.
+    web
+        Whether it is the one in the browser.
+
+    Raises
+    ------
+    ViewerError
+        If there is no screen to open a window on, or Rerun is not installed.
+    """
+    port, page = _free_port(VIEWER_PORT), None
+    command = [str(binary()), *map(str, files), "--bind", LOOPBACK, "--port", str(port)]
+    if web:
+        page_port = _free_port(PAGE_PORT)
+        command += ["--web-viewer", "--web-viewer-port", str(page_port)]
+        page = f"http://{LOOPBACK}:{page_port}?url=rerun%2Bhttp%3A%2F%2F{LOOPBACK}%3A{port}%2Fproxy"
+    else:
+        _check_display()
+        if not files:
+            command.append("--expect-data-soon")
+    return Viewer(command, port, page)
+
+
+def start(found: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
+    """Start a viewer, and return its process as soon as it listens.
+
+    Parameters
+    ----------
+    found
+        What to start.
+    stays
+        Whether it stays open when we end.
+
+    Raises
+    ------
+    ViewerError
+        If it ends, or does not listen in time.
+    """
+    # Rerun counts its users unless told otherwise or in CI. Nobody asked us to be counted, and
+    # this leaves the user's own settings as they are.
+    environment = {"RUST_LOG": "error"} | os.environ | {"CI": "true"}
+    process = subprocess.Popen(
+        found.command,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL if stays else None,
+        start_new_session=stays,
+    )
+    deadline = time.monotonic() + STARTS_WITHIN_S
+    while not _listens(LOOPBACK, found.port):
+        if process.poll() is not None:
+            wait(process)
+        if time.monotonic() > deadline:
+            process.kill()
+            raise ViewerError(
+                f"the viewer did not listen on port {found.port} within {STARTS_WITHIN_S:g} s; "
+                "try the browser's: drop view RUN.rrd --web"
+            )
+        time.sleep(0.05)
+    return process
+
+
+def wait(process: subprocess.Popen[bytes]) -> None:
+    """Wait until a viewer is closed.
+
+    Raises
+    ------
+    ViewerError
+        If it fails.
+    """
+    if process.wait() != 0:
+        raise ViewerError(
+            f"the viewer ended with exit code {process.returncode}; "
+            "try the browser's: drop view RUN.rrd --web"
+        )
+
+
+def put_cursor(found: Viewer, time_s: float, process: subprocess.Popen[bytes]) -> None:
+    """Rest a viewer's time cursor somewhere once it has loaded; no layout can say where."""
+    from rerun.experimental import ViewerClient
+
+    deadline = time.monotonic() + STARTS_WITHIN_S
+    while process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.1)
+        # Until it has loaded, or where somebody closes it meanwhile, it answers with an error.
+        with contextlib.suppress(ConnectionError, RuntimeError, ValueError):
+            client = ViewerClient.connect(found.url)
+            state = client.get_state()
+            if state.active_recording and not state.loading:
+                client.set_time(schema.TIME_TIMELINE, duration=time_s, play_state="paused")
+                return
+
+
+def check_listens(url: str) -> None:
+    """Make sure that somebody listens at a viewer's URL.
+
+    Raises
+    ------
+    ScenarioError
+        If it is no such URL.
+    ViewerError
+        If nobody does.
+    """
+    from urllib.parse import urlsplit
+
+    parts = urlsplit(url)
+    try:
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    schemes = ("rerun", "rerun+http", "rerun+https")
+    if parts.scheme not in schemes or not host or not port or parts.path != "/proxy":
+        raise ScenarioError(
+            f"--connect takes a URL such as rerun+http://127.0.0.1:9876/proxy, got {url!r}"
+        )
+    if not _listens(host, port):
+        raise ViewerError(
+            f"no viewer listens at {url}; start one with: rerun --bind 127.0.0.1, or use --spawn"
+        )
+
+
+def _listens(host: str, port: int) -> bool:
+    try:
+        socket.create_connection((host, port), timeout=2).close()
+    except OSError:
+        return False
+    return True
+
+
+def _free_port(preferred: int) -> int:
+    for port in (preferred, 0):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((LOOPBACK, port))
+            except OSError:
+                continue
+            return int(probe.getsockname()[1])
+    raise ViewerError("no port is free on 127.0.0.1; close a viewer and try again")
+
+
+def _check_display() -> None:
+    if sys.platform == "linux" and not any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+    ):
+        raise ViewerError(
+            "there is no screen to open the viewer on (neither DISPLAY nor WAYLAND_DISPLAY is set);"
+            " use the browser's: drop view RUN.rrd --web"
+        )

@@ -1,0 +1,179 @@
+"""Is this recording the same physics as a golden one? And make a recording the golden one."""
+
+from __future__ import annotations
+
+import io
+import math
+import zlib
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipeline.budget.comparison import Comparison, Place, Setting, Side, compare
+from pipeline.errors import RecordingError, ScenarioError
+from pipeline.recording import files
+from pipeline.recording.reader import Recording, frames, read
+
+POSE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
+
+
+@dataclass(frozen=True)
+class Frames:
+    """How the pictures of two recordings compare."""
+
+    compared: int
+    differing: int
+    first_step: int | None
+    why: str | None
+    """Why no more were compared; None where all were."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """Whether a recording is the same physics as a golden one, and where it is not."""
+
+    recording: Path
+    golden: Path
+    tolerance_m: float
+    comparison: Comparison | None
+    """None where there was no golden recording yet."""
+    frames: Frames | None
+    updated: bool = False
+
+    @property
+    def first(self) -> Place | None:
+        """Return what differs first: a number, else a frame."""
+        if self.comparison is not None and self.comparison.first is not None:
+            return self.comparison.first
+        if self.frames is not None and self.frames.first_step is not None:
+            return Place(self.frames.first_step, "frame")
+        return None
+
+    @property
+    def same(self) -> bool:
+        """Whether nothing differs by more than is allowed."""
+        return self.first is None and (self.comparison is None or self.comparison.same)
+
+
+def check(
+    recording: Path | str,
+    against: Path | str,
+    *,
+    tolerance_m: float = 0.0,
+    update: bool = False,
+) -> Check:
+    """Compare a recording with a golden one: settings, then state and contacts, then frames.
+
+    Parameters
+    ----------
+    recording
+        The recording to check.
+    against
+        The golden recording.
+    tolerance_m
+        Difference that is let pass [m]; 0 is bit for bit in the air and 1e-9 m in contact.
+    update
+        Whether to make the recording the golden one, whatever was golden before.
+
+    Raises
+    ------
+    RecordingError
+        If one of them is missing, damaged or unfinished.
+    ScenarioError
+        If the tolerance is no length.
+    OutputError
+        If the golden recording is to be written and cannot be.
+    """
+    path, golden = Path(recording), Path(against)
+    if not (math.isfinite(tolerance_m) and tolerance_m >= 0):
+        raise ScenarioError(f"--tolerance must be finite and at least 0, got {tolerance_m!r}")
+    run = _whole(path)
+    if not update:
+        return _checked(run, _whole(golden), tolerance_m)
+    files.check_target(golden, force=True)
+    try:
+        before = _checked(run, _whole(golden), tolerance_m)
+    except RecordingError:  # there is none yet, or none that can be read
+        before = Check(path, golden, tolerance_m, None, None)
+    _make_golden(run, golden)
+    return replace(before, updated=True)
+
+
+def _whole(path: Path) -> Recording:
+    recording = read(path)
+    if recording.partial:
+        raise RecordingError(
+            f"{path} was never finished, and only whole recordings are compared; record it again "
+            "with: drop simulate"
+        )
+    return recording
+
+
+def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
+    sides = [Side(one.scenario, one.engine, one.states) for one in (run, golden)]
+    comparison = compare(*sides, tolerance_m=tolerance_m)
+    comparable = comparison.largest_difference_m is not None
+    pictures = _compare_frames(run, golden) if comparable else None
+    return Check(run.path, golden.path, tolerance_m, comparison, pictures)
+
+
+def _make_golden(run: Recording, golden: Path) -> None:
+    """Write a recording under the golden name, packed, if it reads back the same."""
+    with files.replaced(golden) as part:
+        files.pack(run.path, part)
+        packed = _whole(part)
+        if not packed.states.equals(run.states, null_equal=True):
+            raise RecordingError(f"{golden} was not written: packing {run.path} changed its state")
+        if [step for step, _ in frames(part)] != [step for step, _ in frames(run.path)]:
+            raise RecordingError(f"{golden} was not written: packing {run.path} lost frames")
+
+
+# -- frames ---------------------------------------------------------------------------------------
+
+
+def _compare_frames(run: Recording, golden: Recording) -> Frames:
+    """Compare the pictures that both have of the same pose; pictures of other poses may differ."""
+    if run.camera is None or golden.camera is None:
+        which = " and ".join(str(one.path) for one in (run, golden) if one.camera is None)
+        return Frames(0, 0, None, f"{which} has no frames")
+    if run.camera != golden.camera:
+        return Frames(0, 0, None, f"the cameras differ: {_camera_differences(run, golden)}")
+    if run.engine.get("machine") != golden.engine.get("machine"):
+        return Frames(0, 0, None, "they were drawn on different kinds of machine")
+    same_pose = run.states.select(
+        pl.all_horizontal(pl.col(name) == golden.states[name] for name in POSE)
+    ).to_series()
+    mine, theirs = dict(frames(run.path)), dict(frames(golden.path))
+    steps = [step for step in sorted(mine.keys() & theirs.keys()) if same_pose[step]]
+    differing = [
+        step
+        for step in steps
+        if mine[step] != theirs[step]
+        and not np.array_equal(_pixels(mine[step], run.path), _pixels(theirs[step], golden.path))
+    ]
+    apart = len(mine) - len(steps)
+    return Frames(
+        compared=len(steps),
+        differing=len(differing),
+        first_step=differing[0] if differing else None,
+        why=f"in {apart} of {len(mine)} the body is elsewhere" if apart else None,
+    )
+
+
+def _camera_differences(run: Recording, golden: Recording) -> str:
+    assert run.camera is not None
+    assert golden.camera is not None
+    mine, theirs = asdict(run.camera), asdict(golden.camera)
+    settings = [Setting(name, mine[name], theirs[name]) for name in mine]
+    return ", ".join(f"{s.name} {s.value} and {s.golden}" for s in settings if s.value != s.golden)
+
+
+def _pixels(png: bytes, path: Path) -> NDArray[np.uint8]:
+    try:
+        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+    except (OSError, SyntaxError, ValueError, zlib.error) as error:  # what Pillow raises
+        raise RecordingError(f"{path} is damaged: a frame cannot be decoded ({error})") from None

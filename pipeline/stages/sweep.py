@@ -1,0 +1,310 @@
+"""Run many scenarios, and say how the error behaves: by timestep, or by chance."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from pipeline.budget.convergence import Run, Study, study_of
+from pipeline.budget.statistics import Moments, Summary, summaries
+from pipeline.errors import DropError, ScenarioError
+from pipeline.physics.world import engine_versions
+from pipeline.scenario import Camera, Scenario
+from pipeline.stages.sweep_shard import RunShard, ShardDone
+from pipeline.sweeping import engines
+from pipeline.sweeping.folder import TERMS, Folder
+from pipeline.sweeping.plan import Plan
+
+DEFAULT_AT_S = 0.3
+SHORT_STEPS = 200_000
+"""A sweep of fewer steps is over before a second process would have started."""
+
+Progress = Callable[[int, int, int], None]
+"""Told how many runs are done, how many of them failed, and out of how many."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Scenarios that share the values of some fields, and what they tell together."""
+
+    values: dict[str, Any]
+    """The shared values of those fields that differ within the sweep."""
+    study: Study | None = None
+    statistics: tuple[Summary, ...] = ()
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What a sweep made."""
+
+    plan: Plan
+    runs: int
+    failed: int
+    computed: int
+    """Runs of this call; the others were there before."""
+    results: Path
+    """One Parquet file, a row per run."""
+    plot: Path | None
+    studies: list[Group]
+    """One for each set of scenarios that differ in the timestep only."""
+    statistics: list[Group]
+    """One for each scenario that is sampled."""
+    narrow_enough: bool | None
+    """Whether `until_ci_m` was reached; None where none was asked for."""
+
+    def table(self) -> pl.DataFrame:
+        """Return the results, a row per run."""
+        return pl.read_parquet(self.results)
+
+
+def sweep(
+    plan: Plan,
+    out: Path | str,
+    *,
+    at_s: float = DEFAULT_AT_S,
+    record: bool = True,
+    camera: Camera | None = None,
+    jobs: int | None = None,
+    ray: str | None = None,
+    until_ci_m: float | None = None,
+    plot: Path | str | None = None,
+    force: bool = False,
+    progress: Progress = lambda *_: None,
+) -> Sweep:
+    """Run the scenarios of a plan, or those of them that are not yet in the folder.
+
+    Parameters
+    ----------
+    plan
+        Which scenarios.
+    out
+        The folder for results and recordings; made if missing. The same plan goes on in it where
+        it stopped, another one is turned away.
+    at_s
+        Time to take the error apart at [s].
+    record
+        Whether each run's recording is kept.
+    camera
+        How to photograph the recorded falls, or None for no frames.
+    jobs
+        Processes on this machine; None for one per core where it is worth it.
+    ray
+        Address of a Ray cluster to run on instead, `auto`, or `local`.
+    until_ci_m
+        Stop sampling when the 95 % confidence interval of the mean error is this narrow [m].
+    plot
+        A `.png` or `.svg` file to plot the errors over the timestep into, or None.
+    force
+        Whether the plot may replace a file.
+    progress
+        Called while it runs.
+
+    Raises
+    ------
+    ScenarioError
+        If the options do not go together.
+    OutputError
+        If the folder holds another sweep, or cannot be written.
+    DropError
+        If all runs fail, workers die again and again, or Ray does not answer.
+    """
+    _check(plan, until_ci_m=until_ci_m, jobs=jobs, at_s=at_s)
+    if plot is not None:
+        from pipeline.figures.convergence_plot import check_plot
+
+        check_plot(Path(plot), timesteps=len(dict(plan.lists).get("timestep_s", ())), force=force)
+    folder = Folder(Path(out))
+    work = RunShard(plan, folder.path.resolve(), at_s, record, camera)
+    with folder.claimed(_identity(work)):
+        before = {shard: _done(folder.read(shard)) for shard in sorted(folder.finished())}
+        ledger = _Ledger(plan, dict(before), until_ci_m, progress)
+        todo = (shard for shard in range(plan.shards) if shard not in before)
+        try:
+            if ledger.needed is None:
+                for shard, done in _engine(work, todo, jobs=jobs, ray=ray):
+                    ledger.enter(shard, done)
+                    if ledger.needed is not None:
+                        break
+        except BaseException as stop:
+            stop.add_note(
+                f"{ledger.runs:,} of {plan.runs:,} runs are in {folder.path}; the same command "
+                "goes on from there"
+            )
+            raise
+        shards = plan.shards if ledger.needed is None else ledger.needed
+        for shard in folder.finished() - set(range(shards)):
+            folder.discard(shard)
+        results = folder.merge(shards)
+        kept = [ledger.done[shard] for shard in range(shards)]
+        runs, failed = sum(one.runs for one in kept), sum(one.failed for one in kept)
+        if failed == runs:
+            first = results.select("error").first().collect().item()
+            raise DropError(f"all {runs:,} runs failed, the first with: {first}")
+        studies = _studies(plan, results)
+        if plot is not None:
+            _plot(Path(plot), studies, at_s, force=force)
+    return Sweep(
+        plan=plan,
+        runs=runs,
+        failed=failed,
+        computed=sum(one.runs for shard, one in ledger.done.items() if shard not in before),
+        results=folder.results,
+        plot=None if plot is None else Path(plot),
+        studies=studies,
+        statistics=_statistics(plan, results),
+        narrow_enough=None if until_ci_m is None else ledger.needed is not None,
+    )
+
+
+def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: float) -> None:
+    if until_ci_m is not None:
+        if not until_ci_m > 0:
+            raise ScenarioError(f"--until-ci must be above 0 m, got {until_ci_m:g}")
+        if plan.samples is None or plan.axes:
+            raise ScenarioError("--until-ci takes one scenario with --samples, and no lists")
+    if jobs is not None and jobs < 1:
+        raise ScenarioError(f"--jobs must be at least 1, got {jobs}")
+    if not at_s >= 0:
+        raise ScenarioError(f"--at must be at least 0 s, got {at_s:g}")
+
+
+def _identity(work: RunShard) -> dict[str, Any]:
+    """Return everything that decides the rows: results of other things are not to be mixed."""
+    return {
+        "lists": {name: list(values) for name, values in work.plan.lists},
+        "vary": [asdict(one) for one in work.plan.variations],
+        "samples": work.plan.samples,
+        "seed": work.plan.seed,
+        "at_s": work.at_s,
+        "recorded": work.recorded,
+        "camera": None if work.camera is None else asdict(work.camera),
+        "made_with": {
+            **engine_versions(),
+            "drop_version": metadata.version("drop"),
+            "numpy_version": metadata.version("numpy"),
+            "machine": platform.machine(),
+        },
+    }
+
+
+def _engine(
+    work: RunShard, todo: Iterator[int], *, jobs: int | None, ray: str | None
+) -> Iterator[tuple[int, ShardDone]]:
+    if ray is not None:
+        return engines.on_ray(work, todo, address=ray)
+    plan = work.plan
+    if jobs is None:
+        try:
+            steps = plan.runs * Scenario(**plan.values(0)).steps
+        except ScenarioError:
+            steps = plan.runs
+        jobs = 1 if steps < SHORT_STEPS else len(os.sched_getaffinity(0))
+    jobs = min(jobs, plan.shards)
+    if jobs == 1:
+        return engines.in_this_process(work, todo)
+    return engines.in_processes(work, todo, jobs=jobs)
+
+
+def _done(part: pl.DataFrame) -> ShardDone:
+    """Return what the worker reported of a part that was there before."""
+    errors = part.filter(pl.col("error").is_null())["error_m"]
+    return ShardDone(len(part), len(part) - len(errors), Moments().with_values(errors.to_numpy()))
+
+
+class _Ledger:
+    """Which shards are done, and whether they are enough.
+
+    Shards finish in any order, so that only the first ones without a gap decide: the answer is
+    the same for any number of workers.
+    """
+
+    def __init__(
+        self, plan: Plan, done: dict[int, ShardDone], until_ci_m: float | None, progress: Progress
+    ) -> None:
+        self.done = done
+        self.needed: int | None = None
+        """How many shards are enough; None as long as nobody knows, or it is all of them."""
+        self._total, self._until_ci_m, self._progress = plan.runs, until_ci_m, progress
+        self._followed, self._moments = 0, Moments()
+        self._follow()
+
+    @property
+    def runs(self) -> int:
+        """How many runs are done."""
+        return sum(one.runs for one in self.done.values())
+
+    def enter(self, shard: int, done: ShardDone) -> None:
+        """Take note of a shard."""
+        self.done[shard] = done
+        self._follow()
+
+    def _follow(self) -> None:
+        failed = sum(one.failed for one in self.done.values())
+        self._progress(self.runs, failed, self._total)
+        while self.needed is None and self._until_ci_m is not None and self._followed in self.done:
+            self._moments = self._moments.merged(self.done[self._followed].error_m)
+            self._followed += 1
+            interval = self._moments.interval
+            if interval is not None and interval[1] - interval[0] <= self._until_ci_m:
+                self.needed = self._followed
+
+
+# -- what the rows tell together ------------------------------------------------------------------
+
+
+def _groups(rows: pl.DataFrame, fields: list[str]) -> Iterator[tuple[dict[str, Any], pl.DataFrame]]:
+    """Yield rows that share the values of some fields, in the order of the first of each."""
+    if not fields:
+        yield {}, rows
+        return
+    for values, group in rows.group_by(fields, maintain_order=True):
+        yield dict(zip(fields, values, strict=True)), group
+
+
+def _studies(plan: Plan, results: pl.LazyFrame) -> list[Group]:
+    """Return a refinement study of each set of runs that differ in the timestep only.
+
+    Only those whose error was taken apart, at the very same time: another sample is another error.
+    """
+    if "timestep_s" not in plan.axes or plan.samples is not None:
+        return []
+    others = [name for name in plan.axes if name != "timestep_s"]
+    columns = [*others, "timestep_s", "time_s", "simulated_m", *TERMS]
+    rows = results.filter(pl.all_horizontal(pl.col(TERMS).is_not_null())).select(columns).collect()
+    found = []
+    for values, group in _groups(rows, others):
+        times = group["time_s"]
+        same = group.filter((times - times[0]).abs() <= 1e-9 * times[0])
+        runs = [Run(**one) for one in same.drop(*others, "time_s").iter_rows(named=True)]
+        if len(runs) > 1:
+            found.append(Group(values, study=study_of(runs)))
+    return found
+
+
+def _statistics(plan: Plan, results: pl.LazyFrame) -> list[Group]:
+    """Return the statistics of each scenario that is sampled."""
+    if plan.samples is None:
+        return []
+    names = [*plan.axes]
+    found = []
+    for combination in range(plan.runs // plan.samples):
+        first, last = combination * plan.samples, (combination + 1) * plan.samples
+        rows = results.filter(pl.col("run").is_between(first, last - 1))
+        fixed = plan.values_of(combination)
+        values = {name: fixed[name] for name in names}
+        found.append(Group(values, statistics=tuple(summaries(rows, TERMS))))
+    return found
+
+
+def _plot(path: Path, studies: list[Group], at_s: float, *, force: bool) -> None:
+    from pipeline.figures.convergence_plot import Panel, plot_convergence
+    from pipeline.recording.files import written_whole
+
+    raise NotImplementedError

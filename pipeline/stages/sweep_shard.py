@@ -1,0 +1,179 @@
+"""Run one shard of a sweep: its scenarios one after another, a row and a recording of each.
+
+This is all that a worker does, wherever it runs. It keeps its world from shard to shard.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import uuid
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.budget.moment import moment_in_the_air
+from pipeline.budget.results import Moment
+from pipeline.budget.statistics import Moments
+from pipeline.errors import DropError, OutputError
+from pipeline.physics.lasting_world import LastingWorld, Worlds
+from pipeline.physics.world import Report, engine_versions
+from pipeline.recording import schema
+from pipeline.scenario import Camera, Scenario
+from pipeline.sweeping.folder import SCHEMA, Folder, Row
+from pipeline.sweeping.plan import Plan, replay_command
+
+Float64 = NDArray[np.float64]
+
+FLAT_RECORDINGS = 1000
+"""Up to so many recordings lie side by side; more are put into folders of so many."""
+
+_worlds = Worlds()
+"""This process's own."""
+
+
+@dataclass(frozen=True)
+class ShardDone:
+    """What a worker reports: the rows themselves are in the shard's part."""
+
+    runs: int
+    failed: int
+    error_m: Moments
+    """Of the total error, over the runs that have one."""
+
+
+@dataclass(frozen=True)
+class RunShard:
+    """Everything needed to run any shard of one sweep; called with the shard's number."""
+
+    plan: Plan
+    folder: Path
+    at_s: float
+    recorded: bool
+    camera: Camera | None
+
+    def __call__(self, shard: int) -> ShardDone:
+        """Run a shard and write its part.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be written: that is no matter of one scenario.
+        """
+        rows = [self.row(run) for run in self.plan.runs_of(shard)]
+        Folder(self.folder).write(shard, rows)
+        errors = [row["error_m"] for row in rows if row["error"] is None]
+        return ShardDone(len(rows), len(rows) - len(errors), Moments().with_values(errors))
+
+    def row(self, run: int) -> Row:
+        """Run one scenario, and return its row; one that fails is a row too."""
+        values = self.plan.values(run)
+        name = f"run-{run}.rrd"
+        row: Row = _EMPTY | values
+        row |= {
+            "run": run,
+            "sample": self.plan.sample_of(run),
+            "command": replay_command(values, out=name),
+        }
+        try:
+            scenario = Scenario(**values)
+            path = self._recording(run, name) if self.recorded else None
+            moment, end_m = self._fall(scenario, path)
+        except OutputError:
+            raise
+        except Exception as error:  # noqa: BLE001 - whatever it is, the others go on
+            known = isinstance(error, DropError)
+            return row | {"error": str(error) if known else f"{type(error).__name__}: {error}"}
+        terms = moment.terms_m
+        return row | {
+            "step": moment.step,
+            "time_s": moment.time_s,
+            "phase": moment.phase,
+            "simulated_m": moment.simulated_m,
+            "free_fall_m": moment.free_fall_m,
+            "error_m": moment.error_m,
+            "timestep_m": terms and terms.timestep,
+            "damping_m": terms and terms.damping,
+            "interaction_m": terms and terms.interaction,
+            "rounding_m": terms and terms.rounding,
+            "end_m": end_m,
+            "recording": path and str(path.relative_to(self.folder)),
+        }
+
+    def _recording(self, run: int, name: str) -> Path:
+        folder = Folder(self.folder).recordings
+        if self.plan.runs > FLAT_RECORDINGS:
+            folder /= f"{run // FLAT_RECORDINGS:06d}"
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder / name
+
+    def _fall(self, scenario: Scenario, path: Path | None) -> tuple[Moment, float]:
+        """Return the sample nearest to `at_s`, taken apart, and the height at the end [m]."""
+        step = round(self.at_s / scenario.timestep_s)
+        world = _worlds.world_of(scenario)
+        engine = world.report()
+        if path is not None:
+            rows = self._record(world, path, step)
+            moment = _in_the_air(scenario, engine, rows, step)
+            return moment or self._analyzed_recording(path), world.height_m()
+        samples = world.samples(step + 1)
+        rows = next(samples)
+        moment = _in_the_air(scenario, engine, rows, step)
+        if moment is None:
+            rows = np.concatenate([rows, *samples])
+            return self._analyzed(scenario, engine, rows), world.height_m()
+        world.skip(scenario.steps - step)
+        return moment, world.height_m()
+
+    def _record(self, world: LastingWorld, path: Path, step: int) -> Float64:
+        """Record a fall as `drop simulate` does, and return its samples up to `step` at least."""
+        from pipeline.recording import writer
+        from pipeline.stages.simulate import BATCH, chunks_of
+
+        seen: list[Float64] = []
+        world.watch = lambda rows: seen.append(rows) if len(seen) * BATCH <= step else None
+        with contextlib.ExitStack() as stack:
+            photographer = None
+            if self.camera is not None:
+                from pipeline.physics.pictures import Photographer
+
+                # One picture at a time: the other cores have shards of their own.
+                photographer = Photographer(world.scenario, self.camera, frames=1)
+                stack.enter_context(photographer)
+            chunks = chunks_of(world.scenario, world, photographer, BATCH, lambda *_: None)
+            writer.record(
+                path, chunks, recording_id=uuid.uuid4().hex, blueprint=None, force=True
+            )
+        return np.concatenate(seen)
+
+    def _analyzed_recording(self, path: Path) -> Moment:
+        from pipeline.budget.analysis import analysis_of
+        from pipeline.recording.reader import read
+
+        recording = read(path)
+        return analysis_of(
+            recording.scenario, recording.engine, recording.states, at_s=[self.at_s]
+        ).at[0]
+
+    def _analyzed(self, scenario: Scenario, engine: Report, rows: Float64) -> Moment:
+        from pipeline.budget.analysis import analysis_of
+        from pipeline.stages.simulate import library_versions
+
+        columns = dict(zip(schema.STATE_COLUMNS, rows.T, strict=True))
+        states = pl.DataFrame({"step": np.arange(len(rows))} | columns)
+        made_with = engine | engine_versions() | library_versions()
+        return analysis_of(scenario, made_with, states, at_s=[self.at_s]).at[0]
+
+
+def _in_the_air(scenario: Scenario, engine: Report, rows: Float64, step: int) -> Moment | None:
+    if len(rows) <= step:
+        return None
+    rows = rows[: step + 1]
+    return moment_in_the_air(scenario, engine, rows[:, 0:3], rows[:, 7:10], rows[:, 13])
+
+
+_EMPTY: Row = dict.fromkeys(SCHEMA) | {
+    name: getattr(Scenario(), name) for name in Scenario.options()
+}

@@ -1,0 +1,94 @@
+"""Open recordings in Rerun's viewer, each with its analysis where there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.recording import viewer
+from pipeline.recording.layer import layer_of
+from pipeline.recording.reader import recording_id
+from pipeline.recording.viewer import Viewer
+
+STORY_AT_S = 0.3
+"""Where the time cursor is put when the analysis is shown: the experiment's moment."""
+
+
+@dataclass(frozen=True)
+class View:
+    """What is shown, and how the viewer is started."""
+
+    recordings: list[Path]
+    layers: list[Path]
+    stale: list[Path]
+    """Layers of what had the recording's name before; they are not shown."""
+    viewer: Viewer
+
+
+def view(recordings: Sequence[Path | str], *, web: bool = False) -> View:
+    """Find the layers of recordings, and the viewer to show them in.
+
+    Parameters
+    ----------
+    recordings
+        The recordings to show.
+    web
+        Whether to show them in a browser.
+
+    Raises
+    ------
+    RecordingError
+        If one is missing or not one of ours.
+    ViewerError
+        If there is no screen.
+    """
+    paths = list(dict.fromkeys(map(Path, recordings)))
+    ids = {path: recording_id(path) for path in paths}
+    found = {layer_of(path): path for path in paths if layer_of(path).is_file()}
+    found = {layer: path for layer, path in found.items() if layer not in paths}
+    layers = [layer for layer, path in found.items() if recording_id(layer) == ids[path]]
+    stale = [layer for layer in found if layer not in layers]
+    return View(paths, layers, stale, viewer.viewer([*paths, *layers], web=web))
+
+
+def show(shown: View) -> None:
+    """Open the viewer, and wait until it is closed.
+
+    Raises
+    ------
+    ViewerError
+        If it does not start, or fails.
+    """
+    process = viewer.start(shown.viewer, stays=False)
+    try:
+        if shown.layers and shown.viewer.page is None:
+            viewer.put_cursor(shown.viewer, STORY_AT_S, process)
+        viewer.wait(process)
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            process.wait()
+
+
+def spawn() -> str:
+    """Open a viewer that waits for data and stays open, and return its URL.
+
+    Raises
+    ------
+    ViewerError
+        If there is no screen, or it does not start.
+    """
+    found = viewer.viewer()
+    viewer.start(found, stays=True)
+    return found.url
+
+
+def connection(url: str) -> Callable[[], str]:
+    """Return a function that makes sure a viewer listens at a URL, and returns it."""
+
+    def connected() -> str:
+        viewer.check_listens(url)
+        return url
+
+    return connected

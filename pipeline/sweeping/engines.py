@@ -1,0 +1,183 @@
+"""Who runs the shards: this process, a pool of processes, or Ray. The work is the same.
+
+Each engine takes a function of a shard's number, asks for shards only as workers become free, and
+yields results as they come, in any order. A worker that dies takes nothing with it: its shard is
+run again, and a result counts when it is yielded, once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import Connection
+from typing import TypeVar
+
+from pipeline.errors import DropError
+
+T = TypeVar("T")
+
+QUEUED = 2
+"""Shards per worker that are on their way: one at work, one waiting."""
+MOST_DEATHS = 4
+"""A shard that was under way in so many deaths of a pool is taken for their cause."""
+
+
+def in_this_process(
+    work: Callable[[int], T], shards: Iterable[int]
+) -> Iterator[tuple[int, T]]:
+    """Run shards one after another."""
+    for shard in shards:
+        yield shard, work(shard)
+
+
+# -- processes ------------------------------------------------------------------------------------
+
+
+def in_processes(
+    work: Callable[[int], T], shards: Iterable[int], *, jobs: int
+) -> Iterator[tuple[int, T]]:
+    """Run shards in a pool of processes of this machine.
+
+    Parameters
+    ----------
+    work
+        Function of a shard's number; picklable, and so are its results. They should be small: a
+        worker that is killed while it hands over more than a pipe takes at once would be waited
+        for in vain.
+    shards
+        Their numbers.
+    jobs
+        How many processes.
+
+    Raises
+    ------
+    DropError
+        If workers die again and again.
+    """
+    todo, again, deaths = iter(shards), deque[int](), Counter[int]()
+    while True:
+        under_way: dict[Future[T], int] = {}
+        try:
+            with _pool(jobs, preload=work.__module__) as pool:
+                while True:
+                    while len(under_way) < jobs * QUEUED:
+                        shard = again.popleft() if again else next(todo, None)
+                        if shard is None:
+                            break
+                        again.append(shard)  # until it is certain that somebody has it
+                        under_way[pool.submit(work, shard)] = again.pop()
+                    if not under_way:
+                        return
+                    for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                        result = future.result()
+                        yield under_way.pop(future), result
+        except BrokenProcessPool:
+            # Nobody says whose shard it was: all that were under way are run again.
+            again.extend(sorted(under_way.values()))
+            deaths.update(again)
+            for shard, count in deaths.items():
+                if count >= MOST_DEATHS:
+                    raise DropError(
+                        f"workers died {count} times, each time with shard {shard} under way; is "
+                        "there enough memory? Try fewer --jobs, or --jobs 1 to see what happens"
+                    ) from None
+
+
+@contextlib.contextmanager
+def _pool(jobs: int, *, preload: str) -> Iterator[ProcessPoolExecutor]:
+    """Start workers that end with the block, at once where it ends with an exception."""
+    method = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+    context = multiprocessing.get_context(method)
+    if method == "forkserver":
+        context.set_forkserver_preload(["__main__", preload])
+    life, ours = context.Pipe(duplex=False)
+    with life, ours:
+        pool = ProcessPoolExecutor(jobs, context, initializer=_live_with, initargs=(life,))
+        try:
+            yield pool
+            pool.shutdown()
+        except BaseException:
+            ours.close()
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _live_with(life: Connection) -> None:
+    """End this worker as soon as the other end of a pipe is closed, whatever it is doing.
+
+    So a worker outlives neither its pool nor, whatever kills that, the process it belongs to. It
+    leaves Ctrl-C, which a terminal sends to every process, to that one.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def wait_for_the_end() -> None:
+        with contextlib.suppress(EOFError, OSError):
+            life.recv()
+        os._exit(1)
+
+    threading.Thread(target=wait_for_the_end, daemon=True).start()
+
+
+# -- Ray ------------------------------------------------------------------------------------------
+
+
+def on_ray(
+    work: Callable[[int], T], shards: Iterable[int], *, address: str
+) -> Iterator[tuple[int, T]]:
+    """Run shards on a Ray cluster, whose nodes must see the same files under the same names.
+
+    Ray runs a task again whose worker or node died.
+
+    Parameters
+    ----------
+    work, shards
+        As for `in_processes`.
+    address
+        Of the cluster, `auto` for the one that this machine belongs to, or `local` for one of its
+        own.
+
+    Raises
+    ------
+    DropError
+        If Ray is not installed or no cluster answers.
+    """
+    try:
+        import ray
+    except ImportError:
+        raise DropError("--ray needs Ray, which is not installed; pip install '.[ray]'") from None
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    try:
+        ray.init(
+            address, log_to_driver=False, logging_level="ERROR", include_dashboard=None
+        )
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        words = str(error).partition("\n")[0]
+        raise DropError(
+            f"no Ray cluster answers at {address!r} ({words}); start one with: ray start --head"
+        ) from None
+    try:
+        run = ray.remote(max_retries=MOST_DEATHS)(_call)
+        todo, carried = iter(shards), ray.put(work)
+        most = QUEUED * max(1, int(ray.cluster_resources().get("CPU", 1)))
+        under_way = {}
+        while True:
+            while len(under_way) < most and (shard := next(todo, None)) is not None:
+                under_way[run.remote(carried, shard)] = shard
+            if not under_way:
+                return
+            (done, *_), _ = ray.wait(list(under_way))
+            result = ray.get(done)
+            yield under_way.pop(done), result
+    finally:
+        ray.shutdown()
+
+
+def _call(work: Callable[[int], T], shard: int) -> T:
+    return work(shard)

@@ -1,0 +1,140 @@
+"""Which scenarios a sweep runs: lists of values and samples, made one by one from their number.
+
+The runs are the product of all lists, in the order of `drop simulate --help`: the last option that
+has a list changes fastest, and the samples of a scenario stand side by side. Nothing is laid out in
+advance: run 999,999,999 costs as little as run 0.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.errors import ScenarioError
+from pipeline.fields import exact
+from pipeline.scenario import Scenario
+from pipeline.sweeping.sampling import Variation, drawn, variations_of
+
+MOST_RUNS = 1_000_000_000_000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The runs of a sweep, numbered from 0."""
+
+    lists: tuple[tuple[str, tuple[Any, ...]], ...] = ()
+    """Field and its values, in the order of the scenario's options."""
+    variations: tuple[Variation, ...] = ()
+    samples: int | None = None
+    """How many runs each scenario gets; None for one, with nothing drawn."""
+    seed: int = 0
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are."""
+        return math.prod(len(values) for _, values in self.lists) * (self.samples or 1)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Fields that have more than one value."""
+        return tuple(name for name, values in self.lists if len(values) > 1)
+
+    @property
+    def shard_runs(self) -> int:
+        """How many runs go into one shard: a share that is soon done, and not too many files.
+
+        It depends on nothing but the plan, so that a sweep can go on with other workers.
+        """
+        return max(math.ceil(self.runs / 64) if self.runs <= 64_000 else 1000, self.runs // 10_000)
+
+    @property
+    def shards(self) -> int:
+        """How many shards there are; the last may be shorter."""
+        return math.ceil(self.runs / self.shard_runs)
+
+    def runs_of(self, shard: int) -> range:
+        """Return the numbers of a shard's runs."""
+        return range(shard * self.shard_runs, min((shard + 1) * self.shard_runs, self.runs))
+
+    def sample_of(self, run: int) -> int | None:
+        """Return which sample a run is, or None where nothing is sampled."""
+        return None if self.samples is None else run % self.samples
+
+    def values(self, run: int) -> dict[str, Any]:
+        """Return the fields of one run that are not left at their defaults."""
+        given, sample = self.values_of(run // (self.samples or 1)), self.sample_of(run)
+        if sample is None:
+            return given
+        return drawn(self.variations, given, seed=self.seed, sample=sample)
+
+    def values_of(self, combination: int) -> dict[str, Any]:
+        """Return the listed fields of one combination of the lists, before anything is drawn."""
+        given = {}
+        for name, values in reversed(self.lists):
+            combination, place = divmod(combination, len(values))
+            given[name] = values[place]
+        return {name: given[name] for name, _ in self.lists}
+
+
+def plan_of(
+    given: Mapping[str, str | bool | None],
+    *,
+    samples: int | None = None,
+    seed: int = 0,
+    vary: Sequence[str] = (),
+) -> Plan:
+    """Read a sweep from command-line values by field name.
+
+    Raises
+    ------
+    ScenarioError
+        If a value cannot be read or lies outside its domain, or the options do not go together.
+    """
+    lists: list[tuple[str, tuple[Any, ...]]] = []
+    for name, spec in Scenario.options().items():
+        raw = given.get(name)
+        if isinstance(raw, bool):
+            lists += [] if raw else [(name, (False,))]
+        elif raw is not None:
+            values = spec.read_list(raw)
+            if len(set(values)) < len(values):
+                raise ScenarioError(f"{spec.name} must list each value once, got {raw!r}")
+            lists.append((name, values))
+    variations = variations_of(vary)
+    if samples is not None and samples < 1:
+        raise ScenarioError(f"--samples must be at least 1, got {samples}")
+    if seed < 0:
+        raise ScenarioError(f"--seed must be at least 0, got {seed}")
+    if variations and samples is None:
+        raise ScenarioError("--vary needs to know how often to draw; add --samples 1000")
+    for one in variations:
+        if one.axis is None and one.field in dict(lists):
+            option = Scenario.options()[one.field].name
+            raise ScenarioError(f"{option} is given and drawn by --vary; leave one of them out")
+    plan = Plan(tuple(lists), variations, samples, seed)
+    if plan.runs > MOST_RUNS:
+        raise ScenarioError(f"a sweep has at most {MOST_RUNS:,} runs, got {plan.runs:,}")
+    return plan
+
+
+def replay_command(values: Mapping[str, Any], *, out: str) -> str:
+    """Return the command that makes one run again, to the last bit.
+
+    Parameters
+    ----------
+    values
+        The fields of the run that are not left at their defaults.
+    out
+        Name of the recording that the command makes.
+    """
+    words = ["drop", "simulate", "--out", out, "--no-camera"]
+    for name, value in values.items():
+        spec = Scenario.options()[name]
+        if spec.is_flag:
+            words += [] if value else [spec.name]
+        elif value is not None:
+            words += [spec.name, exact(value)]
+    return shlex.join(words)

@@ -1,0 +1,310 @@
+"""Verification: the discrete law is PyBullet's, bit for bit, and its exact version is that law.
+
+On x86-64 the engine rounds once per operation, and equality is asserted. Elsewhere a compiler may
+fuse multiply and add: then 1e-12 is allowed, some thousand roundings of a metre.
+"""
+
+from __future__ import annotations
+
+import itertools
+import platform
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pybullet as p
+import pybullet_data
+import pytest
+
+from pipeline.physics import bullet_law, theory
+from pipeline.physics.bullet_law import effective_damping
+from pipeline.physics.theory import Fall
+from pipeline.scenario import Scenario
+
+ROUNDS_ONCE = platform.machine() in ("x86_64", "AMD64")
+MODES: tuple[Any, ...] = ("reduced", "maximal")
+BOX = str(Path(pybullet_data.getDataPath()) / "cube_small.urdf")
+
+
+def thrown(
+    *,
+    steps: int,
+    timestep_s: float = 1 / 240,
+    gravity_m_s2: float = -9.81,
+    linear_damping: float | None = None,
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    spin_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    height_m: float = 1.0,
+    mass_kg: float | None = None,
+    coordinates: Any = "reduced",
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the positions, the velocities and the mass of a body in a world of its own."""
+    client = p.connect(p.DIRECT)
+    try:
+        p.setTimeStep(timestep_s, physicsClientId=client)
+        p.setGravity(0, 0, gravity_m_s2, physicsClientId=client)
+        maximal = coordinates == "maximal"
+        body = p.loadURDF(
+            BOX, [0, 0, height_m], useMaximalCoordinates=maximal, physicsClientId=client
+        )
+        if mass_kg is not None:
+            p.changeDynamics(body, -1, mass=mass_kg, physicsClientId=client)
+        if linear_damping is not None:
+            p.changeDynamics(body, -1, linearDamping=linear_damping, physicsClientId=client)
+        p.resetBaseVelocity(body, velocity_m_s, spin_rad_s, physicsClientId=client)
+        rows = []
+        for step in range(steps + 1):
+            position, _ = p.getBasePositionAndOrientation(body, physicsClientId=client)
+            velocity, _ = p.getBaseVelocity(body, physicsClientId=client)
+            rows.append((*position, *velocity))
+            if step < steps:
+                p.stepSimulation(physicsClientId=client)
+        table = np.array(rows)
+        return table[:, :3], table[:, 3:], p.getDynamicsInfo(body, -1, physicsClientId=client)[0]
+    finally:
+        p.disconnect(client)
+
+
+def fall_as(
+    *,
+    gravity_m_s2: float = -9.81,
+    linear_damping: float | None = None,
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    height_m: float = 1.0,
+    coordinates: Any = "reduced",
+) -> Fall:
+    return Fall(
+        height_m=height_m,
+        velocity_m_s=velocity_m_s,
+        gravity_m_s2=gravity_m_s2,
+        linear_damping=effective_damping(linear_damping, coordinates),
+        coordinates=coordinates,
+    )
+
+
+def assert_same(found: np.ndarray, expected: np.ndarray) -> None:
+    if ROUNDS_ONCE:
+        np.testing.assert_array_equal(found, expected)
+    else:
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+# -- by hand ---------------------------------------------------------------------------------------
+
+
+def test_three_steps_by_hand() -> None:
+    # dt = 0.1, g = -10, k = 0.04, from rest at 1: v first, then z with the new v
+    #   v1 = -1                                          z1 = 1      - 0.1           = 0.9
+    #   v2 = -1     - 1 + 0.1 x 0.04 x 1     x 2         z2 = 0.9    - 0.1992        = 0.7008
+    #   v3 = -1.992 - 1 + 0.1 x 0.04 x 1.992 x 2.992     z3 = 0.7008 - 0.2968159744  = 0.4039840256
+    fall = Fall(height_m=1.0, gravity_m_s2=-10.0, linear_damping=0.04)
+    position_m, velocity_m_s = bullet_law.airborne(fall, timestep_s=0.1, steps=3, mass_kg=0.1)
+    assert position_m[:, 2] == pytest.approx([1, 0.9, 0.7008, 0.4039840256], abs=1e-15)
+    assert velocity_m_s[:, 2] == pytest.approx([0, -1, -1.992, -2.968159744], abs=1e-15)
+    assert not position_m[:, :2].any()
+    exact = bullet_law.airborne_exact(fall, timestep_s=0.1, steps=3)
+    assert exact.nearest_m == pytest.approx([1, 0.9, 0.7008, 0.4039840256], abs=1e-15)
+
+
+def test_three_maximal_steps_by_hand() -> None:
+    # dt = 1, k = 0.5, g = -1, from 4 m/s: v halves, then falls by 1: 4, 1, -0.5, -1.25
+    fall = fall_as(
+        gravity_m_s2=-1.0, linear_damping=0.5, velocity_m_s=(0, 0, 4.0), coordinates="maximal"
+    )
+    position_m, velocity_m_s = bullet_law.airborne(fall, timestep_s=1.0, steps=3, mass_kg=2.0)
+    assert velocity_m_s[:, 2].tolist() == [4, 1, -0.5, -1.25]
+    assert position_m[:, 2].tolist() == [1, 2, 1.5, 0.25]
+
+
+# -- against PyBullet ------------------------------------------------------------------------------
+
+GRID = list(
+    itertools.product(
+        MODES,
+        (1 / 60, 1 / 240, 1 / 1000),
+        (None, 0.0, 0.5, 1.5),
+        (
+            (0.0, 0.0, 0.0),
+            (0.0, 0.0, 5.3),
+            (0.0, 0.0, -150.0),
+            (1.0, 2.0, 3.0),
+            (30.0, -120.0, 2.0),
+        ),
+        ((-9.81, None), (0.0, 0.3), (3.7, 1e-3)),
+    )
+)
+
+
+def test_the_grid_is_wide_enough() -> None:
+    assert len(GRID) >= 200
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+@pytest.mark.parametrize("linear_damping", [None, 0.0, 0.5, 1.5])
+def test_the_law_is_pybullets(coordinates: Any, linear_damping: float | None) -> None:
+    for mode, dt, k, velocity, (gravity, mass) in GRID:
+        if (mode, k) != (coordinates, linear_damping):
+            continue
+        setting: Any = {
+            "gravity_m_s2": gravity,
+            "linear_damping": k,
+            "velocity_m_s": velocity,
+            "coordinates": mode,
+        }
+        positions, velocities, mass_kg = thrown(steps=60, timestep_s=dt, mass_kg=mass, **setting)
+        fall = fall_as(**setting)
+        found = bullet_law.airborne(fall, timestep_s=dt, steps=60, mass_kg=mass_kg)
+        assert_same(found[0], positions)
+        assert_same(found[1], velocities)
+        rounding = bullet_law.difference(
+            bullet_law.airborne_exact(fall, timestep_s=dt, steps=60), positions[:, 2]
+        )
+        # Each step rounds the height and the velocity once more, by half a last place at most.
+        steps = np.arange(61)
+        in_height = np.spacing(np.abs(positions[:, 2]).max())
+        in_velocity = np.spacing(np.abs(velocities).max()) * steps * dt
+        assert (np.abs(rounding) <= steps * (in_height + 2 * in_velocity)).all()
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+def test_damping_settings(coordinates: Any) -> None:
+    # Negative is passed over; above 1 is clamped in maximal coordinates, and only there.
+    default = {"reduced": 0.03999999910593033, "maximal": 0.0}[coordinates]
+    assert effective_damping(None, coordinates) == effective_damping(-0.3, coordinates) == default
+    assert effective_damping(3.0, coordinates) == {"reduced": 3.0, "maximal": 1.0}[coordinates]
+    for given in (-0.3, 0.04, 3.0):
+        seen, _, mass_kg = thrown(steps=50, linear_damping=given, coordinates=coordinates)
+        fall = fall_as(linear_damping=given, coordinates=coordinates)
+        assert_same(
+            bullet_law.airborne(fall, timestep_s=1 / 240, steps=50, mass_kg=mass_kg)[0], seen
+        )
+    assert effective_damping(0.04, "reduced") != effective_damping(None, "reduced")
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+def test_velocity_is_limited_in_reduced_coordinates_only(coordinates: Any) -> None:
+    setting: Any = {"velocity_m_s": (0.0, 130.0, -99.99), "coordinates": coordinates}
+    _, velocities, mass_kg = thrown(steps=3, linear_damping=0.0, **setting)
+    _, found = bullet_law.airborne(
+        fall_as(linear_damping=0.0, **setting), timestep_s=1 / 240, steps=3, mass_kg=mass_kg
+    )
+    assert_same(found, velocities)
+    limited = coordinates == "reduced"
+    assert (np.abs(found[1:]).max() == bullet_law.MAX_COORDINATE_VELOCITY_M_S) == limited
+
+
+@pytest.mark.parametrize("velocity_m_s", [(0.0, 0.0, 1e-9), (1e-9, 0.0, -1e-9), (0.0, 0.0, 2e-8)])
+def test_a_body_that_barely_moves_has_no_speed(velocity_m_s: Any) -> None:
+    # safeNorm takes a squared length up to 2.2e-16 for none: there the drag is linear only.
+    setting: Any = {"velocity_m_s": velocity_m_s, "gravity_m_s2": 0.0, "linear_damping": 0.5}
+    _, velocities, mass_kg = thrown(steps=50, **setting)
+    _, found = bullet_law.airborne(
+        fall_as(**setting), timestep_s=1 / 240, steps=50, mass_kg=mass_kg
+    )
+    assert_same(found, velocities)
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+def test_spin_moves_a_fall_by_rounding_only(coordinates: Any) -> None:
+    setting: Any = {"velocity_m_s": (1.0, 2.0, 3.0), "coordinates": coordinates}
+    seen, _, mass_kg = thrown(steps=200, spin_rad_s=(20.0, -3.0, 7.0), **setting)
+    law, _ = bullet_law.airborne(fall_as(**setting), timestep_s=1 / 240, steps=200, mass_kg=mass_kg)
+    assert np.abs(law - seen).max() <= (1e-14 if coordinates == "reduced" else 0)
+
+
+# -- golden values ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("rate", "linear_damping", "z_m", "v_m_s"),
+    [
+        (240, None, 0.5567296523863766, -2.892568262058582),
+        (480, None, 0.5597951433403751, None),
+        (960, None, 0.5613277333771846, None),
+        (240, 0.0, 0.5524187499999997, -2.943000000000005),
+        (480, 0.0, 0.5554843749999994, None),
+        (960, 0.0, 0.5570171875000008, None),
+    ],
+)
+def test_golden_values_at_0_3_s(
+    rate: int, linear_damping: float | None, z_m: float, v_m_s: float | None
+) -> None:
+    steps = 3 * rate // 10
+    position_m, velocity_m_s = bullet_law.airborne(
+        fall_as(linear_damping=linear_damping), timestep_s=1 / rate, steps=steps, mass_kg=0.1
+    )
+    assert_same(position_m[-1, 2], np.float64(z_m))
+    if v_m_s is not None:
+        assert_same(velocity_m_s[-1, 2], np.float64(v_m_s))
+
+
+def test_golden_values_at_1_s() -> None:
+    for gravity_m_s2, z_m in ((-9.81, -3.5783295613954387), (-1.62, 0.2056535771354357)):
+        fall = fall_as(gravity_m_s2=gravity_m_s2)
+        position_m, _ = bullet_law.airborne(fall, timestep_s=1 / 240, steps=240, mass_kg=0.1)
+        assert_same(position_m[-1, 2], np.float64(z_m))
+
+
+@pytest.mark.parametrize(
+    ("rate", "total", "interaction"),
+    [
+        (240, -0.001820347613623, 6.8255e-7),
+        (480, 0.001245143340375, 5.4851e-7),
+        (960, 0.002777733377185, 3.2604e-7),
+    ],
+)
+def test_the_error_budget_at_0_3_s(rate: int, total: float, interaction: float) -> None:
+    fall, steps = fall_as(), 3 * rate // 10
+    time_s = np.arange(steps + 1) / rate
+    exact = bullet_law.airborne_exact(fall, timestep_s=1 / rate, steps=steps)
+    simulated_m = bullet_law.airborne(fall, timestep_s=1 / rate, steps=steps, mass_kg=0.1)[0][:, 2]
+    free_m = theory.free_fall_height(fall, time_s)
+    terms = theory.timestep_displacement(fall, time_s, 1 / rate)
+    terms += theory.damping_displacement(fall, time_s)
+    assert (simulated_m - free_m)[-1] == pytest.approx(total, abs=1e-15)
+    left = -bullet_law.difference(exact, free_m + terms)
+    assert left[-1] == pytest.approx(interaction, abs=5e-12)
+    assert np.abs(bullet_law.difference(exact, simulated_m)).max() <= 6e-16
+
+
+# -- exact arithmetic ------------------------------------------------------------------------------
+
+
+def test_exact_heights_hold_thirty_digits() -> None:
+    # Without damping the law is a polynomial: z = 1 + g dt² n (n + 1)/2
+    exact = bullet_law.airborne_exact(fall_as(linear_damping=0.0), timestep_s=1 / 240, steps=100)
+    dt, g = map(Decimal, (1 / 240, -9.81))
+    for n in (1, 50, 100):
+        expected = 1 + g * dt * dt * n * (n + 1) / 2
+        held = Decimal(exact.nearest_m[n]) + Decimal(exact.left_out_m[n])
+        assert abs(held - expected) < Decimal("1e-26")  # 28 digits is Decimal's default
+        assert exact.nearest_m[n] == float(expected)
+
+
+def test_difference_sees_less_than_the_last_place() -> None:
+    exact = bullet_law.airborne_exact(fall_as(), timestep_s=1 / 240, steps=10)
+    assert (bullet_law.difference(exact, exact.nearest_m) == -exact.left_out_m).all()
+    assert 0 < np.abs(exact.left_out_m[1:]).min() < np.abs(exact.left_out_m).max() < 6e-17
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+@pytest.mark.parametrize("velocity_m_s", [(0.0, 0.0, 2.0), (3.0, -1.0, 2.0)])
+def test_the_law_converges_to_theory(coordinates: Any, velocity_m_s: Any) -> None:
+    # First order: halving the timestep halves the distance to the damped fall.
+    fall = fall_as(linear_damping=0.3, velocity_m_s=velocity_m_s, coordinates=coordinates)
+    errors = []
+    for rate in (1000, 2000):
+        exact = bullet_law.airborne_exact(fall, timestep_s=1 / rate, steps=rate // 2)
+        errors.append(exact.nearest_m[-1] - theory.damped_fall_height(fall, np.array([0.5]))[0])
+    assert errors[0] / errors[1] == pytest.approx(2, abs=2e-3)
+
+
+# -- from a scenario -------------------------------------------------------------------------------
+
+
+def test_fall_of_a_scenario() -> None:
+    fall = bullet_law.fall_of(Scenario(height_m=2.0, velocity_m_s=(1.0, 0.0, 3.0)))
+    assert fall == fall_as(height_m=2.0, velocity_m_s=(1.0, 0.0, 3.0))
+    assert bullet_law.fall_of(Scenario(gravity_set=False)).gravity_m_s2 == 0
+    assert bullet_law.fall_of(Scenario(coordinates="maximal")).linear_damping == 0

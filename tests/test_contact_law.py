@@ -1,0 +1,209 @@
+"""Verification: the contact law follows PyBullet's converged solver through impact and rest.
+
+What it predicts about bounces is checked against e^(2k) h. The solver is made to converge
+(`solverResidualThreshold=0`); what its default leaves out is asserted too, with its sign and size.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pybullet as p
+import pybullet_data
+import pytest
+
+from pipeline.physics import contact_law
+from pipeline.physics.bullet_law import airborne, effective_damping
+from pipeline.physics.theory import Fall
+
+DATA = Path(pybullet_data.getDataPath())
+MODES: tuple[Any, ...] = ("reduced", "maximal")
+MASS_KG, REST_HEIGHT_M = 0.1, 0.025
+CONVERGED = {"solverResidualThreshold": 0}
+
+
+def dropped(
+    fall: Fall, *, timestep_s: float, steps: int, restitution: float | None = None, **engine: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return heights and vertical velocities of cube_small.urdf above plane.urdf."""
+    client = p.connect(p.DIRECT)
+    try:
+        p.setTimeStep(timestep_s, physicsClientId=client)
+        p.setGravity(0, 0, fall.gravity_m_s2, physicsClientId=client)
+        p.setPhysicsEngineParameter(physicsClientId=client, **engine)
+        maximal = {"useMaximalCoordinates": fall.coordinates == "maximal"}
+        floor, box = (
+            p.loadURDF(str(DATA / name), [0, 0, height], physicsClientId=client, **maximal)
+            for name, height in (("plane.urdf", 0), ("cube_small.urdf", fall.height_m))
+        )
+        p.changeDynamics(box, -1, linearDamping=fall.linear_damping, physicsClientId=client)
+        if restitution is not None:
+            for body in (floor, box):
+                p.changeDynamics(body, -1, restitution=restitution, physicsClientId=client)
+        p.resetBaseVelocity(box, fall.velocity_m_s, physicsClientId=client)
+        rows = []
+        for step in range(steps + 1):
+            position, _ = p.getBasePositionAndOrientation(box, physicsClientId=client)
+            velocity, _ = p.getBaseVelocity(box, physicsClientId=client)
+            rows.append((position[2], velocity[2]))
+            if step < steps:
+                p.stepSimulation(physicsClientId=client)
+        heights, velocities = np.array(rows).T
+        return heights, velocities
+    finally:
+        p.disconnect(client)
+
+
+def fall_of(
+    gravity_m_s2: float = -9.81, linear_damping: float | None = None, coordinates: Any = "reduced"
+) -> Fall:
+    return Fall(
+        height_m=1.0 if gravity_m_s2 < -5 else 0.5,
+        gravity_m_s2=gravity_m_s2,
+        linear_damping=effective_damping(linear_damping, coordinates),
+        coordinates=coordinates,
+    )
+
+
+def predicted(fall: Fall, rate: int, steps: int, **contact: float) -> tuple[np.ndarray, np.ndarray]:
+    return contact_law.flat_drop(
+        fall,
+        timestep_s=1 / rate,
+        steps=steps,
+        mass_kg=MASS_KG,
+        rest_height_m=REST_HEIGHT_M,
+        **contact,
+    )
+
+
+def bounces_of(series: tuple[np.ndarray, np.ndarray], fall: Fall, rate: int) -> Any:
+    return contact_law.bounces(
+        *series, fall, timestep_s=1 / rate, mass_kg=MASS_KG, rest_height_m=REST_HEIGHT_M
+    )
+
+
+# -- against PyBullet ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+@pytest.mark.parametrize("rate", [60, 240, 480, 960])
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 0.9])
+def test_the_whole_second_is_pybullets(coordinates: Any, rate: int, restitution: float) -> None:
+    # Each body carries the restitution; the pair's is the product. Bounces that differ by a last
+    # place may see the floor a grain of its distance (2^-50 m) off, a speed of that / dt for 1 s.
+    grain_m = 2**-50 * rate if restitution else 0.0
+    for erp, (gravity, k) in itertools.product((0.0, 0.08, 0.2), ((-9.81, None), (-1.62, 0.0))):
+        fall = fall_of(gravity, k, coordinates)
+        heights, velocities = dropped(
+            fall,
+            timestep_s=1 / rate,
+            steps=rate,
+            restitution=restitution,
+            contactERP=erp,
+            **CONVERGED,
+        )
+        law = predicted(fall, rate, rate, restitution=restitution**2, contact_erp=erp)
+        assert np.abs(law[0] - heights).max() <= 1e-13 + grain_m
+        assert np.abs(law[1] - velocities).max() <= (1e-13 + grain_m) * rate
+
+
+def test_golden_values() -> None:
+    heights, _ = predicted(fall_of(), 240, 240)
+    assert np.argmin(heights) == 108
+    assert heights[108] == pytest.approx(0.01618091982485528, abs=1e-15)
+    undamped, _ = predicted(fall_of(linear_damping=0.0), 240, 240)
+    assert np.argmin(undamped) == 107
+    assert undamped[107] == pytest.approx(0.015934374999998453, abs=1e-15)
+
+
+def test_rest_is_the_slop_below_the_floor_and_the_solver_stops_earlier() -> None:
+    # -11.98 µm at 1 s = -10.00 slop - 1.84 early exit of the solver - 0.15 not yet settled
+    settled, _ = predicted(fall_of(), 240, 100_000)
+    assert settled[-1] - REST_HEIGHT_M == pytest.approx(-contact_law.CONTACT_SLOP_M, abs=1e-15)
+    assert settled[240] - settled[-1] == pytest.approx(-0.15e-6, abs=0.005e-6)
+    engine, _ = dropped(fall_of(), timestep_s=1 / 240, steps=240)
+    assert engine[240] - settled[240] == pytest.approx(-1.84e-6, abs=0.01e-6)
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+def test_the_air_is_the_law_of_the_air(coordinates: Any) -> None:
+    fall = fall_of(coordinates=coordinates)
+    heights, velocities = predicted(fall, 240, 100)
+    position_m, velocity_m_s = airborne(fall, timestep_s=1 / 240, steps=100, mass_kg=MASS_KG)
+    assert (heights == position_m[:, 2]).all()
+    assert (velocities == velocity_m_s[:, 2]).all()
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+def test_a_long_rest_repeats_exactly_and_costs_nothing(coordinates: Any) -> None:
+    fall = fall_of(coordinates=coordinates)
+    short, long = predicted(fall, 240, 20_000), predicted(fall, 240, 1_000_000)
+    for few, many in zip(short, long, strict=True):
+        assert (many[:20_001] == few).all()
+    assert np.ptp(long[0][10_000:]) < 1e-15
+
+
+# -- bounces ---------------------------------------------------------------------------------------
+
+
+def test_rebound_heights() -> None:
+    # e² h, e⁴ h, e⁶ h
+    assert contact_law.rebound_heights(0.8, 0.5, 3) == pytest.approx([0.2, 0.05, 0.0125], rel=1e-15)
+    assert contact_law.rebound_heights(1.0, 0.0, 2).tolist() == [0, 0]
+
+
+def test_no_rebound_below_the_threshold_or_upwards() -> None:
+    assert contact_law.rebound_speed(-1.0, 0.5) == 0.5
+    assert contact_law.rebound_speed(-0.1999, 0.5) == 0
+    assert contact_law.rebound_speed(1.0, 0.5) == 0
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+def test_without_position_correction_restitution_is_what_was_asked_for(coordinates: Any) -> None:
+    fall = fall_of(linear_damping=0.0, coordinates=coordinates)
+    series = predicted(fall, 960, 960, restitution=0.5, contact_erp=0.0)
+    first, *_ = bounces_of(series, fall, 960)
+    assert first.restitution == pytest.approx(0.5, abs=1e-15)
+    assert series[0][first.step] > REST_HEIGHT_M or series[1][first.step] < 0
+    assert series[0][first.step - 1] > REST_HEIGHT_M >= series[0][first.step]
+
+
+def test_without_position_correction_bounces_converge_to_theory() -> None:
+    # The step quantises the impact: first order, within v dt of the rebound height.
+    fall = fall_of(linear_damping=0.0)
+    expected = contact_law.rebound_heights(fall.height_m - REST_HEIGHT_M, 0.5, 2)
+    for rate in (960, 96_000):
+        series = predicted(fall, rate, int(1.2 * rate), restitution=0.5, contact_erp=0.0)
+        found = [bounce.apex_m for bounce in bounces_of(series, fall, rate)[:2]]
+        assert np.abs(found - expected).max() < 5 / rate
+
+
+def test_position_correction_inflates_restitution() -> None:
+    # e + erp f, 0 <= f < 1: no timestep makes it go away
+    fall = fall_of()
+    for rate in (240, 960, 9600):
+        first = bounces_of(predicted(fall, rate, rate, restitution=0.5), fall, rate)[0]
+        assert 0.5 < first.restitution <= 0.5 + contact_law.CONTACT_ERP
+
+
+def test_bounces_of_a_recorded_series() -> None:
+    fall = fall_of()
+    recorded = dropped(fall, timestep_s=1 / 480, steps=480, restitution=math.sqrt(0.5), **CONVERGED)
+    law = predicted(fall, 480, 480, restitution=0.5)
+    for seen, expected in zip(
+        bounces_of(recorded, fall, 480), bounces_of(law, fall, 480), strict=True
+    ):
+        assert seen.step == expected.step
+        assert seen.apex_m == pytest.approx(expected.apex_m, abs=1e-12)
+
+
+def test_no_restitution_no_bounce() -> None:
+    # Position correction alone gives back up to its 8 % of the penetration per step.
+    fall = fall_of()
+    assert bounces_of(predicted(fall, 240, 480, contact_erp=0.0), fall, 240) == []
+    assert all(each.restitution < 0.08 for each in bounces_of(predicted(fall, 240, 480), fall, 240))
+    assert bounces_of(predicted(fall, 240, 50), fall, 240) == []  # still in the air

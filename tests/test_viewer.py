@@ -1,0 +1,386 @@
+"""The recording opens in the real viewer, looks as it should, and is shown while it is made.
+
+The first tests prove what a person sees; the next ones that this proof fails where it must.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from conftest import Drop
+from rerun.chunk import Chunk, RrdReader
+from viewer import Look, Viewer, binary, complaints, free_port, isolated, vulkan_driver
+
+from pipeline import Scenario, colours, simulate
+from pipeline.recording import blueprint, schema, writer
+from pipeline.recording import viewer as program
+from pipeline.recording.reader import read
+from pipeline.stages import view
+from pipeline.stages.run import Run
+
+ALONE = {
+    "World": Look(moves=True),
+    "Camera": Look(moves=True),
+    "Height of the centre [m]": Look(
+        moves=True, colours=(colours.SIMULATED, colours.FREE_FALL, colours.DAMPED_FALL)
+    ),
+    "About": Look(moves=False),
+}
+ANALYZED = ALONE | {
+    "Simulated minus free fall [mm]": Look(
+        moves=True,
+        colours=(
+            colours.TOTAL_ON_DARK,
+            colours.TIMESTEP,
+            colours.DAMPING,
+            colours.INTERACTION,
+            colours.ROUNDING,
+        ),
+    ),
+    "Energy [J]": Look(moves=True, colours=(colours.KINETIC, colours.ROTATION, colours.POTENTIAL)),
+    "Events": Look(moves=True),
+    "Findings": Look(moves=False),
+}
+
+
+@pytest.fixture
+def vulkan() -> None:
+    """Skip what needs a Vulkan driver where there is none, but in CI fail."""
+    if vulkan_driver() is None:
+        reason = "no software Vulkan; try: apt-get install -y --no-install-recommends "
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(reason + "mesa-vulkan-drivers")
+
+
+needs_vulkan = pytest.mark.usefixtures("vulkan")
+
+
+# -- what a person sees ---------------------------------------------------------------------------
+
+
+@needs_vulkan
+def test_a_recording_alone_opens_as_an_instrument(standard: Run) -> None:
+    with Viewer(standard.simulation.recording) as viewer:
+        assert complaints(viewer, views=ALONE) == []
+
+
+@needs_vulkan
+def test_with_its_analysis_it_opens_as_one_recording(standard: Run) -> None:
+    assert standard.analysis.layer is not None
+    with Viewer(standard.simulation.recording, standard.analysis.layer) as viewer:
+        assert complaints(viewer, views=ANALYZED) == []
+        program.put_cursor(
+            program.Viewer([], int(viewer.url.split(":")[2].split("/")[0]), None),
+            view.STORY_AT_S,
+            viewer.process,
+        )
+        (recording,) = viewer.client.get_state().recordings
+        assert recording.current_time == 300_000_000
+
+
+@needs_vulkan
+def test_several_recordings_open_at_once(tmp_path: Path, standard: Run) -> None:
+    other = tmp_path / "other.rrd"
+    simulate(Scenario(linear_damping=0.0), other)
+    with Viewer(standard.simulation.recording, other) as viewer:
+        assert len(viewer.client.get_state().recordings) == 2
+        assert viewer.warnings() == []
+
+
+# -- the proof fails where it must ----------------------------------------------------------------
+
+
+def altered(source: Path, path: Path, change: Callable[[Chunk], Chunk | None]) -> Path:
+    """Write a recording again, with our layout, each chunk changed or left out."""
+    chunks = (one for chunk in RrdReader(source).stream() if (one := change(chunk)) is not None)
+    look = blueprint.layout(height_m=1.0, frames=True)
+    writer.record(path, chunks, recording_id="altered", blueprint=look)
+    return path
+
+
+def without_pinhole(chunk: Chunk) -> Chunk | None:
+    names = chunk.to_record_batch().schema.names
+    return None if any(name.startswith("Pinhole:") for name in names) else chunk
+
+
+def with_broken_images(chunk: Chunk) -> Chunk:
+    if chunk.entity_path != f"/{schema.IMAGE}":
+        return chunk
+    batch = chunk.to_record_batch()
+    png = batch.column("EncodedImage:blob")[0].values[0].values.to_numpy().tobytes()
+    return writer.image_chunk(batch.column("sim_step")[0].as_py(), 1 / 240, png[:200])
+
+
+def with_one_timeline(chunk: Chunk) -> Chunk:
+    if chunk.is_static:
+        return chunk
+    batch = chunk.to_record_batch()
+    kept = batch.drop_columns([schema.STEP_TIMELINE])
+    (one,) = Chunk.from_record_batch(kept)
+    return one
+
+
+@needs_vulkan
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (without_pinhole, "pinhole"),
+        (with_broken_images, "Camera"),
+        (with_one_timeline, "timelines ['sim_time']"),
+    ],
+)
+def test_a_broken_recording_is_noticed(
+    tmp_path: Path, standard: Run, change: Callable[[Chunk], Chunk | None], said: str
+) -> None:
+    path = altered(standard.simulation.recording, tmp_path / "broken.rrd", change)
+    with Viewer(path) as viewer:
+        assert said in "; ".join(complaints(viewer, views=ALONE, times_s=(0.0, 0.3)))
+
+
+@needs_vulkan
+def test_a_wrong_path_in_the_layout_is_noticed(
+    tmp_path: Path, standard: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(schema, "HEIGHT", "hight")
+    path = altered(standard.simulation.recording, tmp_path / "wrong.rrd", lambda chunk: chunk)
+    with Viewer(path) as viewer:
+        found = complaints(viewer, views=ALONE, times_s=(0.0, 0.3))
+    name = "Height of the centre [m]"
+    assert found == [
+        f"{name} looks at /hight, where nothing is",
+        *(f"{name} shows nothing in {colour}" for colour in ALONE[name].colours),
+    ]
+
+
+@needs_vulkan
+def test_a_viewer_that_dies_is_noticed(standard: Run) -> None:
+    with Viewer(standard.simulation.recording) as viewer:
+        viewer.process.kill()
+        viewer.process.wait()
+        with pytest.raises(ConnectionError):
+            complaints(viewer, views=ALONE)
+
+
+# -- drop view ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def here(tmp_path: Path, standard: Run) -> Path:
+    """Return a folder with `run.rrd` and its analysis."""
+    assert standard.analysis.layer is not None
+    (tmp_path / "run.rrd").write_bytes(standard.simulation.recording.read_bytes())
+    (tmp_path / "run.analysis.rrd").write_bytes(standard.analysis.layer.read_bytes())
+    return tmp_path
+
+
+def test_view_finds_the_layers_and_names_them_last(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
+    bare = here / "bare.rrd"
+    simulate(Scenario(), bare, camera=None)
+    shown = view.view([here / "run.rrd", bare, here / "run.rrd"])
+    assert shown.recordings == [here / "run.rrd", bare]
+    assert shown.layers == [here / "run.analysis.rrd"]
+    assert shown.viewer.command[:6] == [
+        str(binary()), *map(str, [here / "run.rrd", bare, here / "run.analysis.rrd"]),
+        "--bind", "127.0.0.1",
+    ]  # fmt: skip
+
+
+def test_a_layer_of_an_earlier_recording_is_not_shown(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
+    simulate(Scenario(), here / "run.rrd", camera=None, force=True)
+    shown = view.view([here / "run.rrd"])
+    assert (shown.layers, shown.stale) == ([], [here / "run.analysis.rrd"])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux says where its screen is")
+def test_without_a_screen_it_says_what_to_do(
+    drop: Drop, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    for arguments in (["view", "run.rrd"], ["simulate", "--spawn", "--out", "new.rrd"]):
+        done = drop(*arguments)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert len(done.stderr.splitlines()) == 1
+        assert "--web" in done.stderr
+    assert not list(here.glob("new.rrd*"))
+
+
+def test_on_a_screen_that_is_not_there_the_viewers_failure_is_ours(
+    drop: Drop, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert here.exists()
+    monkeypatch.setenv("DISPLAY", ":59999")
+    done = drop("view", "run.rrd", "--json")
+    assert done.returncode == 1
+    assert "the viewer ended with exit code 1; try the browser's" in done.stderr.splitlines()[-1]
+
+
+def test_web_is_served_on_loopback_only_and_nobody_is_counted(here: Path) -> None:
+    home = here / "home"
+    environment = os.environ | {
+        "HOME": str(home), "XDG_CONFIG_HOME": str(home / ".config"),
+        "XDG_DATA_HOME": str(home / ".local"), "BROWSER": "true",
+        "PYTHONPATH": str(Path(__file__).parents[1]),
+    }  # fmt: skip
+    environment.pop("CI", None)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cli", "view", "run.rrd", "--web", "--json"],
+        cwd=here, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        answer = json.loads("".join(iter(process.stdout.readline, "}\n")) + "}")
+        assert answer["layers"] == ["run.analysis.rrd"]
+        ports = [int(answer[key].split(":")[2].split("?")[0].split("/")[0]) for key in KEYS]
+        wait_until(lambda: all(map(listens, ports)))
+        with urllib.request.urlopen(answer["page"], timeout=10) as page:
+            assert b"<html" in page.read()
+        assert all(address == "127.0.0.1" for port in ports for address in listening_on(port))
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=10)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert not any(map(listens, ports))
+    assert not list(home.rglob("analytics*"))
+
+
+KEYS = ("url", "page")
+
+
+def listens(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def listening_on(port: int) -> set[str]:
+    """Return the addresses of this machine that a port is open on."""
+    rows = [row.split() for name in ("tcp", "tcp6")
+            for row in Path(f"/proc/net/{name}").read_text().splitlines()[1:]]  # fmt: skip
+    found = {row[1].split(":")[0] for row in rows
+             if row[3] == "0A" and int(row[1].split(":")[1], 16) == port}  # fmt: skip
+    return {"127.0.0.1" if address == "0100007F" else address for address in found}
+
+
+def wait_until(ready: Callable[[], object], *, seconds: float = 20) -> None:
+    deadline = time.monotonic() + seconds
+    while not ready():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+# -- live -----------------------------------------------------------------------------------------
+
+
+@dataclass
+class Receiver:
+    """Rerun's own server: takes a recording in, as a viewer does."""
+
+    process: subprocess.Popen[bytes]
+    url: str
+    saved: Path
+
+
+@pytest.fixture
+def receiver(tmp_path: Path) -> Iterator[Receiver]:
+    """Return a receiver that writes what it is sent to a file."""
+    port, saved = free_port(), tmp_path / "received.rrd"
+    process = subprocess.Popen(
+        [binary(), "--save", saved, "--bind", "127.0.0.1", "--port", str(port)],
+        env=isolated(tmp_path / "home"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        wait_until(lambda: listens(port))
+        yield Receiver(process, f"rerun+http://127.0.0.1:{port}/proxy", saved)
+    finally:
+        process.kill()
+        process.wait()
+
+
+@needs_vulkan
+def test_a_viewer_shows_what_is_being_recorded(drop: Drop, tmp_path: Path, standard: Run) -> None:
+    with Viewer() as viewer:
+        done = drop("simulate", "--out", "live.rrd", "--connect", viewer.url)
+        assert (done.returncode, done.stderr) == (0, "")
+        wait_until(lambda: viewer.client.get_state().views)
+        assert complaints(viewer, views=ALONE) == []
+    assert read(tmp_path / "live.rrd").states.equals(read(standard.simulation.recording).states)
+
+
+def test_what_is_sent_is_what_is_written(tmp_path: Path, receiver: Receiver) -> None:
+    notes: list[str] = []
+    path = tmp_path / "run.rrd"
+    simulate(Scenario(), path, camera=None, viewer=view.connection(receiver.url), note=notes.append)
+    assert notes == []
+    receiver.process.terminate()
+    receiver.process.wait()
+    assert read(receiver.saved).states.equals(read(path).states)
+    assert read(receiver.saved).recording_id == read(path).recording_id
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_viewer_that_goes_away_or_hangs_costs_the_recording_nothing(
+    tmp_path: Path, receiver: Receiver, number: signal.Signals
+) -> None:
+    notes: list[str] = []
+
+    def lose(_: str, done: int, total: int) -> None:
+        if done > total / 3 and number not in sent:
+            receiver.process.send_signal(number)
+            sent.append(number)
+
+    sent: list[int] = []
+    path, long = tmp_path / "run.rrd", Scenario(duration_s=20.0)
+    simulate(
+        long, path, camera=None,
+        viewer=view.connection(receiver.url), note=notes.append, progress=lose,
+    )  # fmt: skip
+    assert notes == ["the viewer has gone; the recording goes on without it"]
+    assert len(read(path).states) == long.steps + 1
+
+
+def test_a_hanging_viewer_does_not_keep_the_command_from_ending(
+    drop: Drop, tmp_path: Path, receiver: Receiver
+) -> None:
+    receiver.process.send_signal(signal.SIGSTOP)
+    began = time.monotonic()
+    done = drop("simulate", "--out", "run.rrd", "--no-camera", "--connect", receiver.url, "--json")
+    assert done.returncode == 0
+    assert done.stderr == "drop: the viewer has gone; the recording goes on without it\n"
+    assert json.loads(done.stdout)["samples"] == 241
+    assert time.monotonic() - began < 60, "it waits for the viewer for ever"
+    assert not read(tmp_path / "run.rrd").partial
+
+
+@pytest.mark.parametrize(
+    ("url", "code", "said"),
+    [
+        ("9876", 2, "rerun+http://127.0.0.1:9876/proxy"),
+        ("http://127.0.0.1:9876/proxy", 2, "'http://"),
+        ("rerun+http://127.0.0.1:99999/proxy", 2, "99999"),
+        ("rerun+http://127.0.0.1:1/proxy", 1, "--spawn"),
+    ],
+)
+def test_without_a_viewer_nothing_is_begun(
+    drop: Drop, tmp_path: Path, url: str, code: int, said: str
+) -> None:
+    done = drop("simulate", "--out", "run.rrd", "--connect", url)
+    assert (done.returncode, done.stdout) == (code, "")
+    assert len(done.stderr.splitlines()) == 1
+    assert said in done.stderr
+    assert list(tmp_path.iterdir()) == []
