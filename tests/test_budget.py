@@ -127,6 +127,26 @@ def test_a_body_with_joints_is_left_out_loudly(recorded: Recorder) -> None:
     assert analysis.airborne is None
 
 
+def test_a_landing_that_is_not_flat_gets_no_prediction(recorded: Recorder) -> None:
+    """A spinning box lands on an edge and tumbles: no law here says where it comes to rest."""
+    analysis = judge(recorded(spin_rad_s=(4.0, 7.0, 0.0), duration_s=3.0))
+    assert analysis.coverage.samples < analysis.coverage.of
+    assert analysis.contact is None
+    assert analysis.impact is not None
+    assert analysis.impact.time_free_fall_s is None
+    assert analysis.impact.penetration_m is None
+    assert analysis.rest is not None
+    assert analysis.rest.terms_m is None
+    assert analysis.rest.expected_m == 0.025
+
+
+def test_a_box_that_fell_over_is_expected_on_the_face_it_lies_on(recorded: Recorder) -> None:
+    rest = judge(recorded(body="jenga/jenga.urdf", spin_rad_s=(9.0, 0.0, 0.0), duration_s=4.0)).rest
+    assert rest is not None
+    assert rest.expected_m in (0.075, 0.025, 0.015)
+    assert rest.error_m == pytest.approx(-1e-5, abs=5e-6)
+
+
 # -- impact, contact, rest ------------------------------------------------------------------------
 
 

@@ -113,7 +113,7 @@ def test_rerun_cannot_be_switched_off_or_made_to_talk_on_stdout(
     assert json.loads(done.stdout)["bytes"] == (tmp_path / "run.rrd").stat().st_size > 10_000
 
 
-def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
+def test_a_reader_that_goes_away_is_no_error() -> None:
     command = f"{sys.executable} -m cli analyze --help | head -1"
     done = subprocess.run(
         ["bash", "-c", command], capture_output=True, text=True, cwd=Path(__file__).parents[1],

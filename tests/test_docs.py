@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from itertools import chain
 from pathlib import Path
 
 from conftest import Drop
@@ -37,7 +38,7 @@ def test_the_readme_names_every_option() -> None:
         assert f"`{option.name}`" in README, option.name
 
 
-def test_the_readmes_python_runs(tmp_path: Path, standard: Run) -> None:
+def test_the_readmes_python_runs(tmp_path: Path) -> None:
     (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     # Frames take most of the time, and the gif of render needs none of their detail.
     code = code.replace('"fine.rrd"', f'r"{tmp_path / "fine.rrd"}"').replace(
@@ -54,7 +55,7 @@ def test_the_pictures_in_the_readme_are_there_and_small() -> None:
 
 def test_every_dependency_has_a_reason() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    wanted = [*project["dependencies"], *sum(project["optional-dependencies"].values(), [])]
+    wanted = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
     names = {re.split(r"[\[<>=~! ]", one)[0] for one in wanted} - {"drop"}
     table = ARCHITECTURE.partition("## Dependencies")[2]
     assert [name for name in names if name not in table] == []

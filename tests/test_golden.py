@@ -133,7 +133,7 @@ def test_frames_are_pybullets_own_to_the_pixel(standard: Run) -> None:
     _, expected = drive(picture_every=6)
     actual = {}
     for step, png in frames(standard.simulation.recording):
-        pixels = np.asarray(Image.open(io.BytesIO(png)))
+        pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
         assert pixels.shape == (360, 480, 3)
         actual[step] = hashlib.sha256(pixels.tobytes()).hexdigest()
     assert len(actual) == 41

@@ -45,7 +45,13 @@ ONLY_IN = {
     "typer": {"options.py", "console/running.py"},
 }
 # The judge never knows what it judges.
-JUDGE = ("physics/theory.py", "physics/bullet_law.py", "physics/contact_law.py", "budget/")
+JUDGE = (
+    "physics/theory.py",
+    "physics/bullet_law.py",
+    "physics/contact_law.py",
+    "physics/spin_law.py",
+    "budget/",
+)
 
 
 def imports_of(path: Path) -> set[str]:

@@ -94,7 +94,8 @@ def test_the_pinhole_sees_what_pybullets_camera_saw(standard: Run) -> None:
     recording = read(standard.simulation.recording)
     camera = recording.camera
     assert camera is not None
-    pixels = np.asarray(Image.open(io.BytesIO(next(iter(frames(recording.path)))[1])))
+    _, png = next(iter(frames(recording.path)))
+    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
     x, y, z, _ = np.linalg.inv(world_from_camera(camera)) @ [0, 0, 1, 1]
     column = camera.size_px[0] / 2 + camera.focal_length_px * x / -z
     row = camera.size_px[1] / 2 - camera.focal_length_px * y / -z

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -22,10 +22,12 @@ from pipeline.budget.landing import (
     find_impact,
     find_rest,
 )
+from pipeline.budget.mismatch import coverage_of, find_mismatch
 from pipeline.budget.phases import Phases, phases
 from pipeline.budget.results import Airborne, Analysis, Conservation, Coverage, Moment, Terms
+from pipeline.budget.samples import Samples, samples_of
 from pipeline.errors import ScenarioError
-from pipeline.physics import bullet_law, theory
+from pipeline.physics import theory
 from pipeline.physics.bullet_law import fall_of
 from pipeline.physics.theory import Fall
 from pipeline.scenario import Scenario
@@ -33,22 +35,6 @@ from pipeline.scenario import Scenario
 Float64 = NDArray[np.float64]
 
 DEFAULT_AT_S = 0.3
-
-
-@dataclass(frozen=True)
-class Samples:
-    """The recorded state as arrays, one row per sample."""
-
-    position_m: Float64
-    orientation: Float64
-    velocity_m_s: Float64
-    spin_rad_s: Float64
-    contact_points: Float64
-
-    @property
-    def height_m(self) -> Float64:
-        """Height of the centre [m], shape (samples,)."""
-        return self.position_m[:, 2]
 
 
 def analysis_of(
@@ -76,12 +62,12 @@ def analysis_of(
     ScenarioError
         If a time lies outside the recording.
     """
-    samples = _samples(states)
+    samples = samples_of(states)
     fall, timestep_s = fall_of(scenario), scenario.timestep_s
     speed_m_s = np.linalg.norm(samples.velocity_m_s, axis=1)
     found = phases(samples.height_m, speed_m_s, samples.contact_points)
-    mismatch = _mismatch(scenario, engine, fall, samples, found.airborne)
-    coverage = _coverage(scenario, engine, found, mismatch)
+    mismatch = find_mismatch(scenario, engine, fall, samples, airborne=found.airborne)
+    coverage = coverage_of(scenario, engine, found, mismatch)
     parts = decompose(fall, samples.height_m[: coverage.samples], timestep_s=timestep_s)
     energies = _mechanics(engine, samples, fall)
     table = _table(scenario, engine, fall, found, samples, parts, energies)
@@ -91,7 +77,7 @@ def analysis_of(
     law_m = None if law is None else law[0]
     impact = find_impact(scenario, engine, fall, found, samples.height_m, samples.velocity_m_s)
     bounces = find_bounces(scenario, engine, fall, samples.height_m, samples.velocity_m_s[:, 2])
-    rest = find_rest(engine, found, samples.height_m, law_m)
+    rest = find_rest(scenario, engine, found, samples.height_m, samples.orientation, law_m)
     evidence = Evidence(
         scenario=scenario,
         engine=engine,
@@ -127,61 +113,6 @@ def analysis_of(
         findings=findings(evidence),
         table=table,
     )
-
-
-def _samples(states: pl.DataFrame) -> Samples:
-    return Samples(
-        position_m=states.select("x_m", "y_m", "z_m").to_numpy(),
-        orientation=states.select("qx", "qy", "qz", "qw").to_numpy(),
-        velocity_m_s=states.select("vx_m_s", "vy_m_s", "vz_m_s").to_numpy(),
-        spin_rad_s=states.select("wx_rad_s", "wy_rad_s", "wz_rad_s").to_numpy(),
-        contact_points=states["contact_points"].to_numpy(),
-    )
-
-
-def _mismatch(
-    scenario: Scenario,
-    engine: Mapping[str, Any],
-    fall: Fall,
-    samples: Samples,
-    airborne: int,
-) -> tuple[int, float] | None:
-    """Return the first sample in the air that does not follow Bullet's law, and by how much."""
-    if not scenario.stepped or engine["joints"] or not airborne:
-        return None
-    position_m, velocity_m_s = bullet_law.airborne(
-        fall, timestep_s=scenario.timestep_s, steps=airborne - 1, mass_kg=engine["mass_kg"]
-    )
-    recorded = np.hstack((samples.position_m, samples.velocity_m_s))[:airborne]
-    law = np.hstack((position_m, velocity_m_s))
-    # On x86-64 the law is the engine's to the last bit; elsewhere multiply and add may be fused.
-    # A body that turns is stepped in its own frame, which rounds besides.
-    exact = engine.get("machine") in ("x86_64", "AMD64") and not any(scenario.spin_rad_s)
-    tolerance = 0.0 if exact else 1e-12
-    deviation = np.abs(recorded - law).max(axis=1)
-    off = np.flatnonzero(~(deviation <= tolerance * np.maximum(1.0, np.abs(law).max(axis=1))))
-    return (int(off[0]), float(deviation[off[0]])) if len(off) else None
-
-
-def _coverage(
-    scenario: Scenario,
-    engine: Mapping[str, Any],
-    found: Phases,
-    mismatch: tuple[int, float] | None,
-) -> Coverage:
-    """Say how far the law of the air explains the recording."""
-    if not scenario.stepped:
-        return Coverage(0, found.samples, "no step was taken, so no law of motion applies")
-    if engine["joints"]:
-        why = f"the body has {engine['joints']} joints, and the law is that of one rigid body"
-        return Coverage(0, found.samples, why)
-    if mismatch is not None:
-        why = f"from sample {mismatch[0]} on the state does not follow Bullet's law"
-        return Coverage(mismatch[0], found.samples, why)
-    if found.contact_step is not None:
-        why = f"from sample {found.contact_step} on the body is, or has been, in contact"
-        return Coverage(found.airborne, found.samples, why)
-    return Coverage(found.samples, found.samples, "the whole recording is in the air")
 
 
 def _mechanics(engine: Mapping[str, Any], samples: Samples, fall: Fall) -> Mechanics:

@@ -46,10 +46,10 @@ def velocity_after_step(fall: Fall, velocity_m_s: Float64, *, timestep_s: float)
     """
     pull = np.array([0.0, 0.0, fall.gravity_m_s2 * timestep_s])
     if fall.coordinates == "maximal":
-        return velocity_m_s * (1 - fall.linear_damping) ** timestep_s + pull
+        return np.asarray(velocity_m_s * (1 - fall.linear_damping) ** timestep_s + pull)
     speed = np.linalg.norm(velocity_m_s, axis=1, keepdims=True)
     after = velocity_m_s - timestep_s * fall.linear_damping * velocity_m_s * (1 + speed) + pull
-    return np.clip(after, -MAX_COORDINATE_VELOCITY_M_S, MAX_COORDINATE_VELOCITY_M_S)
+    return np.asarray(np.clip(after, -MAX_COORDINATE_VELOCITY_M_S, MAX_COORDINATE_VELOCITY_M_S))
 
 
 def ledger(

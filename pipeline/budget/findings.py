@@ -164,7 +164,7 @@ def _refining_hurts(e: Evidence) -> Iterator[Finding]:
 
 
 def _deep_penetration(e: Evidence) -> Iterator[Finding]:
-    if e.impact is None:
+    if e.impact is None or e.impact.penetration_m is None:
         return
     depth_m, height_m = e.impact.penetration_m, 2 * e.engine["rest_height_m"]
     if depth_m > DEEP_PENETRATION * height_m:
@@ -172,8 +172,9 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
         yield Finding(
             "deep-penetration",
             f"the body sinks {depth_m * 1e3:.1f} mm into the floor, {depth_m / height_m:.0%} of "
-            f"its height: contact acts only once it is inside, and it moves {per_step_m * 1e3:.1f} mm "
-            "in a step; shorten the step with p.setTimeStep, that is --timestep",
+            "its height: contact acts only once it is inside, and it moves "
+            f"{per_step_m * 1e3:.1f} mm in a step; shorten the step with p.setTimeStep, that is "
+            "--timestep",
         )
 
 
@@ -203,7 +204,7 @@ def _bounces(e: Evidence) -> Iterator[Finding]:
 
 
 def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
-    if e.rest is not None and e.rest.error_m < -REST_BELOW_M:
+    if e.rest is not None and e.rest.error_m is not None and e.rest.error_m < -REST_BELOW_M:
         yield Finding(
             "rest-below-expected",
             f"the body lies {-e.rest.error_m * 1e6:.2f} µm lower than {e.rest.expected_m:g} m: "

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.budget.conservation import rotate_inverse
 from pipeline.budget.phases import Phases, crossing_time
 from pipeline.budget.results import Bounce, Contact, Impact, Rest, RestTerms
 from pipeline.physics import contact_law, theory
@@ -34,16 +35,40 @@ def find_impact(
         return None
     rest_height_m = engine["rest_height_m"]
     lowest = int(np.argmin(height_m))
+    upright = lands_upright(scenario, engine)
     return Impact(
-        time_free_fall_s=theory.impact_time_free(fall, rest_height_m),
-        time_damped_s=theory.impact_time_damped(fall, rest_height_m),
-        time_simulated_s=crossing_time(height_m, rest_height_m, scenario.timestep_s),
+        time_free_fall_s=theory.impact_time_free(fall, rest_height_m) if upright else None,
+        time_damped_s=theory.impact_time_damped(fall, rest_height_m) if upright else None,
+        time_simulated_s=crossing_time(height_m, rest_height_m, scenario.timestep_s)
+        if upright
+        else None,
         step=found.contact_step,
         speed_m_s=float(abs(velocity_m_s[max(found.contact_step - 1, 0), 2])),
         lowest_m=float(height_m[lowest]),
         lowest_step=lowest,
-        penetration_m=max(0.0, rest_height_m - float(height_m[lowest])),
+        penetration_m=max(0.0, rest_height_m - float(height_m[lowest])) if upright else None,
     )
+
+
+def lands_upright(scenario: Scenario, engine: Mapping[str, Any]) -> bool:
+    """Whether the body meets the floor as it was released: it does not spin, or is a ball."""
+    return not any(scenario.spin_rad_s) or engine["shape"] == "sphere"
+
+
+def expected_rest_height(
+    scenario: Scenario, engine: Mapping[str, Any], orientation: Float64
+) -> float | None:
+    """Return the height of the centre of a body at rest [m]; None where nothing says it.
+
+    A ball lies at its radius, a box on the face that is down by now, any other body at its release
+    height above the floor if it never turned. `orientation` is a quaternion x, y, z, w.
+    """
+    if engine["shape"] == "box":
+        up_in_box = np.abs(rotate_inverse(orientation[None, :], np.array([[0.0, 0.0, 1.0]]))[0])
+        axis = int(np.argmax(up_in_box))
+        # cos of 0.8°: a box that leans more than this does not lie on a face.
+        return float(engine["shape_dimensions_m"][axis]) / 2 if up_in_box[axis] > 0.9999 else None
+    return float(engine["rest_height_m"]) if lands_upright(scenario, engine) else None
 
 
 def contact_law_path(
@@ -86,12 +111,23 @@ def find_contact(found: Phases, height_m: Float64, law_m: Float64 | None) -> Con
 
 
 def find_rest(
-    engine: Mapping[str, Any], found: Phases, height_m: Float64, law_m: Float64 | None
+    scenario: Scenario,
+    engine: Mapping[str, Any],
+    found: Phases,
+    height_m: Float64,
+    orientation: Float64,
+    law_m: Float64 | None,
 ) -> Rest | None:
-    """Return where the body comes to lie, and why it is not the rest height exactly."""
+    """Return where the body comes to lie, and why it is not the rest height exactly.
+
+    `height_m` has shape (samples,), `orientation` (samples, 4), `law_m` that of `height_m`.
+    """
     if found.rest_step is None:
         return None
-    last_m, expected_m = float(height_m[-1]), float(engine["rest_height_m"])
+    last_m = float(height_m[-1])
+    expected_m = expected_rest_height(scenario, engine, orientation[-1])
+    if expected_m is None:
+        return Rest(last_m, None, None, found.rest_step, None)
     terms = None
     if law_m is not None:
         law_end_m = float(law_m[-1])

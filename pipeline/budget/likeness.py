@@ -130,7 +130,7 @@ def _law(states: pl.DataFrame, timestep_s: float) -> _Law | None:
     noise = 1e-15 * np.abs(v).max() / timestep_s
     ways = {"after": v[1:], "before": v[:-1], "mean": (v[:-1] + v[1:]) / 2}
     misses = {
-        name: float(np.abs(np.diff(x, axis=0) - timestep_s * way).max())
+        name: float(np.median(np.abs(np.diff(x, axis=0) - timestep_s * way).max(axis=1)))
         for name, way in ways.items()
     }
     return _Law(

@@ -57,7 +57,11 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Impact:
-    """When the body meets the floor, in theory and in the simulation."""
+    """When the body meets the floor, in theory and in the simulation.
+
+    The times are those at which the centre comes down to the rest height; None where the body may
+    be turned by then, so that it touches earlier.
+    """
 
     time_free_fall_s: float | None
     time_damped_s: float | None
@@ -68,7 +72,8 @@ class Impact:
     """Speed of the last sample before it."""
     lowest_m: float
     lowest_step: int
-    penetration_m: float
+    penetration_m: float | None
+    """None where the body is turned, so that its centre does not tell how deep its corner is."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +121,9 @@ class Rest:
     """Where the body comes to lie."""
 
     height_m: float
-    expected_m: float
-    error_m: float
+    expected_m: float | None
+    """None where nothing says how high the centre of such a body lies."""
+    error_m: float | None
     settled_step: int
     terms_m: RestTerms | None
     """None where the body did not land flat, so that the contact law does not cover it."""

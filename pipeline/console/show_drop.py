@@ -177,12 +177,13 @@ def _impact(analysis: Analysis) -> list[str]:
     }
     predicted = [f"{name} {time_s:.4f} s" for name, time_s in times.items() if time_s is not None]
     step_mm = impact.speed_m_s * analysis.scenario["timestep_s"] * 1e3
+    depth = "" if impact.penetration_m is None else f", {impact.penetration_m * 1e3:.1f} mm deep"
     return [
-        *_titled("Impact", ", ".join(predicted) or "from the start"),
+        *_titled("Impact", ", ".join(predicted) or "turned: when it should touch is not covered"),
         *_titled(
             "",
             f"arrives at {impact.speed_m_s:.3f} m/s, {step_mm:.1f} mm a step; is caught at step "
-            f"{impact.step}, {impact.penetration_m * 1e3:.1f} mm deep",
+            f"{impact.step}{depth}",
         ),
     ]
 
@@ -210,6 +211,8 @@ def _rest(analysis: Analysis) -> list[str]:
     lines = _titled(
         "Rest", f"{rest.height_m:.4f} m: the position is the body's centre, not its underside"
     )
+    if rest.expected_m is None or rest.error_m is None:
+        return lines + _titled("", "how high such a body lies is not covered")
     error = f"{rest.error_m * 1e6:+.2f} µm off {rest.expected_m:g} m"
     if rest.terms_m is None:
         return lines + _titled("", f"{error}; the contact law does not cover this landing")

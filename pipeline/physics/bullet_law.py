@@ -169,12 +169,11 @@ class ExactHeights:
     left_out_m: Float64
 
 
-def airborne_exact(
-    fall: Fall, *, timestep_s: float, steps: int, first: int = 0
-) -> ExactHeights:
+def airborne_exact(fall: Fall, *, timestep_s: float, steps: int, first: int = 0) -> ExactHeights:
     """Return the heights of the law in exact arithmetic: 40 digits, in which the mass cancels.
 
-    From sample `first` on, shape (steps + 1 - first,). Timestep, gravity, damping and release are the doubles they are, taken for exact.
+    From sample `first` on, shape (steps + 1 - first,). Timestep, gravity, damping and release are
+    the doubles they are, taken for exact.
     """
     nearest, left_out = np.empty(steps + 1 - first), np.empty(steps + 1 - first)
     with localcontext(Context(prec=40)):

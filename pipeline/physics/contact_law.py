@@ -111,7 +111,7 @@ class Bounce:
     approach_m_s: float
     """Downward speed that restitution acted on."""
     rebound_m_s: float
-    """Upward speed at the first sample clear of the floor."""
+    """Upward speed that the contact gave: the greatest until the body is clear of the floor."""
     apex_m: float
     """Greatest height above the rest height before the next contact, or before the series ends."""
 
@@ -148,7 +148,7 @@ def bounces(
             Bounce(
                 step=int(start),
                 approach_m_s=-(damped if fall.coordinates == "maximal" else free_velocity(v)),
-                rebound_m_s=float(velocity_m_s[end]),
+                rebound_m_s=float(velocity_m_s[start + 1 : end + 1].max()),
                 apex_m=float(height_m[end:following].max()) - rest_height_m,
             )
         )

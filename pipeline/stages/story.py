@@ -15,9 +15,10 @@ def events(analysis: Analysis) -> list[tuple[int, str]]:
     found += [(one.step, _sum(one)) for one in analysis.at]
     impact, rest = analysis.impact, analysis.rest
     if impact is not None:
-        depth_mm = impact.penetration_m * 1e3
         found.append((impact.step, f"first contact, arriving at {impact.speed_m_s:.3f} m/s"))
-        found.append((impact.lowest_step, f"lowest point, {depth_mm:.3f} mm in the floor"))
+        if impact.penetration_m is not None:
+            depth_mm = impact.penetration_m * 1e3
+            found.append((impact.lowest_step, f"lowest point, {depth_mm:.3f} mm in the floor"))
     found += [(one.step, f"rebound at {one.rebound_m_s:.3f} m/s") for one in analysis.bounces]
     if rest is not None:
         found.append((rest.settled_step, f"at rest at {rest.height_m * 1e3:.3f} mm"))

@@ -10,12 +10,15 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 
 from pipeline.budget.convergence import Run, Study, study_of
 from pipeline.budget.statistics import Moments, Summary, summaries
 from pipeline.errors import DropError, ScenarioError
+from pipeline.fields import fraction
 from pipeline.physics.world import engine_versions
+from pipeline.recording.files import check_target, written_whole
 from pipeline.scenario import Camera, Scenario
 from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
@@ -119,7 +122,8 @@ def sweep(
     if plot is not None:
         from pipeline.figures.convergence_plot import check_plot
 
-        check_plot(Path(plot), timesteps=len(dict(plan.lists).get("timestep_s", ())), force=force)
+        check_plot(Path(plot), timesteps=len(dict(plan.lists).get("timestep_s", ())))
+        check_target(Path(plot), force=force)
     folder = Folder(Path(out))
     work = RunShard(plan, folder.path.resolve(), at_s, record, camera)
     with folder.claimed(_identity(work)):
@@ -305,6 +309,49 @@ def _statistics(plan: Plan, results: pl.LazyFrame) -> list[Group]:
 
 def _plot(path: Path, studies: list[Group], at_s: float, *, force: bool) -> None:
     from pipeline.figures.convergence_plot import Panel, plot_convergence
-    from pipeline.recording.files import written_whole
 
-    raise NotImplementedError
+    if not studies:
+        raise DropError(
+            f"--plot has nothing to show: at {at_s:g} s no two timesteps have an error that was "
+            "taken apart; try an earlier --at"
+        )
+    panels = [
+        Panel(
+            title=label(group.values) or "all else at its default",
+            timesteps_s=np.array([run.timestep_s for run in group.study.runs]),
+            errors_m={
+                name.removesuffix("_m").replace("error", "total"): np.array(
+                    [getattr(run, name) for run in group.study.runs]
+                )
+                for name in TERMS
+            },
+            cancelling_timestep_s=group.study.cancelling_timestep_s,
+        )
+        for group in studies
+        if group.study is not None
+    ]
+    with written_whole(path, force=force) as file:
+        plot_convergence(
+            panels,
+            file,
+            format="svg" if path.suffix == ".svg" else "png",
+            title=f"The error after {at_s:g} s, by timestep",
+        )
+
+
+def label(values: dict[str, Any]) -> str:
+    """Name a group by its values: `damping default, height 2`."""
+    options = Scenario.options()
+    return ", ".join(
+        f"{options[name].name.removeprefix('--').replace('-', ' ')} {shown(value)}"
+        for name, value in values.items()
+    )
+
+
+def shown(value: object) -> str:
+    """Write a value for people: 1/240 where a float is 1/240."""
+    if value is None:
+        return "default"
+    if isinstance(value, list | tuple):
+        return ",".join(map(fraction, value))
+    return fraction(value) if isinstance(value, float) else str(value)

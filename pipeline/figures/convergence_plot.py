@@ -1,0 +1,223 @@
+"""Plot how the error and its terms change with the timestep: log-log, with slopes to hold them to.
+
+A straight line of slope p is an error of order p. The total against free fall is not one where
+damping is on: the timestep's share falls, the damping's stays, and where they cancel it dips.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
+from numpy.typing import NDArray
+
+from pipeline import colours
+from pipeline.errors import ScenarioError
+from pipeline.figures import style
+from pipeline.figures.style import Ink
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Float64 = NDArray[np.float64]
+
+MOST_PANELS = 4
+LOWEST_M = 1e-9
+"""Below a nanometre nothing is drawn but a note: rounding is ten decades under the rest."""
+TERMS = {
+    "total": colours.TOTAL,
+    "timestep": colours.TIMESTEP,
+    "damping": colours.DAMPING,
+    "interaction": colours.INTERACTION,
+    "rounding": colours.ROUNDING,
+}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Runs that differ in the timestep only."""
+
+    title: str
+    timesteps_s: Float64
+    """Coarse to fine, shape (n,)."""
+    errors_m: dict[str, Float64]
+    """`total` and its four terms, shape (n,) each."""
+    cancelling_timestep_s: float | None
+
+
+def check_plot(path: Path, *, timesteps: int) -> None:
+    """Make sure that there is something to plot, before any work is done for it.
+
+    Raises
+    ------
+    ScenarioError
+        If the suffix is neither .png nor .svg, or there are not two timesteps.
+    """
+    if path.suffix not in (".png", ".svg"):
+        raise ScenarioError(f"--plot must end in .png or .svg, got {str(path)!r}")
+    if timesteps < 2:
+        raise ScenarioError(
+            f"--plot shows errors over the timestep and needs two or more of them, got {timesteps}; "
+            "try --timestep 1/240,1/480,1/960"
+        )
+
+
+def plot_convergence(
+    panels: Sequence[Panel],
+    target: Path | BinaryIO,
+    *,
+    format: Literal["png", "svg"],  # noqa: A002
+    title: str,
+    dark: bool = False,
+) -> None:
+    """Plot panels side by side, at most four; the same panels give the same bytes.
+
+    Parameters
+    ----------
+    panels
+        What to plot, at least one.
+    target
+        The file to write, or a stream.
+    format
+        `png`, or `svg` with its text as text.
+    title
+        What the errors are of.
+    dark
+        Whether it is for a dark page.
+    """
+    ink = style.DARK if dark else style.LIGHT
+    with style.plain(ink):
+        figure = build_figure(panels, title=title, ink=ink)
+        metadata = {"Date": None} if format == "svg" else {"Software": None}
+        figure.savefig(target, format=format, metadata=metadata)
+
+
+def build_figure(panels: Sequence[Panel], *, title: str, ink: Ink) -> Figure:
+    """Return the figure: one axes per panel, labelled with its title, all on the same scales."""
+    shown = panels[:MOST_PANELS]
+    figure = Figure(figsize=(1.3 + 5 * len(shown), 5), dpi=150)
+    axes = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
+    left, right = 1.05 / figure.get_figwidth(), 1 - 1.15 / figure.get_figwidth()
+    figure.subplots_adjust(left, 0.125, right, 0.79, wspace=0.32)
+    figure.text(0.02, 0.965, title, size=15, weight="bold", va="top")
+    hidden = len(panels) - len(shown)
+    subtitle = "|simulated − free fall| and its terms; dashed: slope 1, an error of first order"
+    subtitle += f"; {hidden} more panels not shown" if hidden else ""
+    figure.text(0.02, 0.897, subtitle, size=10.5, color=ink.faint, va="top")
+    low, high = _limits_mm(shown)
+    for one, panel in zip(axes, shown, strict=True):
+        one.set_label(panel.title)
+        _draw(one, panel, low, high, ink)
+    axes[0].set_ylabel("|error| [mm]")
+    return figure
+
+
+def _limits_mm(panels: Sequence[Panel]) -> tuple[float, float]:
+    drawn = [
+        abs(error)
+        for panel in panels
+        for errors in panel.errors_m.values()
+        for error in errors
+        if abs(error) >= LOWEST_M
+    ]
+    if not drawn:
+        return 1e-6, 1.0
+    return 10 ** (math.floor(math.log10(min(drawn) * 1e3)) - 0.3), max(drawn) * 1e3 * 2.5
+
+
+def _draw(axes: Axes, panel: Panel, low: float, high: float, ink: Ink) -> None:
+    steps, errors = panel.timesteps_s, panel.errors_m
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(low, high)
+    margin = (steps[0] / steps[-1]) ** 0.08
+    axes.set_xlim(steps[0] * margin, steps[-1] / margin)  # refining goes to the right
+    axes.set_title(panel.title, size=11, loc="left", color=ink.text)
+    _slopes(axes, steps, low, high, ink)
+    ends: list[tuple[float, str, str]] = []
+    notes = []
+    for name, colour in TERMS.items():
+        millimetres = np.abs(errors[name]) * 1e3
+        colour = ink.text if name == "total" else colour
+        if millimetres.max() < LOWEST_M * 1e3:
+            if millimetres.max() > 0:
+                notes.append(f"{name} at most {style.signed(millimetres.max(), 0)[1:]} mm")
+            continue
+        seen = np.where(millimetres >= low, millimetres, np.nan)
+        is_total = name == "total"
+        axes.plot(
+            steps, seen, "o" if is_total else "o-", color=colour, lw=1.5, ms=9 if is_total else 5,
+            label=name, zorder=2 if is_total else 3,
+        )  # fmt: skip
+        if is_total:
+            between = np.geomspace(steps[0], steps[-1], 2000)
+            axes.plot(between, _total_mm(panel, between), color=colour, lw=3, zorder=1.5)
+        ends.append((float(millimetres[-1]), name, colour))
+    _label_ends(axes, ends)
+    if panel.cancelling_timestep_s is not None:
+        _mark_cancelling(axes, panel.cancelling_timestep_s, ink)
+    if notes:
+        axes.text(
+            0.03, 0.03, "\n".join(notes), transform=axes.transAxes, size=9, color=ink.faint,
+            bbox=_clear(ink),
+        )  # fmt: skip
+    axes.set_xlabel("timestep")
+    ticks = steps if len(steps) <= 6 else np.geomspace(steps[0], steps[-1], 5)
+    axes.xaxis.set_major_locator(FixedLocator(list(ticks)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: style.seconds(value)))
+    axes.yaxis.set_major_locator(LogLocator(10, numticks=20))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def _total_mm(panel: Panel, timesteps_s: Float64) -> Float64:
+    """Return |timestep + damping| [mm] between the runs: one is proportional, the other constant."""
+    slope = panel.errors_m["timestep"][-1] / panel.timesteps_s[-1]
+    return np.abs(slope * timesteps_s + panel.errors_m["damping"][-1]) * 1e3
+
+
+def _slopes(axes: Axes, steps: Float64, low: float, high: float, ink: Ink) -> None:
+    """Draw faint lines of slope 1, a decade apart, behind everything."""
+    decades = np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 3)
+    wide = np.array([steps[0] * 1.5, steps[-1] / 1.5])
+    for decade in decades:
+        axes.plot(
+            wide, 10.0**decade * wide / steps[0], color=ink.faint, lw=0.6, ls=(0, (4, 4)),
+            alpha=0.55, zorder=0.5, label="_slope",
+        )  # fmt: skip
+
+
+def _label_ends(axes: Axes, ends: list[tuple[float, str, str]]) -> None:
+    """Name each curve at its right end, and keep the names apart."""
+    low, high = np.log10(axes.get_ylim())
+    apart, last = 0.052 * (high - low), -math.inf
+    for value, name, colour in sorted(ends):
+        place = max(math.log10(value), last + apart)
+        last = place
+        axes.annotate(
+            name, (1.02, (place - low) / (high - low)), xycoords="axes fraction", color=colour,
+            va="center", size=10, weight="bold" if name == "total" else "normal",
+        )  # fmt: skip
+
+
+def _mark_cancelling(axes: Axes, timestep_s: float, ink: Ink) -> None:
+    first, last = axes.get_xlim()
+    if not last < timestep_s < first:
+        return
+    axes.axvline(timestep_s, color=ink.faint, lw=0.9, ls=(0, (2, 2)), zorder=0.8)
+    axes.text(
+        timestep_s, 0.2, f" timestep and damping\n cancel at 1/{1 / timestep_s:.0f} s", size=9,
+        color=ink.faint, transform=axes.get_xaxis_transform(), bbox=_clear(ink),
+    )  # fmt: skip
+
+
+def _clear(ink: Ink) -> dict[str, object]:
+    """Return what keeps lines from running through a text."""
+    return {"facecolor": ink.page, "edgecolor": "none", "pad": 1.0}

@@ -1,0 +1,313 @@
+"""A golden recording is held: what differs is found, named, and told apart from what does not."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from conftest import Drop, Recorder
+from PIL import Image
+from rerun.chunk import RrdReader
+
+from pipeline import Camera, Scenario, simulate
+from pipeline.budget.comparison import IN_CONTACT_M, Comparison, Side, compare
+from pipeline.errors import OutputError, RecordingError
+from pipeline.recording.reader import Recording, frames, read
+from pipeline.stages.check import check
+from pipeline.stages.run import Run
+
+GOLDEN = Path(__file__).parents[1] / "recordings/golden/standard.rrd"
+
+
+def side(recording: Recording) -> Side:
+    return Side(recording.scenario, recording.engine, recording.states)
+
+
+def compared(recorded: Recorder, **change: object) -> Comparison:
+    """Compare a fall made with other settings with the standard one, the settings being hidden."""
+    other, golden = side(recorded(**change)), side(recorded())
+    return compare(replace(other, scenario=golden.scenario, engine=golden.engine), golden)
+
+
+def altered(golden: Side, column: str, step: int, by: float) -> Side:
+    values = golden.states[column].to_numpy().copy()
+    values[step] += by
+    return replace(golden, states=golden.states.with_columns(pl.Series(column, values)))
+
+
+# -- the golden recording -------------------------------------------------------------------------
+
+
+def test_a_fresh_standard_drop_is_the_golden_one(standard: Run) -> None:
+    found = check(standard.simulation.recording, GOLDEN)
+    assert found.same, found
+    assert found.comparison is not None
+    assert found.comparison.largest_difference_m == 0.0
+    assert found.frames is not None
+    assert (found.frames.compared, found.frames.differing) == (41, 0)
+
+
+def test_the_golden_recording_is_small_and_opens_with_its_layout() -> None:
+    assert GOLDEN.stat().st_size < 300_000
+    reader = RrdReader(GOLDEN)
+    assert (len(reader.recordings()), len(reader.blueprints())) == (1, 1)
+
+
+# -- the command ----------------------------------------------------------------------------------
+
+
+def test_the_same_physics_exits_0(drop: Drop, tmp_path: Path, standard: Run) -> None:
+    run = tmp_path / "run.rrd"
+    run.write_bytes(standard.simulation.recording.read_bytes())
+    done = drop("check", "run.rrd", "--against", GOLDEN, "--json")
+    found = json.loads(done.stdout)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert found["same"] is True
+    assert found["largest_difference_m"] == 0.0
+    assert found["first_difference"] is None
+    assert drop("check", "run.rrd", "--against", GOLDEN).stdout.startswith("same")
+
+
+def test_other_physics_exits_3_and_is_told_as_the_setting_it_is(drop: Drop) -> None:
+    drop("simulate", "--out", "run.rrd", "--no-camera", "--timestep", "1/480")
+    done = drop("check", "run.rrd", "--against", GOLDEN, "--json")
+    found = json.loads(done.stdout)
+    assert done.returncode == 3
+    assert found["same"] is False
+    assert found["differences"] == [{"name": "timestep_s", "value": 1 / 480, "golden": 1 / 240}]
+    assert found["first_difference"] is None
+    assert "timestep_s" in drop("check", "run.rrd", "--against", GOLDEN).stdout
+
+
+def test_a_file_that_is_missing_or_unfinished_exits_1(drop: Drop, tmp_path: Path) -> None:
+    missing = drop("check", "no.rrd", "--against", GOLDEN)
+    assert (missing.returncode, len(missing.stderr.splitlines())) == (1, 1)
+    (tmp_path / "run.rrd.part").write_bytes(GOLDEN.read_bytes()[:100_000])
+    partial = drop("check", "run.rrd.part", "--against", GOLDEN)
+    assert (partial.returncode, len(partial.stderr.splitlines())) == (1, 1)
+    wrong = drop("check", GOLDEN, "--against", GOLDEN, "--tolerance", "nan")
+    assert (wrong.returncode, len(wrong.stderr.splitlines())) == (2, 1)
+
+
+# -- settings, versions ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"timestep_s": 1 / 480}, "timestep_s"),
+        ({"duration_s": 0.5}, "duration_s"),
+        ({"linear_damping": 0.04}, "linear_damping"),
+        ({"gravity_m_s2": -1.62}, "gravity_m_s2"),
+        ({"mass_kg": 0.2}, "mass_kg"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_another_scenario_is_another_experiment(
+    recorded: Recorder, change: dict[str, float], name: str
+) -> None:
+    found = compare(side(recorded(**change)), side(recorded()))
+    assert not found.same
+    assert found.differences[0].name == name
+    assert found.looks_like is None
+
+
+def test_another_version_is_told_but_is_no_difference(recorded: Recorder) -> None:
+    golden = side(recorded())
+    newer = replace(golden, engine=golden.engine | {"pybullet_version": "3.3.0"})
+    found = compare(newer, golden)
+    assert found.same
+    assert [(one.name, one.value) for one in found.versions] == [("pybullet_version", "3.3.0")]
+
+
+def test_the_same_body_under_another_name_is_the_same_body(recorded: Recorder) -> None:
+    golden = side(recorded())
+    moved = replace(golden, scenario=replace(golden.scenario, body="/elsewhere/cube.urdf"))
+    assert compare(moved, golden).same
+    other = replace(moved, engine=golden.engine | {"body_sha256": "another"})
+    assert {one.name for one in compare(other, golden).differences} == {"body", "body_sha256"}
+
+
+# -- samples --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("column", ["x_m", "z_m", "qw", "vz_m_s", "wy_rad_s", "contact_force_n"])
+def test_one_bit_in_the_air_is_found_and_named(recorded: Recorder, column: str) -> None:
+    golden = side(recorded())
+    one_bit = float(np.spacing(golden.states[column][50])) or 5e-324
+    found = compare(altered(golden, column, 50, one_bit), golden)
+    assert found.first is not None
+    assert (found.first.step, found.first.column) == (50, column)
+    assert found.looks_like is not None
+
+
+def test_in_contact_a_nanometre_is_let_pass_and_not_more(recorded: Recorder) -> None:
+    golden = side(recorded())
+    assert compare(altered(golden, "z_m", 200, 0.5 * IN_CONTACT_M), golden).same
+    beyond = compare(altered(golden, "z_m", 200, 2 * IN_CONTACT_M), golden)
+    assert beyond.first is not None
+    assert beyond.first.step == 200
+    assert beyond.largest_difference_m == pytest.approx(2 * IN_CONTACT_M, rel=1e-6)
+    # A velocity may be wrong by what moves the body a nanometre in a step.
+    fast = IN_CONTACT_M * 240
+    assert compare(altered(golden, "vz_m_s", 200, 0.5 * fast), golden).same
+    assert not compare(altered(golden, "vz_m_s", 200, 2 * fast), golden).same
+    assert not compare(altered(golden, "contact_points", 200, 1), golden, tolerance_m=1.0).same
+
+
+def test_a_tolerance_is_a_length(recorded: Recorder) -> None:
+    golden = side(recorded())
+    moved = altered(golden, "z_m", 50, 1e-6)
+    assert compare(moved, golden, tolerance_m=2e-6).same
+    assert not compare(moved, golden, tolerance_m=0.5e-6).same
+
+
+def test_elsewhere_than_on_x86_a_fused_multiply_is_let_pass(recorded: Recorder) -> None:
+    golden = side(recorded())
+    arm = replace(golden, engine=golden.engine | {"machine": "aarch64"})
+    assert compare(altered(arm, "z_m", 50, 5e-13), golden).same
+    assert not compare(altered(arm, "z_m", 50, 5e-12), golden).same
+    assert not compare(altered(golden, "z_m", 50, 5e-13), golden).same
+
+
+# -- what it looks like ---------------------------------------------------------------------------
+
+
+def test_other_damping_gravity_and_law_are_recognised(recorded: Recorder) -> None:
+    """Each is another run of the engine, put forward as if it had the golden settings."""
+    for change, words in (
+        ({"linear_damping": 0.1}, "the same law with linear damping 0.1 instead of 0.04"),
+        ({"linear_damping": 0.0}, "the same law with linear damping"),
+        ({"gravity_m_s2": -9.8}, "the same law with gravity -9.8 instead of -9.81 m/s²"),
+        ({"linear_damping": 0.1, "gravity_m_s2": -9.0},
+         "gravity -9 instead of -9.81 m/s² and linear damping 0.1 instead of 0.04"),
+        ({"coordinates": "maximal", "linear_damping": 0.1}, "another law of damping"),
+        ({"contact_erp": 0.5}, "the same fall up to the impact, then other contact"),
+        ({"restitution": 0.5}, "the same fall up to the impact, then other contact"),
+        ({"height_m": 1.1}, "another release"),
+    ):  # fmt: skip
+        found = compared(recorded, **change)
+        assert found.looks_like is not None
+        assert words in found.looks_like, change
+
+
+@pytest.mark.parametrize(
+    ("weight_before", "words"), [(1.0, "explicit Euler"), (0.5, "trapezoidal")]
+)
+def test_another_integrator_is_recognised(
+    recorded: Recorder, weight_before: float, words: str
+) -> None:
+    """The golden velocities, the position moved by those before the step, or by the mean."""
+    golden = side(recorded())
+    v, dt = golden.states["vz_m_s"].to_numpy(), golden.scenario.timestep_s
+    z = golden.states["z_m"].to_numpy().copy()
+    for step in range(100):
+        moving = weight_before * v[step] + (1 - weight_before) * v[step + 1]
+        z[step + 1] = z[step] + dt * moving
+    run = replace(golden, states=golden.states.with_columns(z_m=z))
+    found = compare(run, golden)
+    assert found.looks_like is not None
+    assert words in found.looks_like
+
+
+def test_altered_samples_turning_and_rounding_are_recognised(recorded: Recorder) -> None:
+    golden = side(recorded())
+    assert "one altered sample" in str(compare(altered(golden, "z_m", 50, 0.1), golden).looks_like)
+    turned = compare(altered(golden, "wx_rad_s", 50, 0.1), golden)
+    assert "turning differently" in str(turned.looks_like)
+    z = golden.states["z_m"].to_numpy().copy()
+    z[50:] += np.spacing(1.0)
+    rounded = compare(replace(golden, states=golden.states.with_columns(z_m=z)), golden)
+    assert "rounded differently" in str(rounded.looks_like)
+
+
+# -- frames ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pictured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("pictured") / "run.rrd"
+    simulate(Scenario(duration_s=0.1), path, camera=Camera(capture_every=6, size_px=(64, 48)))
+    return path
+
+
+def test_frames_are_compared_by_their_pixels(
+    pictured: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def other(path: Path) -> list[tuple[int, bytes]]:
+        found = list(frames(path))
+        if path == pictured:
+            return found
+        again = []
+        for step, png in found:
+            stream, image = io.BytesIO(), Image.open(io.BytesIO(png)).convert("RGB")
+            if step == 12 and spoil:
+                image.putpixel((3, 4), (255, 0, 255))
+            image.save(stream, "png", compress_level=0)
+            again.append((step, stream.getvalue()))
+        return again
+
+    copy = pictured.with_name("copy.rrd")
+    copy.write_bytes(pictured.read_bytes())
+    monkeypatch.setattr("pipeline.stages.check.frames", other)
+    spoil = False
+    assert check(pictured, copy).same
+    spoil = True
+    found = check(pictured, copy)
+    assert not found.same
+    assert found.first is not None
+    assert (found.first.step, found.first.column) == (12, "frame")
+
+
+def test_without_frames_the_rest_is_compared_and_it_is_said(pictured: Path, tmp_path: Path) -> None:
+    simulate(Scenario(duration_s=0.1), tmp_path / "bare.rrd", camera=None)
+    found = check(tmp_path / "bare.rrd", pictured)
+    assert found.same
+    assert found.frames is not None
+    assert found.frames.compared == 0
+    assert "bare.rrd has no frames" in str(found.frames.why)
+
+
+# -- update ---------------------------------------------------------------------------------------
+
+
+def test_update_writes_the_golden_anew_and_whole(drop: Drop, tmp_path: Path) -> None:
+    drop("simulate", "--out", "old.rrd", "--no-camera", "--duration", "0.1")
+    drop("simulate", "--out", "new.rrd", "--no-camera", "--duration", "0.2")
+    first = drop("check", "old.rrd", "--against", "golden.rrd", "--update", "--json")
+    assert (first.returncode, json.loads(first.stdout)["updated"]) == (0, True)
+    assert drop("check", "old.rrd", "--against", "golden.rrd").returncode == 0
+    assert drop("check", "new.rrd", "--against", "golden.rrd").returncode == 3
+    second = drop("check", "new.rrd", "--against", "golden.rrd", "--update", "--json")
+    told = json.loads(second.stdout)
+    assert (second.returncode, told["same"]) == (0, False)
+    assert [one["name"] for one in told["differences"]] == ["duration_s"]
+    assert drop("check", "new.rrd", "--against", "golden.rrd").returncode == 0
+    assert {one.name for one in tmp_path.iterdir()} == {"old.rrd", "new.rrd", "golden.rrd"}
+    assert read(tmp_path / "golden.rrd").states.equals(read(tmp_path / "new.rrd").states)
+
+
+def test_update_keeps_the_golden_where_the_new_one_cannot_be_written(
+    tmp_path: Path, recorded: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    golden = tmp_path / "golden.rrd"
+    golden.write_bytes(GOLDEN.read_bytes())
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pipeline.recording.files.pack", full)
+    with pytest.raises(OutputError, match="No space left"):
+        check(recorded().path, golden, update=True)
+    monkeypatch.setattr(
+        "pipeline.recording.files.pack", lambda _, path: path.write_bytes(b"nonsense")
+    )
+    with pytest.raises(RecordingError):
+        check(recorded().path, golden, update=True)
+    assert golden.read_bytes() == GOLDEN.read_bytes()
+    assert [one.name for one in tmp_path.iterdir()] == ["golden.rrd"]
