@@ -10,8 +10,8 @@ from typing import Annotated
 
 import typer
 
-from pipeline.console import output, running, show_drop
-from pipeline.options import takes_scenario
+from pipeline.console import output, running, show_drop, show_sweep
+from pipeline.options import takes_scenario, takes_scenario_lists
 from pipeline.scenario import Camera, Scenario
 
 app = typer.Typer(
@@ -27,7 +27,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, for s
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 At = Annotated[
     list[str] | None,
-    typer.Option(metavar="SECONDS", help="Time to take apart; may be given again. [default: 0.3]"),
+    typer.Option(
+        metavar="SECONDS", help=r"Time to take apart \[s]; may be given again. \[default: 0.3]"
+    ),
 ]
 Fps = Annotated[float, typer.Option(help="Frames per second of the gif, at most 50.")]
 
@@ -81,7 +83,7 @@ def analyze(
     at: At = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="LAYER.rrd", help="The layer to write. [default: RUN.analysis.rrd]"),
+        typer.Option(metavar="LAYER.rrd", help=r"The layer to write. \[default: RUN.analysis.rrd]"),
     ] = None,
     table: Annotated[
         Path | None,
@@ -103,12 +105,12 @@ def render(
     run: Run,
     *,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE.gif", help="The gif to write. [default: RUN.gif]")
+        Path | None, typer.Option(metavar="FILE.gif", help=r"The gif to write. \[default: RUN.gif]")
     ] = None,
     fps: Fps = 20.0,
     plot: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="The plot, .png or .svg. [default: RUN.png]"),
+        typer.Option(metavar="FILE", help=r"The plot, .png or .svg. \[default: RUN.png]"),
     ] = None,
     force: Force = False,
     json: Json = False,
@@ -170,6 +172,86 @@ def check(
 
     checked = check(run, against, tolerance_m=tolerance, update=update)
     raise typer.Exit(show_check(checked, as_json=json))
+
+
+@app.command(
+    epilog="Example: drop sweep --timestep 1/240,1/480,1/960 --linear-damping default,0 --out sweep"
+)
+@takes_scenario_lists
+def sweep(
+    *,
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR", help="Where results and recordings go; the same command goes on there."
+        ),
+    ],
+    at: Annotated[str, typer.Option(metavar="SECONDS", help="Time to take apart.")] = "0.3",
+    samples: Annotated[
+        int | None, typer.Option(metavar="N", help="Runs of each scenario, drawn with --vary.")
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="S", help="Of all random numbers.")] = 0,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=DISTRIBUTION",
+            help="Draw an option, such as height=uniform:0.5:2 or velocity_z=normal:0:1; may be "
+            "given again. Also loguniform, truncnormal, lognormal, triangular, exponential, "
+            "integers and choice.",
+        ),
+    ] = None,
+    until_ci: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            help="Stop when the 95 % confidence interval of the mean error is this narrow.",
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Processes; by default one per core, where it is worth it."),
+    ] = None,
+    ray: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run on a Ray cluster: auto, local or its address."),
+    ] = None,
+    no_record: Annotated[
+        bool, typer.Option("--no-record", help="Keep the numbers, but no recordings.")
+    ] = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Plot errors over the timestep, as .png or .svg."),
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+    lists: dict[str, str | bool | None],
+    camera: Camera | None,
+) -> None:
+    """Run many scenarios, and say how the error behaves.
+
+    Every scenario option takes a list A,B,C; lists of vectors have semicolons: "0,0,0;0,0,1".
+    The sweep is their product, in the order of the options below, the last one changing fastest.
+    """
+    from pipeline.fields import times
+    from pipeline.stages.sweep import sweep
+    from pipeline.sweeping.plan import plan_of
+
+    plan = plan_of(lists, samples=samples, seed=seed, vary=vary or [])
+    with show_sweep.sweep_progress() as progress:
+        swept = sweep(
+            plan,
+            out,
+            at_s=times([at])[0],
+            record=not no_record,
+            camera=camera,
+            jobs=jobs,
+            ray=ray,
+            until_ci_m=until_ci,
+            plot=plot,
+            force=force,
+            progress=progress,
+        )
+    show_sweep.show_sweep(swept, as_json=json)
 
 
 @app.command(epilog="Example: drop view recordings/run.rrd")

@@ -74,6 +74,15 @@ def exact(value: object) -> str:
     return ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)
 
 
+def readable(value: object) -> str:
+    """Write a value for people: 1/240 where a float is 1/240, and what is left to the engine."""
+    if value is None:
+        return "default"
+    if isinstance(value, list | tuple):
+        return ",".join(map(readable, value))
+    return fraction(value) if isinstance(value, float) else str(value)
+
+
 def times(texts: Sequence[str]) -> list[float]:
     """Read the times of `--at` [s].
 

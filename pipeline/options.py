@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 import typer
 
-from pipeline.fields import Option
-from pipeline.scenario import Camera, Scenario
+from pipeline.fields import Option, integer, number, size, vector
+from pipeline.scenario import Camera, Scenario, gravity
+
+Given = Mapping[str, Any]
+"""What was given on the command line, by parameter name."""
+
+_METAVARS: dict[Callable[[str], Any], str] = {
+    number: "NUMBER",
+    integer: "N",
+    vector: "X,Y,Z",
+    gravity: "NUMBER|NAME",
+    size: "WIDTHxHEIGHT",
+}
 
 
 def takes_scenario(command: Callable[..., None]) -> Callable[..., None]:
@@ -18,53 +29,93 @@ def takes_scenario(command: Callable[..., None]) -> Callable[..., None]:
     The command is called with `scenario: Scenario` and `camera: Camera | None` in their place, and
     with its own parameters as they are.
     """
-    own = inspect.signature(command, eval_str=True)
-    kept = [one for one in own.parameters.values() if one.name not in ("scenario", "camera")]
-    grafted = _parameters(Scenario.options(), "Scenario")
-    photographed = _parameters(Camera.options(), "Camera")
-    no_camera = _parameter("no_camera", bool, False, "--no-camera", "Take no frames.", "Camera")
-
-    def with_scenario(**given: Any) -> None:  # noqa: ANN401
-        mine = {one.name: given[one.name] for one in kept}
-        scenario = Scenario.from_text(_given(Scenario.options(), given))
-        camera = Camera.from_text(_given(Camera.options(), given))
-        command(**mine, scenario=scenario, camera=None if given["no_camera"] else camera)
-
-    with_scenario.__signature__ = own.replace(  # type: ignore[attr-defined]
-        parameters=[*kept, *grafted, *photographed, no_camera]
-    )
-    with_scenario.__name__, with_scenario.__doc__ = command.__name__, command.__doc__
-    return with_scenario
-
-
-def _parameters(options: dict[str, Option], panel: str) -> list[inspect.Parameter]:
-    return [
-        _parameter(name, bool, False, spec.name, spec.help, panel)
-        if spec.is_flag
-        else _parameter(name, str | None, None, spec.name, spec.help, panel, spec.default)
-        for name, spec in options.items()
+    no_camera = _parameter("no_camera", "--no-camera", "Take no frames.", "Camera")
+    options = [
+        *_parameters(Scenario.options(), "Scenario"),
+        *_parameters(Camera.options(), "Camera"),
+        no_camera,
     ]
+
+    def inputs(given: Given) -> Given:
+        scenario = Scenario.from_text(_texts(Scenario.options(), given))
+        camera = Camera.from_text(_texts(Camera.options(), given))
+        return {"scenario": scenario, "camera": None if given["no_camera"] else camera}
+
+    return _grafted(command, options, inputs, instead_of=("scenario", "camera"))
+
+
+def takes_scenario_lists(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of `Scenario`, each of which takes a list, and of `Camera`.
+
+    The command is called with `lists`, the texts that were given by field name, and with
+    `camera: Camera | None`, which is None unless `--camera` is given.
+    """
+    wanted = _parameter("frames", "--camera", "Take frames: none by default.", "Camera")
+    options = [
+        *_parameters(Scenario.options(), "Scenario: each option takes a list"),
+        wanted,
+        *_parameters(Camera.options(), "Camera"),
+    ]
+
+    def inputs(given: Given) -> Given:
+        camera = Camera.from_text(_texts(Camera.options(), given))
+        lists = _texts(Scenario.options(), given)
+        return {"lists": lists, "camera": camera if given["frames"] else None}
+
+    return _grafted(command, options, inputs, instead_of=("lists", "camera"))
+
+
+def _grafted(
+    command: Callable[..., None],
+    options: list[inspect.Parameter],
+    inputs: Callable[[Given], Given],
+    *,
+    instead_of: tuple[str, ...],
+) -> Callable[..., None]:
+    """Return a command with options in place of some of its parameters, made from them."""
+    own = inspect.signature(command, eval_str=True)
+    kept = [one for one in own.parameters.values() if one.name not in instead_of]
+
+    def grafted(**given: Any) -> None:  # noqa: ANN401
+        command(**{one.name: given[one.name] for one in kept}, **inputs(given))
+
+    grafted.__signature__ = own.replace(parameters=[*kept, *options])  # type: ignore[attr-defined]
+    grafted.__name__, grafted.__doc__ = command.__name__, command.__doc__
+    return grafted
+
+
+def _parameters(options: Mapping[str, Option], panel: str) -> list[inspect.Parameter]:
+    return [_parameter(name, spec.name, spec.help, panel, spec) for name, spec in options.items()]
 
 
 def _parameter(
     name: str,
-    kind: Any,  # noqa: ANN401
-    default: object,
     option: str,
-    help: str,  # noqa: A002
+    help: str,  # noqa: A002 - typer's word
     panel: str,
-    shown: str | bool = False,
+    spec: Option | None = None,
 ) -> inspect.Parameter:
-    declared = typer.Option(
-        option, help=help, rich_help_panel=panel, show_default=shown, metavar=None
-    )
+    """Return one option: a flag unless it has a value to read."""
+    # Typer reads help as markup, in which [m] is no unit.
+    said = help.replace("[", r"\[")
+    if spec is None or spec.is_flag:
+        flag = typer.Option(option, help=said, rich_help_panel=panel, show_default=False)
+        annotation, default = Annotated[bool, flag], False
+    else:
+        default_value = "the engine's own" if spec.default == "default" else spec.default
+        said += rf" \[default: {default_value}]"
+        metavar = _METAVARS.get(spec.parse, "TEXT")
+        valued = typer.Option(
+            option, help=said, rich_help_panel=panel, show_default=False, metavar=metavar
+        )
+        annotation, default = Annotated[str | None, valued], None
     return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, declared]
+        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
     )
 
 
-def _given(options: dict[str, Option], values: dict[str, Any]) -> dict[str, str | bool | None]:
+def _texts(options: Mapping[str, Option], given: Given) -> dict[str, str | bool | None]:
     """Return the values of these options; a `--no-` flag that was given switches its field off."""
     return {
-        name: not values[name] if spec.is_flag else values[name] for name, spec in options.items()
+        name: not given[name] if spec.is_flag else given[name] for name, spec in options.items()
     }

@@ -24,8 +24,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "budget": {"errors", "scenario", "physics"},
     "recording": {"errors", "scenario", "colours"},
     "figures": {"errors", "colours"},
+    "sweeping": {"errors", "fields", "scenario", "recording"},
     "stages": {
         "errors",
+        "sweeping",
         "fields",
         "scenario",
         "physics",

@@ -350,7 +350,8 @@ def test_a_viewer_that_goes_away_or_hangs_costs_the_recording_nothing(
         long, path, camera=None,
         viewer=view.connection(receiver.url), note=notes.append, progress=lose,
     )  # fmt: skip
-    assert notes == ["the viewer has gone; the recording goes on without it"]
+    assert len(notes) == 1
+    assert "the viewer has gone" in notes[0]
     assert len(read(path).states) == long.steps + 1
 
 
@@ -361,7 +362,8 @@ def test_a_hanging_viewer_does_not_keep_the_command_from_ending(
     began = time.monotonic()
     done = drop("simulate", "--out", "run.rrd", "--no-camera", "--connect", receiver.url, "--json")
     assert done.returncode == 0
-    assert done.stderr == "drop: the viewer has gone; the recording goes on without it\n"
+    assert len(done.stderr.splitlines()) == 1
+    assert "the viewer has gone" in done.stderr
     assert json.loads(done.stdout)["samples"] == 241
     assert time.monotonic() - began < 60, "it waits for the viewer for ever"
     assert not read(tmp_path / "run.rrd").partial

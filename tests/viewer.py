@@ -81,7 +81,7 @@ def binary() -> Path:
 
 
 class Viewer:
-    """A viewer without a screen, started with files as a user would; use it in a `with` statement."""
+    """A viewer without a screen, started with files as people do; use it in a `with` statement."""
 
     def __init__(self, *files: Path, size: str = "1200x750") -> None:
         self._home = tempfile.TemporaryDirectory()
@@ -107,7 +107,7 @@ class Viewer:
             try:
                 client = ViewerClient.connect(self.url)
                 client.get_state()
-            except Exception:  # noqa: BLE001 - whatever it says while it is starting
+            except ConnectionError:
                 if time.monotonic() > deadline:
                     self.close()
                     raise
@@ -136,7 +136,7 @@ class Viewer:
             self.process.wait()
         self._home.cleanup()
 
-    # -- what is open -------------------------------------------------------------------------------
+    # -- what is open -----------------------------------------------------------------------------
 
     def _wait_until_loaded(self, *, seconds: float = 20) -> None:
         deadline = time.monotonic() + seconds
@@ -159,7 +159,7 @@ class Viewer:
         """Put the time cursor somewhere, and let it rest there."""
         self.client.set_time("sim_time", duration=time_s, play_state="paused")
 
-    # -- pictures -------------------------------------------------------------------------------------
+    # -- pictures ---------------------------------------------------------------------------------
 
     def picture(self, view_id: str | None = None) -> Picture:
         """Return the window or one view as RGB, shape (height, width, 3)."""

@@ -10,7 +10,6 @@ worker whose parent is gone reads the end of its input and ends.
 from __future__ import annotations
 
 import contextlib
-import io
 import os
 import pickle
 import signal
@@ -21,10 +20,8 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from pipeline.errors import DropError
-from pipeline.physics.world import World
 from pipeline.scenario import Camera, Scenario
 
 Poses = NDArray[np.float64]
@@ -150,25 +147,6 @@ def _distinct(poses: Poses) -> tuple[Sequence[int], Sequence[int]]:
     order = np.argsort(first)
     rank = np.argsort(order)
     return first[order].tolist(), rank[inverse.ravel()].tolist()
-
-
-def _picture(studio: World, camera: Camera, pose: Poses) -> bytes:
-    studio.place(pose[:3], pose[3:])
-    return _png(studio.photograph(camera))
-
-
-def _png(pixels: NDArray[np.uint8]) -> bytes:
-    """Return pixels, shape (height, width, 3), as a PNG that loses nothing.
-
-    TinyRenderer's pictures have four or five colours. With a palette they take less than half the
-    bytes, in less time.
-    """
-    image = Image.fromarray(pixels)
-    few = image.quantize(256, method=Image.Quantize.FASTOCTREE)
-    exact = np.array_equal(np.asarray(few.convert("RGB")), pixels)
-    stream = io.BytesIO()
-    (few if exact else image).save(stream, format="png", compress_level=6)
-    return stream.getvalue()
 
 
 def _work() -> None:

@@ -102,7 +102,7 @@ def simulate(
     frames = 0 if camera is None else scenario.steps // camera.capture_every + 1
     url = None if viewer is None else viewer()
     batch = BATCH if url is None else max(1, round(LIVE_EVERY_S / scenario.timestep_s))
-    look = layout(height_m=scenario.height_m, frames=camera is not None)
+    look = {"height_m": scenario.height_m, "frames": camera is not None}
     with contextlib.ExitStack() as stack:
         photographer = None
         if camera is not None:
@@ -110,8 +110,10 @@ def simulate(
         world = stack.enter_context(World(scenario))
         chunks = chunks_of(scenario, world, photographer, batch, progress)
         if url is not None:
-            chunks = shown(chunks, url=url, recording_id=recording_id, blueprint=look, note=note)
-        writer.record(path, chunks, recording_id=recording_id, blueprint=look, force=force)
+            chunks = shown(chunks, url=url, recording_id=recording_id, look=look, note=note)
+        writer.record(
+            path, chunks, recording_id=recording_id, blueprint=layout(**look), force=force
+        )
     return Simulation(
         recording=path,
         recording_id=recording_id,

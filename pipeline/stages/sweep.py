@@ -16,14 +16,13 @@ import polars as pl
 from pipeline.budget.convergence import Run, Study, study_of
 from pipeline.budget.statistics import Moments, Summary, summaries
 from pipeline.errors import DropError, ScenarioError
-from pipeline.fields import fraction
 from pipeline.physics.world import engine_versions
 from pipeline.recording.files import check_target, written_whole
 from pipeline.scenario import Camera, Scenario
 from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
 from pipeline.sweeping.folder import TERMS, Folder
-from pipeline.sweeping.plan import Plan
+from pipeline.sweeping.plan import Plan, label_of, name_of
 
 DEFAULT_AT_S = 0.3
 SHORT_STEPS = 200_000
@@ -39,6 +38,8 @@ class Group:
 
     values: dict[str, Any]
     """The shared values of those fields that differ within the sweep."""
+    label: str
+    """The same in words."""
     study: Study | None = None
     statistics: tuple[Summary, ...] = ()
 
@@ -48,6 +49,7 @@ class Sweep:
     """What a sweep made."""
 
     plan: Plan
+    at_s: float
     runs: int
     failed: int
     computed: int
@@ -62,9 +64,19 @@ class Sweep:
     narrow_enough: bool | None
     """Whether `until_ci_m` was reached; None where none was asked for."""
 
-    def table(self) -> pl.DataFrame:
-        """Return the results, a row per run."""
-        return pl.read_parquet(self.results)
+    @property
+    def axes(self) -> list[tuple[str, str]]:
+        """Fields that have more than one value, and how they are called."""
+        return [(field, name_of(field)) for field in self.plan.axes]
+
+    def table(self, most: int | None = None) -> pl.DataFrame:
+        """Return the results, a row per run, or the first of them."""
+        return pl.read_parquet(self.results, n_rows=most)
+
+    def first_failure(self) -> dict[str, Any]:
+        """Return the first row that has an error."""
+        rows = pl.scan_parquet(self.results).filter(pl.col("error").is_not_null())
+        return rows.first().collect().row(0, named=True)
 
 
 def sweep(
@@ -156,6 +168,7 @@ def sweep(
             _plot(Path(plot), studies, at_s, force=force)
     return Sweep(
         plan=plan,
+        at_s=at_s,
         runs=runs,
         failed=failed,
         computed=sum(one.runs for shard, one in ledger.done.items() if shard not in before),
@@ -288,7 +301,7 @@ def _studies(plan: Plan, results: pl.LazyFrame) -> list[Group]:
         same = group.filter((times - times[0]).abs() <= 1e-9 * times[0])
         runs = [Run(**one) for one in same.drop(*others, "time_s").iter_rows(named=True)]
         if len(runs) > 1:
-            found.append(Group(values, study=study_of(runs)))
+            found.append(Group(values, label_of(values), study=study_of(runs)))
     return found
 
 
@@ -303,7 +316,7 @@ def _statistics(plan: Plan, results: pl.LazyFrame) -> list[Group]:
         rows = results.filter(pl.col("run").is_between(first, last - 1))
         fixed = plan.values_of(combination)
         values = {name: fixed[name] for name in names}
-        found.append(Group(values, statistics=tuple(summaries(rows, TERMS))))
+        found.append(Group(values, label_of(values), statistics=tuple(summaries(rows, TERMS))))
     return found
 
 
@@ -317,7 +330,7 @@ def _plot(path: Path, studies: list[Group], at_s: float, *, force: bool) -> None
         )
     panels = [
         Panel(
-            title=label(group.values) or "all else at its default",
+            title=group.label or "all else at its default",
             timesteps_s=np.array([run.timestep_s for run in group.study.runs]),
             errors_m={
                 name.removesuffix("_m").replace("error", "total"): np.array(
@@ -337,21 +350,3 @@ def _plot(path: Path, studies: list[Group], at_s: float, *, force: bool) -> None
             format="svg" if path.suffix == ".svg" else "png",
             title=f"The error after {at_s:g} s, by timestep",
         )
-
-
-def label(values: dict[str, Any]) -> str:
-    """Name a group by its values: `damping default, height 2`."""
-    options = Scenario.options()
-    return ", ".join(
-        f"{options[name].name.removeprefix('--').replace('-', ' ')} {shown(value)}"
-        for name, value in values.items()
-    )
-
-
-def shown(value: object) -> str:
-    """Write a value for people: 1/240 where a float is 1/240."""
-    if value is None:
-        return "default"
-    if isinstance(value, list | tuple):
-        return ",".join(map(fraction, value))
-    return fraction(value) if isinstance(value, float) else str(value)

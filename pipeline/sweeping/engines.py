@@ -65,14 +65,17 @@ def in_processes(
     while True:
         under_way: dict[Future[T], int] = {}
         try:
-            with _pool(jobs, preload=work.__module__) as pool:
+            with _pool(jobs) as pool:
                 while True:
                     while len(under_way) < jobs * QUEUED:
                         shard = again.popleft() if again else next(todo, None)
                         if shard is None:
                             break
-                        again.append(shard)  # until it is certain that somebody has it
-                        under_way[pool.submit(work, shard)] = again.pop()
+                        try:
+                            under_way[pool.submit(work, shard)] = shard
+                        except BrokenProcessPool:
+                            again.append(shard)
+                            raise
                     if not under_way:
                         return
                     for future in wait(under_way, return_when=FIRST_COMPLETED).done:
@@ -91,12 +94,10 @@ def in_processes(
 
 
 @contextlib.contextmanager
-def _pool(jobs: int, *, preload: str) -> Iterator[ProcessPoolExecutor]:
+def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
     """Start workers that end with the block, at once where it ends with an exception."""
-    method = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
-    context = multiprocessing.get_context(method)
-    if method == "forkserver":
-        context.set_forkserver_preload(["__main__", preload])
+    # Not forked: numpy and polars have threads, and a fork would leave their locks locked.
+    context = multiprocessing.get_context("spawn")
     life, ours = context.Pipe(duplex=False)
     with life, ours:
         pool = ProcessPoolExecutor(jobs, context, initializer=_live_with, initargs=(life,))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pipeline.errors import ScenarioError
-from pipeline.fields import exact
+from pipeline.fields import exact, readable
 from pipeline.scenario import Scenario
 from pipeline.sweeping.sampling import Variation, drawn, variations_of
 
@@ -118,6 +118,16 @@ def plan_of(
     if plan.runs > MOST_RUNS:
         raise ScenarioError(f"a sweep has at most {MOST_RUNS:,} runs, got {plan.runs:,}")
     return plan
+
+
+def label_of(values: Mapping[str, Any]) -> str:
+    """Name scenarios by what they share: `linear damping default, height 2`."""
+    return ", ".join(f"{name_of(field)} {readable(value)}" for field, value in values.items())
+
+
+def name_of(field: str) -> str:
+    """Return what a field is called: its option in words."""
+    return Scenario.options()[field].name.removeprefix("--").replace("-", " ")
 
 
 def replay_command(values: Mapping[str, Any], *, out: str) -> str:
