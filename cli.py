@@ -64,9 +64,12 @@ def simulate(
     camera: Camera | None,
 ) -> None:
     """Drop the body, and put everything that happens into one recording."""
+    from pipeline.errors import ScenarioError
     from pipeline.stages import view
     from pipeline.stages.simulate import simulate
 
+    if spawn and connect is not None:
+        raise ScenarioError("--spawn and --connect are two ways to one viewer; give one of them")
     viewer = view.spawn if spawn else None if connect is None else view.connection(connect)
     with output.progress() as progress:
         simulation = simulate(
@@ -142,8 +145,9 @@ def run(
 
     with output.progress() as progress:
         whole = run(
-            scenario, out_dir, camera=camera, at_s=times(at or []), fps=fps, progress=progress
-        )
+            scenario, out_dir, camera=camera, at_s=times(at or []), fps=fps,
+            note=output.note, progress=progress,
+        )  # fmt: skip
     show_drop.show_run(whole, as_json=json)
 
 

@@ -18,8 +18,10 @@ Coordinates = Literal["reduced", "maximal"]
 Renderer = Literal["tiny", "egl"]
 
 GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.0}
+BYTES_PER_SAMPLE = 310
+"""What a sample takes in a recording without frames, however long it is."""
 MAX_STEPS = 1_000_000_000
-"""Beyond this a recording would take some 100 GB; ask for several shorter ones."""
+"""Beyond this a recording would take some 300 GB; ask for several shorter ones."""
 
 
 def gravity(text: str) -> float:
@@ -115,7 +117,7 @@ class Scenario(Optioned):
         if ratio > MAX_STEPS:
             raise ScenarioError(
                 f"--duration over --timestep must be at most {MAX_STEPS:,} steps, got {ratio:.3g}, "
-                f"some {ratio * 130 / 1e9:.3g} GB on disk; try a longer timestep"
+                f"some {ratio * BYTES_PER_SAMPLE / 1e9:.3g} GB on disk; try a longer timestep"
             )
         # 1e-9: what is left of a decimal such as 0.0041666666667 is meant as the fraction.
         if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:

@@ -88,7 +88,7 @@ def test_the_pinhole_sees_what_pybullets_camera_saw(standard: Run) -> None:
 
     from PIL import Image
 
-    from pipeline.physics.world import world_from_camera
+    from pipeline.physics.visible_world import world_from_camera
     from pipeline.recording.reader import frames
 
     recording = read(standard.simulation.recording)

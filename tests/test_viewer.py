@@ -14,12 +14,13 @@ import sys
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 from conftest import Drop
 from rerun.chunk import Chunk, RrdReader
+from rerun.experimental import ViewerClient
 from viewer import Look, Viewer, binary, complaints, free_port, isolated, vulkan_driver
 
 from pipeline import Scenario, colours, simulate
@@ -322,6 +323,30 @@ def test_a_viewer_shows_what_is_being_recorded(drop: Drop, tmp_path: Path, stand
     assert read(tmp_path / "live.rrd").states.equals(read(standard.simulation.recording).states)
 
 
+@needs_vulkan
+def test_spawn_opens_a_viewer_that_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[tuple[program.Viewer, subprocess.Popen[bytes]]] = []
+    start = program.start
+
+    def start_without_screen(found: program.Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
+        found = replace(found, command=[*found.command, "--headless", "--renderer", "vulkan"])
+        started.append((found, start(found, stays=stays)))
+        return started[0][1]
+
+    monkeypatch.setattr(program, "start", start_without_screen)
+    for name, value in (isolated(tmp_path / "home") | {"DISPLAY": ":0"}).items():
+        monkeypatch.setenv(name, value)
+    simulate(Scenario(), tmp_path / "run.rrd", camera=None, viewer=view.spawn)
+    ((found, process),) = started
+    try:
+        client = ViewerClient.connect(found.url)
+        wait_until(lambda: client.get_state().active_recording)
+        assert process.poll() is None
+    finally:
+        process.terminate()
+        process.wait()
+
+
 def test_what_is_sent_is_what_is_written(tmp_path: Path, receiver: Receiver) -> None:
     notes: list[str] = []
     path = tmp_path / "run.rrd"
@@ -329,8 +354,10 @@ def test_what_is_sent_is_what_is_written(tmp_path: Path, receiver: Receiver) -> 
     assert notes == []
     receiver.process.terminate()
     receiver.process.wait()
-    assert read(receiver.saved).states.equals(read(path).states)
-    assert read(receiver.saved).recording_id == read(path).recording_id
+    # Ended like this it writes no footer, as a recording that was never finished.
+    received = read(receiver.saved.rename(tmp_path / "received.rrd.part"))
+    assert received.states.equals(read(path).states)
+    assert received.recording_id == read(path).recording_id
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import gc
 import io
 import os
 import signal
@@ -25,6 +26,7 @@ def run(app: typer.Typer) -> int:
 
     With `DROP_DEBUG=1` the traceback is shown instead.
     """
+    gc.disable()  # a sixth of the time that imports take
     _open_closed_streams()
     received: list[int] = []
 
@@ -51,6 +53,9 @@ def run(app: typer.Typer) -> int:
         with contextlib.suppress(OSError):
             print(f"drop: {' '.join(line.split())}", file=sys.stderr)
         _give_up_standard_output()
+    finally:
+        for number in (signal.SIGINT, signal.SIGTERM):  # done: Python is only tidying up
+            signal.signal(number, signal.SIG_IGN)
     return code if isinstance(code, int) else 0
 
 

@@ -63,7 +63,9 @@ def show_sweep(sweep: Sweep, *, as_json: bool) -> None:
     if as_json:
         print_json(_json(sweep))
         return
-    lines = [f"[bold]{sweep.runs:,} runs[/], errors at {sweep.at_s:g} s in mm, simulated minus free fall"]
+    lines = [
+        f"[bold]{sweep.runs:,} runs[/], errors at {sweep.at_s:g} s in mm, simulated minus free fall"
+    ]
     if sweep.statistics:
         for group in sweep.statistics:
             lines += ["", *_statistics(group)]
@@ -84,7 +86,8 @@ def _json(sweep: Sweep) -> dict[str, Any]:
         "at_s": sweep.at_s,
         "plot": None if sweep.plot is None else str(sweep.plot),
         "convergence": [
-            group.values | {"study": asdict(group.study) | {"refining_hurts": group.study.refining_hurts}}
+            group.values
+            | {"study": asdict(group.study) | {"refining_hurts": group.study.refining_hurts}}
             for group in sweep.studies
             if group.study is not None
         ],
@@ -194,8 +197,10 @@ def _statistics(group: Group) -> list[str]:
     head = "".join(f"{one:>11}" for one in heads)
     lines.append(f"[dim]{'':<12}{head}   mean, 95 % confidence[/]")
     for one in group.statistics:
-        values = [one.mean, one.spread, *one.quantiles.values()]
-        cells = "".join(f"{_mm(value):>11}" for value in values)
+        spread = _mm(one.spread).removeprefix("+")
+        cells = "".join(
+            f"{cell:>11}" for cell in (_mm(one.mean), spread, *map(_mm, one.quantiles.values()))
+        )
         lines.append(f"{TERMS[one.quantity]:<12}{cells}   {_interval(one)}")
     counts = {one.count for one in group.statistics}
     if counts:

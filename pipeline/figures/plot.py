@@ -8,7 +8,6 @@ pulls down below zero and what pushes up above it, with their sum as a line: one
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, Literal
 
@@ -18,23 +17,11 @@ from PIL import Image
 
 from pipeline.figures import style
 from pipeline.figures.error_panel import COLUMNS, draw_terms, row_at, sum_up
+from pipeline.figures.facts import Facts as Facts
 from pipeline.figures.height_panel import CURVES, draw_heights, enlarge_impact, stays_low
 
 if TYPE_CHECKING:
     import polars as pl
-
-
-@dataclass(frozen=True)
-class Facts:
-    """What a plot points out; what is None is left out."""
-
-    title: str
-    subtitle: str = ""
-    at_s: float | None = None
-    """The time whose error is taken apart [s], moved to the nearest sample that has terms; None
-    for the last one that has."""
-    impact_s: float | None = None
-    rest_m: float | None = None
 
 
 def facts_of(table: pl.DataFrame) -> Facts:
@@ -54,6 +41,13 @@ def facts_of(table: pl.DataFrame) -> Facts:
         impact_s=_crossing_s(table),
         rest_m=heights_m[-1] if table["phase"][-1] == "rest" else None,
     )
+
+
+def plotted(table: pl.DataFrame, format: Literal["png", "svg"], facts: Facts) -> bytes:  # noqa: A002
+    """Return a plot as the bytes of a file, see `plot_drop`."""
+    stream = io.BytesIO()
+    plot_drop(table, stream, format=format, facts=facts)
+    return stream.getvalue()
 
 
 def plot_drop(

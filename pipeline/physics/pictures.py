@@ -1,33 +1,38 @@
 """Draw the frames of a fall from its recorded poses, as PNG, in processes of their own.
 
 A pose decides its picture to the last pixel, so the pictures need not be taken while the body
-falls: another world, with the body put where it was, gives the same. PyBullet holds Python's lock
-while it draws, so worker processes are what makes it faster. They are plain subprocesses fed
-through their pipes: unlike `multiprocessing` this asks nothing of a caller's main module, and a
-worker whose parent is gone reads the end of its input and ends.
+falls: another world, with the body put where it was, gives the same.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
-import pickle
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import DropError
+from pipeline.physics.studio import Studio
+from pipeline.physics.world import World
 from pipeline.scenario import Camera, Scenario
+from pipeline.workers import Worker, WorkerDiedError
 
 Poses = NDArray[np.float64]
 
-FRAMES_PER_WORKER = 8
-"""Fewer than these are drawn sooner than a worker has started."""
+FRAMES_PER_WORKER = 32
+"""As many as are drawn while a worker starts."""
+
+MOST_AHEAD = 2 * FRAMES_PER_WORKER
+"""Frames that one worker draws ahead; more are shared among several."""
+
+NO_EGL = (
+    "EGL finds no graphics here, so the frames are drawn with --renderer tiny; on Debian, software "
+    "that it can use is installed by: apt-get install -y libegl1 libegl-mesa0 libgl1-mesa-dri"
+)
 
 
 class Photographer:
@@ -39,25 +44,54 @@ class Photographer:
         What is in the pictures, and how it is seen.
     frames
         About how many there will be, to decide on the number of workers.
+    note
+        Told in a sentence where the camera's renderer is not to be had, and another one draws.
+    assistant
+        A worker that is there already.
     """
 
-    def __init__(self, scenario: Scenario, camera: Camera, *, frames: int) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        camera: Camera,
+        *,
+        frames: int,
+        note: Callable[[str], None] = lambda _: None,
+        assistant: Worker | None = None,
+    ) -> None:
         self.scenario, self.camera = scenario, camera
+        self.gl_renderer = ""
+        """What EGL draws with, in the words of its driver."""
+        self._open = contextlib.ExitStack()
+        self._studio: Studio | None = None
+        self._seen: dict[bytes, bytes] = {}
+        self._workers = [assistant] if assistant and camera.renderer == "tiny" else []
         wanted = min(len(os.sched_getaffinity(0)), frames // FRAMES_PER_WORKER)
-        self._workers = [_Worker(scenario, camera) for _ in range(wanted if wanted > 1 else 0)]
-        self._studio: World | None = None
+        if camera.renderer == "egl":
+            wanted = 1  # one process has the whole GPU, or all of Mesa's threads; and it may die
+        while len(self._workers) < wanted:
+            self._workers.append(self._open.enter_context(Worker()))
+        if camera.renderer == "egl":
+            self._ask_for_egl(note)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for worker in self._workers:
-            worker.end()
-        if self._studio is not None:
-            self._studio.close()
+        self._open.close()
+
+    def _ask_for_egl(self, note: Callable[[str], None]) -> None:
+        (worker,) = self._workers
+        worker.ask(f"{__name__}:_gl_renderer", self.scenario, self.camera)
+        try:
+            self.gl_renderer = worker.answer()
+        except WorkerDiedError:
+            note(NO_EGL)
+            self.camera = replace(self.camera, renderer="tiny")
+            self._workers = [self._open.enter_context(Worker())]
 
     def draw(self, poses: Poses) -> Iterator[bytes]:
-        """Yield one PNG per pose.
+        """Yield one PNG per pose; none is drawn twice in a row for the same pose.
 
         Parameters
         ----------
@@ -69,97 +103,52 @@ class Photographer:
         DropError
             If a worker died.
         """
-        distinct, picture_of = _distinct(poses)
-        drawn = self._drawn(poses[distinct])
-        pngs: list[bytes] = []
-        for picture in picture_of:
-            while len(pngs) <= picture:
-                pngs.append(next(drawn))
-            yield pngs[picture]
+        keys = [pose.tobytes() for pose in poses]
+        unseen = {key: pose for key, pose in zip(keys, poses, strict=True) if key not in self._seen}
+        drawn = self._drawn(list(unseen.values()))
+        for key in keys:
+            if key not in self._seen:
+                self._seen[key] = next(drawn)
+            yield self._seen[key]
+        self._seen = {key: self._seen[key] for key in keys[-1:]}
 
-    def _drawn(self, poses: Poses) -> Iterator[bytes]:
+    def _drawn(self, poses: list[Poses]) -> Iterator[bytes]:
         if not self._workers:
-            self._studio = self._studio or World(self.scenario)
-            for pose in poses:
-                yield _picture(self._studio, self.camera, pose)
+            if self._studio is None:
+                self._studio = self._open.enter_context(Studio(self.scenario, self.camera))
+            yield from map(self._studio.png, poses)
             return
         count = len(self._workers)
         for first, worker in enumerate(self._workers):
-            worker.ask(poses[first::count])
+            worker.ask(f"{__name__}:_pngs", self.scenario, self.camera, poses[first::count])
         for number in range(len(poses)):
-            yield self._workers[number % count].picture()
+            yield self._workers[number % count].answer()
 
 
-class _Worker:
-    """One process that draws, fed and read through its pipes."""
+# -- what the workers do --------------------------------------------------------------------------
 
-    def __init__(self, scenario: Scenario, camera: Camera) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "pipeline.physics.pictures"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        )
-        self._send((scenario, camera))
-
-    def ask(self, poses: Poses) -> None:
-        self._send(poses)
-
-    def picture(self) -> bytes:
-        assert self._process.stdout is not None
-        try:
-            png: bytes = pickle.load(self._process.stdout)
-        except (EOFError, pickle.UnpicklingError):
-            raise _died(self._process) from None
-        return png
-
-    def end(self) -> None:
-        self._process.kill()  # it holds nothing that could be lost
-        self._process.communicate()
-
-    def _send(self, what: object) -> None:
-        assert self._process.stdin is not None
-        try:
-            pickle.dump(what, self._process.stdin)
-            self._process.stdin.flush()
-        except BrokenPipeError:
-            raise _died(self._process) from None
+_studio = functools.lru_cache(maxsize=1)(Studio)
+_ahead: dict[bytes, bytes] = {}
 
 
-def _died(process: subprocess.Popen[bytes]) -> DropError:
-    code = process.wait()
-    how = f"signal {-code}" if code < 0 else f"code {code}"
-    return DropError(
-        f"a process that draws frames died with {how}; run it again, or without frames: --no-camera"
-    )
+def _pngs(scenario: Scenario, camera: Camera, poses: list[Poses]) -> Iterator[bytes]:
+    for pose in poses:
+        yield _ahead.pop(pose.tobytes(), None) or _studio(scenario, camera).png(pose)
 
 
-def _distinct(poses: Poses) -> tuple[Sequence[int], Sequence[int]]:
-    """Return which poses have a picture of their own, and the picture of each pose.
+def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:
+    """Guess the poses by dropping the body here too, and draw them before anybody asks.
 
-    Renderers take a body's transform in single precision (`m_modelMatrix` in bullet3's
-    `TinyRendererVisualShapeConverter.cpp`), so poses that are equal there have the same picture: a
-    body at rest creeps by nanometres.
+    Whoever is to ask is still loading its libraries. A pose that was guessed to the last bit has
+    its picture ready then; any other is drawn when it is asked for. There are no answers.
     """
-    _, first, inverse = np.unique(
-        poses.astype(np.float32), axis=0, return_index=True, return_inverse=True
-    )
-    order = np.argsort(first)
-    rank = np.argsort(order)
-    return first[order].tolist(), rank[inverse.ravel()].tolist()
+    if camera.renderer == "tiny" and scenario.steps // camera.capture_every < MOST_AHEAD:
+        with World(scenario) as world:
+            (rows,) = world.samples(scenario.steps + 1)
+        for pose in rows[:: camera.capture_every, :7]:
+            _ahead[pose.tobytes()] = _studio(scenario, camera).png(pose)
+    return iter(())
 
 
-def _work() -> None:
-    """Draw what standard input asks for, until it ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
-    source, sink = sys.stdin.buffer, sys.stdout.buffer
-    scenario, camera = pickle.load(source)
-    with World(scenario) as studio, contextlib.suppress(EOFError, BrokenPipeError):
-        while True:
-            for pose in pickle.load(source):
-                pickle.dump(_picture(studio, camera, pose), sink)
-                sink.flush()
-
-
-if __name__ == "__main__":
-    _work()
+def _gl_renderer(scenario: Scenario, camera: Camera) -> str:
+    return _studio(scenario, camera).gl_renderer

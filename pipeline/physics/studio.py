@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from pipeline.physics.world import Picture, World
+from pipeline.physics.visible_world import Picture, VisibleWorld
 from pipeline.scenario import Camera, Scenario
 
 Pixels = NDArray[np.uint8]
@@ -45,11 +45,12 @@ class Studio:
 
     def __init__(self, scenario: Scenario, camera: Camera) -> None:
         self._camera = camera
-        self._whole = World(scenario, renderer=camera.renderer)
-        self._alone: World | None = None
+        self._whole = VisibleWorld(scenario, camera.renderer)
+        self.gl_renderer = self._whole.gl_renderer
+        self._alone: VisibleWorld | None = None
         self._floor: Picture | None = None
         if scenario.floor and camera.renderer == "tiny":
-            self._alone = World(replace(scenario, floor=False))
+            self._alone = VisibleWorld(replace(scenario, floor=False), "tiny")
             self._whole.place((0.0, 0.0, OUT_OF_SIGHT_M), (0.0, 0.0, 0.0, 1.0))
             self._floor = self._whole.photograph(camera)
 

@@ -62,9 +62,7 @@ class VisibleWorld(World):
         if plugin is None:
             raise DropError("this build of pybullet has no EGL renderer; use --renderer tiny")
         with c_output_moved_aside() as printed:
-            number = p.loadPlugin(
-                plugin.origin, "_eglRendererPlugin", physicsClientId=self._client
-            )
+            number = p.loadPlugin(plugin.origin, "_eglRendererPlugin", physicsClientId=self._client)
         if number < 0:
             raise DropError("PyBullet's EGL renderer does not load; use --renderer tiny")
         self.gl_renderer = printed[0].partition("GL_RENDERER=")[2].partition("\n")[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from pipeline.fields import fraction
 from pipeline.scenario import Camera, Scenario
 
 
@@ -11,7 +12,7 @@ def about(scenario: Scenario, camera: Camera | None, engine: Mapping[str, object
     """Return the recording's description as Markdown."""
     gravity = "never set" if not scenario.gravity_set else f"{scenario.gravity_m_s2:g} m/s²"
     floor = "`plane.urdf`, its surface at z = 0" if scenario.floor else "none"
-    steps = f"{scenario.steps}, each {scenario.timestep_s:.9g} s"
+    steps = f"{scenario.steps} of {fraction(scenario.timestep_s)} s"
     if not scenario.stepped:
         steps += "; **`stepSimulation` was never called**"
     damping = scenario.linear_damping
@@ -40,9 +41,9 @@ sample 0 is the release.
 
 ## How to read it
 
-- **World**: the body, the floor and the camera, z up, metres.
-- **Height**: the height of the body's *centre*, beside free fall (no air) and damped fall
-  (Bullet's damping, continuous time). Theory stops where the body would lie on the floor.
+- **World**: the body, the trail it leaves, the floor and the camera; z up, metres.
+- **Height of the centre**: simulated, beside free fall (no air) and damped fall (Bullet's damping
+  in continuous time). Theory stops where the body would lie on the floor.
 - `state/…`: position, orientation, velocities and contact as float64. Every number is computed
   from these; the 3-D view is rounded to float32.
 - `sim_step` is the key; `sim_time` is step × timestep, in whole nanoseconds.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypedDict
+
 import rerun.blueprint as rrb
 
 from pipeline.recording import schema
@@ -11,6 +13,13 @@ PLAYBACK_SPEED = 0.25
 
 EYE_M, TARGET_M = (2.9, -0.95, 1.6), (0.4, -0.5, 0.5)
 """Beside the camera, so that its picture is seen from the front, and with it floor and fall."""
+
+
+class Look(TypedDict):
+    """What the layout depends on, as arguments for `layout`."""
+
+    height_m: float
+    frames: bool
 
 
 def layout(*, height_m: float, frames: bool, analysis: bool = False) -> rrb.Blueprint:

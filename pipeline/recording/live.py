@@ -13,17 +13,15 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 
 import pyarrow as pa
 import rerun as rr
 from rerun.chunk import Chunk
 
 from pipeline.recording import schema
-from pipeline.recording.blueprint import layout
-
-Look = Mapping[str, Any]
+from pipeline.recording.blueprint import Look, layout
 
 PATIENCE_S = 3.0
 """A viewer that takes nothing for so long is taken for gone."""
@@ -118,8 +116,7 @@ def _work() -> None:
     with contextlib.suppress(EOFError):
         while True:
             (batch,) = pa.ipc.open_stream(pickle.load(sys.stdin.buffer))
-            chunks = Chunk.from_record_batch(batch)
-            _impatiently(lambda chunks=chunks: stream.send_chunks(chunks))
+            _impatiently(partial(stream.send_chunks, Chunk.from_record_batch(batch)))
             _impatiently(lambda: stream.flush(timeout_sec=PATIENCE_S))
     _impatiently(stream.disconnect)
     os._exit(0)  # whatever Python would still do for the stream at its end, it does not wait for
@@ -128,7 +125,7 @@ def _work() -> None:
 def _impatiently(act: Callable[[], None]) -> None:
     """Act, but end the process where that takes too long or fails."""
     # A thread of C ends it, which needs nothing from Python's lock.
-    faulthandler.dump_traceback_later(PATIENCE_S, exit=True, file=sys.__stderr__)
+    faulthandler.dump_traceback_later(PATIENCE_S, exit=True, file=sys.stderr)
     try:
         act()
     except (RuntimeError, ValueError, ConnectionError):

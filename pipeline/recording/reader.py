@@ -8,7 +8,6 @@ What fails is damaged, and said to be so in one line.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import RecordingError, ScenarioError
 from pipeline.recording import rrd, schema
+from pipeline.recording.checks import AGAIN, check_engine, damaged
 from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
 from pipeline.recording.files import is_part
 from pipeline.scenario import Camera, Scenario
@@ -30,7 +30,6 @@ Properties = dict[str, Any]
 T = TypeVar("T")
 
 DISTANCE = "contact_distance_m"
-AGAIN = "record it again with: drop simulate"
 
 
 @dataclass(frozen=True)
@@ -69,16 +68,15 @@ def read(path: Path) -> Recording:
     recording_id = ""
     for chunk in _chunks(path):
         recording_id = chunk.recording_id
-        group, _, name = chunk.entity.partition("/")
         if chunk.entity in state:
             state[chunk.entity].append(_scalars(chunk, path))
-        elif group == "__properties":
-            properties[name] = _values(chunk, path)
+        elif chunk.entity.startswith("__properties/"):
+            _gather(properties, chunk, path)
 
     closing = _closing(properties, path)
     scenario, camera = _inputs(properties, path)
     engine = properties[schema.ENGINE_PROPERTY]
-    _check_engine(engine, scenario, path)
+    check_engine(engine, scenario, path)
     states = _joined(state, path)
     _check_states(states, scenario, closing, path)
     return Recording(path, recording_id, scenario, engine, camera, states, partial=closing is None)
@@ -94,7 +92,7 @@ def recording_id(path: Path) -> str:
     """
     for chunk in _chunks(path):
         return chunk.recording_id
-    raise _damaged(path, "it is empty")
+    raise damaged(path, "it is empty")
 
 
 def frames(path: Path) -> Iterator[tuple[int, bytes]]:
@@ -111,7 +109,7 @@ def frames(path: Path) -> Iterator[tuple[int, bytes]]:
         if chunk.entity == schema.IMAGE:
             found.update(_images(chunk, path))
         elif chunk.entity.startswith("__properties/"):
-            properties[chunk.entity.removeprefix("__properties/")] = _values(chunk, path)
+            _gather(properties, chunk, path)
 
     closing, (_, camera) = _closing(properties, path), _inputs(properties, path)
     pictures = dict(sorted(found.items()))
@@ -119,21 +117,23 @@ def frames(path: Path) -> Iterator[tuple[int, bytes]]:
         # Width and height stand there in every PNG; what they claim is what a decoder reserves.
         size = int.from_bytes(png[16:20]), int.from_bytes(png[20:24])
         if camera is None or size != camera.size_px:
-            raise _damaged(path, f"its frame at step {step} is not of the size it was taken with")
+            raise damaged(path, f"its frame at step {step} is not of the size it was taken with")
     if closing is not None:
         digest = FrameDigest()
         for step, png in pictures.items():
             digest.update(step, png)
         if digest.hexdigest() != closing.get("frames_sha256"):
-            raise _damaged(path, "its frames are not those that were written")
+            raise damaged(path, "its frames are not those that were written")
     yield from pictures.items()
 
 
 # -- chunks ---------------------------------------------------------------------------------------
 
 
-def _damaged(path: Path, what: str) -> RecordingError:
-    return RecordingError(f"{path} is damaged: {what}; {AGAIN}")
+def _unfinished(path: Path, what: str) -> RecordingError:
+    return RecordingError(
+        f"{path} is damaged: {what}; to read what it holds, rename it: mv '{path}' '{path}.part'"
+    )
 
 
 def _chunks(path: Path) -> Iterator[rrd.Chunk]:
@@ -154,8 +154,10 @@ def _chunks(path: Path) -> Iterator[rrd.Chunk]:
             if chunk.recording_id != only:
                 raise RecordingError(f"{path} must hold one recording, got several; {AGAIN}")
             yield chunk
+    except rrd.UnfinishedError as error:
+        raise _unfinished(path, str(error)) from None
     except rrd.DamagedError as error:
-        raise _damaged(path, str(error)) from None
+        raise damaged(path, str(error)) from None
     except OSError as error:
         raise RecordingError(
             f"{path} cannot be read: {error.strerror or error}; see: ls -l '{path}'"
@@ -168,7 +170,7 @@ def _scalars(chunk: rrd.Chunk, path: Path) -> pl.DataFrame:
     lists = _column(chunk, "Scalars:scalars", _is_list_of(pa.types.is_float64), path)
     flat = lists.flatten()
     if flat.null_count or set(lists.value_lengths().to_pylist()) - {len(columns)}:
-        raise _damaged(path, f"{chunk.entity} must hold {len(columns)} numbers per step")
+        raise damaged(path, f"{chunk.entity} must hold {len(columns)} numbers per step")
     rows = flat.to_numpy().reshape(-1, len(columns))
     return pl.DataFrame(
         {"step": steps.to_numpy()} | dict(zip(columns, rows.T, strict=True)),
@@ -177,11 +179,13 @@ def _scalars(chunk: rrd.Chunk, path: Path) -> pl.DataFrame:
 
 
 def _images(chunk: rrd.Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
+    if chunk.batch.schema.get_field_index("EncodedImage:blob") < 0:
+        return  # the media type, which `rerun rrd split` writes into a chunk of its own
     bytes_ = _is_list_of(_is_list_of(pa.types.is_uint8))
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
     blobs = _column(chunk, "EncodedImage:blob", bytes_, path)
     if set(blobs.value_lengths().to_pylist()) - {1}:
-        raise _damaged(path, "its frames must be one picture per step")
+        raise damaged(path, "its frames must be one picture per step")
     for step, blob in zip(steps.to_pylist(), blobs.flatten(), strict=True):
         yield step, blob.values.to_numpy().tobytes()
 
@@ -190,10 +194,10 @@ def _column(chunk: rrd.Chunk, name: str, is_right: Callable[[Any], bool], path: 
     """Return a column of the type that we write, every row of it given."""
     index = chunk.batch.schema.get_field_index(name)
     if index < 0 or not is_right(chunk.batch.schema.field(index).type):
-        raise _damaged(path, f"{chunk.entity} has no column {name} of the right type")
+        raise damaged(path, f"{chunk.entity} has no column {name} of the right type")
     column = chunk.batch.column(index)
     if column.null_count:
-        raise _damaged(path, f"{chunk.entity} has gaps in {name}")
+        raise damaged(path, f"{chunk.entity} has gaps in {name}")
     return column
 
 
@@ -201,10 +205,16 @@ def _is_list_of(is_right: Callable[[Any], bool]) -> Callable[[Any], bool]:
     return lambda kind: pa.types.is_list(kind) and is_right(kind.value_type)
 
 
+def _gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> None:
+    """Add what a chunk holds of a property: `rerun rrd split` writes each value on its own."""
+    name = chunk.entity.removeprefix("__properties/")
+    properties.setdefault(name, {}).update(_values(chunk, path))
+
+
 def _values(chunk: rrd.Chunk, path: Path) -> Properties:
     """Return a property's values by name; a list of one is its element."""
     if chunk.batch.num_rows != 1:
-        raise _damaged(path, f"its property {chunk.entity} must have one row")
+        raise damaged(path, f"its property {chunk.entity} must have one row")
     (row,) = chunk.batch.to_pylist()
     given = {key: value for key, value in row.items() if isinstance(value, list)}
     return {key: value[0] if len(value) == 1 else value for key, value in given.items()}
@@ -219,10 +229,7 @@ def _closing(properties: Mapping[str, Properties], path: Path) -> Properties | N
     if closing is None:
         if is_part(path):
             return None
-        raise RecordingError(
-            f"{path} is damaged: it lacks the property that is written last; to read what there "
-            f"is, rename it: mv '{path}' '{path}.part'"
-        )
+        raise _unfinished(path, "it lacks the property that is written last")
     if closing.get("schema_version") != schema.SCHEMA_VERSION:
         raise RecordingError(
             f"{path} must be of schema {schema.SCHEMA_VERSION}, got "
@@ -236,57 +243,24 @@ def _inputs(properties: Mapping[str, Properties], path: Path) -> tuple[Scenario,
     names = (schema.SCENARIO_PROPERTY, schema.ENGINE_PROPERTY)
     missing = [name for name in names if name not in properties]
     if missing:
-        raise _damaged(path, f"it lacks its {' and '.join(missing)} property")
+        raise damaged(path, f"it lacks its {' and '.join(missing)} property")
     closing = properties.get(schema.RECORDING_PROPERTY)
     inputs = {key: value for key, value in properties.items() if key in schema.INPUT_PROPERTIES}
     if closing is not None and inputs_digest(inputs) != closing.get("inputs_sha256"):
-        raise _damaged(path, "its scenario, engine or camera is not the one that was written")
+        raise damaged(path, "its scenario, engine or camera is not the one that was written")
     camera = properties.get(schema.CAMERA_PROPERTY)
     try:
         return _dataclass(Scenario, properties[schema.SCENARIO_PROPERTY]), (
             None if camera is None else _dataclass(Camera, camera)
         )
     except (TypeError, ScenarioError) as error:
-        raise _damaged(path, f"its scenario or camera cannot be ({error})") from None
+        raise damaged(path, f"its scenario or camera cannot be ({error})") from None
 
 
 def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
     known = {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
     given = {key: tuple(v) if isinstance(v, list) else v for key, v in values.items()}
     return kind(**{key: value for key, value in given.items() if key in known})
-
-
-def _check_engine(engine: Properties, scenario: Scenario, path: Path) -> None:
-    """Check that the engine reports what its scenario says, and what the analysis asks it for."""
-    for name, is_right in _ENGINE.items():
-        if not is_right(engine.get(name)):
-            raise _damaged(path, f"its engine must report {name}, got {engine.get(name)!r}")
-    if scenario.floor and not _is_number(engine.get("floor_restitution")):
-        raise _damaged(path, "its engine must report floor_restitution, and does not")
-    gravity_m_s2 = [0.0, 0.0, scenario.effective_gravity_m_s2]
-    if (engine["timestep_s"], engine["gravity_m_s2"]) != (scenario.timestep_s, gravity_m_s2):
-        raise _damaged(path, "its engine reports another timestep or gravity than its scenario")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, float) and math.isfinite(value)
-
-
-def _is_vector(value: object) -> bool:
-    return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
-
-
-_ENGINE: dict[str, Callable[[Any], bool]] = {
-    "timestep_s": _is_number,
-    "gravity_m_s2": _is_vector,
-    "mass_kg": lambda value: _is_number(value) and value > 0,
-    "inertia_kg_m2": _is_vector,
-    "restitution": _is_number,
-    "rest_height_m": _is_number,
-    "joints": lambda value: isinstance(value, int) and value >= 0,
-    "shape": lambda value: isinstance(value, str),
-}
-"""What the analysis asks the engine's report for, and when it is an answer."""
 
 
 # -- states ---------------------------------------------------------------------------------------
@@ -316,15 +290,15 @@ def _check_states(
 ) -> None:
     samples = scenario.steps + 1
     if closing is not None and not len(states) == samples == closing.get("samples"):
-        raise _damaged(path, f"it must hold {samples} samples, got {len(states)}")
+        raise damaged(path, f"it must hold {samples} samples, got {len(states)}")
     if len(states) > samples:
-        raise _damaged(path, f"it must hold at most {samples} samples, got {len(states)}")
+        raise damaged(path, f"it must hold at most {samples} samples, got {len(states)}")
     if closing is not None:
         digest = StateDigest()
         for part in states.iter_slices(1 << 16):
             digest.update(part.select(schema.STATE_COLUMNS).to_numpy())
         if digest.hexdigest() != closing.get("state_sha256"):
-            raise _damaged(path, "its state is not the one that was written")
+            raise damaged(path, "its state is not the one that was written")
     numbers = [pl.col(name).is_finite() for name in schema.STATE_COLUMNS if name != DISTANCE]
     # The distance to the floor is nan where there is no contact, and only there.
     touches = pl.col("contact_points") > 0
@@ -333,4 +307,4 @@ def _check_states(
     )
     wrong = states.filter(~pl.all_horizontal(*numbers, distance))
     if len(wrong):
-        raise _damaged(path, f"its state at step {wrong['step'][0]} is no number")
+        raise damaged(path, f"its state at step {wrong['step'][0]} is no number")

@@ -44,6 +44,10 @@ class DamagedError(Exception):
     """A file that is no whole Rerun file: what is wrong with it, in a few words."""
 
 
+class UnfinishedError(DamagedError):
+    """A file that begins well, but does not end like a whole one."""
+
+
 class Chunk(NamedTuple):
     """Rows of one entity, and the recording they belong to."""
 
@@ -95,7 +99,7 @@ def _messages(file: BinaryIO, *, unfinished: bool) -> Iterator[tuple[int, memory
         yield kind, memoryview(_exactly(file, length))
         position += length
     if not unfinished:
-        raise DamagedError("it does not end like a finished recording")
+        raise UnfinishedError("it does not end like a finished recording")
 
 
 def _is_trailer(data: bytes, position: int, length: int) -> bool:

@@ -34,7 +34,10 @@ def write_table(path: Path, samples: pl.DataFrame, *, force: bool) -> None:
         If the file exists and `force` is not given, or cannot be written.
     """
     with written_whole(path, force=force) as file:
-        if path.suffix == ".csv":
-            samples.write_csv(file)
-        else:
-            samples.write_parquet(file)
+        try:
+            if path.suffix == ".csv":
+                samples.write_csv(file)
+            else:
+                samples.write_parquet(file)
+        except pl.exceptions.ComputeError as error:  # a full disk, for one
+            raise RuntimeError(str(error)) from error

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pipeline.budget.analysis import analysis_of
-from pipeline.budget.results import Analysis
 from pipeline.budget.results import Analysis
 from pipeline.errors import RecordingError, ScenarioError
 from pipeline.fields import fraction
 from pipeline.figures.gif import check_fps, write_gif
-from pipeline.figures.plot import Facts, plot_drop
+from pipeline.figures.facts import Facts
 from pipeline.recording.files import check_target, written_whole
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
-from pipeline.scenario import Scenario
 from pipeline.stages.simulate import Progress
+from pipeline.workers import Worker
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,7 @@ def render(
     plot: Path | str | None = None,
     force: bool = False,
     progress: Progress = lambda *_: None,
+    assistant: Worker | None = None,
 ) -> Rendering:
     """Make a gif of a recording's frames, and a plot of its heights and errors.
 
@@ -55,6 +56,8 @@ def render(
         Whether files named here may be replaced; those under their own names always are.
     progress
         Called while it runs.
+    assistant
+        A worker to draw the plot while the gif is written.
 
     Returns
     -------
@@ -80,13 +83,9 @@ def render(
 
     read_back = read(path)
     analysis = analysis_of(read_back.scenario, read_back.engine, read_back.states)
-    with written_whole(plotted, force=force or plot is None) as file:
-        plot_drop(
-            analysis.table,
-            file,
-            format="svg" if plotted.suffix == ".svg" else "png",
-            facts=_facts(read_back.scenario, analysis),
-        )
+    drawing = (analysis.table, plotted.suffix[1:], _facts(read_back.scenario, analysis))
+    if assistant is not None:
+        assistant.ask("pipeline.figures.plot:plotted", *drawing)
     count = 0
     if read_back.camera is not None:
         pngs = _reported(path, read_back, progress)
@@ -96,7 +95,15 @@ def render(
         raise RecordingError(
             f"{path} has no frames to make {gif} of; record it without --no-camera"
         )
+    with written_whole(plotted, force=force or plot is None) as file:
+        file.write(_plot(*drawing) if assistant is None else assistant.answer())
     return Rendering(gif if count else None, count, fps, plotted)
+
+
+def _plot(*drawing: Any) -> bytes:  # noqa: ANN401
+    from pipeline.figures.plot import plotted  # loads matplotlib, which another process may do
+
+    return plotted(*drawing)
 
 
 def _check_suffix(option: str, path: Path, suffixes: tuple[str, ...]) -> None:

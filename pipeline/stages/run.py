@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pipeline.budget.results import Analysis
 from pipeline.errors import OutputError
 from pipeline.recording.files import part_of
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
-from pipeline.stages.analyze import analyze
-from pipeline.stages.render import Rendering, render
-from pipeline.stages.simulate import Progress, Simulation, simulate
+from pipeline.workers import Worker
+
+if TYPE_CHECKING:
+    from pipeline.budget.results import Analysis
+    from pipeline.stages.render import Rendering
+    from pipeline.stages.simulate import Progress, Simulation
 
 
 @dataclass(frozen=True)
@@ -31,9 +34,13 @@ def run(
     camera: Camera | None = STANDARD_CAMERA,
     at_s: Sequence[float] = (),
     fps: float = 20.0,
+    note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda *_: None,
 ) -> Run:
     """Simulate, analyze and render into a folder; a second run there is numbered.
+
+    Another process draws the frames and the plot, so that what the stages load and do takes place
+    meanwhile.
 
     Raises
     ------
@@ -43,9 +50,19 @@ def run(
         If the folder or a file cannot be written.
     """
     path = _next_name(Path(out_dir))
-    simulation = simulate(scenario, path, camera=camera, progress=progress)
-    analysis = analyze(path, at_s=at_s)
-    rendering = render(path, fps=fps, progress=progress)
+    with Worker() as assistant:
+        if camera is not None:
+            assistant.ask("pipeline.physics.pictures:draw_ahead", scenario, camera)
+        assistant.load("pipeline.figures.plot", "polars")
+        from pipeline.stages.analyze import analyze
+        from pipeline.stages.render import render
+        from pipeline.stages.simulate import simulate
+
+        simulation = simulate(
+            scenario, path, camera=camera, note=note, progress=progress, assistant=assistant
+        )
+        analysis = analyze(path, at_s=at_s)
+        rendering = render(path, fps=fps, progress=progress, assistant=assistant)
     return Run(simulation, analysis, rendering)
 
 

@@ -19,15 +19,17 @@ from pipeline import colours
 from pipeline.physics import theory
 from pipeline.physics.bullet_law import fall_of
 from pipeline.physics.pictures import Photographer
-from pipeline.physics.world import World, engine_versions, find_body, world_from_camera
+from pipeline.physics.visible_world import world_from_camera
+from pipeline.physics.world import World, engine_versions, find_body
 from pipeline.recording import schema, writer
 from pipeline.recording.about import about
-from pipeline.recording.blueprint import layout
+from pipeline.recording.blueprint import Look, layout
 from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
-from pipeline.recording.files import check_target
+from pipeline.recording.files import check_room, check_target
 from pipeline.recording.live import shown
 from pipeline.recording.writer import Chunk
-from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
+from pipeline.scenario import BYTES_PER_SAMPLE, STANDARD_CAMERA, Camera, Scenario
+from pipeline.workers import Worker
 
 Float64 = NDArray[np.float64]
 
@@ -65,6 +67,7 @@ def simulate(
     viewer: Callable[[], str] | None = None,
     note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda *_: None,
+    assistant: Worker | None = None,
 ) -> Simulation:
     """Drop the body of a scenario and record it, the state before each step and after the last.
 
@@ -84,6 +87,8 @@ def simulate(
         Told in a sentence what is worth knowing but no reason to stop.
     progress
         Called while it runs.
+    assistant
+        A worker to draw frames with; where there are many, others help it.
 
     Raises
     ------
@@ -97,16 +102,19 @@ def simulate(
     began = time.perf_counter()
     path = Path(out)
     check_target(path, force=force)
+    check_room(path, 2 * BYTES_PER_SAMPLE * (scenario.steps + 1))  # it is copied when it is sealed
     find_body(scenario.body)
     recording_id = uuid.uuid4().hex
     frames = 0 if camera is None else scenario.steps // camera.capture_every + 1
     url = None if viewer is None else viewer()
     batch = BATCH if url is None else max(1, round(LIVE_EVERY_S / scenario.timestep_s))
-    look = {"height_m": scenario.height_m, "frames": camera is not None}
+    look = Look(height_m=scenario.height_m, frames=camera is not None)
     with contextlib.ExitStack() as stack:
         photographer = None
         if camera is not None:
-            photographer = stack.enter_context(Photographer(scenario, camera, frames=frames))
+            photographer = stack.enter_context(
+                Photographer(scenario, camera, frames=frames, note=note, assistant=assistant)
+            )
         world = stack.enter_context(World(scenario))
         chunks = chunks_of(scenario, world, photographer, batch, progress)
         if url is not None:
@@ -137,6 +145,8 @@ def chunks_of(
     camera = pose = None
     if photographer is not None:
         camera = photographer.camera
+        if photographer.gl_renderer:
+            engine["gl_renderer"] = photographer.gl_renderer
         inputs[schema.CAMERA_PROPERTY] = asdict(camera)
         pose = world_from_camera(camera)
     for name, values in inputs.items():

@@ -143,9 +143,7 @@ class RunShard:
                 photographer = Photographer(world.scenario, self.camera, frames=1)
                 stack.enter_context(photographer)
             chunks = chunks_of(world.scenario, world, photographer, BATCH, lambda *_: None)
-            writer.record(
-                path, chunks, recording_id=uuid.uuid4().hex, blueprint=None, force=True
-            )
+            writer.record(path, chunks, recording_id=uuid.uuid4().hex, blueprint=None, force=True)
         return np.concatenate(seen)
 
     def _analyzed_recording(self, path: Path) -> Moment:

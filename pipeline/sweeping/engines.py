@@ -25,13 +25,11 @@ T = TypeVar("T")
 
 QUEUED = 2
 """Shards per worker that are on their way: one at work, one waiting."""
-MOST_DEATHS = 4
+MOST_DEATHS = 10
 """A shard that was under way in so many deaths of a pool is taken for their cause."""
 
 
-def in_this_process(
-    work: Callable[[int], T], shards: Iterable[int]
-) -> Iterator[tuple[int, T]]:
+def in_this_process(work: Callable[[int], T], shards: Iterable[int]) -> Iterator[tuple[int, T]]:
     """Run shards one after another."""
     for shard in shards:
         yield shard, work(shard)
@@ -155,9 +153,7 @@ def on_ray(
         raise DropError("--ray needs Ray, which is not installed; pip install '.[ray]'") from None
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
-        ray.init(
-            address, log_to_driver=False, logging_level="ERROR", include_dashboard=None
-        )
+        ray.init(address, log_to_driver=False, logging_level="ERROR", include_dashboard=None)
     except (ConnectionError, ValueError, RuntimeError) as error:
         words = str(error).partition("\n")[0]
         raise DropError(

@@ -1,9 +1,9 @@
 """A sweep's folder: what it is, the parts that are finished, and the results made of them.
 
-    sweep.json              the sweep that lives here; another one is turned away
-    parts/part-000003.parquet   one per shard, written whole or not at all
-    results.parquet         all parts in one, in the order of the runs
-    recordings/run-12.rrd   one per run, unless they were not to be kept
+sweep.json              the sweep that lives here; another one is turned away
+parts/part-000003.parquet   one per shard, written whole or not at all
+results.parquet         all parts in one, in the order of the runs
+recordings/run-12.rrd   one per run, unless they were not to be kept
 """
 
 from __future__ import annotations
@@ -96,7 +96,9 @@ class Folder:
     def _check_identity(self, identity: dict[str, Any]) -> None:
         if not self._identity.exists():
             if self.results.exists() or any(self._parts.iterdir()):
-                raise OutputError(f"{self.path} has results of something else; choose another --out")
+                raise OutputError(
+                    f"{self.path} has results of something else; choose another --out"
+                )
             with written_whole(self._identity, force=False) as file:
                 file.write(json.dumps(identity, indent=2).encode() + b"\n")
             return
@@ -162,4 +164,6 @@ def _lock(handle: BinaryIO, path: Path) -> None:
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        raise OutputError(f"another sweep is running in {path}; wait, or choose another --out") from None
+        raise OutputError(
+            f"another sweep is running in {path}; wait, or choose another --out"
+        ) from None

@@ -1,0 +1,85 @@
+"""Many recordings are queried through Rerun's own catalog, with the code that the docs show."""
+
+from __future__ import annotations
+
+import os
+import re
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipeline import Analysis, Scenario, analyze, simulate
+
+PAGE = Path(__file__).parents[1] / "docs/catalog.md"
+HERTZ = (960, 480, 240)
+
+
+@pytest.fixture
+def catalog() -> None:
+    """Skip where the catalog's extra is not installed, but in CI fail."""
+    if find_spec("datafusion") is None:
+        reason = "the catalog is not installed; try: pip install 'drop[catalog]'"
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
+
+
+@pytest.fixture(scope="module")
+def analyses(tmp_path_factory: pytest.TempPathFactory) -> list[Analysis]:
+    """Return the analyses of three timesteps, whose recordings are in a folder `drops`."""
+    folder = tmp_path_factory.mktemp("catalog") / "drops"
+    folder.mkdir()
+    found = []
+    for hertz in HERTZ:
+        simulate(Scenario(timestep_s=1 / hertz), folder / f"{hertz}.rrd", camera=None)
+        found.append(analyze(folder / f"{hertz}.rrd", at_s=[0.3]))
+    return found
+
+
+@pytest.mark.usefixtures("catalog")
+def test_one_query_gets_the_error_at_one_time_of_all_runs(
+    analyses: list[Analysis], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = analyses[0].recording
+    assert path is not None
+    monkeypatch.chdir(path.parents[1])
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    found: dict[str, Any] = {}
+    exec(code, found)
+    for row, hertz, analysis in zip(found["rows"], HERTZ, analyses, strict=True):
+        (moment,) = analysis.at
+        assert moment.terms_m is not None
+        assert row == {
+            "timestep_s": 1 / hertz,
+            "error_m": moment.error_m,
+            "timestep_m": moment.terms_m.timestep,
+            "damping_m": moment.terms_m.damping,
+        }
+
+
+@pytest.mark.usefixtures("catalog")
+def test_every_scenario_property_is_a_column(analyses: list[Analysis]) -> None:
+    import rerun as rr
+
+    path = analyses[0].recording
+    assert path is not None
+    with rr.server.Server(host="127.0.0.1", datasets={"drops": [path]}) as server:
+        assert server.host() == "127.0.0.1"
+        table = server.client().get_dataset("drops").segment_table()
+        columns = {field.name for field in table.schema()}
+    given = {key for key, value in analyses[0].scenario.items() if value is not None}
+    assert {f"property:scenario:{key}" for key in given} <= columns
+
+
+def test_the_documented_table_is_what_is_measured(analyses: list[Analysis]) -> None:
+    rows = re.findall(
+        r"^\| (0\.\d+) \| (\S+) \| (\S+) \| (\S+) \|$", PAGE.read_text(), re.MULTILINE
+    )
+    assert len(rows) == len(HERTZ)
+    for row, hertz, analysis in zip(rows, HERTZ, analyses, strict=True):
+        terms = analysis.at[0].terms_m
+        assert terms is not None
+        assert row == (
+            f"{1 / hertz:.5f}", f"{analysis.at[0].error_m:+.5f}",
+            f"{terms.timestep:+.5f}", f"{terms.damping:+.5f}",
+        )  # fmt: skip

@@ -1,0 +1,504 @@
+"""Faults: whatever happens while a recording is written, nothing that was there is lost.
+
+After each fault an existing recording is untouched or replaced whole, the `.part` holds every whole
+chunk that was handed over and can be analyzed, one line says what happened, the exit code is right,
+nothing hangs, and no process is left behind.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import psutil
+import pytest
+from conftest import Drop
+
+from pipeline import Scenario, analyze, simulate
+from pipeline.errors import OutputError, RecordingError
+from pipeline.recording import files
+from pipeline.recording.reader import Recording, read
+
+KILLS = 50
+"""Runs that are killed, each at a moment of its own."""
+SEED = 6
+LIMIT_S = 10
+"""Nothing hangs longer than this."""
+
+LONG = ("simulate", "--out", "run.rrd", "--no-camera", "--force", "--duration", "5000")
+SHORT = ("simulate", "--out", "run.rrd", "--no-camera", "--force", "--duration", "20")
+TINY = ("simulate", "--out", "run.rrd", "--no-camera", "--force", "--duration", "0.05")
+FULL = ("simulate", "--out", "run.rrd", "--force")
+
+
+def start(arguments: tuple[str, ...], folder: Path, **how: object) -> subprocess.Popen[str]:
+    """Start the command in a session of its own, so that all its processes can be counted."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "cli", *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        **how,  # type: ignore[call-overload]
+    )
+
+
+def ended(process: subprocess.Popen[str]) -> tuple[str, str]:
+    """Return what a process said once it, and all that it started, has ended."""
+    try:
+        said = process.communicate(timeout=LIMIT_S)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise
+    deadline = time.monotonic() + LIMIT_S
+    while is_alive(process.pid):
+        assert time.monotonic() < deadline, "a process was left behind"
+        time.sleep(0.02)
+    return said
+
+
+def is_alive(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def wait_for(condition: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + 3 * LIMIT_S
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.005)
+
+
+def size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0
+
+
+def assert_one_line(stdout: str, stderr: str, *words: str) -> None:
+    assert stdout == ""
+    assert len(stderr.splitlines()) == 1, stderr
+    assert stderr.startswith("drop: ")
+    for word in words:
+        assert word in stderr
+
+
+def salvaged(part: Path) -> Recording | None:
+    """Return what a `.part` holds, None where it was stopped before its first sample was whole."""
+    if size(part) < 200_000:
+        with contextlib.suppress(RecordingError):
+            return read(part)
+        return None
+    return read(part)
+
+
+@pytest.fixture(scope="module")
+def precious(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """Return a recording that was there before."""
+    path = tmp_path_factory.mktemp("precious") / "run.rrd"
+    simulate(Scenario(duration_s=0.1), path, camera=None)
+    return path.read_bytes()
+
+
+# -- the disk -------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def small_disk(folder: Path, kilobytes: int) -> Iterator[dict[str, object]]:
+    """Mount a small disk on a folder; where that is not allowed, limit the size of files instead.
+
+    Yields how to start a process there.
+    """
+    options = f"size={kilobytes}k"
+    mount = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
+    if os.geteuid() == 0 and subprocess.run(mount, capture_output=True).returncode == 0:
+        try:
+            yield {}
+        finally:
+            subprocess.run(["umount", "-l", str(folder)], check=True)
+        return
+    limit = kilobytes * 1024
+
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    yield {"preexec_fn": limited, "restore_signals": False}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "room_kb", "samples"),
+    [
+        *((TINY, room, 0) for room in (12, 24, 40)),  # among the properties and the scene
+        *((TINY, room, 13) for room in (90, 110, 150)),  # in the footer, and while it is sealed
+        *((FULL, room, 241) for room in (200, 250, 300, 350)),  # among the frames
+        *((FULL, room, 241) for room in (450, 600, 700)),  # while it is sealed
+    ],
+)
+def test_the_disk_fills_up_while_a_recording_is_written(
+    tmp_path: Path, precious: bytes, arguments: tuple[str, ...], room_kb: int, samples: int
+) -> None:
+    disk, old_kb = tmp_path / "disk", len(precious) // 1024 + 4
+    disk.mkdir()
+    with small_disk(disk, old_kb + room_kb) as how:
+        (disk / "run.rrd").write_bytes(precious)
+        process = start(arguments, disk, **how)
+        said = ended(process)
+        assert process.returncode == 1
+        assert_one_line(*said, "run.rrd", "make room")
+        assert (disk / "run.rrd").read_bytes() == precious
+        part = disk / "run.rrd.part"
+        assert {one.name for one in disk.iterdir()} == {"run.rrd", "run.rrd.part"}
+        assert "run.rrd.part" in said[1]
+        found = salvaged(part)
+        assert samples == (0 if found is None else len(found.states))
+        if found is not None:
+            assert analyze(part, out=tmp_path / "layer.rrd").airborne is not None
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("analyze", "run.rrd"),
+        ("analyze", "run.rrd", "--out", "../layer.rrd", "--table", "run.csv"),
+        ("analyze", "run.rrd", "--out", "../layer.rrd", "--table", "run.parquet"),
+        ("render", "run.rrd"),
+        ("check", "run.rrd", "--against", "golden.rrd", "--update"),
+    ],
+    ids=lambda arguments: arguments[-1],
+)
+def test_the_disk_fills_up_while_something_else_is_written(
+    tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    simulate(Scenario(), tmp_path / "run.rrd", camera=None)
+    data = (tmp_path / "run.rrd").read_bytes()
+    with small_disk(disk, len(data) // 1024 + 12) as how:
+        (disk / "run.rrd").write_bytes(data)
+        process = start(arguments, disk, **how)
+        said = ended(process)
+        assert process.returncode == 1, said
+        assert_one_line(*said, "cannot be written")
+        assert (disk / "run.rrd").read_bytes() == data
+        # A layer is a recording, and leaves its `.part`; nothing else leaves anything.
+        left = {one.name for one in disk.iterdir()} - {"run.rrd.analysis.rrd.part"}
+        assert left - {"run.analysis.rrd.part"} == {"run.rrd"}
+
+
+def test_too_little_room_is_said_before_the_work_is_begun(tmp_path: Path) -> None:
+    free = shutil.disk_usage(tmp_path).free
+    with pytest.raises(OutputError, match=r"GB .*free"):
+        files.check_room(tmp_path / "run.rrd", free * 2)
+    steps = min(1_000_000_000, free // 200)
+    with pytest.raises(OutputError, match="GB"):
+        simulate(
+            Scenario(timestep_s=1e-3, duration_s=steps / 1000), tmp_path / "x.rrd", camera=None
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+# -- the folder -----------------------------------------------------------------------------------
+
+
+def test_a_folder_that_is_read_only(tmp_path: Path, precious: bytes) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(small_disk(disk, 1000))
+        (disk / "run.rrd").write_bytes(precious)
+        if os.path.ismount(disk):  # root may write anywhere but on a disk that is read-only
+            subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
+        else:
+            disk.chmod(0o555)
+            stack.callback(disk.chmod, 0o755)
+        for arguments in (TINY, ("analyze", "run.rrd"), ("render", "run.rrd"),
+                          ("check", "run.rrd", "--against", "golden.rrd", "--update")):  # fmt: skip
+            process = start(arguments, disk)
+            said = ended(process)
+            assert process.returncode == 1
+            assert_one_line(*said, "cannot be written")
+        assert [one.name for one in disk.iterdir()] == ["run.rrd"]
+
+
+def test_a_folder_that_vanishes(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    process = start((*SHORT[:2], str(folder / "run.rrd"), *SHORT[3:]), tmp_path)
+    wait_for(lambda: size(folder / "run.rrd.part") > 0, "no .part")
+    shutil.rmtree(folder)
+    said = ended(process)
+    assert process.returncode == 1
+    assert_one_line(*said, "No such file")
+    assert not folder.exists()
+
+
+def test_targets_that_are_no_files(tmp_path: Path) -> None:
+    (tmp_path / "a file").write_text("precious")
+    os.mkfifo(tmp_path / "pipe.rrd")
+    for target, words in (
+        (tmp_path, "is a folder"),
+        (tmp_path / "a file" / "run.rrd", "is a file, not a folder"),
+        (tmp_path / "pipe.rrd", "no plain file"),
+        (tmp_path / ("x" * 300 + ".rrd"), "too long"),
+    ):
+        process = start(("simulate", "--out", str(target), "--force"), tmp_path)
+        assert_one_line(*ended(process), words)
+        assert process.returncode == 1
+    assert {one.name for one in tmp_path.iterdir()} == {"a file", "pipe.rrd"}
+    assert (tmp_path / "a file").read_text() == "precious"
+
+
+# -- signals --------------------------------------------------------------------------------------
+
+
+def killed(folder: Path, number: int, precious: bytes) -> tuple[int, str, str]:
+    """Kill one run at its moment; return its exit code and what it said.
+
+    Two of three are killed while they step, the others about the time when they are sealed.
+    """
+    chance = random.Random(SEED * 1000 + number)
+    how = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)[number % 3]
+    folder.mkdir()
+    (folder / "run.rrd").write_bytes(precious)
+    long = number // 3 % 3 != 2
+    process = start(LONG if long else SHORT, folder)
+    wait_for((folder / "run.rrd.part").exists, "no .part")
+    time.sleep(chance.uniform(0, 1.2 if long else 0.8))
+    with contextlib.suppress(ProcessLookupError):
+        process.send_signal(how)
+    stdout, stderr = ended(process)
+    expected = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}[how]
+    whole = (folder / "run.rrd").read_bytes() != precious
+    assert process.returncode == expected or (process.returncode == 0 and whole)
+    return process.returncode, stdout, stderr
+
+
+def test_killed_at_any_moment(tmp_path: Path, precious: bytes) -> None:
+    folders = [tmp_path / str(number) for number in range(KILLS)]
+    with ThreadPoolExecutor(2) as pool:
+        results = list(
+            pool.map(killed, folders, range(KILLS), [precious] * KILLS, timeout=40 * LIMIT_S)
+        )
+    parts, replaced = [], 0
+    for folder, (code, stdout, stderr) in zip(folders, results, strict=True):
+        whole = (folder / "run.rrd").read_bytes() != precious
+        if whole:
+            replaced += 1
+            assert not read(folder / "run.rrd").partial
+        part = folder / "run.rrd.part"
+        if part.exists() and (found := salvaged(part)) is not None:
+            parts.append(found)
+        if code in (130, 143):
+            assert_one_line(stdout, stderr, "interrupted" if code == 130 else "terminated")
+            assert ("run.rrd.part" in stderr) == (part.exists() and size(part) > 0)
+        # What a killed process cannot take back: the copy that was being sealed, nothing else.
+        known = {"run.rrd", "run.rrd.part", "run.rrd.part.sealed"}
+        assert {one.name for one in folder.iterdir()} <= known
+        assert code == -9 or not (folder / "run.rrd.part.sealed").exists()
+    assert len(parts) >= KILLS / 2
+    assert {code for code, *_ in results} >= {130, 143, -9}
+    # One scenario falls one way: every part is the beginning of the longest.
+    longest = max((found.states for found in parts), key=len)
+    for found in parts:
+        assert found.states.equals(longest.head(len(found.states)), null_equal=True)
+        assert found.partial or len(found.states) == found.scenario.steps + 1
+    assert len(longest) > 10_000
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+def test_what_a_killed_run_left_is_analyzed_and_said_to_be_partial(
+    drop: Drop, tmp_path: Path, how: signal.Signals
+) -> None:
+    process, part = start(LONG, tmp_path), tmp_path / "run.rrd.part"
+    wait_for(lambda: size(part) > 1_500_000, "no .part")
+    process.send_signal(how)
+    ended(process)
+    samples = len(read(part).states)
+    # 305 bytes per sample is what a recording takes: nothing that was handed over is missing.
+    assert samples > 1_500_000 / 305 - 4096
+    done = drop("analyze", "run.rrd.part", "--json")
+    told = json.loads(done.stdout)
+    assert (done.returncode, told["partial"]) == (0, True)
+    assert f"never finished: this is the analysis of the {samples:,} samples" in done.stderr
+    assert abs(told["at"][0]["error_m"] + 0.001820347613623) < 1e-15
+    assert drop("render", "run.rrd.part").returncode == 0
+    # Under a final name the same file is no recording, and the line says how to read it.
+    part.rename(tmp_path / "run.rrd")
+    refused = drop("analyze", "run.rrd")
+    assert refused.returncode == 1
+    assert_one_line(refused.stdout, refused.stderr, "run.rrd.part")
+
+
+def test_a_part_that_is_cut_within_a_message_gives_all_messages_before_it(tmp_path: Path) -> None:
+    process, part = start(LONG, tmp_path), tmp_path / "run.rrd.part"
+    wait_for(lambda: size(part) > 2_000_000, "no .part")
+    process.kill()
+    ended(process)
+    data, whole = part.read_bytes(), read(part)
+    for less in (1, 16, 1000, 100_000, 1_000_000):
+        part.write_bytes(data[:-less])
+        found = read(part)
+        assert len(found.states) >= len(whole.states) - 4096 * (1 + less // 500_000)
+        assert found.states.equals(whole.states.head(len(found.states)), null_equal=True)
+
+
+def test_a_recording_can_be_read_while_it_grows(tmp_path: Path) -> None:
+    process, part = start(LONG, tmp_path), tmp_path / "run.rrd.part"
+    seen = [0]
+    wait_for(lambda: size(part) > 2_000_000, "no .part")
+    while len(seen) < 4:
+        found = read(part)
+        assert found.partial
+        assert len(found.states) >= seen[-1]
+        if len(found.states) > seen[-1]:
+            seen.append(len(found.states))
+    process.terminate()
+    ended(process)
+    assert process.returncode == 143
+
+
+# -- others ---------------------------------------------------------------------------------------
+
+
+def test_a_second_writer_is_turned_away(tmp_path: Path) -> None:
+    first = start(LONG, tmp_path)
+    wait_for((tmp_path / "run.rrd.part").exists, "no .part")
+    second = start(SHORT, tmp_path)
+    said = ended(second)
+    assert second.returncode == 1
+    assert_one_line(*said, "another process is writing run.rrd")
+    before = size(tmp_path / "run.rrd.part")
+    wait_for(lambda: size(tmp_path / "run.rrd.part") > before, "the first writer stopped")
+    first.terminate()
+    ended(first)
+
+
+def test_many_writers_of_one_target_leave_one_whole_recording(tmp_path: Path) -> None:
+    """They start at once; each finishes, or is turned away before or after its work."""
+    arguments = ("simulate", "--out", "run.rrd", "--no-camera", "--force", "--duration", "0.5")
+    processes = [start(arguments, tmp_path) for _ in range(6)]
+    for process in processes:
+        stdout, stderr = ended(process)
+        assert process.returncode in (0, 1)
+        assert len((stdout + stderr).splitlines()) == 1
+    assert {process.returncode for process in processes} >= {0}
+    assert len(read(tmp_path / "run.rrd").states) == 121
+    assert [one.name for one in tmp_path.iterdir()] == ["run.rrd"]
+
+
+def test_many_analyses_of_one_recording_leave_whole_files(tmp_path: Path) -> None:
+    simulate(Scenario(), tmp_path / "run.rrd", camera=None)
+    processes = [start(("render", "run.rrd"), tmp_path) for _ in range(4)]
+    for process in processes:
+        stdout, stderr = ended(process)
+        assert process.returncode in (0, 1)
+        assert len((stdout + stderr).splitlines()) == 1
+    assert {one.name for one in tmp_path.iterdir()} == {"run.rrd", "run.png"}
+    assert (tmp_path / "run.png").read_bytes().endswith(b"IEND\xaeB`\x82")
+
+
+MANY_FRAMES = (
+    "simulate",
+    "--out",
+    "run.rrd",
+    "--force",
+    "--duration",
+    "20",
+    "--capture-every",
+    "1",
+)
+
+
+def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return psutil.Process(process.pid).children(recursive=True)
+    return []
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core draws without workers")
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_a_frame_worker_dies(tmp_path: Path, precious: bytes, how: signal.Signals) -> None:
+    (tmp_path / "run.rrd").write_bytes(precious)
+    process = start(MANY_FRAMES, tmp_path)
+    wait_for(lambda: size(tmp_path / "run.rrd.part") > 2_000_000, "no frames")
+    workers_of(process)[0].send_signal(how)
+    said = ended(process)
+    assert process.returncode == 1
+    assert_one_line(*said, "draws died", "run.rrd.part")
+    assert (tmp_path / "run.rrd").read_bytes() == precious
+    assert read(tmp_path / "run.rrd.part").partial
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_frame_workers_end_with_their_parent(tmp_path: Path, how: signal.Signals) -> None:
+    process = start(MANY_FRAMES, tmp_path)
+    wait_for(lambda: size(tmp_path / "run.rrd.part") > 2_000_000, "no frames")
+    if how == signal.SIGINT:
+        os.killpg(process.pid, how)  # as a terminal does it: to everybody at once
+    else:
+        process.send_signal(how)
+    stdout, stderr = ended(process)
+    assert process.returncode == {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}[how]
+    if how != signal.SIGKILL:
+        assert_one_line(stdout, stderr, "run.rrd.part")
+    assert len(read(tmp_path / "run.rrd.part").states) > 0
+
+
+# -- standard output ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a recording."""
+    folder = tmp_path_factory.mktemp("short")
+    simulate(Scenario(duration_s=0.1), folder / "run.rrd", camera=None)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("command", "codes", "lines"),
+    [
+        ("analyze run.rrd --json | head -1", (141, 0), 0),
+        ("analyze run.rrd | head -1", (141, 0), 0),
+        ("analyze run.rrd --json | true", (141, 0), 0),
+        ("analyze run.rrd >&-", (0,), 0),
+        ("analyze run.rrd 2>&-", (0,), 0),
+        ("analyze run.rrd <&- >&- 2>&-", (0,), 0),
+        ("analyze run.rrd >/dev/full", (1,), 1),
+        ("analyze run.rrd --json >/dev/full", (1,), 1),
+        ("simulate --out new.rrd --no-camera --force >&-", (0,), 0),
+        ("simulate --out new.rrd --no-camera --force >/dev/full", (1,), 1),
+        ("analyze gone.rrd 2>/dev/full", (1,), 0),
+        ("analyze gone.rrd 2>&-", (1,), 0),
+    ],
+)
+def test_standard_output_is_closed_early(
+    short: Path, command: str, codes: tuple[int, ...], lines: int
+) -> None:
+    done = subprocess.run(
+        ["bash", "-c", f'"{sys.executable}" -m cli {command}; exit ${{PIPESTATUS[0]}}'],
+        cwd=short,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
+        capture_output=True,
+        text=True,
+        timeout=3 * LIMIT_S,
+        check=False,
+    )
+    assert done.returncode in codes
+    assert len(done.stderr.splitlines()) == lines, done.stderr
+    if command.startswith("simulate"):
+        assert not read(short / "new.rrd").partial
