@@ -99,13 +99,19 @@ def _chunks(
         yield writer.curve_style_chunk(number, f"{name} [m]", colour)
         yield writer.curve_style_chunk(curve, f"{name} [mm]", colour)
         if len(steps):
-            yield writer.curve_chunk(number, steps, timestep_s, values_m)
-            yield writer.curve_chunk(curve, steps, timestep_s, values_m * 1e3)
+            yield writer.numbers_chunk(number, steps, timestep_s, values_m)
+            yield writer.numbers_chunk(curve, steps, timestep_s, values_m * 1e3)
     steps = samples["step"].to_numpy()
     for column, (name, colour) in ENERGY_CURVES.items():
         entity = f"{schema.ENERGY}/{name}"
         yield writer.curve_style_chunk(entity, f"{name} [J]", colour)
-        yield writer.curve_chunk(entity, steps, timestep_s, samples[column].to_numpy())
+        yield writer.curve_chunk(
+            entity,
+            steps,
+            timestep_s,
+            samples[column].to_numpy(),
+            resolution=schema.ENERGY_RESOLUTION_J,
+        )
     if events:
         happened, lines = zip(*events, strict=True)
         yield writer.event_chunk(schema.EVENTS, happened, timestep_s, lines)

@@ -25,6 +25,8 @@ from pipeline.recording.blueprint import Look, layout
 
 PATIENCE_S = 3.0
 """A viewer that takes nothing for so long is taken for gone."""
+STARTS_WITHIN_S = 15.0
+"""But one that has just been opened may be slow to answer for the first time."""
 
 
 def shown(
@@ -89,7 +91,7 @@ class _Relay:
     def ended_well(self) -> bool:
         """Wait until all has been shown, but not for ever, and return whether it was."""
         try:
-            self._process.communicate(timeout=2 * PATIENCE_S)
+            self._process.communicate(timeout=STARTS_WITHIN_S + 2 * PATIENCE_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.communicate()
@@ -111,8 +113,13 @@ def _work() -> None:
     stream = rr.RecordingStream(
         schema.APPLICATION_ID, recording_id=recording_id, send_properties=False
     )
-    _impatiently(lambda: stream.connect_grpc(url))
-    _impatiently(lambda: stream.send_blueprint(layout(**look)))
+
+    def connect() -> None:
+        stream.connect_grpc(url)
+        stream.send_blueprint(layout(**look))
+        stream.flush(timeout_sec=STARTS_WITHIN_S)
+
+    _impatiently(connect, patience_s=STARTS_WITHIN_S)
     with contextlib.suppress(EOFError):
         while True:
             (batch,) = pa.ipc.open_stream(pickle.load(sys.stdin.buffer))
@@ -122,10 +129,10 @@ def _work() -> None:
     os._exit(0)  # whatever Python would still do for the stream at its end, it does not wait for
 
 
-def _impatiently(act: Callable[[], None]) -> None:
+def _impatiently(act: Callable[[], None], *, patience_s: float = PATIENCE_S) -> None:
     """Act, but end the process where that takes too long or fails."""
     # A thread of C ends it, which needs nothing from Python's lock.
-    faulthandler.dump_traceback_later(PATIENCE_S, exit=True, file=sys.stderr)
+    faulthandler.dump_traceback_later(patience_s, exit=True, file=sys.stderr)
     try:
         act()
     except (RuntimeError, ValueError, ConnectionError):

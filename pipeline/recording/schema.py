@@ -39,6 +39,11 @@ TRAIL = "world/trail"
 """Where the body was, at most some forty points of it."""
 ABOUT = "about"
 
+POSE_RESOLUTION = 1e-5
+"""A box that moved by less [m], or turned by as much of a quaternion, looks the same."""
+HEIGHT_RESOLUTION_M = 1e-9
+"""A height curve that stays within this [m] is level."""
+
 HEIGHT = "height"
 HEIGHT_SIMULATED = "height/simulated"
 HEIGHT_FREE_FALL = "height/free_fall"
@@ -64,5 +69,7 @@ ERROR = "error"
 ERROR_MM = "error_mm"
 """The same in millimetres: the curves, because the viewer cannot scale what it shows."""
 ENERGY = "energy"
+ENERGY_RESOLUTION_J = 1e-12
+"""An energy curve that stays within this [J] is level."""
 EVENTS = "events"
 FINDINGS = "findings"

@@ -72,6 +72,7 @@ def viewer(files: Sequence[Path] = (), *, web: bool = False) -> Viewer:
     """
     port, page = _free_port(VIEWER_PORT), None
     command = [str(binary()), *map(str, files), "--bind", LOOPBACK, "--port", str(port)]
+    command.append("--hide-welcome-screen")  # which asks rerun.io for examples
     if web:
         page_port = _free_port(PAGE_PORT)
         command += ["--web-viewer", "--web-viewer-port", str(page_port)]

@@ -217,16 +217,35 @@ def state_chunks(steps: Steps, timestep_s: float, rows: Float64) -> Iterator[Chu
             rr.Scalars.columns(scalars=values.ravel()).partition([width] * len(steps)),
         )
         first += width
+    seen = _noticed(rows[:, :7], schema.POSE_RESOLUTION)
     yield Chunk.from_columns(
         schema.BOX,
-        times,
-        rr.Transform3D.columns(translation=rows[:, 0:3], quaternion=rows[:, 3:7]),
+        _times(steps[seen], timestep_s),
+        rr.Transform3D.columns(translation=rows[seen, 0:3], quaternion=rows[seen, 3:7]),
     )
 
 
-def curve_chunk(entity: str, steps: Steps, timestep_s: float, values: Float64) -> Chunk:
+def numbers_chunk(entity: str, steps: Steps, timestep_s: float, values: Float64) -> Chunk:
     """Return one scalar per step, shape (n,), float64."""
     return Chunk.from_columns(entity, _times(steps, timestep_s), rr.Scalars.columns(scalars=values))
+
+
+def curve_chunk(
+    entity: str, steps: Steps, timestep_s: float, values: Float64, *, resolution: float
+) -> Chunk:
+    """Return the points of a curve, float64, of which there are `values` of shape (n,).
+
+    Where it is level to within `resolution`, the ends say it all: the viewer draws straight lines.
+    """
+    seen = _noticed(values.reshape(-1, 1), resolution)
+    return numbers_chunk(entity, steps[seen], timestep_s, values[seen])
+
+
+def _noticed(values: Float64, resolution: float) -> NDArray[np.bool_]:
+    """Return which rows of values, shape (n, k), begin or end a change; the first and last do."""
+    marks = np.round(values / resolution)
+    changes = (marks[1:] != marks[:-1]).any(axis=1)
+    return np.concatenate(([True], changes)) | np.concatenate((changes, [True]))
 
 
 def trail_chunk(steps: Steps, timestep_s: float, positions_m: Float64) -> Chunk:
@@ -236,7 +255,10 @@ def trail_chunk(steps: Steps, timestep_s: float, positions_m: Float64) -> Chunk:
         schema.TRAIL,
         _times(steps, timestep_s),
         rr.Points3D.columns(
-            positions=positions_m, radii=[radius] * n, colors=[_rgba(colours.SIMULATED)] * n
+            positions=positions_m,
+            radii=[radius] * n,
+            # As plain numbers three or four colours would be taken for the parts of one.
+            colors=np.full(n, _rgba(colours.SIMULATED), dtype=np.uint32),
         ),
     )
 

@@ -33,7 +33,7 @@ from pipeline.workers import Worker
 
 Float64 = NDArray[np.float64]
 
-BATCH = 4096
+BATCH = 16384
 """Samples in one chunk of a recording: what a killed run loses at most."""
 
 LIVE_EVERY_S = 1 / 30
@@ -204,7 +204,9 @@ def _heights(
         schema.HEIGHT_DAMPED_FALL: np.maximum(theory.damped_fall_height(fall, time_s), lowest),
     }
     for entity, values in curves.items():
-        yield writer.curve_chunk(entity, steps, scenario.timestep_s, values)
+        yield writer.curve_chunk(
+            entity, steps, scenario.timestep_s, values, resolution=schema.HEIGHT_RESOLUTION_M
+        )
 
 
 def _frames(

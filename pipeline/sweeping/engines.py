@@ -11,13 +11,14 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import socket
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pipeline.errors import DropError
 
@@ -132,7 +133,8 @@ def on_ray(
 ) -> Iterator[tuple[int, T]]:
     """Run shards on a Ray cluster, whose nodes must see the same files under the same names.
 
-    Ray runs a task again whose worker or node died.
+    Ray runs a task again whose worker or node died. Where this process is connected to a cluster
+    already, that one is used and the connection stays.
 
     Parameters
     ----------
@@ -147,23 +149,19 @@ def on_ray(
     DropError
         If Ray is not installed or no cluster answers.
     """
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
         import ray
     except ImportError:
         raise DropError("--ray needs Ray, which is not installed; pip install '.[ray]'") from None
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    try:
-        ray.init(address, log_to_driver=False, logging_level="ERROR", include_dashboard=None)
-    except (ConnectionError, ValueError, RuntimeError) as error:
-        words = str(error).partition("\n")[0]
-        raise DropError(
-            f"no Ray cluster answers at {address!r} ({words}); start one with: ray start --head"
-        ) from None
+    ours = not ray.is_initialized()
+    if ours:
+        _connect(address)
+    under_way: dict[Any, int] = {}
     try:
         run = ray.remote(max_retries=MOST_DEATHS)(_call)
         todo, carried = iter(shards), ray.put(work)
         most = QUEUED * max(1, int(ray.cluster_resources().get("CPU", 1)))
-        under_way = {}
         while True:
             while len(under_way) < most and (shard := next(todo, None)) is not None:
                 under_way[run.remote(carried, shard)] = shard
@@ -173,7 +171,25 @@ def on_ray(
             result = ray.get(done)
             yield under_way.pop(done), result
     finally:
-        ray.shutdown()
+        for task in under_way:
+            ray.cancel(task, force=True)
+        if ours:
+            ray.shutdown()
+
+
+def _connect(address: str) -> None:
+    import ray
+
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    try:
+        if host and port.isdecimal():  # Ray itself would try for minutes
+            socket.create_connection((host, int(port)), timeout=5).close()
+        ray.init(address, log_to_driver=False, logging_level="ERROR")
+    except (OSError, ValueError, RuntimeError) as error:
+        words = str(error).strip().partition("\n")[0].rstrip(".")
+        raise DropError(
+            f"no Ray cluster answers at {address!r} ({words}); start one with: ray start --head"
+        ) from None
 
 
 def _call(work: Callable[[int], T], shard: int) -> T:
