@@ -10,11 +10,13 @@ from typing import Annotated
 
 import typer
 
-from pipeline.console import output, running, show_drop, show_sweep
+from pipeline.console import output, running
+from pipeline.console.help import PlainHelp
 from pipeline.options import takes_scenario, takes_scenario_lists
 from pipeline.scenario import Camera, Scenario
 
 app = typer.Typer(
+    cls=PlainHelp,
     name="drop",
     pretty_exceptions_enable=False,
     help="Drop a box in PyBullet, keep everything in one Rerun recording, and learn where each "
@@ -64,6 +66,7 @@ def simulate(
     camera: Camera | None,
 ) -> None:
     """Drop the body, and put everything that happens into one recording."""
+    from pipeline.console.show_drop import show_simulation
     from pipeline.errors import ScenarioError
     from pipeline.stages import view
     from pipeline.stages.simulate import simulate
@@ -76,7 +79,7 @@ def simulate(
             scenario, out, camera=camera, force=force,
             viewer=viewer, note=output.note, progress=progress,
         )  # fmt: skip
-    show_drop.show_simulation(simulation, as_json=json)
+    show_simulation(simulation, as_json=json)
 
 
 @app.command(epilog="Example: drop analyze recordings/run.rrd --at 0.1 --at 0.3 --table run.csv")
@@ -96,11 +99,12 @@ def analyze(
     json: Json = False,
 ) -> None:
     """Say where each millimetre between simulation and theory comes from."""
+    from pipeline.console.show_drop import show_analysis
     from pipeline.fields import times
     from pipeline.stages.analyze import analyze
 
     analysis = analyze(run, at_s=times(at or []), out=out, table=table, force=force)
-    show_drop.show_analysis(analysis, as_json=json)
+    show_analysis(analysis, as_json=json)
 
 
 @app.command(epilog="Example: drop render recordings/run.rrd --fps 30 --plot fall.svg")
@@ -119,11 +123,12 @@ def render(
     json: Json = False,
 ) -> None:
     """Make a gif of the recorded frames, and a plot of heights and errors."""
+    from pipeline.console.show_drop import show_rendering
     from pipeline.stages.render import render
 
     with output.progress() as progress:
         rendering = render(run, out=out, fps=fps, plot=plot, force=force, progress=progress)
-    show_drop.show_rendering(rendering, as_json=json)
+    show_rendering(rendering, as_json=json)
 
 
 @app.command(epilog="Example: drop run --timestep 1/480")
@@ -140,6 +145,7 @@ def run(
     camera: Camera | None,
 ) -> None:
     """Simulate, analyze and render in a row: the whole story of one drop."""
+    from pipeline.console.show_drop import show_run
     from pipeline.fields import times
     from pipeline.stages.run import run
 
@@ -148,7 +154,7 @@ def run(
             scenario, out_dir, camera=camera, at_s=times(at or []), fps=fps,
             note=output.note, progress=progress,
         )  # fmt: skip
-    show_drop.show_run(whole, as_json=json)
+    show_run(whole, as_json=json)
 
 
 @app.command(epilog="Example: drop check run.rrd --against recordings/golden/standard.rrd")
@@ -236,12 +242,13 @@ def sweep(
     Every scenario option takes a list A,B,C; lists of vectors have semicolons: "0,0,0;0,0,1".
     The sweep is their product, in the order of the options below, the last one changing fastest.
     """
+    from pipeline.console.show_sweep import show_sweep, sweep_progress
     from pipeline.fields import times
     from pipeline.stages.sweep import sweep
     from pipeline.sweeping.plan import plan_of
 
     plan = plan_of(lists, samples=samples, seed=seed, vary=vary or [])
-    with show_sweep.sweep_progress() as progress:
+    with sweep_progress() as progress:
         swept = sweep(
             plan,
             out,
@@ -255,7 +262,7 @@ def sweep(
             force=force,
             progress=progress,
         )
-    show_sweep.show_sweep(swept, as_json=json)
+    show_sweep(swept, as_json=json)
 
 
 @app.command(epilog="Example: drop view recordings/run.rrd")

@@ -46,7 +46,7 @@ ONLY_IN = {
     "pybullet_data": {"physics/world.py"},
     "rerun": {"recording/"},
     "matplotlib": {"figures/"},
-    "typer": {"options.py", "console/running.py"},
+    "typer": {"options.py", "console/running.py", "console/help.py"},
 }
 # The judge never knows what it judges.
 JUDGE = (

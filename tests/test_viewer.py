@@ -17,8 +17,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import Drop
+from numpy.typing import NDArray
 from rerun.chunk import Chunk, RrdReader
 from rerun.experimental import ViewerClient
 from viewer import Look, Viewer, binary, complaints, free_port, isolated, vulkan_driver
@@ -96,6 +98,19 @@ def test_several_recordings_open_at_once(tmp_path: Path, standard: Run) -> None:
     with Viewer(standard.simulation.recording, other) as viewer:
         assert len(viewer.client.get_state().recordings) == 2
         assert viewer.warnings() == []
+
+
+def test_the_curves_in_millimetres_are_the_numbers_in_metres(standard: Run) -> None:
+    assert standard.analysis.layer is not None
+    values: dict[str, NDArray[np.float64]] = {}
+    for chunk in RrdReader(standard.analysis.layer).stream():
+        if not chunk.is_static and chunk.entity_path.startswith("/error"):
+            column = chunk.to_record_batch().column("Scalars:scalars")
+            values[chunk.entity_path] = column.flatten().to_numpy()
+    for term in schema.ERROR_TERMS:
+        numbers_m, curve_mm = values[f"/error/{term}"], values[f"/error_mm/{term}"]
+        assert len(numbers_m) == 109
+        assert np.array_equal(curve_mm, numbers_m * 1e3)
 
 
 # -- the proof fails where it must ----------------------------------------------------------------

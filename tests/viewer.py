@@ -62,7 +62,6 @@ def isolated(home: Path) -> dict[str, str]:
         "XDG_CONFIG_HOME": str(home / ".config"),
         "XDG_DATA_HOME": str(home / ".local/share"),
         "XDG_RUNTIME_DIR": str(home),
-        "RERUN_APP_ONLY": "true",
         "RUST_LOG": "warn",
         "NO_COLOR": "1",
     }

@@ -202,9 +202,9 @@ def _moment(table: pl.DataFrame, step: int) -> Moment:
     )
 
 
-def _airborne(parts: Decomposition) -> Airborne | None:
+def _airborne(parts: Decomposition) -> Airborne:
     if not len(parts.total_m):
-        return None
+        return Airborne(0, None, None, None)
     return Airborne(
         samples=len(parts.total_m),
         max_abs_error_m=float(np.abs(parts.total_m).max()),

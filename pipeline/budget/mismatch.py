@@ -26,14 +26,15 @@ def find_mismatch(
     airborne: int,
 ) -> tuple[int, float] | None:
     """Return the first sample in the air that does not follow Bullet's law, and by how much."""
-    if not scenario.stepped or engine["joints"] or not airborne:
+    if not scenario.stepped or engine["joints"]:
         return None
+    airborne = max(1, airborne)  # the release is in the air, whatever is recorded of contact
     spins = any(scenario.spin_rad_s)
     how: dict[str, Any] = {
         "timestep_s": scenario.timestep_s, "steps": airborne - 1, "mass_kg": engine["mass_kg"]
     }  # fmt: skip
     if spins:
-        position_m, velocity_m_s, spin_rad_s, _ = spin_airborne(
+        position_m, velocity_m_s, spin_rad_s, orientation = spin_airborne(
             fall,
             spin_rad_s=scenario.spin_rad_s,
             angular_damping=effective_damping(scenario.angular_damping, scenario.coordinates),
@@ -43,8 +44,14 @@ def find_mismatch(
     else:
         position_m, velocity_m_s = bullet_law.airborne(fall, **how)
         spin_rad_s = np.zeros_like(position_m)
-    recorded = np.hstack((samples.position_m, samples.velocity_m_s, samples.spin_rad_s))[:airborne]
-    law = np.hstack((position_m, velocity_m_s, spin_rad_s))
+        orientation = np.tile((0.0, 0.0, 0.0, 1.0), (airborne, 1))
+    recorded = np.hstack(
+        (samples.position_m, samples.velocity_m_s, samples.spin_rad_s, samples.orientation)
+    )[:airborne]
+    # A quaternion and its negative are the same orientation.
+    agree = np.sum(orientation * samples.orientation[:airborne], axis=1, keepdims=True)
+    turned = np.where(agree < 0, -orientation, orientation)
+    law = np.hstack((position_m, velocity_m_s, spin_rad_s, turned))
     # On x86-64 the law is the engine's to the last bit; elsewhere multiply and add may be fused.
     # Spin goes through sin and cos, which differ between C libraries, and tumbling amplifies that.
     exact = engine.get("machine") in ("x86_64", "AMD64")

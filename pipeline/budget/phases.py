@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
@@ -38,9 +39,14 @@ class Phases:
             return "falling"
         return "contact" if self.rest_step is None or step < self.rest_step else "rest"
 
-    def column(self) -> list[Phase]:
+    def column(self) -> pl.Series:
         """Return the phase of every sample."""
-        return [self.at(step) for step in range(self.samples)]
+        rest_step = self.samples if self.rest_step is None else self.rest_step
+        lengths = (self.airborne, rest_step - self.airborne, self.samples - rest_step)
+        return pl.concat(
+            pl.repeat(phase, length, dtype=pl.String, eager=True)
+            for phase, length in zip(get_args(Phase), lengths, strict=True)
+        )
 
 
 def phases(height_m: Float64, speed_m_s: Float64, contact_points: Float64) -> Phases:

@@ -38,12 +38,12 @@ class Moment:
 
 @dataclass(frozen=True)
 class Airborne:
-    """The error over all samples before the first contact."""
+    """The error over all samples that the law of the air covers; None where it covers none."""
 
     samples: int
-    max_abs_error_m: float
-    rms_error_m: float
-    max_abs_rounding_m: float
+    max_abs_error_m: float | None
+    rms_error_m: float | None
+    max_abs_rounding_m: float | None
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class Analysis:
     engine: dict[str, Any]
     at: list[Moment]
     coverage: Coverage
-    airborne: Airborne | None
+    airborne: Airborne
     impact: Impact | None
     contact: Contact | None
     bounces: list[Bounce]

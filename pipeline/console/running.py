@@ -28,6 +28,7 @@ def run(app: typer.Typer) -> int:
     """
     gc.disable()  # a sixth of the time that imports take
     _open_closed_streams()
+    _keep_standard_output()
     received: list[int] = []
 
     def stop(number: int, _: object) -> None:
@@ -73,6 +74,18 @@ def _open_closed_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+
+
+def _keep_standard_output() -> None:
+    """Let only Python write to standard output: Bullet prints from C, some of it at exit."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+    buffering = 1 if os.isatty(kept) else -1
+    sys.stdout = open(
+        kept, "w", buffering, encoding=sys.stdout.encoding, errors="backslashreplace"
+    )
 
 
 def _give_up_standard_output() -> None:

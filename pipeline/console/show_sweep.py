@@ -154,6 +154,10 @@ def _study(group: Group, study: Study) -> list[str]:
             f"    The error against free fall does not go to 0 but to {limit}: damping is another",
             "    model, which no timestep makes up for. An order has a meaning only against 0.",
         ]
+    for timestep_s in group.left_out_s:
+        lines.append(
+            f"  [dim]without {fraction(timestep_s)} s, which has no sample at that time[/]"
+        )
     finest = steps[-1]
     if study.extrapolated_m is not None and study.grid_convergence_index is not None:
         lines += [

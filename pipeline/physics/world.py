@@ -6,6 +6,7 @@ earlier run in the process can reach this one.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import math
@@ -21,7 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ScenarioError
+from pipeline.fields import shown
 from pipeline.physics.quiet import c_output_moved_aside
+from pipeline.physics.urdf import check_urdf
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
@@ -54,11 +57,15 @@ def find_body(body: str) -> Path:
     """
     import pybullet_data
 
-    for candidate in (Path(body), Path(pybullet_data.getDataPath()) / body):
-        if candidate.is_file():
-            return candidate
+    theirs = Path(pybullet_data.getDataPath()).resolve()
+    for candidate in (Path(body), theirs / body):
+        with contextlib.suppress(OSError):  # such as a name that is too long
+            if candidate.is_file():
+                if theirs not in candidate.resolve().parents:
+                    check_urdf(candidate)
+                return candidate
     raise ScenarioError(
-        f"--body must be a URDF file of pybullet_data or a path, got {body!r} and found neither; "
+        f"--body must be a URDF file of pybullet_data or a path, got {shown(body)}, found neither; "
         "try cube_small.urdf or ./my_body.urdf"
     )
 
@@ -192,7 +199,7 @@ class World:
             "substeps": engine["numSubSteps"],
             "solver_iterations": engine["numSolverIterations"],
             "gravity_m_s2": [engine[f"gravityAcceleration{axis}"] for axis in "XYZ"],
-            "body_name": p.getBodyInfo(self._body, physicsClientId=client)[1].decode(),
+            "body_name": _text(p.getBodyInfo(self._body, physicsClientId=client)[1]),
             "body_sha256": hashlib.sha256(self._urdf.read_bytes()).hexdigest(),
             "body_type": {1: "btRigidBody", 2: "btMultiBody"}.get(body[10], str(body[10])),
             "joints": p.getNumJoints(self._body, physicsClientId=client),
@@ -268,6 +275,10 @@ _DISTANCE, _NORMAL_FORCE = itemgetter(8), itemgetter(9)
 
 
 @functools.cache
+def _text(name: bytes) -> str:
+    return name.decode(errors="replace")
+
+
 def engine_versions() -> dict[str, str]:
     """Return what decides the engine's numbers: its version, its wheel, and when it was built."""
     distribution = metadata.distribution("pybullet")

@@ -39,7 +39,7 @@ TRAIL = "world/trail"
 """Where the body was, at most some forty points of it."""
 ABOUT = "about"
 
-POSE_RESOLUTION = 1e-5
+POSE_RESOLUTION = 1e-4
 """A box that moved by less [m], or turned by as much of a quaternion, looks the same."""
 HEIGHT_RESOLUTION_M = 1e-9
 """A height curve that stays within this [m] is level."""

@@ -6,8 +6,8 @@ viewer's layout, verifies the whole, and only then gives it its name.
 
 from __future__ import annotations
 
-import os
 import functools
+import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from pipeline.errors import RecordingError, ScenarioError
 from pipeline.fields import fraction
 from pipeline.figures.gif import check_fps, write_gif
 from pipeline.figures.facts import Facts
+from pipeline.recording.checks import AGAIN
 from pipeline.recording.files import check_target, written_whole
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
@@ -89,7 +91,7 @@ def render(
     count = 0
     if read_back.camera is not None:
         pngs = _reported(path, read_back, progress)
-        with written_whole(gif, force=force or out is None) as file:
+        with written_whole(gif, force=force or out is None) as file, _refused(path):
             count = write_gif(pngs, file, fps=fps).frames
     elif out is not None:
         raise RecordingError(
@@ -104,6 +106,15 @@ def _plot(*drawing: Any) -> bytes:  # noqa: ANN401
     from pipeline.figures.plot import plotted  # loads matplotlib, which another process may do
 
     return plotted(*drawing)
+
+
+@contextmanager
+def _refused(path: Path) -> Iterator[None]:
+    """Blame the recording for frames that are no pictures."""
+    try:
+        yield
+    except ValueError as error:
+        raise RecordingError(f"{path} is damaged: {error}; {AGAIN}") from None
 
 
 def _check_suffix(option: str, path: Path, suffixes: tuple[str, ...]) -> None:

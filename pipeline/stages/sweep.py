@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import platform
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
@@ -41,6 +42,8 @@ class Group:
     label: str
     """The same in words."""
     study: Study | None = None
+    left_out_s: tuple[float, ...] = ()
+    """Timesteps that the study leaves out: their sample is that of another time."""
     statistics: tuple[Summary, ...] = ()
 
 
@@ -144,10 +147,12 @@ def sweep(
         todo = (shard for shard in range(plan.shards) if shard not in before)
         try:
             if ledger.needed is None:
-                for shard, done in _engine(work, todo, jobs=jobs, ray=ray):
-                    ledger.enter(shard, done)
-                    if ledger.needed is not None:
-                        break
+                # Closed whatever happens, and with it the workers.
+                with contextlib.closing(_engine(work, todo, jobs=jobs, ray=ray)) as finished:
+                    for shard, done in finished:
+                        ledger.enter(shard, done)
+                        if ledger.needed is not None:
+                            break
         except BaseException as stop:
             stop.add_note(
                 f"{ledger.runs:,} of {plan.runs:,} runs are in {folder.path}; the same command "
@@ -213,7 +218,7 @@ def _identity(work: RunShard) -> dict[str, Any]:
 
 def _engine(
     work: RunShard, todo: Iterator[int], *, jobs: int | None, ray: str | None
-) -> Iterator[tuple[int, ShardDone]]:
+) -> Generator[tuple[int, ShardDone]]:
     if ray is not None:
         return engines.on_ray(work, todo, address=ray)
     plan = work.plan
@@ -297,11 +302,15 @@ def _studies(plan: Plan, results: pl.LazyFrame) -> list[Group]:
     rows = results.filter(pl.all_horizontal(pl.col(TERMS).is_not_null())).select(columns).collect()
     found = []
     for values, group in _groups(rows, others):
-        times = group["time_s"]
-        same = group.filter((times - times[0]).abs() <= 1e-9 * times[0])
-        runs = [Run(**one) for one in same.drop(*others, "time_s").iter_rows(named=True)]
+        times_s = group["time_s"].to_numpy()
+        alike = np.abs(times_s - times_s[:, None]) <= 1e-9 * times_s
+        same = alike[alike.sum(axis=1).argmax()]  # those at the time that most of them have
+        runs = [
+            Run(**one) for one in group.filter(same).drop(*others, "time_s").iter_rows(named=True)
+        ]
+        left_out = tuple(group.filter(~same)["timestep_s"])
         if len(runs) > 1:
-            found.append(Group(values, label_of(values), study=study_of(runs)))
+            found.append(Group(values, label_of(values), study_of(runs), left_out))
     return found
 
 

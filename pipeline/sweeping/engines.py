@@ -12,12 +12,14 @@ import multiprocessing
 import os
 import signal
 import socket
+import tempfile
 import threading
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any, TypeVar
 
 from pipeline.errors import DropError
@@ -30,7 +32,7 @@ MOST_DEATHS = 10
 """A shard that was under way in so many deaths of a pool is taken for their cause."""
 
 
-def in_this_process(work: Callable[[int], T], shards: Iterable[int]) -> Iterator[tuple[int, T]]:
+def in_this_process(work: Callable[[int], T], shards: Iterable[int]) -> Generator[tuple[int, T]]:
     """Run shards one after another."""
     for shard in shards:
         yield shard, work(shard)
@@ -41,7 +43,7 @@ def in_this_process(work: Callable[[int], T], shards: Iterable[int]) -> Iterator
 
 def in_processes(
     work: Callable[[int], T], shards: Iterable[int], *, jobs: int
-) -> Iterator[tuple[int, T]]:
+) -> Generator[tuple[int, T]]:
     """Run shards in a pool of processes of this machine.
 
     Parameters
@@ -130,7 +132,7 @@ def _live_with(life: Connection) -> None:
 
 def on_ray(
     work: Callable[[int], T], shards: Iterable[int], *, address: str
-) -> Iterator[tuple[int, T]]:
+) -> Generator[tuple[int, T]]:
     """Run shards on a Ray cluster, whose nodes must see the same files under the same names.
 
     Ray runs a task again whose worker or node died. Where this process is connected to a cluster
@@ -180,7 +182,11 @@ def on_ray(
 def _connect(address: str) -> None:
     import ray
 
-    host, _, port = address.removeprefix("ray://").rpartition(":")
+    known = Path(tempfile.gettempdir(), "ray", "ray_current_cluster")
+    place = os.environ.get("RAY_ADDRESS") or address
+    if place == "auto" and known.exists():  # where `ray start` notes it, and a crash leaves it
+        place = known.read_text().strip()
+    host, _, port = place.removeprefix("ray://").rpartition(":")
     try:
         if host and port.isdecimal():  # Ray itself would try for minutes
             socket.create_connection((host, int(port)), timeout=5).close()

@@ -168,9 +168,12 @@ def _variation(text: str) -> Variation:
     field, axis = _target(target.strip().replace("-", "_"), text)
     option = Scenario.options()[field]
     if kind == "choice" and len(parameters) > 1:
-        values = tuple(map(option.read if axis is None else number, parameters))
-        for value in values:
-            option.check(value)
+        try:
+            values = tuple(map(option.read if axis is None else number, parameters))
+            for value in values:
+                option.check(value)
+        except ScenarioError as error:
+            raise ScenarioError(f"--vary {text!r} cannot be drawn: {error}") from None
         return Variation(field, axis, kind, values)
     if kind not in KINDS or len(parameters) != len(KINDS[kind].parameters):
         raise ScenarioError(f"--vary takes one of {FORMS}, got {text!r}")

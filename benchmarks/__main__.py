@@ -1,0 +1,34 @@
+"""Run the benchmarks, and print their table."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import tempfile
+from pathlib import Path
+
+from benchmarks.harness import HEAD, machine
+
+SCRIPTS = ("run", "steps", "memory", "size", "frames", "analyze", "start", "gif", "egl")
+
+
+def main() -> None:
+    """Run all scripts, or those asked for, each in a folder of its own."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("--only", metavar="NAME", action="append", choices=SCRIPTS,
+                        help=f"one of {', '.join(SCRIPTS)}; may be given again")  # fmt: skip
+    parser.add_argument("--quick", action="store_true", help="a tenth of the work: is it alive?")
+    asked = parser.parse_args()
+    print(machine(), end="\n\n")
+    print(HEAD)
+    for name in asked.only or SCRIPTS:
+        script = importlib.import_module(f"benchmarks.{name}")
+        with tempfile.TemporaryDirectory() as folder:
+            for measured in script.measure(Path(folder), quick=asked.quick):
+                print(measured.row(), flush=True)
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

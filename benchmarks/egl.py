@@ -1,0 +1,36 @@
+"""Frames per second of the EGL renderer, beside TinyRenderer's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks.harness import Measured, paired, seconds
+from pipeline import Camera, Scenario
+from pipeline.physics.pictures import Photographer, Poses
+from pipeline.physics.world import World
+
+
+def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
+    """Draw the same frames with both, each in one worker, its start left out."""
+    count = 100 if quick else 500
+    scenario = Scenario(timestep_s=1 / 2400)
+    with World(scenario) as world:
+        poses = next(world.samples(count))[:, :7].copy()
+    with Photographer(scenario, Camera(renderer="egl"), frames=1) as egl:
+        if egl.camera.renderer != "egl":
+            return
+        with Photographer(scenario, Camera(), frames=1) as tiny:
+            ratios, detail = paired(
+                lambda: seconds(lambda: _draw(egl, poses)),
+                lambda: seconds(lambda: _draw(tiny, poses)),
+                pairs=3 if quick else 7,
+            )
+    yield Measured(
+        f"{count} frames by EGL ({egl.gl_renderer})", "TinyRenderer", ratios, detail=detail
+    )
+
+
+def _draw(photographer: Photographer, poses: Poses) -> None:
+    for _ in photographer.draw(poses):
+        pass

@@ -1,0 +1,53 @@
+"""Drawing frames: two workers beside one process, and the floor drawn once beside every time."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.harness import Measured, paired, seconds
+from pipeline import Camera, Scenario
+from pipeline.physics.pictures import Photographer, Poses
+from pipeline.physics.studio import _png
+from pipeline.physics.visible_world import VisibleWorld
+from pipeline.physics.world import World
+
+
+def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
+    """Draw the frames of a slow fall, each of them another picture."""
+    count = 200 if quick else 1000
+    scenario, camera = Scenario(timestep_s=1 / 2400), Camera()
+    with World(scenario) as world:
+        poses = next(world.samples(count))[:, :7].copy()
+
+    ratios, detail = paired(
+        lambda: seconds(lambda: _draw(scenario, camera, poses, workers=False)),
+        lambda: seconds(lambda: _draw(scenario, camera, poses, workers=True)),
+        pairs=3 if quick else 7,
+    )
+    yield Measured(
+        f"{count} frames by 2 workers: times faster", "one process", ratios, 1.8,
+        more_is_better=True, detail=detail,
+    )  # fmt: skip
+    few = poses[:: count // 50]
+    ratios, detail = paired(
+        lambda: seconds(lambda: _draw(scenario, camera, few, workers=False)),
+        lambda: seconds(lambda: _draw_whole(scenario, camera, few)),
+        pairs=3 if quick else 7,
+    )
+    yield Measured(f"{len(few)} frames, floor drawn once", "each whole", ratios, detail=detail)
+
+
+def _draw(scenario: Scenario, camera: Camera, poses: Poses, *, workers: bool) -> None:
+    with Photographer(scenario, camera, frames=len(poses) if workers else 0) as photographer:
+        assert len(list(photographer.draw(poses))) == len(poses)
+
+
+def _draw_whole(scenario: Scenario, camera: Camera, poses: Poses) -> None:
+    with contextlib.closing(VisibleWorld(scenario, "tiny")) as world:
+        for pose in np.asarray(poses):
+            world.place(pose[:3], pose[3:])
+            _png(world.photograph(camera).pixels)

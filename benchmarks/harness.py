@@ -1,0 +1,140 @@
+"""Run things in pairs, and say how they compare: the little that all scripts here share."""
+
+from __future__ import annotations
+
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+DROP = (sys.executable, "-m", "cli")
+PYTHON = (sys.executable, "-c")
+ROOT = Path(__file__).parents[1]
+LIBRARIES = ("pybullet", "rerun-sdk", "numpy", "polars", "matplotlib", "pillow", "typer")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The answer to one question: one value per pair of runs, or per run where nothing is paired.
+
+    `goal` is what the value is to be at most, or at least where `more_is_better`.
+    """
+
+    question: str
+    compared_with: str
+    values: Sequence[float]
+    goal: float | None = None
+    unit: str = "×"
+    more_is_better: bool = False
+    detail: str = ""
+
+    @property
+    def median(self) -> float:
+        """The middle value."""
+        return statistics.median(self.values)
+
+    @property
+    def reached(self) -> bool | None:
+        """Whether the median reaches the goal; None where there is none."""
+        if self.goal is None:
+            return None
+        return self.median >= self.goal if self.more_is_better else self.median <= self.goal
+
+    def row(self) -> str:
+        """Return this as a row of a Markdown table."""
+        bound = "≥" if self.more_is_better else "≤"
+        goal = "" if self.goal is None else f"{bound} {self.goal:g} {self.unit}"
+        verdict = {True: "yes", False: "**no**", None: ""}[self.reached]
+        spread = " / ".join(_digits(v) for v in (min(self.values), self.median, max(self.values)))
+        return (
+            f"| {self.question} | {self.compared_with} | {spread} {self.unit} | {goal} | {verdict} "
+            f"| {self.detail} |"
+        )
+
+
+HEAD = """| question | compared with | min / median / max | goal | reached | detail |
+| --- | --- | --- | --- | --- | --- |"""
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a process took."""
+
+    wall_s: float
+    cpu_s: float
+    peak_mb: float
+
+
+def process(*command: object, folder: Path) -> Ran:
+    """Run a command to its end in a folder, and return what it took; its output is dropped.
+
+    Raises
+    ------
+    RuntimeError
+        If it fails.
+    """
+    began = time.perf_counter()
+    child = subprocess.Popen(
+        [str(part) for part in command],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"},
+    )
+    _, status, used = os.wait4(child.pid, 0)
+    wall_s = time.perf_counter() - began
+    child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode:
+        raise RuntimeError(f"exit code {child.returncode}: {' '.join(map(str, command))[:200]}")
+    return Ran(wall_s, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+
+
+def paired(
+    ours: Callable[[], float], theirs: Callable[[], float], *, pairs: int, warm: bool = True
+) -> tuple[list[float], str]:
+    """Return ours over theirs, pair by pair, and the median seconds of both in words.
+
+    Parameters
+    ----------
+    ours, theirs
+        Do it once, and return the seconds it took.
+    pairs
+        How many pairs of runs.
+    warm
+        Whether both are run once before, so that files and bytecode are in memory.
+    """
+    if warm:
+        ours(), theirs()
+    runs = [(ours(), theirs()) for _ in range(pairs)]
+    a, b = (statistics.median(run) for run in zip(*runs, strict=True))
+    return [x / y for x, y in runs], f"{_digits(a)} s over {_digits(b)} s"
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """Return how long something takes in this process."""
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+def machine() -> str:
+    """Name the machine and the versions, in two lines."""
+    with open("/proc/cpuinfo", encoding="utf-8") as file:
+        model = next((li.split(":")[1].strip() for li in file if li.startswith("model name")), "")
+    cores = len(os.sched_getaffinity(0))
+    libraries = ", ".join(f"{name} {metadata.version(name)}" for name in LIBRARIES)
+    return (
+        f"{model or platform.processor()}, {cores} cores, {platform.system()} "
+        f"{platform.machine()}, load {os.getloadavg()[0]:.1f} at the start\n"
+        f"Python {platform.python_version()}, {libraries}"
+    )
+
+
+def _digits(value: float) -> str:
+    return f"{value:.3g}" if value < 1000 else f"{value:,.0f}"

@@ -1,0 +1,24 @@
+"""What commands cost before they do anything, beside the imports that they cannot do without."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks.harness import DROP, PYTHON, Measured, paired, process
+
+
+def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
+    """Compare whole processes."""
+    pairs = 5 if quick else 15
+    process(*DROP, "run", "--out-dir", ".", folder=folder)
+    for question, command, imports in (
+        ("`drop analyze`, standard recording", ("analyze", "run.rrd"), "rerun, polars, numpy"),
+        ("`drop --help`", ("--help",), "typer"),
+    ):
+        ratios, detail = paired(
+            lambda command=command: process(*DROP, *command, folder=folder).wall_s,  # type: ignore[misc]
+            lambda imports=imports: process(*PYTHON, f"import {imports}", folder=folder).wall_s,  # type: ignore[misc]
+            pairs=pairs,
+        )
+        yield Measured(question, f"import {imports}", ratios, 1.5, detail=detail)

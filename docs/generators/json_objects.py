@@ -1,0 +1,253 @@
+"""Write JSON Schemas of what `--json` prints, from the types that it is made of, and a page of it.
+
+A schema describes every key. Required are those of the contract, which stay; more may come.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import textwrap
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+
+import polars as pl
+
+from pipeline.budget.comparison import Place, Setting
+from pipeline.budget.convergence import Study
+from pipeline.budget.results import (
+    Airborne,
+    Analysis,
+    Conservation,
+    Finding,
+    Impact,
+    Moment,
+    Rest,
+    Terms,
+)
+from pipeline.budget.statistics import Summary
+from pipeline.scenario import Scenario
+from pipeline.stages.check import Check
+from pipeline.stages.render import Rendering
+from pipeline.stages.simulate import Simulation
+from pipeline.sweeping.folder import SCHEMA as SWEEP_COLUMNS
+from pipeline.sweeping.folder import TERMS
+
+Schema = dict[str, Any]
+
+SCALARS: dict[Any, Schema] = {
+    Any: {},
+    bool: {"type": "boolean"},
+    float: {"type": "number"},
+    int: {"type": "integer"},
+    Path: {"type": "string"},
+    str: {"type": "string"},
+}
+COLUMNS: dict[Any, Any] = {pl.Boolean: bool, pl.Float64: float, pl.Int64: int, pl.String: str}
+CONTRACT: dict[type, set[str]] = {
+    Airborne: {"samples", "max_abs_error_m", "rms_error_m", "max_abs_rounding_m"},
+    Conservation: {
+        "energy_initial_j", "energy_max_rel_drift", "angular_momentum_max_rel_drift",
+    },
+    Finding: {"code", "message"},
+    Impact: {
+        "time_free_fall_s", "time_damped_s", "time_simulated_s", "step", "lowest_m", "lowest_step",
+        "penetration_m",
+    },
+    Moment: {"time_s", "step", "phase", "simulated_m", "free_fall_m", "error_m", "terms_m"},
+    Place: {"step", "column"},
+    Rendering: {"gif", "frames", "fps", "plot"},
+    Rest: {"height_m", "expected_m", "error_m", "settled_step"},
+    Scenario: {one.name for one in fields(Scenario)},
+    Simulation: {"recording", "recording_id", "samples", "frames", "bytes", "wall_s"},
+    Terms: {"timestep", "damping", "interaction", "rounding"},
+}  # fmt: skip
+"""Keys that stay, by what they are made of; `COMMANDS` has those of a whole command."""
+
+_HEAD = """# JSON
+
+*Made by `python docs/regenerate.py` from the types that the program prints. [schemas/](schemas/) has
+the same as JSON Schemas (draft 2020-12), and the tests validate real output against them.*
+
+With `--json` a command prints exactly one JSON object to standard output. Units are in the names.
+Keys marked • stay as they are; more keys may come. What does not exist is `null`.
+"""
+
+
+class Object(NamedTuple):
+    """A JSON object: its keys with their types, what is said of them, and which of them stay."""
+
+    keys: Mapping[str, Any]
+    said: Mapping[str, str] = {}
+    stays: frozenset[str] = frozenset()
+
+
+def _object(kind: Any, stays: set[str] | None = None, /, **instead: Any) -> Object:  # noqa: ANN401
+    """Return what a dataclass is printed as; a key of another type, or of none, is given."""
+    hints = {one.name: get_type_hints(kind)[one.name] for one in fields(kind)} | instead
+    keys = {name: hint for name, hint in hints.items() if hint is not None}
+    return Object(keys, _said(kind), frozenset(CONTRACT.get(kind, ()) if stays is None else stays))
+
+
+def _said(kind: type) -> dict[str, str]:
+    """Return the docstrings below the fields of a class, and what options say of a scenario's."""
+    if kind is Scenario:
+        return {
+            name: f"`{one.name}` was not given." if one.is_flag else one.help
+            for name, one in Scenario.options().items()
+        }
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    assert isinstance(tree, ast.ClassDef)
+    said = {}
+    for above, below in zip(tree.body, tree.body[1:], strict=False):
+        if isinstance(above, ast.AnnAssign) and isinstance(above.target, ast.Name):
+            match below:
+                case ast.Expr(value=ast.Constant(value=str(text))):
+                    said[above.target.id] = " ".join(text.split())
+    return said
+
+
+# -- the commands ---------------------------------------------------------------------------------
+
+ANALYSIS = _object(
+    Analysis,
+    {"recording", "scenario", "engine", "at", "airborne", "impact", "rest", "conservation",
+     "findings"},
+    scenario=Scenario, table=None,
+)  # fmt: skip
+RENDERING = _object(Rendering, plot=Path | None)
+ROW = Object(
+    {name: Any if isinstance(kind, pl.List) else COLUMNS[kind] | None
+     for name, kind in SWEEP_COLUMNS.items()},
+    {"error": "Why a run failed.", "command": "Makes this run again.",
+     "end_m": "Height in the last sample."},
+    frozenset({*Scenario.options(), *TERMS}),
+)  # fmt: skip
+CHECK = _object(
+    Check, {"same", "largest_difference_m", "first_difference"}, comparison=None,
+    same=bool, largest_difference_m=float | None, first_difference=Place | None,
+    looks_like=str | None, differences=list[Setting], versions=list[Setting], plot=None,
+)  # fmt: skip
+STUDY = Object({"study": _object(Study, refining_hurts=bool)})
+SWEEP = Object(
+    {"runs": int, "failed": int, "results": Path, "table": [ROW], "at_s": float,
+     "plot": Path | None, "convergence": [STUDY],
+     "statistics": [Object({"summaries": list[Summary]})], "narrow_enough": bool | None},
+    {"table": "A row for each run.",
+     "convergence": "One for each set of runs that differ in the timestep only, with what they share.",
+     "statistics": "One for each scenario that is sampled, with what its runs share.",
+     "narrow_enough": "Whether `--until-ci` was reached."},
+    frozenset({"runs", "failed", "results", "table"}),
+)  # fmt: skip
+VIEW = Object(
+    {"recordings": list[Path], "layers": list[Path], "command": list[str], "url": str,
+     "page": str | None},
+    {"command": "What starts the viewer.", "url": "Where the viewer takes data.",
+     "page": "What to open in a browser, with `--web`."},
+)  # fmt: skip
+COMMANDS: dict[str, Object] = {
+    "simulate": _object(Simulation),
+    "analyze": ANALYSIS,
+    "render": RENDERING,
+    "run": Object(
+        {"simulate": _object(Simulation), "analyze": ANALYSIS, "render": RENDERING},
+        {}, frozenset({"simulate", "analyze", "render"}),
+    ),
+    "check": CHECK,
+    "sweep": SWEEP,
+    "view": VIEW,
+}  # fmt: skip
+
+
+def made() -> dict[str, str]:
+    """Return the schemas and the page."""
+    schemas = {name: _schema(one) for name, one in COMMANDS.items()}
+    files = {
+        f"schemas/{name}.json": _text({"$schema": "https://json-schema.org/draft/2020-12/schema",
+                                       "title": f"drop {name} --json", **one})
+        for name, one in schemas.items()
+    }  # fmt: skip
+    parts = [_HEAD]
+    for name, one in schemas.items():
+        parts.append(f"## drop {name}\n\nSchema: [{name}.json](schemas/{name}.json)\n")
+        if name == "run":
+            words = " and ".join(f"`{key}`" for key in one["properties"])
+            parts.append(f"The objects of the three commands, under {words}.\n")
+        else:
+            parts += ["| key | | type | what it is |\n| --- | --- | --- | --- |", *_rows(one), ""]
+    return files | {"json.md": "\n".join(parts)}
+
+
+def _text(schema: Schema) -> str:
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+# -- schemas --------------------------------------------------------------------------------------
+
+
+def _schema(hint: Any) -> Schema:  # noqa: ANN401
+    """Return the schema of a type, or of a list that holds an example."""
+    arguments = get_args(hint)
+    if is_dataclass(hint):
+        hint = _object(hint)
+    if isinstance(hint, Object):
+        return _object_schema(hint)
+    if isinstance(hint, list):
+        return {"type": "array", "items": _schema(hint[0])}
+    if isinstance(hint, UnionType):  # of one type and None
+        return _nullable(_schema(arguments[0]))
+    kind = get_origin(hint)
+    if kind is Literal:
+        return {"enum": [*arguments]}
+    if kind is dict:
+        return {"type": "object", "additionalProperties": _schema(arguments[1])}
+    if kind is tuple and arguments[-1] is not ...:
+        size = len(arguments)
+        items = _schema(arguments[0])
+        return {"type": "array", "items": items, "minItems": size, "maxItems": size}
+    if kind in (list, tuple):
+        return {"type": "array", "items": _schema(arguments[0])}
+    return SCALARS[hint]
+
+
+def _object_schema(made_of: Object) -> Schema:
+    properties = {}
+    for name, hint in made_of.keys.items():
+        said = made_of.said.get(name)
+        properties[name] = _schema(hint) | ({"description": said} if said else {})
+    required = [name for name in properties if name in made_of.stays]
+    return {"type": "object", "properties": properties} | (
+        {"required": required} if required else {}
+    )
+
+
+def _nullable(schema: Schema) -> Schema:
+    if "enum" in schema:
+        return schema | {"enum": [*schema["enum"], None]}
+    return schema | {"type": [schema["type"], "null"]}
+
+
+# -- the page -------------------------------------------------------------------------------------
+
+
+def _rows(schema: Schema, before: str = "") -> Iterator[str]:
+    """Yield a row for each key, those of the objects in it below it."""
+    for name, one in schema["properties"].items():
+        path = f"{before}{name}"
+        inner, mark = one, "•" if name in schema.get("required", ()) else ""
+        if "items" in one:
+            inner, path = one["items"], f"{path}[]"
+        yield f"| `{path}` | {mark} | {_words(inner)} | {one.get('description', '')} |"
+        if "properties" in inner:
+            yield from _rows(inner, f"{path}.")
+
+
+def _words(schema: Schema) -> str:
+    if "enum" in schema:
+        return " or ".join(f"`{json.dumps(one)}`" for one in schema["enum"])
+    kinds = schema.get("type", "any")
+    return " or ".join(kinds) if isinstance(kinds, list) else str(kinds)

@@ -1,0 +1,227 @@
+"""Write the reference of a recording, from one that is made for it, with every setting chosen."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import polars as pl
+import pyarrow as pa
+
+from pipeline import Camera, Scenario, analyze, simulate
+from pipeline.fields import Option
+from pipeline.recording import rrd, schema
+from pipeline.recording.layer import layer_of
+
+CHOSEN = Scenario(
+    linear_damping=0.04, angular_damping=0.04, mass_kg=0.1, restitution=0.5, contact_erp=0.08,
+    solver_residual=1e-7, solver_iterations=50,
+)  # fmt: skip
+UNITS = {
+    "m_s2": "m/s²", "kg_m2": "kg m²", "m_s": "m/s", "rad_s": "rad/s", "m": "m", "s": "s", "n": "N",
+    "j": "J", "kg": "kg", "px": "px", "deg": "°",
+}  # fmt: skip
+TYPES = {"double": "float64", "float": "float32"}
+"""Arrow's word to numpy's."""
+
+PROPERTIES = [f"__properties/{name}" for name in schema.PROPERTIES]
+
+MEASURED = {
+    "state/position": "of the body's centre, world axes",
+    "state/orientation": "a quaternion: x, y, z, w",
+    "state/linear_velocity": "world axes",
+    "state/angular_velocity": "world axes",
+    "state/contact": "of the step that led here: number of points, smallest distance (nan without "
+    "contact), total normal force",
+}
+CURVES = {
+    schema.HEIGHT_SIMULATED: "height of the body's centre",
+    schema.HEIGHT_FREE_FALL: "free fall, without air; it stops at the floor",
+    schema.HEIGHT_DAMPED_FALL: "a fall through Bullet's damping, in continuous time",
+    f"{schema.ERROR}/total": "simulated minus free fall; the next four add up to it",
+    f"{schema.ERROR}/timestep": "what semi-implicit Euler does, without damping",
+    f"{schema.ERROR}/damping": "what damping does, in continuous time",
+    f"{schema.ERROR}/interaction": "what the two do to each other",
+    f"{schema.ERROR}/rounding": "what double precision leaves",
+    **{f"{schema.ERROR_MM}/{term}": "the same, for the viewer" for term in schema.ERROR_TERMS},
+    f"{schema.ENERGY}/kinetic": "energy of the motion",
+    f"{schema.ENERGY}/rotation": "energy of the rotation",
+    f"{schema.ENERGY}/potential": "energy of the height above z = 0",
+    f"{schema.ENERGY}/total": "their sum",
+}
+DRAWN = {
+    schema.WORLD: "z is up",
+    schema.FLOOR: "the floor, its surface at z = 0",
+    schema.BOX: "the body: its size, and where it is",
+    schema.TRAIL: "where the body was, at some forty moments",
+    schema.CAMERA: "the camera: its lens, and where it stands",
+    schema.IMAGE: "a frame, a PNG",
+    schema.ABOUT: "what this recording is, in words",
+    schema.EVENTS: "what happened: release, first contact, lowest point, rebounds, rest",
+    schema.FINDINGS: "the error taken apart, and what the recording gives away",
+}
+CLOSING = {
+    "schema_version": "of this page; another one has other names",
+    "samples": "how many samples there must be",
+    "frames": "how many frames there must be",
+    "state_sha256": "digest of everything under `state/`",
+    "frames_sha256": "digest of the frames",
+    "inputs_sha256": "digest of scenario, engine and camera",
+}
+
+_HEAD = f"""# What is in a recording
+
+*Made by `python docs/regenerate.py` from a recording and `pipeline/recording/schema.py`; this is
+schema version {schema.SCHEMA_VERSION}. Any [Rerun](https://rerun.io) tool reads it.*
+
+`drop simulate` writes `RUN.rrd`. `drop analyze` writes `RUN.analysis.rrd`, a layer that carries the
+same recording id: opened together they are one recording. Units are SI, world axes are x, y, z with
+z up, and every sample is the state *before* a step, so that sample 0 is the release.
+
+## Timelines
+
+| timeline | type | what it is |
+| --- | --- | --- |
+| `{schema.STEP_TIMELINE}` | sequence, int64 | number of the step: what samples are joined on |
+| `{schema.TIME_TIMELINE}` | duration, int64 ns | step × timestep, in whole nanoseconds |
+"""
+
+
+@dataclass
+class Entity:
+    """What the chunks of one entity have, taken together."""
+
+    timed: bool = False
+    types: dict[str, str] = field(default_factory=dict)
+    """Component or property -> type of its elements."""
+    label: str = ""
+    """What a curve is called, with its unit."""
+
+
+def made() -> dict[str, str]:
+    """Return the page."""
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name, "run.rrd")
+        simulate(CHOSEN, path, camera=Camera(capture_every=120, size_px=(32, 24)))
+        table = analyze(path).table
+        run, layer = _entities(path), _entities(layer_of(path))
+    parts = [
+        _HEAD,
+        "## State\n\nEvery sample; every number is computed from these.\n",
+        _state(run),
+        "## Curves\n\nOne scalar per sample, with a colour and a name for the viewer.\n",
+        _curves(run),
+        "## To look at\n",
+        _drawn(run),
+        "## Properties\n\nUnder `__properties/`, once. What was left to the engine is not there.\n",
+        *(_property(run, name) for name in PROPERTIES),
+        "## The layer of `drop analyze`\n",
+        _curves(layer),
+        _drawn(layer),
+        "## The table of `drop analyze --table`\n\nOne row per sample. Error terms are null where "
+        "the law of the air does not hold.\n",
+        _table(table),
+    ]
+    return {"recording.md": "\n".join(parts)}
+
+
+def _entities(path: Path) -> dict[str, Entity]:
+    found: dict[str, Entity] = {}
+    for chunk in rrd.chunks(path):
+        entity = found.setdefault(chunk.entity, Entity())
+        entity.timed |= schema.STEP_TIMELINE in chunk.batch.schema.names
+        for one in chunk.batch.schema:
+            if pa.types.is_list(one.type):
+                values = len(chunk.batch[one.name][0])
+                several = f"{values} × " if values > 1 and chunk.entity in PROPERTIES else ""
+                entity.types[one.name] = several + _element(one.type)
+        if "SeriesLines:names" in chunk.batch.schema.names:
+            entity.label = chunk.batch["SeriesLines:names"][0].as_py()[0]
+    return found
+
+
+def _element(kind: pa.DataType) -> str:
+    while pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
+        kind = kind.value_type
+    return TYPES.get(str(kind), str(kind))
+
+
+# -- tables ---------------------------------------------------------------------------------------
+
+
+def _state(run: Mapping[str, Entity]) -> str:
+    rows = []
+    for entity, columns in schema.STATE.items():
+        dtype = run[entity].types["Scalars:scalars"]
+        names = ", ".join(f"`{one}`" for one in columns)
+        units = ", ".join(dict.fromkeys(_unit(one) or "1" for one in columns))
+        rows.append([f"`{entity}`", names, dtype, units, MEASURED[entity]])
+    return _rows(["entity", "columns", "type", "unit", "what it is"], rows)
+
+
+def _curves(entities: Mapping[str, Entity]) -> str:
+    curves = {name: one for name, one in entities.items() if one.label}
+    rows = [
+        [f"`{name}`", one.types["Scalars:scalars"], _bracketed(one.label), CURVES[name]]
+        for name, one in sorted(curves.items(), key=lambda pair: [*CURVES].index(pair[0]))
+    ]
+    return _rows(["entity", "type", "unit", "what it is"], rows)
+
+
+def _drawn(entities: Mapping[str, Entity]) -> str:
+    rows = []
+    for name, one in entities.items():
+        if name.startswith("__") or name in schema.STATE or one.label:
+            continue
+        archetypes = dict.fromkeys(component.partition(":")[0] for component in one.types)
+        when = "over time" if one.timed else "once"
+        rows.append([f"`{name}`", ", ".join(archetypes), when, DRAWN[name]])
+    return _rows(["entity", "Rerun's archetypes", "when", "what it is"], rows)
+
+
+def _property(run: Mapping[str, Entity], entity: str) -> str:
+    name = entity.rpartition("/")[2]
+    options = {**Scenario.options(), **Camera.options()}
+    said = {key: _said(option) for key, option in options.items()}
+    said |= CLOSING if name == schema.RECORDING_PROPERTY else {}
+    types = run[entity].types
+    # The engine's report has names of its own: what is said of a scenario is not said of it.
+    meanings = {} if name == schema.ENGINE_PROPERTY else said
+    head = ["name", "type", "unit", "what it is"] if meanings else ["name", "type", "unit"]
+    rows = [
+        [f"`{key}`", dtype, _unit(key) or "", *([meanings.get(key, "")] if meanings else [])]
+        for key, dtype in types.items()
+    ]
+    return f"### {name}\n\n{_rows(head, rows)}"
+
+
+def _said(option: Option) -> str:
+    return f"false with `{option.name}`" if option.is_flag else f"`{option.name}`: {option.help}"
+
+
+def _table(table: pl.DataFrame) -> str:
+    rows = [
+        [f"`{name}`", str(dtype).lower(), _unit(name) or ""] for name, dtype in table.schema.items()
+    ]
+    return _rows(["column", "type", "unit"], rows)
+
+
+def _unit(name: str) -> str | None:
+    """Return the unit that a name ends in."""
+    for suffix, unit in UNITS.items():
+        if name.endswith(f"_{suffix}"):
+            return unit
+    return None
+
+
+def _bracketed(label: str) -> str:
+    (unit,) = re.findall(r"\[(.*)\]", label)
+    return str(unit)
+
+
+def _rows(head: list[str], rows: Iterable[list[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)

@@ -1,0 +1,549 @@
+"""Sweeps: the same rows however they are run, and every row is what a drop of its own gives."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from conftest import Drop
+
+from pipeline import Scenario, analyze
+from pipeline.budget.statistics import Moments
+from pipeline.errors import DropError, OutputError, ScenarioError
+from pipeline.figures.convergence_plot import Panel, build_figure
+from pipeline.figures.style import LIGHT
+from pipeline.physics.lasting_world import LastingWorld, Worlds
+from pipeline.physics.world import World
+from pipeline.recording.reader import read
+from pipeline.stages.sweep import Sweep, sweep
+from pipeline.stages.sweep_shard import RunShard, ShardDone
+from pipeline.sweeping import engines
+from pipeline.sweeping.folder import TERMS
+from pipeline.sweeping.plan import plan_of
+
+ARTICLE = ("--timestep", "1/240,1/480,1/960", "--linear-damping", "default,0")
+HEIGHTS = {"samples": 40, "seed": 5, "vary": ["height=uniform:0.6:2"]}
+
+
+def rows_of(swept: Sweep) -> list[dict[str, object]]:
+    return swept.table().to_dicts()
+
+
+# -- the article's table --------------------------------------------------------------------------
+
+
+def test_the_articles_table_in_one_command(drop: Drop, tmp_path: Path) -> None:
+    done = drop("sweep", *ARTICLE, "--out", "s", "--plot", "errors.svg")
+    assert (done.returncode, done.stderr) == (0, "")
+    for figure in (
+        "-1.8203", "+1.2451", "+2.7777", "-6.1313", "-3.0656", "-1.5328", "+4.3102", "+0.0007",
+        "0.55", "-1.16", "meaningless", "1.000", "0.562860 m", "0.3412%", "0.2730%", "1/341 s",
+        "refining hurts", "+4.31 mm",
+    ):  # fmt: skip
+        assert figure in done.stdout
+    assert max(map(len, done.stdout.splitlines())) <= 100
+    assert "\x1b" not in done.stdout
+    plot = (tmp_path / "errors.svg").read_text()
+    assert all(f">{name}<" in plot for name in ("total", "timestep", "damping", "interaction"))
+    assert {path.name for path in (tmp_path / "s" / "recordings").iterdir()} == {
+        f"run-{run}.rrd" for run in range(6)
+    }
+
+
+def test_one_json_object_holds_every_run_and_what_they_tell(drop: Drop, tmp_path: Path) -> None:
+    done = drop("sweep", *ARTICLE, "--out", "s", "--no-record", "--json")
+    assert done.stderr == ""
+    told = json.loads(done.stdout)
+    assert (told["runs"], told["failed"]) == (6, 0)
+    table = pl.read_parquet(tmp_path / told["results"]).to_dicts()
+    assert told["table"] == table
+    assert [(row["timestep_s"], row["linear_damping"]) for row in table] == [
+        (1 / n, damping) for n in (240, 480, 960) for damping in (None, 0.0)
+    ]
+    assert set(TERMS) | set(Scenario.options()) <= set(table[0])
+    assert table[0]["error_m"] == pytest.approx(-0.001820347613623, abs=1e-15)
+    for row in table:
+        assert sum(row[term] for term in TERMS[1:]) == pytest.approx(row["error_m"], abs=1e-16)
+    damped, undamped = told["convergence"]
+    assert (damped["linear_damping"], undamped["linear_damping"]) == (None, 0.0)
+    assert damped["study"]["refining_hurts"]
+    assert not undamped["study"]["refining_hurts"]
+    assert not (tmp_path / "s" / "recordings").exists()
+
+
+def test_other_fields_and_times_that_do_not_match_are_not_mixed(tmp_path: Path) -> None:
+    """At 0.3 s, 1/250 s has a sample and 1/240 s too, but 1/64 s has none: 0.296875 s is another."""
+    plan = plan_of({"timestep_s": "1/64,1/240,1/250", "height_m": "1,2"})
+    swept = sweep(plan, tmp_path / "s", record=False)
+    assert [group.values for group in swept.studies] == [{"height_m": 1.0}, {"height_m": 2.0}]
+    assert [group.label for group in swept.studies] == ["height 1", "height 2"]
+    assert [group.left_out_s for group in swept.studies] == [(1 / 64,)] * 2
+    plan = plan_of({"timestep_s": "1/240,1/250,1/64"})
+    study = sweep(plan, tmp_path / "t", record=False).studies[0].study
+    assert study is not None
+    assert [run.timestep_s for run in study.runs] == [1 / 240, 1 / 250]
+
+
+# -- a row is what a drop of its own gives --------------------------------------------------------
+
+KINDS = [
+    {},
+    {"height_m": 0.3},  # at rest at 0.3 s
+    {"height_m": 0.4},  # in contact
+    {"velocity_m_s": (0.0, 0.0, 2.0)},
+    {"velocity_m_s": (0.5, 0.0, 0.0)},  # oblique: no closed form
+    {"spin_rad_s": (3.0, 0.0, 0.0)},
+    {"coordinates": "maximal"},
+    {"linear_damping": 1.0, "height_m": 50.0},
+    {"gravity_m_s2": 0.0},
+    {"stepped": False},
+    {"floor": False, "height_m": 0.1},
+    {"restitution": 0.7, "height_m": 0.2},
+    {"body": "sphere_small.urdf", "mass_kg": 3.0},
+    {"body": "r2d2.urdf"},  # has joints
+]
+
+
+@dataclass(frozen=True)
+class Given:
+    """A plan of any scenarios, in their order."""
+
+    kinds: tuple[dict[str, object], ...]
+    samples: None = None
+
+    @property
+    def runs(self) -> int:
+        return len(self.kinds)
+
+    def values(self, run: int) -> dict[str, object]:
+        return self.kinds[run]
+
+    def sample_of(self, _: int) -> None:
+        return None
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_a_row_has_the_numbers_of_drop_analyze(tmp_path: Path, recorded: bool) -> None:
+    """To the last bit, in the air and out of it, whether or not there is a recording."""
+    work = RunShard(Given(tuple(KINDS)), tmp_path, 0.3, recorded, None)
+    alone = RunShard(Given(tuple(KINDS)), tmp_path / "alone", 0.3, True, None)
+    for run, kind in enumerate(KINDS):
+        row = work.row(run)
+        assert row["error"] is None
+        path = tmp_path / (row["recording"] or "") if recorded else None
+        if path is None:
+            path = tmp_path / "alone" / str(alone.row(run)["recording"])
+        (moment,) = analyze(path, at_s=[0.3]).at
+        terms = moment.terms_m
+        assert [row[name] for name in ("step", "time_s", "phase", "simulated_m", "error_m")] == [
+            moment.step, moment.time_s, moment.phase, moment.simulated_m, moment.error_m,
+        ], kind  # fmt: skip
+        assert [row[term] for term in TERMS[1:]] == (
+            [None] * 4
+            if terms is None
+            else [terms.timestep, terms.damping, terms.interaction, terms.rounding]
+        ), kind
+        assert row["end_m"] == read(path).column("z_m")[-1]
+
+
+def test_a_row_can_be_replayed_alone_to_the_last_bit(tmp_path: Path, drop: Drop) -> None:
+    plan = plan_of(
+        {"linear_damping": "0.01,default"},
+        samples=2, seed=7, vary=["height=uniform:0.6:2", "spin_y=normal:0:3", "gravity=normal:-9:1"],
+    )  # fmt: skip
+    swept = sweep(plan, tmp_path / "s")
+    row = rows_of(swept)[3]
+    words = shlex.split(str(row["command"]))
+    assert drop(*words[1:]).returncode == 0
+    replayed, kept = read(tmp_path / "run-3.rrd"), read(tmp_path / "s" / str(row["recording"]))
+    assert replayed.states.equals(kept.states)
+    assert replayed.scenario == kept.scenario
+
+
+# -- worlds ---------------------------------------------------------------------------------------
+
+
+def test_a_kept_world_gives_the_bits_of_a_new_one() -> None:
+    """Scenarios in random order, among them some that start in the floor, after others at rest."""
+    chance = random.Random(1)
+
+    def scenario() -> Scenario:
+        return Scenario(
+            height_m=chance.choice([0.02, 0.0249, 0.025, 0.3, 1.0]),
+            timestep_s=chance.choice([1 / 240, 1 / 120]),
+            gravity_m_s2=chance.choice([-9.81, -1.62, -30.0]),
+            velocity_m_s=(chance.uniform(-1, 1), 0.0, chance.uniform(-3, 3)),
+            spin_rad_s=chance.choice([(0.0, 0.0, 0.0), (2.0, -3.0, 1.0)]),
+            linear_damping=chance.choice([0.0, 0.04, 0.5]),
+            angular_damping=chance.choice([0.0, 0.3]),
+            mass_kg=chance.uniform(0.05, 2),
+            restitution=chance.choice([0.0, 0.5, 0.9]),
+            contact_erp=chance.choice([0.0, 0.2]),
+            solver_residual=chance.choice([0.0, 1e-3]),
+            solver_iterations=chance.choice([1, 50]),
+            duration_s=0.7,
+        )
+
+    with LastingWorld(scenario()) as kept:
+        for _ in range(25):
+            following = scenario()
+            assert kept.serves(following)
+            kept.restart(following)
+            assert np.array_equal(states(kept), states(World(following)), equal_nan=True)
+
+
+def states(world: World) -> np.ndarray:
+    return np.concatenate(list(world.samples(4096)))
+
+
+def test_a_world_is_not_kept_where_a_bit_might_differ() -> None:
+    def serves(before: Scenario, after: Scenario) -> bool:
+        with LastingWorld(before) as world:
+            return world.serves(after)
+
+    plain = Scenario(duration_s=0.1)
+    assert serves(plain, replace(plain, height_m=3.0, linear_damping=0.1))
+    assert not serves(replace(plain, linear_damping=0.1), plain)
+    assert not serves(replace(plain, restitution=0.1), plain)
+    assert not serves(plain, replace(plain, floor=False))
+    assert not serves(plain, replace(plain, body="block.urdf"))
+    assert not serves(replace(plain, body="r2d2.urdf"), replace(plain, body="r2d2.urdf"))
+    maximal = replace(plain, coordinates="maximal")
+    assert not serves(maximal, maximal)
+
+
+def test_worlds_are_built_only_where_they_must_be() -> None:
+    with Worlds() as worlds:
+        first = worlds.world_of(Scenario())
+        assert worlds.world_of(Scenario(height_m=2.0)) is first
+        assert worlds.world_of(Scenario(floor=False)) is not first
+
+
+# -- the same for any number of workers -----------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory: pytest.TempPathFactory) -> pl.DataFrame:
+    """Return the rows of a sweep by one process."""
+    folder = tmp_path_factory.mktemp("reference")
+    return sweep(plan_of({}, **HEIGHTS), folder, record=False, jobs=1).table()
+
+
+def test_processes_give_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -> None:
+    reports: list[tuple[int, int, int]] = []
+    swept = sweep(
+        plan_of({}, **HEIGHTS), tmp_path, record=False, jobs=2,
+        progress=lambda *report: reports.append(report),
+    )  # fmt: skip
+    assert swept.table().equals(reference)
+    assert pl.scan_parquet(tmp_path / "parts" / "*.parquet").collect().sort("run").equals(reference)
+    assert reports[0] == (0, 0, 40)
+    assert reports[-1] == (40, 0, 40)
+
+
+@pytest.mark.filterwarnings("ignore:.*:ResourceWarning", "ignore:.*:DeprecationWarning:ray")
+@pytest.mark.filterwarnings("ignore:Tip. In future versions of Ray:FutureWarning")
+def test_ray_gives_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -> None:
+    """A cluster of its own on loopback: head, scheduler and workers are processes."""
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    ray = pytest.importorskip("ray") if not os.environ.get("CI") else __import__("ray")
+    ray.init(
+        "local", num_cpus=2, _node_ip_address="127.0.0.1", include_dashboard=False,
+        log_to_driver=False, logging_level="ERROR",
+    )  # fmt: skip
+    try:
+        swept = sweep(plan_of({}, **HEIGHTS), tmp_path, record=False, ray="auto")
+        assert ray.is_initialized()
+    finally:
+        ray.shutdown()
+    assert swept.table().equals(reference)
+
+
+def test_a_ray_that_does_not_answer_gets_one_line(drop: Drop) -> None:
+    done = drop("sweep", "--out", "s", "--ray", "127.0.0.1:9")
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+    assert "ray start --head" in done.stderr
+
+
+@dataclass(frozen=True)
+class DiesOnce:
+    """A worker's work, whose process is killed in the middle of one shard, but only once."""
+
+    work: RunShard
+    shard: int
+
+    def __call__(self, shard: int) -> ShardDone:
+        flag = self.work.folder / "died"
+        if shard == self.shard and not flag.exists():
+            self.work.row(0)
+            flag.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return self.work(shard)
+
+
+def test_a_killed_workers_shard_is_run_again(tmp_path: Path) -> None:
+    plan = plan_of({}, **HEIGHTS)
+    (tmp_path / "parts").mkdir()
+    work = DiesOnce(RunShard(plan, tmp_path, 0.3, False, None), 7)
+    done = list(engines.in_processes(work, range(plan.shards), jobs=2))
+    assert (tmp_path / "died").exists()
+    assert sorted(shard for shard, _ in done) == list(range(40))
+    parts = pl.scan_parquet(tmp_path / "parts" / "*.parquet").collect()
+    assert parts["run"].sort().to_list() == list(range(40))
+
+
+def always_dies(_: int) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_shard_that_kills_every_worker_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "MOST_DEATHS", 2)
+    with pytest.raises(DropError, match="shard 0"):
+        list(engines.in_processes(always_dies, range(1), jobs=1))
+
+
+# -- going on, and not mixing ---------------------------------------------------------------------
+
+
+def test_a_sweep_goes_on_where_it_stopped(tmp_path: Path, reference: pl.DataFrame) -> None:
+    plan = plan_of({}, **HEIGHTS)
+
+    def stop_at_ten(done: int, _: int, __: int) -> None:
+        if done == 10:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        sweep(plan, tmp_path, record=False, jobs=1, progress=stop_at_ten)
+    assert "10 of 40 runs" in stopped.value.__notes__[0]
+    assert not (tmp_path / "results.parquet").exists()
+    finished = {path: path.stat().st_ino for path in (tmp_path / "parts").iterdir()}
+    assert len(finished) == 10
+    swept = sweep(plan, tmp_path, record=False, jobs=1)
+    assert (swept.runs, swept.computed) == (40, 30)
+    assert {path: path.stat().st_ino for path in finished} == finished
+    assert swept.table().equals(reference)
+    assert sweep(plan, tmp_path, record=False).computed == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "differs"),
+    [
+        ({"samples": 41}, "samples"),
+        ({"seed": 6}, "seed"),
+        ({"vary": ["height=uniform:0.6:3"]}, "vary"),
+        ({"given": {"linear_damping": "0"}}, "lists"),
+        ({"at_s": 0.2}, "at_s"),
+        ({"record": True}, "recorded"),
+    ],
+)
+def test_another_sweep_is_turned_away(
+    tmp_path: Path, change: dict[str, object], differs: str
+) -> None:
+    plan = {"given": {}, "samples": 3, "seed": 5, "vary": ["height=uniform:0.6:2"]}
+    how = {"at_s": 0.3, "record": False}
+    sweep(plan_of(**plan), tmp_path, **how)
+    before = (tmp_path / "results.parquet").read_bytes()
+    plan |= {key: value for key, value in change.items() if key in plan}
+    how |= {key: value for key, value in change.items() if key in how}
+    with pytest.raises(OutputError, match=differs):
+        sweep(plan_of(**plan), tmp_path, **how)
+    assert (tmp_path / "results.parquet").read_bytes() == before
+
+
+def test_two_sweeps_at_a_time_do_not_share_a_folder(tmp_path: Path) -> None:
+    plan = plan_of({}, **HEIGHTS)
+
+    def meanwhile(done: int, _: int, __: int) -> None:
+        if done == 3:
+            with pytest.raises(OutputError, match="another sweep is running"):
+                sweep(plan, tmp_path, record=False, jobs=1)
+
+    assert sweep(plan, tmp_path, record=False, jobs=1, progress=meanwhile).runs == 40
+
+
+# -- what fails -----------------------------------------------------------------------------------
+
+
+def test_a_scenario_that_fails_is_a_row(drop: Drop, tmp_path: Path) -> None:
+    done = drop(
+        "sweep", "--out", "s", "--body", "cube_small.urdf,nope.urdf", "--duration", "0.3,0.3001"
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "3 of 4 runs failed" in done.stdout
+    rows = pl.read_parquet(tmp_path / "s" / "results.parquet").sort("run").to_dicts()
+    assert [row["error"] is None for row in rows] == [True, False, False, False]
+    assert ["nope.urdf" in str(row["error"]) for row in rows] == [False, True, False, False]
+    assert [row["duration_s"] for row in rows] == [0.3, 0.3, 0.3001, 0.3001]
+
+
+def test_if_all_fail_the_sweep_has_failed(drop: Drop, tmp_path: Path) -> None:
+    done = drop("sweep", "--out", "s", "--at", "5", "--no-record")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "all 1 runs failed" in done.stderr
+    assert "--at must lie within" in done.stderr
+    assert pl.read_parquet(tmp_path / "s" / "results.parquet")["error"].null_count() == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--timestep", "1/240,x"], "'x'"),
+        (["--height", "1,-1"], "--height must be"),
+        (["--plot", "errors.png"], "two or more"),
+        (["--plot", "errors.pdf"], ".png or .svg"),
+        (["--until-ci", "1e-3"], "--samples"),
+        (["--until-ci", "0", "--samples", "3"], "above 0"),
+        (["--jobs", "0"], "--jobs"),
+        (["--at", "x"], "--at"),
+        (["--at", "-1"], "--at"),
+        (["--vary", "height=uniform:1:2"], "--samples"),
+    ],
+)
+def test_wrong_usage_gets_one_line_and_leaves_nothing(
+    drop: Drop, tmp_path: Path, options: list[str], said: str
+) -> None:
+    done = drop("sweep", "--out", "s", *options)
+    assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
+    assert said in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+# -- chance ---------------------------------------------------------------------------------------
+
+
+def test_the_statistics_are_those_of_the_rows(tmp_path: Path) -> None:
+    plan = plan_of({"linear_damping": "0,0.1"}, samples=30, seed=2, vary=["gravity=uniform:-10:-5"])
+    swept = sweep(plan, tmp_path, record=False)
+    undamped, damped = swept.statistics
+    assert (undamped.label, damped.label) == ("linear damping 0", "linear damping 0.1")
+    errors = swept.table().filter(pl.col("linear_damping") == 0.1)["error_m"].to_numpy()
+    total = damped.statistics[0]
+    assert (total.quantity, total.count) == ("error_m", 30)
+    assert total.mean == pytest.approx(errors.mean(), rel=1e-12)
+    assert total.spread == pytest.approx(errors.std(ddof=1), rel=1e-12)
+    assert total.quantiles["5%"] == pytest.approx(np.quantile(errors, 0.05), rel=1e-12)
+    # Without damping the error is g t dt/2: uniform like g, whose mean is -7.5.
+    low, high = undamped.statistics[0].interval or (0.0, 0.0)
+    assert low < -7.5 * 0.3 / 480 < high
+
+
+def test_sampling_stops_when_the_interval_is_narrow_enough(tmp_path: Path) -> None:
+    """The error of 1/240 s is g t dt/2; g spreads by 1 m/s², the error by 0.625 mm."""
+    plan = plan_of({}, samples=2000, seed=1, vary=["gravity=normal:-9.81:1"])
+    width_m = 2.5e-4
+    swept = sweep(plan, tmp_path / "one", record=False, jobs=1, until_ci_m=width_m)
+    low, high = swept.statistics[0].statistics[0].interval or (0.0, 0.0)
+    assert swept.narrow_enough
+    assert high - low <= width_m
+    assert 0 < swept.runs < 200
+    assert swept.runs % plan.shard_runs == 0
+    before = swept.table().head(swept.runs - plan.shard_runs)["error_m"].to_numpy()
+    low, high = Moments().with_values(before).interval or (0.0, 1.0)
+    assert high - low > width_m
+    two = sweep(plan, tmp_path / "two", record=False, jobs=2, until_ci_m=width_m)
+    assert two.table().equals(swept.table())
+    assert len(list((tmp_path / "two" / "parts").iterdir())) == swept.runs // plan.shard_runs
+    narrower = sweep(plan, tmp_path / "one", record=False, jobs=1, until_ci_m=width_m / 2)
+    assert narrower.runs > swept.runs
+    assert narrower.table().head(swept.runs).equals(swept.table())
+
+
+# -- pictures -------------------------------------------------------------------------------------
+
+
+def test_the_plot_shows_every_term_over_the_timestep() -> None:
+    steps = np.array([1 / 240, 1 / 480, 1 / 960])
+    errors = {
+        "total": np.array([-1.8e-3, 1.2e-3, 2.8e-3]),
+        "timestep": -1.4715 * steps,
+        "damping": np.full(3, 4.3e-3),
+        "interaction": np.array([7e-7, 5e-7, 3e-7]),
+        "rounding": np.full(3, 3e-16),
+    }
+    figure = build_figure([Panel("as it is", steps, errors, 1 / 341)], title="t", ink=LIGHT)
+    (axes,) = figure.axes
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+    drawn = {line.get_label(): line for line in axes.get_lines()}
+    for name in ("total", "timestep", "damping", "interaction"):
+        assert np.array_equal(drawn[name].get_xdata(), steps)
+        assert drawn[name].get_ydata() == pytest.approx(np.abs(errors[name]) * 1e3)
+    texts = " ".join(text.get_text() for text in axes.texts)
+    assert "rounding" in texts
+    assert "1/341 s" in texts
+    slope = drawn["_slope"]
+    (x0, x1), (y0, y1) = slope.get_xdata(), slope.get_ydata()
+    assert np.log(y1 / y0) / np.log(x1 / x0) == pytest.approx(1.0)
+
+
+# -- a person at the terminal ---------------------------------------------------------------------
+
+
+@pytest.fixture
+def long_sweep(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """Return a sweep by two processes that takes minutes."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cli", "sweep", "--out", "s", "--samples", "100000", "--jobs", "2",
+         "--vary", "height=uniform:1:2", "--no-record"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
+    )  # fmt: skip
+    deadline = time.monotonic() + 30
+    while len(list(tmp_path.glob("s/parts/*.parquet"))) < 2:
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    yield process
+    if process.poll() is None:
+        process.kill()
+        process.communicate()
+
+
+def children_of(pid: int) -> list[str]:
+    return Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+
+
+def test_interrupted_it_stops_at_once_and_says_how_to_go_on(
+    long_sweep: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    children = children_of(long_sweep.pid)
+    assert len(children) >= 2
+    long_sweep.send_signal(signal.SIGINT)
+    stdout, stderr = long_sweep.communicate(timeout=20)
+    assert (long_sweep.returncode, stdout, len(stderr.splitlines())) == (130, "", 1)
+    assert "of 100,000 runs are in s; the same command goes on from there" in stderr
+    assert not list(tmp_path.glob("s/parts/*.part"))
+    assert not any(Path("/proc", child).exists() for child in children)
+
+
+def test_workers_do_not_outlive_whoever_started_them(long_sweep: subprocess.Popen[str]) -> None:
+    children = children_of(long_sweep.pid)
+    long_sweep.kill()
+    long_sweep.communicate()
+    deadline = time.monotonic() + 10
+    while any(_is_alive(child) for child in children):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def _is_alive(pid: str) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_nothing_is_asked_of_an_impossible_combination() -> None:
+    with pytest.raises(ScenarioError, match="one scenario"):
+        sweep(plan_of({"height_m": "1,2"}, samples=3), "unused", until_ci_m=1.0)
