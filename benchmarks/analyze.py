@@ -23,8 +23,8 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
             folder=folder)  # fmt: skip
     read(folder / "run.rrd").states.write_parquet(folder / "state.parquet")
     ratios, detail = paired(
-        lambda: process(*DROP, "analyze", "run.rrd", folder=folder).wall_s,
-        lambda: process(*PYTHON, POLARS, folder=folder).wall_s,
+        lambda: process(*DROP, "analyze", "run.rrd", folder=folder),
+        lambda: process(*PYTHON, POLARS, folder=folder),
         pairs=3 if quick else 7,
     )
     yield Measured(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.harness import Measured, paired, seconds
+from benchmarks.harness import Measured, done, paired
 from pipeline import Camera, Scenario
 from pipeline.physics.pictures import Photographer, Poses
 from pipeline.physics.world import World
@@ -13,7 +13,7 @@ from pipeline.physics.world import World
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
     """Draw the same frames with both, each in one worker, its start left out."""
-    count = 100 if quick else 500
+    count = 50 if quick else 200
     scenario = Scenario(timestep_s=1 / 2400)
     with World(scenario) as world:
         poses = next(world.samples(count))[:, :7].copy()
@@ -22,9 +22,9 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
             return
         with Photographer(scenario, Camera(), frames=1) as tiny:
             ratios, detail = paired(
-                lambda: seconds(lambda: _draw(egl, poses)),
-                lambda: seconds(lambda: _draw(tiny, poses)),
-                pairs=3 if quick else 7,
+                lambda: done(lambda: _draw(egl, poses)),
+                lambda: done(lambda: _draw(tiny, poses)),
+                pairs=3,
             )
     yield Measured(
         f"{count} frames by EGL ({egl.gl_renderer})", "TinyRenderer", ratios, detail=detail

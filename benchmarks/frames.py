@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness import Measured, paired, seconds
+from benchmarks.harness import Measured, done, paired
 from pipeline import Camera, Scenario
 from pipeline.physics.pictures import Photographer, Poses
 from pipeline.physics.studio import _png
@@ -24,8 +24,8 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
         poses = next(world.samples(count))[:, :7].copy()
 
     ratios, detail = paired(
-        lambda: seconds(lambda: _draw(scenario, camera, poses, workers=False)),
-        lambda: seconds(lambda: _draw(scenario, camera, poses, workers=True)),
+        lambda: done(lambda: _draw(scenario, camera, poses, workers=False)),
+        lambda: done(lambda: _draw(scenario, camera, poses, workers=True)),
         pairs=3 if quick else 7,
     )
     yield Measured(
@@ -34,8 +34,8 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
     )  # fmt: skip
     few = poses[:: count // 50]
     ratios, detail = paired(
-        lambda: seconds(lambda: _draw(scenario, camera, few, workers=False)),
-        lambda: seconds(lambda: _draw_whole(scenario, camera, few)),
+        lambda: done(lambda: _draw(scenario, camera, few, workers=False)),
+        lambda: done(lambda: _draw_whole(scenario, camera, few)),
         pairs=3 if quick else 7,
     )
     yield Measured(f"{len(few)} frames, floor drawn once", "each whole", ratios, detail=detail)

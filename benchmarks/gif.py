@@ -39,8 +39,8 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         return process(*PYTHON, OURS.format(count=count), folder=folder)
 
     ratios, detail = paired(
-        lambda: ours(many).wall_s,
-        lambda: process(*PYTHON, PILLOW.format(count=many), folder=folder).wall_s,
+        lambda: ours(many),
+        lambda: process(*PYTHON, PILLOW.format(count=many), folder=folder),
         pairs=3,
     )
     yield Measured(f"gif of {many} frames", "Pillow's save_all", ratios, 0.5, detail=detail)

@@ -96,14 +96,14 @@ def process(*command: object, folder: Path) -> Ran:
 
 
 def paired(
-    ours: Callable[[], float], theirs: Callable[[], float], *, pairs: int, warm: bool = True
+    ours: Callable[[], Ran], theirs: Callable[[], Ran], *, pairs: int, warm: bool = True
 ) -> tuple[list[float], str]:
-    """Return ours over theirs, pair by pair, and the median seconds of both in words.
+    """Return our wall time over theirs, pair by pair, and in words what lies behind it.
 
     Parameters
     ----------
     ours, theirs
-        Do it once, and return the seconds it took.
+        Do it once.
     pairs
         How many pairs of runs.
     warm
@@ -112,21 +112,26 @@ def paired(
     if warm:
         ours(), theirs()
     runs = [(ours(), theirs()) for _ in range(pairs)]
-    a, b = (statistics.median(run) for run in zip(*runs, strict=True))
-    return [x / y for x, y in runs], f"{_digits(a)} s over {_digits(b)} s"
+    ratios = [mine.wall_s / other.wall_s for mine, other in runs]
+    mine_s, other_s = (
+        statistics.median(one.wall_s for one in side) for side in zip(*runs, strict=True)
+    )
+    work = statistics.median(mine.cpu_s / other.cpu_s for mine, other in runs)
+    words = f"{_digits(mine_s)} s over {_digits(other_s)} s; processor time {_digits(work)} ×"
+    return ratios, words
 
 
-def seconds(work: Callable[[], object]) -> float:
-    """Return how long something takes in this process."""
-    began = time.perf_counter()
+def done(work: Callable[[], object]) -> Ran:
+    """Do something in this process, and return what it took."""
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
     work()
-    return time.perf_counter() - began
+    return Ran(time.perf_counter() - wall_s, time.process_time() - cpu_s, 0.0)
 
 
 def machine() -> str:
     """Name the machine and the versions, in two lines."""
-    with open("/proc/cpuinfo", encoding="utf-8") as file:
-        model = next((li.split(":")[1].strip() for li in file if li.startswith("model name")), "")
+    about = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    model = next((li.split(":")[1].strip() for li in about if li.startswith("model name")), "")
     cores = len(os.sched_getaffinity(0))
     libraries = ", ".join(f"{name} {metadata.version(name)}" for name in LIBRARIES)
     return (

@@ -15,8 +15,8 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     number = itertools.count()
     script = Path(__file__).with_name("plain_script.py")
     ratios, detail = paired(
-        lambda: process(*DROP, "run", "--out-dir", f"out{next(number)}", folder=folder).wall_s,
-        lambda: process(sys.executable, script, folder=folder).wall_s,
+        lambda: process(*DROP, "run", "--out-dir", f"out{next(number)}", folder=folder),
+        lambda: process(sys.executable, script, folder=folder),
         pairs=3 if quick else 9,
     )
     yield Measured(

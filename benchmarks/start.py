@@ -17,8 +17,8 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         ("`drop --help`", ("--help",), "typer"),
     ):
         ratios, detail = paired(
-            lambda command=command: process(*DROP, *command, folder=folder).wall_s,  # type: ignore[misc]
-            lambda imports=imports: process(*PYTHON, f"import {imports}", folder=folder).wall_s,  # type: ignore[misc]
+            lambda command=command: process(*DROP, *command, folder=folder),  # type: ignore[misc]
+            lambda imports=imports: process(*PYTHON, f"import {imports}", folder=folder),  # type: ignore[misc]
             pairs=pairs,
         )
         yield Measured(question, f"import {imports}", ratios, 1.5, detail=detail)

@@ -257,7 +257,7 @@ def shown(value: object) -> str:
 
 
 @functools.cache
-def _hints(kind: type) -> dict[str, Any]:
+def _hints(kind: Any) -> dict[str, Any]:  # noqa: ANN401 - a class; mypy doubts its hash
     return get_type_hints(kind)  # evaluates every annotation, in ten times what the checks take
 
 

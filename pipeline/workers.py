@@ -16,7 +16,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from typing import Any, BinaryIO, Self
+from typing import IO, Any, Self
 
 from pipeline.errors import DropError
 
@@ -101,7 +101,7 @@ def _load(*modules: str) -> Iterator[None]:
     return iter(())
 
 
-def _send(what: object, sink: BinaryIO) -> None:
+def _send(what: object, sink: IO[bytes]) -> None:
     pickle.dump(what, sink)
     sink.flush()
 

@@ -30,7 +30,7 @@ def test_the_observed_order_of_a_power_law_is_its_exponent() -> None:
 @pytest.mark.parametrize("steps", [HALVED, [0.1, 0.05, 0.01], [0.4, 0.3, 0.1]])
 @pytest.mark.parametrize("order", [1.0, 2.0, 0.5])
 def test_three_solutions_give_order_and_limit(steps: list[float], order: float) -> None:
-    """f = 2 - 3 h^p, with one ratio and with two: the fixed point must find p in both."""
+    """Of f = 2 - 3 h^p, with one ratio and with two."""
     solutions = [2 - 3 * h**order for h in steps]
     found = solution_order(steps, solutions)
     assert found == pytest.approx(order, abs=1e-9)

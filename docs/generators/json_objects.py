@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import re
 import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
@@ -48,6 +49,7 @@ SCALARS: dict[Any, Schema] = {
     str: {"type": "string"},
 }
 COLUMNS: dict[Any, Any] = {pl.Boolean: bool, pl.Float64: float, pl.Int64: int, pl.String: str}
+"""What a column's values are in JSON; the others are vectors."""
 CONTRACT: dict[type, set[str]] = {
     Airborne: {"samples", "max_abs_error_m", "rms_error_m", "max_abs_rounding_m"},
     Conservation: {
@@ -70,8 +72,9 @@ CONTRACT: dict[type, set[str]] = {
 
 _HEAD = """# JSON
 
-*Made by `python docs/regenerate.py` from the types that the program prints. [schemas/](schemas/) has
-the same as JSON Schemas (draft 2020-12), and the tests validate real output against them.*
+*Made by `python docs/regenerate.py` from the types that the program prints. The folder
+[schemas/](schemas/) says the same in JSON Schema (draft 2020-12); the tests validate real output
+against it.*
 
 With `--json` a command prints exactly one JSON object to standard output. Units are in the names.
 Keys marked • stay as they are; more keys may come. What does not exist is `null`.
@@ -84,6 +87,8 @@ class Object(NamedTuple):
     keys: Mapping[str, Any]
     said: Mapping[str, str] = {}
     stays: frozenset[str] = frozenset()
+    more: str = ""
+    """What other keys it has, that are not known beforehand."""
 
 
 def _object(kind: Any, stays: set[str] | None = None, /, **instead: Any) -> Object:  # noqa: ANN401
@@ -107,7 +112,7 @@ def _said(kind: type) -> dict[str, str]:
         if isinstance(above, ast.AnnAssign) and isinstance(above.target, ast.Name):
             match below:
                 case ast.Expr(value=ast.Constant(value=str(text))):
-                    said[above.target.id] = " ".join(text.split())
+                    said[above.target.id] = re.sub(r"\bNone\b", "null", " ".join(text.split()))
     return said
 
 
@@ -121,7 +126,7 @@ ANALYSIS = _object(
 )  # fmt: skip
 RENDERING = _object(Rendering, plot=Path | None)
 ROW = Object(
-    {name: Any if isinstance(kind, pl.List) else COLUMNS[kind] | None
+    {name: COLUMNS.get(kind, list[float]) | None
      for name, kind in SWEEP_COLUMNS.items()},
     {"error": "Why a run failed.", "command": "Makes this run again.",
      "end_m": "Height in the last sample."},
@@ -130,16 +135,18 @@ ROW = Object(
 CHECK = _object(
     Check, {"same", "largest_difference_m", "first_difference"}, comparison=None,
     same=bool, largest_difference_m=float | None, first_difference=Place | None,
-    looks_like=str | None, differences=list[Setting], versions=list[Setting], plot=None,
+    looks_like=str | None, differences=list[Setting], versions=list[Setting],
 )  # fmt: skip
-STUDY = Object({"study": _object(Study, refining_hurts=bool)})
+SHARED = "A value of the scenario that these runs share and others do not."
+STUDY = Object({"study": _object(Study, refining_hurts=bool)}, more=SHARED)
+STATISTICS = Object({"summaries": list[Summary]}, more=SHARED)
 SWEEP = Object(
     {"runs": int, "failed": int, "results": Path, "table": [ROW], "at_s": float,
      "plot": Path | None, "convergence": [STUDY],
-     "statistics": [Object({"summaries": list[Summary]})], "narrow_enough": bool | None},
+     "statistics": [STATISTICS], "narrow_enough": bool | None},
     {"table": "A row for each run.",
-     "convergence": "One for each set of runs that differ in the timestep only, with what they share.",
-     "statistics": "One for each scenario that is sampled, with what its runs share.",
+     "convergence": "One for each set of runs that differ in the timestep only.",
+     "statistics": "One for each scenario that is sampled.",
      "narrow_enough": "Whether `--until-ci` was reached."},
     frozenset({"runs", "failed", "results", "table"}),
 )  # fmt: skip
@@ -220,9 +227,12 @@ def _object_schema(made_of: Object) -> Schema:
         said = made_of.said.get(name)
         properties[name] = _schema(hint) | ({"description": said} if said else {})
     required = [name for name in properties if name in made_of.stays]
-    return {"type": "object", "properties": properties} | (
-        {"required": required} if required else {}
-    )
+    schema: Schema = {"type": "object", "properties": properties}
+    if required:
+        schema["required"] = required
+    if made_of.more:
+        schema["additionalProperties"] = {"description": made_of.more}
+    return schema
 
 
 def _nullable(schema: Schema) -> Schema:
@@ -238,12 +248,15 @@ def _rows(schema: Schema, before: str = "") -> Iterator[str]:
     """Yield a row for each key, those of the objects in it below it."""
     for name, one in schema["properties"].items():
         path = f"{before}{name}"
-        inner, mark = one, "•" if name in schema.get("required", ()) else ""
+        inner, words, mark = one, _words(one), "•" if name in schema.get("required", ()) else ""
         if "items" in one:
             inner, path = one["items"], f"{path}[]"
-        yield f"| `{path}` | {mark} | {_words(inner)} | {one.get('description', '')} |"
+            words = words.replace("array", _words(inner))
+        yield f"| `{path}` | {mark} | {words} | {one.get('description', '')} |"
         if "properties" in inner:
             yield from _rows(inner, f"{path}.")
+    if "additionalProperties" in schema:
+        yield f"| `{before}…` | | any | {schema['additionalProperties']['description']} |"
 
 
 def _words(schema: Schema) -> str:

@@ -7,6 +7,7 @@ index need no exact solution, only a sequence that converges.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,7 +57,7 @@ def richardson(coarse: float, fine: float, *, ratio: float, order: float) -> flo
 
     Source: L. F. Richardson, *Phil. Trans. R. Soc. A* 210, 307 (1911); Oberkampf and Roy, 8.3.
     """
-    return fine + (fine - coarse) / (ratio**order - 1)
+    return fine + (fine - coarse) / (math.pow(ratio, order) - 1)
 
 
 def grid_convergence_index(coarse: float, fine: float, *, ratio: float, order: float) -> float:
@@ -65,7 +66,7 @@ def grid_convergence_index(coarse: float, fine: float, *, ratio: float, order: f
     Source: P. J. Roache, "Perspective: a method for uniform reporting of grid refinement studies",
     *J. Fluids Eng.* 116, 405 (1994).
     """
-    return SAFETY_FACTOR * abs((coarse - fine) / fine) / (ratio**order - 1)
+    return SAFETY_FACTOR * abs((coarse - fine) / fine) / (math.pow(ratio, order) - 1)
 
 
 def cancelling_timestep(timestep_s: float, *, timestep_m: float, damping_m: float) -> float | None:
@@ -127,7 +128,7 @@ class Study:
     def refining_hurts(self) -> bool:
         """Whether some refinement made the error against free fall grow."""
         errors = [abs(run.error_m) for run in self.runs]
-        return any(fine > coarse for coarse, fine in zip(errors, errors[1:], strict=False))
+        return any(fine > coarse for coarse, fine in itertools.pairwise(errors))
 
 
 def study_of(runs: Sequence[Run]) -> Study:

@@ -1,4 +1,4 @@
-"""What many samples of one quantity say together: mean, spread, quantiles, and how sure the mean is."""
+"""What many samples of one quantity say together: mean, spread, quantiles, confidence."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""The list of commands, written without boxes and colours: loading what draws them would take
-longer than everything else that `drop --help` does. Each command's own help has them.
+"""The list of commands as plain text; each command's own help has boxes and colours.
+
+Loading what draws them would take longer than everything else that `drop --help` does.
 """
 
 from __future__ import annotations

@@ -78,13 +78,14 @@ def _open_closed_streams() -> None:
 
 def _keep_standard_output() -> None:
     """Let only Python write to standard output: Bullet prints from C, some of it at exit."""
-    sys.stdout.flush()
     kept = os.dup(1)
-    with open(os.devnull, "wb") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
-    buffering = 1 if os.isatty(kept) else -1
-    sys.stdout = open(
-        kept, "w", buffering, encoding=sys.stdout.encoding, errors="backslashreplace"
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    sys.stdout = os.fdopen(
+        kept,
+        "w",
+        1 if os.isatty(kept) else -1,
+        encoding=sys.stdout.encoding,
+        errors="backslashreplace",
     )
 
 

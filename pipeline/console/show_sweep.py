@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
@@ -14,7 +15,8 @@ from pipeline.fields import fraction, readable
 if TYPE_CHECKING:
     from pipeline.budget.convergence import Study
     from pipeline.budget.statistics import Summary
-    from pipeline.stages.sweep import Group, Sweep
+    from pipeline.stages.sweep import Sweep
+    from pipeline.stages.sweep_groups import Group
 
 MOST_ROWS = 30
 """So many runs fit on a screen; of more, the first are shown."""
@@ -115,10 +117,10 @@ def _rows(sweep: Sweep) -> list[str]:
     left = len(axes)
     widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
     lines = []
-    for number, row in enumerate(table):
+    for number, texts in enumerate(table):
         cells = [
             cell.ljust(width) if column < left else cell.rjust(max(width, 9))
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+            for column, (cell, width) in enumerate(zip(texts, widths, strict=True))
         ]
         line = "  ".join(cells).rstrip()
         failed = number and shown[number - 1]["error"] is not None
@@ -138,7 +140,7 @@ def _mm(value_m: float | None) -> str:
 def _study(group: Group, study: Study) -> list[str]:
     """Tell what the timestep does, in lines of at most 100 characters."""
     steps = [fraction(run.timestep_s) for run in study.runs]
-    pairs = [f"{one} → {two}" for one, two in zip(steps, steps[1:], strict=False)][-3:]
+    pairs = [f"{one} → {two}" for one, two in itertools.pairwise(steps)][-3:]
     width = max(map(len, pairs)) + 3
     limit = f"{study.limit_m * 1e3:+.2f} mm"
     damped = study.limit_m != 0

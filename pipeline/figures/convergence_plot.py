@@ -63,7 +63,7 @@ def check_plot(path: Path, *, timesteps: int) -> None:
         raise ScenarioError(f"--plot must end in .png or .svg, got {str(path)!r}")
     if timesteps < 2:
         raise ScenarioError(
-            f"--plot shows errors over the timestep and needs two or more of them, got {timesteps}; "
+            f"--plot shows errors over the timestep and needs two or more, got {timesteps}; "
             "try --timestep 1/240,1/480,1/960"
         )
 
@@ -178,9 +178,10 @@ def _draw(axes: Axes, panel: Panel, low: float, high: float, ink: Ink) -> None:
 
 
 def _total_mm(panel: Panel, timesteps_s: Float64) -> Float64:
-    """Return |timestep + damping| [mm] between the runs: one is proportional, the other constant."""
+    """Return |timestep + damping| [mm]: one is proportional to the timestep, the other constant."""
     slope = panel.errors_m["timestep"][-1] / panel.timesteps_s[-1]
-    return np.abs(slope * timesteps_s + panel.errors_m["damping"][-1]) * 1e3
+    total_m: Float64 = slope * timesteps_s + panel.errors_m["damping"][-1]
+    return np.abs(total_m) * 1e3
 
 
 def _slopes(axes: Axes, steps: Float64, low: float, high: float, ink: Ink) -> None:

@@ -132,7 +132,7 @@ _ahead: dict[bytes, bytes] = {}
 
 def _pngs(scenario: Scenario, camera: Camera, poses: list[Poses]) -> Iterator[bytes]:
     for pose in poses:
-        yield _ahead.pop(pose.tobytes(), None) or _studio(scenario, camera).png(pose)
+        yield _ahead.pop(pose.tobytes(), b"") or _studio(scenario, camera).png(pose)
 
 
 def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:

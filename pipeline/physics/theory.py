@@ -35,6 +35,8 @@ Float64 = NDArray[np.float64]
 
 SERIES_REACH = 0.25
 """Largest rate x time of the series; beyond, the closed form loses at most two of 16 digits."""
+NO_DRAG = 1e-100
+"""A drag below this moves no double; its rate squared would be no double either."""
 SERIES_TERMS = 36
 """ψ e^(at/2) has no complex zero within rate x time = ln 2, and (0.25 / ln 2)^36 is 1e-16."""
 
@@ -171,7 +173,7 @@ class _Motion(NamedTuple):
 def _motion(fall: Fall, time: Float64) -> _Motion:
     time = np.asarray(time, dtype=np.float64)
     (vx, vy, vz), g, k = fall.velocity_m_s, fall.gravity_m_s2, fall.linear_damping
-    if k == 0:
+    if k < NO_DRAG:
         v0, velocity = np.array(fall.velocity_m_s), free_fall_velocity(fall, time)
         return _Motion((v0 + velocity) / 2 * time[:, None], np.zeros_like(velocity), velocity)
     if fall.coordinates == "maximal":  # each axis for itself

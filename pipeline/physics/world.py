@@ -247,13 +247,14 @@ class World:
         samples = self.scenario.steps + 1
         for start in range(0, samples, batch):
             rows = np.empty((min(batch, samples - start), STATE_WIDTH))
+            memory = rows.data
             for row in range(len(rows)):
                 if stepped and (start or row):
                     step(client)
                 position, orientation = pose(body, client)
                 linear, angular = velocity(body, client)
                 _put_row(
-                    rows, row * _ROW_BYTES, *position, *orientation, *linear, *angular, *contact()
+                    memory, row * _ROW_BYTES, *position, *orientation, *linear, *angular, *contact()
                 )
             yield rows
 

@@ -12,8 +12,8 @@ from pipeline.budget.analysis import analysis_of
 from pipeline.budget.results import Analysis
 from pipeline.errors import RecordingError, ScenarioError
 from pipeline.fields import fraction
-from pipeline.figures.gif import check_fps, write_gif
 from pipeline.figures.facts import Facts
+from pipeline.figures.gif import check_fps, write_gif
 from pipeline.recording.checks import AGAIN
 from pipeline.recording.files import check_target, written_whole
 from pipeline.recording.reader import Recording, frames, read

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import colours
+from pipeline.errors import DropError
 from pipeline.physics import theory
 from pipeline.physics.bullet_law import fall_of
 from pipeline.physics.pictures import Photographer
@@ -160,6 +161,7 @@ def chunks_of(
     first, strobe = 0, max(1, scenario.steps // TRAIL_POINTS)
     for rows in world.samples(batch):
         steps = np.arange(first, first + len(rows))
+        _check_numbers(rows, first)
         digest.update(rows)
         yield from writer.state_chunks(steps, scenario.timestep_s, rows)
         yield from _heights(scenario, world.rest_height_m, steps, rows[:, 2])
@@ -182,6 +184,16 @@ def chunks_of(
             "inputs_sha256": inputs_digest(inputs),
         },
     )
+
+
+def _check_numbers(rows: Float64, first: int) -> None:
+    """Make sure that the engine still computes: what it was given may be too much for it."""
+    lost = np.flatnonzero(~np.isfinite(rows[:, :13]).all(axis=1))
+    if len(lost):
+        raise DropError(
+            f"the engine's state is no number any more from step {first + lost[0]} on; try a "
+            "shorter --timestep, less --spin or --velocity, or another --body"
+        )
 
 
 def _curve_styles() -> Iterator[Chunk]:

@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from pipeline.budget.convergence import Run, Study, study_of
-from pipeline.budget.statistics import Moments, Summary, summaries
+from pipeline.budget.statistics import Moments
 from pipeline.errors import DropError, ScenarioError
 from pipeline.physics.world import engine_versions
 from pipeline.recording.files import check_target, written_whole
 from pipeline.scenario import Camera, Scenario
+from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
 from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
 from pipeline.sweeping.folder import TERMS, Folder
-from pipeline.sweeping.plan import Plan, label_of, name_of
+from pipeline.sweeping.plan import Plan, name_of
 
 DEFAULT_AT_S = 0.3
 SHORT_STEPS = 200_000
@@ -31,20 +31,6 @@ SHORT_STEPS = 200_000
 
 Progress = Callable[[int, int, int], None]
 """Told how many runs are done, how many of them failed, and out of how many."""
-
-
-@dataclass(frozen=True)
-class Group:
-    """Scenarios that share the values of some fields, and what they tell together."""
-
-    values: dict[str, Any]
-    """The shared values of those fields that differ within the sweep."""
-    label: str
-    """The same in words."""
-    study: Study | None = None
-    left_out_s: tuple[float, ...] = ()
-    """Timesteps that the study leaves out: their sample is that of another time."""
-    statistics: tuple[Summary, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -154,8 +140,9 @@ def sweep(
                         if ledger.needed is not None:
                             break
         except BaseException as stop:
+            kept = sum(len(plan.runs_of(shard)) for shard in folder.finished())
             stop.add_note(
-                f"{ledger.runs:,} of {plan.runs:,} runs are in {folder.path}; the same command "
+                f"{kept:,} of {plan.runs:,} runs are in {folder.path}; the same command "
                 "goes on from there"
             )
             raise
@@ -168,7 +155,7 @@ def sweep(
         if failed == runs:
             first = results.select("error").first().collect().item()
             raise DropError(f"all {runs:,} runs failed, the first with: {first}")
-        studies = _studies(plan, results)
+        studies = studies_of(plan, results)
         if plot is not None:
             _plot(Path(plot), studies, at_s, force=force)
     return Sweep(
@@ -180,7 +167,7 @@ def sweep(
         results=folder.results,
         plot=None if plot is None else Path(plot),
         studies=studies,
-        statistics=_statistics(plan, results),
+        statistics=statistics_of(plan, results),
         narrow_enough=None if until_ci_m is None else ledger.needed is not None,
     )
 
@@ -276,57 +263,6 @@ class _Ledger:
             interval = self._moments.interval
             if interval is not None and interval[1] - interval[0] <= self._until_ci_m:
                 self.needed = self._followed
-
-
-# -- what the rows tell together ------------------------------------------------------------------
-
-
-def _groups(rows: pl.DataFrame, fields: list[str]) -> Iterator[tuple[dict[str, Any], pl.DataFrame]]:
-    """Yield rows that share the values of some fields, in the order of the first of each."""
-    if not fields:
-        yield {}, rows
-        return
-    for values, group in rows.group_by(fields, maintain_order=True):
-        yield dict(zip(fields, values, strict=True)), group
-
-
-def _studies(plan: Plan, results: pl.LazyFrame) -> list[Group]:
-    """Return a refinement study of each set of runs that differ in the timestep only.
-
-    Only those whose error was taken apart, at the very same time: another sample is another error.
-    """
-    if "timestep_s" not in plan.axes or plan.samples is not None:
-        return []
-    others = [name for name in plan.axes if name != "timestep_s"]
-    columns = [*others, "timestep_s", "time_s", "simulated_m", *TERMS]
-    rows = results.filter(pl.all_horizontal(pl.col(TERMS).is_not_null())).select(columns).collect()
-    found = []
-    for values, group in _groups(rows, others):
-        times_s = group["time_s"].to_numpy()
-        alike = np.abs(times_s - times_s[:, None]) <= 1e-9 * times_s
-        same = alike[alike.sum(axis=1).argmax()]  # those at the time that most of them have
-        runs = [
-            Run(**one) for one in group.filter(same).drop(*others, "time_s").iter_rows(named=True)
-        ]
-        left_out = tuple(group.filter(~same)["timestep_s"])
-        if len(runs) > 1:
-            found.append(Group(values, label_of(values), study_of(runs), left_out))
-    return found
-
-
-def _statistics(plan: Plan, results: pl.LazyFrame) -> list[Group]:
-    """Return the statistics of each scenario that is sampled."""
-    if plan.samples is None:
-        return []
-    names = [*plan.axes]
-    found = []
-    for combination in range(plan.runs // plan.samples):
-        first, last = combination * plan.samples, (combination + 1) * plan.samples
-        rows = results.filter(pl.col("run").is_between(first, last - 1))
-        fixed = plan.values_of(combination)
-        values = {name: fixed[name] for name in names}
-        found.append(Group(values, label_of(values), statistics=tuple(summaries(rows, TERMS))))
-    return found
 
 
 def _plot(path: Path, studies: list[Group], at_s: float, *, force: bool) -> None:

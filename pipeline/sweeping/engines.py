@@ -8,6 +8,7 @@ run again, and a result counts when it is yielded, once.
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import signal
@@ -28,6 +29,8 @@ T = TypeVar("T")
 
 QUEUED = 2
 """Shards per worker that are on their way: one at work, one waiting."""
+HEARTBEAT_S = 0.2
+"""Waiting is interrupted so often, because a signal that another thread receives interrupts none."""
 MOST_DEATHS = 10
 """A shard that was under way in so many deaths of a pool is taken for their cause."""
 
@@ -79,7 +82,7 @@ def in_processes(
                             raise
                     if not under_way:
                         return
-                    for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                    for future in wait(under_way, HEARTBEAT_S, FIRST_COMPLETED).done:
                         result = future.result()
                         yield under_way.pop(future), result
         except BrokenProcessPool:
@@ -161,17 +164,18 @@ def on_ray(
         _connect(address)
     under_way: dict[Any, int] = {}
     try:
-        run = ray.remote(max_retries=MOST_DEATHS)(_call)
+        run: Any = ray.remote(max_retries=MOST_DEATHS)(_call)
         todo, carried = iter(shards), ray.put(work)
-        most = QUEUED * max(1, int(ray.cluster_resources().get("CPU", 1)))
+        cluster: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
+        most = QUEUED * max(1, int(cluster.get("CPU", 1)))
         while True:
             while len(under_way) < most and (shard := next(todo, None)) is not None:
                 under_way[run.remote(carried, shard)] = shard
             if not under_way:
                 return
-            (done, *_), _ = ray.wait(list(under_way))
-            result = ray.get(done)
-            yield under_way.pop(done), result
+            for task in ray.wait(list(under_way), timeout=HEARTBEAT_S)[0]:
+                result = ray.get(task)
+                yield under_way.pop(task), result
     finally:
         for task in under_way:
             ray.cancel(task, force=True)
@@ -190,7 +194,7 @@ def _connect(address: str) -> None:
     try:
         if host and port.isdecimal():  # Ray itself would try for minutes
             socket.create_connection((host, int(port)), timeout=5).close()
-        ray.init(address, log_to_driver=False, logging_level="ERROR")
+        ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, ValueError, RuntimeError) as error:
         words = str(error).strip().partition("\n")[0].rstrip(".")
         raise DropError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class Kind:
-    """A family of distributions: its parameters by name, what they must satisfy, and how to draw."""
+    """A family of distributions: its parameters by name, how to draw, what must hold for them."""
 
     parameters: tuple[str, ...]
     draw: Callable[[Stream, Numbers], float]
@@ -46,7 +47,7 @@ def _is_reached(given: Numbers) -> bool:
 
 KINDS = {
     "uniform": Kind(
-        ("LOW", "HIGH"), lambda s, g: s.uniform(*g), lambda g: g[0] < g[1], "LOW < HIGH"
+        ("LOW", "HIGH"), lambda s, g: s.uniform(g[0], g[1]), lambda g: g[0] < g[1], "LOW < HIGH"
     ),
     "loguniform": Kind(
         ("LOW", "HIGH"),
@@ -54,7 +55,9 @@ KINDS = {
         lambda g: 0 < g[0] < g[1],
         "0 < LOW < HIGH",
     ),
-    "normal": Kind(("MEAN", "SPREAD"), lambda s, g: s.normal(*g), lambda g: g[1] > 0, "SPREAD > 0"),
+    "normal": Kind(
+        ("MEAN", "SPREAD"), lambda s, g: s.normal(g[0], g[1]), lambda g: g[1] > 0, "SPREAD > 0"
+    ),
     "truncnormal": Kind(
         ("MEAN", "SPREAD", "LOW", "HIGH"),
         _truncated,
@@ -69,11 +72,13 @@ KINDS = {
     ),
     "triangular": Kind(
         ("LOW", "MODE", "HIGH"),
-        lambda s, g: s.triangular(*g),
+        lambda s, g: s.triangular(g[0], g[1], g[2]),
         lambda g: g[0] <= g[1] <= g[2] and g[0] < g[2],
         "LOW <= MODE <= HIGH",
     ),
-    "exponential": Kind(("MEAN",), lambda s, g: s.exponential(*g), lambda g: g[0] > 0, "MEAN > 0"),
+    "exponential": Kind(
+        ("MEAN",), lambda s, g: s.exponential(g[0]), lambda g: g[0] > 0, "MEAN > 0"
+    ),
     "integers": Kind(
         ("LOW", "HIGH"),
         lambda s, g: int(s.integers(int(g[0]), int(g[1]), endpoint=True)),
@@ -152,7 +157,7 @@ def variations_of(texts: Sequence[str]) -> tuple[Variation, ...]:
     """
     order = list(Scenario.options())
     found = sorted(map(_variation, texts), key=lambda one: (order.index(one.field), one.axis or 0))
-    for one, two in zip(found, found[1:], strict=False):
+    for one, two in itertools.pairwise(found):
         if one.field == two.field and (one.axis == two.axis or None in (one.axis, two.axis)):
             raise ScenarioError(f"--vary must vary a field once, got {one.field} twice")
     return tuple(found)

@@ -1,0 +1,77 @@
+"""What the rows of a sweep tell together: how the error converges, and how it spreads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from pipeline.budget.convergence import Run, Study, study_of
+from pipeline.budget.statistics import Summary, summaries
+from pipeline.sweeping.folder import TERMS
+from pipeline.sweeping.plan import Plan, label_of
+
+
+@dataclass(frozen=True)
+class Group:
+    """Scenarios that share the values of some fields, and what they tell together."""
+
+    values: dict[str, Any]
+    """The shared values of those fields that differ within the sweep."""
+    label: str
+    """The same in words."""
+    study: Study | None = None
+    left_out_s: tuple[float, ...] = ()
+    """Timesteps that the study leaves out: their sample is that of another time."""
+    statistics: tuple[Summary, ...] = ()
+
+
+def _groups(rows: pl.DataFrame, fields: list[str]) -> Iterator[tuple[dict[str, Any], pl.DataFrame]]:
+    """Yield rows that share the values of some fields, in the order of the first of each."""
+    if not fields:
+        yield {}, rows
+        return
+    for values, group in rows.group_by(fields, maintain_order=True):
+        yield dict(zip(fields, values, strict=True)), group
+
+
+def studies_of(plan: Plan, results: pl.LazyFrame) -> list[Group]:
+    """Return a refinement study of each set of runs that differ in the timestep only.
+
+    Only those whose error was taken apart, at the very same time: another sample is another error.
+    """
+    if "timestep_s" not in plan.axes or plan.samples is not None:
+        return []
+    others = [name for name in plan.axes if name != "timestep_s"]
+    columns = [*others, "timestep_s", "time_s", "simulated_m", *TERMS]
+    rows = results.filter(pl.all_horizontal(pl.col(TERMS).is_not_null())).select(columns).collect()
+    found = []
+    for values, group in _groups(rows, others):
+        times_s = group["time_s"].to_numpy()
+        alike = np.abs(times_s - times_s[:, None]) <= 1e-9 * times_s
+        same = alike[alike.sum(axis=1).argmax()]  # those at the time that most of them have
+        runs = [
+            Run(**one) for one in group.filter(same).drop(*others, "time_s").iter_rows(named=True)
+        ]
+        left_out = tuple(group.filter(~same)["timestep_s"])
+        if len(runs) > 1:
+            found.append(Group(values, label_of(values), study_of(runs), left_out))
+    return found
+
+
+def statistics_of(plan: Plan, results: pl.LazyFrame) -> list[Group]:
+    """Return the statistics of each scenario that is sampled."""
+    if plan.samples is None:
+        return []
+    names = [*plan.axes]
+    found = []
+    for combination in range(plan.runs // plan.samples):
+        first, last = combination * plan.samples, (combination + 1) * plan.samples
+        rows = results.filter(pl.col("run").is_between(first, last - 1))
+        fixed = plan.values_of(combination)
+        values = {name: fixed[name] for name in names}
+        found.append(Group(values, label_of(values), statistics=tuple(summaries(rows, TERMS))))
+    return found

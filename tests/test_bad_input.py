@@ -1,0 +1,346 @@
+"""Bad input: whatever a scenario is asked to be, it is a scenario or one clear line.
+
+Property-tested over each field's whole domain and beyond it. A scenario that is accepted is
+simulated and analyzed: the engine gives numbers, the analysis explains them, and nothing but
+results reaches standard output.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Drop
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from pipeline import Camera, DropError, Scenario, analyze, simulate
+from pipeline.errors import ScenarioError
+from pipeline.fields import Option, Optioned
+from pipeline.physics.urdf import check_urdf
+from pipeline.physics.world import World, find_body
+from pipeline.scenario import MAX_STEPS
+
+NUMBERS = {name: spec for name, spec in Scenario.options().items() if math.isfinite(spec.high)}
+ANYTHING = st.one_of(
+    st.none(), st.booleans(), st.integers(), st.floats(), st.text(), st.binary(), st.complex_numbers(),
+    st.lists(st.floats(), max_size=4), st.tuples(st.floats(), st.floats(), st.floats()),
+    st.sampled_from([10**400, -(10**400), 10**5000, 5e-324, sys.float_info.max, math.nan, math.inf]),
+)  # fmt: skip
+"""Of every type, and the numbers that are hard on a program."""
+TEXTS = st.one_of(
+    st.text(),
+    st.floats().map(str),
+    st.tuples(st.integers(), st.integers()).map("{0[0]}/{0[1]}".format),
+    st.lists(st.floats(), min_size=2, max_size=4).map(lambda parts: ",".join(map(str, parts))),
+    st.sampled_from(
+        ["", " ", "1/0", "1e999", "-1e999", "nan", "inf", "1/240/2", "0x10", "1_000", "１２", "__import__('os')",
+         "9" * 5000, "1/" + "9" * 5000, "default", "earth", "EARTH", "1,2", "1,2,3,4", ",,", "a\nb", "\0"]
+    ),
+)  # fmt: skip
+
+
+def one_line(error: BaseException) -> str:
+    text = str(error)
+    assert len(text.splitlines()) == 1
+    assert len(text) < 600
+    return text
+
+
+# -- values ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [Scenario, Camera])
+@given(data=st.data())
+@settings(max_examples=500, deadline=None)
+def test_any_value_in_any_field_is_taken_or_refused_in_one_line(
+    kind: type[Optioned], data: st.DataObject
+) -> None:
+    name = data.draw(st.sampled_from(sorted(kind.options())))
+    value = data.draw(ANYTHING)
+    try:
+        made = kind(**{name: value})
+    except ScenarioError as error:
+        assert kind.options()[name].name in one_line(error) or "--duration" in one_line(error)
+        return
+    taken = getattr(made, name)
+    assert taken == value or list(taken) == list(value)
+    assert type(made)(**dataclasses.asdict(made)) == made  # type: ignore[call-overload]
+
+
+@given(data=st.data())
+@settings(max_examples=500, deadline=None)
+def test_any_text_for_any_option_is_taken_or_refused_in_one_line(data: st.DataObject) -> None:
+    options = Scenario.options() | Camera.options()
+    name = data.draw(st.sampled_from(sorted(options)))
+    kind: type[Optioned] = Scenario if name in Scenario.options() else Camera
+    try:
+        kind.from_text({name: data.draw(TEXTS)})
+    except ScenarioError as error:
+        assert options[name].name in one_line(error) or "--duration" in one_line(error)
+
+
+def edges(spec: Option) -> list[tuple[float, bool]]:
+    """Return numbers at the edges of a domain, and whether they lie in it."""
+    inward, outward = math.nextafter(spec.low, math.inf), math.nextafter(spec.low, -math.inf)
+    return [
+        (spec.low, not spec.above), (inward, True), (outward, False), (spec.high, True),
+        (math.nextafter(spec.high, math.inf), False), (math.nan, False), (math.inf, False),
+        (-math.inf, False), (sys.float_info.max, False),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_domain_ends_where_it_says(name: str) -> None:
+    spec = NUMBERS[name]
+    for value, inside in edges(spec):
+        assert spec.contains(value) == inside, value
+    assert spec.domain()
+
+
+@given(timestep_s=st.floats(1e-9, 10), steps=st.integers(1, MAX_STEPS), off=st.floats(0.01, 0.99))
+def test_a_duration_is_a_whole_number_of_steps(timestep_s: float, steps: int, off: float) -> None:
+    duration_s = steps * timestep_s
+    if duration_s <= 1e9:
+        assert Scenario(timestep_s=timestep_s, duration_s=duration_s).steps == steps
+    if steps < 1e6:
+        with pytest.raises(ScenarioError, match="whole number of timesteps"):
+            Scenario(timestep_s=timestep_s, duration_s=(steps + off) * timestep_s)
+
+
+def test_too_many_steps_are_refused_with_what_they_would_take() -> None:
+    with pytest.raises(ScenarioError, match=r"1e\+10.* GB on disk"):
+        Scenario(timestep_s=1e-9, duration_s=10.0)
+
+
+def test_a_whole_number_is_as_good_as_a_float_in_every_recording_of_a_process(
+    tmp_path: Path,
+) -> None:
+    """Rerun keeps the type that a component was first logged with in a process."""
+    for number, height_m in enumerate((1, 1.5)):
+        path = tmp_path / f"{number}.rrd"
+        simulate(Scenario(height_m=height_m, mass_kg=2, duration_s=1 / 240), path, camera=None)
+        assert analyze(path).scenario["height_m"] == height_m
+
+
+# -- simulations ----------------------------------------------------------------------------------
+
+
+def within(name: str) -> st.SearchStrategy[Any]:
+    """Return values of a field's whole domain, its edges and what is small included."""
+    spec, default = NUMBERS[name], getattr(Scenario(), name)
+    one = st.floats(spec.low, spec.high, exclude_min=spec.above)
+    one |= st.sampled_from([value for value, inside in edges(spec) if inside])
+    if isinstance(default, tuple):
+        return st.just(default) | st.tuples(one, one, one)
+    if name == "solver_iterations":
+        return st.none() | st.integers(1, 200)
+    return st.just(default) | one
+
+
+EXTREMES = st.fixed_dictionaries(
+    {name: within(name) for name in NUMBERS if name != "duration_s"}
+    | {
+        "coordinates": st.sampled_from(["reduced", "maximal"]),
+        "body": st.sampled_from(["cube_small.urdf", "sphere_small.urdf", "duck_vhacd.urdf"]),
+        "floor": st.booleans(),
+        "stepped": st.booleans(),
+        "gravity_set": st.booleans(),
+    }
+)
+
+
+@given(extremes=EXTREMES, steps=st.sampled_from([1, 2, 30, 200]))
+@settings(max_examples=120, deadline=None)
+@example(extremes={"spin_rad_s": (1e4, -1e4, 1e4), "timestep_s": 10.0}, steps=30)
+@example(extremes={"velocity_m_s": (1e4, 1e4, -1e4), "coordinates": "maximal"}, steps=200)
+@example(extremes={"height_m": 1e6, "gravity_m_s2": -1e4, "timestep_s": 10.0}, steps=200)
+@example(extremes={"mass_kg": 1e-9, "restitution": 1.0, "contact_erp": 1.0}, steps=200)
+@example(extremes={"linear_damping": 1e-300, "coordinates": "maximal"}, steps=200)
+@example(
+    extremes={"linear_damping": 1.0, "timestep_s": 10.0, "velocity_m_s": (0, 0, -1e4)}, steps=30
+)
+def test_the_engine_copes_with_the_whole_domain(extremes: dict[str, Any], steps: int) -> None:
+    timestep_s = extremes.get("timestep_s", 1 / 240)
+    scenario = Scenario(**extremes | {"duration_s": timestep_s * steps})
+    with World(scenario) as world:
+        rows = np.concatenate(list(world.samples(64)))
+    assert len(rows) == steps + 1
+    assert np.isfinite(rows[:, :13]).all()
+    assert np.allclose(np.linalg.norm(rows[:, 3:7], axis=1), 1, atol=1e-9)
+
+
+@given(extremes=EXTREMES, steps=st.sampled_from([1, 30]))
+@settings(
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_what_the_engine_made_of_it_is_recorded_and_analyzed(
+    tmp_path: Path, extremes: dict[str, Any], steps: int
+) -> None:
+    scenario = Scenario(**extremes | {"duration_s": extremes["timestep_s"] * steps})
+    simulate(scenario, tmp_path / "run.rrd", camera=None, force=True)
+    analysis = analyze(tmp_path / "run.rrd")
+    json.dumps(analysis.as_json(), allow_nan=False)
+    assert "law-mismatch" not in {finding.code for finding in analysis.findings}
+
+
+# -- bodies ---------------------------------------------------------------------------------------
+
+BOX = '<box size="0.1 0.1 0.1"/>'
+LINK = """<link name="base"><inertial><mass value="{mass}"/><inertia ixx="{inertia}" iyy="1" izz="1"
+ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry>{shape}</geometry></collision></link>"""
+JOINT = '<joint name="j" type="fixed"><parent link="{0}"/><child link="{1}"/></joint>'
+
+
+def urdf(more: str = "", *, mass: object = 1, inertia: object = 1, shape: str = BOX) -> str:
+    link = LINK.format(mass=mass, inertia=inertia, shape=shape)
+    return f'<robot name="own">{link}{more}</robot>'
+
+
+MALFORMED = {
+    "empty": "", "a text": "hello", "cut": urdf()[:150], "binary": "\0\1\2" * 100,
+    "another root": "<sdf/>", "no link": '<robot name="x"/>', "no shape": urdf(shape=""),
+    "deep": "<robot>" + "<a>" * 20_000 + "</a>" * 20_000 + "</robot>",
+    "an entity": '<!DOCTYPE r [<!ENTITY a "b">]>' + urdf(),
+    "a file as an entity": '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]>' + urdf(),
+    "a long name": urdf().replace('"own"', f'"{"x" * 100_000}"'),
+    "two roots": urdf('<link name="other"/>'), "a name twice": urdf('<link name="base"/>'),
+    "a joint to nowhere": urdf(JOINT.format("base", "gone")),
+    "a joint to itself": urdf(JOINT.format("base", "base")),
+    "a ring": urdf('<link name="c"/>' + JOINT.format("base", "c") + JOINT.format("c", "base")),
+    "a ring apart": urdf('<link name="c"/><link name="d"/>' + JOINT.format("c", "d")
+                         + JOINT.format("d", "c")),
+    "a joint without ends": urdf('<joint name="j" type="fixed"/>'),
+    "no mass": urdf(mass=0), "mass nan": urdf(mass="nan"), "mass inf": urdf(mass="inf"),
+    "mass negative": urdf(mass=-1), "mass a word": urdf(mass="heavy"), "mass huge": urdf(mass=1e308),
+    "inertia nan": urdf(inertia="nan"), "inertia a word": urdf(inertia="x"),
+    "box of none": urdf(shape='<box size="0 0 0"/>'), "box nan": urdf(shape='<box size="nan 1 1"/>'),
+    "box of two": urdf(shape='<box size="1 1"/>'), "box negative": urdf(shape='<box size="-1 1 1"/>'),
+    "sphere inf": urdf(shape='<sphere radius="inf"/>'), "sphere of 0": urdf(shape='<sphere radius="0"/>'),
+    **{
+        f"mesh {name}": urdf(shape=f'<mesh filename="{name}"/>')
+        for name in ("", "gone.obj", "/nowhere/gone.obj", "../../gone.stl", "package://x/y.dae", "x.xyz")
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", MALFORMED)
+def test_a_malformed_urdf_is_one_line(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "own.urdf").write_text(MALFORMED[kind])
+    with pytest.raises(ScenarioError, match="--body") as raised:
+        simulate(Scenario(body=str(tmp_path / "own.urdf")), tmp_path / "run.rrd", camera=None)
+    one_line(raised.value)
+    assert not (tmp_path / "run.rrd").exists()
+
+
+@pytest.mark.parametrize("kind", ["two roots", "a long name", "empty", "mesh gone.obj", "mass nan"])
+def test_a_malformed_urdf_neither_crashes_the_command_nor_soils_its_output(
+    drop: Drop, tmp_path: Path, kind: str
+) -> None:
+    (tmp_path / "own.urdf").write_text(MALFORMED[kind])
+    done = drop("simulate", "--out", "run.rrd", "--body", "own.urdf", "--json")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("drop: --body")
+
+
+@given(cuts=st.data())
+@settings(max_examples=150, deadline=None)
+def test_a_urdf_of_ones_own_with_anything_in_it_is_loaded_or_refused(cuts: st.DataObject) -> None:
+    text = urdf('<link name="c"/>' + JOINT.format("base", "c"))
+    start = cuts.draw(st.integers(0, len(text)))
+    stop = cuts.draw(st.integers(start, min(len(text), start + 40)))
+    words = [
+        "nan",
+        "-1",
+        "0",
+        "1e308",
+        "",
+        "<",
+        ">",
+        '"',
+        "/>",
+        "base",
+        "c",
+        "<link/>",
+        "&amp;",
+        "\0",
+    ]
+    inserted = cuts.draw(st.sampled_from(words) | st.text(max_size=10))
+    folder = Path(__file__).parent / "__pycache__"
+    folder.mkdir(exist_ok=True)
+    own = folder / "mutated.urdf"
+    own.write_text(text[:start] + inserted + text[stop:], errors="replace")
+    try:
+        with World(Scenario(body=str(own), spin_rad_s=(1.0, 2.0, 3.0), duration_s=0.1)) as world:
+            rows = np.concatenate(list(world.samples(64)))
+    except DropError as error:
+        one_line(error)
+    else:
+        assert len(rows) == 25
+    finally:
+        own.unlink()
+
+
+def test_every_body_of_pybullet_data_is_found_without_a_word() -> None:
+    assert find_body("cube_small.urdf").is_file()
+    assert find_body("../pybullet_data/cube_small.urdf").is_file()
+    for body in (
+        "/etc/passwd",
+        "../../../../../../etc/passwd",
+        "x" * 5000,
+        "gone.urdf",
+        ".",
+        "a\nb",
+    ):
+        with pytest.raises(ScenarioError) as raised:
+            find_body(body)
+        one_line(raised.value)
+
+
+def test_a_good_urdf_is_left_to_bullet(tmp_path: Path) -> None:
+    (tmp_path / "own.urdf").write_text(urdf())
+    check_urdf(tmp_path / "own.urdf")
+
+
+# -- names ----------------------------------------------------------------------------------------
+
+NAMES = (
+    "with space", "it's", 'a "quote"', "ünïcödé", "日本語", "new\nline", "tab\tin", "[red]", "$(touch x)",
+    "-dash", "semi;colon", "back\\slash", "per%cent", "{brace}", "emoji 📦", "~", "…",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_only_names(drop: Drop, tmp_path: Path, name: str) -> None:
+    """Of folders, recordings and bodies: taken as they are, said as they are, on one line."""
+    folder = tmp_path / name
+    folder.mkdir()
+    shutil.copy(find_body("cube_small.urdf"), folder / f"{name}.urdf")
+    run = folder / f"{name}.rrd"
+    short = ("--no-camera", "--duration", "0.1", "--body", f"{folder}/{name}.urdf")
+    made = drop("simulate", f"--out={run}", *short, "--json")
+    assert made.returncode == 0, made.stderr
+    assert json.loads(made.stdout)["recording"] == str(run)
+    told = drop("analyze", run)
+    assert (told.returncode, told.stderr) == (0, "")
+    again = drop("simulate", f"--out={run}", *short)
+    assert again.returncode == 1
+    assert len(again.stderr.splitlines()) == 1
+    assert {one.name for one in tmp_path.iterdir()} == {name}
+    assert {one.suffix for one in folder.iterdir()} == {".rrd", ".urdf"}
+
+
+def test_a_name_that_is_no_text_is_still_a_name(drop: Drop, tmp_path: Path) -> None:
+    name = b"\xff\xfe.rrd".decode(errors="surrogateescape")
+    made = drop("simulate", f"--out={name}", "--no-camera", "--duration", "0.1", "--json")
+    assert made.returncode == 0, made.stderr
+    assert json.loads(made.stdout)["recording"] == name
+    assert [one.name for one in tmp_path.iterdir()] == [name]

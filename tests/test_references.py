@@ -1,0 +1,114 @@
+"""The references are what the code says, and what is printed is what they say."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from generators.json_objects import COMMANDS
+from jsonschema import Draft202012Validator
+from regenerate import is_current, references
+from typer.testing import CliRunner
+
+from cli import app
+from pipeline.stages.run import Run
+
+SCHEMAS = Path(__file__).parents[1] / "docs/schemas"
+GOLDEN = Path(__file__).parents[1] / "recordings/golden/standard.rrd"
+AGAIN = "a reference has become old; make it again with: python docs/regenerate.py"
+
+
+def test_the_references_are_those_of_the_code() -> None:
+    for path, content in references().items():
+        assert is_current(path, content), f"{path.name}: {AGAIN}"
+
+
+# -- JSON -----------------------------------------------------------------------------------------
+
+
+def schema_of(command: str) -> dict[str, Any]:
+    return dict(json.loads((SCHEMAS / f"{command}.json").read_text(encoding="utf-8")))
+
+
+def strict(schema: Any) -> Any:
+    """Return a schema that lets no key pass which it does not describe."""
+    if isinstance(schema, list):
+        return [strict(one) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    closed = {key: strict(value) for key, value in schema.items()}
+    return {"additionalProperties": False} | closed if "properties" in schema else closed
+
+
+@pytest.fixture
+def printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standard: Run) -> Any:
+    """Return a function from a command to the JSON object that it prints, beside `run.rrd`."""
+    monkeypatch.chdir(tmp_path)
+    Path("run.rrd").write_bytes(standard.simulation.recording.read_bytes())
+
+    def call(command: str) -> dict[str, Any]:
+        done = CliRunner().invoke(app, [*command.split(), "--json"])
+        return dict(json.loads(done.stdout))
+
+    return call
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_schema_is_one(command: str) -> None:
+    Draft202012Validator.check_schema(schema_of(command))
+
+
+@pytest.mark.parametrize(
+    "commands",
+    [
+        ["simulate --out new.rrd --no-camera"],
+        ["analyze run.rrd", "analyze run.rrd --at 0.3 --at 0.5 --at 0.9"],
+        *(
+            [f"simulate --out new.rrd --no-camera {options}", "analyze new.rrd --at 0.1"]
+            for options in (
+                "--no-step", "--no-gravity", "--no-floor --velocity 1,0,3 --spin 0,5,0",
+                "--restitution 0.8 --duration 2", "--coordinates maximal --linear-damping 0.1",
+                "--body sphere_small.urdf --mass 2",
+            )
+        ),
+        ["render run.rrd"],
+        ["run --duration 0.1 --no-camera"],
+        ["check run.rrd --against run.rrd", f"check run.rrd --against {GOLDEN}"],
+        ["simulate --out new.rrd --no-camera --timestep 1/480", "check new.rrd --against run.rrd"],
+        ["check run.rrd --against golden.rrd --update"],
+        ["sweep --out a --timestep 1/240,1/480,1/960 --linear-damping default,0 --plot a.png"],
+        ["sweep --out b --timestep 1/240,1/7 --no-record"],
+        ["sweep --out c --samples 5 --vary height=uniform:1:2 --no-record --until-ci 1"],
+    ],
+    ids=lambda commands: commands[-1].partition(" --out")[0][:60],
+)  # fmt: skip
+def test_what_is_printed_is_what_the_schema_says(printed: Any, commands: list[str]) -> None:
+    for command in commands:
+        schema = schema_of(command.partition(" ")[0])
+        Draft202012Validator(strict(schema)).validate(printed(command))
+
+
+def test_what_view_prints_is_what_the_schema_says(
+    printed: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.stages.view.show", lambda _: None)
+    monkeypatch.setenv("DISPLAY", ":0")
+    Draft202012Validator(strict(schema_of("view"))).validate(printed("view run.rrd --web"))
+
+
+def test_a_schema_misses_a_key_that_stays_and_lets_a_new_one_pass(printed: Any) -> None:
+    analysis = printed("analyze run.rrd")
+    validator = Draft202012Validator(schema_of("analyze"))
+    validator.validate(analysis | {"more": 1})
+    for path in (["at"], ["at", 0, "terms_m", "damping"], ["impact", "penetration_m"],
+                 ["scenario", "timestep_s"], ["findings", 0, "code"]):  # fmt: skip
+        broken = copy.deepcopy(analysis)
+        inner: Any = broken
+        for step in path[:-1]:
+            inner = inner[step]
+        del inner[path[-1]]
+        assert not validator.is_valid(broken), path
+    assert not validator.is_valid(analysis | {"at": [{"time_s": "0.3"}]})
