@@ -10,7 +10,7 @@ from pathlib import Path
 
 from benchmarks.harness import HEAD, machine
 
-SCRIPTS = ("run", "steps", "memory", "size", "frames", "analyze", "start", "gif", "egl")
+SCRIPTS = ("run", "steps", "memory", "size", "frames", "analyze", "start", "gif", "egl", "sweep")
 
 
 def main() -> None:

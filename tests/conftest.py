@@ -10,11 +10,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from pipeline import Analysis, Scenario, simulate
 from pipeline.budget.analysis import analysis_of
 from pipeline.recording.reader import Recording, read
 from pipeline.stages.run import Run, run
+
+# The same examples every time: a test that fails is a change, and no bad luck.
+settings.register_profile("drop", derandomize=True, deadline=None)
+settings.load_profile("drop")
 
 Drop = Callable[..., subprocess.CompletedProcess[str]]
 

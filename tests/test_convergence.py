@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from scipy.special import stdtrit
 
 from pipeline.budget.convergence import (
     Run,
@@ -15,7 +16,7 @@ from pipeline.budget.convergence import (
     solution_order,
     study_of,
 )
-from pipeline.budget.statistics import Moments
+from pipeline.budget.statistics import MANY, Moments, students_t
 
 HALVED = [1 / 240, 1 / 480, 1 / 960]
 
@@ -102,3 +103,8 @@ def test_the_interval_is_students() -> None:
     values = [x / math.sqrt(2.5) for x in (-2.0, -1.0, 0.0, 1.0, 2.0)]
     low, high = Moments().with_values(values).interval or (0.0, 0.0)
     assert (low, high) == pytest.approx((-1.241664, 1.241664), abs=1e-6)
+
+
+def test_students_quantile_has_no_step_where_it_changes_its_source() -> None:
+    for degrees in (MANY - 1, MANY, 10 * MANY):
+        assert students_t(degrees) == pytest.approx(stdtrit(degrees, 0.975), rel=1e-11)

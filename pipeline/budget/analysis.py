@@ -109,6 +109,7 @@ def analysis_of(
             airborne=found.airborne,
             timestep_s=timestep_s,
             mass_kg=engine["mass_kg"],
+            stepped=scenario.stepped,
         ),
         findings=findings(evidence),
         table=table,
@@ -181,7 +182,7 @@ def _steps_at(at_s: Sequence[float], scenario: Scenario, coverage: Coverage) -> 
             )
     if at_s:
         return [min(last, round(time_s / scenario.timestep_s)) for time_s in at_s]
-    if covered == 0:
+    if covered < 2:  # the release alone tells nothing
         return []
     standard = round(DEFAULT_AT_S / scenario.timestep_s)
     return [standard if standard < covered else (covered - 1) // 2]

@@ -60,6 +60,7 @@ def ledger(
     airborne: int,
     timestep_s: float,
     mass_kg: float,
+    stepped: bool = True,
 ) -> EnergyLedger:
     """Book every change of energy to its cause.
 
@@ -76,14 +77,16 @@ def ledger(
         other steps change besides is booked to contact.
     timestep_s, mass_kg
         Timestep [s] and mass [kg].
+    stepped
+        Whether steps were taken at all: otherwise nothing works, and nothing is lost.
     """
     total_j, spin_j = energies.total_j, energies.kinetic_angular_j
     before = velocity_m_s[:-1]
     after = velocity_after_step(fall, before, timestep_s=timestep_s)
     gravity = np.array([0.0, 0.0, fall.gravity_m_s2])
     drag = after - before - timestep_s * gravity
-    damping_j = mass_kg / 2 * np.sum(drag * (before + after), axis=1)
-    integrator_j = -mass_kg * timestep_s / 2 * ((after - before) @ gravity)
+    damping_j = stepped * mass_kg / 2 * np.sum(drag * (before + after), axis=1)
+    integrator_j = -stepped * mass_kg * timestep_s / 2 * ((after - before) @ gravity)
     last = max(airborne - 1, 0)
     in_air_j = float(total_j[last] - total_j[0])
     rotation_j = float(spin_j[last] - spin_j[0])

@@ -164,7 +164,8 @@ def _refining_hurts(e: Evidence) -> Iterator[Finding]:
 
 
 def _deep_penetration(e: Evidence) -> Iterator[Finding]:
-    if e.impact is None or e.impact.penetration_m is None:
+    released_inside = e.phases.airborne < 2
+    if e.impact is None or e.impact.penetration_m is None or released_inside:
         return
     depth_m, height_m = e.impact.penetration_m, 2 * e.engine["rest_height_m"]
     if depth_m > DEEP_PENETRATION * height_m:

@@ -33,7 +33,7 @@ def progress() -> Iterator[Callable[[str, int, int], None]]:
 
 def millimetres(value_m: float) -> str:
     """Right-align a length in mm; what four decimals cannot show is given in powers of ten."""
-    value = value_m * 1e3
+    value = value_m * 1e3 + 0.0  # no minus before a zero
     text = f"{value:+.4f}" if value == 0 or abs(value) >= 5e-5 else f"{value:+.1e}"
     return f"{text:>10} mm"
 

@@ -110,5 +110,7 @@ def _verdict(error: BaseException) -> tuple[str, int]:
     if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
         return "standard output cannot be written: no space left; send it elsewhere", 1
     if isinstance(error, typer.TyperException):
-        return f"{error.format_message()}; see: drop --help", error.exit_code
+        context = getattr(error, "ctx", None)
+        command = "drop" if context is None else context.command_path
+        return f"{error.format_message().rstrip('.')}; see: {command} --help", error.exit_code
     return f"{type(error).__name__}: {error}; DROP_DEBUG=1 shows where", 1

@@ -64,7 +64,7 @@ def show_run(run: Run, *, as_json: bool) -> None:
         "",
         _simulation_line(run.simulation),
         *_rendering_lines(run.rendering),
-        f"[dim]see it move[/]      rerun {recording} {run.analysis.layer}",
+        f"[dim]see it move[/]      drop view {recording}",
     )
 
 
@@ -189,19 +189,23 @@ def _impact(analysis: Analysis) -> list[str]:
 
 
 def _bounces(analysis: Analysis) -> list[str]:
+    body, floor = analysis.engine["restitution"], analysis.engine.get("floor_restitution", 0.0)
     lines = []
     for number, bounce in enumerate(analysis.bounces[:_MOST_BOUNCES], start=1):
-        without = bounce.uncorrected_apex_m
-        lines += _titled(
-            f"Bounce {number}",
-            f"rises {bounce.apex_m * 1e3:.1f} mm where restitution alone gives "
-            f"{bounce.predicted_apex_m * 1e3:.1f} mm: effective restitution "
-            f"{bounce.effective_restitution:.4f}, {bounce.correction_m_s:+.3f} m/s by the "
-            "position correction"
-            + ("" if without is None else f"; {without * 1e3:.1f} mm with --contact-erp 0"),
+        said = (
+            f"rises {bounce.apex_m * 1e3:.1f} mm; a restitution of {body * floor:.4g} "
+            f"({body:g} × {floor:g}) alone gives {bounce.predicted_apex_m * 1e3:.1f} mm. "
+            f"Effective restitution {bounce.effective_restitution:.4f}"
         )
+        if abs(bounce.correction_m_s) >= 5e-4:
+            said += f": the position correction changes the rebound by {bounce.correction_m_s:+.3f}"
+            said += " m/s"
+        if bounce.uncorrected_apex_m is not None and analysis.scenario["contact_erp"] != 0:
+            said += f"; with --contact-erp 0 it rises {bounce.uncorrected_apex_m * 1e3:.1f} mm"
+        lines += _titled(f"Bounce {number}", said)
     left = len(analysis.bounces) - _MOST_BOUNCES
-    return lines + (_titled("", f"and {left} more bounces: see --json") if left > 0 else [])
+    more = f"and {left} more bounce{'s' * (left > 1)}: see --json"
+    return lines + (_titled("", more) if left > 0 else [])
 
 
 def _rest(analysis: Analysis) -> list[str]:
@@ -232,8 +236,11 @@ def _energy(analysis: Analysis) -> list[str]:
         "rotation": energy.rotation_j,
         "contact": energy.contact_j,
     }
-    causes = [f"{joules:+.4f} {cause}" for cause, joules in lost.items() if joules]
-    sum_up = f"{energy.initial_j:.4f} J at release, {energy.final_j:.4f} J at the end"
+    scale = max(abs(energy.initial_j), abs(energy.final_j))
+    form = ".4f" if scale >= 0.01 else ".3e"
+    # What is a millionth of the whole is rounding, and no cause.
+    causes = [f"{j:+{form}} {cause}" for cause, j in lost.items() if abs(j) > 1e-6 * scale]
+    sum_up = f"{energy.initial_j:{form}} J at release, {energy.final_j:{form}} J at the end"
     return _titled("Energy", f"{sum_up}: {', '.join(causes)}" if causes else sum_up)
 
 

@@ -214,7 +214,7 @@ def _mark_cancelling(axes: Axes, timestep_s: float, ink: Ink) -> None:
         return
     axes.axvline(timestep_s, color=ink.faint, lw=0.9, ls=(0, (2, 2)), zorder=0.8)
     axes.text(
-        timestep_s, 0.2, f" timestep and damping\n cancel at 1/{1 / timestep_s:.0f} s", size=9,
+        timestep_s, 0.42, f" timestep and damping\n cancel at 1/{1 / timestep_s:.0f} s", size=9,
         color=ink.faint, transform=axes.get_xaxis_transform(), bbox=_clear(ink),
     )  # fmt: skip
 

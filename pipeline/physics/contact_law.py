@@ -144,10 +144,13 @@ def bounces(
             break
         v = float(velocity_m_s[start])
         damped = v * math.pow(1.0 - fall.linear_damping, timestep_s)
+        approach_m_s = -(damped if fall.coordinates == "maximal" else free_velocity(v))
+        if approach_m_s <= 0:  # released inside the floor: nothing has arrived
+            continue
         found.append(
             Bounce(
                 step=int(start),
-                approach_m_s=-(damped if fall.coordinates == "maximal" else free_velocity(v)),
+                approach_m_s=approach_m_s,
                 rebound_m_s=float(velocity_m_s[start + 1 : end + 1].max()),
                 apex_m=float(height_m[end:following].max()) - rest_height_m,
             )

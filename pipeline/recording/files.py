@@ -39,6 +39,10 @@ def check_target(path: Path, *, force: bool) -> None:
         read-only.
     """
     folder = path.parent
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise OutputError(f"{str(path)!r} must be UTF-8: Rerun takes no other names") from None
     with _translated(path):
         if path.is_dir():
             raise OutputError(f"{path} is a folder; name a file in it, such as {path / 'run.rrd'}")

@@ -266,23 +266,27 @@ def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
 # -- states ---------------------------------------------------------------------------------------
 
 
-def _joined(state: Mapping[str, list[pl.DataFrame]], path: Path) -> pl.DataFrame:
-    """Return the samples that are there in all their parts."""
+def _joined(state: dict[str, list[pl.DataFrame]], path: Path) -> pl.DataFrame:
+    """Return the samples that are there in all their parts; takes the parts out of `state`."""
     missing = [entity for entity, parts in state.items() if not sum(map(len, parts))]
     if missing:
         raise RecordingError(f"{path} holds no {', '.join(missing)}; {AGAIN}")
-    tables = [pl.concat(parts).sort("step") for parts in state.values()]
-    for table in tables:
-        steps = table["step"].to_numpy()
-        if not np.array_equal(steps, np.arange(len(steps))):
-            raise RecordingError(
-                f"{path} must hold steps 0, 1, 2, … once each, and does not; {AGAIN}"
-            )
-    # The same steps in the same order: side by side is joined. An unfinished recording may end
-    # within a sample, so that the shortest decides.
-    samples = min(map(len, tables))
-    columns = [table.head(samples).drop("step") for table in tables]
-    return pl.concat([tables[0].head(samples).select("step"), *columns], how="horizontal")
+    # An unfinished recording may end within a sample, so that the shortest part decides.
+    samples = min(sum(map(len, parts)) for parts in state.values())
+    # The same steps in the same order: side by side is joined.
+    tables = [_in_step_order(parts, path).head(samples) for parts in state.values()]
+    return pl.concat([tables[0], *(table.drop("step") for table in tables[1:])], how="horizontal")
+
+
+def _in_step_order(parts: list[pl.DataFrame], path: Path) -> pl.DataFrame:
+    table = pl.concat(parts)
+    parts.clear()  # a long recording is not held twice
+    if not table["step"].is_sorted():
+        table = table.sort("step")
+    steps = table["step"].to_numpy()
+    if not np.array_equal(steps, np.arange(len(steps))):
+        raise RecordingError(f"{path} must hold steps 0, 1, 2, … once each, and does not; {AGAIN}")
+    return table
 
 
 def _check_states(

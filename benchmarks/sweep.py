@@ -1,0 +1,77 @@
+"""2,000 drops by `drop sweep`, beside the bare PyBullet loop over the same steps.
+
+The bare loop is as bare as it gets: one world per process, put back to the release 2,000 times;
+step, read pose, read velocity, and nothing is kept. Both sides are whole processes, so that ours
+has its imports, its workers' start, its statistics and its files in its time.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks.harness import DROP, PYTHON, Measured, Ran, paired, process
+
+BARE_LOOP = """
+import os
+children = []
+for _ in range({jobs} - 1):
+    child = os.fork()
+    if child == 0:
+        children = None
+        break
+    children.append(child)
+import pybullet as p, pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+box = p.loadURDF("cube_small.urdf", [0, 0, 1])
+for _ in range({runs} // {jobs}):
+    p.resetBasePositionAndOrientation(box, [0, 0, 1], [0, 0, 0, 1])
+    p.resetBaseVelocity(box, [0, 0, 0], [0, 0, 0])
+    for _ in range(240):
+        p.stepSimulation()
+        p.getBasePositionAndOrientation(box)
+        p.getBaseVelocity(box)
+for child in children or []:
+    os.waitpid(child, 0)
+"""
+
+
+def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
+    """Compare whole processes: one and two of them, without and with recordings."""
+    number = itertools.count()
+    runs, pairs = (1000, 3) if quick else (2000, 7)
+
+    def ours(jobs: int, *options: str) -> Ran:
+        return process(
+            *DROP, "sweep", "--out", f"sweep-{next(number)}", "--samples", runs, "--jobs", jobs,
+            *options, folder=folder,
+        )  # fmt: skip
+
+    def bare(jobs: int) -> Ran:
+        return process(*PYTHON, BARE_LOOP.format(runs=runs, jobs=jobs), folder=folder)
+
+    for jobs in (1, 2):
+        ratios, detail = paired(lambda: ours(jobs, "--no-record"), lambda: bare(jobs), pairs=pairs)  # noqa: B023
+        yield Measured(
+            f"`drop sweep --no-record --jobs {jobs}`, {runs:,} drops", "bare loop", ratios, 1.6,
+            detail=detail,
+        )  # fmt: skip
+    # Enough runs that starting the workers, some 0.4 s, does not hide how they scale.
+    runs *= 5
+    ratios, detail = paired(
+        lambda: ours(1, "--no-record"), lambda: ours(2, "--no-record"), pairs=max(2, pairs // 2)
+    )
+    yield Measured(
+        f"`drop sweep --no-record --jobs 1`, {runs:,} drops: slower than two processes by",
+        "`--jobs 2`", ratios, 1.7, more_is_better=True, detail=detail,
+    )  # fmt: skip
+    runs //= 5
+    ratios, detail = paired(lambda: ours(1), lambda: bare(1), pairs=max(2, pairs // 2))
+    yield Measured(
+        f"`drop sweep --jobs 1`, {runs:,} drops with a recording each", "bare loop", ratios, 4.0,
+        detail=detail,
+    )  # fmt: skip
