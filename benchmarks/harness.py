@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import platform
 import statistics
@@ -71,6 +73,20 @@ class Ran:
     peak_mb: float
 
 
+LAUNCHER = """
+import json, os, subprocess, sys, time
+began = time.perf_counter()
+child = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+_, status, used = os.wait4(child.pid, 0)
+wall_s = time.perf_counter() - began
+child.returncode = os.waitstatus_to_exitcode(status)
+cpu_s, peak_mb = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+print(json.dumps([child.returncode, wall_s, cpu_s, peak_mb]))
+"""
+"""Linux counts to a child's peak what its parent holds when it forks: so the parent is a small one.
+The child's own children count to its processor time, as far as it waits for them."""
+
+
 def process(*command: object, folder: Path) -> Ran:
     """Run a command to its end in a folder, and return what it took; its output is dropped.
 
@@ -79,20 +95,18 @@ def process(*command: object, folder: Path) -> Ran:
     RuntimeError
         If it fails.
     """
-    began = time.perf_counter()
-    child = subprocess.Popen(
-        [str(part) for part in command],
+    words = [str(part) for part in command]
+    launched = subprocess.run(
+        [sys.executable, "-S", "-c", LAUNCHER, *words],
         cwd=folder,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"},
+        check=True,
     )
-    _, status, used = os.wait4(child.pid, 0)
-    wall_s = time.perf_counter() - began
-    child.returncode = os.waitstatus_to_exitcode(status)
-    if child.returncode:
-        raise RuntimeError(f"exit code {child.returncode}: {' '.join(map(str, command))[:200]}")
-    return Ran(wall_s, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+    code, *took = json.loads(launched.stdout)
+    if code:
+        raise RuntimeError(f"exit code {code}: {' '.join(words)[:200]}")
+    return Ran(*took)
 
 
 def paired(
@@ -116,16 +130,16 @@ def paired(
     mine_s, other_s = (
         statistics.median(one.wall_s for one in side) for side in zip(*runs, strict=True)
     )
+    words = f"{_digits(mine_s)} s over {_digits(other_s)} s"
     work = statistics.median(mine.cpu_s / other.cpu_s for mine, other in runs)
-    words = f"{_digits(mine_s)} s over {_digits(other_s)} s; processor time {_digits(work)} ×"
-    return ratios, words
+    return ratios, words if math.isnan(work) else f"{words}; processor time {_digits(work)} ×"
 
 
 def done(work: Callable[[], object]) -> Ran:
-    """Do something in this process, and return what it took."""
-    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    """Do something here, and return how long it took; what workers do cannot be told apart."""
+    began = time.perf_counter()
     work()
-    return Ran(time.perf_counter() - wall_s, time.process_time() - cpu_s, 0.0)
+    return Ran(time.perf_counter() - began, math.nan, math.nan)
 
 
 def machine() -> str:

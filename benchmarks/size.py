@@ -1,4 +1,4 @@
-"""How many bytes of a recording a step takes, in the air and at rest."""
+"""How many bytes of a recording a step takes, in flight and at rest."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from benchmarks.harness import DROP, Measured, process
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Divide the size of long recordings without frames by their steps."""
     steps = 20_000 if quick else 200_000
-    for what, options in (("in the air", ("--gravity", "zero", "--velocity", "0.1,0.2,1")),
+    for what, options in (("in flight", ("--gravity", "zero", "--linear-damping", "0", "--velocity", "0.1,0.2,1")),
                           ("at rest, creeping and turning", ())):  # fmt: skip
         process(*DROP, "simulate", "--no-camera", "--force", "--out", "run.rrd", "--duration",
                 f"{steps}/240", *options, folder=folder)  # fmt: skip

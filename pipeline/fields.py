@@ -231,7 +231,7 @@ class Optioned:
         ScenarioError
             If one is of another type, or lies outside its domain.
         """
-        hints = _hints(type(self))
+        hints = _hints(type(self))  # type: ignore[arg-type]
         for name, spec in self.options().items():
             given = getattr(self, name)
             try:

@@ -20,6 +20,8 @@ Renderer = Literal["tiny", "egl"]
 GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.0}
 BYTES_PER_SAMPLE = 310
 """What a sample takes in a recording without frames, however long it is."""
+ANALYSIS_BYTES_PER_SAMPLE = 1500
+"""What it takes of memory to analyze one, measured with a million."""
 MAX_STEPS = 1_000_000_000
 """Beyond this a recording would take some 300 GB; ask for several shorter ones."""
 
@@ -117,7 +119,8 @@ class Scenario(Optioned):
         if ratio > MAX_STEPS:
             raise ScenarioError(
                 f"--duration over --timestep must be at most {MAX_STEPS:,} steps, got {ratio:.3g}, "
-                f"some {ratio * BYTES_PER_SAMPLE / 1e9:.3g} GB on disk; try a longer timestep"
+                f"some {ratio * BYTES_PER_SAMPLE / 1e9:,.0f} GB on disk and "
+                f"{ratio * ANALYSIS_BYTES_PER_SAMPLE / 1e9:,.0f} GB of memory; try a longer timestep"
             )
         # 1e-9: what is left of a decimal such as 0.0041666666667 is meant as the fraction.
         if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:

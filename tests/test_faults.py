@@ -29,10 +29,13 @@ from pipeline import Scenario, analyze, simulate
 from pipeline.errors import OutputError, RecordingError
 from pipeline.recording import files
 from pipeline.recording.reader import Recording, read
+from pipeline.stages.simulate import BATCH
 
 KILLS = 50
 """Runs that are killed, each at a moment of its own."""
 SEED = 6
+ONE_BATCH = BATCH * 310
+"""About how many bytes are handed over at once."""
 LIMIT_S = 10
 """Nothing hangs longer than this."""
 
@@ -99,7 +102,7 @@ def assert_one_line(stdout: str, stderr: str, *words: str) -> None:
 
 def salvaged(part: Path) -> Recording | None:
     """Return what a `.part` holds, None where it was stopped before its first sample was whole."""
-    if size(part) < 200_000:
+    if size(part) < 2 * ONE_BATCH:
         with contextlib.suppress(RecordingError):
             return read(part)
         return None
@@ -146,7 +149,7 @@ def small_disk(folder: Path, kilobytes: int) -> Iterator[dict[str, object]]:
         *((TINY, room, 13) for room in (24, 40)),  # in the footer
         *((TINY, room, 13) for room in (90, 110, 150)),  # while it is sealed
         *((FULL, room, 241) for room in (200, 250, 300, 350)),  # among the frames
-        *((FULL, room, 241) for room in (450, 600, 700)),  # while it is sealed
+        *((FULL, room, 241) for room in (420, 500, 600)),  # while it is sealed
     ],
 )
 def test_the_disk_fills_up_while_a_recording_is_written(
@@ -210,6 +213,17 @@ def test_too_little_room_is_said_before_the_work_is_begun(tmp_path: Path) -> Non
             Scenario(timestep_s=1e-3, duration_s=steps / 1000), tmp_path / "x.rrd", camera=None
         )
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_large_recording_takes_is_said_before_the_work_is_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.stages.simulate.LARGE_BYTES", 1000)
+    notes: list[str] = []
+    simulate(Scenario(), tmp_path / "run.rrd", camera=None, note=notes.append)
+    assert len(notes) == 1
+    assert "241 samples take some" in notes[0]
+    assert "GB of memory to analyze" in notes[0]
 
 
 # -- the folder -----------------------------------------------------------------------------------
@@ -310,7 +324,7 @@ def test_killed_at_any_moment(tmp_path: Path, precious: bytes) -> None:
         known = {"run.rrd", "run.rrd.part", "run.rrd.part.sealed"}
         assert {one.name for one in folder.iterdir()} <= known
         assert code == -9 or not (folder / "run.rrd.part.sealed").exists()
-    assert len(parts) >= KILLS / 2
+    assert len(parts) >= KILLS / 4
     assert {code for code, *_ in results} >= {130, 143, -9}
     # One scenario falls one way: every part is the beginning of the longest.
     longest = max((found.states for found in parts), key=len)
@@ -325,12 +339,12 @@ def test_what_a_killed_run_left_is_analyzed_and_said_to_be_partial(
     drop: Drop, tmp_path: Path, how: signal.Signals
 ) -> None:
     process, part = start(LONG, tmp_path), tmp_path / "run.rrd.part"
-    wait_for(lambda: size(part) > 1_500_000, "no .part")
+    wait_for(lambda: size(part) > 1.5 * ONE_BATCH, "no .part")
     process.send_signal(how)
     ended(process)
     samples = len(read(part).states)
-    # 305 bytes per sample is what a recording takes: nothing that was handed over is missing.
-    assert samples > 1_500_000 / 305 - 4096
+    # A sample takes at most 310 bytes, and only a batch that is not whole yet may be missing.
+    assert samples > size(part) / 310 - BATCH
     done = drop("analyze", "run.rrd.part", "--json")
     told = json.loads(done.stdout)
     assert (done.returncode, told["partial"]) == (0, True)
@@ -346,21 +360,21 @@ def test_what_a_killed_run_left_is_analyzed_and_said_to_be_partial(
 
 def test_a_part_that_is_cut_within_a_message_gives_all_messages_before_it(tmp_path: Path) -> None:
     process, part = start(LONG, tmp_path), tmp_path / "run.rrd.part"
-    wait_for(lambda: size(part) > 2_000_000, "no .part")
+    wait_for(lambda: size(part) > 2 * ONE_BATCH, "no .part")
     process.kill()
     ended(process)
     data, whole = part.read_bytes(), read(part)
-    for less in (1, 16, 1000, 100_000, 1_000_000):
+    for less in (1, 16, 1000, 100_000, ONE_BATCH // 2):
         part.write_bytes(data[:-less])
         found = read(part)
-        assert len(found.states) >= len(whole.states) - 4096 * (1 + less // 500_000)
+        assert len(found.states) >= len(whole.states) - BATCH
         assert found.states.equals(whole.states.head(len(found.states)), null_equal=True)
 
 
 def test_a_recording_can_be_read_while_it_grows(tmp_path: Path) -> None:
     process, part = start(LONG, tmp_path), tmp_path / "run.rrd.part"
     seen = [0]
-    wait_for(lambda: size(part) > 2_000_000, "no .part")
+    wait_for(lambda: size(part) > 1.5 * ONE_BATCH, "no .part")
     while len(seen) < 4:
         found = read(part)
         assert found.partial

@@ -18,6 +18,8 @@ from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
 
+LONGEST_THROW_S = 3600.0
+
 
 def find_impact(
     scenario: Scenario,
@@ -36,9 +38,13 @@ def find_impact(
     rest_height_m = engine["rest_height_m"]
     lowest = int(np.argmin(height_m))
     upright = lands_upright(scenario, engine)
+    free_s = theory.impact_time_free(fall, rest_height_m) if upright else None
+    # An oblique throw is integrated, which is no use over days: up, in next to no gravity.
+    oblique = fall.coordinates == "reduced" and any(fall.velocity_m_s[:2])
+    endless = free_s is None or (oblique and free_s > LONGEST_THROW_S)
     return Impact(
-        time_free_fall_s=theory.impact_time_free(fall, rest_height_m) if upright else None,
-        time_damped_s=theory.impact_time_damped(fall, rest_height_m) if upright else None,
+        time_free_fall_s=free_s,
+        time_damped_s=None if endless else theory.impact_time_damped(fall, rest_height_m),
         time_simulated_s=crossing_time(height_m, rest_height_m, scenario.timestep_s)
         if upright
         else None,

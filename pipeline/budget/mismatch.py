@@ -45,9 +45,8 @@ def find_mismatch(
         position_m, velocity_m_s = bullet_law.airborne(fall, **how)
         spin_rad_s = np.zeros_like(position_m)
         orientation = np.tile((0.0, 0.0, 0.0, 1.0), (airborne, 1))
-    recorded = np.hstack(
-        (samples.position_m, samples.velocity_m_s, samples.spin_rad_s, samples.orientation)
-    )[:airborne]
+    state = (samples.position_m, samples.velocity_m_s, samples.spin_rad_s, samples.orientation)
+    recorded = np.hstack([part[:airborne] for part in state])
     # A quaternion and its negative are the same orientation.
     agree = np.sum(orientation * samples.orientation[:airborne], axis=1, keepdims=True)
     turned = np.where(agree < 0, -orientation, orientation)

@@ -110,8 +110,9 @@ def _story(analysis: Analysis) -> list[str]:
     scenario = analysis.scenario
     first, last = analysis.table.row(0, named=True), analysis.table.row(-1, named=True)
     damping = "default" if scenario["linear_damping"] is None else f"{scenario['linear_damping']:g}"
+    body = escape(Path(scenario["body"]).name)
     lines = [
-        f"[bold]{escape(Path(scenario['body']).name)}[/] dropped from {first['simulated_m']:.4f} m, "
+        f"[bold]{body}[/] dropped from {first['simulated_m']:.4f} m, "
         f"timestep {fraction(scenario['timestep_s'])} s, damping {damping}",
         f"after {last['time_s']:.4g} s its centre is at {last['simulated_m']:.4f} m",
     ]

@@ -35,9 +35,6 @@ Float64 = NDArray[np.float64]
 
 SERIES_REACH = 0.25
 """Largest rate x time of the series; beyond, the closed form loses at most two of 16 digits."""
-LONGEST_THROW_S = 3600.0
-NO_DRAG = 1e-100
-"""A drag below this moves no double; its rate squared would be no double either."""
 SERIES_TERMS = 36
 """ψ e^(at/2) has no complex zero within rate x time = ln 2, and (0.25 / ln 2)^36 is 1e-16."""
 
@@ -120,33 +117,24 @@ def damped_fall_velocity(fall: Fall, time_s: Float64) -> Float64:
 
 
 def impact_time_damped(fall: Fall, floor_height_m: float) -> float | None:
-    """Return when the damped fall brings the body down to `floor_height_m` [s]; None if never.
-
-    An oblique throw is integrated, and not for longer than `LONGEST_THROW_S`: None beyond.
-    """
+    """Return when the damped fall brings the body down to `floor_height_m` [s]; None if never."""
     free_s = impact_time_free(fall, floor_height_m)
     if not free_s or fall.linear_damping == 0:
         return free_s  # drag takes no body further than free fall
     v0, g, k = fall.velocity_m_s[2], fall.gravity_m_s2, fall.linear_damping
     if fall.coordinates == "maximal" and k == 1:
         return None  # the air is solid
-    longest_s = math.inf
-    if fall.coordinates == "reduced" and any(fall.velocity_m_s[:2]):
-        longest_s = LONGEST_THROW_S
 
     def state(time: float) -> tuple[float, float]:
         motion = _motion(fall, np.array([time]))
         above = fall.height_m - floor_height_m + motion.travel[0, 2]
         return float(above), float(motion.velocity[0, 2])
 
-    latest = min(free_s, longest_s)
+    latest = free_s
     while g < 0 and state(latest)[0] > 0:
         latest *= 2
-        if latest > longest_s:
-            return None
     if g > 0:  # it turns back up, sooner than in free fall
-        turned_s = min(-v0 / g, longest_s)
-        latest = _time_of_zero(lambda time: (-state(time)[1], math.nan), turned_s)
+        latest = _time_of_zero(lambda time: (-state(time)[1], math.nan), -v0 / g)
     if g == 0:  # it only slows down; e^-60 of its speed takes it nowhere
         latest = 60 / k
     return _time_of_zero(state, latest) if state(latest)[0] <= 0 else None
@@ -183,7 +171,7 @@ class _Motion(NamedTuple):
 def _motion(fall: Fall, time: Float64) -> _Motion:
     time = np.asarray(time, dtype=np.float64)
     (vx, vy, vz), g, k = fall.velocity_m_s, fall.gravity_m_s2, fall.linear_damping
-    if k < NO_DRAG:
+    if k < 1e-100:  # it moves no double, and its rate squared is none
         v0, velocity = np.array(fall.velocity_m_s), free_fall_velocity(fall, time)
         return _Motion((v0 + velocity) / 2 * time[:, None], np.zeros_like(velocity), velocity)
     if fall.coordinates == "maximal":  # each axis for itself

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ScenarioError
-from pipeline.fields import shown
 from pipeline.physics.quiet import c_output_moved_aside
 from pipeline.physics.urdf import check_urdf
 from pipeline.scenario import Scenario
@@ -65,7 +64,7 @@ def find_body(body: str) -> Path:
                     check_urdf(candidate)
                 return candidate
     raise ScenarioError(
-        f"--body must be a URDF file of pybullet_data or a path, got {shown(body)}, found neither; "
+        f"--body must be a URDF file of pybullet_data or a path, got {body[:200]!r}; "
         "try cube_small.urdf or ./my_body.urdf"
     )
 

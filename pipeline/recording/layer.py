@@ -102,6 +102,8 @@ def _chunks(
             yield writer.numbers_chunk(number, steps, timestep_s, values_m)
             yield writer.numbers_chunk(curve, steps, timestep_s, values_m * 1e3)
     steps = samples["step"].to_numpy()
+    largest_j = samples.select(pl.max_horizontal(pl.col(*ENERGY_CURVES).abs().max())).item()
+    resolution_j = schema.ENERGY_RESOLUTION * (largest_j or 1.0)
     for column, (name, colour) in ENERGY_CURVES.items():
         entity = f"{schema.ENERGY}/{name}"
         yield writer.curve_style_chunk(entity, f"{name} [J]", colour)
@@ -110,7 +112,7 @@ def _chunks(
             steps,
             timestep_s,
             samples[column].to_numpy(),
-            resolution=schema.ENERGY_RESOLUTION_J,
+            resolution=resolution_j,
         )
     if events:
         happened, lines = zip(*events, strict=True)

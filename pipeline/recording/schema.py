@@ -69,7 +69,7 @@ ERROR = "error"
 ERROR_MM = "error_mm"
 """The same in millimetres: the curves, because the viewer cannot scale what it shows."""
 ENERGY = "energy"
-ENERGY_RESOLUTION_J = 1e-12
-"""An energy curve that stays within this [J] is level."""
+ENERGY_RESOLUTION = 1e-10
+"""An energy curve that stays within this share of the largest energy is level."""
 EVENTS = "events"
 FINDINGS = "findings"

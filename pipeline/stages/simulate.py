@@ -29,7 +29,13 @@ from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
 from pipeline.recording.files import check_room, check_target
 from pipeline.recording.live import shown
 from pipeline.recording.writer import Chunk
-from pipeline.scenario import BYTES_PER_SAMPLE, STANDARD_CAMERA, Camera, Scenario
+from pipeline.scenario import (
+    ANALYSIS_BYTES_PER_SAMPLE,
+    BYTES_PER_SAMPLE,
+    STANDARD_CAMERA,
+    Camera,
+    Scenario,
+)
 from pipeline.workers import Worker
 
 Float64 = NDArray[np.float64]
@@ -39,6 +45,9 @@ BATCH = 16384
 
 LIVE_EVERY_S = 1 / 30
 """Simulated time between two pictures of a live view [s]."""
+
+LARGE_BYTES = 1_000_000_000
+"""From here on it is said before the start what a recording takes."""
 
 TRAIL_POINTS = 40
 """How many points the body leaves behind in the 3-D view, about."""
@@ -103,7 +112,7 @@ def simulate(
     began = time.perf_counter()
     path = Path(out)
     check_target(path, force=force)
-    check_room(path, 2 * BYTES_PER_SAMPLE * (scenario.steps + 1))  # it is copied when it is sealed
+    _check_size(path, scenario.steps + 1, note)
     find_body(scenario.body)
     recording_id = uuid.uuid4().hex
     frames = 0 if camera is None else scenario.steps // camera.capture_every + 1
@@ -184,6 +193,18 @@ def chunks_of(
             "inputs_sha256": inputs_digest(inputs),
         },
     )
+
+
+def _check_size(path: Path, samples: int, note: Callable[[str], None]) -> None:
+    """Make sure that there is room for a recording, and say of a large one what it takes."""
+    size = samples * BYTES_PER_SAMPLE
+    check_room(path, 2 * size)  # it is copied when it is sealed
+    if size > LARGE_BYTES:
+        memory = samples * ANALYSIS_BYTES_PER_SAMPLE
+        note(
+            f"{samples:,} samples take some {size / 1e9:.2g} GB on the disk, twice that while they "
+            f"are sealed, and {memory / 1e9:.2g} GB of memory to analyze"
+        )
 
 
 def _check_numbers(rows: Float64, first: int) -> None:

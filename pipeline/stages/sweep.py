@@ -140,9 +140,9 @@ def sweep(
                         if ledger.needed is not None:
                             break
         except BaseException as stop:
-            kept = sum(len(plan.runs_of(shard)) for shard in folder.finished())
+            there = sum(len(plan.runs_of(shard)) for shard in folder.finished())
             stop.add_note(
-                f"{kept:,} of {plan.runs:,} runs are in {folder.path}; the same command "
+                f"{there:,} of {plan.runs:,} runs are in {folder.path}; the same command "
                 "goes on from there"
             )
             raise
@@ -240,23 +240,21 @@ class _Ledger:
         self.done = done
         self.needed: int | None = None
         """How many shards are enough; None as long as nobody knows, or it is all of them."""
+        self.runs = sum(one.runs for one in done.values())
+        self.failed = sum(one.failed for one in done.values())
         self._total, self._until_ci_m, self._progress = plan.runs, until_ci_m, progress
         self._followed, self._moments = 0, Moments()
         self._follow()
 
-    @property
-    def runs(self) -> int:
-        """How many runs are done."""
-        return sum(one.runs for one in self.done.values())
-
     def enter(self, shard: int, done: ShardDone) -> None:
         """Take note of a shard."""
         self.done[shard] = done
+        self.runs += done.runs
+        self.failed += done.failed
         self._follow()
 
     def _follow(self) -> None:
-        failed = sum(one.failed for one in self.done.values())
-        self._progress(self.runs, failed, self._total)
+        self._progress(self.runs, self.failed, self._total)
         while self.needed is None and self._until_ci_m is not None and self._followed in self.done:
             self._moments = self._moments.merged(self.done[self._followed].error_m)
             self._followed += 1

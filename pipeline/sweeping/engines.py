@@ -30,7 +30,7 @@ T = TypeVar("T")
 QUEUED = 2
 """Shards per worker that are on their way: one at work, one waiting."""
 HEARTBEAT_S = 0.2
-"""Waiting is interrupted so often, because a signal that another thread receives interrupts none."""
+"""Waiting is interrupted so often: a signal that another thread receives interrupts none."""
 MOST_DEATHS = 10
 """A shard that was under way in so many deaths of a pool is taken for their cause."""
 
