@@ -476,6 +476,22 @@ def test_frame_workers_end_with_their_parent(tmp_path: Path, how: signal.Signals
 # -- standard output ------------------------------------------------------------------------------
 
 
+def test_only_python_writes_to_standard_output() -> None:
+    """Bullet prints from C, in a buffer that is emptied when the process ends."""
+    code = """
+import ctypes, typer
+from pipeline.console import running
+app = typer.Typer()
+@app.command()
+def speak():
+    ctypes.CDLL(None).puts(b"from C")
+    print("from Python")
+raise SystemExit(running.run(app))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "from Python\n", "")
+
+
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a recording."""

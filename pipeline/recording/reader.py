@@ -215,7 +215,10 @@ def _values(chunk: rrd.Chunk, path: Path) -> Properties:
     """Return a property's values by name; a list of one is its element."""
     if chunk.batch.num_rows != 1:
         raise damaged(path, f"its property {chunk.entity} must have one row")
-    (row,) = chunk.batch.to_pylist()
+    try:
+        (row,) = chunk.batch.to_pylist()
+    except (pa.ArrowException, ArithmeticError, ImportError, TypeError, ValueError) as error:
+        raise damaged(path, f"its property {chunk.entity} cannot be read ({error})") from None
     given = {key: value for key, value in row.items() if isinstance(value, list)}
     return {key: value[0] if len(value) == 1 else value for key, value in given.items()}
 
