@@ -120,7 +120,8 @@ class Scenario(Optioned):
             raise ScenarioError(
                 f"--duration over --timestep must be at most {MAX_STEPS:,} steps, got {ratio:.3g}, "
                 f"some {ratio * BYTES_PER_SAMPLE / 1e9:,.0f} GB on disk and "
-                f"{ratio * ANALYSIS_BYTES_PER_SAMPLE / 1e9:,.0f} GB of memory; try a longer timestep"
+                f"{ratio * ANALYSIS_BYTES_PER_SAMPLE / 1e9:,.0f} GB of memory; try a longer "
+                "timestep"
             )
         # 1e-9: what is left of a decimal such as 0.0041666666667 is meant as the fraction.
         if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
