@@ -11,7 +11,8 @@ from benchmarks.harness import DROP, Measured, process
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Divide the size of long recordings without frames by their steps."""
     steps = 20_000 if quick else 200_000
-    for what, options in (("in flight", ("--gravity", "zero", "--linear-damping", "0", "--velocity", "0.1,0.2,1")),
+    flight = ("--gravity", "zero", "--linear-damping", "0", "--velocity", "0.1,0.2,1")
+    for what, options in (("in flight", flight),
                           ("at rest, creeping and turning", ())):  # fmt: skip
         process(*DROP, "simulate", "--no-camera", "--force", "--out", "run.rrd", "--duration",
                 f"{steps}/240", *options, folder=folder)  # fmt: skip
