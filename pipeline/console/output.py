@@ -40,7 +40,8 @@ def millimetres(value_m: float) -> str:
 
 def print_json(value: dict[str, Any]) -> None:
     """Print one JSON object, and nothing else, to standard output."""
-    print(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+    # Flushed, because a command may go on: `view` waits for its viewer to be closed.
+    print(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False), flush=True)
 
 
 def note(sentence: str) -> None:
@@ -55,3 +56,4 @@ def print_lines(*lines: str) -> None:
     console = Console(highlight=False, soft_wrap=True)
     for line in lines:
         console.print(line)
+    console.file.flush()
