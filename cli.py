@@ -242,6 +242,10 @@ def sweep(
     Every scenario option takes a list A,B,C; lists of vectors have semicolons: "0,0,0;0,0,1".
     The sweep is their product, in the order of the options below, the last one changing fastest.
     """
+    if ray is None and jobs != 1 and (jobs or samples):
+        from pipeline.sweeping.engines import get_ready
+
+        get_ready()
     from pipeline.console.show_sweep import show_sweep, sweep_progress
     from pipeline.fields import times
     from pipeline.stages.sweep import sweep

@@ -308,6 +308,14 @@ def test_a_killed_workers_shard_is_run_again(tmp_path: Path) -> None:
     assert parts["run"].sort().to_list() == list(range(40))
 
 
+def test_workers_are_forked_from_a_process_without_threads_of_polars() -> None:
+    code = f"import sys, {', '.join(engines.READY)}; print('numpy' in sys.modules, *sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    numpy_too, *imported = done.stdout.split()
+    assert numpy_too == "True"
+    assert not [name for name in imported if name.startswith("polars")]
+
+
 def always_dies(_: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
@@ -515,15 +523,16 @@ def long_sweep(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-def children_of(pid: int) -> list[str]:
-    return Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+def descendants_of(pid: int | str) -> list[str]:
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return children + [grandchild for child in children for grandchild in descendants_of(child)]
 
 
 def test_interrupted_it_stops_at_once_and_says_how_to_go_on(
     long_sweep: subprocess.Popen[str], tmp_path: Path
 ) -> None:
-    children = children_of(long_sweep.pid)
-    assert len(children) >= 2
+    children = descendants_of(long_sweep.pid)
+    assert len(children) >= 3  # two workers, and the process that they were forked from
     long_sweep.send_signal(signal.SIGINT)
     stdout, stderr = long_sweep.communicate(timeout=20)
     assert (long_sweep.returncode, stdout, len(stderr.splitlines())) == (130, "", 1)
@@ -533,7 +542,7 @@ def test_interrupted_it_stops_at_once_and_says_how_to_go_on(
 
 
 def test_workers_do_not_outlive_whoever_started_them(long_sweep: subprocess.Popen[str]) -> None:
-    children = children_of(long_sweep.pid)
+    children = descendants_of(long_sweep.pid)
     long_sweep.kill()
     long_sweep.communicate()
     assert_they_end(children)

@@ -279,6 +279,7 @@ def _text(name: bytes) -> str:
     return name.decode(errors="replace")
 
 
+@functools.cache
 def engine_versions() -> dict[str, str]:
     """Return what decides the engine's numbers: its version, its wheel, and when it was built."""
     distribution = metadata.distribution("pybullet")

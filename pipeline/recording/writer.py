@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
@@ -115,11 +116,9 @@ def property_chunk(name: str, values: Mapping[str, Value | None]) -> Chunk:
     return Chunk.from_property(name, rr.AnyValues(**given))
 
 
-def _typed(value: Value) -> NDArray[Any] | list[str]:
-    # A component keeps the type it was first logged with in a process.
-    if isinstance(value, str):
-        return [value]
-    return np.atleast_1d(np.asarray(value))
+def _typed(value: Value) -> pa.Array:
+    # Arrow, because Rerun would guess a type otherwise, and keep to it for the rest of the process.
+    return pa.array([value] if isinstance(value, str) else np.atleast_1d(np.asarray(value)))
 
 
 def scene_chunks(camera: Camera | None, world_from_camera: Float64 | None, half_size_m: Float64,

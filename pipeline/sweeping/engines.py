@@ -8,6 +8,7 @@ run again, and a result counts when it is yielded, once.
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
 import multiprocessing
 import os
@@ -19,7 +20,9 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection
+from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -97,11 +100,40 @@ def in_processes(
                     ) from None
 
 
+READY = ("typer", "pipeline.budget.decomposition", "pipeline.physics.lasting_world")
+"""What workers have imported when they start: all that a run needs, but not polars.
+
+Importing polars starts threads, and a fork would leave their locks locked.
+"""
+
+
+@functools.cache
+def _context() -> BaseContext:
+    """Return how workers start: forked from a process that has nothing but imports in it."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")  # Windows
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(READY))
+    return context
+
+
+def get_ready() -> None:
+    """Let the workers' imports begin, while this process is still busy with its own."""
+    if _context().get_start_method() == "forkserver":
+        # Ctrl-C, which a terminal sends to every process, is for this one alone to answer.
+        resource_tracker.ensure_running()  # which would let the signal in again
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            forkserver.ensure_running()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
 @contextlib.contextmanager
 def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
     """Start workers that end with the block, at once where it ends with an exception."""
-    # Not forked: numpy and polars have threads, and a fork would leave their locks locked.
-    context = multiprocessing.get_context("spawn")
+    get_ready()
+    context = _context()
     life, ours = context.Pipe(duplex=False)
     with life, ours:
         pool = ProcessPoolExecutor(jobs, context, initializer=_live_with, initargs=(life,))
