@@ -119,8 +119,10 @@ def test_what_is_not_covered_gets_no_number(recorded: Recorder) -> None:
     assert "contact" in analysis.coverage.why
 
 
-def test_a_body_with_joints_is_left_out_loudly(recorded: Recorder) -> None:
-    analysis = judge(recorded(body="r2d2.urdf", duration_s=0.1))
+@pytest.mark.parametrize("coordinates", ["reduced", "maximal"])
+def test_a_body_with_joints_is_left_out_loudly(recorded: Recorder, coordinates: str) -> None:
+    analysis = judge(recorded(body="r2d2.urdf", coordinates=coordinates, duration_s=0.1))
+    assert "law-mismatch" not in {finding.code for finding in analysis.findings}
     assert analysis.coverage.samples == 0
     assert "15 joints" in analysis.coverage.why
     assert analysis.at == []

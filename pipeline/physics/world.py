@@ -192,7 +192,7 @@ class World:
         client = self._client
         engine = p.getPhysicsEngineParameters(physicsClientId=client)
         body = p.getDynamicsInfo(self._body, -1, physicsClientId=client)
-        shapes = self._shapes()
+        shapes, joints = self._make_up()
         report: Report = {
             "timestep_s": engine["fixedTimeStep"],
             "substeps": engine["numSubSteps"],
@@ -201,7 +201,7 @@ class World:
             "body_name": _text(p.getBodyInfo(self._body, physicsClientId=client)[1]),
             "body_sha256": hashlib.sha256(self._urdf.read_bytes()).hexdigest(),
             "body_type": {1: "btRigidBody", 2: "btMultiBody"}.get(body[10], str(body[10])),
-            "joints": p.getNumJoints(self._body, physicsClientId=client),
+            "joints": joints,
             "mass_kg": body[0],
             "inertia_kg_m2": list(body[2]),
             "lateral_friction": body[1],
@@ -219,12 +219,14 @@ class World:
             report["floor_lateral_friction"], report["floor_restitution"] = floor[1], floor[5]
         return report
 
-    def _shapes(self) -> Any:  # noqa: ANN401
+    def _make_up(self) -> tuple[Any, int]:
+        """Return what PyBullet says of the base's collision shapes, and how many joints it has."""
         if self.scenario.coordinates == "reduced":
-            return p.getCollisionShapeData(self._body, -1, physicsClientId=self._client)
-        # PyBullet does not say it of a btRigidBody: ask the same URDF in reduced coordinates.
+            shapes = p.getCollisionShapeData(self._body, -1, physicsClientId=self._client)
+            return shapes, p.getNumJoints(self._body, physicsClientId=self._client)
+        # Of btRigidBodies PyBullet says neither: ask the same URDF in reduced coordinates.
         with World(replace(self.scenario, coordinates="reduced")) as twin:
-            return twin._shapes()
+            return twin._make_up()
 
     def samples(self, batch: int) -> Iterator[Float64]:
         """Fall: yield the state before each step and after the last, in batches.
