@@ -33,7 +33,20 @@ At = Annotated[
         metavar="SECONDS", help=r"Time to take apart \[s]; may be given again. \[default: 0.3]"
     ),
 ]
-Fps = Annotated[float, typer.Option(help="Frames per second of the gif, at most 50.")]
+Fps = Annotated[
+    float | None,
+    typer.Option(help=r"Pictures per second of the gif, at most 50. \[default: 20]"),
+]
+Speed = Annotated[
+    float | None,
+    typer.Option(help="Simulated seconds per second: 1 is real time, 0.25 slow motion."),
+]
+Caption = Annotated[
+    bool, typer.Option("--caption", help="Write time, height and error below each frame.")
+]
+WithPlot = Annotated[
+    bool, typer.Option("--with-plot", help="Let heights and error grow beside the frames.")
+]
 
 
 @app.callback(invoke_without_command=True)
@@ -107,14 +120,23 @@ def analyze(
     show_analysis(analysis, as_json=json)
 
 
-@app.command(epilog="Example: drop render recordings/run.rrd --fps 30 --plot fall.svg")
+@app.command(
+    epilog="Example: drop render recordings/run.rrd --with-plot --speed 0.25 --out fall.webp"
+)
 def render(
     run: Run,
     *,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE.gif", help=r"The gif to write. \[default: RUN.gif]")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help=r"The .gif, .webp, .apng or .mp4 to write. \[default: RUN.gif]",
+        ),
     ] = None,
-    fps: Fps = 20.0,
+    fps: Fps = None,
+    speed: Speed = None,
+    caption: Caption = False,
+    with_plot: WithPlot = False,
     plot: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help=r"The plot, .png or .svg. \[default: RUN.png]"),
@@ -124,10 +146,14 @@ def render(
 ) -> None:
     """Make a gif of the recorded frames, and a plot of heights and errors."""
     from pipeline.console.show_drop import show_rendering
+    from pipeline.figures.playback import Animation
     from pipeline.stages.render import render
 
+    animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
     with output.progress() as progress:
-        rendering = render(run, out=out, fps=fps, plot=plot, force=force, progress=progress)
+        rendering = render(
+            run, out=out, animation=animation, plot=plot, force=force, progress=progress
+        )
     show_rendering(rendering, as_json=json)
 
 
@@ -139,7 +165,10 @@ def run(
         Path, typer.Option(metavar="DIR", help="Where the files go; made if missing.")
     ] = Path("recordings"),
     at: At = None,
-    fps: Fps = 20.0,
+    fps: Fps = None,
+    speed: Speed = None,
+    caption: Caption = False,
+    with_plot: WithPlot = False,
     json: Json = False,
     scenario: Scenario,
     camera: Camera | None,
@@ -147,11 +176,13 @@ def run(
     """Simulate, analyze and render in a row: the whole story of one drop."""
     from pipeline.console.show_drop import show_run
     from pipeline.fields import times
+    from pipeline.figures.playback import Animation
     from pipeline.stages.run import run
 
+    animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
     with output.progress() as progress:
         whole = run(
-            scenario, out_dir, camera=camera, at_s=times(at or []), fps=fps,
+            scenario, out_dir, camera=camera, at_s=times(at or []), animation=animation,
             note=output.note, progress=progress,
         )  # fmt: skip
     show_run(whole, as_json=json)

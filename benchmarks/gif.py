@@ -13,13 +13,14 @@ from pipeline.physics.world import World
 
 OURS = """
 import pickle
+from pipeline.figures.animation import decoded
 from pipeline.figures.gif import write_gif
 def pngs():
     with open("pngs", "rb") as file:
         for _ in range({count}):
             yield pickle.load(file)
 with open("ours.gif", "wb") as file:
-    write_gif(pngs(), file, fps=50)
+    write_gif(decoded(pngs()), file, fps=50)
 """
 PILLOW = """
 import io, pickle

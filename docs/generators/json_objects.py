@@ -124,7 +124,7 @@ ANALYSIS = _object(
      "findings"},
     scenario=Scenario, table=None,
 )  # fmt: skip
-RENDERING = _object(Rendering, plot=Path | None)
+RENDERING = _object(Rendering, plot=Path | None, speed=None)
 ROW = Object(
     {name: COLUMNS.get(kind, list[float]) | None
      for name, kind in SWEEP_COLUMNS.items()},

@@ -99,10 +99,21 @@ def _rendering_lines(made: Rendering) -> list[str]:
     lines = []
     if made.gif is not None:
         seconds = made.frames / made.fps
-        lines.append(f"[dim]gif[/]              {made.gif}   {made.frames} frames, {seconds:.2f} s")
+        kind = made.gif.suffix[1:]
+        lines.append(
+            f"[dim]{kind:<4}[/]             {made.gif}   {made.frames} frames, {seconds:.2f} s"
+            + (f", {_speed(made.speed)}" if made.speed else "")
+        )
     if made.plot is not None:
         lines.append(f"[dim]plot[/]             {made.plot}")
     return lines
+
+
+def _speed(speed: float) -> str:
+    """Return a speed in words: real time, or what part or multiple of it."""
+    if abs(speed - 1) < 5e-4:
+        return "in real time"
+    return f"{1 / speed:.4g} times slower" if speed < 1 else f"{speed:.4g} times faster"
 
 
 def _story(analysis: Analysis) -> list[str]:

@@ -10,7 +10,6 @@ Layout: CompuServe, "Graphics Interchange Format, Version 89a" (1990), the secti
 
 from __future__ import annotations
 
-import io
 import math
 import struct
 from collections.abc import Iterable, Iterator
@@ -20,8 +19,6 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageChops
-
-from pipeline.errors import ScenarioError
 
 Box = tuple[int, int, int, int]
 """Left, top, right (exclusive), bottom (exclusive) [px]."""
@@ -46,26 +43,6 @@ class Gif:
     """Frames whose colours are not exact, because they have more than a gif can hold."""
 
 
-def check_fps(fps: float) -> None:
-    """Make sure that a gif can show this many frames per second, before any work is done for it.
-
-    Raises
-    ------
-    ScenarioError
-        If it is not a number above 0 and at most 50, or a frame would stay for over 655.35 s.
-    """
-    if not 0 < fps <= MAX_FPS:
-        raise ScenarioError(
-            f"--fps must be above 0 and at most {MAX_FPS:g} (viewers play faster gifs at 10), "
-            f"got {fps:g}; try --fps {'50' if fps > MAX_FPS else '20'}"
-        )
-    if fps < MIN_FPS:
-        raise ScenarioError(
-            f"--fps must be at least {MIN_FPS:.6f} (a gif shows a frame for at most 655.35 s), "
-            f"got {fps:g}; try --fps 1"
-        )
-
-
 def delay_cs(frame: int, *, fps: float) -> int:
     """Return how long a frame is shown [0.01 s], so that none starts over 0.005 s off its time.
 
@@ -81,17 +58,17 @@ def delay_cs(frame: int, *, fps: float) -> int:
     return round(100 * (frame + 1) / fps) - round(100 * frame / fps)
 
 
-def write_gif(pngs: Iterable[bytes], stream: BinaryIO, *, fps: float) -> Gif:
-    """Write PNG pictures as a gif that loops for ever, holding two of them at a time.
+def write_gif(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) -> Gif:
+    """Write pictures as a gif that loops for ever, holding two of them at a time.
 
     Parameters
     ----------
-    pngs
-        Pictures of one size, at least one; RGB, without transparency.
+    images
+        RGB pictures of one size, at least one.
     stream
         Where to write; nothing is written before the first picture has been read.
     fps
-        Frames per second, above 0 and at most 50.
+        Frames per second, from `MIN_FPS` to `MAX_FPS`.
 
     Returns
     -------
@@ -99,15 +76,12 @@ def write_gif(pngs: Iterable[bytes], stream: BinaryIO, *, fps: float) -> Gif:
 
     Raises
     ------
-    ScenarioError
-        If the frame rate cannot be shown.
     ValueError
-        If there is no picture, one is not a PNG, has another size, or is too large for a gif.
+        If there is no picture, one has another size, or is too large for a gif.
     """
-    check_fps(fps)
     shared: Colours | None = None
     frames = quantised = 0
-    for image, box in _changes(pngs):
+    for image, box in _changes(images):
         patch = image.crop(box)
         colours = _colours(patch)
         if colours is None:
@@ -131,23 +105,21 @@ def write_gif(pngs: Iterable[bytes], stream: BinaryIO, *, fps: float) -> Gif:
     return Gif(frames, round(100 * frames / fps) / 100, quantised)
 
 
-def _changes(pngs: Iterable[bytes]) -> Iterator[tuple[Image.Image, Box]]:
+def _changes(images: Iterable[Image.Image]) -> Iterator[tuple[Image.Image, Box]]:
     """Yield each picture with the smallest box that differs from the one before.
 
     The first differs everywhere; one that does not differ at all gives its first pixel, because a
     frame must have one.
     """
     shown: Image.Image | None = None
-    shown_png = b""
-    for number, png in enumerate(pngs):
-        if shown is not None and png == shown_png:
-            yield shown, (0, 0, 1, 1)
-            continue
-        image = _decoded(png, number)
+    for number, image in enumerate(images):
+        box: Box | None
         if shown is None:
             if max(image.size) > 0xFFFF:
                 raise ValueError(f"a gif is at most 65535 px wide and high, got {image.size}")
-            box: Box | None = (0, 0, *image.size)
+            box = (0, 0, *image.size)
+        elif image is shown:
+            box = None
         elif image.size != shown.size:
             raise ValueError(
                 f"all frames must have one size, got {image.size} px in frame {number} "
@@ -156,16 +128,7 @@ def _changes(pngs: Iterable[bytes]) -> Iterator[tuple[Image.Image, Box]]:
         else:
             box = ImageChops.subtract_modulo(image, shown).getbbox()
         yield image, box or (0, 0, 1, 1)
-        shown, shown_png = image, png
-
-
-def _decoded(png: bytes, number: int) -> Image.Image:
-    try:
-        image = Image.open(io.BytesIO(png), formats=["PNG"])
-        image.load()
-    except (OSError, SyntaxError) as error:
-        raise ValueError(f"every frame must be a PNG, got frame {number}: {error}") from None
-    return image if image.mode == "RGB" else image.convert("RGB")
+        shown = image
 
 
 # -- colours --------------------------------------------------------------------------------------

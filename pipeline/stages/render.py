@@ -1,25 +1,29 @@
-"""Turn a recording into pictures: a gif of its frames, and a plot of its heights and errors."""
+"""Turn a recording into pictures: its frames as a gif, its heights and errors as a plot."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipeline.budget.analysis import analysis_of
 from pipeline.budget.results import Analysis
 from pipeline.errors import RecordingError, ScenarioError
 from pipeline.fields import fraction
+from pipeline.figures.animation import MAX_FPS, check_animation, decoded, write_animation
 from pipeline.figures.facts import Facts
-from pipeline.figures.gif import check_fps, write_gif
+from pipeline.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation, Playback, playback
 from pipeline.recording.checks import AGAIN
 from pipeline.recording.files import check_target, written_whole
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
 from pipeline.stages.simulate import Progress
 from pipeline.workers import Worker
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 
 @dataclass(frozen=True)
@@ -30,13 +34,15 @@ class Rendering:
     frames: int
     fps: float
     plot: Path
+    speed: float | None
+    """Simulated seconds per second of the animation."""
 
 
 def render(
     recording: Path | str,
     *,
     out: Path | str | None = None,
-    fps: float = 20.0,
+    animation: Animation = EVERY_FRAME,
     plot: Path | str | None = None,
     force: bool = False,
     progress: Progress = lambda *_: None,
@@ -49,9 +55,10 @@ def render(
     recording
         The recording to read.
     out
-        The gif to write; None puts it beside the recording under the recording's name.
-    fps
-        Frames per second of the gif, at most 50.
+        The `.gif`, `.webp`, `.apng` or `.mp4` file to write; None puts a gif beside the recording
+        under the recording's name.
+    animation
+        How it plays, and what stands beside the frames.
     plot
         A `.png` or `.svg` file for the plot; None puts a .png beside the recording.
     force
@@ -70,16 +77,18 @@ def render(
     RecordingError
         If the recording is missing, damaged, or has no frames while a gif is asked for by name.
     ScenarioError
-        If the frame rate cannot be shown, or a file has another suffix.
+        If the frame rate or speed cannot be shown, or a file has another suffix.
     OutputError
         If a file cannot be written.
+    DropError
+        If an .mp4 is asked for without PyAV.
     """
     path = Path(recording)
     gif = path.with_suffix(".gif") if out is None else Path(out)
     plotted = path.with_suffix(".png") if plot is None else Path(plot)
-    _check_suffix("--out", gif, (".gif",))
-    _check_suffix("--plot", plotted, (".png", ".svg"))
-    check_fps(fps)
+    check_animation(gif, animation.fps)
+    if plotted.suffix not in (".png", ".svg"):
+        raise ScenarioError(f"--plot must end in .png or .svg, got {str(plotted)!r}")
     check_target(gif, force=force or out is None)
     check_target(plotted, force=force or plot is None)
 
@@ -88,18 +97,26 @@ def render(
     drawing = (analysis.table, plotted.suffix[1:], _facts(read_back.scenario, analysis))
     if assistant is not None:
         assistant.ask("pipeline.figures.plot:plotted", *drawing)
-    count = 0
+    count, played = 0, None
     if read_back.camera is not None:
-        pngs = _reported(path, read_back, progress)
+        recorded = list(frames(path))
+        played = _played(read_back, len(recorded), animation, gif.suffix)
+        pictures = _pictures(recorded, played, animation, analysis, progress)
         with written_whole(gif, force=force or out is None) as file, _refused(path):
-            count = write_gif(pngs, file, fps=fps).frames
+            count = write_animation(pictures, file, suffix=gif.suffix, fps=played.fps)
     elif out is not None:
         raise RecordingError(
             f"{path} has no frames to make {gif} of; record it without --no-camera"
         )
     with written_whole(plotted, force=force or plot is None) as file:
         file.write(_plot(*drawing) if assistant is None else assistant.answer())
-    return Rendering(gif if count else None, count, fps, plotted)
+    return Rendering(
+        gif=gif if count else None,
+        frames=count,
+        fps=played.fps if played else animation.fps or STANDARD_FPS,
+        plot=plotted,
+        speed=played.speed if played else None,
+    )
 
 
 def _plot(*drawing: Any) -> bytes:  # noqa: ANN401
@@ -117,11 +134,6 @@ def _refused(path: Path) -> Iterator[None]:
         raise RecordingError(f"{path} is damaged: {error}; {AGAIN}") from None
 
 
-def _check_suffix(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
-    if path.suffix not in suffixes:
-        raise ScenarioError(f"{option} must end in {' or '.join(suffixes)}, got {str(path)!r}")
-
-
 def _facts(scenario: Scenario, analysis: Analysis) -> Facts:
     damping = "default" if scenario.linear_damping is None else f"{scenario.linear_damping:g}"
     impact, rest = analysis.impact, analysis.rest
@@ -134,10 +146,34 @@ def _facts(scenario: Scenario, analysis: Analysis) -> Facts:
     )
 
 
-def _reported(path: Path, recording: Recording, progress: Progress) -> Iterator[bytes]:
-    """Yield the PNGs of a recording in step order, and report each one."""
+def _played(recording: Recording, count: int, animation: Animation, suffix: str) -> Playback:
     assert recording.camera is not None
-    total = recording.scenario.steps // recording.camera.capture_every + 1
-    for done, (_, png) in enumerate(frames(path), start=1):
-        yield png
-        progress("writing gif", done, total)
+    interval_s = recording.camera.capture_every * recording.scenario.timestep_s
+    played = playback(animation, max(count, 1), interval_s, most_fps=MAX_FPS[suffix])
+    check_animation(Path(f"frames{suffix}"), played.fps)
+    return played
+
+
+def _pictures(
+    recorded: Sequence[tuple[int, bytes]],
+    played: Playback,
+    animation: Animation,
+    analysis: Analysis,
+    progress: Progress,
+) -> Iterator[Image.Image]:
+    """Yield what is shown, picture by picture, and report each one."""
+    shown = [recorded[number] for number in played.frames] if recorded else []
+    composition = None
+    for done, ((step, _), picture) in enumerate(
+        zip(shown, decoded(png for _, png in shown), strict=True), start=1
+    ):
+        if animation.caption or animation.with_plot:
+            if composition is None:
+                from pipeline.figures.composition import Composition  # loads matplotlib
+
+                composition = Composition(
+                    analysis.table, picture.size, with_plot=animation.with_plot
+                )
+            picture = composition.composed(picture, step)
+        yield picture
+        progress("writing frames", done, len(shown))

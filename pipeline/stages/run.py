@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.errors import OutputError
+from pipeline.figures.playback import EVERY_FRAME, Animation
 from pipeline.recording.files import part_of
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 from pipeline.workers import Worker
@@ -33,7 +34,7 @@ def run(
     *,
     camera: Camera | None = STANDARD_CAMERA,
     at_s: Sequence[float] = (),
-    fps: float = 20.0,
+    animation: Animation = EVERY_FRAME,
     note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda *_: None,
 ) -> Run:
@@ -45,7 +46,7 @@ def run(
     Raises
     ------
     ScenarioError
-        If the body, a time or the frame rate cannot be used.
+        If the body, a time, the frame rate or the speed cannot be used.
     OutputError
         If the folder or a file cannot be written.
     """
@@ -62,7 +63,7 @@ def run(
             scenario, path, camera=camera, note=note, progress=progress, assistant=assistant
         )
         analysis = analyze(path, at_s=at_s)
-        rendering = render(path, fps=fps, progress=progress, assistant=assistant)
+        rendering = render(path, animation=animation, progress=progress, assistant=assistant)
     return Run(simulation, analysis, rendering)
 
 

@@ -1,0 +1,79 @@
+"""How an animation plays: which frames it shows, when, and what stands beside them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from pipeline.errors import ScenarioError
+
+STANDARD_FPS = 20.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Animation:
+    """How frames are to become an animation.
+
+    Raises
+    ------
+    ScenarioError
+        If the speed is not a number above 0.
+    """
+
+    fps: float | None = None
+    """Pictures per second; None for `STANDARD_FPS`, or for what the speed makes of the frames."""
+    speed: float | None = None
+    """Simulated seconds per second, 1 is real time; None shows every frame once."""
+    caption: bool = False
+    """Whether time, height and error stand below."""
+    with_plot: bool = False
+    """Whether a plot grows beside it; a caption stands below then too."""
+
+    def __post_init__(self) -> None:
+        if self.speed is not None and not (self.speed > 0 and math.isfinite(self.speed)):
+            raise ScenarioError(
+                f"--speed must be above 0, got {self.speed:g}; 1 is real time, 0.25 slow motion"
+            )
+
+
+EVERY_FRAME = Animation()
+"""The recorded frames as they are, each once."""
+
+
+@dataclass(frozen=True)
+class Playback:
+    """How recorded frames are played."""
+
+    fps: float
+    """Pictures per second."""
+    speed: float
+    """Simulated seconds per second."""
+    frames: list[int]
+    """Number of the recorded frame in each picture, ascending; one may come again."""
+
+
+def playback(animation: Animation, count: int, interval_s: float, *, most_fps: float) -> Playback:
+    """Decide what is shown.
+
+    Parameters
+    ----------
+    animation
+        What is wanted.
+    count
+        How many frames were recorded, at least one.
+    interval_s
+        Simulated time from one to the next [s].
+    most_fps
+        Most pictures per second that the format can show.
+    """
+    fps, speed = animation.fps, animation.speed
+    if speed is None:
+        fps = STANDARD_FPS if fps is None else fps
+        return Playback(fps, fps * interval_s, list(range(count)))
+    own_fps = speed / interval_s
+    if fps is None:
+        fps = min(own_fps, most_fps)
+    # The nearest recorded frame to each picture's time. 1e-9: the last one is not lost to rounding.
+    pictures = math.floor((count - 1) * fps / own_fps * (1 + 1e-9)) + 1
+    frames = [min(round(number * own_fps / fps), count - 1) for number in range(pictures)]
+    return Playback(fps, speed, frames)

@@ -1,0 +1,249 @@
+"""Verification: an animation shows the right frames at the right time, in every format.
+
+What is written is decoded again, by Pillow and PyAV, and compared with the recording's own frames.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from conftest import Drop
+from PIL import Image
+
+from pipeline.errors import DropError, ScenarioError
+from pipeline.figures import animation
+from pipeline.figures.animation import check_animation, write_animation
+from pipeline.figures.composition import Composition, caption
+from pipeline.figures.growing_plot import GrowingPlot
+from pipeline.figures.playback import Animation, playback
+from pipeline.recording.reader import frames
+from pipeline.stages.render import render
+from pipeline.stages.run import Run
+
+Pixels = np.ndarray
+
+
+def shown(path: Path) -> tuple[list[Pixels], list[float]]:
+    """Return the pictures that a viewer shows, and when each begins [s]; the end comes last."""
+    if path.suffix == ".mp4":
+        import av
+
+        with av.open(str(path)) as film:
+            pictures = list(film.decode(video=0))
+            begins = [float(frame.time) for frame in pictures]
+            step = begins[1] - begins[0]
+            return [one.to_ndarray(format="rgb24") for one in pictures], [
+                *begins,
+                begins[-1] + step,
+            ]
+    pictures, delays = [], []
+    with Image.open(path) as image:
+        for number in range(image.n_frames):
+            image.seek(number)
+            image.load()
+            delays.append(image.info["duration"] / 1000)
+            pictures.append(np.asarray(image.convert("RGB")))
+    return pictures, [0.0, *itertools.accumulate(delays)]
+
+
+def at(path: Path, time_s: float) -> Pixels:
+    """Return the picture that is shown at a time [s]."""
+    pictures, begins = shown(path)
+    return pictures[int(np.searchsorted(begins[:-1], time_s, side="right")) - 1]
+
+
+@pytest.fixture(scope="module")
+def recorded(standard: Run) -> list[Pixels]:
+    pngs = (png for _, png in frames(standard.simulation.recording))
+    return [np.asarray(image) for image in animation.decoded(pngs)]
+
+
+# -- which frames, and when -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("wanted", "fps", "speed", "shown_frames"),
+    [
+        ({}, 20.0, 0.5, range(41)),
+        ({"fps": 30.0}, 30.0, 0.75, range(41)),
+        ({"speed": 1.0}, 40.0, 1.0, range(41)),
+        ({"speed": 0.25}, 10.0, 0.25, range(41)),
+        ({"speed": 2.0}, 50.0, 2.0, None),  # 80 frames a second are more than a gif shows
+        ({"speed": 1.0, "fps": 20.0}, 20.0, 1.0, range(0, 41, 2)),
+        ({"speed": 0.25, "fps": 20.0}, 20.0, 0.25, None),  # each twice
+    ],
+)
+def test_speed_and_rate_decide_what_is_shown(
+    wanted: dict[str, float], fps: float, speed: float, shown_frames: range | None
+) -> None:
+    played = playback(Animation(**wanted), 41, 6 / 240, most_fps=50)
+    assert (played.fps, played.speed) == pytest.approx((fps, speed))
+    if shown_frames is not None:
+        assert played.frames == list(shown_frames)
+    # Whatever is shown is the recorded frame nearest to its time, from the first to the end.
+    simulated_s = np.array(played.frames) / 40
+    wanted_s = np.arange(len(played.frames)) / played.fps * played.speed
+    assert np.abs(simulated_s - wanted_s).max() <= 0.5 / 40 + 1e-12
+    assert played.frames[0] == 0
+    assert 1 - simulated_s[-1] < played.speed / played.fps
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_speed_is_above_zero(speed: float) -> None:
+    with pytest.raises(ScenarioError, match="--speed must be above 0"):
+        Animation(speed=speed)
+
+
+# -- formats --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".webp", ".apng"])
+@pytest.mark.parametrize(("wanted", "end_s"), [({}, 2.05), ({"speed": 1.0}, 1.025)])
+def test_every_pixel_is_shown_at_its_time(
+    standard: Run, recorded: list[Pixels], tmp_path: Path, suffix: str,
+    wanted: dict[str, float], end_s: float,
+) -> None:  # fmt: skip
+    path = tmp_path / f"fall{suffix}"
+    made = render(standard.simulation.recording, out=path, animation=Animation(**wanted),
+                  plot=tmp_path / "p.png")  # fmt: skip
+    assert (made.gif, made.frames) == (path, 41)
+    assert shown(path)[1][-1] == pytest.approx(end_s, abs=0.006)
+    for number in (0, 1, 7, 18, 39, 40):
+        middle_s = (number + 0.5) / made.fps
+        assert np.array_equal(at(path, middle_s), recorded[number])
+    with Image.open(path) as image:
+        assert image.info["loop"] == 0  # for ever
+
+
+@pytest.mark.parametrize("suffix", [".webp", ".apng"])
+def test_every_picture_begins_to_the_millisecond(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"many{suffix}"
+    pictures = [Image.new("RGB", (8, 8), (number, 0, 0)) for number in range(31)]
+    with path.open("wb") as file:
+        write_animation(pictures, file, suffix=suffix, fps=30)
+    begins = shown(path)[1]
+    assert begins == pytest.approx([round(1000 * number / 30) / 1000 for number in range(32)])
+
+
+def test_a_film_has_every_frame_in_nearly_its_colours(
+    standard: Run, recorded: list[Pixels], tmp_path: Path
+) -> None:
+    path = tmp_path / "fall.mp4"
+    render(
+        standard.simulation.recording,
+        out=path,
+        animation=Animation(speed=1.0),
+        plot=tmp_path / "p.png",
+    )
+    pictures, begins = shown(path)
+    assert len(pictures) == 41
+    assert begins == pytest.approx([number / 40 for number in range(42)], abs=1e-4)
+    for picture, own in zip(pictures, recorded, strict=True):
+        assert np.abs(picture.astype(int) - own).mean() < 4  # of 255
+
+
+def test_a_film_of_odd_size_is_padded() -> None:
+    stream = io.BytesIO()
+    write_animation([Image.new("RGB", (33, 21), "red")] * 3, stream, suffix=".mp4", fps=10)
+    import av
+
+    stream.seek(0)
+    with av.open(stream) as film:
+        (first, *others) = film.decode(video=0)
+    assert (first.width, first.height, len(others)) == (34, 22, 2)
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".webp", ".apng", ".mp4"])
+def test_no_frames_make_no_animation(suffix: str) -> None:
+    with pytest.raises(ValueError, match="at least one frame"):
+        write_animation([], io.BytesIO(), suffix=suffix, fps=20)
+
+
+@pytest.mark.parametrize("name", ["fall.png", "fall.avi", "fall"])
+def test_a_format_is_named_by_its_suffix(name: str) -> None:
+    with pytest.raises(ScenarioError, match=r"--out must end in .gif, .webp, .apng or .mp4, got"):
+        check_animation(Path(name), None)
+
+
+def test_a_film_without_pyav_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(DropError, match=r"pip install '\.\[mp4\]'"):
+        check_animation(Path("fall.mp4"), None)
+
+
+# -- what stands beside ---------------------------------------------------------------------------
+
+
+def test_the_caption_says_time_height_and_error() -> None:
+    assert caption(0.3, 0.55672969, -0.0018203) == "t 0.300 s  height 0.5567 m  error  −1.820 mm"
+
+
+def test_the_camera_picture_stays_itself(
+    standard: Run, recorded: list[Pixels], tmp_path: Path
+) -> None:
+    """To the pixel, also in a gif: plot and caption leave it the colours that it needs."""
+    path = tmp_path / "fall.gif"
+    render(standard.simulation.recording, out=path, animation=Animation(with_plot=True),
+           plot=tmp_path / "p.png")  # fmt: skip
+    pictures, _ = shown(path)
+    assert len(pictures) == 41
+    for picture, own in zip(pictures, recorded, strict=True):
+        assert picture.shape[1] == 2 * 480
+        assert np.array_equal(picture[:360, :480], own)
+    captions = {picture[360:, :480].tobytes() for picture in pictures}
+    assert len(captions) == 41  # each moment has its own
+
+
+def test_the_plot_grows_with_time(standard: Run) -> None:
+    table = standard.analysis.table
+    plot = GrowingPlot(table, (480, 360), dark=False)
+    ends = [np.asarray(plot.at(time_s)).astype(int) for time_s in (0.0, 0.2, 0.4, 1.0)]
+    blank, *_, whole = ends
+    columns = [np.flatnonzero((one != blank).any(axis=(0, 2))) for one in ends[1:]]
+    reached = [int(changed.max()) for changed in columns]
+    assert reached == sorted(reached)
+    per_s = (reached[2] - reached[0]) / 0.8
+    assert reached[1] - reached[0] == pytest.approx(0.2 * per_s, abs=2)
+    for one, now in zip(ends[1:3], reached[:2], strict=True):
+        # Up to now it is the whole plot, after it the empty one.
+        assert np.array_equal(one[:, :now], whole[:, :now])
+        assert np.array_equal(one[:, now + 1 :], blank[:, now + 1 :])
+
+
+def test_a_caption_needs_no_plot(standard: Run) -> None:
+    picture = Image.new("RGB", (480, 360), "white")
+    composition = Composition(standard.analysis.table, picture.size, with_plot=False)
+    one, other = (composition.composed(picture, step) for step in (0, 72))
+    assert one.width == 480
+    assert one.height > 360
+    assert one.tobytes() != other.tobytes()
+
+
+def test_a_drop_of_one_sample_has_its_plot_too() -> None:
+    columns = ("time_s", "simulated_m", "free_fall_m", "damped_fall_m", "timestep_m", "damping_m",
+               "interaction_m", "rounding_m", "error_m")  # fmt: skip
+    table = pl.DataFrame({name: [0.0] for name in columns} | {"phase": ["falling"]})
+    assert GrowingPlot(table, (64, 48), dark=True).at(0.0).size == (64, 48)
+
+
+def test_the_command_line_says_how_fast_it_plays(drop: Drop, standard: Run) -> None:
+    run = str(standard.simulation.recording)
+    options = ("--speed", "0.25", "--caption", "--out", "slow.webp", "--plot", "p.svg")
+    done = drop("render", run, *options)
+    assert "slow.webp   41 frames, 4.10 s, 4 times slower" in done.stdout
+    made = json.loads(drop("render", run, *options, "--force", "--json").stdout)
+    assert made == {"gif": "slow.webp", "frames": 41, "fps": 10.0, "plot": "p.svg"}
+
+
+def test_frames_alone_need_no_plotting_library() -> None:
+    code = "import sys, pipeline.figures.animation; print({'matplotlib', 'av'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
