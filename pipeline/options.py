@@ -50,17 +50,15 @@ def takes_scenario_lists(command: Callable[..., None]) -> Callable[..., None]:
     The command is called with `lists`, the texts that were given by field name, and with
     `camera: Camera | None`, which is None unless `--camera` is given.
     """
-    wanted = _parameter("frames", "--camera", "Take frames: none by default.", "Camera")
     options = [
         *_parameters(Scenario.options(), "Scenario: each option takes a list"),
-        wanted,
-        *_parameters(Camera.options(), "Camera"),
+        *_parameters(Camera.options(), "Camera: frames are taken if --camera is given"),
     ]
 
     def inputs(given: Given) -> Given:
         camera = Camera.from_text(_texts(Camera.options(), given))
         lists = _texts(Scenario.options(), given)
-        return {"lists": lists, "camera": camera if given["frames"] else None}
+        return {"lists": lists, "camera": camera if given["view"] else None}
 
     return _grafted(command, options, inputs, instead_of=("lists", "camera"))
 

@@ -8,7 +8,7 @@ of the house: it imports nothing of ours but how a field is declared.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from pipeline.errors import ScenarioError
@@ -16,6 +16,7 @@ from pipeline.fields import Optioned, Vector, integer, number, option, shown, si
 
 Coordinates = Literal["reduced", "maximal"]
 Renderer = Literal["tiny", "egl"]
+View = Literal["standard", "close", "follow"]
 
 GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.0}
 BYTES_PER_SAMPLE = 310
@@ -145,8 +146,16 @@ class Scenario(Optioned):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Camera(Optioned):
-    """How the fall is photographed: the experiment's look-at camera, up axis z."""
+    """How the fall is photographed: a look-at camera, up axis z; the experiment's by default.
 
+    A view other than the standard one is aimed when the body is known, see
+    `pipeline.physics.visible_world.framed`.
+    """
+
+    view: View = option(
+        "--camera", "standard, close (where the body lands) or follow (moves along with it).",
+        default="standard",
+    )  # fmt: skip
     capture_every: int = option(
         "--capture-every", "Take a frame every N steps.", integer, default=6, low=1, high=1e9
     )
@@ -168,6 +177,10 @@ class Camera(Optioned):
 
     def __post_init__(self) -> None:
         self.check_domains()
+
+    def looking_at(self, position_m: Vector) -> Camera:
+        """Return the camera as it stands for a picture of the body at a position [m]."""
+        return replace(self, target_m=position_m) if self.view == "follow" else self
 
     @property
     def focal_length_px(self) -> float:

@@ -6,17 +6,22 @@ import io
 import os
 import signal
 from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline import Camera, DropError, Scenario
-from pipeline.physics import studio
+from pipeline import Camera, DropError, Scenario, simulate
+from pipeline.physics import pictures, studio
 from pipeline.physics.pictures import Photographer
 from pipeline.physics.studio import Studio
-from pipeline.physics.visible_world import VisibleWorld
+from pipeline.physics.visible_world import VisibleWorld, framed
 from pipeline.physics.world import World
+from pipeline.recording import rrd, schema
+from pipeline.recording.reader import read
+from pipeline.scenario import View
 
 SMALL = Camera(size_px=(160, 120))
 
@@ -28,11 +33,11 @@ def poses_of(scenario: Scenario) -> np.ndarray:
 
 def drawn_whole(scenario: Scenario, camera: Camera, poses: np.ndarray) -> list[np.ndarray]:
     with closing(VisibleWorld(scenario, "tiny")) as world:
-        pictures = []
+        found = []
         for pose in poses:
             world.place(pose[:3], pose[3:])
-            pictures.append(world.photograph(camera).pixels)
-        return pictures
+            found.append(world.photograph(camera).pixels)
+        return found
 
 
 def decoded(png: bytes) -> np.ndarray:
@@ -60,9 +65,9 @@ def test_where_the_depths_leave_a_doubt_the_picture_is_drawn_whole(
     with Studio(scenario, SMALL) as at_work:
         monkeypatch.setattr(studio, "DEPTH_DOUBT", 2.0)
         monkeypatch.setattr(VisibleWorld, "place", lambda *a: (calls.append(a[0]), place(*a)))
-        pictures = [decoded(at_work.png(pose)) for pose in poses]
+        drawn = [decoded(at_work.png(pose)) for pose in poses]
         assert {id(world) for world in calls} == {id(at_work._alone), id(at_work._whole)}
-    for picture, whole in zip(pictures, drawn_whole(scenario, SMALL, poses), strict=True):
+    for picture, whole in zip(drawn, drawn_whole(scenario, SMALL, poses), strict=True):
         assert np.array_equal(picture, whole)
 
 
@@ -75,9 +80,9 @@ def test_the_number_of_workers_changes_nothing(
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(workers)))
     with Photographer(scenario, SMALL, frames=1000) as photographer:
         assert len(photographer._workers) == workers
-        pictures = list(photographer.draw(poses[:20])) + list(photographer.draw(poses[20:]))
+        drawn = list(photographer.draw(poses[:20])) + list(photographer.draw(poses[20:]))
     with Studio(scenario, SMALL) as at_work:
-        assert pictures == [at_work.png(pose) for pose in poses]
+        assert drawn == [at_work.png(pose) for pose in poses]
 
 
 def test_a_worker_that_is_killed_is_an_error_and_no_wait() -> None:
@@ -94,3 +99,99 @@ def test_what_a_worker_cannot_do_is_raised_here() -> None:
         pytest.raises(DropError, match=r"no\.urdf"),
     ):
         list(photographer.draw(poses_of(Scenario(duration_s=0.5))))
+
+
+# -- cameras that come nearer ---------------------------------------------------------------------
+
+
+def seen(scenario: Scenario, camera: Camera, pose: np.ndarray) -> tuple[float, float, int]:
+    """Return row and column of a body's middle in its picture, and its width [px]."""
+    with closing(VisibleWorld(replace(scenario, floor=False), "tiny")) as world:
+        world.place(pose[:3], pose[3:])
+        x, y, z = pose[:3]
+        rows, columns = np.nonzero(world.photograph(camera.looking_at((x, y, z))).drawn)
+    assert len(rows), "the body is not in the picture"
+    return (rows.min() + rows.max()) / 2, (columns.min() + columns.max()) / 2, int(np.ptp(columns))
+
+
+@pytest.mark.parametrize("body", ["cube_small.urdf", "sphere2.urdf", "duck_vhacd.urdf"])
+def test_a_following_camera_keeps_the_body_large_and_in_the_middle(body: str) -> None:
+    scenario = Scenario(body=body, height_m=2.0, velocity_m_s=(0.5, -0.3, 0.0))
+    camera = framed(Camera(view="follow"), scenario)
+    for pose in poses_of(scenario)[::8]:
+        row, column, width = seen(scenario, camera, pose)
+        assert (row, column) == (pytest.approx(180, abs=14), pytest.approx(240, abs=14))
+        assert 45 <= width <= 110
+
+
+def test_the_close_camera_sees_the_body_where_it_lies() -> None:
+    scenario = Scenario(velocity_m_s=(0.4, 0.2, 0.0), linear_damping=0.0)
+    camera = framed(Camera(view="close"), scenario)
+    with World(scenario) as world:
+        (rows,) = world.samples(1000)
+    landed = rows[rows[:, 13] > 0][0]
+    row, column, width = seen(scenario, camera, landed[:7])
+    assert (row, column) == (pytest.approx(180, abs=20), pytest.approx(240, abs=20))
+    assert width > 40
+    *_, standard = seen(scenario, Camera(), landed[:7])
+    assert standard < 16
+
+
+def test_a_body_that_never_lands_is_looked_at_where_it_is_released() -> None:
+    camera = Camera(view="close")
+    for scenario in (Scenario(floor=False), Scenario(stepped=False), Scenario(gravity_set=False)):
+        assert framed(camera, scenario).target_m == (0.0, 0.0, 1.0)
+
+
+def test_the_standard_camera_stays_the_experiments() -> None:
+    assert framed(Camera(), Scenario(body="sphere2.urdf")) == Camera()
+
+
+@pytest.mark.parametrize("view", ["close", "follow"])
+def test_framing_again_changes_nothing(view: View) -> None:
+    once = framed(Camera(view=view), Scenario())
+    assert framed(once, Scenario()) == once
+
+
+def test_what_follows_is_drawn_alike_by_workers_and_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario, camera = Scenario(duration_s=0.25), replace(SMALL, view="follow", capture_every=7)
+    poses = poses_of(scenario)
+    whole = [
+        pixels
+        for pose in poses
+        for pixels in drawn_whole(
+            scenario, framed(camera, scenario).looking_at(tuple(pose[:3])), pose[None]
+        )
+    ]
+    list(pictures.draw_ahead(scenario, camera))
+    ahead = [pictures._ahead.pop(pose.tobytes()) for pose in poses]
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    with Photographer(scenario, camera, frames=1000) as photographer:
+        drawn = list(photographer.draw(poses))
+    assert drawn == ahead
+    assert all(map(np.array_equal, map(decoded, drawn), whole))
+
+
+def test_a_recording_holds_where_a_following_camera_stood(tmp_path: Path) -> None:
+    """The body's centre, seen through the recorded pose of each frame, is in the middle of it."""
+    scenario = Scenario(duration_s=0.25, velocity_m_s=(0.5, 0.0, 0.0))
+    path = tmp_path / "run.rrd"
+    simulate(scenario, path, camera=replace(SMALL, view="follow"))
+    recording = read(path)
+    assert recording.camera is not None
+    batches = [
+        chunk.batch for chunk in rrd.chunks(path)
+        if chunk.entity == schema.CAMERA and "Transform3D:mat3x3" in chunk.batch.schema.names
+    ]  # fmt: skip
+    (batch,) = batches
+    assert batch.column(schema.STEP_TIMELINE).to_pylist() == list(range(0, 61, 6))
+    places = np.array(batch.column("Transform3D:translation").flatten().flatten())
+    turns = np.array(batch.column("Transform3D:mat3x3").flatten().flatten())
+    for step, place, turn in zip(
+        range(0, 61, 6), places.reshape(-1, 3), turns.reshape(-1, 3, 3), strict=True
+    ):
+        body = recording.columns("x_m", "y_m", "z_m")[step]
+        # Columns of the matrix are the camera's right, up and backwards in world axes.
+        right, up, back = turn @ (body - place)
+        assert (right, up) == (pytest.approx(0, abs=1e-5), pytest.approx(0, abs=1e-5))
+        assert -back == pytest.approx(recording.camera.distance_m, rel=1e-5)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.physics.studio import Studio
+from pipeline.physics.visible_world import framed
 from pipeline.physics.world import World
 from pipeline.scenario import Camera, Scenario
 from pipeline.workers import Worker, WorkerDiedError
@@ -59,7 +60,7 @@ class Photographer:
         note: Callable[[str], None] = lambda _: None,
         assistant: Worker | None = None,
     ) -> None:
-        self.scenario, self.camera = scenario, camera
+        self.scenario, self.camera = scenario, framed(camera, scenario)
         self.gl_renderer = ""
         """What EGL draws with, in the words of its driver."""
         self._open = contextlib.ExitStack()
@@ -141,6 +142,7 @@ def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:
     Whoever is to ask is still loading its libraries. A pose that was guessed to the last bit has
     its picture ready then; any other is drawn when it is asked for. There are no answers.
     """
+    camera = framed(camera, scenario)
     if camera.renderer == "tiny" and scenario.steps // camera.capture_every < MOST_AHEAD:
         with World(scenario) as world:
             (rows,) = world.samples(scenario.steps + 1)

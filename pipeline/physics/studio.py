@@ -4,7 +4,7 @@ TinyRenderer spends nine tenths of a picture on the floor, which never changes. 
 after the other into one depth buffer, and without shadows nothing of one shows on the other: every
 pixel is that of whichever is nearer (`triangle` in bullet3's `TinyRenderer/our_gl.cpp`). So the
 floor is drawn once, and the body in front of it. A picture in which the two are too close at any
-pixel to be told apart is drawn whole.
+pixel to be told apart is drawn whole; so are those of a camera that moves.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Studio:
         self.gl_renderer = self._whole.gl_renderer
         self._alone: VisibleWorld | None = None
         self._floor: Picture | None = None
-        if scenario.floor and camera.renderer == "tiny":
+        if scenario.floor and camera.renderer == "tiny" and camera.view != "follow":
             self._alone = VisibleWorld(replace(scenario, floor=False), "tiny")
             self._whole.place((0.0, 0.0, OUT_OF_SIGHT_M), (0.0, 0.0, 0.0, 1.0))
             self._floor = self._whole.photograph(camera)
@@ -73,7 +73,8 @@ class Studio:
             if pixels is not None:
                 return pixels
         self._whole.place(pose[:3], pose[3:])
-        return self._whole.photograph(self._camera).pixels
+        x, y, z = map(float, pose[:3])
+        return self._whole.photograph(self._camera.looking_at((x, y, z))).pixels
 
 
 def _in_front(body: Picture, floor: Picture) -> Pixels | None:

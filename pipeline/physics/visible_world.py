@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import NamedTuple
 
@@ -9,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import DropError
+from pipeline.physics.bullet_law import fall_of
 from pipeline.physics.quiet import c_output_moved_aside
+from pipeline.physics.theory import impact_time_free
 from pipeline.physics.world import World, p
 from pipeline.scenario import Camera, Renderer, Scenario
 
@@ -89,6 +92,48 @@ class VisibleWorld(World):
             np.asarray(depth, dtype=np.float32).reshape(height, width),
             np.asarray(bodies).reshape(height, width) >= 0,
         )
+
+
+SHARE_OF_HEIGHT = {"close": 1 / 6, "follow": 1 / 4}
+"""Of a picture, that the body takes in it."""
+
+
+def framed(camera: Camera, scenario: Scenario) -> Camera:
+    """Return a camera that stands where its view asks for, given what is dropped, and how.
+
+    The experiment's standard view is what it is. `close` looks at where the body lands, or at the
+    release if it never does; `follow` will look at wherever the body is. Framing a camera again
+    changes nothing.
+
+    Raises
+    ------
+    ScenarioError
+        If the body cannot be found or loaded, or has no mass.
+    """
+    if camera.view == "standard":
+        return camera
+    with World(scenario) as world:
+        extent_m = 2 * float(np.linalg.norm(world.half_size_m))
+        rest_m = world.rest_height_m
+    share = SHARE_OF_HEIGHT[camera.view] * camera.size_px[1]
+    distance_m = camera.focal_length_px * extent_m / share
+    return replace(
+        camera,
+        target_m=_landing_m(scenario, rest_m) if camera.view == "close" else (0.0, 0.0, 0.0),
+        distance_m=distance_m,
+        near_m=min(0.1, distance_m / 4),
+        # From above one looks down at a floor that is far away.
+        far_m=max(10.0, 4 * (scenario.height_m + distance_m)),
+    )
+
+
+def _landing_m(scenario: Scenario, rest_m: float) -> tuple[float, float, float]:
+    fall = fall_of(scenario)
+    landing_s = impact_time_free(fall, rest_m) if scenario.floor and scenario.stepped else None
+    if landing_s is None:
+        return (0.0, 0.0, scenario.height_m)
+    vx, vy, _ = scenario.velocity_m_s
+    return (vx * landing_s, vy * landing_s, rest_m)
 
 
 def _view_matrix(camera: Camera) -> list[float]:

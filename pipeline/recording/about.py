@@ -26,7 +26,9 @@ def about(scenario: Scenario, camera: Camera | None, engine: Mapping[str, object
         "linear damping": "the engine's own" if damping is None else f"{damping:g}",
         "coordinates": f"{scenario.coordinates} (`{engine['body_type']}`)",
         "floor": floor,
-        "frames": "none" if camera is None else f"every {camera.capture_every} steps",
+        "frames": "none"
+        if camera is None
+        else f"every {camera.capture_every} steps, {camera.view} camera",
         "engine": f"pybullet {engine['pybullet_version']}, {engine['pybullet_build']}",
     }
     table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())

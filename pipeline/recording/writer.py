@@ -121,14 +121,13 @@ def _typed(value: Value) -> pa.Array:
     return pa.array([value] if isinstance(value, str) else np.atleast_1d(np.asarray(value)))
 
 
-def scene_chunks(camera: Camera | None, world_from_camera: Float64 | None, half_size_m: Float64,
-                 *, floor: bool) -> Iterator[Chunk]:  # fmt: skip
-    """Yield what stands still in the 3-D view: axes, floor, the box's size, the camera.
+def scene_chunks(camera: Camera | None, half_size_m: Float64, *, floor: bool) -> Iterator[Chunk]:
+    """Yield what does not change in the 3-D view: axes, floor, the box's size, the camera's lens.
 
     Parameters
     ----------
-    camera, world_from_camera
-        The camera and its pose, shape (4, 4), or None where no frames are taken.
+    camera
+        The camera, or None where no frames are taken.
     half_size_m
         Half the body's extent along its own axes [m], shape (3,).
     floor
@@ -154,16 +153,10 @@ def scene_chunks(camera: Camera | None, world_from_camera: Float64 | None, half_
             fill_mode=[rr.components.FillMode.Solid],
         ),
     )
-    if camera is not None and world_from_camera is not None:
+    if camera is not None:
         width, height = camera.size_px
         focal = camera.focal_length_px
         image_from_camera = [[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]
-        yield _static(
-            schema.CAMERA,
-            rr.Transform3D.columns(
-                translation=[world_from_camera[:3, 3]], mat3x3=[world_from_camera[:3, :3]]
-            ),
-        )
         yield _static(
             schema.CAMERA,
             rr.Pinhole.columns(
@@ -174,6 +167,17 @@ def scene_chunks(camera: Camera | None, world_from_camera: Float64 | None, half_
                 color=[0x9AA4AFFF],
             ),
         )
+
+
+def camera_chunk(steps: Steps | None, timestep_s: float, world_from_camera: Float64) -> Chunk:
+    """Return where the camera stands at these steps, or always; its poses, shape (n, 4, 4)."""
+    return Chunk.from_columns(
+        schema.CAMERA,
+        [] if steps is None else _times(steps, timestep_s),
+        rr.Transform3D.columns(
+            translation=world_from_camera[:, :3, 3], mat3x3=world_from_camera[:, :3, :3]
+        ),
+    )
 
 
 def document_chunk(entity: str, markdown: str) -> Chunk:

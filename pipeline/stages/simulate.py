@@ -152,16 +152,18 @@ def chunks_of(
     """Yield the whole recording: what it was made with, the fall, and last what must be in it."""
     engine = world.report() | engine_versions() | library_versions()
     inputs = {schema.SCENARIO_PROPERTY: asdict(scenario), schema.ENGINE_PROPERTY: engine}
-    camera = pose = None
+    camera = None
     if photographer is not None:
         camera = photographer.camera
         if photographer.gl_renderer:
             engine["gl_renderer"] = photographer.gl_renderer
         inputs[schema.CAMERA_PROPERTY] = asdict(camera)
-        pose = world_from_camera(camera)
     for name, values in inputs.items():
         yield writer.property_chunk(name, values)
-    yield from writer.scene_chunks(camera, pose, world.half_size_m, floor=scenario.floor)
+    yield from writer.scene_chunks(camera, world.half_size_m, floor=scenario.floor)
+    if camera is not None and camera.view != "follow":
+        pose = world_from_camera(camera)
+        yield writer.camera_chunk(None, scenario.timestep_s, pose[None])
     yield from _curve_styles()
     yield writer.document_chunk(schema.ABOUT, about(scenario, camera, engine))
 
@@ -251,8 +253,12 @@ def _frames(
     progress: Progress,
 ) -> Iterator[Chunk]:
     """Yield the frames due among these samples, drawn from the recorded poses."""
-    every = photographer.camera.capture_every
+    camera = photographer.camera
+    every = camera.capture_every
     due = steps % every == 0
+    if camera.view == "follow" and due.any():
+        poses = [world_from_camera(camera.looking_at((x, y, z))) for x, y, z in rows[due, :3]]
+        yield writer.camera_chunk(steps[due], scenario.timestep_s, np.array(poses))
     total = scenario.steps // every + 1
     for step, png in zip(steps[due], photographer.draw(rows[due, :7]), strict=True):
         digest.update(int(step), png)
