@@ -16,16 +16,13 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from pipeline.budget.likeness import likeness
+from pipeline.budget.likeness import POSITION, likeness
+from pipeline.physics.bullet_law import FUSED, ROUNDS_ONCE
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
 
 IN_CONTACT_M = 1e-9
-FUSED = 1e-12
-"""In the air, relative, off x86-64: there a compiler may fuse multiply and add."""
-EXACT_MACHINES = ("x86_64", "AMD64")
-POSITION = ("x_m", "y_m", "z_m")
 
 
 @dataclass(frozen=True)
@@ -188,7 +185,7 @@ def _allowed(run: Side, golden: Side, states: pl.DataFrame, tolerance_m: float) 
     length_m = np.where(contact, max(IN_CONTACT_M, tolerance_m), tolerance_m)
     allowed = np.outer(length_m, scale)
     machines = [side.engine.get("machine") for side in (run, golden)]
-    if any(machine not in EXACT_MACHINES for machine in machines):
+    if any(machine not in ROUNDS_ONCE for machine in machines):
         fused = FUSED * np.maximum(1.0, np.abs(np.nan_to_num(states.to_numpy())))
         allowed = np.where(contact[:, None], allowed, np.maximum(allowed, fused))
     return allowed

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from pipeline.budget.moment import DEFAULT_AT_S
 from pipeline.budget.statistics import Moments
 from pipeline.errors import DropError, ScenarioError
 from pipeline.physics.world import engine_versions
@@ -25,7 +26,6 @@ from pipeline.sweeping import engines
 from pipeline.sweeping.folder import TERMS, Folder
 from pipeline.sweeping.plan import Plan, name_of
 
-DEFAULT_AT_S = 0.3
 SHORT_STEPS = 200_000
 """A sweep of fewer steps is over before a second process would have started."""
 
