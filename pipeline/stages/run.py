@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from pipeline.stages.render import Rendering
     from pipeline.stages.simulate import Progress, Simulation
 
+_DERIVED = (".analysis.rrd", ".gif", ".png")
+"""How the files end that analyze and render put beside a recording."""
+
 
 @dataclass(frozen=True)
 class Run:
@@ -82,6 +85,3 @@ def _next_name(folder: Path) -> Path:
         if not any(one.exists() for one in made):
             return path
         number += 1
-
-
-_DERIVED = (".analysis.rrd", ".gif", ".png")
