@@ -156,7 +156,7 @@ def test_a_box_that_fell_over_is_expected_on_the_face_it_lies_on(recorded: Recor
 # -- impact, contact, rest ------------------------------------------------------------------------
 
 
-def test_impact(recorded: Recorder) -> None:
+def test_the_impact_is_where_theory_and_samples_have_it(recorded: Recorder) -> None:
     impact = judge(recorded()).impact
     assert impact is not None
     assert impact.time_free_fall_s == pytest.approx(math.sqrt(2 * 0.975 / 9.81), abs=1e-15)
@@ -218,7 +218,7 @@ def test_bounces_rise_as_theory_says_once_the_correction_is_off(recorded: Record
 # -- conservation ---------------------------------------------------------------------------------
 
 
-def test_where_the_energy_went(recorded: Recorder) -> None:
+def test_every_joule_is_booked_to_a_cause(recorded: Recorder) -> None:
     energy = judge(recorded()).energy
     assert energy.initial_j == pytest.approx(0.981, abs=1e-15)
     assert energy.damping_j == pytest.approx(-0.0483104, abs=5e-8)
