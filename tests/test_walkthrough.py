@@ -12,7 +12,7 @@ from generators.walkthrough import DOCS, PAGES, alike, blocks, pictures
 from regenerate import is_current
 
 from pipeline import Scenario, render, simulate
-from pipeline.budget.comparison import EXACT_MACHINES
+from pipeline.physics.bullet_law import EXACT_MACHINES
 
 AGAIN = "a document has become old; make it again with: python docs/regenerate.py"
 

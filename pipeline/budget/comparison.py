@@ -17,7 +17,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.budget.likeness import POSITION, likeness
-from pipeline.physics.bullet_law import FUSED, ROUNDS_ONCE
+from pipeline.physics.bullet_law import EXACT_MACHINES, FUSED
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
@@ -185,7 +185,7 @@ def _allowed(run: Side, golden: Side, states: pl.DataFrame, tolerance_m: float) 
     length_m = np.where(contact, max(IN_CONTACT_M, tolerance_m), tolerance_m)
     allowed = np.outer(length_m, scale)
     machines = [side.engine.get("machine") for side in (run, golden)]
-    if any(machine not in ROUNDS_ONCE for machine in machines):
+    if any(machine not in EXACT_MACHINES for machine in machines):
         fused = FUSED * np.maximum(1.0, np.abs(np.nan_to_num(states.to_numpy())))
         allowed = np.where(contact[:, None], allowed, np.maximum(allowed, fused))
     return allowed

@@ -53,7 +53,7 @@ def find_mismatch(
     turned = np.where(agree < 0, -orientation, orientation)
     law = np.hstack((position_m, velocity_m_s, spin_rad_s, turned))
     # Spin goes through sin and cos, which differ between C libraries, and tumbling amplifies that.
-    exact = engine.get("machine") in bullet_law.ROUNDS_ONCE
+    exact = engine.get("machine") in bullet_law.EXACT_MACHINES
     tolerance = 1e-9 if spins else 0.0 if exact else bullet_law.FUSED
     deviation = np.abs(recorded - law).max(axis=1)
     off = np.flatnonzero(~(deviation <= tolerance * np.maximum(1.0, np.abs(law).max(axis=1))))

@@ -29,8 +29,8 @@ MAX_COORDINATE_VELOCITY_M_S = 100.0
 """Of each component, spin too: `btMultiBody.cpp` 124, `btMultiBody.h` 483-487. Not in maximal."""
 EPSILON = 2.220446049250313e-16
 """SIMD_EPSILON: a squared length up to this counts as none (`btVector3::safeNorm`)."""
-ROUNDS_ONCE = ("x86_64", "AMD64")
-"""Machines on which each operation rounds once."""
+EXACT_MACHINES = ("x86_64", "AMD64")
+"""Those on which each operation rounds once."""
 FUSED = 1e-12
 """Relative difference that a compiler may make elsewhere, where it fuses multiply and add."""
 
