@@ -44,6 +44,7 @@ Speed = Annotated[
 Caption = Annotated[
     bool, typer.Option("--caption", help="Write time, height and error below each frame.")
 ]
+Dark = Annotated[bool, typer.Option("--dark", help="Draw plots for a dark page.")]
 WithPlot = Annotated[
     bool, typer.Option("--with-plot", help="Let heights and error grow beside the frames.")
 ]
@@ -137,6 +138,7 @@ def render(
     speed: Speed = None,
     caption: Caption = False,
     with_plot: WithPlot = False,
+    dark: Dark = False,
     plot: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help=r"The plot, .png or .svg. \[default: RUN.png]"),
@@ -152,8 +154,9 @@ def render(
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
     with output.progress() as progress:
         rendering = render(
-            run, out=out, animation=animation, plot=plot, force=force, progress=progress
-        )
+            run, out=out, animation=animation, plot=plot, dark=dark, force=force,
+            progress=progress,
+        )  # fmt: skip
     show_rendering(rendering, as_json=json)
 
 
@@ -169,6 +172,7 @@ def run(
     speed: Speed = None,
     caption: Caption = False,
     with_plot: WithPlot = False,
+    dark: Dark = False,
     json: Json = False,
     scenario: Scenario,
     camera: Camera | None,
@@ -182,7 +186,7 @@ def run(
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
     with output.progress() as progress:
         whole = run(
-            scenario, out_dir, camera=camera, at_s=times(at or []), animation=animation,
+            scenario, out_dir, camera=camera, at_s=times(at or []), animation=animation, dark=dark,
             note=output.note, progress=progress,
         )  # fmt: skip
     show_run(whole, as_json=json)
@@ -263,6 +267,7 @@ def sweep(
         Path | None,
         typer.Option(metavar="FILE", help="Plot errors over the timestep, as .png or .svg."),
     ] = None,
+    dark: Dark = False,
     force: Force = False,
     json: Json = False,
     lists: dict[str, str | bool | None],
@@ -294,6 +299,7 @@ def sweep(
             ray=ray,
             until_ci_m=until_ci,
             plot=plot,
+            dark=dark,
             force=force,
             progress=progress,
         )

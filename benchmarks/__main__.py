@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import sys
 import tempfile
 from pathlib import Path
 
@@ -27,7 +26,6 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             for measured in script.measure(Path(folder), quick=asked.quick):
                 print(measured.row(), flush=True)
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.harness import Measured, done, paired
-from pipeline import Camera, Scenario
+from benchmarks.harness import Measured, done, paired, slow_fall
+from pipeline import Camera
 from pipeline.physics.pictures import Photographer, Poses
-from pipeline.physics.world import World
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
     """Draw the same frames with both, each in one worker, its start left out."""
     count = 50 if quick else 200
-    scenario = Scenario(timestep_s=1 / 2400)
-    with World(scenario) as world:
-        poses = next(world.samples(count))[:, :7].copy()
+    scenario, poses = slow_fall(count)
     with Photographer(scenario, Camera(renderer="egl"), frames=1) as egl:
         if egl.camera.renderer != "egl":
             return

@@ -6,23 +6,18 @@ import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
-from benchmarks.harness import Measured, done, paired
+from benchmarks.harness import Measured, done, paired, slow_fall
 from pipeline import Camera, Scenario
 from pipeline.physics.pictures import Photographer, Poses
 from pipeline.physics.studio import _png
 from pipeline.physics.visible_world import VisibleWorld
-from pipeline.physics.world import World
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
-    """Draw the frames of a slow fall, each of them another picture."""
+    """Draw the frames of a slow fall."""
     count = 200 if quick else 1000
-    scenario, camera = Scenario(timestep_s=1 / 2400), Camera()
-    with World(scenario) as world:
-        poses = next(world.samples(count))[:, :7].copy()
-
+    camera = Camera()
+    scenario, poses = slow_fall(count)
     ratios, detail = paired(
         lambda: done(lambda: _draw(scenario, camera, poses, workers=False)),
         lambda: done(lambda: _draw(scenario, camera, poses, workers=True)),
@@ -48,6 +43,6 @@ def _draw(scenario: Scenario, camera: Camera, poses: Poses, *, workers: bool) ->
 
 def _draw_whole(scenario: Scenario, camera: Camera, poses: Poses) -> None:
     with contextlib.closing(VisibleWorld(scenario, "tiny")) as world:
-        for pose in np.asarray(poses):
+        for pose in poses:
             world.place(pose[:3], pose[3:])
             _png(world.photograph(camera).pixels)

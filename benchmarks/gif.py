@@ -6,10 +6,9 @@ import pickle
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.harness import PYTHON, Measured, Ran, paired, process
-from pipeline import Camera, Scenario
+from benchmarks.harness import PYTHON, Measured, Ran, paired, process, slow_fall
+from pipeline import Camera
 from pipeline.physics.pictures import Photographer
-from pipeline.physics.world import World
 
 OURS = """
 import pickle
@@ -52,9 +51,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
 
 
 def _draw(path: Path, count: int) -> None:
-    scenario, camera = Scenario(timestep_s=1 / 2400), Camera()
-    with World(scenario) as world:
-        poses = next(world.samples(count))[:, :7].copy()
-    with Photographer(scenario, camera, frames=count) as photographer, path.open("wb") as file:
+    scenario, poses = slow_fall(count)
+    with Photographer(scenario, Camera(), frames=count) as photographer, path.open("wb") as file:
         for png in photographer.draw(poses):
             pickle.dump(png, file)

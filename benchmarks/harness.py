@@ -15,6 +15,10 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+from pipeline import Scenario
+from pipeline.physics.pictures import Poses
+from pipeline.physics.world import World
+
 DROP = (sys.executable, "-m", "cli")
 PYTHON = (sys.executable, "-c")
 ROOT = Path(__file__).parents[1]
@@ -140,6 +144,13 @@ def done(work: Callable[[], object]) -> Ran:
     began = time.perf_counter()
     work()
     return Ran(time.perf_counter() - began, math.nan, math.nan)
+
+
+def slow_fall(count: int) -> tuple[Scenario, Poses]:
+    """Return a fall and its first poses, shape (count, 7), each of them another picture."""
+    scenario = Scenario(timestep_s=1 / 2400)
+    with World(scenario) as world:
+        return scenario, next(world.samples(count))[:, :7].copy()
 
 
 def machine() -> str:

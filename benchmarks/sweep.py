@@ -45,7 +45,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     number = itertools.count()
     runs, pairs = (1000, 3) if quick else (2000, 7)
 
-    def ours(jobs: int, *options: str) -> Ran:
+    def ours(jobs: int, *options: str, runs: int = runs) -> Ran:
         return process(
             *DROP, "sweep", "--out", f"sweep-{next(number)}", "--samples", runs, "--jobs", jobs,
             *options, folder=folder,
@@ -61,15 +61,16 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
             detail=detail,
         )  # fmt: skip
     # Enough runs that starting the workers, some 0.4 s, does not hide how they scale.
-    runs *= 5
+    many = 5 * runs
     ratios, detail = paired(
-        lambda: ours(1, "--no-record"), lambda: ours(2, "--no-record"), pairs=max(2, pairs // 2)
+        lambda: ours(1, "--no-record", runs=many),
+        lambda: ours(2, "--no-record", runs=many),
+        pairs=max(2, pairs // 2),
     )
     yield Measured(
-        f"`drop sweep --no-record --jobs 1`, {runs:,} drops: slower than two processes by",
+        f"`drop sweep --no-record --jobs 1`, {many:,} drops: slower than two processes by",
         "`--jobs 2`", ratios, 1.7, more_is_better=True, detail=detail,
     )  # fmt: skip
-    runs //= 5
     ratios, detail = paired(lambda: ours(1), lambda: bare(1), pairs=max(2, pairs // 2))
     yield Measured(
         f"`drop sweep --jobs 1`, {runs:,} drops with a recording each", "bare loop", ratios, 4.0,

@@ -22,7 +22,7 @@ def is_current(path: Path, content: bytes) -> bool:
     if not path.exists():
         return False
     known = path.read_bytes()
-    if known == content or path.suffix not in (".png", ".gif"):
+    if known == content or path.suffix not in (".png", ".gif", ".webp"):
         return known == content
     return walkthrough.alike(known, content)
 

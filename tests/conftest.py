@@ -15,6 +15,7 @@ from hypothesis import settings
 from pipeline import Analysis, Scenario, simulate
 from pipeline.budget.analysis import analysis_of
 from pipeline.recording.reader import Recording, read
+from pipeline.recording.viewer import binary
 from pipeline.stages.run import Run, run
 
 # The same examples every time: a test that fails is a change, and no bad luck.
@@ -54,6 +55,20 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorder:
 def judge(recording: Recording, at_s: Sequence[float] = ()) -> Analysis:
     """Analyze a recording that was read."""
     return analysis_of(recording.scenario, recording.engine, recording.states, at_s=at_s)
+
+
+def rerun_rrd(*arguments: object) -> str:
+    """Run `rerun rrd`, which must not fail, and return what it says."""
+    command = [binary(), "rrd", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
+
+
+def descendants_of(pid: int | str) -> list[str]:
+    """Return the numbers of the processes that a process started, and those that they did."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return children + [grandchild for child in children for grandchild in descendants_of(child)]
 
 
 @pytest.fixture

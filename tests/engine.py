@@ -3,44 +3,84 @@
 from __future__ import annotations
 
 import hashlib
+import platform
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pybullet as p
 import pybullet_data
+
+ROUNDS_ONCE = platform.machine() in ("x86_64", "AMD64")
+"""Whether each operation rounds once here; elsewhere a compiler may fuse multiply and add."""
+MODES: tuple[Any, ...] = ("reduced", "maximal")
+DATA = Path(pybullet_data.getDataPath())
+AT_REST = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What PyBullet says before each step; rows of shape (samples, ...)."""
+
+    position_m: np.ndarray
+    velocity_m_s: np.ndarray
+    spin_rad_s: np.ndarray
+    orientation_xyzw: np.ndarray
+    mass_kg: float
+    picture_hashes: dict[int, str] = field(default_factory=dict)
+    """By step."""
 
 
 def drive(
     *,
     timestep_s: float = 1 / 240,
     samples: int = 241,
-    linear_damping: float | None = None,
     gravity_m_s2: float | None = -9.81,
-    stepped: bool = True,
+    height_m: float = 1.0,
+    velocity_m_s: tuple[float, float, float] = AT_REST,
+    spin_rad_s: tuple[float, float, float] = AT_REST,
     floor: bool = True,
+    coordinates: Any = "reduced",
+    restitution: float | None = None,
     picture_every: int | None = None,
-) -> tuple[np.ndarray, dict[int, str]]:
-    """Return positions and velocities before each step, (samples, 6), and frame hashes by step."""
+    dynamics: dict[str, Any] | None = None,
+    engine: dict[str, Any] | None = None,
+) -> Driven:
+    """Drop cube_small.urdf; `dynamics` are told of the body, `engine` of the physics."""
     client = p.connect(p.DIRECT)
+    maximal = coordinates == "maximal"
     try:
-        p.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=client)
         p.setTimeStep(timestep_s, physicsClientId=client)
+        p.setPhysicsEngineParameter(physicsClientId=client, **(engine or {}))
         if gravity_m_s2 is not None:
             p.setGravity(0, 0, gravity_m_s2, physicsClientId=client)
-        if floor:
-            p.loadURDF("plane.urdf", physicsClientId=client)
-        box = p.loadURDF("cube_small.urdf", [0, 0, 1], physicsClientId=client)
-        if linear_damping is not None:
-            p.changeDynamics(box, -1, linearDamping=linear_damping, physicsClientId=client)
+        bodies = [
+            p.loadURDF(
+                str(DATA / name), [0, 0, z_m], useMaximalCoordinates=maximal, physicsClientId=client
+            )
+            for name, z_m in (("plane.urdf", 0), ("cube_small.urdf", height_m))
+            if floor or name != "plane.urdf"
+        ]
+        box = bodies[-1]
+        if dynamics:
+            p.changeDynamics(box, -1, physicsClientId=client, **dynamics)
+        if restitution is not None:
+            for body in bodies:
+                p.changeDynamics(body, -1, restitution=restitution, physicsClientId=client)
+        p.resetBaseVelocity(box, velocity_m_s, spin_rad_s, physicsClientId=client)
         rows, hashes = [], {}
         for step in range(samples):
-            position, _ = p.getBasePositionAndOrientation(box, physicsClientId=client)
-            velocity, _ = p.getBaseVelocity(box, physicsClientId=client)
-            rows.append((*position, *velocity))
+            if step:
+                p.stepSimulation(physicsClientId=client)
+            position, orientation = p.getBasePositionAndOrientation(box, physicsClientId=client)
+            velocity, spin = p.getBaseVelocity(box, physicsClientId=client)
+            rows.append((*position, *velocity, *spin, *orientation))
             if picture_every and step % picture_every == 0:
                 hashes[step] = _picture_hash(client)
-            if stepped:
-                p.stepSimulation(physicsClientId=client)
-        return np.array(rows), hashes
+        parts = np.split(np.array(rows), (3, 6, 9), axis=1)
+        mass_kg = p.getDynamicsInfo(box, -1, physicsClientId=client)[0]
+        return Driven(*parts, mass_kg, hashes)
     finally:
         p.disconnect(client)
 

@@ -25,7 +25,8 @@ from pipeline.figures.composition import Composition, caption
 from pipeline.figures.growing_plot import GrowingPlot
 from pipeline.figures.playback import Animation, playback
 from pipeline.recording.reader import frames
-from pipeline.stages.render import render
+from pipeline.scenario import Scenario
+from pipeline.stages.render import _facts, render
 from pipeline.stages.run import Run
 
 Pixels = np.ndarray
@@ -232,6 +233,13 @@ def test_a_drop_of_one_sample_has_its_plot_too() -> None:
                "interaction_m", "rounding_m", "error_m")  # fmt: skip
     table = pl.DataFrame({name: [0.0] for name in columns} | {"phase": ["falling"]})
     assert GrowingPlot(table, (64, 48), dark=True).at(0.0).size == (64, 48)
+
+
+def test_a_plot_names_what_is_not_the_default(standard: Run) -> None:
+    scenario = Scenario(timestep_s=1 / 480, restitution=0.8, contact_erp=0.0, floor=False)
+    assert _facts(scenario, standard.analysis).subtitle == (
+        "timestep 1/480 s, linear damping default, restitution 0.8, contact erp 0, no floor"
+    )
 
 
 def test_the_command_line_says_how_fast_it_plays(drop: Drop, standard: Run) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 import polars as pl
 import pyarrow as pa
 import pytest
+from conftest import rerun_rrd
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
 from pipeline import Camera, Scenario, analyze, check, render, simulate
@@ -97,7 +98,7 @@ def verdict(path: Path, sound: Sound) -> str:
 # -- bytes ----------------------------------------------------------------------------------------
 
 
-def test_flipped_bits(sound: Sound, tmp_path: Path) -> None:
+def test_flipped_bits_are_refused_or_change_nothing(sound: Sound, tmp_path: Path) -> None:
     """Bits anywhere: in the state they are damage; in what no number comes from, they may pass."""
     chance, path, verdicts = random.Random(SEED), tmp_path / "run.rrd", Counter[str]()
     for _ in range(FLIPS):
@@ -110,14 +111,18 @@ def test_flipped_bits(sound: Sound, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("percent", range(100))
-def test_cut_at_every_percent(sound: Sound, tmp_path: Path, percent: int) -> None:
+def test_a_recording_cut_at_any_percent_is_refused(
+    sound: Sound, tmp_path: Path, percent: int
+) -> None:
     path = tmp_path / "run.rrd"
     path.write_bytes(sound.data[: len(sound.data) * percent // 100])
     assert verdict(path, sound) == "refused"
 
 
 @pytest.mark.parametrize("missing", [1, 2, 12, 31, 32, 33])
-def test_cut_by_a_few_bytes(sound: Sound, tmp_path: Path, missing: int) -> None:
+def test_a_recording_cut_by_a_few_bytes_is_refused(
+    sound: Sound, tmp_path: Path, missing: int
+) -> None:
     path = tmp_path / "run.rrd"
     path.write_bytes(sound.data[:-missing])
     assert verdict(path, sound) == "refused"
@@ -166,7 +171,7 @@ BYTES: dict[str, Callable[[bytes], bytes]] = {
 
 
 @pytest.mark.parametrize("kind", BYTES)
-def test_other_damage_to_bytes(sound: Sound, tmp_path: Path, kind: str) -> None:
+def test_other_damage_to_bytes_is_refused(sound: Sound, tmp_path: Path, kind: str) -> None:
     path = tmp_path / "run.rrd"
     path.write_bytes(BYTES[kind](sound.data))
     assert verdict(path, sound) == "refused"
@@ -484,9 +489,7 @@ def test_two_recordings_in_one_file_are_refused(sound: Sound, tmp_path: Path) ->
     other, path = tmp_path / "other.rrd", tmp_path / "both" / "run.rrd"
     path.parent.mkdir()
     simulate(Scenario(height_m=2.0), other, camera=None)
-    spec = Path(sys.modules["rerun"].__file__ or "").parents[1] / "rerun_cli" / "rerun"
-    command = [spec, "rrd", "merge", sound.path, other, "-o", path]
-    subprocess.run(command, check=True, capture_output=True)
+    rerun_rrd("merge", sound.path, other, "-o", path)
     assert verdict(path, sound) == "refused"
 
 

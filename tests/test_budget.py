@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 from conftest import Recorder, judge
 
+from pipeline.budget.conservation import mechanics
+from pipeline.budget.samples import Samples
+
 TERMS = ("timestep_m", "damping_m", "interaction_m", "rounding_m")
 
 SCENARIOS: dict[str, dict[str, object]] = {
@@ -153,7 +156,7 @@ def test_a_box_that_fell_over_is_expected_on_the_face_it_lies_on(recorded: Recor
 # -- impact, contact, rest ------------------------------------------------------------------------
 
 
-def test_impact(recorded: Recorder) -> None:
+def test_the_impact_is_where_theory_and_samples_have_it(recorded: Recorder) -> None:
     impact = judge(recorded()).impact
     assert impact is not None
     assert impact.time_free_fall_s == pytest.approx(math.sqrt(2 * 0.975 / 9.81), abs=1e-15)
@@ -215,7 +218,7 @@ def test_bounces_rise_as_theory_says_once_the_correction_is_off(recorded: Record
 # -- conservation ---------------------------------------------------------------------------------
 
 
-def test_where_the_energy_went(recorded: Recorder) -> None:
+def test_every_joule_is_booked_to_a_cause(recorded: Recorder) -> None:
     energy = judge(recorded()).energy
     assert energy.initial_j == pytest.approx(0.981, abs=1e-15)
     assert energy.damping_j == pytest.approx(-0.0483104, abs=5e-8)
@@ -260,14 +263,14 @@ def test_floating_and_spinning_bodies_conserve_what_they_should(
 
 def test_energy_and_momentum_of_a_turned_body_are_those_of_its_principal_axes() -> None:
     """A body turned by 90° about x, spinning about world z, spins about its own y."""
-    from pipeline.budget.conservation import mechanics
-
     half = math.sqrt(0.5)
-    found = mechanics(
-        np.array([2.0]), np.array([[half, 0.0, 0.0, half]]), np.zeros((1, 3)),
-        np.array([[0.0, 0.0, 3.0]]), mass_kg=1.5, inertia_kg_m2=np.array([1.0, 10.0, 100.0]),
-        gravity_m_s2=-9.81,
+    sample = Samples(
+        position_m=np.array([[0.0, 0.0, 2.0]]), orientation=np.array([[half, 0.0, 0.0, half]]),
+        velocity_m_s=np.zeros((1, 3)), spin_rad_s=np.array([[0.0, 0.0, 3.0]]),
+        contact_points=np.zeros(1),
     )  # fmt: skip
+    inertia_kg_m2 = np.array([1.0, 10.0, 100.0])
+    found = mechanics(sample, mass_kg=1.5, inertia_kg_m2=inertia_kg_m2, gravity_m_s2=-9.81)
     assert found.kinetic_angular_j[0] == pytest.approx(10 * 3**2 / 2)
     assert found.angular_momentum_kg_m2_s[0] == pytest.approx([0, 0, 30])
     assert found.potential_j[0] == pytest.approx(1.5 * 9.81 * 2)

@@ -8,20 +8,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pybullet as p
-import pybullet_data
 import pytest
+from engine import MODES, drive
 
 from pipeline.physics import contact_law
 from pipeline.physics.bullet_law import airborne, effective_damping
 from pipeline.physics.theory import Fall
 
-DATA = Path(pybullet_data.getDataPath())
-MODES: tuple[Any, ...] = ("reduced", "maximal")
 MASS_KG, REST_HEIGHT_M = 0.1, 0.025
 CONVERGED = {"solverResidualThreshold": 0}
 
@@ -30,32 +26,12 @@ def dropped(
     fall: Fall, *, timestep_s: float, steps: int, restitution: float | None = None, **engine: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return heights and vertical velocities of cube_small.urdf above plane.urdf."""
-    client = p.connect(p.DIRECT)
-    try:
-        p.setTimeStep(timestep_s, physicsClientId=client)
-        p.setGravity(0, 0, fall.gravity_m_s2, physicsClientId=client)
-        p.setPhysicsEngineParameter(physicsClientId=client, **engine)
-        maximal = {"useMaximalCoordinates": fall.coordinates == "maximal"}
-        floor, box = (
-            p.loadURDF(str(DATA / name), [0, 0, height], physicsClientId=client, **maximal)
-            for name, height in (("plane.urdf", 0), ("cube_small.urdf", fall.height_m))
-        )
-        p.changeDynamics(box, -1, linearDamping=fall.linear_damping, physicsClientId=client)
-        if restitution is not None:
-            for body in (floor, box):
-                p.changeDynamics(body, -1, restitution=restitution, physicsClientId=client)
-        p.resetBaseVelocity(box, fall.velocity_m_s, physicsClientId=client)
-        rows = []
-        for step in range(steps + 1):
-            position, _ = p.getBasePositionAndOrientation(box, physicsClientId=client)
-            velocity, _ = p.getBaseVelocity(box, physicsClientId=client)
-            rows.append((position[2], velocity[2]))
-            if step < steps:
-                p.stepSimulation(physicsClientId=client)
-        heights, velocities = np.array(rows).T
-        return heights, velocities
-    finally:
-        p.disconnect(client)
+    seen = drive(
+        timestep_s=timestep_s, samples=steps + 1, gravity_m_s2=fall.gravity_m_s2,
+        height_m=fall.height_m, velocity_m_s=fall.velocity_m_s, coordinates=fall.coordinates,
+        restitution=restitution, dynamics={"linearDamping": fall.linear_damping}, engine=engine,
+    )  # fmt: skip
+    return seen.position_m[:, 2], seen.velocity_m_s[:, 2]
 
 
 def fall_of(
@@ -111,7 +87,7 @@ def test_the_whole_second_is_pybullets(coordinates: Any, rate: int, restitution:
         assert np.abs(law[1] - velocities).max() <= (1e-13 + grain_m) * rate
 
 
-def test_golden_values() -> None:
+def test_the_lowest_points_are_the_golden_ones() -> None:
     heights, _ = predicted(fall_of(), 240, 240)
     assert np.argmin(heights) == 108
     assert heights[108] == pytest.approx(0.01618091982485528, abs=1e-15)
@@ -150,7 +126,7 @@ def test_a_long_rest_repeats_exactly_and_costs_nothing(coordinates: Any) -> None
 # -- bounces ---------------------------------------------------------------------------------------
 
 
-def test_rebound_heights() -> None:
+def test_rebounds_reach_e_squared_of_the_height_each_time() -> None:
     # e² h, e⁴ h, e⁶ h
     assert contact_law.rebound_heights(0.8, 0.5, 3) == pytest.approx([0.2, 0.05, 0.0125], rel=1e-15)
     assert contact_law.rebound_heights(1.0, 0.0, 2).tolist() == [0, 0]
@@ -190,7 +166,7 @@ def test_position_correction_inflates_restitution() -> None:
         assert 0.5 < first.restitution <= 0.5 + contact_law.CONTACT_ERP
 
 
-def test_bounces_of_a_recorded_series() -> None:
+def test_the_bounces_found_in_the_engines_heights_are_the_laws() -> None:
     fall = fall_of()
     recorded = dropped(fall, timestep_s=1 / 480, steps=480, restitution=math.sqrt(0.5), **CONVERGED)
     law = predicted(fall, 480, 480, restitution=0.5)
@@ -201,7 +177,7 @@ def test_bounces_of_a_recorded_series() -> None:
         assert seen.apex_m == pytest.approx(expected.apex_m, abs=1e-12)
 
 
-def test_no_restitution_no_bounce() -> None:
+def test_without_restitution_nothing_bounces_but_by_position_correction() -> None:
     # Position correction alone gives back up to its 8 % of the penetration per step.
     fall = fall_of()
     assert bounces_of(predicted(fall, 240, 480, contact_erp=0.0), fall, 240) == []

@@ -21,9 +21,8 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import psutil
 import pytest
-from conftest import Drop
+from conftest import Drop, descendants_of
 
 from pipeline import Scenario, analyze, simulate
 from pipeline.errors import OutputError, RecordingError
@@ -152,7 +151,7 @@ def small_disk(folder: Path, kilobytes: int) -> Iterator[dict[str, object]]:
         *((FULL, room, 241) for room in (420, 500, 600)),  # while it is sealed
     ],
 )
-def test_the_disk_fills_up_while_a_recording_is_written(
+def test_a_full_disk_costs_neither_the_old_recording_nor_the_samples_that_fitted(
     tmp_path: Path, precious: bytes, arguments: tuple[str, ...], room_kb: int, samples: int
 ) -> None:
     disk, old_kb = tmp_path / "disk", len(precious) // 1024 + 4
@@ -184,7 +183,7 @@ def test_the_disk_fills_up_while_a_recording_is_written(
     ],
     ids=lambda arguments: arguments[-1],
 )
-def test_the_disk_fills_up_while_something_else_is_written(
+def test_a_full_disk_leaves_nothing_half_of_anything_else(
     tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
     disk = tmp_path / "disk"
@@ -229,7 +228,9 @@ def test_what_a_large_recording_takes_is_said_before_the_work_is_begun(
 # -- the folder -----------------------------------------------------------------------------------
 
 
-def test_a_folder_that_is_read_only(tmp_path: Path, precious: bytes) -> None:
+def test_a_folder_that_is_read_only_gets_one_line_and_nothing_new(
+    tmp_path: Path, precious: bytes
+) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
     with contextlib.ExitStack() as stack:
@@ -249,7 +250,7 @@ def test_a_folder_that_is_read_only(tmp_path: Path, precious: bytes) -> None:
         assert [one.name for one in disk.iterdir()] == ["run.rrd"]
 
 
-def test_a_folder_that_vanishes(tmp_path: Path) -> None:
+def test_a_folder_that_vanishes_gets_one_line(tmp_path: Path) -> None:
     folder = tmp_path / "folder"
     folder.mkdir()
     process = start((*SHORT[:2], str(folder / "run.rrd"), *SHORT[3:]), tmp_path)
@@ -261,7 +262,7 @@ def test_a_folder_that_vanishes(tmp_path: Path) -> None:
     assert not folder.exists()
 
 
-def test_targets_that_are_no_files(tmp_path: Path) -> None:
+def test_targets_that_are_no_files_are_left_as_they_are(tmp_path: Path) -> None:
     (tmp_path / "a file").write_text("precious")
     os.mkfifo(tmp_path / "pipe.rrd")
     for target, words in (
@@ -302,7 +303,9 @@ def killed(folder: Path, number: int, precious: bytes) -> tuple[int, str, str]:
     return process.returncode, stdout, stderr
 
 
-def test_killed_at_any_moment(tmp_path: Path, precious: bytes) -> None:
+def test_killed_at_any_moment_it_loses_nothing_that_was_there(
+    tmp_path: Path, precious: bytes
+) -> None:
     folders = [tmp_path / str(number) for number in range(KILLS)]
     with ThreadPoolExecutor(2) as pool:
         results = list(
@@ -438,19 +441,15 @@ MANY_FRAMES = (
 )
 
 
-def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
-    with contextlib.suppress(psutil.NoSuchProcess):
-        return psutil.Process(process.pid).children(recursive=True)
-    return []
-
-
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core draws without workers")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
-def test_a_frame_worker_dies(tmp_path: Path, precious: bytes, how: signal.Signals) -> None:
+def test_a_frame_worker_that_dies_is_one_line_and_no_loss(
+    tmp_path: Path, precious: bytes, how: signal.Signals
+) -> None:
     (tmp_path / "run.rrd").write_bytes(precious)
     process = start(MANY_FRAMES, tmp_path)
     wait_for(lambda: size(tmp_path / "run.rrd.part") > 2_000_000, "no frames")
-    workers_of(process)[0].send_signal(how)
+    os.kill(int(descendants_of(process.pid)[0]), how)
     said = ended(process)
     assert process.returncode == 1
     assert_one_line(*said, "draws died", "run.rrd.part")
@@ -517,7 +516,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("analyze gone.rrd 2>&-", (1,), 0),
     ],
 )
-def test_standard_output_is_closed_early(
+def test_standard_output_that_is_closed_or_full_ends_in_its_exit_code(
     short: Path, command: str, codes: tuple[int, ...], lines: int
 ) -> None:
     done = subprocess.run(

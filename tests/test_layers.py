@@ -1,8 +1,9 @@
-"""The house: which rooms may know which, and what the command line may load."""
+"""The house: its rooms are as `docs/architecture.md` shows them, and imports point down only."""
 
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,33 +13,13 @@ import pytest
 import pipeline
 
 PACKAGE = Path(pipeline.__file__).parent
-
-# Room -> the rooms it may import from. Nothing else: arrows point down only.
-MAY_IMPORT: dict[str, set[str]] = {
-    "errors": set(),
-    "colours": set(),
-    "fields": {"errors"},
-    "scenario": {"errors", "fields"},
-    "options": {"fields", "scenario"},
-    "workers": {"errors"},
-    "physics": {"errors", "scenario", "workers"},
-    "budget": {"errors", "scenario", "physics"},
-    "recording": {"errors", "fields", "scenario", "colours"},
-    "figures": {"errors", "colours"},
-    "sweeping": {"errors", "fields", "scenario", "recording"},
-    "stages": {
-        "errors",
-        "workers",
-        "sweeping",
-        "fields",
-        "scenario",
-        "physics",
-        "budget",
-        "recording",
-        "figures",
-        "colours",
-    },
-    "console": {"errors", "fields", "budget", "stages"},
+ARCHITECTURE = (Path(__file__).parents[1] / "docs/architecture.md").read_text(encoding="utf-8")
+ROOMS = ARCHITECTURE.partition("## The rooms")[2].partition("\n## ")[0]
+ROW = re.compile(r"^\| `(?:pipeline/)?(\w+)(?:\.py|/)`(.*?) \| (.*) \| (.*) \|$", re.MULTILINE)
+# Room -> what is said of it, and the rooms that it is said to know; from the top to the bottom.
+SAID = {
+    room: (more + what, set() if knows == "nothing" else set(knows.split(", ")))
+    for room, more, what, knows in ROW.findall(ROOMS)
 }
 # Library -> the only files that may import it.
 ONLY_IN = {
@@ -72,13 +53,52 @@ def imports_of(path: Path) -> set[str]:
 FILES = {str(path.relative_to(PACKAGE)): path for path in sorted(PACKAGE.rglob("*.py"))}
 
 
+def room_of(*parts: str) -> str:
+    """Return the room of a path or module below the package: `fields` is one with `scenario`."""
+    first = parts[0].removesuffix(".py")
+    return "scenario" if first == "fields" else first
+
+
+def knows(room: str) -> set[str]:
+    """Return the rooms that a room imports from, but for `errors`."""
+    paths = [path for name, path in FILES.items() if room_of(*Path(name).parts) == room]
+    if room == "cli":
+        paths = [PACKAGE.parent / "cli.py"]
+    modules = [one for path in paths for one in imports_of(path) if one.startswith("pipeline.")]
+    return {room_of(*one.split(".")[1:]) for one in modules} - {room, "errors"}
+
+
+@pytest.mark.parametrize("room", SAID)
+def test_a_room_knows_what_the_architecture_says_and_nothing_else(room: str) -> None:
+    assert knows(room) == SAID[room][1]
+
+
+def test_imports_point_down_only() -> None:
+    from_the_top = list(SAID)
+    for number, room in enumerate(from_the_top):
+        assert knows(room) <= set(from_the_top[number + 1 :]), room
+
+
+def test_the_picture_shows_every_import_that_does_not_follow_from_others() -> None:
+    reached: dict[str, set[str]] = {}
+    arrows: set[tuple[str, str]] = set()
+    for room in reversed(SAID):
+        known = knows(room)
+        beyond = set().union(*(reached[one] for one in known))
+        reached[room] = known | beyond
+        arrows |= {(room, one) for one in known - beyond}
+    drawn = re.findall(r"^ +(\w+) --> (.+)$", ROOMS, re.MULTILINE)
+    assert {(room, one) for room, to in drawn for one in to.split(" & ")} == arrows
+
+
 @pytest.mark.parametrize("name", FILES)
-def test_rooms_import_downwards_only(name: str) -> None:
-    room = Path(name).parts[0].removesuffix(".py")
-    if room == "__init__":
-        return
-    ours = {one.split(".")[1] for one in imports_of(FILES[name]) if one.startswith("pipeline.")}
-    assert ours - {room} <= MAY_IMPORT[room]
+def test_the_architecture_names_every_file_in_its_room(name: str) -> None:
+    path = Path(name)
+    said, _ = SAID.get(room_of(*path.parts), ("", set()))
+    if path.parts[0] != path.name:
+        assert path.name == "__init__.py" or f"`{path.stem}`" in said
+    elif path.stem not in ("__init__", *SAID):
+        assert f"`{path.name}`" in said
 
 
 @pytest.mark.parametrize("name", FILES)

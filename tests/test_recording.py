@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import subprocess
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
+from conftest import rerun_rrd
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
-from pipeline import DropError, Scenario, simulate
+from pipeline import Scenario, simulate
 from pipeline.errors import OutputError, RecordingError
 from pipeline.recording import files, schema
 from pipeline.recording.reader import read
@@ -25,14 +24,6 @@ def chunks_of(path: Path) -> list[Chunk]:
 def table(path: Path, entity: str) -> pl.DataFrame:
     found = [c for c in chunks_of(path) if c.entity_path == f"/{entity}" and not c.is_static]
     return pl.concat([pl.DataFrame(pl.from_arrow(c.to_record_batch())) for c in found])
-
-
-def rerun(*arguments: object) -> subprocess.CompletedProcess[str]:
-    spec = find_spec("rerun_cli")
-    assert spec is not None
-    assert spec.origin is not None
-    command = [str(Path(spec.origin).parent / "rerun"), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 # -- the schema -----------------------------------------------------------------------------------
@@ -134,9 +125,7 @@ def test_about_says_what_it_is(standard: Run) -> None:
 
 def test_reruns_own_verification_passes(standard: Run) -> None:
     for path in (standard.simulation.recording, standard.analysis.layer):
-        done = rerun("rrd", "verify", path)
-        assert done.returncode == 0
-        assert "1 file verified" in done.stdout + done.stderr
+        assert "1 file verified" in rerun_rrd("verify", path)
 
 
 def test_the_layer_carries_the_recordings_id(standard: Run) -> None:
@@ -260,8 +249,3 @@ def test_a_recording_of_another_application_is_refused(tmp_path: Path, standard:
     )
     with pytest.raises(RecordingError, match="'other'"):
         read(path)
-
-
-def test_every_error_of_ours_is_a_drop_error() -> None:
-    assert issubclass(RecordingError, DropError)
-    assert issubclass(OutputError, DropError)

@@ -6,27 +6,18 @@ They may put rows into other chunks and another order, and write what is static 
 from __future__ import annotations
 
 import json
-import subprocess
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
-from conftest import Drop
+from conftest import Drop, rerun_rrd
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
-from viewer import binary
 
 from pipeline import Analysis, analyze
 from pipeline.errors import RecordingError
 from pipeline.recording import schema, writer
 from pipeline.recording.reader import frames, read
 from pipeline.stages.run import Run
-
-
-def rerun_rrd(*arguments: object) -> None:
-    done = subprocess.run(
-        [binary(), "rrd", *map(str, arguments)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
 
 
 def merged(run: Path, folder: Path) -> Path:

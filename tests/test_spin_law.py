@@ -6,57 +6,17 @@ sin, cos and pow are the C library's, here and in the engine.
 from __future__ import annotations
 
 import itertools
-import platform
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pybullet as p
-import pybullet_data
 import pytest
+from engine import MODES, ROUNDS_ONCE, drive
 
 from pipeline.physics import bullet_law, spin_law
 from pipeline.physics.bullet_law import effective_damping
 from pipeline.physics.theory import Fall
 
-ROUNDS_ONCE = platform.machine() in ("x86_64", "AMD64")
-MODES: tuple[Any, ...] = ("reduced", "maximal")
-BOX = str(Path(pybullet_data.getDataPath()) / "cube_small.urdf")
 STEPS, TIMESTEP_S = 200, 1 / 240
-
-
-def spun(
-    fall: Fall, spin_rad_s: Any, angular_damping: float, inertia_kg_m2: Any
-) -> tuple[list[np.ndarray], float]:
-    """Return positions, velocities, spins and orientations, and the mass."""
-    client = p.connect(p.DIRECT)
-    try:
-        p.setTimeStep(TIMESTEP_S, physicsClientId=client)
-        p.setGravity(0, 0, fall.gravity_m_s2, physicsClientId=client)
-        maximal = fall.coordinates == "maximal"
-        body = p.loadURDF(
-            BOX, [0, 0, fall.height_m], useMaximalCoordinates=maximal, physicsClientId=client
-        )
-        p.changeDynamics(
-            body,
-            -1,
-            linearDamping=fall.linear_damping,
-            angularDamping=angular_damping,
-            localInertiaDiagonal=inertia_kg_m2,
-            physicsClientId=client,
-        )
-        p.resetBaseVelocity(body, fall.velocity_m_s, spin_rad_s, physicsClientId=client)
-        rows = []
-        for step in range(STEPS + 1):
-            position, orientation = p.getBasePositionAndOrientation(body, physicsClientId=client)
-            velocity, spin = p.getBaseVelocity(body, physicsClientId=client)
-            rows.append((*position, *velocity, *spin, *orientation))
-            if step < STEPS:
-                p.stepSimulation(physicsClientId=client)
-        mass_kg = p.getDynamicsInfo(body, -1, physicsClientId=client)[0]
-        return np.split(np.array(rows), (3, 6, 9), axis=1), mass_kg
-    finally:
-        p.disconnect(client)
 
 
 @pytest.mark.parametrize("coordinates", MODES)
@@ -82,7 +42,13 @@ def test_the_spin_is_pybullets(coordinates: Any, damping: float | None, inertia:
             linear_damping=coefficient,
             coordinates=coordinates,
         )
-        seen, mass_kg = spun(fall, spin, coefficient, inertia)
+        seen = drive(
+            samples=STEPS + 1, floor=False, velocity_m_s=velocity, spin_rad_s=spin,
+            coordinates=coordinates, dynamics={
+                "linearDamping": coefficient, "angularDamping": coefficient,
+                "localInertiaDiagonal": inertia,
+            },
+        )  # fmt: skip
         found = spin_law.spin_airborne(
             fall,
             spin_rad_s=spin,
@@ -90,14 +56,15 @@ def test_the_spin_is_pybullets(coordinates: Any, damping: float | None, inertia:
             inertia_kg_m2=inertia,
             timestep_s=TIMESTEP_S,
             steps=STEPS,
-            mass_kg=mass_kg,
+            mass_kg=seen.mass_kg,
         )
-        for law, engine in zip(found[:3], seen[:3], strict=True):
+        for name in ("position_m", "velocity_m_s", "spin_rad_s"):
+            law, engine = getattr(found, name), getattr(seen, name)
             if ROUNDS_ONCE:
                 np.testing.assert_array_equal(law, engine)
             else:
                 np.testing.assert_allclose(law, engine, rtol=1e-9, atol=1e-9)
-        same_way = np.sum(found.orientation_xyzw * seen[3], axis=1)
+        same_way = np.sum(found.orientation_xyzw * seen.orientation_xyzw, axis=1)
         assert np.abs(same_way) == pytest.approx(1, abs=1e-14 if ROUNDS_ONCE else 1e-9)
 
 

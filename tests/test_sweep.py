@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from conftest import Drop
+from conftest import Drop, descendants_of
 
 from pipeline import Scenario, analyze
 from pipeline.budget.statistics import Moments
@@ -521,11 +521,6 @@ def long_sweep(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     if process.poll() is None:
         process.kill()
         process.communicate()
-
-
-def descendants_of(pid: int | str) -> list[str]:
-    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return children + [grandchild for child in children for grandchild in descendants_of(child)]
 
 
 def test_interrupted_it_stops_at_once_and_says_how_to_go_on(

@@ -96,7 +96,7 @@ def test_the_reference_solves_the_equation(g: float, v0: float) -> None:
     assert abs(exact(DEFAULT, g, v0, 0.3)[1] - change[2]) < 1e-30
 
 
-def test_figures_of_the_experiment() -> None:
+def test_the_closed_forms_give_the_figures_of_the_experiment() -> None:
     at = np.array([0.3])
     assert theory.free_fall_height(fall(), at) == pytest.approx(0.55855, abs=1e-15)
     assert theory.damping_displacement(fall(), at) == pytest.approx(0.004310219835131, abs=5e-16)
@@ -139,7 +139,7 @@ SPEEDS_M_S = (0.0, -3.0, 5.0, 40.0, -120.0, -1e-7, 1e-3)
 
 @pytest.mark.parametrize("k", [1e-12, 1e-6, 1e-3, DEFAULT, 0.3, 1.0, 39.24])
 @pytest.mark.parametrize("g", [-9.81, -1.62, 0.0, 3.7])
-def test_damping_displacement_in_reduced_coordinates(k: float, g: float) -> None:
+def test_damping_displacement_keeps_its_digits_in_reduced_coordinates(k: float, g: float) -> None:
     # k = 39.24 = 4 g: there ω = 0 on the way up. g > 0 mirrors all of it.
     for v0 in SPEEDS_M_S:
         change_m = theory.damping_displacement(fall(k, g, v0), np.append(TIMES_S, LATE_S))
@@ -181,14 +181,14 @@ def test_long_falls_reach_terminal_speed_without_overflow() -> None:
 
 @pytest.mark.parametrize("v", [0.0, 5.0, (3.0, -2.0, 4.0)])
 @pytest.mark.parametrize("mode", ["reduced", "maximal"])
-def test_upward_gravity_mirrors(v: Any, mode: Any) -> None:
+def test_upward_gravity_mirrors_the_fall(v: Any, mode: Any) -> None:
     down, up = fall(0.3, -9.81, v, mode), fall(0.3, 9.81, np.multiply(v, -1.0), mode)
     change = theory.damping_displacement(down, TIMES_S)
     assert theory.damping_displacement(up, TIMES_S) == pytest.approx(-change, rel=1e-13)
 
 
 @pytest.mark.parametrize("v", [5.0, (3.0, -2.0, 4.0)])
-def test_times_in_any_order(v: Any) -> None:
+def test_times_come_in_any_order_or_not_at_all(v: Any) -> None:
     mixed = np.array([0.9, 0.0, 0.3, 0.9, 1e-6])
     ordered, back = np.unique(mixed, return_inverse=True)
     change = theory.damping_displacement(fall(v=v), ordered)
@@ -202,7 +202,9 @@ def test_times_in_any_order(v: Any) -> None:
 
 @pytest.mark.parametrize("k", [1e-12, DEFAULT, 1.0])
 @pytest.mark.parametrize(("g", "v"), [(-9.81, (2, 0, 3)), (-9.81, (9, -7, 5)), (3.7, (1, 0, -2))])
-def test_oblique_throw(k: float, g: float, v: tuple[float, float, float]) -> None:
+def test_an_oblique_throw_solves_its_equation(
+    k: float, g: float, v: tuple[float, float, float]
+) -> None:
     times_s = np.array([1e-3, 0.7])
     change_m = theory.damping_displacement(fall(k, g, v), times_s)
     velocity_m_s = theory.damped_fall_velocity(fall(k, g, v), times_s)
@@ -261,7 +263,7 @@ def test_impact_is_the_first_arrival(thrown: Fall) -> None:
         (fall(1.0, 0.0, -1.0), True),  # drag alone stops it after ln 2
     ],
 )
-def test_what_never_arrives(thrown: Fall, free: bool) -> None:
+def test_what_never_arrives_has_no_time_of_impact(thrown: Fall, free: bool) -> None:
     assert (theory.impact_time_free(thrown, 0.025) is not None) == free
     assert theory.impact_time_damped(thrown, 0.025) is None
 

@@ -14,7 +14,6 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Collection, Mapping, Sequence
-from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
@@ -24,6 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from rerun.experimental import ViewerClient
+
+from pipeline.recording.viewer import binary
 
 Picture = NDArray[np.int64]
 
@@ -69,14 +70,6 @@ def isolated(home: Path) -> dict[str, str]:
         [binary(), "analytics", "disable"], env=environment, check=True, capture_output=True
     )
     return environment
-
-
-def binary() -> Path:
-    """Return Rerun's own binary."""
-    spec = find_spec("rerun_cli")
-    assert spec is not None
-    assert spec.origin is not None
-    return Path(spec.origin).parent / "rerun"
 
 
 class Viewer:

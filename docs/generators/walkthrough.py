@@ -37,7 +37,7 @@ ALIKE = 12.0
 less, a bounce that is a tenth lower by 20."""
 
 _BLOCK = re.compile(r"^```console\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-_PICTURE = re.compile(r"(?<=\]\()images/[^)]+(?=\))")
+_PICTURE = re.compile(r"(?:(?<=\]\()|(?<=srcset=\")|(?<=src=\"))images/[^)\"]+")
 _VARIES = re.compile(r"[\d.,]+ kB, [\d.]+ s$")
 """How large a recording became, and how long it took."""
 

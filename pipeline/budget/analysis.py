@@ -23,6 +23,7 @@ from pipeline.budget.landing import (
     find_rest,
 )
 from pipeline.budget.mismatch import coverage_of, find_mismatch
+from pipeline.budget.moment import DEFAULT_AT_S
 from pipeline.budget.phases import Phases, phases
 from pipeline.budget.results import Airborne, Analysis, Conservation, Coverage, Moment, Terms
 from pipeline.budget.samples import Samples, samples_of
@@ -33,8 +34,6 @@ from pipeline.physics.theory import Fall
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
-
-DEFAULT_AT_S = 0.3
 
 
 def analysis_of(
@@ -69,21 +68,26 @@ def analysis_of(
     mismatch = find_mismatch(scenario, engine, fall, samples, airborne=found.airborne)
     coverage = coverage_of(scenario, engine, found, mismatch)
     parts = decompose(fall, samples.height_m[: coverage.samples], timestep_s=timestep_s)
-    energies = _mechanics(engine, samples, fall)
+    energies = mechanics(
+        samples,
+        mass_kg=engine["mass_kg"],
+        inertia_kg_m2=np.array(engine["inertia_kg_m2"]),
+        gravity_m_s2=fall.gravity_m_s2,
+    )
     table = _table(scenario, engine, fall, found, samples, parts, energies)
     at = [_moment(table, step) for step in _steps_at(at_s, scenario, coverage)]
 
     law = contact_law_path(scenario, engine, fall, steps=found.samples - 1)
     law_m = None if law is None else law[0]
-    impact = find_impact(scenario, engine, fall, found, samples.height_m, samples.velocity_m_s)
-    bounces = find_bounces(scenario, engine, fall, samples.height_m, samples.velocity_m_s[:, 2])
-    rest = find_rest(scenario, engine, found, samples.height_m, samples.orientation, law_m)
+    impact = find_impact(scenario, engine, fall, found, samples)
+    bounces = find_bounces(scenario, engine, fall, samples)
+    rest = find_rest(scenario, engine, found, samples, law_m)
     evidence = Evidence(
         scenario=scenario,
         engine=engine,
         fall=fall,
         time_s=table["time_s"].to_numpy(),
-        state=states.drop("step").to_numpy()[:, :13],
+        samples=samples,
         phases=found,
         mismatch=mismatch,
         moment=at[0] if at else None,
@@ -113,18 +117,6 @@ def analysis_of(
         ),
         findings=findings(evidence),
         table=table,
-    )
-
-
-def _mechanics(engine: Mapping[str, Any], samples: Samples, fall: Fall) -> Mechanics:
-    return mechanics(
-        samples.height_m,
-        samples.orientation,
-        samples.velocity_m_s,
-        samples.spin_rad_s,
-        mass_kg=engine["mass_kg"],
-        inertia_kg_m2=np.array(engine["inertia_kg_m2"]),
-        gravity_m_s2=fall.gravity_m_s2,
     )
 
 

@@ -16,16 +16,13 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from pipeline.budget.likeness import likeness
+from pipeline.budget.likeness import POSITION, likeness
+from pipeline.physics.bullet_law import EXACT_MACHINES, FUSED
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
 
 IN_CONTACT_M = 1e-9
-FUSED = 1e-12
-"""In the air, relative, off x86-64: there a compiler may fuse multiply and add."""
-EXACT_MACHINES = ("x86_64", "AMD64")
-POSITION = ("x_m", "y_m", "z_m")
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.budget.samples import Samples
+
 Float64 = NDArray[np.float64]
 
 
@@ -27,14 +29,7 @@ class Mechanics:
 
 
 def mechanics(
-    height_m: Float64,
-    orientation: Float64,
-    linear_velocity_m_s: Float64,
-    angular_velocity_rad_s: Float64,
-    *,
-    mass_kg: float,
-    inertia_kg_m2: Float64,
-    gravity_m_s2: float,
+    samples: Samples, *, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float
 ) -> Mechanics:
     """Return energies and angular momentum of a rigid body in uniform gravity.
 
@@ -43,26 +38,22 @@ def mechanics(
 
     Parameters
     ----------
-    height_m
-        Height of the centre of mass above the floor [m], shape (n,).
-    orientation
-        World from principal axes, as quaternions x, y, z, w, shape (n, 4).
-    linear_velocity_m_s, angular_velocity_rad_s
-        World axes, shape (n, 3).
+    samples
+        The recorded state.
     mass_kg
         Mass [kg].
     inertia_kg_m2
-        Principal moments of inertia [kg m²], shape (3,).
+        Moments of inertia about the body's axes, its principal ones [kg m²], shape (3,).
     gravity_m_s2
         z component of gravity [m/s²], negative where it pulls down.
     """
-    spin_body = rotate_inverse(orientation, angular_velocity_rad_s)
+    spin_body = rotate_inverse(samples.orientation, samples.spin_rad_s)
     momentum_body = spin_body * inertia_kg_m2
     return Mechanics(
-        kinetic_linear_j=mass_kg / 2 * np.sum(linear_velocity_m_s**2, axis=1),
+        kinetic_linear_j=mass_kg / 2 * np.sum(samples.velocity_m_s**2, axis=1),
         kinetic_angular_j=np.sum(spin_body * momentum_body, axis=1) / 2,
-        potential_j=-mass_kg * gravity_m_s2 * height_m,
-        angular_momentum_kg_m2_s=rotate(orientation, momentum_body),
+        potential_j=-mass_kg * gravity_m_s2 * samples.height_m,
+        angular_momentum_kg_m2_s=rotate(samples.orientation, momentum_body),
     )
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.budget.conservation import Mechanics
-from pipeline.physics.bullet_law import MAX_COORDINATE_VELOCITY_M_S
+from pipeline.physics.bullet_law import velocities_after_step
 from pipeline.physics.theory import Fall
 
 Float64 = NDArray[np.float64]
@@ -37,19 +37,6 @@ class EnergyLedger:
     contact_j: float
     closing_j: float
     """What the causes leave unexplained: rounding, unless the state was altered."""
-
-
-def velocity_after_step(fall: Fall, velocity_m_s: Float64, *, timestep_s: float) -> Float64:
-    """Return what one step through the air makes of velocities [m/s], shape (n, 3).
-
-    Bullet's law as in `bullet_law`, for many velocities at once, and not to the last bit.
-    """
-    pull = np.array([0.0, 0.0, fall.gravity_m_s2 * timestep_s])
-    if fall.coordinates == "maximal":
-        return np.asarray(velocity_m_s * (1 - fall.linear_damping) ** timestep_s + pull)
-    speed = np.linalg.norm(velocity_m_s, axis=1, keepdims=True)
-    after = velocity_m_s - timestep_s * fall.linear_damping * velocity_m_s * (1 + speed) + pull
-    return np.asarray(np.clip(after, -MAX_COORDINATE_VELOCITY_M_S, MAX_COORDINATE_VELOCITY_M_S))
 
 
 def ledger(
@@ -82,7 +69,7 @@ def ledger(
     """
     total_j, spin_j = energies.total_j, energies.kinetic_angular_j
     before = velocity_m_s[:-1]
-    after = velocity_after_step(fall, before, timestep_s=timestep_s)
+    after = velocities_after_step(fall, before, timestep_s=timestep_s)
     gravity = np.array([0.0, 0.0, fall.gravity_m_s2])
     drag = after - before - timestep_s * gravity
     damping_j = stepped * mass_kg / 2 * np.sum(drag * (before + after), axis=1)

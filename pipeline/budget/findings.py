@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.budget.convergence import cancelling_timestep
 from pipeline.budget.landing import pair_restitution
 from pipeline.budget.phases import Phases
 from pipeline.budget.results import Bounce, Finding, Impact, Moment, Rest
+from pipeline.budget.samples import Samples
 from pipeline.physics.bullet_law import MAX_COORDINATE_VELOCITY_M_S
 from pipeline.physics.contact_law import RESTITUTION_THRESHOLD_M_S
 from pipeline.physics.theory import Fall
@@ -39,8 +41,7 @@ class Evidence:
     engine: Mapping[str, Any]
     fall: Fall
     time_s: Float64
-    state: Float64
-    """Position, orientation, velocities, shape (samples, 13)."""
+    samples: Samples
     phases: Phases
     mismatch: tuple[int, float] | None
     """First sample in the air that does not follow the law, and by how much [m or m/s]."""
@@ -53,14 +54,18 @@ class Evidence:
     @property
     def height_m(self) -> Float64:
         """Height of the centre [m], shape (samples,)."""
-        return self.state[:, 2]
+        return self.samples.height_m
 
     @property
     def stands_still(self) -> bool:
         """Whether no sample differs from the release although something should move it."""
-        pulled = self.fall.gravity_m_s2 != 0 or bool(np.any(self.state[0, 7:13]))
-        still = bool(np.all(self.state == self.state[0]))
-        return pulled and still and len(self.state) > 1 and self.phases.contact_step is None
+        state, velocity, spin = self.samples, self.samples.velocity_m_s, self.samples.spin_rad_s
+        moved = self.fall.gravity_m_s2 != 0 or bool(velocity[0].any() or spin[0].any())
+        still = all(
+            bool((part == part[0]).all())
+            for part in (state.position_m, state.orientation, velocity, spin)
+        )
+        return moved and still and len(velocity) > 1 and self.phases.contact_step is None
 
 
 def findings(evidence: Evidence) -> list[Finding]:
@@ -90,7 +95,7 @@ def _never_moved(e: Evidence) -> Iterator[Finding]:
     if e.stands_still:
         yield Finding(
             "not-stepped",
-            f"all {len(e.state)} samples are the same to the last bit, at {e.height_m[0]:.4f} m: "
+            f"all {len(e.time_s)} samples are the same to the last bit, at {e.height_m[0]:.4f} m: "
             "time passes only in p.stepSimulation(); call it once per sample, that is leave out "
             "--no-step",
         )
@@ -136,7 +141,7 @@ def _damping(e: Evidence) -> Iterator[Finding]:
 
 
 def _velocity_clamped(e: Evidence) -> Iterator[Finding]:
-    fastest = np.abs(e.state[:, 7:13]).max(axis=1)
+    fastest = np.abs(np.hstack((e.samples.velocity_m_s, e.samples.spin_rad_s))).max(axis=1)
     clamped = np.flatnonzero(fastest >= MAX_COORDINATE_VELOCITY_M_S)
     if e.scenario.coordinates == "reduced" and len(clamped) and not e.stands_still:
         step = int(clamped[0])
@@ -151,9 +156,10 @@ def _refining_hurts(e: Evidence) -> Iterator[Finding]:
     if e.moment is None or e.moment.terms_m is None:
         return
     terms = e.moment.terms_m
-    opposed = terms.timestep * terms.damping < 0
-    if opposed and abs(e.moment.error_m) < abs(terms.damping):
-        cancel_s = -e.scenario.timestep_s * terms.damping / terms.timestep
+    cancel_s = cancelling_timestep(
+        e.scenario.timestep_s, timestep_m=terms.timestep, damping_m=terms.damping
+    )
+    if cancel_s is not None and abs(e.moment.error_m) < abs(terms.damping):
         yield Finding(
             "refining-hurts",
             f"at {e.moment.time_s:.4g} s the error is {e.moment.error_m * 1e3:+.2f} mm and goes to "

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pipeline.budget.conservation import rotate_inverse
 from pipeline.budget.phases import Phases, crossing_time
 from pipeline.budget.results import Bounce, Contact, Impact, Rest, RestTerms
+from pipeline.budget.samples import Samples
 from pipeline.physics import contact_law, theory
 from pipeline.physics.contact_law import CONTACT_ERP, CONTACT_SLOP_M
 from pipeline.physics.theory import Fall
@@ -26,16 +27,12 @@ def find_impact(
     engine: Mapping[str, Any],
     fall: Fall,
     found: Phases,
-    height_m: Float64,
-    velocity_m_s: Float64,
+    samples: Samples,
 ) -> Impact | None:
-    """Return when the body meets the floor, or None if it never does.
-
-    `height_m` has shape (samples,), `velocity_m_s` (samples, 3).
-    """
+    """Return when the body meets the floor, or None if it never does."""
     if found.contact_step is None:
         return None
-    rest_height_m = engine["rest_height_m"]
+    rest_height_m, height_m = engine["rest_height_m"], samples.height_m
     lowest = int(np.argmin(height_m))
     upright = lands_upright(scenario, engine)
     free_s = theory.impact_time_free(fall, rest_height_m) if upright else None
@@ -49,7 +46,7 @@ def find_impact(
         if upright
         else None,
         step=found.contact_step,
-        speed_m_s=float(abs(velocity_m_s[max(found.contact_step - 1, 0), 2])),
+        speed_m_s=float(abs(samples.velocity_m_s[max(found.contact_step - 1, 0), 2])),
         lowest_m=float(height_m[lowest]),
         lowest_step=lowest,
         penetration_m=max(0.0, rest_height_m - float(height_m[lowest])) if upright else None,
@@ -120,18 +117,17 @@ def find_rest(
     scenario: Scenario,
     engine: Mapping[str, Any],
     found: Phases,
-    height_m: Float64,
-    orientation: Float64,
+    samples: Samples,
     law_m: Float64 | None,
 ) -> Rest | None:
     """Return where the body comes to lie, and why it is not the rest height exactly.
 
-    `height_m` has shape (samples,), `orientation` (samples, 4), `law_m` that of `height_m`.
+    `law_m` holds the contact law's heights, shape (samples,), or is None where it does not hold.
     """
     if found.rest_step is None:
         return None
-    last_m = float(height_m[-1])
-    expected_m = expected_rest_height(scenario, engine, orientation[-1])
+    last_m = float(samples.height_m[-1])
+    expected_m = expected_rest_height(scenario, engine, samples.orientation[-1])
     if expected_m is None:
         return Rest(last_m, None, None, found.rest_step, None)
     terms = None
@@ -146,16 +142,9 @@ def find_rest(
 
 
 def find_bounces(
-    scenario: Scenario,
-    engine: Mapping[str, Any],
-    fall: Fall,
-    height_m: Float64,
-    vertical_m_s: Float64,
+    scenario: Scenario, engine: Mapping[str, Any], fall: Fall, samples: Samples
 ) -> list[Bounce]:
-    """Return the rebounds that leave the floor again, beside what restitution alone would give.
-
-    Heights and vertical velocities have shape (samples,).
-    """
+    """Return the rebounds that leave the floor again, beside what restitution alone would give."""
     asked = pair_restitution(engine)
     if asked == 0 or fall.gravity_m_s2 >= 0 or not scenario.floor:
         return []
@@ -170,12 +159,14 @@ def find_bounces(
             rest_height_m=engine["rest_height_m"],
         )
 
-    found = bounces(height_m, vertical_m_s)
+    found = bounces(samples.height_m, samples.velocity_m_s[:, 2])
     # A throw, up or down, arrives as fast as a drop from v²/2g higher.
     thrown_m = fall.velocity_m_s[2] ** 2 / (-2 * fall.gravity_m_s2)
     drop_height_m = fall.height_m - engine["rest_height_m"] + thrown_m
     predicted_m = contact_law.rebound_heights(drop_height_m, asked, len(found))
-    plain = contact_law_path(scenario, engine, fall, steps=len(height_m) - 1, contact_erp=0.0)
+    plain = contact_law_path(
+        scenario, engine, fall, steps=len(samples.height_m) - 1, contact_erp=0.0
+    )
     uncorrected = [] if plain is None else bounces(*plain)
     return [
         Bounce(

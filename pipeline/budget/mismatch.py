@@ -11,7 +11,6 @@ from pipeline.budget.phases import Phases
 from pipeline.budget.results import Coverage
 from pipeline.budget.samples import Samples
 from pipeline.physics import bullet_law
-from pipeline.physics.bullet_law import effective_damping
 from pipeline.physics.spin_law import spin_airborne
 from pipeline.physics.theory import Fall
 from pipeline.scenario import Scenario
@@ -37,7 +36,9 @@ def find_mismatch(
         position_m, velocity_m_s, spin_rad_s, orientation = spin_airborne(
             fall,
             spin_rad_s=scenario.spin_rad_s,
-            angular_damping=effective_damping(scenario.angular_damping, scenario.coordinates),
+            angular_damping=bullet_law.effective_damping(
+                scenario.angular_damping, scenario.coordinates
+            ),
             inertia_kg_m2=tuple(engine["inertia_kg_m2"]),
             **how,
         )
@@ -51,10 +52,9 @@ def find_mismatch(
     agree = np.sum(orientation * samples.orientation[:airborne], axis=1, keepdims=True)
     turned = np.where(agree < 0, -orientation, orientation)
     law = np.hstack((position_m, velocity_m_s, spin_rad_s, turned))
-    # On x86-64 the law is the engine's to the last bit; elsewhere multiply and add may be fused.
     # Spin goes through sin and cos, which differ between C libraries, and tumbling amplifies that.
-    exact = engine.get("machine") in ("x86_64", "AMD64")
-    tolerance = 1e-9 if spins else 0.0 if exact else 1e-12
+    exact = engine.get("machine") in bullet_law.EXACT_MACHINES
+    tolerance = 1e-9 if spins else 0.0 if exact else bullet_law.FUSED
     deviation = np.abs(recorded - law).max(axis=1)
     off = np.flatnonzero(~(deviation <= tolerance * np.maximum(1.0, np.abs(law).max(axis=1))))
     return (int(off[0]), float(deviation[off[0]])) if len(off) else None

@@ -18,6 +18,9 @@ from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
 
+DEFAULT_AT_S = 0.3
+"""The experiment's moment: time to take apart where none is asked for."""
+
 
 def moment_in_the_air(
     scenario: Scenario,

@@ -13,13 +13,16 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Samples:
-    """The recorded state as arrays, one row per sample."""
+    """The recorded state as arrays, one row per sample; vectors in world axes, (samples, 3)."""
 
     position_m: Float64
+    """Of the centre."""
     orientation: Float64
+    """World from the body's axes: unit quaternions x, y, z, w, shape (samples, 4)."""
     velocity_m_s: Float64
     spin_rad_s: Float64
     contact_points: Float64
+    """How many there are, shape (samples,)."""
 
     @property
     def height_m(self) -> Float64:

@@ -68,15 +68,16 @@ class GrowingPlot:
 
     def _drawn(self, figure: Figure, table: pl.DataFrame) -> tuple[Axes, Axes]:
         above, below = figure.subplots(2, 1, sharex=True)
-        figure.subplots_adjust(0.1, 0.12, 0.97, 0.93, hspace=0.3)
+        figure.subplots_adjust(0.1, 0.12, 0.955, 0.93, hspace=0.3)
         below.set_xlim(0, float(table["time_s"][-1]) * self._time.per_si or 1)
         below.set_xlabel(f"time [{self._time.name}]", size=9)
         draw_heights(above, table, impact_s=None, rest_m=None, time=self._time, ink=self._ink)
         draw_terms(below, table.drop_nulls(COLUMNS), self._time, self._ink)
         for line in above.lines:
             line.set_linewidth(0.6 * line.get_linewidth())
+        heights = {label: colour for label, colour, _ in CURVES.values()}
         for axes, what, names in (
-            (above, "height", {label: colour for label, colour, _ in CURVES.values()}),
+            (above, "height", heights | {"simulated": self._ink.simulated}),
             (below, "error", {"total": self._ink.text} | SEEN),
         ):
             *_, unit = axes.get_ylabel().split()

@@ -61,7 +61,7 @@ def draw_heights(
     room = (highest - bottom) or 1.0
     unit = unit_for(max(highest, -bottom), METRES, usual="m")
     drawn = thinned(table)
-    _draw_curves(axes, drawn, drawn["time_s"].to_numpy() * time.per_si, unit)
+    _draw_curves(axes, drawn, drawn["time_s"].to_numpy() * time.per_si, unit, ink)
     top = highest + 0.09 * room
     axes.set_ylim((bottom - 0.06 * room * (bottom < 0)) * unit.per_si, top * unit.per_si)
     axes.set_ylabel(f"height of the centre [{unit.name}]")
@@ -95,13 +95,13 @@ def draw_heights(
         )
 
 
-def _draw_curves(axes: Axes, table: pl.DataFrame, times: Float64, unit: Unit) -> None:
+def _draw_curves(axes: Axes, table: pl.DataFrame, times: Float64, unit: Unit, ink: Ink) -> None:
     for name, (label, colour, width) in CURVES.items():
         dots = name == "simulated" and len(table) <= FEW_POINTS
         axes.plot(
             times,
             table[f"{name}_m"].to_numpy() * unit.per_si,
-            color=colour,
+            color=ink.simulated if name == "simulated" else colour,
             linewidth=width,
             marker="o" if dots else None,
             markersize=4,
@@ -141,7 +141,7 @@ def enlarge_impact(axes: Axes, table: pl.DataFrame, impact_s: float, ink: Ink) -
     panel = axes.inset_axes((0.60, 0.33, 0.40, 0.50))
     panel.set_label("impact")
     panel.set_title("impact, enlarged", size=10, color=ink.faint, loc="left", pad=5)
-    _draw_curves(panel, near, (near["time_s"].to_numpy() - impact_s) * time.per_si, unit)
+    _draw_curves(panel, near, (near["time_s"].to_numpy() - impact_s) * time.per_si, unit, ink)
     mark_time(panel, 0, time, ink)
     panel.set_xlim(from_s * time.per_si, to_s * time.per_si)
     panel.set_ylim(min(0, values.min() * 1.05) * unit.per_si, values.max() * 1.05 * unit.per_si)

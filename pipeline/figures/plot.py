@@ -43,10 +43,15 @@ def facts_of(table: pl.DataFrame) -> Facts:
     )
 
 
-def plotted(table: pl.DataFrame, format: Literal["png", "svg"], facts: Facts) -> bytes:  # noqa: A002
+def plotted(
+    table: pl.DataFrame,
+    format: Literal["png", "svg"],  # noqa: A002
+    facts: Facts,
+    dark: bool,
+) -> bytes:
     """Return a plot as the bytes of a file, see `plot_drop`."""
     stream = io.BytesIO()
-    plot_drop(table, stream, format=format, facts=facts)
+    plot_drop(table, stream, format=format, facts=facts, dark=dark)
     return stream.getvalue()
 
 
@@ -131,7 +136,7 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
     with style.plain(ink):
         figure = Figure(figsize=(8, 6), dpi=150)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.15, 1])
-        figure.subplots_adjust(0.1, 0.085, 0.97 if roomy else 0.715, 0.875, hspace=0.12)
+        figure.subplots_adjust(0.1, 0.085, 0.97 if roomy else 0.715, 0.845, hspace=0.12)
         above.set_label("height")
         below.set_label("error")
         below.set_xlim(0, end_s * time.per_si or 1)
@@ -151,7 +156,7 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
         figure.legend(  # above the panels, where no curve can run through it
             *above.get_legend_handles_labels(),
             loc="center right",
-            bbox_to_anchor=(0.98, 0.908),
+            bbox_to_anchor=(0.98, 0.868),
             ncols=len(CURVES),
             borderaxespad=0,
             borderpad=0,

@@ -29,16 +29,18 @@ DASHED = (0, (4, 3))
 
 @dataclass(frozen=True)
 class Ink:
-    """The colours of all that is not data."""
+    """The colours of what differs between light and dark pages."""
 
     page: str
     text: str
     faint: str
     """For what explains and must not stand out: labels of axes, notes."""
+    simulated: str
+    """A thin line on the page, and on the broad ones of theory."""
 
 
-LIGHT = Ink(page="#ffffff", text=colours.TOTAL, faint="#5f6670")
-DARK = Ink(page="#0d1117", text="#e6edf3", faint="#9aa4af")
+LIGHT = Ink(page="#ffffff", text=colours.TOTAL, faint="#5f6670", simulated=colours.SIMULATED)
+DARK = Ink(page="#0d1117", text="#e6edf3", faint="#9aa4af", simulated="#d8effd")
 
 
 @contextlib.contextmanager

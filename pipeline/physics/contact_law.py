@@ -41,7 +41,6 @@ def flat_drop(
     rest_height_m: float,
     restitution: float = 0.0,
     contact_erp: float = CONTACT_ERP,
-    floor_half_thickness_m: float = FLOOR_HALF_THICKNESS_M,
 ) -> tuple[Float64, Float64]:
     """Return heights [m] and vertical velocities [m/s] before each step and after the last.
 
@@ -61,7 +60,7 @@ def flat_drop(
     for step in range(1, steps + 1):
         damped = v * kept
         v = free_velocity(v)
-        distance = ((z + floor_half_thickness_m) - rest_height_m) - floor_half_thickness_m
+        distance = ((z + FLOOR_HALF_THICKNESS_M) - rest_height_m) - FLOOR_HALF_THICKNESS_M
         if distance <= 0:
             gap = distance + CONTACT_SLOP_M
             # In maximal coordinates restitution does not see this step's gravity.

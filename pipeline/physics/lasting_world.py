@@ -6,7 +6,6 @@ Kept if and only if no bit of the result depends on it; `tests/test_sweep.py` ho
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -110,11 +109,6 @@ class Worlds:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._kept is not None:
             self._kept.close()

@@ -121,7 +121,7 @@ class World:
                 f"--body must be a URDF that Bullet can load, got {self.scenario.body!r} "
                 f"({error}); check it with another tool, or try cube_small.urdf"
             ) from None
-        self._set_dynamics(int(body))
+        self._set_dynamics(body)
         if not p.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0:
             raise ScenarioError(
                 f"--body must have a mass, got 0 kg in {self.scenario.body!r}: "

@@ -110,37 +110,26 @@ def written_whole(path: Path, *, force: bool = True) -> Iterator[BinaryIO]:
         As `check_target`; if another process is writing the same file; if the disk is full. What
         was there before is untouched then.
     """
-    check_target(path, force=force)
-    part = part_of(path)
-    with _translated(path), _locked(part, path):
-        try:
-            with part.open("wb") as handle:
-                yield handle
-                handle.flush()
-                os.fsync(handle.fileno())
-            _rename(part, path, force=force)
-        finally:
-            part.unlink(missing_ok=True)
+    with replaced(path, force=force) as part, part.open("wb") as handle:
+        yield handle
 
 
 @contextlib.contextmanager
-def replaced(path: Path) -> Iterator[Path]:
-    """Yield the `.part` file that another program writes; it gets its name when the block ends.
+def replaced(path: Path, *, force: bool = True) -> Iterator[Path]:
+    """Yield a `.part` file, for another program to write; it gets its name when the block ends.
 
     Raises
     ------
     OutputError
-        As `check_target`; if another process is writing the same file; if the disk is full. What
-        was there before is untouched then.
+        As for `written_whole`.
     """
-    check_target(path, force=True)
+    check_target(path, force=force)
     part = part_of(path)
     with _translated(path), _locked(part, path):
         try:
             yield part
-            with part.open("rb+") as handle:
-                os.fsync(handle.fileno())
-            _rename(part, path, force=True)
+            onto_disk([part])
+            _rename(part, path, force=force)
         finally:
             part.unlink(missing_ok=True)
 
@@ -178,23 +167,22 @@ def seal(
     OutputError
         If the file does not verify; the `.part` file stays.
     """
-    whole = part
-    if blueprint is not None:
-        whole = part.with_name(part.name + ".sealed")
+    if blueprint is None:
+        _check_rows(part, rows)
+        _rename(part, path, force=force)
+        return
+    whole = part.with_name(part.name + ".sealed")
     try:
-        if blueprint is not None:
-            # `route` copies messages without decoding them: 0.1 s and flat memory for 300 MB,
-            # where `merge` loads everything.
-            _rerun("rrd", "route", str(part), str(blueprint), "-o", str(whole))
-            _verify(whole)
+        # `route` copies messages without decoding them: 0.1 s and flat memory for 300 MB, where
+        # `merge` loads everything.
+        _rerun("rrd", "route", str(part), str(blueprint), "-o", str(whole))
+        _verify(whole)
         _check_rows(whole, rows)
-        if blueprint is not None:
-            onto_disk([whole])
+        onto_disk([whole])
         _rename(whole, path, force=force)
         part.unlink(missing_ok=True)
     finally:
-        if whole != part:
-            whole.unlink(missing_ok=True)
+        whole.unlink(missing_ok=True)
 
 
 def onto_disk(paths: Iterable[Path]) -> None:
@@ -261,14 +249,21 @@ def _locked(part: Path, path: Path) -> Iterator[None]:
     """Hold the `.part` file against other processes."""
     while True:
         with part.open("ab") as handle:
-            _lock(handle, path)
+            lock(handle, f"another process is writing {path}; wait, or give another name")
             # Between our opening it and locking it, its writer may have finished and renamed it.
             if part.exists() and os.path.samestat(part.stat(), os.fstat(handle.fileno())):
                 yield
                 return
 
 
-def _lock(handle: BinaryIO, path: Path) -> None:
+def lock(handle: BinaryIO, refusal: str) -> None:
+    """Hold an open file against other processes until it is closed.
+
+    Raises
+    ------
+    OutputError
+        With `refusal`, if another one holds it.
+    """
     try:
         import fcntl
     except ImportError:  # Windows: two writers of one file are not told apart there
@@ -276,9 +271,7 @@ def _lock(handle: BinaryIO, path: Path) -> None:
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise OutputError(
-            f"another process is writing {path}; wait, or give another name"
-        ) from None
+        raise OutputError(refusal) from None
 
 
 @contextlib.contextmanager

@@ -14,6 +14,7 @@ from rerun.chunk import Chunk
 from pipeline import colours
 from pipeline.recording import schema, writer
 from pipeline.recording.blueprint import layout
+from pipeline.recording.reader import Recording
 
 ERROR_CURVES = {
     "error_m": ("total", colours.TOTAL_ON_DARK),
@@ -40,11 +41,8 @@ def layer_of(recording: Path) -> Path:
 
 def write_layer(
     path: Path,
+    recording: Recording,
     *,
-    recording_id: str,
-    timestep_s: float,
-    height_m: float,
-    frames: bool,
     samples: pl.DataFrame,
     events: Sequence[tuple[int, str]],
     findings: str,
@@ -56,14 +54,8 @@ def write_layer(
     ----------
     path
         The file to write.
-    recording_id
-        The id of the recording it belongs to.
-    timestep_s
-        Timestep [s].
-    height_m
-        Height of the release [m].
-    frames
-        Whether the recording has camera frames.
+    recording
+        The recording it belongs to.
     samples
         The analysis table, one row per sample; null where there is no number to show.
     events
@@ -78,12 +70,12 @@ def write_layer(
     OutputError
         If the file cannot be written.
     """
-    chunks = _chunks(timestep_s, samples, events, findings)
+    scenario, frames = recording.scenario, recording.camera is not None
     writer.record(
         path,
-        chunks,
-        recording_id=recording_id,
-        blueprint=layout(height_m=height_m, frames=frames, analysis=True),
+        _chunks(scenario.timestep_s, samples, events, findings),
+        recording_id=recording.recording_id,
+        blueprint=layout(height_m=scenario.height_m, frames=frames, analysis=True),
         force=force,
     )
 

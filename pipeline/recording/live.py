@@ -53,7 +53,7 @@ def shown(
         Told once, in a sentence, if the viewer goes away.
     """
     relay = _Relay()
-    listens = relay.send(pickle.dumps((url, recording_id, look)))
+    listens = relay.send((url, recording_id, look))
     try:
         for chunk in chunks:
             if listens and not relay.send(_packed(chunk)):
@@ -78,7 +78,7 @@ class _Relay:
             start_new_session=True,  # whoever interrupts us has not closed the viewer
         )
 
-    def send(self, message: bytes) -> bool:
+    def send(self, message: object) -> bool:
         """Pass something on, and return whether there still is a viewer."""
         assert self._process.stdin is not None
         try:
@@ -109,7 +109,7 @@ def _packed(chunk: Chunk) -> bytes:
 
 def _work() -> None:
     """Send what comes through standard input to a viewer, until it ends or the viewer does."""
-    url, recording_id, look = pickle.loads(pickle.load(sys.stdin.buffer))
+    url, recording_id, look = pickle.load(sys.stdin.buffer)
     stream = rr.RecordingStream(
         schema.APPLICATION_ID, recording_id=recording_id, send_properties=False
     )

@@ -56,10 +56,7 @@ def analyze(
     analysis = analysis_of(read_back.scenario, read_back.engine, read_back.states, at_s=at_s)
     write_layer(
         layer,
-        recording_id=read_back.recording_id,
-        timestep_s=read_back.scenario.timestep_s,
-        height_m=read_back.scenario.height_m,
-        frames=read_back.camera is not None,
+        read_back,
         samples=analysis.table,
         events=events(analysis),
         findings=findings_markdown(analysis),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from pipeline.recording.files import check_target, written_whole
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
 from pipeline.stages.simulate import Progress
+from pipeline.sweeping.plan import label_of
 from pipeline.workers import Worker
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ def render(
     out: Path | str | None = None,
     animation: Animation = EVERY_FRAME,
     plot: Path | str | None = None,
+    dark: bool = False,
     force: bool = False,
     progress: Progress = lambda *_: None,
     assistant: Worker | None = None,
@@ -61,6 +63,8 @@ def render(
         How it plays, and what stands beside the frames.
     plot
         A `.png` or `.svg` file for the plot; None puts a .png beside the recording.
+    dark
+        Whether plots and captions are for a dark page.
     force
         Whether files named here may be replaced; those under their own names always are.
     progress
@@ -94,14 +98,14 @@ def render(
 
     read_back = read(path)
     analysis = analysis_of(read_back.scenario, read_back.engine, read_back.states)
-    drawing = (analysis.table, plotted.suffix[1:], _facts(read_back.scenario, analysis))
+    drawing = (analysis.table, plotted.suffix[1:], _facts(read_back.scenario, analysis), dark)
     if assistant is not None:
         assistant.ask("pipeline.figures.plot:plotted", *drawing)
     count, played = 0, None
     if read_back.camera is not None:
         recorded = list(frames(path))
         played = _played(read_back, len(recorded), animation, gif.suffix)
-        pictures = _pictures(recorded, played, animation, analysis, progress)
+        pictures = _pictures(recorded, played, animation, analysis, dark, progress)
         with written_whole(gif, force=force or out is None) as file, _refused(path):
             count = write_animation(pictures, file, suffix=gif.suffix, fps=played.fps)
     elif out is not None:
@@ -135,11 +139,15 @@ def _refused(path: Path) -> Iterator[None]:
 
 
 def _facts(scenario: Scenario, analysis: Analysis) -> Facts:
-    damping = "default" if scenario.linear_damping is None else f"{scenario.linear_damping:g}"
+    standard, own = asdict(Scenario()), asdict(scenario)
+    told = {"linear_damping": scenario.linear_damping}
+    others = {name: value for name, value in own.items() if value != standard[name]}
+    for name in ("body", "height_m", "timestep_s", "duration_s"):  # said already, or on the axis
+        others.pop(name, None)
     impact, rest = analysis.impact, analysis.rest
     return Facts(
         title=f"{scenario.body} dropped from {scenario.height_m:g} m",
-        subtitle=f"timestep {fraction(scenario.timestep_s)} s, linear damping {damping}",
+        subtitle=f"timestep {fraction(scenario.timestep_s)} s, {label_of(told | others)}",
         at_s=analysis.at[0].time_s if analysis.at else None,
         impact_s=None if impact is None else impact.time_simulated_s,
         rest_m=None if rest is None else rest.height_m,
@@ -159,6 +167,7 @@ def _pictures(
     played: Playback,
     animation: Animation,
     analysis: Analysis,
+    dark: bool,
     progress: Progress,
 ) -> Iterator[Image.Image]:
     """Yield what is shown, picture by picture, and report each one."""
@@ -172,7 +181,7 @@ def _pictures(
                 from pipeline.figures.composition import Composition  # loads matplotlib
 
                 composition = Composition(
-                    analysis.table, picture.size, with_plot=animation.with_plot
+                    analysis.table, picture.size, with_plot=animation.with_plot, dark=dark
                 )
             picture = composition.composed(picture, step)
         yield picture

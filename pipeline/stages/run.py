@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from pipeline.stages.render import Rendering
     from pipeline.stages.simulate import Progress, Simulation
 
+_DERIVED = (".analysis.rrd", ".gif", ".png")
+"""How the files end that analyze and render put beside a recording."""
+
 
 @dataclass(frozen=True)
 class Run:
@@ -35,6 +38,7 @@ def run(
     camera: Camera | None = STANDARD_CAMERA,
     at_s: Sequence[float] = (),
     animation: Animation = EVERY_FRAME,
+    dark: bool = False,
     note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda *_: None,
 ) -> Run:
@@ -63,7 +67,9 @@ def run(
             scenario, path, camera=camera, note=note, progress=progress, assistant=assistant
         )
         analysis = analyze(path, at_s=at_s)
-        rendering = render(path, animation=animation, progress=progress, assistant=assistant)
+        rendering = render(
+            path, animation=animation, dark=dark, progress=progress, assistant=assistant
+        )
     return Run(simulation, analysis, rendering)
 
 
@@ -83,6 +89,3 @@ def _next_name(folder: Path) -> Path:
         if not any(one.exists() for one in made):
             return path
         number += 1
-
-
-_DERIVED = (".analysis.rrd", ".gif", ".png")

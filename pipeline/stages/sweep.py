@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from pipeline.budget.moment import DEFAULT_AT_S
 from pipeline.budget.statistics import Moments
 from pipeline.errors import DropError, ScenarioError
 from pipeline.physics.world import engine_versions
@@ -25,7 +26,6 @@ from pipeline.sweeping import engines
 from pipeline.sweeping.folder import TERMS, Folder
 from pipeline.sweeping.plan import Plan, name_of
 
-DEFAULT_AT_S = 0.3
 SHORT_STEPS = 200_000
 """A sweep of fewer steps is over before a second process would have started."""
 
@@ -79,6 +79,7 @@ def sweep(
     ray: str | None = None,
     until_ci_m: float | None = None,
     plot: Path | str | None = None,
+    dark: bool = False,
     force: bool = False,
     progress: Progress = lambda *_: None,
 ) -> Sweep:
@@ -105,6 +106,8 @@ def sweep(
         Stop sampling when the 95 % confidence interval of the mean error is this narrow [m].
     plot
         A `.png` or `.svg` file to plot the errors over the timestep into, or None.
+    dark
+        Whether the plot is for a dark page.
     force
         Whether the plot may replace a file.
     progress
@@ -157,7 +160,7 @@ def sweep(
             raise DropError(f"all {runs:,} runs failed, the first with: {first}")
         studies = studies_of(plan, results)
         if plot is not None:
-            _plot(Path(plot), studies, at_s, force=force)
+            _plot(Path(plot), studies, at_s, dark=dark, force=force)
     return Sweep(
         plan=plan,
         at_s=at_s,
@@ -263,7 +266,7 @@ class _Ledger:
                 self.needed = self._followed
 
 
-def _plot(path: Path, studies: list[Group], at_s: float, *, force: bool) -> None:
+def _plot(path: Path, studies: list[Group], at_s: float, *, dark: bool, force: bool) -> None:
     from pipeline.figures.convergence_plot import Panel, plot_convergence
 
     if not studies:
@@ -292,4 +295,5 @@ def _plot(path: Path, studies: list[Group], at_s: float, *, force: bool) -> None
             file,
             format="svg" if path.suffix == ".svg" else "png",
             title=f"The error after {at_s:g} s, by timestep",
+            dark=dark,
         )

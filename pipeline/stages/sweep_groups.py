@@ -66,12 +66,11 @@ def statistics_of(plan: Plan, results: pl.LazyFrame) -> list[Group]:
     """Return the statistics of each scenario that is sampled."""
     if plan.samples is None:
         return []
-    names = [*plan.axes]
     found = []
     for combination in range(plan.runs // plan.samples):
         first, last = combination * plan.samples, (combination + 1) * plan.samples
         rows = results.filter(pl.col("run").is_between(first, last - 1))
-        fixed = plan.values_of(combination)
-        values = {name: fixed[name] for name in names}
+        listed = plan.listed(combination)
+        values = {name: listed[name] for name in plan.axes}
         found.append(Group(values, label_of(values), statistics=tuple(summaries(rows, TERMS))))
     return found

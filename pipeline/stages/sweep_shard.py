@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import uuid
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,9 @@ Float64 = NDArray[np.float64]
 
 FLAT_RECORDINGS = 1000
 """Up to so many recordings lie side by side; more are put into folders of so many."""
+
+_EMPTY: Row = dict.fromkeys(SCHEMA) | asdict(Scenario())
+"""The row of a run of which nothing is known yet: the scenario's defaults."""
 
 _worlds = Worlds()
 """This process's own."""
@@ -180,8 +183,3 @@ def _in_the_air(scenario: Scenario, engine: Report, rows: Float64, step: int) ->
         return None
     rows = rows[: step + 1]
     return moment_in_the_air(scenario, engine, rows[:, 0:3], rows[:, 7:10], rows[:, 13])
-
-
-_EMPTY: Row = dict.fromkeys(SCHEMA) | {
-    name: getattr(Scenario(), name) for name in Scenario.options()
-}

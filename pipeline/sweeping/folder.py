@@ -12,35 +12,32 @@ import contextlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import polars as pl
 
 from pipeline.errors import OutputError
 from pipeline.fields import integer, number, vector
-from pipeline.recording.files import written_whole
-from pipeline.scenario import Scenario
+from pipeline.recording.files import lock, written_whole
+from pipeline.scenario import Scenario, gravity
 
 Row = dict[str, Any]
 
 _TYPES: dict[Any, Any] = {
     number: pl.Float64,
+    gravity: pl.Float64,
     vector: pl.List(pl.Float64),
     integer: pl.Int64,
 }
-
-
-def _type(name: str) -> Any:  # noqa: ANN401
-    option = Scenario.options()[name]
-    if option.is_flag:
-        return pl.Boolean
-    return pl.Float64 if name == "gravity_m_s2" else _TYPES.get(option.parse, pl.String)
-
+"""What a column holds whose option is read by this function; a text is a text."""
 
 SCHEMA: dict[str, Any] = {
     "run": pl.Int64,
     "sample": pl.Int64,
-    **{name: _type(name) for name in Scenario.options()},
+    **{
+        name: pl.Boolean if option.is_flag else _TYPES.get(option.parse, pl.String)
+        for name, option in Scenario.options().items()
+    },
     "step": pl.Int64,
     "time_s": pl.Float64,
     "phase": pl.String,
@@ -84,7 +81,10 @@ class Folder:
         try:
             self._parts.mkdir(parents=True, exist_ok=True)
             with (self.path / ".lock").open("ab") as handle:
-                _lock(handle, self.path)
+                lock(
+                    handle,
+                    f"another sweep is running in {self.path}; wait, or choose another --out",
+                )
                 self._check_identity(json.loads(json.dumps(identity)))
                 yield
         except OSError as error:
@@ -154,16 +154,3 @@ class Folder:
         with written_whole(self.results) as file:
             pl.scan_parquet([self.part(shard) for shard in range(shards)]).sink_parquet(file)
         return pl.scan_parquet(self.results)
-
-
-def _lock(handle: BinaryIO, path: Path) -> None:
-    try:
-        import fcntl
-    except ImportError:  # Windows: two sweeps in one folder are not told apart there
-        return
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        raise OutputError(
-            f"another sweep is running in {path}; wait, or choose another --out"
-        ) from None

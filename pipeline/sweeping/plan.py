@@ -65,12 +65,12 @@ class Plan:
 
     def values(self, run: int) -> dict[str, Any]:
         """Return the fields of one run that are not left at their defaults."""
-        given, sample = self.values_of(run // (self.samples or 1)), self.sample_of(run)
+        given, sample = self.listed(run // (self.samples or 1)), self.sample_of(run)
         if sample is None:
             return given
         return drawn(self.variations, given, seed=self.seed, sample=sample)
 
-    def values_of(self, combination: int) -> dict[str, Any]:
+    def listed(self, combination: int) -> dict[str, Any]:
         """Return the listed fields of one combination of the lists, before anything is drawn."""
         given = {}
         for name, values in reversed(self.lists):
@@ -121,8 +121,12 @@ def plan_of(
 
 
 def label_of(values: Mapping[str, Any]) -> str:
-    """Name scenarios by what they share: `linear damping default, height 2`."""
-    return ", ".join(f"{name_of(field)} {readable(value)}" for field, value in values.items())
+    """Name scenarios by what they share: `linear damping default, height 2, no floor`."""
+    options = Scenario.options()
+    return ", ".join(
+        name_of(field) if options[field].is_flag else f"{name_of(field)} {readable(value)}"
+        for field, value in values.items()
+    )
 
 
 def name_of(field: str) -> str:
