@@ -9,7 +9,7 @@ from pathlib import Path
 from benchmarks.harness import Measured, done, paired, slow_fall
 from pipeline import Camera, Scenario
 from pipeline.physics.pictures import Photographer, Poses
-from pipeline.physics.studio import _png
+from pipeline.physics.studio import encoded
 from pipeline.physics.visible_world import VisibleWorld
 
 
@@ -45,4 +45,4 @@ def _draw_whole(scenario: Scenario, camera: Camera, poses: Poses) -> None:
     with contextlib.closing(VisibleWorld(scenario, "tiny")) as world:
         for pose in poses:
             world.place(pose[:3], pose[3:])
-            _png(world.photograph(camera).pixels)
+            encoded(world.photograph(camera).pixels)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pipeline.budget.results import Analysis as Analysis
     from pipeline.errors import DropError as DropError
+    from pipeline.figures.playback import Animation as Animation
     from pipeline.scenario import Camera as Camera
     from pipeline.scenario import Scenario as Scenario
     from pipeline.stages.analyze import analyze as analyze
@@ -33,6 +34,7 @@ _HOMES = {
     "DropError": "pipeline.errors",
     "Scenario": "pipeline.scenario",
     "Camera": "pipeline.scenario",
+    "Animation": "pipeline.figures.playback",
     "simulate": "pipeline.stages.simulate",
     "Simulation": "pipeline.stages.simulate",
     "analyze": "pipeline.stages.analyze",

@@ -182,6 +182,10 @@ class Camera(Optioned):
         """Return the camera as it stands for a picture of the body at a position [m]."""
         return replace(self, target_m=position_m) if self.view == "follow" else self
 
+    def frames_of(self, steps: int) -> int:
+        """Return how many frames are taken of a fall of so many steps; the release is one."""
+        return steps // self.capture_every + 1
+
     @property
     def focal_length_px(self) -> float:
         """Focal length of the pinhole [px], the same in both directions."""

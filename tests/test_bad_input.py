@@ -336,7 +336,9 @@ NAMES = (
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_names_are_only_names(drop: Drop, tmp_path: Path, name: str) -> None:
+def test_names_are_taken_as_they_are_whatever_is_in_them(
+    drop: Drop, tmp_path: Path, name: str
+) -> None:
     """Of folders, recordings and bodies: taken as they are, said as they are, on one line."""
     folder = tmp_path / name
     folder.mkdir()

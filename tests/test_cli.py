@@ -163,7 +163,9 @@ def test_bad_scenarios_get_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_files_that_exist_and_folders_that_do_not(drop: Drop, tmp_path: Path) -> None:
+def test_what_exists_is_kept_and_what_cannot_be_written_is_named(
+    drop: Drop, tmp_path: Path
+) -> None:
     (tmp_path / "run.rrd").write_text("precious")
     exists = drop("simulate", "--out", "run.rrd", "--no-camera")
     assert (exists.returncode, len(lines(exists.stderr))) == (1, 1)
@@ -248,5 +250,5 @@ def test_every_command_has_help_with_an_example(drop: Drop, command: str) -> Non
     assert "--json" in done.stdout
 
 
-def test_version(drop: Drop) -> None:
+def test_the_version_is_printed(drop: Drop) -> None:
     assert drop("--version").stdout.startswith("drop 0.")

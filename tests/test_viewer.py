@@ -84,7 +84,7 @@ def test_with_its_analysis_it_opens_as_one_recording(standard: Run) -> None:
         assert complaints(viewer, views=ANALYZED) == []
         program.put_cursor(
             program.Viewer([], int(viewer.url.split(":")[2].split("/")[0]), None),
-            view.STORY_AT_S,
+            view.DEFAULT_AT_S,
             viewer.process,
         )
         (recording,) = viewer.client.get_state().recordings

@@ -143,7 +143,7 @@ def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:
     its picture ready then; any other is drawn when it is asked for. There are no answers.
     """
     camera = framed(camera, scenario)
-    if camera.renderer == "tiny" and scenario.steps // camera.capture_every < MOST_AHEAD:
+    if camera.renderer == "tiny" and camera.frames_of(scenario.steps) <= MOST_AHEAD:
         with World(scenario) as world:
             (rows,) = world.samples(scenario.steps + 1)
         for pose in rows[:: camera.capture_every, :7]:

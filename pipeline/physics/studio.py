@@ -64,7 +64,7 @@ class Studio:
 
     def png(self, pose: Pose) -> bytes:
         """Return the picture of a pose: position [m] and quaternion x, y, z, w, shape (7,)."""
-        return _png(self._pixels(pose))
+        return encoded(self._pixels(pose))
 
     def _pixels(self, pose: Pose) -> Pixels:
         if self._alone is not None and self._floor is not None:
@@ -89,7 +89,7 @@ def _in_front(body: Picture, floor: Picture) -> Pixels | None:
     return pixels
 
 
-def _png(pixels: Pixels) -> bytes:
+def encoded(pixels: Pixels) -> bytes:
     """Return pixels, shape (height, width, 3), as a PNG that loses nothing.
 
     TinyRenderer's pictures have four or five colours. With a palette they take less than half the

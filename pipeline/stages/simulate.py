@@ -115,7 +115,7 @@ def simulate(
     _check_size(path, scenario.steps + 1, note)
     find_body(scenario.body)
     recording_id = uuid.uuid4().hex
-    frames = 0 if camera is None else scenario.steps // camera.capture_every + 1
+    frames = 0 if camera is None else camera.frames_of(scenario.steps)
     url = None if viewer is None else viewer()
     batch = BATCH if url is None else max(1, round(LIVE_EVERY_S / scenario.timestep_s))
     look = Look(height_m=scenario.height_m, frames=camera is not None)
@@ -126,7 +126,7 @@ def simulate(
                 Photographer(scenario, camera, frames=frames, note=note, assistant=assistant)
             )
         world = stack.enter_context(World(scenario))
-        chunks = chunks_of(scenario, world, photographer, batch, progress)
+        chunks = chunks_of(world, photographer, batch, progress)
         if url is not None:
             chunks = shown(chunks, url=url, recording_id=recording_id, look=look, note=note)
         writer.record(
@@ -143,13 +143,10 @@ def simulate(
 
 
 def chunks_of(
-    scenario: Scenario,
-    world: World,
-    photographer: Photographer | None,
-    batch: int,
-    progress: Progress,
+    world: World, photographer: Photographer | None, batch: int, progress: Progress
 ) -> Iterator[Chunk]:
     """Yield the whole recording: what it was made with, the fall, and last what must be in it."""
+    scenario = world.scenario
     engine = world.report() | engine_versions() | library_versions()
     inputs = {schema.SCENARIO_PROPERTY: asdict(scenario), schema.ENGINE_PROPERTY: engine}
     camera = None
@@ -180,7 +177,7 @@ def chunks_of(
         if lit.any():
             yield writer.trail_chunk(steps[lit], scenario.timestep_s, rows[lit, :3])
         if photographer is not None:
-            yield from _frames(scenario, photographer, steps, rows, pictures, progress)
+            yield from _frames(photographer, steps, rows, pictures, progress)
         first += len(rows)
         progress("stepping", first, samples)
 
@@ -189,7 +186,7 @@ def chunks_of(
         {
             "schema_version": schema.SCHEMA_VERSION,
             "samples": samples,
-            "frames": 0 if camera is None else scenario.steps // camera.capture_every + 1,
+            "frames": 0 if camera is None else camera.frames_of(scenario.steps),
             "state_sha256": digest.hexdigest(),
             "frames_sha256": pictures.hexdigest(),
             "inputs_sha256": inputs_digest(inputs),
@@ -245,7 +242,6 @@ def _heights(
 
 
 def _frames(
-    scenario: Scenario,
     photographer: Photographer,
     steps: NDArray[np.int64],
     rows: Float64,
@@ -253,17 +249,16 @@ def _frames(
     progress: Progress,
 ) -> Iterator[Chunk]:
     """Yield the frames due among these samples, drawn from the recorded poses."""
-    camera = photographer.camera
-    every = camera.capture_every
-    due = steps % every == 0
+    scenario, camera = photographer.scenario, photographer.camera
+    due = steps % camera.capture_every == 0
     if camera.view == "follow" and due.any():
         poses = [world_from_camera(camera.looking_at((x, y, z))) for x, y, z in rows[due, :3]]
         yield writer.camera_chunk(steps[due], scenario.timestep_s, np.array(poses))
-    total = scenario.steps // every + 1
+    total = camera.frames_of(scenario.steps)
     for step, png in zip(steps[due], photographer.draw(rows[due, :7]), strict=True):
         digest.update(int(step), png)
         yield writer.image_chunk(step, scenario.timestep_s, png)
-        progress("drawing frames", int(step) // every + 1, total)
+        progress("drawing frames", camera.frames_of(int(step)), total)
 
 
 @functools.cache

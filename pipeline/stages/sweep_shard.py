@@ -149,9 +149,7 @@ class RunShard:
                 # One picture at a time: the other cores have shards of their own.
                 photographer = Photographer(world.scenario, self.camera, frames=1)
                 stack.enter_context(photographer)
-            chunks: Iterable[writer.Chunk] = chunks_of(
-                world.scenario, world, photographer, BATCH, lambda *_: None
-            )
+            chunks: Iterable[writer.Chunk] = chunks_of(world, photographer, BATCH, lambda *_: None)
             if world.scenario.steps < BATCH:
                 # Rerun's writer asks for chunks from a thread of its own. Ready ones cost it no
                 # waiting for Python's lock: a tenth of a short run's time.

@@ -6,13 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.budget.moment import DEFAULT_AT_S
 from pipeline.recording import viewer
 from pipeline.recording.layer import layer_of
 from pipeline.recording.reader import recording_id
 from pipeline.recording.viewer import Viewer
-
-STORY_AT_S = 0.3
-"""Where the time cursor is put when the analysis is shown: the experiment's moment."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ def show(shown: View) -> None:
     process = viewer.start(shown.viewer, stays=False)
     try:
         if shown.layers and shown.viewer.page is None:
-            viewer.put_cursor(shown.viewer, STORY_AT_S, process)
+            viewer.put_cursor(shown.viewer, DEFAULT_AT_S, process)
         viewer.wait(process)
     finally:
         if process.poll() is None:
