@@ -15,6 +15,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from typing import IO, Any, Self
 
@@ -49,7 +50,7 @@ class Worker:
         self._process.communicate()
 
     def load(self, *modules: str) -> None:
-        """Have modules imported, so that a later question is answered sooner."""
+        """Have modules imported beside the answers, so that a later one comes sooner."""
         self.ask(f"{__name__}:_load", *modules)
 
     def ask(self, function: str, *arguments: object) -> None:
@@ -96,8 +97,11 @@ class WorkerDiedError(DropError):
 
 
 def _load(*modules: str) -> Iterator[None]:
-    for module in modules:
-        importlib.import_module(module)
+    def load() -> None:
+        for module in modules:
+            importlib.import_module(module)
+
+    threading.Thread(target=load, daemon=True).start()
     return iter(())
 
 

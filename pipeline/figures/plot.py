@@ -95,7 +95,8 @@ def plot_drop(
     size = figure.canvas.get_width_height()
     image = Image.frombytes("RGBA", size, pixels.getvalue()).convert("RGB")
     # 256 colours are enough for a plot's flat areas and soft edges, in a third of the bytes.
-    image.quantize(256, dither=Image.Dither.NONE).save(target, format="png", optimize=True)
+    few = image.quantize(256, dither=Image.Dither.NONE)
+    few.save(target, format="png")
 
 
 def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool = False) -> Figure:
