@@ -38,7 +38,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "figures",
         "colours",
     },
-    "console": {"errors", "fields", "budget", "stages"},
+    "console": {"errors", "fields", "scenario", "budget", "stages"},
 }
 # Library -> the only files that may import it.
 ONLY_IN = {

@@ -31,8 +31,11 @@ class Moments:
         new: Float64 = np.asarray(values, dtype=np.float64)
         if not len(new):
             return self
-        mean = float(new.mean())
-        return self.merged(Moments(len(new), mean, float(np.sum((new - mean) ** 2))))
+        # Counted from the first of them: equal values have exactly their mean, and no spread.
+        apart = new - new[0]
+        mean = float(apart.mean())
+        squares = float(np.sum((apart - mean) ** 2))
+        return self.merged(Moments(len(new), float(new[0]) + mean, squares))
 
     def merged(self, other: Moments) -> Moments:
         """Return the moments of both.

@@ -61,7 +61,7 @@ def run(
         simulation = simulate(
             scenario, path, camera=camera, note=note, progress=progress, assistant=assistant
         )
-        analysis = analyze(path, at_s=at_s)
+        analysis = analyze(path, at_s=at_s, progress=progress)
         rendering = render(path, fps=fps, progress=progress, assistant=assistant)
     return Run(simulation, analysis, rendering)
 

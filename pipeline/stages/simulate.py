@@ -113,6 +113,12 @@ def simulate(
     path = Path(out)
     check_target(path, force=force)
     _check_size(path, scenario.steps + 1, note)
+    if scenario.effective_gravity_m_s2 > 0:
+        up = scenario.gravity_m_s2
+        note(
+            f"gravity points upwards: {up:+g} m/s²; the body will rise; try --gravity {-up:g} to "
+            "let it fall"
+        )
     find_body(scenario.body)
     recording_id = uuid.uuid4().hex
     frames = 0 if camera is None else scenario.steps // camera.capture_every + 1

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pipeline.errors import ScenarioError
-from pipeline.fields import exact, readable
+from pipeline.fields import exact
 from pipeline.scenario import Scenario
 from pipeline.sweeping.sampling import Variation, drawn, variations_of
 
@@ -122,7 +122,10 @@ def plan_of(
 
 def label_of(values: Mapping[str, Any]) -> str:
     """Name scenarios by what they share: `linear damping default, height 2`."""
-    return ", ".join(f"{name_of(field)} {readable(value)}" for field, value in values.items())
+    options = Scenario.options()
+    return ", ".join(
+        f"{name_of(field)} {options[field].written(value)}" for field, value in values.items()
+    )
 
 
 def name_of(field: str) -> str:
