@@ -91,9 +91,13 @@ class Summary:
     """One quantity over the samples that have it."""
 
     quantity: str
+    """The column of the table."""
     count: int
+    """How many samples have it."""
     mean: float
+    """Their mean."""
     spread: float | None
+    """Their standard deviation, with n - 1; None for fewer than two."""
     quantiles: dict[str, float]
     """By name, `5%`, `50%` and `95%`; between two samples they are interpolated."""
     interval: tuple[float, float] | None

@@ -28,8 +28,11 @@ class Frames:
     """How the pictures of two recordings compare."""
 
     compared: int
+    """How many pictures of one pose both have."""
     differing: int
+    """How many of these differ."""
     first_step: int | None
+    """The first that does; None where none does."""
     why: str | None
     """Why no more were compared; None where all were."""
 
@@ -39,12 +42,17 @@ class Check:
     """Whether a recording is the same physics as a golden one, and where it is not."""
 
     recording: Path
+    """The recording that was checked."""
     golden: Path
+    """The recording that is right."""
     tolerance_m: float
+    """Difference that was let pass."""
     comparison: Comparison | None
     """None where there was no golden recording yet."""
     frames: Frames | None
+    """How the pictures compare; None where the samples cannot be compared."""
     updated: bool = False
+    """Whether the recording has become the golden one."""
 
     @property
     def first(self) -> Place | None:

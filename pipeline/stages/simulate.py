@@ -61,11 +61,17 @@ class Simulation:
     """What a run made."""
 
     recording: Path
+    """The file."""
     recording_id: str
+    """Its id, which its layer shares."""
     samples: int
+    """How many samples it holds: one more than steps."""
     frames: int
+    """How many camera frames it holds."""
     bytes: int
+    """Its size."""
     wall_s: float
+    """How long it took [s]."""
 
 
 def simulate(
