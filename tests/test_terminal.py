@@ -200,6 +200,8 @@ def test_the_examples_work_one_after_the_other(drop: Drop, tmp_path: Path, stand
         (["simulate", "--out", "a.rrd", "--higth", "2"], "--height"),
         (["sweep", "--out", "s", "--samples", "2", "--vary", "hight=uniform:1:2"], "mean height?"),
         (["sweep", "--out", "s", "--samples", "2", "--vary", "zzz=uniform:1:2"], "velocity_z"),
+        (["render", "run.rrd", "--fps", "fast"], "--fps takes a number, got 'fast'"),
+        (["sweep", "--out", "s", "--jobs", "1.5"], "--jobs takes a whole number, got '1.5'"),
         (["--show-completion", "tcsh"], "takes bash, zsh, fish, got 'tcsh'"),
     ],
 )

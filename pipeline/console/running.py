@@ -115,6 +115,16 @@ def _verdict(error: BaseException) -> tuple[str, int]:
     if isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)
         command = "drop" if context is None else context.command_path
-        said = error.format_message().rstrip(".")
+        said = _not_a_number(error) or error.format_message().rstrip(".")
         return f"{said[:1].lower()}{said[1:]}; see: {command} --help", error.exit_code
     return f"{type(error).__name__}: {error}; DROP_DEBUG=1 shows where", 1
+
+
+def _not_a_number(error: BaseException) -> str | None:
+    """Return what to say of a text that is no number: Typer leaves the text out."""
+    kinds = {"float_parsing": "a number", "int_parsing": "a whole number"}
+    for one in getattr(error.__cause__, "errors", list)():
+        if one["type"] in kinds:
+            option = getattr(error, "param").opts[0]  # noqa: B009 - of some errors only
+            return f"{option} takes {kinds[one['type']]}, got {one['input']!r}"
+    return None
