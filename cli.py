@@ -11,12 +11,13 @@ from typing import Annotated
 import typer
 
 from pipeline.console import output, running
-from pipeline.console.help import PlainHelp
+from pipeline.console.help import App, Commands
+from pipeline.console.progress import progress, sweep_progress
 from pipeline.options import takes_scenario, takes_scenario_lists
 from pipeline.scenario import Camera, Scenario
 
-app = typer.Typer(
-    cls=PlainHelp,
+app = App(
+    cls=Commands,
     name="drop",
     pretty_exceptions_enable=False,
     help="Drop a box in PyBullet, keep everything in one Rerun recording, and learn where each "
@@ -88,10 +89,10 @@ def simulate(
     if spawn and connect is not None:
         raise ScenarioError("--spawn and --connect are two ways to one viewer; give one of them")
     viewer = view.spawn if spawn else None if connect is None else view.connection(connect)
-    with output.progress() as progress:
+    with progress() as report:
         simulation = simulate(
             scenario, out, camera=camera, force=force,
-            viewer=viewer, note=output.note, progress=progress,
+            viewer=viewer, note=output.note, progress=report,
         )  # fmt: skip
     show_simulation(simulation, as_json=json)
 
@@ -117,7 +118,10 @@ def analyze(
     from pipeline.fields import times
     from pipeline.stages.analyze import analyze
 
-    analysis = analyze(run, at_s=times(at or []), out=out, table=table, force=force)
+    with progress() as report:
+        analysis = analyze(
+            run, at_s=times(at or []), out=out, table=table, force=force, progress=report
+        )
     show_analysis(analysis, as_json=json)
 
 
@@ -152,10 +156,10 @@ def render(
     from pipeline.stages.render import render
 
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
-    with output.progress() as progress:
+    with progress() as report:
         rendering = render(
             run, out=out, animation=animation, plot=plot, dark=dark, force=force,
-            progress=progress,
+            progress=report,
         )  # fmt: skip
     show_rendering(rendering, as_json=json)
 
@@ -184,10 +188,10 @@ def run(
     from pipeline.stages.run import run
 
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
-    with output.progress() as progress:
+    with progress() as report:
         whole = run(
             scenario, out_dir, camera=camera, at_s=times(at or []), animation=animation, dark=dark,
-            note=output.note, progress=progress,
+            note=output.note, progress=report,
         )  # fmt: skip
     show_run(whole, as_json=json)
 
@@ -219,9 +223,7 @@ def check(
     raise typer.Exit(show_check(checked, as_json=json))
 
 
-@app.command(
-    epilog="Example: drop sweep --timestep 1/240,1/480,1/960 --linear-damping default,0 --out sweep"
-)
+@app.command(epilog="Example: drop sweep --timestep 1/240,1/480,1/960 --out sweep")
 @takes_scenario_lists
 def sweep(
     *,
@@ -282,13 +284,13 @@ def sweep(
         from pipeline.sweeping.engines import get_ready
 
         get_ready()
-    from pipeline.console.show_sweep import show_sweep, sweep_progress
+    from pipeline.console.show_sweep import show_sweep
     from pipeline.fields import times
     from pipeline.stages.sweep import sweep
     from pipeline.sweeping.plan import plan_of
 
     plan = plan_of(lists, samples=samples, seed=seed, vary=vary or [])
-    with sweep_progress() as progress:
+    with sweep_progress() as report:
         swept = sweep(
             plan,
             out,
@@ -301,7 +303,7 @@ def sweep(
             plot=plot,
             dark=dark,
             force=force,
-            progress=progress,
+            progress=report,
         )
     show_sweep(swept, as_json=json)
 

@@ -33,7 +33,8 @@ def number(text: str) -> float:
 def fraction(value: float) -> str:
     """Write 1/240 where a float is 1/240, else the number."""
     exact = Fraction(value).limit_denominator(1_000_000)
-    if float(exact) == value and exact.denominator > 10:
+    plain = float(f"{value:.9g}") == value
+    if float(exact) == value and (exact.denominator > 10 or not plain):
         return str(exact)
     return f"{value:.9g}"
 
@@ -74,15 +75,6 @@ def exact(value: object) -> str:
     return ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)
 
 
-def readable(value: object) -> str:
-    """Write a value for people: 1/240 where a float is 1/240, and what is left to the engine."""
-    if value is None:
-        return "default"
-    if isinstance(value, list | tuple):
-        return ",".join(map(readable, value))
-    return fraction(value) if isinstance(value, float) else str(value)
-
-
 def times(texts: Sequence[str]) -> list[float]:
     """Read the times of `--at` [s].
 
@@ -112,6 +104,15 @@ class Option:
     high: float = math.inf
     above: bool = False
     """Whether `low` itself is excluded."""
+    left_to: str = "the engine's own"
+    """Whose value it is where none is given and the default is `default`."""
+    choices: tuple[str, ...] = ()
+    """The only texts it takes; empty where there are too many to list."""
+
+    @property
+    def is_left(self) -> bool:
+        """Whether somebody else's value is the default."""
+        return self.default == "default"
 
     @property
     def is_flag(self) -> bool:
@@ -126,12 +127,22 @@ class Option:
         ScenarioError
             If the text cannot be read.
         """
-        if self.default == raw == "default":
+        if self.is_left and raw == "default":
             return None
         try:
             return self.parse(raw)
         except ScenarioError as error:
             raise ScenarioError(f"{self.name} takes {error}, got {shown(raw)}") from None
+
+    def written(self, value: object) -> str:
+        """Write a value for people; a fraction only where the default is one, as 1/240."""
+        if value is None:
+            return "default"
+        if isinstance(value, list | tuple):
+            return ("x" if self.parse is size else ",").join(map(self.written, value))
+        if isinstance(value, float):
+            return fraction(value) if "/" in self.default else f"{value:.9g}"
+        return str(value)
 
     def read_list(self, raw: str) -> tuple[Any, ...]:
         """Read values separated by commas, or by semicolons where values have commas of their own.
@@ -185,12 +196,14 @@ def option(
     low: float = -math.inf,
     high: float = math.inf,
     above: bool = False,
+    left_to: str = "the engine's own",
+    choices: tuple[str, ...] = (),
 ) -> Any:  # noqa: ANN401 - dataclasses.field is typed as what it stands for
     """Declare a dataclass field together with its command-line option."""
     shown = str(default) if shown is None else shown
     return field(
         default=default,
-        metadata={"option": Option(name, help, parse, shown, low, high, above)},
+        metadata={"option": Option(name, help, parse, shown, low, high, above, left_to, choices)},
     )
 
 

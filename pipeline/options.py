@@ -51,8 +51,8 @@ def takes_scenario_lists(command: Callable[..., None]) -> Callable[..., None]:
     `camera: Camera | None`, which is None unless `--camera` is given.
     """
     options = [
-        *_parameters(Scenario.options(), "Scenario: each option takes a list"),
-        *_parameters(Camera.options(), "Camera: frames are taken if --camera is given"),
+        *_parameters(Scenario.options(), "Scenario (each option takes a list)"),
+        *_parameters(Camera.options(), "Camera (frames are taken if --camera is given)"),
     ]
 
     def inputs(given: Given) -> Given:
@@ -100,12 +100,12 @@ def _parameter(
         flag = typer.Option(option, help=said, rich_help_panel=panel, show_default=False)
         annotation, default = Annotated[bool, flag], False
     else:
-        default_value = "the engine's own" if spec.default == "default" else spec.default
-        said += rf" \[default: {default_value}]"
-        metavar = _METAVARS.get(spec.parse, "TEXT")
+        said += rf" \[default: {spec.left_to if spec.is_left else spec.default}]"
+        metavar = "|".join(spec.choices) or _METAVARS.get(spec.parse, "TEXT")
         valued = typer.Option(
-            option, help=said, rich_help_panel=panel, show_default=False, metavar=metavar
-        )
+            option, help=said, rich_help_panel=panel, show_default=False, metavar=metavar,
+            autocompletion=lambda: spec.choices,
+        )  # fmt: skip
         annotation, default = Annotated[str | None, valued], None
     return inspect.Parameter(
         name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 from pipeline.errors import ScenarioError
 from pipeline.fields import Optioned, Vector, integer, number, option, shown, size, vector
@@ -86,8 +86,8 @@ class Scenario(Optioned):
         "--body", "URDF of the body, from pybullet_data or a path.", default="cube_small.urdf"
     )
     mass_kg: float | None = option(
-        "--mass", "Mass of the body [kg], instead of the URDF's.", number,
-        default=None, shown="default", low=1e-9, high=1e9,
+        "--mass", "Mass of the body [kg].", number,
+        default=None, shown="default", low=1e-9, high=1e9, left_to="the URDF's",
     )  # fmt: skip
     restitution: float | None = option(
         "--restitution", "Restitution of body and floor both.", number,
@@ -106,8 +106,9 @@ class Scenario(Optioned):
         default=None, shown="default", low=1, high=100_000,
     )  # fmt: skip
     coordinates: Coordinates = option(
-        "--coordinates", "reduced (btMultiBody) or maximal (btRigidBody).", default="reduced"
-    )
+        "--coordinates", "reduced (btMultiBody) or maximal (btRigidBody).",
+        default="reduced", choices=get_args(Coordinates),
+    )  # fmt: skip
     stepped: bool = option("--no-step", "Mistake 1: never call stepSimulation.", default=True)
     gravity_set: bool = option("--no-gravity", "Mistake 2: never call setGravity.", default=True)
     floor: bool = option("--no-floor", "Mistake 3: leave out the floor.", default=True)
@@ -154,7 +155,7 @@ class Camera(Optioned):
 
     view: View = option(
         "--camera", "standard, close (where the body lands) or follow (moves along with it).",
-        default="standard",
+        default="standard", choices=get_args(View),
     )  # fmt: skip
     capture_every: int = option(
         "--capture-every", "Take a frame every N steps.", integer, default=6, low=1, high=1e9
@@ -164,8 +165,9 @@ class Camera(Optioned):
         default=(480, 360), shown="480x360", low=16, high=4096,
     )  # fmt: skip
     renderer: Renderer = option(
-        "--renderer", "tiny (software, the same everywhere) or egl (GPU or Mesa).", default="tiny"
-    )
+        "--renderer", "tiny (software, the same everywhere) or egl (GPU or Mesa).",
+        default="tiny", choices=get_args(Renderer),
+    )  # fmt: skip
     target_m: Vector = (0.0, 0.0, 0.5)
     distance_m: float = 2.0
     yaw_deg: float = 45.0

@@ -81,7 +81,8 @@ def test_other_physics_exits_3_and_is_told_as_the_setting_it_is(drop: Drop) -> N
     assert found["same"] is False
     assert found["differences"] == [{"name": "timestep_s", "value": 1 / 480, "golden": 1 / 240}]
     assert found["first_difference"] is None
-    assert "timestep_s" in drop("check", "run.rrd", "--against", GOLDEN).stdout
+    said = drop("check", "run.rrd", "--against", GOLDEN).stdout
+    assert "setting     --timestep 1/480, golden 1/240\n" in said
 
 
 def test_a_file_that_is_missing_or_unfinished_exits_1(drop: Drop, tmp_path: Path) -> None:

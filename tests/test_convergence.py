@@ -98,6 +98,14 @@ def test_moments_are_those_of_all_values_however_they_came() -> None:
     assert Moments().with_values([1.0]).interval is None
 
 
+@pytest.mark.parametrize("value", [-6.131250000000108e-3, 0.1, 1 / 3, 1e9 + 0.1])
+def test_equal_values_have_no_spread_at_all(value: float) -> None:
+    """A mean of equal values, summed up and divided, may be off by its last bit, and they by it."""
+    moments = Moments().with_values([value] * 300)
+    assert (moments.mean, moments.spread, moments.interval) == (value, 0.0, (value, value))
+    assert moments.merged(moments).with_values([value] * 7) == Moments(607, value, 0.0)
+
+
 def test_the_interval_is_students() -> None:
     """Five values of spread 1: half width t(4, 97.5 %) / sqrt 5, with t = 2.776445105 of tables."""
     values = [x / math.sqrt(2.5) for x in (-2.0, -1.0, 0.0, 1.0, 2.0)]

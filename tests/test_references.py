@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +98,26 @@ def test_what_view_prints_is_what_the_schema_says(
     monkeypatch.setattr("pipeline.stages.view.show", lambda _: None)
     monkeypatch.setenv("DISPLAY", ":0")
     Draft202012Validator(strict(schema_of("view"))).validate(printed("view run.rrd --web"))
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_key_is_described(command: str) -> None:
+    assert list(undescribed(schema_of(command))) == []
+
+
+def undescribed(schema: Any, path: str = "") -> Iterator[str]:
+    """Yield the keys of a schema that nothing is said of."""
+    for key, one in schema.get("properties", {}).items():
+        if not one.get("description"):
+            yield f"{path}{key}"
+        yield from undescribed(one.get("items", one), f"{path}{key}.")
+
+
+def test_every_entry_of_the_recordings_reference_is_described() -> None:
+    page = (SCHEMAS.parent / "recording.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| `")]
+    assert len(rows) > 100
+    assert [row for row in rows if row.endswith("|  |")] == []
 
 
 def test_a_schema_misses_a_key_that_stays_and_lets_a_new_one_pass(printed: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Iterable
 from typing import Any
@@ -10,10 +9,7 @@ from typing import Any
 import typer
 
 from cli import app
-
-WIDTH = 80
-COLUMN = 28
-"""Where what an option means begins."""
+from pipeline.console.help import OPTIONS, groups, option, usage
 
 _HEAD = """# Commands
 
@@ -42,72 +38,34 @@ def _shared(commands: Iterable[Any]) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for command in commands:
         for title, lines in _groups(command).items():
-            if title:
+            if title != OPTIONS:
                 known = found.setdefault(title, lines)
                 found[title] = [line for line in known if line in lines]
     return found
 
 
 def _groups(command: Any) -> dict[str, list[str]]:  # noqa: ANN401
-    """Return what is said of each option, by the title of its group; a command's own have none."""
-    groups: dict[str, list[str]] = {"": []}
-    for one in command.params:
-        panel = (one.rich_help_panel or "").partition(":")[0]
-        groups.setdefault(f"{panel} options" if panel else "", []).append(_option(one))
-    return groups
+    """Return what is said of each option, by the title of its group."""
+    return {
+        title if title == OPTIONS else f"{title.partition(' (')[0]} options": [*map(option, ones)]
+        for title, ones in groups(command.params).items()
+    }
 
 
 def _section(call: str, command: Any, shared: dict[str, list[str]]) -> str:  # noqa: ANN401
-    wanted = [_call(one) for one in command.params if _is_argument(one) or one.required]
-    groups = _groups(command)
+    found = _groups(command)
     own = [
-        one for title, lines in groups.items() for one in lines if one not in shared.get(title, [])
+        one for title, lines in found.items() for one in lines if one not in shared.get(title, [])
     ]
-    links = [f"[{title}](#{title.lower().replace(' ', '-')})" for title in groups if title]
+    links = [f"[{title}](#{title.lower().replace(' ', '-')})" for title in found if title in shared]
     paragraphs = [textwrap.fill(one, 100) for one in command.help.split("\n\n")]
-    paragraphs.append(_text([" ".join([call, *wanted, "[OPTIONS]"]), "", *own]).rstrip())
+    called = usage(call, command.params, "" if shared else "COMMAND").removeprefix("Usage: ")
+    paragraphs.append(_text([called, "", *own]).rstrip())
     if links:
         paragraphs.append(f"And the {' and '.join(links)}.")
     what, _, example = command.epilog.partition(": ")
-    return "\n\n".join([f"## {call}", *paragraphs, f"{what}: `{example}`\n"])
+    return "\n\n".join([f"## {call}", *paragraphs, f"{what}: `{example.strip()}`\n"])
 
 
 def _text(lines: Iterable[str]) -> str:
     return "\n".join(["```text", *lines, "```", ""])
-
-
-# -- one option -----------------------------------------------------------------------------------
-
-
-def _option(one: Any) -> str:  # noqa: ANN401
-    """Return an option or argument and what it means, the meaning in a column of its own."""
-    said = one.help.replace("\\[", "[")
-    if one.required:
-        said += " [required]"
-    elif not (one.default is None or one.default is False):
-        said += f" [default: {one.default}]"
-    meaning = textwrap.wrap(said, WIDTH - COLUMN, break_on_hyphens=False, break_long_words=False)
-    call = f"  {_call(one)}"
-    if len(call) > COLUMN - 2:
-        meaning.insert(0, "")
-    beside = [call, *[""] * (len(meaning) - 1)]
-    return "\n".join(
-        f"{left:<{COLUMN}}{line}".rstrip() for left, line in zip(beside, meaning, strict=True)
-    )
-
-
-def _is_argument(one: Any) -> bool:  # noqa: ANN401
-    return not one.opts[0].startswith("-")
-
-
-def _call(one: Any) -> str:  # noqa: ANN401
-    """Return how an option is given: with a word for its value, unless it is a flag."""
-    if _is_argument(one):
-        return str(one.metavar)
-    if one.is_flag:
-        return str(one.opts[0])
-    kind = one.type_descriptor.annotation
-    word = one.metavar or {float: "NUMBER", int: "N"}.get(
-        kind, re.sub(r"\W", "", str(kind)).upper()
-    )
-    return f"{one.opts[0]} {word}"

@@ -18,7 +18,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hint
 
 import polars as pl
 
-from pipeline.budget.comparison import Place, Setting
+from pipeline.budget.comparison import Comparison, Place, Setting
 from pipeline.budget.convergence import Study
 from pipeline.budget.results import (
     Airborne,
@@ -31,6 +31,7 @@ from pipeline.budget.results import (
     Terms,
 )
 from pipeline.budget.statistics import Summary
+from pipeline.recording import schema
 from pipeline.scenario import Scenario
 from pipeline.stages.check import Check
 from pipeline.stages.render import Rendering
@@ -108,12 +109,19 @@ def _said(kind: type) -> dict[str, str]:
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
     assert isinstance(tree, ast.ClassDef)
     said = {}
-    for above, below in zip(tree.body, tree.body[1:], strict=False):
-        if isinstance(above, ast.AnnAssign) and isinstance(above.target, ast.Name):
-            match below:
-                case ast.Expr(value=ast.Constant(value=str(text))):
-                    said[above.target.id] = re.sub(r"\bNone\b", "null", " ".join(text.split()))
-    return said
+    for above, below in zip(tree.body, [*tree.body[1:], None], strict=True):
+        match above, below:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=words)):
+                said[name] = str(words)
+            case ast.FunctionDef(name=name), _:
+                said[name] = ast.get_docstring(above) or ""
+    return {
+        name: re.sub(r"\bNone\b", "null", " ".join(words.split())) for name, words in said.items()
+    }
+
+
+def _sentences(said: Mapping[str, str]) -> dict[str, str]:
+    return {name: f"{words[0].upper()}{words[1:]}." for name, words in said.items()}
 
 
 # -- the commands ---------------------------------------------------------------------------------
@@ -128,23 +136,41 @@ RENDERING = _object(Rendering, plot=Path | None, speed=None)
 ROW = Object(
     {name: COLUMNS.get(kind, list[float]) | None
      for name, kind in SWEEP_COLUMNS.items()},
-    {"error": "Why a run failed.", "command": "Makes this run again.",
-     "end_m": "Height in the last sample."},
+    {
+        **_said(Scenario), **_sentences(schema.TABLE_SAYS),
+        "run": "Number of the run, from 0.", "sample": "Number of the sample, with `--samples`.",
+        "error": "Why a run failed.", "command": "Makes this run again.",
+        "recording": "The run's recording, in the folder.", "end_m": "Height in the last sample.",
+    },
     frozenset({*Scenario.options(), *TERMS}),
 )  # fmt: skip
 CHECK = _object(
-    Check, {"same", "largest_difference_m", "first_difference"}, comparison=None,
-    same=bool, largest_difference_m=float | None, first_difference=Place | None,
-    looks_like=str | None, differences=list[Setting], versions=list[Setting],
-)  # fmt: skip
+    Check,
+    {"same", "largest_difference_m", "first_difference"},
+    comparison=None,
+    same=bool,
+    largest_difference_m=float | None,
+    first_difference=Place | None,
+    looks_like=str | None,
+    differences=list[Setting],
+    versions=list[Setting],
+)
+OF_BOTH = _said(Comparison)
+CHECK = CHECK._replace(said=OF_BOTH | CHECK.said | {"first_difference": OF_BOTH["first"]})
 SHARED = "A value of the scenario that these runs share and others do not."
-STUDY = Object({"study": _object(Study, refining_hurts=bool)}, more=SHARED)
-STATISTICS = Object({"summaries": list[Summary]}, more=SHARED)
+STUDY = Object(
+    {"study": _object(Study, refining_hurts=bool)}, {"study": "What they tell."}, more=SHARED
+)
+STATISTICS = Object(
+    {"summaries": list[Summary]}, {"summaries": "One for each quantity."}, more=SHARED
+)
 SWEEP = Object(
     {"runs": int, "failed": int, "results": Path, "table": [ROW], "at_s": float,
      "plot": Path | None, "convergence": [STUDY],
      "statistics": [STATISTICS], "narrow_enough": bool | None},
-    {"table": "A row for each run.",
+    {"runs": "How many runs there are.", "failed": "How many of them failed.",
+     "results": "The Parquet file with the table.", "at_s": "The time that was taken apart.",
+     "plot": "The plot; null where none was asked for.", "table": "A row for each run.",
      "convergence": "One for each set of runs that differ in the timestep only.",
      "statistics": "One for each scenario that is sampled.",
      "narrow_enough": "Whether `--until-ci` was reached."},
@@ -153,7 +179,8 @@ SWEEP = Object(
 VIEW = Object(
     {"recordings": list[Path], "layers": list[Path], "command": list[str], "url": str,
      "page": str | None},
-    {"command": "What starts the viewer.", "url": "Where the viewer takes data.",
+    {"recordings": "What is shown.", "layers": "Their analyses, which are shown with them.",
+     "command": "What starts the viewer.", "url": "Where the viewer takes data.",
      "page": "What to open in a browser, with `--web`."},
 )  # fmt: skip
 COMMANDS: dict[str, Object] = {
@@ -162,7 +189,8 @@ COMMANDS: dict[str, Object] = {
     "render": RENDERING,
     "run": Object(
         {"simulate": _object(Simulation), "analyze": ANALYSIS, "render": RENDERING},
-        {}, frozenset({"simulate", "analyze", "render"}),
+        {name: f"What `drop {name} --json` prints." for name in ("simulate", "analyze", "render")},
+        frozenset({"simulate", "analyze", "render"}),
     ),
     "check": CHECK,
     "sweep": SWEEP,

@@ -185,17 +185,17 @@ def _drawn(entities: Mapping[str, Entity]) -> str:
 def _property(run: Mapping[str, Entity], entity: str) -> str:
     name = entity.rpartition("/")[2]
     options = {**Scenario.options(), **Camera.options()}
-    said = {key: _said(option) for key, option in options.items()}
-    said |= CLOSING if name == schema.RECORDING_PROPERTY else {}
-    types = run[entity].types
     # The engine's report has names of its own: what is said of a scenario is not said of it.
-    meanings = {} if name == schema.ENGINE_PROPERTY else said
-    head = ["name", "type", "unit", "what it is"] if meanings else ["name", "type", "unit"]
-    rows = [
-        [f"`{key}`", dtype, _unit(key) or "", *([meanings.get(key, "")] if meanings else [])]
-        for key, dtype in types.items()
-    ]
-    return f"### {name}\n\n{_rows(head, rows)}"
+    said = {
+        schema.SCENARIO_PROPERTY: {key: _said(option) for key, option in options.items()},
+        schema.CAMERA_PROPERTY: schema.CAMERA_SAYS
+        | {key: _said(option) for key, option in options.items()},
+        schema.ENGINE_PROPERTY: schema.ENGINE_SAYS,
+        schema.RECORDING_PROPERTY: CLOSING,
+    }[name]
+    types = run[entity].types
+    rows = [[f"`{key}`", dtype, _unit(key) or "", said[key]] for key, dtype in types.items()]
+    return f"### {name}\n\n{_rows(['name', 'type', 'unit', 'what it is'], rows)}"
 
 
 def _said(option: Option) -> str:
@@ -204,9 +204,10 @@ def _said(option: Option) -> str:
 
 def _table(table: pl.DataFrame) -> str:
     rows = [
-        [f"`{name}`", str(dtype).lower(), _unit(name) or ""] for name, dtype in table.schema.items()
+        [f"`{name}`", str(dtype).lower(), _unit(name) or "", schema.TABLE_SAYS[name]]
+        for name, dtype in table.schema.items()
     ]
-    return _rows(["column", "type", "unit"], rows)
+    return _rows(["column", "type", "unit", "what it is"], rows)
 
 
 def _unit(name: str) -> str | None:

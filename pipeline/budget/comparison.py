@@ -40,8 +40,11 @@ class Setting:
     """A value of scenario, engine or camera that the two sides do not share."""
 
     name: str
+    """Its name in the recording."""
     value: Any
+    """In the recording that was checked."""
     golden: Any
+    """In the golden one."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +52,11 @@ class Place:
     """The first sample and column that differ by more than is allowed."""
 
     step: int
+    """The sample."""
     column: str
+    """The column, or `frame`."""
     value: float | None = None
+    """What stands there in the recording that was checked."""
     golden: float | None = None
     """None where the difference is not one of numbers, as between frames."""
 
@@ -64,10 +70,12 @@ class Comparison:
     versions: list[Setting]
     """What made them; a version is no difference in physics."""
     first: Place | None
+    """What differs first; None where nothing does."""
     largest_difference_m: float | None
     """Between the positions, over all samples; None where they are not those of the same steps."""
     largest_difference_step: int | None
     looks_like: str | None
+    """What the difference looks like, in words."""
 
     @property
     def same(self) -> bool:

@@ -84,12 +84,19 @@ class Run:
     """What a refinement study needs of one run [m]; its terms are those of the error budget."""
 
     timestep_s: float
+    """Its timestep."""
     simulated_m: float
+    """Height of the sample at that time."""
     error_m: float
+    """Simulated minus free fall."""
     timestep_m: float
+    """The timestep's share of the error."""
     damping_m: float
+    """The damping's share."""
     interaction_m: float
+    """What the two do to each other."""
     rounding_m: float
+    """What double precision leaves."""
 
     @property
     def discretisation_m(self) -> float:
@@ -105,6 +112,7 @@ class Study:
     """
 
     runs: tuple[Run, ...]
+    """The runs, coarse to fine."""
     orders_free_fall: list[float | None]
     """Observed orders against free fall: without a meaning unless damping is off."""
     orders_damped_fall: list[float | None]

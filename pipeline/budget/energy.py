@@ -29,12 +29,17 @@ class EnergyLedger:
     """Change of the mechanical energy over a recording, by cause [J]; `closing_j` is the rest."""
 
     initial_j: float
+    """Of the first sample."""
     final_j: float
+    """Of the last sample."""
     damping_j: float
+    """Work of the damping."""
     integrator_j: float
+    """What semi-implicit Euler loses."""
     rotation_j: float
     """Change of the rotational energy in the air: damping and integration of the spin."""
     contact_j: float
+    """What contact takes."""
     closing_j: float
     """What the causes leave unexplained: rounding, unless the state was altered."""
 

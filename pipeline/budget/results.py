@@ -18,9 +18,13 @@ class Terms:
     """The four terms of an error [m]; they add up to it."""
 
     timestep: float
+    """What semi-implicit Euler does, without damping."""
     damping: float
+    """What damping does, in continuous time."""
     interaction: float
+    """What the two do to each other."""
     rounding: float
+    """What double precision leaves."""
 
 
 @dataclass(frozen=True)
@@ -28,12 +32,19 @@ class Moment:
     """One sample, taken apart; without terms where the law of the air does not hold."""
 
     time_s: float
+    """Time of the sample."""
     step: int
+    """Its number."""
     phase: Phase
+    """Whether the body falls, touches the floor, or has come to rest."""
     simulated_m: float
+    """Height of the centre in the recording."""
     free_fall_m: float
+    """Height by theory, without air; from the first contact on at least the rest height."""
     error_m: float
+    """Simulated minus free fall."""
     terms_m: Terms | None
+    """What the error is made of; None where the law of the air does not hold."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +52,13 @@ class Airborne:
     """The error over all samples that the law of the air covers; None where it covers none."""
 
     samples: int
+    """How many these are."""
     max_abs_error_m: float | None
+    """Largest absolute error."""
     rms_error_m: float | None
+    """Root mean square of the error."""
     max_abs_rounding_m: float | None
+    """Largest absolute rounding term."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +66,11 @@ class Coverage:
     """Which samples the law of the air takes apart, and why no more."""
 
     samples: int
+    """How many samples it takes apart, from the first on."""
     of: int
+    """How many there are."""
     why: str
+    """What ends it."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +82,19 @@ class Impact:
     """
 
     time_free_fall_s: float | None
+    """By theory without air."""
     time_damped_s: float | None
+    """By theory with Bullet's damping."""
     time_simulated_s: float | None
+    """In the recording, between two samples."""
     step: int
     """First sample that a contact has acted on."""
     speed_m_s: float
     """Speed of the last sample before it."""
     lowest_m: float
+    """Lowest height of the centre."""
     lowest_step: int
+    """The sample of it."""
     penetration_m: float | None
     """None where the body is turned, so that its centre does not tell how deep its corner is."""
 
@@ -83,6 +106,7 @@ class Contact:
     max_deviation_m: float
     """Largest distance between the recorded heights and the law's."""
     deviation_step: int
+    """The sample of it."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +116,11 @@ class Bounce:
     step: int
     """The last sample in free fall before it."""
     approach_m_s: float
+    """Speed downwards before the contact."""
     rebound_m_s: float
+    """Speed upwards after it."""
     effective_restitution: float
+    """Rebound over approach."""
     apex_m: float
     """Highest point above the rest height before the next contact, or the recording's end."""
     predicted_apex_m: float
@@ -121,10 +148,13 @@ class Rest:
     """Where the body comes to lie."""
 
     height_m: float
+    """Height of the centre in the last sample."""
     expected_m: float | None
     """None where nothing says how high the centre of such a body lies."""
     error_m: float | None
+    """Height minus what is expected."""
     settled_step: int
+    """First sample of the rest."""
     terms_m: RestTerms | None
     """None where the body did not land flat, so that the contact law does not cover it."""
 
@@ -134,7 +164,9 @@ class Finding:
     """Something a recording gives away: what was seen, why, and what changes it."""
 
     code: str
+    """A name that stays: what scripts look for."""
     message: str
+    """What was seen, why, and the call or option that changes it."""
 
 
 @dataclass(frozen=True)
@@ -142,8 +174,11 @@ class Conservation:
     """How well the samples without contact keep energy and angular momentum."""
 
     energy_initial_j: float
+    """Kinetic and potential energy of the first sample."""
     energy_max_rel_drift: float | None
+    """Largest change of the energy, over its initial value; None where that is 0."""
     angular_momentum_max_rel_drift: float | None
+    """The same of the angular momentum about the centre of mass."""
 
 
 @dataclass(frozen=True)
@@ -151,20 +186,33 @@ class Analysis:
     """Everything that a recording tells."""
 
     scenario: dict[str, Any]
+    """What was dropped, and how: the options, by field."""
     engine: dict[str, Any]
+    """What the engine reported: see recording.md."""
     at: list[Moment]
+    """The samples nearest to `--at`."""
     coverage: Coverage
+    """Which samples the law of the air takes apart."""
     airborne: Airborne
+    """The error over all of these."""
     impact: Impact | None
+    """When the body meets the floor; None where it never does."""
     contact: Contact | None
+    """The contact beside Bullet's law; None where that does not cover it."""
     bounces: list[Bounce]
+    """The rebounds, in order."""
     rest: Rest | None
+    """Where the body comes to lie; None where it does not."""
     conservation: Conservation
+    """What is kept by the samples without contact."""
     energy: EnergyLedger
+    """Where the energy went."""
     findings: list[Finding]
+    """What the recording gives away."""
     table: pl.DataFrame
     """One row per sample: step, time, phase, heights, error and terms, energies."""
     recording: Path | None = None
+    """The recording that was analyzed; None where it is no file."""
     layer: Path | None = None
     """The recording that was analyzed and the layer that shows it, where they are files."""
     partial: bool = False

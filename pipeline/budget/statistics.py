@@ -31,8 +31,11 @@ class Moments:
         new: Float64 = np.asarray(values, dtype=np.float64)
         if not len(new):
             return self
-        mean = float(new.mean())
-        return self.merged(Moments(len(new), mean, float(np.sum((new - mean) ** 2))))
+        # Counted from the first of them: equal values have exactly their mean, and no spread.
+        apart = new - new[0]
+        mean = float(apart.mean())
+        squares = float(np.sum((apart - mean) ** 2))
+        return self.merged(Moments(len(new), float(new[0]) + mean, squares))
 
     def merged(self, other: Moments) -> Moments:
         """Return the moments of both.
@@ -88,9 +91,13 @@ class Summary:
     """One quantity over the samples that have it."""
 
     quantity: str
+    """The column of the table."""
     count: int
+    """How many samples have it."""
     mean: float
+    """Their mean."""
     spread: float | None
+    """Their standard deviation, with n - 1; None for fewer than two."""
     quantiles: dict[str, float]
     """By name, `5%`, `50%` and `95%`; between two samples they are interpolated."""
     interval: tuple[float, float] | None

@@ -1,34 +1,25 @@
-"""How things are printed: progress, JSON, lines, and numbers in the digits that make sense."""
+"""How things are printed: JSON, notes, lines, and numbers in the digits that make sense."""
 
 from __future__ import annotations
 
-import contextlib
 import json
+import os
+import shutil
 import sys
-from collections.abc import Callable, Iterator
-from typing import Any
+import textwrap
+from typing import Any, TextIO
+
+from rich.markup import escape
+
+WIDTH = 80
+"""Columns that a line of ours takes at most, where no name in it is longer."""
 
 
-@contextlib.contextmanager
-def progress() -> Iterator[Callable[[str, int, int], None]]:
-    """Yield what stages report to: a bar on a terminal, nothing in a pipe."""
-    if not sys.stderr.isatty():
-        yield lambda *_: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as TimeLeft
-
-    columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeLeft())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, Any] = {}
-
-        def report(what: str, done: int, total: int) -> None:
-            if what not in tasks:
-                tasks[what] = bars.add_task(what, total=total)
-            bars.update(tasks[what], completed=done)
-
-        yield report
+def wants_colour(stream: TextIO) -> bool:
+    """Whether a stream may carry colours: a terminal, or one that FORCE_COLOR speaks for."""
+    if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+        return False
+    return bool(os.environ.get("FORCE_COLOR")) or stream.isatty()
 
 
 def millimetres(value_m: float) -> str:
@@ -36,6 +27,26 @@ def millimetres(value_m: float) -> str:
     value = value_m * 1e3 + 0.0  # no minus before a zero
     text = f"{value:+.4f}" if value == 0 or abs(value) >= 5e-5 else f"{value:+.1e}"
     return f"{text:>10} mm"
+
+
+def titled(title: str, words: str, *, column: int, style: str = "") -> list[str]:
+    """Return words beside a title, wrapped so that they line up; escaped, with Rich's markup."""
+    wrapped = textwrap.wrap(
+        words, WIDTH - column, break_on_hyphens=False, break_long_words=False
+    ) or [""]
+    first, *others = (escape(line) for line in wrapped)
+    head = f"{escape(title):<{column}}"
+    head = f"[{style}]{head}[/]" if style else head
+    return [(head + first).rstrip(), *(f"{'':<{column}}{line}" for line in others)]
+
+
+def made(title: str, path: object, facts: str = "", *, column: int) -> list[str]:
+    """Return the line of a file that was made; what is said of it goes below a long name."""
+    head = f"[dim]{title}[/]{'':<{column - len(title)}}{escape(str(path))}"
+    if not facts:
+        return [head]
+    fits = column + len(str(path)) + 3 + len(facts) <= WIDTH
+    return [f"{head}   {facts}"] if fits else [head, f"{'':<{column}}{facts}"]
 
 
 def print_json(value: dict[str, Any]) -> None:
@@ -46,14 +57,29 @@ def print_json(value: dict[str, Any]) -> None:
 
 def note(sentence: str) -> None:
     """Say something that is worth knowing but no error, on standard error."""
-    print(f"drop: {sentence}", file=sys.stderr)
+    print(one_line(f"drop: {sentence}"), file=sys.stderr)
+
+
+def one_line(sentence: str) -> str:
+    """Return a sentence as one line; a terminal gets it wrapped at words, with an indent."""
+    line = " ".join(sentence.split())
+    if not sys.stderr.isatty():
+        return line
+    columns = shutil.get_terminal_size().columns
+    return textwrap.fill(
+        line, columns, subsequent_indent="      ", break_long_words=False, break_on_hyphens=False
+    )
 
 
 def print_lines(*lines: str) -> None:
     """Print lines with Rich's markup: coloured on a terminal, plain in a pipe, never wrapped."""
     from rich.console import Console
 
-    console = Console(highlight=False, soft_wrap=True)
+    coloured = wants_colour(sys.stdout)
+    console = Console(
+        highlight=False, soft_wrap=True, force_terminal=coloured,
+        color_system="auto" if coloured else None,
+    )  # fmt: skip
     for line in lines:
         console.print(line)
     console.file.flush()

@@ -11,6 +11,7 @@ import signal
 import sys
 from typing import TYPE_CHECKING
 
+from pipeline.console.output import one_line
 from pipeline.errors import DropError
 
 if TYPE_CHECKING:
@@ -41,7 +42,9 @@ def run(app: typer.Typer) -> int:
     try:
         code = app(standalone_mode=False)
         sys.stdout.flush()
-    except (BrokenPipeError, SystemExit):
+    except (BrokenPipeError, SystemExit) as error:
+        if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
+            return int(error.code or 0)  # completion ends like this; fish asks for the code
         # Whoever read us has gone: nothing is wrong here. Click and Rich turn that into an exit.
         _give_up_standard_output()
         return 141
@@ -52,7 +55,7 @@ def run(app: typer.Typer) -> int:
         said, code = _stopped(received[0]) if received else _verdict(error)
         line = "; ".join([said, *getattr(error, "__notes__", [])])
         with contextlib.suppress(OSError):
-            print(f"drop: {' '.join(line.split())}", file=sys.stderr)
+            print(one_line(f"drop: {line}"), file=sys.stderr)
         _give_up_standard_output()
     finally:
         for number in (signal.SIGINT, signal.SIGTERM):  # done: Python is only tidying up
@@ -112,5 +115,16 @@ def _verdict(error: BaseException) -> tuple[str, int]:
     if isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)
         command = "drop" if context is None else context.command_path
-        return f"{error.format_message().rstrip('.')}; see: {command} --help", error.exit_code
+        said = _not_a_number(error) or error.format_message().rstrip(".")
+        return f"{said[:1].lower()}{said[1:]}; see: {command} --help", error.exit_code
     return f"{type(error).__name__}: {error}; DROP_DEBUG=1 shows where", 1
+
+
+def _not_a_number(error: BaseException) -> str | None:
+    """Return what to say of a text that is no number: Typer leaves the text out."""
+    kinds = {"float_parsing": "a number", "int_parsing": "a whole number"}
+    for one in getattr(error.__cause__, "errors", list)():
+        if one["type"] in kinds:
+            option = getattr(error, "param").opts[0]  # noqa: B009 - of some errors only
+            return f"{option} takes {kinds[one['type']]}, got {one['input']!r}"
+    return None

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from rich.markup import escape
-
 from pipeline.budget.comparison import IN_CONTACT_M
-from pipeline.console.output import print_json, print_lines
+from pipeline.console.output import print_json, print_lines, titled
+from pipeline.scenario import Scenario
 
 if TYPE_CHECKING:
-    from pipeline.budget.comparison import Setting
-    from pipeline.stages.check import Check
+    from pipeline.budget.comparison import Comparison, Place, Setting
+    from pipeline.stages.check import Check, Frames
 
 DIFFERS = 3
 """The exit code of a check that did not hold."""
@@ -23,7 +22,7 @@ def show_check(check: Check, *, as_json: bool) -> int:
     if as_json:
         print_json(_json(check))
     else:
-        print_lines(*map(escape, _lines(check)))
+        print_lines(*_lines(check))
     return 0 if check.same or check.updated else DIFFERS
 
 
@@ -47,22 +46,36 @@ def _json(check: Check) -> dict[str, Any]:
 def _lines(check: Check) -> list[str]:
     compared = check.comparison
     if compared is None:
-        return [f"{check.golden} is now {check.recording}"]
-    lines = [f"{'same' if check.same else 'differs':<12}{check.recording} and {check.golden}"]
+        return _titled("golden", f"{check.golden} is now {check.recording}")
+    lines = _titled("same" if check.same else "differs", f"{check.recording} and {check.golden}")
     if not compared.differences and compared.largest_difference_m is not None:
-        lines.append(
-            f"{'largest':<12}{compared.largest_difference_m:.3g} m at step "
-            f"{compared.largest_difference_step}; allowed {_allowed(check.tolerance_m)}"
-        )
-    lines += [f"{'setting':<12}{_setting(one)}" for one in compared.differences]
+        lines += _titled("positions", _positions(check, compared))
+    for one in compared.differences:
+        is_option = one.name in Scenario.options()
+        lines += _titled(*(("setting", _option(one)) if is_option else ("engine", _value(one))))
     if not compared.differences and check.first is not None:
-        lines.append(f"{'first':<12}{_first(check)}")
+        lines += _titled("first", _first(check.first))
     if compared.looks_like is not None:
-        lines.append(f"{'looks like':<12}{compared.looks_like}")
+        lines += _titled("looks like", compared.looks_like)
     if check.frames is not None:
-        lines.append(f"{'frames':<12}{_frames(check)}")
-    lines += [f"{'version':<12}{_setting(one)}" for one in compared.versions]
-    return [*lines, f"{check.golden} is now {check.recording}"] if check.updated else lines
+        lines += _titled("frames", _frames(check.frames))
+    for one in compared.versions:
+        lines += _titled("version", _value(one))
+    updated = _titled("golden", f"{check.golden} is now {check.recording}")
+    return [*lines, *updated] if check.updated else lines
+
+
+def _titled(title: str, words: str) -> list[str]:
+    return titled(title, words, column=12)
+
+
+def _positions(check: Check, compared: Comparison) -> str:
+    if compared.largest_difference_m == 0:
+        return "identical"
+    return (
+        f"up to {compared.largest_difference_m:.3g} m apart, at step "
+        f"{compared.largest_difference_step}; allowed: {_allowed(check.tolerance_m)}"
+    )
 
 
 def _allowed(tolerance_m: float) -> str:
@@ -72,17 +85,20 @@ def _allowed(tolerance_m: float) -> str:
     return f"{air} in the air, {IN_CONTACT_M:g} m in contact"
 
 
-def _setting(one: Setting) -> str:
-    return f"{one.name} {_value(one.value)}, golden {_value(one.golden)}"
+def _option(one: Setting) -> str:
+    """Name a setting by the option that makes it."""
+    option = Scenario.options()[one.name]
+    if option.is_flag:
+        given, golden = ("not given" if value else "given" for value in (one.value, one.golden))
+        return f"{option.name} {given}, golden {golden}"
+    return f"{option.name} {option.written(one.value)}, golden {option.written(one.golden)}"
 
 
-def _value(value: object) -> str:
-    return "default" if value is None else str(value)
+def _value(one: Setting) -> str:
+    return f"{one.name.removesuffix('_version')} {one.value}, golden {one.golden}"
 
 
-def _first(check: Check) -> str:
-    first = check.first
-    assert first is not None
+def _first(first: Place) -> str:
     if first.column == "frame":
         return f"step {first.step}, its picture"
     mine, theirs = (_number(value) for value in (first.value, first.golden))
@@ -93,8 +109,9 @@ def _number(value: float | None) -> str:
     return "none" if value is None else repr(value)
 
 
-def _frames(check: Check) -> str:
-    frames = check.frames
-    assert frames is not None
-    counts = f"{frames.compared} compared, {frames.differing} differ"
+def _frames(frames: Frames) -> str:
+    if not frames.compared:
+        return f"none compared: {frames.why}"
+    differ = f"{frames.differing} differ" if frames.differing else "identical"
+    counts = f"{frames.compared} compared, {differ}"
     return counts if frames.why is None else f"{counts}; {frames.why}"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from pipeline.console.output import millimetres, note, print_json, print_lines
+from pipeline.console.output import made, millimetres, note, print_json, print_lines, titled
 from pipeline.fields import fraction
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ def show_simulation(simulation: Simulation, *, as_json: bool) -> None:
     if as_json:
         print_json(_simulation_json(simulation))
     else:
-        print_lines(_simulation_line(simulation))
+        print_lines(*_simulation_lines(simulation))
 
 
 def show_analysis(analysis: Analysis, *, as_json: bool) -> None:
@@ -62,9 +61,9 @@ def show_run(run: Run, *, as_json: bool) -> None:
     print_lines(
         *_story(run.analysis),
         "",
-        _simulation_line(run.simulation),
+        *_simulation_lines(run.simulation),
         *_rendering_lines(run.rendering),
-        f"[dim]see it move[/]      drop view {recording}",
+        *made("see it move", f"drop view {recording}", column=_FILE),
     )
 
 
@@ -88,24 +87,23 @@ def _rendering_json(rendering: Rendering) -> dict[str, Any]:
     }
 
 
-def _simulation_line(made: Simulation) -> str:
-    return (
-        f"[dim]recording[/]        {made.recording}   {made.samples:,} samples, "
-        f"{made.frames} frames, {made.bytes / 1e3:,.0f} kB, {made.wall_s:.1f} s"
+def _simulation_lines(simulation: Simulation) -> list[str]:
+    facts = (
+        f"{simulation.samples:,} samples, {simulation.frames} frames, "
+        f"{simulation.bytes / 1e3:,.0f} kB, {simulation.wall_s:.1f} s"
     )
+    return made("recording", simulation.recording, facts, column=_FILE)
 
 
-def _rendering_lines(made: Rendering) -> list[str]:
+def _rendering_lines(rendering: Rendering) -> list[str]:
     lines = []
-    if made.gif is not None:
-        seconds = made.frames / made.fps
-        kind = made.gif.suffix[1:]
-        lines.append(
-            f"[dim]{kind:<4}[/]             {made.gif}   {made.frames} frames, {seconds:.2f} s"
-            + (f", {_speed(made.speed)}" if made.speed else "")
-        )
-    if made.plot is not None:
-        lines.append(f"[dim]plot[/]             {made.plot}")
+    if rendering.gif is not None:
+        facts = f"{rendering.frames} frames, {rendering.frames / rendering.fps:.2f} s"
+        if rendering.speed is not None:
+            facts += f", {_speed(rendering.speed)}"
+        lines += made(rendering.gif.suffix[1:], rendering.gif, facts, column=_FILE)
+    if rendering.plot is not None:
+        lines += made("plot", rendering.plot, column=_FILE)
     return lines
 
 
@@ -142,12 +140,7 @@ def _story(analysis: Analysis) -> list[str]:
 
 
 def _titled(title: str, words: str) -> list[str]:
-    """Return words beside a title, wrapped so that they line up."""
-    wrapped = textwrap.wrap(words, 80 - _TITLE, break_on_hyphens=False, break_long_words=False)
-    return [
-        f"[bold]{title if number == 0 else '':<{_TITLE}}[/]{escape(line)}"
-        for number, line in enumerate(wrapped)
-    ]
+    return titled(title, words, column=_TITLE, style="bold")
 
 
 def _moment(moment: Moment) -> list[str]:
@@ -258,4 +251,5 @@ def _energy(analysis: Analysis) -> list[str]:
 
 _TITLE = 12
 """Columns that a title takes."""
+_FILE = 17
 _MOST_BOUNCES = 5

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-import sys
-from collections.abc import Callable, Iterator, Sequence
+import shutil
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from pipeline.console.output import millimetres, print_json, print_lines
-from pipeline.fields import fraction, readable
+from rich.markup import escape
+
+from pipeline.console.output import WIDTH, made, millimetres, print_json, print_lines, titled
+from pipeline.fields import fraction
 
 if TYPE_CHECKING:
     from pipeline.budget.convergence import Study
-    from pipeline.budget.statistics import Summary
     from pipeline.stages.sweep import Sweep
     from pipeline.stages.sweep_groups import Group
 
 MOST_ROWS = 30
 """So many runs fit on a screen; of more, the first are shown."""
+MOST_STUDIES = 6
+LONGEST = 20
+"""Characters of a value in the table."""
+STUDY = 24
+"""Column in which a study's sentences begin."""
 TERMS = {
     "error_m": "total",
     "timestep_m": "timestep",
@@ -27,37 +32,6 @@ TERMS = {
     "interaction_m": "interaction",
     "rounding_m": "rounding",
 }
-
-
-@contextlib.contextmanager
-def sweep_progress() -> Iterator[Callable[[int, int, int], None]]:
-    """Yield what a sweep reports to: done, failed, rate and time left; nothing in a pipe."""
-    if not sys.stderr.isatty():
-        yield lambda *_: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (
-        TextColumn("{task.completed:,.0f} of {task.total:,.0f} runs"),
-        BarColumn(),
-        TextColumn("{task.fields[failed]:,} failed, {task.fields[rate]}"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None, failed=0, rate="")
-        before: list[int] = []
-
-        def report(done: int, failed: int, total: int) -> None:
-            before[:] = before or [done]  # what was there before says nothing of the rate
-            elapsed_s = bar.tasks[0].elapsed or 0.0
-            rate = (done - before[0]) / elapsed_s if elapsed_s > 0 else 0.0
-            bar.update(
-                task, completed=done, total=total, failed=failed,
-                rate=f"{rate:,.0f} a second" if rate >= 1 else f"{60 * rate:.1f} a minute",
-            )  # fmt: skip
-
-        yield report
 
 
 def show_sweep(sweep: Sweep, *, as_json: bool) -> None:
@@ -73,9 +47,12 @@ def show_sweep(sweep: Sweep, *, as_json: bool) -> None:
             lines += ["", *_statistics(group)]
     else:
         lines += ["", *_rows(sweep)]
-    for group in sweep.studies:
+    for group in sweep.studies[:MOST_STUDIES]:
         if group.study is not None:
             lines += ["", *_study(group, group.study)]
+    more = len(sweep.studies) - MOST_STUDIES
+    if more > 0:
+        lines += ["", f"[dim]… and {more:,} more such sets of runs: see --json[/]"]
     lines += ["", *_failures(sweep), *_files(sweep)]
     print_lines(*lines)
 
@@ -106,28 +83,43 @@ def _json(sweep: Sweep) -> dict[str, Any]:
 
 
 def _rows(sweep: Sweep) -> list[str]:
-    """Return a table of the runs: what differs between them, and their errors."""
-    axes = sweep.axes
+    """Return a table of the runs: what differs between them, and their errors.
+
+    Columns that a line has no room for are left out, from the right, but never the total.
+    """
     shown = sweep.table(MOST_ROWS).to_dicts()
-    table = [[*(label for _, label in axes), *TERMS.values()]]
-    for row in shown:
-        named = [readable(row[field]) for field, _ in axes]
-        errors = [_mm(row[term]) for term in TERMS]
-        table.append([*named, *errors])
-    left = len(axes)
-    widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
+    labels = [[name, *(_cut(sweep.written(field, row[field])) for row in shown)]
+              for field, name in sweep.axes]  # fmt: skip
+    errors = [[name, *(_mm(row[term]) for row in shown)] for term, name in TERMS.items()]
+    room = max(WIDTH, shutil.get_terminal_size().columns)
+    columns = [_aligned(one, str.ljust) for one in labels]
+    columns += [_aligned(one, str.rjust) for one in errors]
+    total = len(labels)
+    left_out: list[str] = []
+    while len(columns) > 1 and sum(len(one[0]) + 2 for one in columns) - 2 > room:
+        at = -1 if len(columns) > total + 1 else total - 1
+        total -= at == total - 1
+        left_out.insert(0, columns.pop(at)[0].strip())
     lines = []
-    for number, texts in enumerate(table):
-        cells = [
-            cell.ljust(width) if column < left else cell.rjust(max(width, 9))
-            for column, (cell, width) in enumerate(zip(texts, widths, strict=True))
-        ]
-        line = "  ".join(cells).rstrip()
+    for number, cells in enumerate(zip(*columns, strict=True)):
+        line = escape("  ".join(cells).rstrip())
         failed = number and shown[number - 1]["error"] is not None
         lines.append(f"[dim]{line}[/]" if not number else f"[red]{line}[/]" if failed else line)
+    if left_out:
+        lines.append(f"[dim]without {', '.join(left_out)}: see {escape(str(sweep.results))}[/]")
     if sweep.runs > len(shown):
         lines.append(f"[dim]… and {sweep.runs - len(shown):,} more in {sweep.results}[/]")
     return lines
+
+
+def _aligned(cells: list[str], align: Callable[[str, int], str]) -> list[str]:
+    width = max(8 if align is str.rjust else 0, *map(len, cells))
+    return [align(cell, width) for cell in cells]
+
+
+def _cut(text: str) -> str:
+    """Return a value that takes no more than its share of a line; the end of a path tells most."""
+    return text if len(text) <= LONGEST else f"…{text[1 - LONGEST :]}"
 
 
 def _mm(value_m: float | None) -> str:
@@ -138,49 +130,57 @@ def _mm(value_m: float | None) -> str:
 
 
 def _study(group: Group, study: Study) -> list[str]:
-    """Tell what the timestep does, in lines of at most 100 characters."""
+    """Tell what the timestep does."""
     steps = [fraction(run.timestep_s) for run in study.runs]
-    pairs = [f"{one} → {two}" for one, two in itertools.pairwise(steps)][-3:]
+    pairs = [f"{one} → {two}" for one, two in itertools.pairwise(steps)]
     width = max(map(len, pairs)) + 3
+    pairs = pairs[-max(1, min(3, (WIDTH - STUDY - 2) // width)) :]
     limit = f"{study.limit_m * 1e3:+.2f} mm"
     damped = study.limit_m != 0
+    free_fall = _orders(study.orders_free_fall, len(pairs), width, 2 if damped else 3)
     lines = [
-        f"[bold]{group.label or 'By timestep'}[/]",
-        f"  [dim]{'order of accuracy':<22}{''.join(pair.rjust(width) for pair in pairs)}[/]",
-        f"    {'against free fall':<20}{_orders(study.orders_free_fall, width, 2 if damped else 3)}"
-        + ("   [yellow]meaningless, see below[/]" if damped else ""),
-        f"    {'against damped fall':<20}{_orders(study.orders_damped_fall, width, 3)}",
+        *titled("", group.label or "by timestep", column=0, style="bold"),
+        f"  [dim]{'order of accuracy':<{STUDY - 2}}{''.join(one.rjust(width) for one in pairs)}[/]",
+        f"{'    against free fall':<{STUDY}}{free_fall}{' [yellow]*[/]' if damped else ''}",
+        f"{'    against damped fall':<{STUDY}}"
+        + _orders(study.orders_damped_fall, len(pairs), width, 3),
     ]
     if damped:
-        lines += [
-            f"    The error against free fall does not go to 0 but to {limit}: damping is another",
-            "    model, which no timestep makes up for. An order has a meaning only against 0.",
-        ]
+        lines += _said("  *", f"meaningless: the error against free fall does not go to 0 but to "
+                       f"{limit}, because damping is another model. An order has a meaning only "
+                       "against 0.")  # fmt: skip
     for timestep_s in group.left_out_s:
-        lines.append(
-            f"  [dim]without {fraction(timestep_s)} s, which has no sample at that time[/]"
-        )
-    finest = steps[-1]
+        lines += _said("  left out", f"{fraction(timestep_s)} s, which has no sample at that time")
     if study.extrapolated_m is not None and study.grid_convergence_index is not None:
-        lines += [
-            f"  {'Richardson':<22}height {study.extrapolated_m:.6f} m at order {study.order:.4f}; "
-            f"damped fall is at {study.damped_fall_m:.6f} m",
-            f"  {'convergence index':<22}{study.grid_convergence_index:.4%} of the height at "
-            f"{finest} s; its true error is {study.relative_error:.4%}",
-        ]
+        lines += _said(
+            "  Richardson",
+            f"{study.extrapolated_m:.6f} m at order {study.order:.4f}; damped fall at "
+            f"{study.damped_fall_m:.6f} m",
+        )
+        lines += _said(
+            "  convergence index",
+            f"{study.grid_convergence_index:.4%} of the height at {steps[-1]} s; true error "
+            f"{study.relative_error:.4%}",
+        )
     else:
-        lines.append(f"  {'Richardson':<22}needs three timesteps whose heights close in on a limit")
+        lines += _said("  Richardson", "needs three timesteps whose heights close in on a limit")
     if study.cancelling_timestep_s is not None:
-        lines.append(
-            f"  {'errors cancel at':<22}{readable_step(study.cancelling_timestep_s)}, where the "
-            "timestep's share is as large as the damping's"
+        lines += _said(
+            "  errors cancel at",
+            f"{readable_step(study.cancelling_timestep_s)}: there timestep and damping weigh the "
+            "same",
         )
     if study.refining_hurts:
-        lines.append(
-            f"  [yellow]refining hurts[/]        the total grows again, towards {limit}: take it "
-            "apart before refining"
+        lines += _said(
+            "  refining hurts",
+            f"the total grows again, to {limit}: take it apart first",
+            style="yellow",
         )
     return lines
+
+
+def _said(title: str, words: str, style: str = "") -> list[str]:
+    return titled(title, words, column=STUDY, style=style)
 
 
 def readable_step(timestep_s: float) -> str:
@@ -188,39 +188,36 @@ def readable_step(timestep_s: float) -> str:
     return f"{timestep_s:.4g} s" if timestep_s > 0.5 else f"about 1/{1 / timestep_s:.0f} s"
 
 
-def _orders(orders: Sequence[float | None], width: int, decimals: int) -> str:
-    texts = ["–" if one is None else f"{one:.{decimals}f}" for one in orders[-3:]]
-    return "  " + "".join(text.rjust(width) for text in texts)
+def _orders(orders: Sequence[float | None], last: int, width: int, decimals: int) -> str:
+    texts = ["–" if one is None else f"{one:.{decimals}f}" for one in orders[-last:]]
+    return "".join(text.rjust(width) for text in texts)
 
 
 # -- chance ---------------------------------------------------------------------------------------
 
 
 def _statistics(group: Group) -> list[str]:
-    lines = [f"[bold]{group.label}[/]"] if group.label else []
+    lines = titled("", group.label, column=0, style="bold") if group.label else []
     quantiles = list(group.statistics[0].quantiles) if group.statistics else []
-    heads = ["mean", "spread", *quantiles]
-    head = "".join(f"{one:>11}" for one in heads)
-    lines.append(f"[dim]{'':<12}{head}   mean, 95 % confidence[/]")
+    lines.append(_cells("", ["mean", "± 95 %", "spread", *quantiles], style="dim"))
     for one in group.statistics:
-        spread = _mm(one.spread).removeprefix("+")
-        cells = "".join(
-            f"{cell:>11}" for cell in (_mm(one.mean), spread, *map(_mm, one.quantiles.values()))
-        )
-        lines.append(f"{TERMS[one.quantity]:<12}{cells}   {_interval(one)}")
+        half = None if one.interval is None else (one.interval[1] - one.interval[0]) / 2
+        widths = [_mm(width).removeprefix("+") for width in (half, one.spread)]
+        cells = [_mm(one.mean), *widths, *map(_mm, one.quantiles.values())]
+        lines.append(_cells(TERMS[one.quantity], cells))
     counts = {one.count for one in group.statistics}
     if counts:
-        lines.append(f"[dim]over the {min(counts):,} samples that were in the air[/]")
+        lines.append(
+            f"[dim]over the {min(counts):,} samples in the air; ± 95 % is that of the mean[/]"
+        )
     else:
         lines.append("no sample was taken apart: none was in the air at that time")
     return lines
 
 
-def _interval(summary: Summary) -> str:
-    if summary.interval is None:
-        return "–"
-    low, high = summary.interval
-    return f"{_mm(low)} … {_mm(high)}"
+def _cells(name: str, cells: Sequence[str], style: str = "") -> str:
+    line = f"{name:<12}" + "".join(f"{cell:>11}" for cell in cells)
+    return f"[{style}]{line}[/]" if style else line
 
 
 # -- what else ------------------------------------------------------------------------------------
@@ -233,7 +230,7 @@ def _failures(sweep: Sweep) -> list[str]:
     return [
         f"[red]{sweep.failed:,} of {sweep.runs:,} runs failed[/], see the column error; run "
         f"{first['run']}:",
-        f"  {first['error']}",
+        *titled("", first["error"], column=2),
         "",
     ]
 
@@ -241,9 +238,9 @@ def _failures(sweep: Sweep) -> list[str]:
 def _files(sweep: Sweep) -> list[str]:
     old = sweep.runs - sweep.computed
     known = f", {old:,} of them were there before" if old > 0 else ""
-    lines = [f"[dim]results[/]     {sweep.results}   {sweep.runs:,} rows{known}"]
+    lines = made("results", sweep.results, f"{sweep.runs:,} rows{known}", column=12)
     if sweep.plot is not None:
-        lines.append(f"[dim]plot[/]        {sweep.plot}")
+        lines += made("plot", sweep.plot, column=12)
     if sweep.narrow_enough is False:
         lines.append("[yellow]the interval is not yet as narrow as asked for: more --samples[/]")
     return lines

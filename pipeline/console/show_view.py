@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pipeline.console.output import note, print_json, print_lines
+from pipeline.console.output import note, print_json, print_lines, titled
 
 if TYPE_CHECKING:
     from pipeline.stages.view import View
@@ -25,8 +25,7 @@ def show_view(view: View, *, as_json: bool) -> None:
             }
         )
         return
-    files = " ".join(map(str, [*view.recordings, *view.layers]))
-    lines = [f"[dim]showing[/]          {files}"]
+    lines = titled("showing", " ".join(map(str, [*view.recordings, *view.layers])), column=19)
     if view.viewer.page is not None:
-        lines.append(f"[dim]open in a browser[/]  {view.viewer.page}   (Ctrl-C ends it)")
+        lines += titled("open in a browser", f"{view.viewer.page}   (Ctrl-C ends it)", column=19)
     print_lines(*lines)

@@ -73,3 +73,69 @@ ENERGY_RESOLUTION = 1e-10
 """An energy curve that stays within this share of the largest energy is level."""
 EVENTS = "events"
 FINDINGS = "findings"
+
+# -- what they are, in words ----------------------------------------------------------------------
+
+ENGINE_SAYS = {
+    "body_name": "name of the body in its URDF",
+    "body_sha256": "digest of the URDF",
+    "body_type": "btMultiBody (reduced coordinates) or btRigidBody (maximal ones)",
+    "collision_margin_m": "margin around the body's shape",
+    "drop_version": "of this project",
+    "floor_lateral_friction": "of the floor",
+    "floor_restitution": "of the floor; a bounce has the product of this and the body's",
+    "gl_renderer": "what drew the frames, with `--renderer egl`",
+    "gravity_m_s2": "as the engine has it: x, y, z",
+    "inertia_kg_m2": "principal moments of inertia about the centre of mass",
+    "joints": "how many the body has; the theory is that of a body without any",
+    "lateral_friction": "of the body, against sliding",
+    "machine": "kind of processor",
+    "mass_kg": "of the body",
+    "numpy_version": "of numpy",
+    "pybullet_api": "PyBullet's own number of its interface",
+    "pybullet_build": "when the engine was compiled",
+    "pybullet_version": "of PyBullet",
+    "pybullet_wheel": "kind of wheel that PyBullet was installed from",
+    "python_version": "of Python",
+    "rerun_version": "of the Rerun SDK",
+    "rest_height_m": "height of the centre where the body lies on the floor as it was dropped",
+    "restitution": "of the body",
+    "rolling_friction": "of the body, against rolling",
+    "shape": "of the body's collision: box, sphere, …; compound where it has several",
+    "shape_dimensions_m": "of that shape, as PyBullet gives them: a box's three edges",
+    "solver_iterations": "most iterations of the contact solver per step",
+    "spinning_friction": "of the body, against spinning in place",
+    "substeps": "steps that the engine makes of one; 0 is one",
+    "timestep_s": "as the engine has it",
+}
+"""What the engine reports: read back from it, once both bodies are loaded."""
+CAMERA_SAYS = {
+    "distance_m": "from the camera to its target",
+    "far_m": "nothing farther away is drawn",
+    "near_m": "nothing nearer is drawn",
+    "pitch_deg": "angle above (positive) or below the horizontal plane that it looks along",
+    "roll_deg": "turn about its own axis",
+    "target_m": "what it looks at: x, y, z",
+    "vertical_fov_deg": "vertical field of view",
+    "yaw_deg": "turn about the vertical",
+}
+"""What no option says of the camera."""
+TABLE_SAYS = {
+    "step": "number of the sample",
+    "time_s": "step × timestep",
+    "phase": "falling, contact or rest",
+    "simulated_m": "height of the centre in the recording",
+    "free_fall_m": "the same by theory, without air; from the first contact on at least the rest "
+    "height",
+    "damped_fall_m": "the same through Bullet's damping, in continuous time",
+    "error_m": "simulated minus free fall; the next four add up to it",
+    "timestep_m": "what semi-implicit Euler does, without damping",
+    "damping_m": "what damping does, in continuous time",
+    "interaction_m": "what the two do to each other",
+    "rounding_m": "what double precision leaves",
+    "kinetic_linear_j": "energy of the motion",
+    "kinetic_angular_j": "energy of the rotation",
+    "potential_j": "energy of the height above z = 0",
+    "energy_j": "their sum",
+}
+"""The columns of the table that `analyze` makes, a row per sample."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipeline.budget.analysis import analysis_of
 from pipeline.budget.results import Analysis
@@ -14,6 +15,12 @@ from pipeline.recording.reader import read
 from pipeline.recording.table import check_table, write_table
 from pipeline.stages.story import events, findings_markdown
 
+if TYPE_CHECKING:
+    from pipeline.stages.simulate import Progress  # its module loads the engine
+
+_PARTS = 3
+"""Reading the recording, taking the error apart, writing what was found."""
+
 
 def analyze(
     recording: Path | str,
@@ -22,6 +29,7 @@ def analyze(
     out: Path | str | None = None,
     table: Path | str | None = None,
     force: bool = False,
+    progress: Progress = lambda *_: None,
 ) -> Analysis:
     """Analyze a recording, and write the layer that shows the analysis beside it.
 
@@ -37,6 +45,8 @@ def analyze(
         A `.parquet` or `.csv` file for the table of all samples, or None.
     force
         Whether files named here may be replaced; the layer under its own name always is.
+    progress
+        Called while it runs.
 
     Raises
     ------
@@ -52,8 +62,11 @@ def analyze(
     check_target(layer, force=force or out is None)
     if table is not None:
         check_table(Path(table), force=force)
+    progress("analyzing", 0, _PARTS)
     read_back = read(path)
+    progress("analyzing", 1, _PARTS)
     analysis = analysis_of(read_back.scenario, read_back.engine, read_back.states, at_s=at_s)
+    progress("analyzing", 2, _PARTS)
     write_layer(
         layer,
         read_back,
@@ -64,4 +77,5 @@ def analyze(
     )
     if table is not None:
         write_table(Path(table), analysis.table, force=force)
+    progress("analyzing", _PARTS, _PARTS)
     return replace(analysis, recording=path, layer=layer, partial=read_back.partial)

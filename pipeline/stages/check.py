@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import shlex
 import zlib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -13,10 +14,11 @@ import polars as pl
 from numpy.typing import NDArray
 from PIL import Image
 
-from pipeline.budget.comparison import Comparison, Place, Setting, Side, compare
+from pipeline.budget.comparison import Comparison, Place, Side, compare
 from pipeline.errors import RecordingError, ScenarioError
 from pipeline.recording import files
 from pipeline.recording.reader import Recording, frames, read
+from pipeline.scenario import Camera
 
 POSE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
 
@@ -26,8 +28,11 @@ class Frames:
     """How the pictures of two recordings compare."""
 
     compared: int
+    """How many pictures of one pose both have."""
     differing: int
+    """How many of these differ."""
     first_step: int | None
+    """The first that does; None where none does."""
     why: str | None
     """Why no more were compared; None where all were."""
 
@@ -37,12 +42,17 @@ class Check:
     """Whether a recording is the same physics as a golden one, and where it is not."""
 
     recording: Path
+    """The recording that was checked."""
     golden: Path
+    """The recording that is right."""
     tolerance_m: float
+    """Difference that was let pass."""
     comparison: Comparison | None
     """None where there was no golden recording yet."""
     frames: Frames | None
+    """How the pictures compare; None where the samples cannot be compared."""
     updated: bool = False
+    """Whether the recording has become the golden one."""
 
     @property
     def first(self) -> Place | None:
@@ -93,6 +103,11 @@ def check(
         raise ScenarioError(f"--tolerance must be finite and at least 0, got {tolerance_m!r}")
     run = _whole(path)
     if not update:
+        if not golden.exists():
+            again = shlex.join(["drop", "check", str(path), "--against", str(golden), "--update"])
+            raise RecordingError(
+                f"there is no golden recording {golden}; to make {path} the golden one: {again}"
+            )
         return _checked(run, _whole(golden), tolerance_m)
     files.check_target(golden, force=True)
     try:
@@ -138,8 +153,9 @@ def _make_golden(run: Recording, golden: Path) -> None:
 def _compare_frames(run: Recording, golden: Recording) -> Frames:
     """Compare the pictures that both have of the same pose; pictures of other poses may differ."""
     if run.camera is None or golden.camera is None:
-        which = " and ".join(str(one.path) for one in (run, golden) if one.camera is None)
-        return Frames(0, 0, None, f"{which} has no frames")
+        without = [str(one.path) for one in (run, golden) if one.camera is None]
+        why = f"neither {' nor '.join(without)} has" if len(without) > 1 else f"{without[0]} has no"
+        return Frames(0, 0, None, f"{why} frames")
     if run.camera != golden.camera:
         return Frames(0, 0, None, f"the cameras differ: {_camera_differences(run, golden)}")
     if run.engine.get("machine") != golden.engine.get("machine"):
@@ -167,9 +183,17 @@ def _compare_frames(run: Recording, golden: Recording) -> Frames:
 def _camera_differences(run: Recording, golden: Recording) -> str:
     assert run.camera is not None
     assert golden.camera is not None
-    mine, theirs = asdict(run.camera), asdict(golden.camera)
-    settings = [Setting(name, mine[name], theirs[name]) for name in mine]
-    return ", ".join(f"{s.name} {s.value} and {s.golden}" for s in settings if s.value != s.golden)
+    mine, theirs, options = asdict(run.camera), asdict(golden.camera), Camera.options()
+    said = []
+    for name in mine:
+        if mine[name] != theirs[name]:
+            option = options.get(name)
+            one, other = (
+                str(value) if option is None else option.written(value)
+                for value in (mine[name], theirs[name])
+            )
+            said.append(f"{name if option is None else option.name} {one} and {other}")
+    return ", ".join(said)
 
 
 def _pixels(png: bytes, path: Path) -> NDArray[np.uint8]:

@@ -32,9 +32,13 @@ class Rendering:
     """What was rendered; a path is None where there was nothing to render."""
 
     gif: Path | None
+    """The gif; None where there are no frames."""
     frames: int
+    """How many frames it has."""
     fps: float
+    """How many it shows per second."""
     plot: Path
+    """The plot."""
     speed: float | None
     """Simulated seconds per second of the animation."""
 

@@ -66,7 +66,7 @@ def run(
         simulation = simulate(
             scenario, path, camera=camera, note=note, progress=progress, assistant=assistant
         )
-        analysis = analyze(path, at_s=at_s)
+        analysis = analyze(path, at_s=at_s, progress=progress)
         rendering = render(
             path, animation=animation, dark=dark, progress=progress, assistant=assistant
         )

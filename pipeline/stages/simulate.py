@@ -61,11 +61,17 @@ class Simulation:
     """What a run made."""
 
     recording: Path
+    """The file."""
     recording_id: str
+    """Its id, which its layer shares."""
     samples: int
+    """How many samples it holds: one more than steps."""
     frames: int
+    """How many camera frames it holds."""
     bytes: int
+    """Its size."""
     wall_s: float
+    """How long it took [s]."""
 
 
 def simulate(
@@ -113,6 +119,12 @@ def simulate(
     path = Path(out)
     check_target(path, force=force)
     _check_size(path, scenario.steps + 1, note)
+    if scenario.effective_gravity_m_s2 > 0:
+        up = scenario.gravity_m_s2
+        note(
+            f"gravity points upwards: {up:+g} m/s²; the body will rise; try --gravity {-up:g} to "
+            "let it fall"
+        )
     find_body(scenario.body)
     recording_id = uuid.uuid4().hex
     frames = 0 if camera is None else camera.frames_of(scenario.steps)

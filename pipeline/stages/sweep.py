@@ -58,6 +58,10 @@ class Sweep:
         """Fields that have more than one value, and how they are called."""
         return [(field, name_of(field)) for field in self.plan.axes]
 
+    def written(self, field: str, value: object) -> str:
+        """Return a field's value as people write it."""
+        return Scenario.options()[field].written(value)
+
     def table(self, most: int | None = None) -> pl.DataFrame:
         """Return the results, a row per run, or the first of them."""
         return pl.read_parquet(self.results, n_rows=most)

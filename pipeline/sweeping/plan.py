@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pipeline.errors import ScenarioError
-from pipeline.fields import exact, readable
+from pipeline.fields import exact
 from pipeline.scenario import Scenario
 from pipeline.sweeping.sampling import Variation, drawn, variations_of
 
@@ -124,7 +124,9 @@ def label_of(values: Mapping[str, Any]) -> str:
     """Name scenarios by what they share: `linear damping default, height 2, no floor`."""
     options = Scenario.options()
     return ", ".join(
-        name_of(field) if options[field].is_flag else f"{name_of(field)} {readable(value)}"
+        name_of(field)
+        if options[field].is_flag
+        else f"{name_of(field)} {options[field].written(value)}"
         for field, value in values.items()
     )
 

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from statistics import NormalDist
 from typing import Any
 
@@ -197,13 +198,15 @@ def _variation(text: str) -> Variation:
 
 def _target(name: str, text: str) -> tuple[str, int | None]:
     """Return the field that a name means, `height` or `velocity_z`, and which component of it."""
+    targets: dict[str, tuple[str, int | None]] = {}
     for field, option in Scenario.options().items():
         short = option.name.removeprefix("--").replace("-", "_")
-        if option.parse is vector and name in [f"{short}_{axis}" for axis in AXES]:
-            return field, AXES.index(name[-1])
-        if not option.is_flag and name == short:
-            return field, None
-    raise ScenarioError(
-        f"--vary takes the name of a scenario option, such as height, linear_damping or "
-        f"velocity_z, got {text!r}"
-    )
+        if not option.is_flag:
+            targets[short] = field, None
+        if option.parse is vector:
+            targets |= {f"{short}_{axis}": (field, place) for place, axis in enumerate(AXES)}
+    if name not in targets:
+        near = get_close_matches(name, targets, n=1)
+        known = f"did you mean {near[0]}?" if near else f"one of {', '.join(targets)}"
+        raise ScenarioError(f"--vary takes the name of a scenario option, got {text!r}; {known}")
+    return targets[name]
