@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import functools
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -109,7 +110,8 @@ def render(
     if read_back.camera is not None:
         recorded = list(frames(path))
         played = _played(read_back, len(recorded), animation, gif.suffix)
-        pictures = _pictures(recorded, played, animation, analysis, dark, progress)
+        report = functools.partial(progress, f"writing {gif.suffix[1:]}")
+        pictures = _pictures(recorded, played, animation, analysis, dark, report)
         with written_whole(gif, force=force or out is None) as file, _refused(path):
             count = write_animation(pictures, file, suffix=gif.suffix, fps=played.fps)
     elif out is not None:
@@ -172,7 +174,7 @@ def _pictures(
     animation: Animation,
     analysis: Analysis,
     dark: bool,
-    progress: Progress,
+    report: Callable[[int, int], None],
 ) -> Iterator[Image.Image]:
     """Yield what is shown, picture by picture, and report each one."""
     shown = [recorded[number] for number in played.frames] if recorded else []
@@ -189,4 +191,4 @@ def _pictures(
                 )
             picture = composition.composed(picture, step)
         yield picture
-        progress("writing frames", done, len(shown))
+        report(done, len(shown))
