@@ -189,7 +189,7 @@ def test_the_examples_work_one_after_the_other(drop: Drop, tmp_path: Path, stand
     for name in ("simulate", "analyze", "render", "check", "sweep"):
         done = drop(*shlex.split(EXAMPLES[name])[1:])
         assert (done.returncode, done.stderr) == (0, ""), name
-    assert {"moon.rrd", "run.csv", "fall.svg", "sweep"} <= {one.name for one in tmp_path.iterdir()}
+    assert {"moon.rrd", "run.csv", "fall.webp", "sweep"} <= {one.name for one in tmp_path.iterdir()}
 
 
 @pytest.mark.parametrize(
