@@ -544,3 +544,23 @@ def test_an_empty_table_is_refused() -> None:
 )
 def test_numbers_are_signed_and_never_a_false_zero(value: float, decimals: int, shown: str) -> None:
     assert style.signed(value, decimals) == shown
+
+
+def test_theory_ends_where_a_bounce_begins() -> None:
+    """It says nothing of one; of a body that stays down it says where it lies."""
+    for name, ends in (("bounces", True), ("standard", False)):
+        (above, _) = (one for one in build_figure(TABLES[name]).axes if one.get_label() != "impact")
+        drawn = {line.get_label(): line for line in above.get_lines()}
+        for curve in ("free fall", "damped fall"):
+            assert np.isnan(drawn[curve].get_ydata()).any() == ends
+        assert not np.isnan(drawn["simulated"].get_ydata()).any()
+
+
+def test_a_long_subtitle_takes_two_lines_that_no_word_lies_on() -> None:
+    figure = build_figure(STANDARD, Facts(title="t", subtitle=25 * "word "))
+    figure.draw_without_rendering()
+    (_, subtitle, *_) = figure.texts
+    (legend,) = figure.legends
+    assert "\n" in subtitle.get_text()
+    assert not subtitle.get_window_extent().overlaps(legend.get_window_extent())
+    assert subtitle.get_window_extent().x1 < figure.bbox.x1

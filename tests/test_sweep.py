@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -498,6 +499,26 @@ def test_the_plot_shows_every_term_over_the_timestep() -> None:
     slope = drawn["_slope"]
     (x0, x1), (y0, y1) = slope.get_xdata(), slope.get_ydata()
     assert np.log(y1 / y0) / np.log(x1 / x0) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
+def test_a_plot_of_many_panels_is_no_wider(count: int) -> None:
+    """Shown in a text of some width, its words would be the smaller the wider it is."""
+    steps = 1 / (240 * 2.0 ** np.arange(8))
+    terms = ("total", "timestep", "damping", "interaction", "rounding")
+    errors = {name: 1e-3 * (1 + number) * steps for number, name in enumerate(terms)}
+    panels = [Panel(f"panel {number}", steps, errors, 1 / 341) for number in range(count)]
+    figure = build_figure(panels, title="t", ink=LIGHT)
+    assert figure.get_figwidth() == 8
+    assert len(figure.axes) == min(count, 4)
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        assert axes.get_xlabel() == "timestep [s]"
+        ticks = [one.get_window_extent() for one in axes.get_xticklabels()]
+        assert len(ticks) > 2
+        assert all(left.x1 < right.x0 for left, right in pairwise(ticks))
+        for text in axes.texts:
+            assert text.get_window_extent().x1 <= figure.bbox.x1
 
 
 # -- a person at the terminal ---------------------------------------------------------------------

@@ -119,7 +119,7 @@ def test_the_curves_in_millimetres_are_the_numbers_in_metres(standard: Run) -> N
 def altered(source: Path, path: Path, change: Callable[[Chunk], Chunk | None]) -> Path:
     """Write a recording again, with our layout, each chunk changed or left out."""
     chunks = (one for chunk in RrdReader(source).stream() if (one := change(chunk)) is not None)
-    look = blueprint.layout(height_m=1.0, frames=True)
+    look = blueprint.layout(height_m=1.0, camera="standard")
     writer.record(path, chunks, recording_id="altered", blueprint=look)
     return path
 

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 Float64 = NDArray[np.float64]
 
 MOST_PANELS = 4
+WIDTH_IN, HEAD_IN, ROW_IN = 8.0, 0.75, 3.9
+"""Of the figure, of what stands above the panels, and of one row of them."""
 LOWEST_M = 1e-9
 """Below a nanometre nothing is drawn but a note: rounding is ten decades under the rest."""
 TERMS = {
@@ -99,22 +101,34 @@ def plot_convergence(
 
 
 def build_figure(panels: Sequence[Panel], *, title: str, ink: Ink) -> Figure:
-    """Return the figure: one axes per panel, labelled with its title, all on the same scales."""
+    """Return the figure: one axes per panel, labelled with its title, all on the same scales.
+
+    It is as wide as the plot of a drop, however many panels there are: shown in a text, its words
+    are as large.
+    """
     shown = panels[:MOST_PANELS]
-    figure = Figure(figsize=(1.3 + 5 * len(shown), 5), dpi=150)
-    axes = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
-    left, right = 1.05 / figure.get_figwidth(), 1 - 1.15 / figure.get_figwidth()
-    figure.subplots_adjust(left, 0.125, right, 0.79, wspace=0.32)
-    figure.text(0.02, 0.965, title, size=15, weight="bold", va="top")
+    columns = min(2, len(shown))
+    rows = -(-len(shown) // columns)
+    figure = Figure(figsize=(WIDTH_IN, HEAD_IN + ROW_IN * rows), dpi=150)
+    grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
+    height_in = figure.get_figheight()
+    figure.subplots_adjust(
+        0.95 / WIDTH_IN, 0.6 / height_in, 1 - 1.0 / WIDTH_IN, 1 - (HEAD_IN + 0.3) / height_in,
+        wspace=0.47, hspace=0.38,
+    )  # fmt: skip
+    figure.text(0.02, 1 - 0.17 / height_in, title, size=15, weight="bold", va="top")
     hidden = len(panels) - len(shown)
     subtitle = "|simulated − free fall| and its terms; dashed: slope 1, an error of first order"
     subtitle += f"; {hidden} more panels not shown" if hidden else ""
-    figure.text(0.02, 0.897, subtitle, size=10.5, color=ink.faint, va="top")
+    figure.text(0.02, 1 - 0.51 / height_in, subtitle, size=10.5, color=ink.faint, va="top")
     low, high = _limits_mm(shown)
-    for one, panel in zip(axes, shown, strict=True):
+    for one in grid.flat[len(shown) :]:
+        one.remove()
+    for one, panel in zip(grid.flat, shown, strict=False):
         one.set_label(panel.title)
-        _draw(one, panel, low, high, ink)
-    axes[0].set_ylabel("|error| [mm]")
+        _draw(one, panel, low, high, ink, most_ticks=6 if columns == 1 else 4)
+    for one in grid[:, 0]:
+        one.set_ylabel("|error| [mm]")
     return figure
 
 
@@ -131,7 +145,7 @@ def _limits_mm(panels: Sequence[Panel]) -> tuple[float, float]:
     return 10 ** (math.floor(math.log10(min(drawn) * 1e3)) - 0.3), max(drawn) * 1e3 * 2.5
 
 
-def _draw(axes: Axes, panel: Panel, low: float, high: float, ink: Ink) -> None:
+def _draw(axes: Axes, panel: Panel, low: float, high: float, ink: Ink, *, most_ticks: int) -> None:
     steps, errors = panel.timesteps_s, panel.errors_m
     axes.set_xscale("log")
     axes.set_yscale("log")
@@ -167,14 +181,19 @@ def _draw(axes: Axes, panel: Panel, low: float, high: float, ink: Ink) -> None:
             0.03, 0.03, "\n".join(notes), transform=axes.transAxes, size=9, color=ink.faint,
             bbox=_clear(ink),
         )  # fmt: skip
-    axes.set_xlabel("timestep")
-    ticks = steps if len(steps) <= 6 else np.geomspace(steps[0], steps[-1], 5)
-    axes.xaxis.set_major_locator(FixedLocator(list(ticks)))
+    axes.set_xlabel("timestep [s]")
+    axes.xaxis.set_major_locator(FixedLocator(list(steps[:: -(-len(steps) // most_ticks)])))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: style.seconds(value)))
+    axes.xaxis.set_major_formatter(
+        FuncFormatter(lambda value, _: style.seconds(value).removesuffix(" s"))
+    )
     axes.yaxis.set_major_locator(LogLocator(10, numticks=20))
     axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_major_formatter(FuncFormatter(_plain))
+
+
+def _plain(value: float, _: int) -> str:
+    return np.format_float_positional(value, trim="-")
 
 
 def _total_mm(panel: Panel, timesteps_s: Float64) -> Float64:

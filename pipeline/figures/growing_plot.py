@@ -16,6 +16,7 @@ from PIL import Image, ImageDraw
 from pipeline.figures import style
 from pipeline.figures.error_panel import COLUMNS, TERMS, draw_terms
 from pipeline.figures.height_panel import CURVES, draw_heights
+from pipeline.figures.plot import until_it_bounces
 
 if TYPE_CHECKING:
     import polars as pl
@@ -71,7 +72,14 @@ class GrowingPlot:
         figure.subplots_adjust(0.1, 0.12, 0.955, 0.93, hspace=0.3)
         below.set_xlim(0, float(table["time_s"][-1]) * self._time.per_si or 1)
         below.set_xlabel(f"time [{self._time.name}]", size=9)
-        draw_heights(above, table, impact_s=None, rest_m=None, time=self._time, ink=self._ink)
+        draw_heights(
+            above,
+            until_it_bounces(table),
+            impact_s=None,
+            rest_m=None,
+            time=self._time,
+            ink=self._ink,
+        )
         draw_terms(below, table.drop_nulls(COLUMNS), self._time, self._ink)
         for line in above.lines:
             line.set_linewidth(0.6 * line.get_linewidth())

@@ -55,8 +55,7 @@ def draw_heights(
     ink
         The colours of all that is not data.
     """
-    values = table.select(f"{name}_m" for name in CURVES).to_numpy()
-    lowest, highest = float(values.min()), float(values.max())
+    lowest, highest = _reach(table)
     bottom = min(0.0, lowest)
     room = (highest - bottom) or 1.0
     unit = unit_for(max(highest, -bottom), METRES, usual="m")
@@ -93,6 +92,12 @@ def draw_heights(
             size=10,
             color=ink.faint,
         )
+
+
+def _reach(table: pl.DataFrame) -> tuple[float, float]:
+    """Return the lowest and highest of all curves [m]; theory may end before the table does."""
+    values = table.select(f"{name}_m" for name in CURVES).to_numpy()
+    return float(np.nanmin(values)), float(np.nanmax(values))
 
 
 def _draw_curves(axes: Axes, table: pl.DataFrame, times: Float64, unit: Unit, ink: Ink) -> None:
@@ -135,8 +140,8 @@ def enlarge_impact(axes: Axes, table: pl.DataFrame, impact_s: float, ink: Ink) -
     reach_s = max(4 * float(times_s[1] - times_s[0]), 0.02 * impact_s)
     from_s, to_s = -reach_s, 2.5 * reach_s
     near = thinned(table.filter((table["time_s"] - impact_s).is_between(from_s, to_s)))
-    values = near.select(f"{name}_m" for name in CURVES).to_numpy()
-    unit = unit_for(float(values.max()), METRES, usual="mm")
+    lowest, highest = _reach(near)
+    unit = unit_for(highest, METRES, usual="mm")
     time = unit_for(to_s, SECONDS, usual="ms")
     panel = axes.inset_axes((0.60, 0.33, 0.40, 0.50))
     panel.set_label("impact")
@@ -144,7 +149,7 @@ def enlarge_impact(axes: Axes, table: pl.DataFrame, impact_s: float, ink: Ink) -
     _draw_curves(panel, near, (near["time_s"].to_numpy() - impact_s) * time.per_si, unit, ink)
     mark_time(panel, 0, time, ink)
     panel.set_xlim(from_s * time.per_si, to_s * time.per_si)
-    panel.set_ylim(min(0, values.min() * 1.05) * unit.per_si, values.max() * 1.05 * unit.per_si)
+    panel.set_ylim(min(0, lowest * 1.05) * unit.per_si, highest * 1.05 * unit.per_si)
     panel.tick_params(labelsize=9)
     panel.set_xlabel(f"time from impact [{time.name}]", size=9, labelpad=2)
     panel.set_ylabel(f"height [{unit.name}]", size=9, labelpad=2)

@@ -8,10 +8,12 @@ pulls down below zero and what pushes up above it, with their sum as a line: one
 from __future__ import annotations
 
 import io
+import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, Literal
+from typing import BinaryIO, Literal
 
 import numpy as np
+import polars as pl
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -20,8 +22,10 @@ from pipeline.figures.error_panel import COLUMNS, draw_terms, row_at, sum_up
 from pipeline.figures.facts import Facts as Facts
 from pipeline.figures.height_panel import CURVES, draw_heights, enlarge_impact, stays_low
 
-if TYPE_CHECKING:
-    import polars as pl
+BOUNCE = 0.01
+"""A bounce is seen from here on, as a share of the largest height."""
+LINE = 92
+"""Characters of a subtitle that fit beside each other."""
 
 
 def facts_of(table: pl.DataFrame) -> Facts:
@@ -127,7 +131,7 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
         raise ValueError("a plot needs at least one sample, got an empty table")
     facts = facts or facts_of(table)
     ink = style.DARK if dark else style.LIGHT
-    table = _landed_theory(table)
+    table = until_it_bounces(_landed_theory(table))
     explained = table.drop_nulls(COLUMNS)
     end_s = float(table["time_s"][-1])
     time = style.unit_for(end_s, style.SECONDS, usual="s")
@@ -137,13 +141,15 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
     with style.plain(ink):
         figure = Figure(figsize=(8, 6), dpi=150)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.15, 1])
-        figure.subplots_adjust(0.1, 0.085, 0.97 if roomy else 0.715, 0.845, hspace=0.12)
+        subtitle = textwrap.wrap(facts.subtitle, LINE, max_lines=2, placeholder=" …")
+        lower = 0.03 * (len(subtitle) > 1)
+        figure.subplots_adjust(0.1, 0.085, 0.97 if roomy else 0.715, 0.845 - lower, hspace=0.12)
         above.set_label("height")
         below.set_label("error")
         below.set_xlim(0, end_s * time.per_si or 1)
         below.set_xlabel(f"time [{time.name}]")
         figure.text(0.02, 0.972, facts.title, size=15, weight="bold", va="top")
-        figure.text(0.02, 0.921, facts.subtitle, size=10.5, color=ink.faint, va="top")
+        figure.text(0.02, 0.921, "\n".join(subtitle), size=10.5, color=ink.faint, va="top")
         draw_heights(above, table, impact_s=facts.impact_s, rest_m=facts.rest_m, time=time, ink=ink)
         if roomy and facts.impact_s is not None and stays_low(table, facts.impact_s):
             enlarge_impact(above, table, facts.impact_s, ink)
@@ -157,7 +163,7 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
         figure.legend(  # above the panels, where no curve can run through it
             *above.get_legend_handles_labels(),
             loc="center right",
-            bbox_to_anchor=(0.98, 0.868),
+            bbox_to_anchor=(0.98, 0.868 - lower),
             ncols=len(CURVES),
             borderaxespad=0,
             borderpad=0,
@@ -176,6 +182,21 @@ def _landed_theory(table: pl.DataFrame) -> pl.DataFrame:
     return table.with_columns(
         table[name].clip(lower_bound=float(height_m)) for name, height_m in lowest_m.items()
     )
+
+
+def until_it_bounces(table: pl.DataFrame) -> pl.DataFrame:
+    """End theory where it lands if the body leaves the floor again: it says nothing of a bounce."""
+    landed = np.flatnonzero((table["phase"] != "falling").to_numpy())
+    theory = table.select("free_fall_m", "damped_fall_m").to_numpy()
+    heights_m = table["simulated_m"].to_numpy()
+    if not len(landed):
+        return table
+    floor_m = theory[landed[0] :].min()
+    if heights_m[landed[0] :].max() - floor_m < BOUNCE * (heights_m.max() - floor_m):
+        return table
+    ends = int((theory > floor_m).any(axis=1).sum())  # where the later of the two has arrived
+    rows = pl.int_range(len(table))
+    return table.with_columns(pl.when(rows <= ends).then(pl.col("free_fall_m", "damped_fall_m")))
 
 
 def _crossing_s(table: pl.DataFrame) -> float | None:

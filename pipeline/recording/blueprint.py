@@ -7,6 +7,7 @@ from typing import TypedDict
 import rerun.blueprint as rrb
 
 from pipeline.recording import schema
+from pipeline.scenario import View
 
 PLAYBACK_SPEED = 0.25
 """A fall from 1 m takes half a second: too fast to watch."""
@@ -14,28 +15,31 @@ PLAYBACK_SPEED = 0.25
 EYE_M, TARGET_M = (2.9, -0.95, 1.6), (0.4, -0.5, 0.5)
 """Beside the camera, so that its picture is seen from the front, and with it floor and fall."""
 
+NEAR_EYE_M, NEAR_TARGET_M = (1.55, 0.6, 0.9), (0.0, 0.0, 0.45)
+"""The same of a camera near the body: from its side, so that its picture does not hide the body."""
+
 
 class Look(TypedDict):
     """What the layout depends on, as arguments for `layout`."""
 
     height_m: float
-    frames: bool
+    camera: View | None
 
 
-def layout(*, height_m: float, frames: bool, analysis: bool = False) -> rrb.Blueprint:
+def layout(*, height_m: float, camera: View | None, analysis: bool = False) -> rrb.Blueprint:
     """Return the layout of a recording.
 
     Parameters
     ----------
     height_m
         Height of the release [m]; the eye steps back for a high one.
-    frames
-        Whether the recording has camera frames.
+    camera
+        Which view the camera had, or None where there are no frames.
     analysis
         Whether it is for the recording with its analysis layer.
     """
-    world = _world(far=max(1.0, height_m))
-    left = rrb.Vertical(world, _camera(), row_shares=[4, 3]) if frames else world
+    world = _world(far=max(1.0, height_m), near=camera in ("close", "follow"))
+    left = world if camera is None else rrb.Vertical(world, _camera(), row_shares=[4, 3])
     about = rrb.TextDocumentView(origin=schema.ABOUT, name="About")
     if analysis:
         curves = rrb.Vertical(
@@ -67,7 +71,7 @@ def layout(*, height_m: float, frames: bool, analysis: bool = False) -> rrb.Blue
     )
 
 
-def _world(*, far: float) -> rrb.Spatial3DView:
+def _world(*, far: float, near: bool) -> rrb.Spatial3DView:
     until_now = [
         rrb.VisibleTimeRange(
             timeline,
@@ -76,11 +80,12 @@ def _world(*, far: float) -> rrb.Spatial3DView:
         )
         for timeline in (schema.TIME_TIMELINE, schema.STEP_TIMELINE)
     ]
+    eye_m, target_m = (NEAR_EYE_M, NEAR_TARGET_M) if near else (EYE_M, TARGET_M)
     return rrb.Spatial3DView(
         origin=schema.WORLD,
         name="World",
         eye_controls=rrb.EyeControls3D(
-            position=[far * x for x in EYE_M], look_target=[far * x for x in TARGET_M]
+            position=[far * x for x in eye_m], look_target=[far * x for x in target_m]
         ),
         line_grid=rrb.LineGrid3D(visible=False),
         overrides={schema.TRAIL: rrb.VisibleTimeRanges(until_now)},

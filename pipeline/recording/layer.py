@@ -70,12 +70,14 @@ def write_layer(
     OutputError
         If the file cannot be written.
     """
-    scenario, frames = recording.scenario, recording.camera is not None
+    scenario, camera = recording.scenario, recording.camera
     writer.record(
         path,
         _chunks(scenario.timestep_s, samples, events, findings),
         recording_id=recording.recording_id,
-        blueprint=layout(height_m=scenario.height_m, frames=frames, analysis=True),
+        blueprint=layout(
+            height_m=scenario.height_m, camera=camera.view if camera else None, analysis=True
+        ),
         force=force,
     )
 

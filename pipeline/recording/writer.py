@@ -30,6 +30,9 @@ Float64 = NDArray[np.float64]
 Steps = NDArray[np.int64]
 __all__ = ["Chunk"]  # for the stages, which hand chunks on and know nothing else of Rerun
 
+PICTURE_DISTANCE = {"standard": 0.225, "close": 0.6, "follow": 0.6}
+"""How far before the camera its picture is shown, as a share of the way to what it looks at."""
+
 Value = float | int | str | bool | Sequence[float]
 
 
@@ -163,7 +166,7 @@ def scene_chunks(camera: Camera | None, half_size_m: Float64, *, floor: bool) ->
                 image_from_camera=[np.array(image_from_camera)],
                 resolution=[[width, height]],
                 camera_xyz=[rr.ViewCoordinates.RUB.coordinates],
-                image_plane_distance=[0.45],
+                image_plane_distance=[PICTURE_DISTANCE[camera.view] * camera.distance_m],
                 color=[0x9AA4AFFF],
             ),
         )

@@ -130,7 +130,7 @@ def simulate(
     frames = 0 if camera is None else camera.frames_of(scenario.steps)
     url = None if viewer is None else viewer()
     batch = BATCH if url is None else max(1, round(LIVE_EVERY_S / scenario.timestep_s))
-    look = Look(height_m=scenario.height_m, frames=camera is not None)
+    look = Look(height_m=scenario.height_m, camera=camera.view if camera else None)
     with contextlib.ExitStack() as stack:
         photographer = None
         if camera is not None:
