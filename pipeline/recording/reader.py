@@ -168,8 +168,8 @@ def _scalars(chunk: rrd.Chunk, path: Path) -> pl.DataFrame:
     columns = schema.STATE[chunk.entity]
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
     lists = _column(chunk, "Scalars:scalars", _is_list_of(pa.types.is_float64), path)
-    flat = lists.flatten()
-    if flat.null_count or set(lists.value_lengths().to_pylist()) - {len(columns)}:
+    flat = _flat(lists, len(columns))
+    if flat is None or flat.null_count:
         raise damaged(path, f"{chunk.entity} must hold {len(columns)} numbers per step")
     rows = flat.to_numpy().reshape(-1, len(columns))
     return pl.DataFrame(
@@ -184,9 +184,10 @@ def _images(chunk: rrd.Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
     bytes_ = _is_list_of(_is_list_of(pa.types.is_uint8))
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
     blobs = _column(chunk, "EncodedImage:blob", bytes_, path)
-    if set(blobs.value_lengths().to_pylist()) - {1}:
+    pictures = _flat(blobs, 1)
+    if pictures is None:
         raise damaged(path, "its frames must be one picture per step")
-    for step, blob in zip(steps.to_pylist(), blobs.flatten(), strict=True):
+    for step, blob in zip(steps.to_pylist(), pictures, strict=True):
         yield step, blob.values.to_numpy().tobytes()
 
 
@@ -199,6 +200,15 @@ def _column(chunk: rrd.Chunk, name: str, is_right: Callable[[Any], bool], path: 
     if column.null_count:
         raise damaged(path, f"{chunk.entity} has gaps in {name}")
     return column
+
+
+def _flat(lists: pa.Array, width: int) -> pa.Array | None:
+    """Return what lists hold, one after the other; None where one has not `width` elements."""
+    # What `flatten` does, which loads Arrow's library of computations for it.
+    offsets = lists.offsets.to_numpy()
+    if (np.diff(offsets) != width).any():
+        return None
+    return lists.values.slice(offsets[0], width * len(lists)) if len(lists) else lists.values[:0]
 
 
 def _is_list_of(is_right: Callable[[Any], bool]) -> Callable[[Any], bool]:
