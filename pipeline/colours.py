@@ -12,6 +12,13 @@ TIMESTEP = "#d55e00"
 DAMPING = "#009e73"
 INTERACTION = "#cc79a7"
 ROUNDING = "#e69f00"
+TERMS = {
+    "timestep": TIMESTEP,
+    "damping": DAMPING,
+    "interaction": INTERACTION,
+    "rounding": ROUNDING,
+}
+"""Of the error, in the order in which they are named everywhere."""
 KINETIC = "#f0e442"
 ROTATION = "#cc79a7"
 POTENTIAL = "#56b4e9"

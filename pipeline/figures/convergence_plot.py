@@ -32,13 +32,6 @@ WIDTH_IN, HEAD_IN, ROW_IN = 8.0, 0.75, 3.9
 """Of the figure, of what stands above the panels, and of one row of them."""
 LOWEST_M = 1e-9
 """Below a nanometre nothing is drawn but a note: rounding is ten decades under the rest."""
-TERMS = {
-    "total": colours.TOTAL,
-    "timestep": colours.TIMESTEP,
-    "damping": colours.DAMPING,
-    "interaction": colours.INTERACTION,
-    "rounding": colours.ROUNDING,
-}
 
 
 @dataclass(frozen=True)
@@ -156,9 +149,8 @@ def _draw(axes: Axes, panel: Panel, low: float, high: float, ink: Ink, *, most_t
     _slopes(axes, steps, low, high, ink)
     ends: list[tuple[float, str, str]] = []
     notes = []
-    for name, colour in TERMS.items():
+    for name, colour in ({"total": ink.text} | colours.TERMS).items():
         millimetres = np.abs(errors[name]) * 1e3
-        colour = ink.text if name == "total" else colour
         if millimetres.max() < LOWEST_M * 1e3:
             if millimetres.max() > 0:
                 notes.append(f"{name} at most {style.signed(millimetres.max(), 0)[1:]} mm")

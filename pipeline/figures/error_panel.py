@@ -23,13 +23,7 @@ if TYPE_CHECKING:
     import polars as pl
     from matplotlib.axes import Axes
 
-TERMS = {
-    "timestep": colours.TIMESTEP,
-    "damping": colours.DAMPING,
-    "interaction": colours.INTERACTION,
-    "rounding": colours.ROUNDING,
-}
-COLUMNS = [f"{name}_m" for name in TERMS]
+COLUMNS = [f"{name}_m" for name in colours.TERMS]
 OPACITY = 0.75
 NOTHING_M = 1e-12
 """Errors below this are rounding, and not worth an axis of their own."""
@@ -69,7 +63,7 @@ def draw_terms(axes: Axes, explained: pl.DataFrame, time: Unit, ink: Ink) -> Uni
     for sign in (-1, 1):
         outer = np.cumsum(np.where(sign * terms > 0, terms, 0), axis=1)
         inner = np.zeros(len(times))
-        for edge, (name, colour) in zip(outer.T, TERMS.items(), strict=True):
+        for edge, (name, colour) in zip(outer.T, colours.TERMS.items(), strict=True):
             axes.fill_between(times, inner, edge, color=colour, alpha=OPACITY, lw=0, label=name)
             inner = edge
     axes.hlines(0, 0, times[-1], color=ink.faint, linewidth=0.9)
@@ -109,7 +103,7 @@ def sum_up(
     left
         Where the sum starts, in widths of the panel; from 1 on it stands beside it.
     """
-    terms_m = {name: row[f"{name}_m"] for name in TERMS}
+    terms_m = {name: row[f"{name}_m"] for name in colours.TERMS}
     total_m = math.fsum(terms_m.values())
     at = row["time_s"] * time.per_si
     lowest, highest = (math.fsum(f(0, m) for m in terms_m.values()) for f in (min, max))
@@ -139,7 +133,7 @@ def sum_up(
         y = 0.82 - 0.105 * line
         square: dict[str, Any] = {
             "marker": "s",
-            "color": TERMS[name],
+            "color": colours.TERMS[name],
             "alpha": OPACITY,
             "markersize": 9,
         }

@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image, ImageDraw
 
+from pipeline import colours
 from pipeline.figures import style
-from pipeline.figures.error_panel import COLUMNS, TERMS, draw_terms
+from pipeline.figures.error_panel import COLUMNS, draw_terms
 from pipeline.figures.height_panel import CURVES, draw_heights
 from pipeline.figures.plot import until_it_bounces
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     import polars as pl
     from matplotlib.axes import Axes
 
-SEEN = {name: colour for name, colour in TERMS.items() if name != "rounding"}
+SEEN = {name: colour for name, colour in colours.TERMS.items() if name != "rounding"}
 COLOURS = 64
 """As many leave room for the camera's in a gif's table of 256."""
 HEIGHT_IN = 3.3

@@ -18,10 +18,7 @@ from pipeline.recording.reader import Recording
 
 ERROR_CURVES = {
     "error_m": ("total", colours.TOTAL_ON_DARK),
-    "timestep_m": ("timestep", colours.TIMESTEP),
-    "damping_m": ("damping", colours.DAMPING),
-    "interaction_m": ("interaction", colours.INTERACTION),
-    "rounding_m": ("rounding", colours.ROUNDING),
+    **{f"{name}_m": (name, colour) for name, colour in colours.TERMS.items()},
 }
 """Column of the analysis table -> its name under `error/`, and its colour."""
 
