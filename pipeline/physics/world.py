@@ -84,6 +84,7 @@ class World:
         self._client: int = p.connect(p.DIRECT)
         try:
             self._body = self._load_body()
+            self._body_sha256 = hashlib.sha256(self._urdf.read_bytes()).hexdigest()
             self.half_size_m, self.rest_height_m = self._measure()
             self._floor = self._load("plane.urdf") if scenario.floor else None
             self._configure()
@@ -199,7 +200,7 @@ class World:
             "solver_iterations": engine["numSolverIterations"],
             "gravity_m_s2": [engine[f"gravityAcceleration{axis}"] for axis in "XYZ"],
             "body_name": _text(p.getBodyInfo(self._body, physicsClientId=client)[1]),
-            "body_sha256": hashlib.sha256(self._urdf.read_bytes()).hexdigest(),
+            "body_sha256": self._body_sha256,
             "body_type": {1: "btRigidBody", 2: "btMultiBody"}.get(body[10], str(body[10])),
             "joints": joints,
             "mass_kg": body[0],
