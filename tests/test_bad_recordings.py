@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pyarrow as pa
 import pytest
 from conftest import rerun_rrd
@@ -238,23 +237,23 @@ def write(path: Path, chunks: list[Chunk]) -> None:
 
 def seal_of(path: Path) -> Chunk:
     """Return the closing property that fits what a file holds, whatever that is."""
-    tables: dict[str, list[pl.DataFrame]] = {entity: [] for entity in schema.STATE}
+    parts: dict[str, list[reader.Part]] = {entity: [] for entity in schema.STATE}
     pictures: dict[int, bytes] = {}
     for chunk in rrd.chunks(path):
-        if chunk.entity in tables:
-            tables[chunk.entity].append(reader._scalars(chunk, path))
+        if chunk.entity in parts:
+            parts[chunk.entity].append(reader._scalars(chunk, path))
         elif chunk.entity == schema.IMAGE:
             pictures.update(reader._images(chunk, path))
-    states, digest = reader._joined(tables, path), FrameDigest()
+    rows, digest = reader._joined(parts, path), FrameDigest()
     for step, png in sorted(pictures.items()):
         digest.update(step, png)
     state = StateDigest()
-    state.update(states.select(schema.STATE_COLUMNS).to_numpy())
+    state.update(rows)
     return writer.property_chunk(
         schema.RECORDING_PROPERTY,
         {
             "schema_version": schema.SCHEMA_VERSION,
-            "samples": len(states),
+            "samples": len(rows),
             "frames": len(pictures),
             "state_sha256": state.hexdigest(),
             "frames_sha256": digest.hexdigest(),

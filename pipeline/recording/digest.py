@@ -23,7 +23,7 @@ class StateDigest:
 
     def update(self, rows: NDArray[np.float64]) -> None:
         """Take in rows of state, shape (n, 16)."""
-        self._hash.update(np.ascontiguousarray(rows, dtype="<f8").tobytes())
+        self._hash.update(np.ascontiguousarray(rows, dtype="<f8").data)
 
     def hexdigest(self) -> str:
         """Return the digest of all rows so far."""

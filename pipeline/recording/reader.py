@@ -29,7 +29,11 @@ Float64 = NDArray[np.float64]
 Properties = dict[str, Any]
 T = TypeVar("T")
 
-DISTANCE = "contact_distance_m"
+Part = tuple[NDArray[np.int64], Float64]
+"""Steps, shape (n,), and some columns of the state at them, shape (n, columns)."""
+
+CONTACT_POINTS = schema.STATE_COLUMNS.index("contact_points")
+DISTANCE = schema.STATE_COLUMNS.index("contact_distance_m")
 
 
 @dataclass(frozen=True)
@@ -63,7 +67,7 @@ def read(path: Path) -> Recording:
     RecordingError
         If it is missing, damaged, no recording of ours, or not what was written.
     """
-    state: dict[str, list[pl.DataFrame]] = {entity: [] for entity in schema.STATE}
+    state: dict[str, list[Part]] = {entity: [] for entity in schema.STATE}
     properties: dict[str, Properties] = {}
     recording_id = ""
     for chunk in _chunks(path):
@@ -77,8 +81,10 @@ def read(path: Path) -> Recording:
     scenario, camera = _inputs(properties, path)
     engine = properties[schema.ENGINE_PROPERTY]
     check_engine(engine, scenario, path)
-    states = _joined(state, path)
-    _check_states(states, scenario, closing, path)
+    rows = _joined(state, path)
+    _check_states(rows, scenario, closing, path)
+    columns = dict(zip(schema.STATE_COLUMNS, rows.T, strict=True))
+    states = pl.DataFrame({"step": np.arange(len(rows))} | columns)
     return Recording(path, recording_id, scenario, engine, camera, states, partial=closing is None)
 
 
@@ -164,18 +170,15 @@ def _chunks(path: Path) -> Iterator[rrd.Chunk]:
         ) from None
 
 
-def _scalars(chunk: rrd.Chunk, path: Path) -> pl.DataFrame:
-    columns = schema.STATE[chunk.entity]
+def _scalars(chunk: rrd.Chunk, path: Path) -> Part:
+    width = len(schema.STATE[chunk.entity])
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
     lists = _column(chunk, "Scalars:scalars", _is_list_of(pa.types.is_float64), path)
-    flat = _flat(lists, len(columns))
+    flat = _flat(lists, width)
     if flat is None or flat.null_count:
-        raise damaged(path, f"{chunk.entity} must hold {len(columns)} numbers per step")
-    rows = flat.to_numpy().reshape(-1, len(columns))
-    return pl.DataFrame(
-        {"step": steps.to_numpy()} | dict(zip(columns, rows.T, strict=True)),
-        schema={"step": pl.Int64} | dict.fromkeys(columns, pl.Float64),
-    )
+        raise damaged(path, f"{chunk.entity} must hold {width} numbers per step")
+    # Copied, so that nothing else of the chunk stays in memory.
+    return steps.to_numpy().copy(), flat.to_numpy().reshape(-1, width).copy()
 
 
 def _images(chunk: rrd.Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
@@ -279,49 +282,58 @@ def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
 # -- states ---------------------------------------------------------------------------------------
 
 
-def _joined(state: dict[str, list[pl.DataFrame]], path: Path) -> pl.DataFrame:
-    """Return the samples that are there in all their parts; takes the parts out of `state`."""
-    missing = [entity for entity, parts in state.items() if not sum(map(len, parts))]
+def _joined(state: dict[str, list[Part]], path: Path) -> Float64:
+    """Return the samples that are there in all their parts, in step order, shape (samples, 16).
+
+    Takes the parts out of `state`: a long recording is not held twice.
+    """
+    missing = [entity for entity, parts in state.items() if not _length(parts)]
     if missing:
         raise RecordingError(f"{path} holds no {', '.join(missing)}; {AGAIN}")
     # An unfinished recording may end within a sample, so that the shortest part decides.
-    samples = min(sum(map(len, parts)) for parts in state.values())
-    # The same steps in the same order: side by side is joined.
-    tables = [_in_step_order(parts, path).head(samples) for parts in state.values()]
-    return pl.concat([tables[0], *(table.drop("step") for table in tables[1:])], how="horizontal")
+    samples = min(map(_length, state.values()))
+    rows = np.empty((samples, len(schema.STATE_COLUMNS)))
+    first = 0
+    for entity, parts in state.items():
+        last = first + len(schema.STATE[entity])
+        rows[:, first:last] = _in_step_order(parts, path)[:samples]
+        parts.clear()
+        first = last
+    return rows
 
 
-def _in_step_order(parts: list[pl.DataFrame], path: Path) -> pl.DataFrame:
-    table = pl.concat(parts)
-    parts.clear()  # a long recording is not held twice
-    if not table["step"].is_sorted():
-        table = table.sort("step")
-    steps = table["step"].to_numpy()
+def _length(parts: list[Part]) -> int:
+    return sum(len(steps) for steps, _ in parts)
+
+
+def _in_step_order(parts: list[Part], path: Path) -> Float64:
+    steps, rows = (np.concatenate(both) for both in zip(*parts, strict=True))
+    if (np.diff(steps) < 0).any():
+        order = np.argsort(steps)
+        steps, rows = steps[order], rows[order]
     if not np.array_equal(steps, np.arange(len(steps))):
         raise RecordingError(f"{path} must hold steps 0, 1, 2, … once each, and does not; {AGAIN}")
-    return table
+    return rows
 
 
 def _check_states(
-    states: pl.DataFrame, scenario: Scenario, closing: Properties | None, path: Path
+    rows: Float64, scenario: Scenario, closing: Properties | None, path: Path
 ) -> None:
     samples = scenario.steps + 1
-    if closing is not None and not len(states) == samples == closing.get("samples"):
-        raise damaged(path, f"it must hold {samples} samples, got {len(states)}")
-    if len(states) > samples:
-        raise damaged(path, f"it must hold at most {samples} samples, got {len(states)}")
+    if closing is not None and not len(rows) == samples == closing.get("samples"):
+        raise damaged(path, f"it must hold {samples} samples, got {len(rows)}")
+    if len(rows) > samples:
+        raise damaged(path, f"it must hold at most {samples} samples, got {len(rows)}")
     if closing is not None:
         digest = StateDigest()
-        for part in states.iter_slices(1 << 16):
-            digest.update(part.select(schema.STATE_COLUMNS).to_numpy())
+        digest.update(rows)
         if digest.hexdigest() != closing.get("state_sha256"):
             raise damaged(path, "its state is not the one that was written")
-    numbers = [pl.col(name).is_finite() for name in schema.STATE_COLUMNS if name != DISTANCE]
+    is_number = np.isfinite(rows)
     # The distance to the floor is nan where there is no contact, and only there.
-    touches = pl.col("contact_points") > 0
-    distance = (
-        pl.when(touches).then(pl.col(DISTANCE).is_finite()).otherwise(pl.col(DISTANCE).is_nan())
+    is_number[:, DISTANCE] = np.where(
+        rows[:, CONTACT_POINTS] > 0, is_number[:, DISTANCE], np.isnan(rows[:, DISTANCE])
     )
-    wrong = states.filter(~pl.all_horizontal(*numbers, distance))
+    wrong = np.flatnonzero(~is_number.all(axis=1))
     if len(wrong):
-        raise damaged(path, f"its state at step {wrong['step'][0]} is no number")
+        raise damaged(path, f"its state at step {wrong[0]} is no number")
