@@ -26,7 +26,7 @@ from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
 from pipeline import Camera, Scenario, analyze, check, render, simulate
 from pipeline.errors import RecordingError
-from pipeline.recording import reader, rrd, schema, writer
+from pipeline.recording import columns, reader, rrd, schema, writer
 from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
 from pipeline.recording.reader import frames, read
 
@@ -237,13 +237,13 @@ def write(path: Path, chunks: list[Chunk]) -> None:
 
 def seal_of(path: Path) -> Chunk:
     """Return the closing property that fits what a file holds, whatever that is."""
-    parts: dict[str, list[reader.Part]] = {entity: [] for entity in schema.STATE}
+    parts: dict[str, list[columns.Part]] = {entity: [] for entity in schema.STATE}
     pictures: dict[int, bytes] = {}
     for chunk in rrd.chunks(path):
         if chunk.entity in parts:
-            parts[chunk.entity].append(reader._scalars(chunk, path))
+            parts[chunk.entity].append(columns.scalars(chunk, path))
         elif chunk.entity == schema.IMAGE:
-            pictures.update(reader._images(chunk, path))
+            pictures.update(columns.images(chunk, path))
     rows, digest = reader._joined(parts, path), FrameDigest()
     for step, png in sorted(pictures.items()):
         digest.update(step, png)
@@ -266,7 +266,7 @@ def seal_of(path: Path) -> Chunk:
 
 def properties_of(path: Path) -> dict[str, dict[str, Any]]:
     return {
-        chunk.entity.removeprefix("__properties/"): reader._values(chunk, path)
+        chunk.entity.removeprefix("__properties/"): columns.values(chunk, path)
         for chunk in rrd.chunks(path, unfinished=True)
         if chunk.entity.startswith("__properties/")
     }

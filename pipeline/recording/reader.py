@@ -8,29 +8,25 @@ What fails is damaged, and said to be so in one line.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import polars as pl
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from pipeline.errors import RecordingError, ScenarioError
-from pipeline.recording import rrd, schema
+from pipeline.recording import columns, rrd, schema
 from pipeline.recording.checks import AGAIN, check_engine, damaged
+from pipeline.recording.columns import Part, Properties
 from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
 from pipeline.recording.files import is_part
 from pipeline.scenario import Camera, Scenario
 
 Float64 = NDArray[np.float64]
-Properties = dict[str, Any]
 T = TypeVar("T")
-
-Part = tuple[NDArray[np.int64], Float64]
-"""Steps, shape (n,), and some columns of the state at them, shape (n, columns)."""
 
 CONTACT_POINTS = schema.STATE_COLUMNS.index("contact_points")
 DISTANCE = schema.STATE_COLUMNS.index("contact_distance_m")
@@ -73,7 +69,7 @@ def read(path: Path) -> Recording:
     for chunk in _chunks(path):
         recording_id = chunk.recording_id
         if chunk.entity in state:
-            state[chunk.entity].append(_scalars(chunk, path))
+            state[chunk.entity].append(columns.scalars(chunk, path))
         elif chunk.entity.startswith("__properties/"):
             _gather(properties, chunk, path)
 
@@ -83,8 +79,8 @@ def read(path: Path) -> Recording:
     check_engine(engine, scenario, path)
     rows = _joined(state, path)
     _check_states(rows, scenario, closing, path)
-    columns = dict(zip(schema.STATE_COLUMNS, rows.T, strict=True))
-    states = pl.DataFrame({"step": np.arange(len(rows))} | columns)
+    named = dict(zip(schema.STATE_COLUMNS, rows.T, strict=True))
+    states = pl.DataFrame({"step": np.arange(len(rows))} | named)
     return Recording(path, recording_id, scenario, engine, camera, states, partial=closing is None)
 
 
@@ -113,7 +109,7 @@ def frames(path: Path) -> Iterator[tuple[int, bytes]]:
     properties: dict[str, Properties] = {}
     for chunk in _chunks(path):
         if chunk.entity == schema.IMAGE:
-            found.update(_images(chunk, path))
+            found.update(columns.images(chunk, path))
         elif chunk.entity.startswith("__properties/"):
             _gather(properties, chunk, path)
 
@@ -170,70 +166,10 @@ def _chunks(path: Path) -> Iterator[rrd.Chunk]:
         ) from None
 
 
-def _scalars(chunk: rrd.Chunk, path: Path) -> Part:
-    width = len(schema.STATE[chunk.entity])
-    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
-    lists = _column(chunk, "Scalars:scalars", _is_list_of(pa.types.is_float64), path)
-    flat = _flat(lists, width)
-    if flat is None or flat.null_count:
-        raise damaged(path, f"{chunk.entity} must hold {width} numbers per step")
-    # Copied, so that nothing else of the chunk stays in memory.
-    return steps.to_numpy().copy(), flat.to_numpy().reshape(-1, width).copy()
-
-
-def _images(chunk: rrd.Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
-    if chunk.batch.schema.get_field_index("EncodedImage:blob") < 0:
-        return  # the media type, which `rerun rrd split` writes into a chunk of its own
-    bytes_ = _is_list_of(_is_list_of(pa.types.is_uint8))
-    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
-    blobs = _column(chunk, "EncodedImage:blob", bytes_, path)
-    pictures = _flat(blobs, 1)
-    if pictures is None:
-        raise damaged(path, "its frames must be one picture per step")
-    for step, blob in zip(steps.to_pylist(), pictures, strict=True):
-        yield step, blob.values.to_numpy().tobytes()
-
-
-def _column(chunk: rrd.Chunk, name: str, is_right: Callable[[Any], bool], path: Path) -> pa.Array:
-    """Return a column of the type that we write, every row of it given."""
-    index = chunk.batch.schema.get_field_index(name)
-    if index < 0 or not is_right(chunk.batch.schema.field(index).type):
-        raise damaged(path, f"{chunk.entity} has no column {name} of the right type")
-    column = chunk.batch.column(index)
-    if column.null_count:
-        raise damaged(path, f"{chunk.entity} has gaps in {name}")
-    return column
-
-
-def _flat(lists: pa.Array, width: int) -> pa.Array | None:
-    """Return what lists hold, one after the other; None where one has not `width` elements."""
-    # What `flatten` does, which loads Arrow's library of computations for it.
-    offsets = lists.offsets.to_numpy()
-    if (np.diff(offsets) != width).any():
-        return None
-    return lists.values.slice(offsets[0], width * len(lists)) if len(lists) else lists.values[:0]
-
-
-def _is_list_of(is_right: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    return lambda kind: pa.types.is_list(kind) and is_right(kind.value_type)
-
-
 def _gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> None:
     """Add what a chunk holds of a property: `rerun rrd split` writes each value on its own."""
     name = chunk.entity.removeprefix("__properties/")
-    properties.setdefault(name, {}).update(_values(chunk, path))
-
-
-def _values(chunk: rrd.Chunk, path: Path) -> Properties:
-    """Return a property's values by name; a list of one is its element."""
-    if chunk.batch.num_rows != 1:
-        raise damaged(path, f"its property {chunk.entity} must have one row")
-    try:
-        (row,) = chunk.batch.to_pylist()
-    except (pa.ArrowException, ArithmeticError, ImportError, TypeError, ValueError) as error:
-        raise damaged(path, f"its property {chunk.entity} cannot be read ({error})") from None
-    given = {key: value for key, value in row.items() if isinstance(value, list)}
-    return {key: value[0] if len(value) == 1 else value for key, value in given.items()}
+    properties.setdefault(name, {}).update(columns.values(chunk, path))
 
 
 # -- properties -----------------------------------------------------------------------------------
