@@ -21,8 +21,8 @@ View = Literal["standard", "close", "follow"]
 GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.0}
 BYTES_PER_SAMPLE = 310
 """What a sample takes in a recording without frames, however long it is."""
-ANALYSIS_BYTES_PER_SAMPLE = 1500
-"""What it takes of memory to analyze one, measured with a million."""
+ANALYSIS_BYTES_PER_SAMPLE = 1200
+"""What it takes of memory to analyze one, at most: in a long flight with spin."""
 MAX_STEPS = 1_000_000_000
 """Beyond this a recording would take some 300 GB; ask for several shorter ones."""
 
