@@ -51,7 +51,7 @@ class Worker:
 
     def load(self, *modules: str) -> None:
         """Have modules imported beside the answers, so that a later one comes sooner."""
-        self.ask(f"{__name__}:_load", *modules)
+        self.ask("", *modules)
 
     def ask(self, function: str, *arguments: object) -> None:
         """Have a function called, `module:name`, whose module need not be loaded here.
@@ -65,7 +65,8 @@ class Worker:
         """
         assert self._process.stdin is not None
         try:
-            _send((function, arguments), self._process.stdin)
+            _send(function, self._process.stdin)
+            _send(arguments, self._process.stdin)
         except BrokenPipeError:
             raise self._died() from None
 
@@ -96,13 +97,10 @@ class WorkerDiedError(DropError):
     """A process of ours is gone before it answered."""
 
 
-def _load(*modules: str) -> Iterator[None]:
-    def load() -> None:
-        for module in modules:
-            importlib.import_module(module)
-
-    threading.Thread(target=load, daemon=True).start()
-    return iter(())
+def _load(modules: tuple[str, ...]) -> threading.Thread:
+    thread = threading.Thread(target=lambda: [*map(importlib.import_module, modules)], daemon=True)
+    thread.start()
+    return thread
 
 
 def _send(what: object, sink: IO[bytes]) -> None:
@@ -116,10 +114,21 @@ def _work() -> None:
     gc.disable()  # a fifth of the time that imports take, and we make no cycles to speak of
     source, sink = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what C prints is no answer
+    loading: list[threading.Thread] = []
+    used: set[str] = set()
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
-            function, arguments = pickle.load(source)
-            module, _, name = function.partition(":")
+            module, _, name = pickle.load(source).partition(":")
+            if not module:
+                loading.append(_load(pickle.load(source)))
+                continue
+            if module not in used:
+                # It may import what is being loaded, and so may its arguments, which are read
+                # only then: of two threads that import the same, one can see it half made.
+                while loading:
+                    loading.pop().join()
+                used.add(module)
+            arguments = pickle.load(source)
             try:
                 answer = getattr(importlib.import_module(module), name)(*arguments)
                 for one in answer if isinstance(answer, Iterator) else (answer,):
