@@ -1,5 +1,10 @@
 """The errors `drop` raises on purpose: one line each, with the rule, the value and what to try."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
 
 class DropError(Exception):
     """Something could not be done; the message says what, and what to do."""
@@ -19,3 +24,17 @@ class RecordingError(DropError):
 
 class OutputError(DropError):
     """A file that cannot be written where it was asked for."""
+
+
+def check_suffix(option: str, path: Path, suffixes: Iterable[str]) -> None:
+    """Make sure that a file's suffix names a format that can be written.
+
+    Raises
+    ------
+    ScenarioError
+        If it does not.
+    """
+    *others, last = suffixes
+    if path.suffix not in (*others, last):
+        allowed = f"{', '.join(others)} or {last}"
+        raise ScenarioError(f"{option} must end in {allowed}, got {str(path)!r}")

@@ -51,7 +51,7 @@ class Worker:
 
     def load(self, *modules: str) -> None:
         """Have modules imported beside the answers, so that a later one comes sooner."""
-        self.ask("", *modules)
+        self.ask("", *modules)  # no function, and so no answer
 
     def ask(self, function: str, *arguments: object) -> None:
         """Have a function called, `module:name`, whose module need not be loaded here.

@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 from PIL import Image
 
-from pipeline.errors import DropError, ScenarioError
+from pipeline.errors import DropError, ScenarioError, check_suffix
 from pipeline.figures.gif import MAX_FPS as GIF_MAX_FPS
 from pipeline.figures.gif import MIN_FPS as GIF_MIN_FPS
 from pipeline.figures.gif import write_gif
@@ -33,9 +33,7 @@ def check_animation(path: Path, fps: float | None) -> None:
     DropError
         If the format needs a library that is not installed.
     """
-    if path.suffix not in MAX_FPS:
-        *others, last = MAX_FPS
-        raise ScenarioError(f"--out must end in {', '.join(others)} or {last}, got {str(path)!r}")
+    check_suffix("--out", path, MAX_FPS)
     if path.suffix == ".mp4" and importlib.util.find_spec("av") is None:
         raise DropError("an .mp4 needs PyAV, which is not installed; pip install '.[mp4]'")
     if fps is None:

@@ -72,5 +72,5 @@ class Composition:
 
 def caption(time_s: float, height_m: float, error_m: float) -> str:
     """Return a moment in words; all captions of a drop have their digits in the same places."""
-    error = f"{error_m * 1e3:+.3f}".replace("-", "−")
+    error = f"{error_m * 1e3:+.3f}"
     return f"t {time_s:.3f} s  height {height_m:.4f} m  error {error:>7} mm".replace("-", "−")

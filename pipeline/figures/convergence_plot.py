@@ -18,7 +18,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocat
 from numpy.typing import NDArray
 
 from pipeline import colours
-from pipeline.errors import ScenarioError
+from pipeline.errors import ScenarioError, check_suffix
 from pipeline.figures import style
 from pipeline.figures.style import Ink
 
@@ -54,8 +54,7 @@ def check_plot(path: Path, *, timesteps: int) -> None:
     ScenarioError
         If the suffix is neither .png nor .svg, or there are not two timesteps.
     """
-    if path.suffix not in (".png", ".svg"):
-        raise ScenarioError(f"--plot must end in .png or .svg, got {str(path)!r}")
+    check_suffix("--plot", path, (".png", ".svg"))
     if timesteps < 2:
         raise ScenarioError(
             f"--plot shows errors over the timestep and needs two or more, got {timesteps}; "

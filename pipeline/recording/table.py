@@ -6,7 +6,7 @@ from pathlib import Path
 
 import polars as pl
 
-from pipeline.errors import ScenarioError
+from pipeline.errors import check_suffix
 from pipeline.recording.files import check_target, written_whole
 
 
@@ -20,8 +20,7 @@ def check_table(path: Path, *, force: bool) -> None:
     OutputError
         If the file exists and `force` is not given, or cannot be written.
     """
-    if path.suffix not in (".parquet", ".csv"):
-        raise ScenarioError(f"--table must end in .parquet or .csv, got {str(path)!r}")
+    check_suffix("--table", path, (".parquet", ".csv"))
     check_target(path, force=force)
 
 

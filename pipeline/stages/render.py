@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.budget.analysis import analysis_of
 from pipeline.budget.results import Analysis
-from pipeline.errors import RecordingError, ScenarioError
+from pipeline.errors import RecordingError, check_suffix
 from pipeline.fields import fraction
 from pipeline.figures.animation import MAX_FPS, check_animation, decoded, write_animation
 from pipeline.figures.facts import Facts
@@ -96,8 +96,7 @@ def render(
     gif = path.with_suffix(".gif") if out is None else Path(out)
     plotted = path.with_suffix(".png") if plot is None else Path(plot)
     check_animation(gif, animation.fps)
-    if plotted.suffix not in (".png", ".svg"):
-        raise ScenarioError(f"--plot must end in .png or .svg, got {str(plotted)!r}")
+    check_suffix("--plot", plotted, (".png", ".svg"))
     check_target(gif, force=force or out is None)
     check_target(plotted, force=force or plot is None)
 
@@ -109,7 +108,7 @@ def render(
     count, played = 0, None
     if read_back.camera is not None:
         recorded = list(frames(path))
-        played = _played(read_back, len(recorded), animation, gif.suffix)
+        played = _played(read_back, len(recorded), animation, gif)
         report = functools.partial(progress, f"writing {gif.suffix[1:]}")
         pictures = _pictures(recorded, played, animation, analysis, dark, report)
         with written_whole(gif, force=force or out is None) as file, _refused(path):
@@ -160,11 +159,11 @@ def _facts(scenario: Scenario, analysis: Analysis) -> Facts:
     )
 
 
-def _played(recording: Recording, count: int, animation: Animation, suffix: str) -> Playback:
+def _played(recording: Recording, count: int, animation: Animation, out: Path) -> Playback:
     assert recording.camera is not None
     interval_s = recording.camera.capture_every * recording.scenario.timestep_s
-    played = playback(animation, max(count, 1), interval_s, most_fps=MAX_FPS[suffix])
-    check_animation(Path(f"frames{suffix}"), played.fps)
+    played = playback(animation, max(count, 1), interval_s, most_fps=MAX_FPS[out.suffix])
+    check_animation(out, played.fps)
     return played
 
 
