@@ -12,6 +12,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator
 from difflib import get_close_matches
+from itertools import chain
 from typing import Any
 
 import typer
@@ -19,10 +20,9 @@ from typer import completion
 from typer.core import TyperCommand, TyperGroup
 from typer.models import CommandFunctionType
 
-from pipeline.console.output import wants_colour
+from pipeline.console.output import WIDTH, beside, wants_colour
 from pipeline.errors import ScenarioError
 
-WIDTH = 80
 COLUMN = 28
 """Where what an option means begins."""
 OPTIONS = "Options"
@@ -60,8 +60,8 @@ class Commands(TyperGroup):
         """Write where to start, the commands with their first lines, and the options."""
         said = {name: (one.help or "").partition("\n")[0] for name, one in self.commands.items()}
         column = max(map(len, said)) + 4
-        listed = [beside(f"  {name}", words, column, _width()) for name, words in said.items()]
-        first = [self.epilog or "", "", _heading("Commands"), *listed, "", MORE, ""]
+        listed = (beside(f"  {name}", words, column, _width()) for name, words in said.items())
+        first = [self.epilog or "", "", _heading("Commands"), *chain(*listed), "", MORE, ""]
         formatter.write("\n".join(_page(self, ctx, first)))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
@@ -142,7 +142,7 @@ def option(one: Any, width: int = WIDTH) -> str:  # noqa: ANN401
         said += f" [default: {shown}]"
     # What stands in brackets stays in one line.
     said = re.sub(r"\[default: [^]]*\]", lambda found: found[0].replace(" ", "\xa0"), said)
-    return beside(f"  {call_of(one)}", said, COLUMN, width)
+    return "\n".join(beside(f"  {call_of(one)}", said, COLUMN, width)).replace("\xa0", " ")
 
 
 def call_of(one: Any) -> str:  # noqa: ANN401
@@ -155,16 +155,6 @@ def call_of(one: Any) -> str:  # noqa: ANN401
 
 
 _WORDS = {float: "NUMBER", int: "N", str: "TEXT"}
-
-
-def beside(title: str, words: str, column: int, width: int) -> str:
-    """Return words beside a title, wrapped in a column of their own; below it where it is long."""
-    lines = textwrap.wrap(words, width - column, break_on_hyphens=False, break_long_words=False)
-    if len(title) > column - 2:
-        lines.insert(0, "")
-    titles = [title, *[""] * (len(lines) - 1)]
-    both = (f"{a:<{column}}{b}".rstrip() for a, b in zip(titles, lines, strict=True))
-    return "\n".join(both).replace("\xa0", " ")
 
 
 def _is_argument(one: Any) -> bool:  # noqa: ANN401

@@ -27,17 +27,23 @@ def millimetres(value_m: float) -> str:
     return f"{text:>10} mm"
 
 
+def beside(title: str, words: str, column: int, width: int = WIDTH) -> list[str]:
+    """Return words beside a title, wrapped in a column of their own; below it where it is long."""
+    lines = textwrap.wrap(words, width - column, break_on_hyphens=False, break_long_words=False)
+    if not lines or (title and len(title) > column - 2):
+        lines.insert(0, "")
+    titles = [title, *[""] * (len(lines) - 1)]
+    return [f"{a:<{column}}{b}".rstrip() for a, b in zip(titles, lines, strict=True)]
+
+
 def titled(title: str, words: str, *, column: int, style: str = "") -> list[str]:
-    """Return words beside a title, wrapped so that they line up; escaped, with Rich's markup."""
+    """Return the same with Rich's markup: words are escaped, and the title may have a style."""
     from rich.markup import escape  # takes a tenth of the time of `drop --help`
 
-    wrapped = textwrap.wrap(
-        words, WIDTH - column, break_on_hyphens=False, break_long_words=False
-    ) or [""]
-    first, *others = (escape(line) for line in wrapped)
-    head = f"{escape(title):<{column}}"
+    first, *others = beside(title, words, column)
+    head = escape(first[:column])
     head = f"[{style}]{head}[/]" if style else head
-    return [(head + first).rstrip(), *(f"{'':<{column}}{line}" for line in others)]
+    return [head + escape(first[column:]), *map(escape, others)]
 
 
 def made(title: str, path: object, facts: str = "", *, column: int) -> list[str]:

@@ -197,7 +197,7 @@ def _orders(orders: Sequence[float | None], last: int, width: int, decimals: int
 
 
 def _statistics(group: Group) -> list[str]:
-    lines = titled("", group.label, column=0, style="bold") if group.label else []
+    lines = titled("", group.label, column=0) if group.label else []
     quantiles = list(group.statistics[0].quantiles) if group.statistics else []
     lines.append(_cells("", ["mean", "± 95 %", "spread", *quantiles], style="dim"))
     for one in group.statistics:
