@@ -53,8 +53,6 @@ def drive(
     try:
         p.setTimeStep(timestep_s, physicsClientId=client)
         p.setPhysicsEngineParameter(physicsClientId=client, **(engine or {}))
-        if gravity_m_s2 is not None:
-            p.setGravity(0, 0, gravity_m_s2, physicsClientId=client)
         bodies = [
             p.loadURDF(
                 str(DATA / name), [0, 0, z_m], useMaximalCoordinates=maximal, physicsClientId=client
@@ -65,6 +63,9 @@ def drive(
         box = bodies[-1]
         if dynamics:
             p.changeDynamics(box, -1, physicsClientId=client, **dynamics)
+        # After the mass: Bullet then weighs the body by 1 / (1 / mass), which is what it reports.
+        if gravity_m_s2 is not None:
+            p.setGravity(0, 0, gravity_m_s2, physicsClientId=client)
         if restitution is not None:
             for body in bodies:
                 p.changeDynamics(body, -1, restitution=restitution, physicsClientId=client)

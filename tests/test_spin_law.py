@@ -46,7 +46,9 @@ def test_the_spin_is_pybullets(coordinates: Any, damping: float | None, inertia:
             samples=STEPS + 1, floor=False, velocity_m_s=velocity, spin_rad_s=spin,
             coordinates=coordinates, dynamics={
                 "linearDamping": coefficient, "angularDamping": coefficient,
-                "localInertiaDiagonal": inertia,
+                # Told an inertia alone, a btRigidBody takes its mass from uninitialised memory
+                # (`PhysicsServerCommandProcessor.cpp` 11106).
+                "localInertiaDiagonal": inertia, "mass": 0.1,
             },
         )  # fmt: skip
         found = spin_law.spin_airborne(
