@@ -46,8 +46,8 @@ def test_the_spin_is_pybullets(coordinates: Any, damping: float | None, inertia:
             samples=STEPS + 1, floor=False, velocity_m_s=velocity, spin_rad_s=spin,
             coordinates=coordinates, dynamics={
                 "linearDamping": coefficient, "angularDamping": coefficient,
-                # Told an inertia alone, a btRigidBody takes its mass from uninitialised memory
-                # (`PhysicsServerCommandProcessor.cpp` 11106).
+                # Told an inertia alone, a btRigidBody takes as its mass what lies in the command's
+                # memory: letters of the path of the URDF (PhysicsServerCommandProcessor.cpp 11106).
                 "localInertiaDiagonal": inertia, "mass": 0.1,
             },
         )  # fmt: skip
