@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import compileall
 import importlib
 import tempfile
 from pathlib import Path
 
-from benchmarks.harness import HEAD, machine
+from benchmarks.harness import HEAD, ROOT, machine
 
 SCRIPTS = ("run", "steps", "memory", "size", "frames", "analyze", "start", "gif", "egl", "sweep")
 
@@ -19,6 +20,10 @@ def main() -> None:
                         help=f"one of {', '.join(SCRIPTS)}; may be given again")  # fmt: skip
     parser.add_argument("--quick", action="store_true", help="a tenth of the work: is it alive?")
     asked = parser.parse_args()
+    # An installed package comes with its bytecode; so that a checkout has it, whatever
+    # PYTHONDONTWRITEBYTECODE says.
+    compileall.compile_dir(ROOT / "pipeline", quiet=1)
+    compileall.compile_file(ROOT / "cli.py", quiet=1)
     print(machine(), end="\n\n")
     print(HEAD)
     for name in asked.only or SCRIPTS:
