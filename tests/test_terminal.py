@@ -120,6 +120,12 @@ def test_colours_are_for_terminals_that_want_them(
     assert "\x1b" not in drop("analyze", "run.rrd").stdout
 
 
+def test_titles_are_bold(terminal: Terminal) -> None:
+    words = "sweep --out s --timestep 1/240,1/480 --linear-damping default,0 --no-record"
+    raw = terminal(*words.split()).raw
+    assert all(f"\x1b[1m{title}\x1b[0m" in raw for title in ("4 runs", "linear damping default"))
+
+
 # -- progress -------------------------------------------------------------------------------------
 
 

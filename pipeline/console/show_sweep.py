@@ -139,7 +139,7 @@ def _study(group: Group, study: Study) -> list[str]:
     damped = study.limit_m != 0
     free_fall = _orders(study.orders_free_fall, len(pairs), width, 2 if damped else 3)
     lines = [
-        *titled("", group.label or "by timestep", column=0, style="bold"),
+        *(f"[bold]{one}[/]" for one in titled("", group.label or "by timestep", column=0)),
         f"  [dim]{'order of accuracy':<{STUDY - 2}}{''.join(one.rjust(width) for one in pairs)}[/]",
         f"{'    against free fall':<{STUDY}}{free_fall}{' [yellow]*[/]' if damped else ''}",
         f"{'    against damped fall':<{STUDY}}"
