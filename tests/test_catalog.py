@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,6 @@ from pipeline import Analysis, Scenario, analyze, simulate
 
 PAGE = Path(__file__).parents[1] / "docs/catalog.md"
 HERTZ = (960, 480, 240)
-
-
-@pytest.fixture
-def catalog() -> None:
-    """Skip where the catalog's extra is not installed."""
-    if find_spec("datafusion") is None:
-        pytest.skip("the catalog is not installed; try: pip install 'drop[catalog]'")
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +26,6 @@ def analyses(tmp_path_factory: pytest.TempPathFactory) -> list[Analysis]:
     return found
 
 
-@pytest.mark.usefixtures("catalog")
 def test_one_query_gets_the_error_at_one_time_of_all_runs(
     analyses: list[Analysis], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -55,7 +46,6 @@ def test_one_query_gets_the_error_at_one_time_of_all_runs(
         }
 
 
-@pytest.mark.usefixtures("catalog")
 def test_every_scenario_property_is_a_column(analyses: list[Analysis]) -> None:
     import rerun as rr
 

@@ -262,7 +262,8 @@ def test_processes_give_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -
 def test_ray_gives_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -> None:
     """A cluster of its own on loopback: head, scheduler and workers are processes."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-    ray = pytest.importorskip("ray")
+    import ray
+
     ray.init(
         "local", num_cpus=2, _node_ip_address="127.0.0.1", include_dashboard=False,
         log_to_driver=False, logging_level="ERROR",

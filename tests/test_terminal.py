@@ -120,10 +120,16 @@ def test_colours_are_for_terminals_that_want_them(
     assert "\x1b" not in drop("analyze", "run.rrd").stdout
 
 
-def test_titles_are_bold(terminal: Terminal) -> None:
-    words = "sweep --out s --timestep 1/240,1/480 --linear-damping default,0 --no-record"
-    raw = terminal(*words.split()).raw
-    assert all(f"\x1b[1m{title}\x1b[0m" in raw for title in ("4 runs", "linear damping default"))
+@pytest.mark.parametrize(
+    ("options", "titles"),
+    [
+        ("--timestep 1/240,1/480 --no-record", ("4 runs", "linear damping default")),
+        (CHANCE, ("10 runs", "linear damping 0")),
+    ],
+)
+def test_titles_are_bold(terminal: Terminal, options: str, titles: tuple[str, str]) -> None:
+    raw = terminal(*f"sweep --out s --linear-damping default,0 {options}".split()).raw
+    assert all(f"\x1b[1m{title}\x1b[0m" in raw for title in titles)
 
 
 # -- progress -------------------------------------------------------------------------------------

@@ -122,6 +122,10 @@ def _cut(text: str) -> str:
     return text if len(text) <= LONGEST else f"…{text[1 - LONGEST :]}"
 
 
+def _heading(label: str) -> list[str]:
+    return [f"[bold]{line}[/]" for line in titled("", label, column=0)]
+
+
 def _mm(value_m: float | None) -> str:
     return "–" if value_m is None else millimetres(value_m).removesuffix(" mm").strip()
 
@@ -139,7 +143,7 @@ def _study(group: Group, study: Study) -> list[str]:
     damped = study.limit_m != 0
     free_fall = _orders(study.orders_free_fall, len(pairs), width, 2 if damped else 3)
     lines = [
-        *(f"[bold]{one}[/]" for one in titled("", group.label or "by timestep", column=0)),
+        *_heading(group.label or "by timestep"),
         f"  [dim]{'order of accuracy':<{STUDY - 2}}{''.join(one.rjust(width) for one in pairs)}[/]",
         f"{'    against free fall':<{STUDY}}{free_fall}{' [yellow]*[/]' if damped else ''}",
         f"{'    against damped fall':<{STUDY}}"
@@ -197,7 +201,7 @@ def _orders(orders: Sequence[float | None], last: int, width: int, decimals: int
 
 
 def _statistics(group: Group) -> list[str]:
-    lines = titled("", group.label, column=0) if group.label else []
+    lines = _heading(group.label) if group.label else []
     quantiles = list(group.statistics[0].quantiles) if group.statistics else []
     lines.append(_cells("", ["mean", "± 95 %", "spread", *quantiles], style="dim"))
     for one in group.statistics:
