@@ -1,0 +1,120 @@
+"""What the engine says of itself and of both bodies, read back after set-up.
+
+What an engine does not report is None. Damping, contact ERP and the solver's residual are not among
+it at all: PyBullet has no call that returns them. Of a btRigidBody `getDynamicsInfo` does not fill
+in the restitution, nor where the inertial frame lies (`processGetDynamicsInfoCommand` of bullet3's
+`PhysicsServerCommandProcessor.cpp`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Self, get_args, get_origin, get_type_hints
+
+from pipeline.errors import RecordingError
+
+Vector = tuple[float, float, float]
+
+
+def _reported(says: str, *, default: Any = ...) -> Any:  # noqa: ANN401 - as dataclasses.field
+    metadata = {"says": says}
+    return field(metadata=metadata) if default is ... else field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EngineReport:
+    """What the engine reports; SI units, world axes, None where it says nothing."""
+
+    timestep_s: float = _reported("as the engine has it")
+    substeps: int = _reported("steps that the engine makes of one; 0 is one")
+    solver_iterations: int = _reported("most iterations of the contact solver per step")
+    gravity_m_s2: Vector = _reported("as the engine has it: x, y, z")
+    body_name: str = _reported("name of the body in its URDF")
+    body_sha256: str = _reported("digest of the URDF")
+    body_type: str = _reported("btMultiBody (reduced coordinates) or btRigidBody (maximal ones)")
+    joints: int = _reported("how many the body has; the theory is that of a body without any")
+    mass_kg: float = _reported("of the body, all its links together")
+    inertia_kg_m2: Vector = _reported("principal moments of inertia about the centre of mass")
+    lateral_friction: float = _reported("of the body, against sliding")
+    rolling_friction: float = _reported("of the body, against rolling")
+    spinning_friction: float = _reported("of the body, against spinning in place")
+    restitution: float | None = _reported("of the body; not reported of a btRigidBody")
+    collision_margin_m: float = _reported("margin around the body's shape")
+    shape: str = _reported("of the body's collision: box, sphere, …; compound, or none")
+    shape_dimensions_m: tuple[float, ...] = _reported(
+        "of that shape, as PyBullet gives them: a box's three edges"
+    )
+    shape_position_m: Vector | None = _reported(
+        "of that shape's centre from the centre of mass, in the body's axes", default=None
+    )
+    shape_orientation: tuple[float, float, float, float] | None = _reported(
+        "of that shape in the body's axes: quaternion x, y, z, w", default=None
+    )
+    rest_height_m: float | None = _reported(
+        "height of the centre at which the body, turned as released, touches the floor; "
+        "measured by the engine's own collision detection; not reported without a shape",
+        default=None,
+    )
+    floor_lateral_friction: float | None = _reported("of the floor", default=None)
+    floor_restitution: float | None = _reported(
+        "of the floor; a bounce uses the product of this and the body's", default=None
+    )
+    pybullet_api: int = _reported("PyBullet's own number of its interface")
+    pybullet_version: str | None = _reported("of PyBullet", default=None)
+    pybullet_build: str | None = _reported("when the engine was compiled", default=None)
+    pybullet_wheel: str | None = _reported(
+        "kind of wheel that PyBullet was installed from", default=None
+    )
+    machine: str | None = _reported("kind of processor", default=None)
+    drop_version: str | None = _reported("of this project", default=None)
+    numpy_version: str | None = _reported("of numpy", default=None)
+    python_version: str | None = _reported("of Python", default=None)
+    rerun_version: str | None = _reported("of the Rerun SDK", default=None)
+    gl_renderer: str | None = _reported("what drew the frames, with `--renderer egl`", default=None)
+
+    def as_properties(self) -> dict[str, Any]:
+        """Return the values by name, as a recording keeps them; None is left out there."""
+        return asdict(self)
+
+    @classmethod
+    def from_properties(cls, values: Mapping[str, Any]) -> Self:
+        """Return the report that a recording holds.
+
+        Raises
+        ------
+        RecordingError
+            If a value is missing, of another kind, or not finite.
+        """
+        hints, parsed = get_type_hints(cls), {}
+        for one in fields(cls):
+            value = values.get(one.name)
+            try:
+                parsed[one.name] = _of_kind(value, hints[one.name])
+            except (TypeError, ValueError):
+                raise RecordingError(
+                    f"its engine must report {one.name}, got {str(value)[:80]!r}"
+                ) from None
+        return cls(**parsed)
+
+
+def _of_kind(value: Any, hint: Any) -> Any:  # noqa: ANN401
+    """Return a value read back as its declared kind; Rerun keeps a list of one as its element."""
+    kinds = get_args(hint)
+    if get_origin(hint) is tuple:
+        values = value if isinstance(value, list | tuple) else [value]
+        if kinds[-1] is not Ellipsis and len(values) != len(kinds):
+            raise TypeError
+        return tuple(_of_kind(each, float) for each in values)
+    if type(None) in kinds:
+        return None if value is None else _of_kind(value, kinds[0])
+    if hint is float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise TypeError
+        if not math.isfinite(value):
+            raise ValueError
+        return float(value)
+    if not isinstance(value, hint) or isinstance(value, bool):
+        raise TypeError
+    return value
