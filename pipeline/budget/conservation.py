@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.budget.samples import Samples
+from pipeline.budget.case import Case
 
 Float64 = NDArray[np.float64]
 
@@ -28,31 +28,19 @@ class Mechanics:
         return self.kinetic_linear_j + self.kinetic_angular_j + self.potential_j
 
 
-def mechanics(
-    samples: Samples, *, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float
-) -> Mechanics:
+def mechanics(case: Case) -> Mechanics:
     """Return energies and angular momentum of a rigid body in uniform gravity.
 
     Source: E = m v²/2 + ω·Iω/2 - m g_z z and L = I ω with I = R diag(I₁, I₂, I₃) Rᵀ; any text on
     classical mechanics, for instance Goldstein, chapter 5.
-
-    Parameters
-    ----------
-    samples
-        The recorded state.
-    mass_kg
-        Mass [kg].
-    inertia_kg_m2
-        Moments of inertia about the body's axes, its principal ones [kg m²], shape (3,).
-    gravity_m_s2
-        z component of gravity [m/s²], negative where it pulls down.
     """
+    samples, mass_kg = case.samples, case.engine.mass_kg
     spin_body = rotate_inverse(samples.orientation, samples.spin_rad_s)
-    momentum_body = spin_body * inertia_kg_m2
+    momentum_body = spin_body * np.array(case.engine.inertia_kg_m2)
     return Mechanics(
         kinetic_linear_j=mass_kg / 2 * np.sum(samples.velocity_m_s**2, axis=1),
         kinetic_angular_j=np.sum(spin_body * momentum_body, axis=1) / 2,
-        potential_j=-mass_kg * gravity_m_s2 * samples.height_m,
+        potential_j=-mass_kg * case.fall.gravity_m_s2 * samples.height_m,
         angular_momentum_kg_m2_s=rotate(samples.orientation, momentum_body),
     )
 

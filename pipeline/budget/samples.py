@@ -22,7 +22,11 @@ class Samples:
     velocity_m_s: Float64
     spin_rad_s: Float64
     contact_points: Float64
-    """How many there are, shape (samples,)."""
+    """How many there are, shape (samples,); 0 where there is no contact."""
+    contact_distance_m: Float64
+    """Smallest distance to the floor at which they were found [m], (samples,); nan without any."""
+    contact_force_n: Float64
+    """Normal forces together [N], shape (samples,)."""
 
     @property
     def height_m(self) -> Float64:
@@ -38,4 +42,6 @@ def samples_of(states: pl.DataFrame) -> Samples:
         velocity_m_s=states.select("vx_m_s", "vy_m_s", "vz_m_s").to_numpy(),
         spin_rad_s=states.select("wx_rad_s", "wy_rad_s", "wz_rad_s").to_numpy(),
         contact_points=states["contact_points"].to_numpy(),
+        contact_distance_m=states["contact_distance_m"].to_numpy(),
+        contact_force_n=states["contact_force_n"].to_numpy(),
     )

@@ -105,7 +105,7 @@ def vertical_velocity_law(
 
 
 def velocities_after_step(fall: Fall, velocity_m_s: Float64, *, timestep_s: float) -> Float64:
-    """Return what one step makes of many velocities at once [m/s], shape (n, 3).
+    """Return what one step makes of many velocities at once [m/s], shape (n, 3), before `held`.
 
     The same law, but in arrays, and so not to the last bit.
     """
@@ -113,8 +113,16 @@ def velocities_after_step(fall: Fall, velocity_m_s: Float64, *, timestep_s: floa
     if fall.coordinates == "maximal":
         return np.asarray(velocity_m_s * (1 - fall.linear_damping) ** timestep_s + pull)
     speed = np.linalg.norm(velocity_m_s, axis=1, keepdims=True)
-    after = velocity_m_s - timestep_s * fall.linear_damping * velocity_m_s * (1 + speed) + pull
-    return np.asarray(np.clip(after, -MAX_COORDINATE_VELOCITY_M_S, MAX_COORDINATE_VELOCITY_M_S))
+    return np.asarray(
+        velocity_m_s - timestep_s * fall.linear_damping * velocity_m_s * (1 + speed) + pull
+    )
+
+
+def held(fall: Fall, velocity_m_s: Float64) -> Float64:
+    """Return velocities [m/s], shape (n, 3), within the limit that a btMultiBody is held to."""
+    if fall.coordinates == "maximal":
+        return velocity_m_s
+    return np.clip(velocity_m_s, -MAX_COORDINATE_VELOCITY_M_S, MAX_COORDINATE_VELOCITY_M_S)
 
 
 def _vertical_samples(
