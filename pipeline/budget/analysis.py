@@ -30,6 +30,7 @@ from pipeline.budget.samples import Samples, samples_of
 from pipeline.errors import ScenarioError
 from pipeline.physics import theory
 from pipeline.physics.bullet_law import fall_of
+from pipeline.physics.report import EngineReport
 from pipeline.physics.theory import Fall
 from pipeline.scenario import Scenario
 
@@ -38,7 +39,7 @@ Float64 = NDArray[np.float64]
 
 def analysis_of(
     scenario: Scenario,
-    engine: Mapping[str, Any],
+    engine: EngineReport,
     states: pl.DataFrame,
     *,
     at_s: Sequence[float] = (),
@@ -61,30 +62,30 @@ def analysis_of(
     ScenarioError
         If a time lies outside the recording.
     """
-    samples = samples_of(states)
+    samples, reported = samples_of(states), engine.as_properties()
     fall, timestep_s = fall_of(scenario), scenario.timestep_s
     speed_m_s = np.linalg.norm(samples.velocity_m_s, axis=1)
     found = phases(samples.height_m, speed_m_s, samples.contact_points)
-    mismatch = find_mismatch(scenario, engine, fall, samples, airborne=found.airborne)
-    coverage = coverage_of(scenario, engine, found, mismatch)
+    mismatch = find_mismatch(scenario, reported, fall, samples, airborne=found.airborne)
+    coverage = coverage_of(scenario, reported, found, mismatch)
     parts = decompose(fall, samples.height_m[: coverage.samples], timestep_s=timestep_s)
     energies = mechanics(
         samples,
-        mass_kg=engine["mass_kg"],
-        inertia_kg_m2=np.array(engine["inertia_kg_m2"]),
+        mass_kg=engine.mass_kg,
+        inertia_kg_m2=np.array(engine.inertia_kg_m2),
         gravity_m_s2=fall.gravity_m_s2,
     )
-    table = _table(scenario, engine, fall, found, samples, parts, energies)
+    table = _table(scenario, reported, fall, found, samples, parts, energies)
     at = [_moment(table, step) for step in _steps_at(at_s, scenario, coverage)]
 
-    law = contact_law_path(scenario, engine, fall, steps=found.samples - 1)
+    law = contact_law_path(scenario, reported, fall, steps=found.samples - 1)
     law_m = None if law is None else law[0]
-    impact = find_impact(scenario, engine, fall, found, samples)
-    bounces = find_bounces(scenario, engine, fall, samples)
-    rest = find_rest(scenario, engine, found, samples, law_m)
+    impact = find_impact(scenario, reported, fall, found, samples)
+    bounces = find_bounces(scenario, reported, fall, samples)
+    rest = find_rest(scenario, reported, found, samples, law_m)
     evidence = Evidence(
         scenario=scenario,
-        engine=engine,
+        engine=reported,
         fall=fall,
         time_s=table["time_s"].to_numpy(),
         samples=samples,
@@ -97,7 +98,7 @@ def analysis_of(
     )
     return Analysis(
         scenario=asdict(scenario),
-        engine=dict(engine),
+        engine=reported,
         at=at,
         coverage=coverage,
         airborne=_airborne(parts),
@@ -112,7 +113,7 @@ def analysis_of(
             fall,
             airborne=found.airborne,
             timestep_s=timestep_s,
-            mass_kg=engine["mass_kg"],
+            mass_kg=engine.mass_kg,
             stepped=scenario.stepped,
         ),
         findings=findings(evidence),

@@ -117,7 +117,7 @@ def _law_mismatch(e: Evidence) -> Iterator[Finding]:
         yield Finding(
             "law-mismatch",
             f"sample {step} is {deviation:.2g} (m or m/s) away from what pybullet "
-            f"{e.engine.get('pybullet_version', '?')} makes of the samples before it: the state "
+            f"{e.engine['pybullet_version']} makes of the samples before it: the state "
             "was altered, or another engine made it; record it again with drop simulate",
         )
 

@@ -185,4 +185,4 @@ def find_bounces(
 
 def pair_restitution(engine: Mapping[str, Any]) -> float:
     """Return the restitution of body and floor together: the product of the two."""
-    return float(engine["restitution"] * engine.get("floor_restitution", 0.0))
+    return float((engine["restitution"] or 0.0) * (engine["floor_restitution"] or 0.0))
