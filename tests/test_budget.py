@@ -249,7 +249,7 @@ def test_floating_and_spinning_bodies_conserve_what_they_should(
         linear_damping=damping, angular_damping=damping,
     )  # fmt: skip
     conservation = judge(recording).conservation
-    inertia_z = recording.engine["inertia_kg_m2"][2]
+    inertia_z = recording.engine.inertia_kg_m2[2]
     assert conservation.energy_initial_j == pytest.approx(0.7 * 14 / 2 + inertia_z * 25 / 2)
     assert conservation.energy_max_rel_drift is not None
     assert conservation.angular_momentum_max_rel_drift is not None

@@ -21,11 +21,11 @@ def test_the_engine_reports_what_was_set(recorded: Recorder) -> None:
         solver_iterations=33,
     )  # fmt: skip
     engine, first = recording.engine, recording.states.row(0, named=True)
-    assert engine["timestep_s"] == 1 / 480
-    assert engine["gravity_m_s2"] == [0.0, 0.0, -1.62]
-    assert engine["mass_kg"] == 0.25
-    assert engine["restitution"] == engine["floor_restitution"] == 0.7
-    assert engine["solver_iterations"] == 33
+    assert engine.timestep_s == 1 / 480
+    assert engine.gravity_m_s2 == (0.0, 0.0, -1.62)
+    assert engine.mass_kg == 0.25
+    assert engine.restitution == engine.floor_restitution == 0.7
+    assert engine.solver_iterations == 33
     assert [first[name] for name in ("x_m", "y_m", "z_m")] == [0.0, 0.0, 2.0]
     assert [first[name] for name in ("vx_m_s", "vy_m_s", "vz_m_s")] == [0.5, -0.25, 3.0]
     assert [first[name] for name in ("wx_rad_s", "wy_rad_s", "wz_rad_s")] == [1.0, 2.0, 3.0]
@@ -33,8 +33,8 @@ def test_the_engine_reports_what_was_set(recorded: Recorder) -> None:
 
 def test_a_mass_of_ones_own_brings_the_inertia_of_the_shape(recorded: Recorder) -> None:
     """The URDF's inertia is three times a cube's, m a²/6; changing the mass replaces it."""
-    assert recorded(duration_s=1 / 240).engine["inertia_kg_m2"] == [0.000125] * 3
-    heavy = recorded(duration_s=1 / 240, mass_kg=1.0).engine["inertia_kg_m2"]
+    assert recorded(duration_s=1 / 240).engine.inertia_kg_m2 == (0.000125,) * 3
+    heavy = recorded(duration_s=1 / 240, mass_kg=1.0).engine.inertia_kg_m2
     assert heavy == pytest.approx([1.0 * 0.05**2 / 6] * 3, rel=1e-14)
 
 
@@ -72,7 +72,7 @@ def test_coordinates_choose_the_kind_of_body(
     recorded: Recorder, coordinates: str, body_type: str
 ) -> None:
     recording = recorded(coordinates=coordinates, duration_s=1 / 240)
-    assert recording.engine["body_type"] == body_type
+    assert recording.engine.body_type == body_type
 
 
 @pytest.mark.parametrize(
@@ -88,10 +88,10 @@ def test_any_body_of_pybullet_data_can_be_dropped(
     recorded: Recorder, body: str, shape: str, rest_height_m: float | None
 ) -> None:
     recording = recorded(body=body, duration_s=0.5)
-    assert recording.engine["shape"] == shape
+    assert recording.engine.shape == shape
     assert recording.column("z_m")[0] == 1.0
     if rest_height_m is not None:
-        assert recording.engine["rest_height_m"] == pytest.approx(rest_height_m, abs=1e-15)
+        assert recording.engine.rest_height_m == pytest.approx(rest_height_m, abs=1e-15)
 
 
 def test_a_urdf_of_ones_own_is_found_by_its_path(tmp_path: Path) -> None:
@@ -104,8 +104,8 @@ def test_a_urdf_of_ones_own_is_found_by_its_path(tmp_path: Path) -> None:
     path = tmp_path / "brick.rrd"
     simulate(Scenario(body=str(own), duration_s=0.1), path, camera=None)
     engine = read(path).engine
-    assert (engine["body_name"], engine["mass_kg"]) == ("brick", 2.0)
-    assert engine["rest_height_m"] == 0.2
+    assert (engine.body_name, engine.mass_kg) == ("brick", 2.0)
+    assert engine.rest_height_m == 0.2
 
 
 @pytest.mark.parametrize("text", ["", "no robot here", "<robot name='x'></robot>"])

@@ -194,7 +194,7 @@ def _impact(analysis: Analysis) -> list[str]:
 
 
 def _bounces(analysis: Analysis) -> list[str]:
-    body, floor = analysis.engine["restitution"], analysis.engine.get("floor_restitution", 0.0)
+    body, floor = (analysis.engine[name] or 0.0 for name in ("restitution", "floor_restitution"))
     lines = []
     for number, bounce in enumerate(analysis.bounces[:_MOST_BOUNCES], start=1):
         said = (

@@ -1,9 +1,10 @@
 """What the engine says of itself and of both bodies, read back after set-up.
 
 What an engine does not report is None. Damping, contact ERP and the solver's residual are not among
-it at all: PyBullet has no call that returns them. Of a btRigidBody `getDynamicsInfo` does not fill
-in the restitution, nor where the inertial frame lies (`processGetDynamicsInfoCommand` of bullet3's
-`PhysicsServerCommandProcessor.cpp`).
+it at all: PyBullet has no call that returns them. Of a btRigidBody `getDynamicsInfo` fills in mass,
+inertia, frictions and margin, and leaves the rest as it lies in memory: restitution, inertial
+frame, contact stiffness (`processGetDynamicsInfoCommand` of `PhysicsServerCommandProcessor.cpp`).
+Shapes, links and restitution are then those of the same URDF in reduced coordinates.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ class EngineReport:
     lateral_friction: float = _reported("of the body, against sliding")
     rolling_friction: float = _reported("of the body, against rolling")
     spinning_friction: float = _reported("of the body, against spinning in place")
-    restitution: float | None = _reported("of the body; not reported of a btRigidBody")
+    restitution: float | None = _reported(
+        "of the body; of a btRigidBody, which reports none, that of the same URDF as a btMultiBody"
+    )
     collision_margin_m: float = _reported("margin around the body's shape")
     shape: str = _reported("of the body's collision: box, sphere, …; compound, or none")
     shape_dimensions_m: tuple[float, ...] = _reported(
@@ -73,6 +76,18 @@ class EngineReport:
     python_version: str | None = _reported("of Python", default=None)
     rerun_version: str | None = _reported("of the Rerun SDK", default=None)
     gl_renderer: str | None = _reported("what drew the frames, with `--renderer egl`", default=None)
+
+    @property
+    def pair_restitution(self) -> float | None:
+        """Restitution of body and floor together: the product (`btManifoldResult.cpp` 68-71)."""
+        if self.restitution is None or self.floor_restitution is None:
+            return None
+        return self.restitution * self.floor_restitution
+
+    @classmethod
+    def says(cls) -> dict[str, str]:
+        """Return what each value is, in words, by name."""
+        return {one.name: one.metadata["says"] for one in fields(cls)}
 
     def as_properties(self) -> dict[str, Any]:
         """Return the values by name, as a recording keeps them; None is left out there."""

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ScenarioError
 from pipeline.physics.quiet import c_output_moved_aside
+from pipeline.physics.report import EngineReport
 from pipeline.physics.urdf import check_urdf
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
-Report = dict[str, float | int | str | bool | list[float]]
 
 STATE_WIDTH = 16
 """Numbers in one row of state: position 3, orientation 4, velocities 3 + 3, contact 3."""
@@ -184,50 +184,47 @@ class World:
 
     # -- reading ----------------------------------------------------------------------------------
 
-    def report(self) -> Report:
-        """Return what the engine says of itself and of both bodies, read back after set-up.
-
-        Damping, contact ERP and the solver's residual are not among it: PyBullet has no call
-        that returns them.
-        """
-        client = self._client
-        engine = p.getPhysicsEngineParameters(physicsClientId=client)
-        body = p.getDynamicsInfo(self._body, -1, physicsClientId=client)
-        shapes, joints = self._make_up()
-        report: Report = {
-            "timestep_s": engine["fixedTimeStep"],
-            "substeps": engine["numSubSteps"],
-            "solver_iterations": engine["numSolverIterations"],
-            "gravity_m_s2": [engine[f"gravityAcceleration{axis}"] for axis in "XYZ"],
-            "body_name": _text(p.getBodyInfo(self._body, physicsClientId=client)[1]),
-            "body_sha256": self._body_sha256,
-            "body_type": {1: "btRigidBody", 2: "btMultiBody"}.get(body[10], str(body[10])),
-            "joints": joints,
-            "mass_kg": body[0],
-            "inertia_kg_m2": list(body[2]),
-            "lateral_friction": body[1],
-            "rolling_friction": body[6],
-            "spinning_friction": body[7],
-            "restitution": body[5],
-            "collision_margin_m": body[11],
-            "shape": SHAPES.get(shapes[0][2], "unknown") if len(shapes) == 1 else "compound",
-            "shape_dimensions_m": list(shapes[0][3]) if len(shapes) == 1 else [],
-            "rest_height_m": self.rest_height_m,
-            "pybullet_api": p.getAPIVersion(),
-        }
-        if self._floor is not None:
-            floor = p.getDynamicsInfo(self._floor, -1, physicsClientId=client)
-            report["floor_lateral_friction"], report["floor_restitution"] = floor[1], floor[5]
-        return report
-
-    def _make_up(self) -> tuple[Any, int]:
-        """Return what PyBullet says of the base's collision shapes, and how many joints it has."""
+    def report(self) -> EngineReport:
+        """Return what the engine says of itself and of both bodies, read back after set-up."""
         if self.scenario.coordinates == "reduced":
-            shapes = p.getCollisionShapeData(self._body, -1, physicsClientId=self._client)
-            return shapes, p.getNumJoints(self._body, physicsClientId=self._client)
-        # Of btRigidBodies PyBullet says neither: ask the same URDF in reduced coordinates.
+            return self._report(twin=self)
+        # Much of a btRigidBody PyBullet does not report: ask the same URDF in reduced coordinates.
         with World(replace(self.scenario, coordinates="reduced")) as twin:
-            return twin._make_up()
+            return self._report(twin)
+
+    def _report(self, twin: World) -> EngineReport:
+        engine = p.getPhysicsEngineParameters(physicsClientId=self._client)
+        body, floor = self._dynamics(), None if self._floor is None else self._dynamics(self._floor)
+        shapes = p.getCollisionShapeData(twin._body, -1, physicsClientId=twin._client)
+        return EngineReport(
+            timestep_s=engine["fixedTimeStep"],
+            substeps=engine["numSubSteps"],
+            solver_iterations=engine["numSolverIterations"],
+            gravity_m_s2=tuple(engine[f"gravityAcceleration{axis}"] for axis in "XYZ"),
+            body_name=_text(p.getBodyInfo(self._body, physicsClientId=self._client)[1]),
+            body_sha256=self._body_sha256,
+            body_type={1: "btRigidBody", 2: "btMultiBody"}.get(body[10], str(body[10])),
+            joints=p.getNumJoints(twin._body, physicsClientId=twin._client),
+            mass_kg=body[0],
+            inertia_kg_m2=body[2],
+            lateral_friction=body[1],
+            rolling_friction=body[6],
+            spinning_friction=body[7],
+            restitution=twin._dynamics()[5],
+            collision_margin_m=body[11],
+            shape=SHAPES.get(shapes[0][2], "unknown") if len(shapes) == 1 else "compound",
+            shape_dimensions_m=shapes[0][3] if len(shapes) == 1 else (),
+            rest_height_m=self.rest_height_m,
+            floor_lateral_friction=floor and floor[1],
+            floor_restitution=floor and floor[5],
+            pybullet_api=p.getAPIVersion(),
+        )
+
+    def _dynamics(self, body: int | None = None, link: int = -1) -> Any:  # noqa: ANN401
+        """Return what `getDynamicsInfo` says of a body, this world's own by default."""
+        return p.getDynamicsInfo(
+            self._body if body is None else body, link, physicsClientId=self._client
+        )
 
     def samples(self, batch: int) -> Iterator[Float64]:
         """Fall: yield the state before each step and after the last, in batches.

@@ -18,6 +18,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.errors import RecordingError, ScenarioError
+from pipeline.physics.report import EngineReport
 from pipeline.recording import columns, rrd, schema
 from pipeline.recording.checks import AGAIN, check_engine, damaged
 from pipeline.recording.columns import Part, Properties
@@ -39,7 +40,7 @@ class Recording:
     path: Path
     recording_id: str
     scenario: Scenario
-    engine: Properties
+    engine: EngineReport
     camera: Camera | None
     states: pl.DataFrame
     """One row per sample in step order: `step` and the columns of `schema.STATE`."""
@@ -75,7 +76,7 @@ def read(path: Path) -> Recording:
 
     closing = _closing(properties, path)
     scenario, camera = _inputs(properties, path)
-    engine = properties[schema.ENGINE_PROPERTY]
+    engine = _engine(properties[schema.ENGINE_PROPERTY], path)
     check_engine(engine, scenario, path)
     rows = _joined(state, path)
     _check_states(rows, scenario, closing, path)
@@ -207,6 +208,13 @@ def _inputs(properties: Mapping[str, Properties], path: Path) -> tuple[Scenario,
         )
     except (TypeError, ScenarioError) as error:
         raise damaged(path, f"its scenario or camera cannot be ({error})") from None
+
+
+def _engine(values: Properties, path: Path) -> EngineReport:
+    try:
+        return EngineReport.from_properties(values)
+    except RecordingError as error:
+        raise damaged(path, str(error)) from None
 
 
 def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:

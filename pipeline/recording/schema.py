@@ -76,39 +76,6 @@ FINDINGS = "findings"
 
 # -- what they are, in words ----------------------------------------------------------------------
 
-ENGINE_SAYS = {
-    "body_name": "name of the body in its URDF",
-    "body_sha256": "digest of the URDF",
-    "body_type": "btMultiBody (reduced coordinates) or btRigidBody (maximal ones)",
-    "collision_margin_m": "margin around the body's shape",
-    "drop_version": "of this project",
-    "floor_lateral_friction": "of the floor",
-    "floor_restitution": "of the floor; a bounce has the product of this and the body's",
-    "gl_renderer": "what drew the frames, with `--renderer egl`",
-    "gravity_m_s2": "as the engine has it: x, y, z",
-    "inertia_kg_m2": "principal moments of inertia about the centre of mass",
-    "joints": "how many the body has; the theory is that of a body without any",
-    "lateral_friction": "of the body, against sliding",
-    "machine": "kind of processor",
-    "mass_kg": "of the body",
-    "numpy_version": "of numpy",
-    "pybullet_api": "PyBullet's own number of its interface",
-    "pybullet_build": "when the engine was compiled",
-    "pybullet_version": "of PyBullet",
-    "pybullet_wheel": "kind of wheel that PyBullet was installed from",
-    "python_version": "of Python",
-    "rerun_version": "of the Rerun SDK",
-    "rest_height_m": "height of the centre where the body lies on the floor as it was dropped",
-    "restitution": "of the body",
-    "rolling_friction": "of the body, against rolling",
-    "shape": "of the body's collision: box, sphere, …; compound where it has several",
-    "shape_dimensions_m": "of that shape, as PyBullet gives them: a box's three edges",
-    "solver_iterations": "most iterations of the contact solver per step",
-    "spinning_friction": "of the body, against spinning in place",
-    "substeps": "steps that the engine makes of one; 0 is one",
-    "timestep_s": "as the engine has it",
-}
-"""What the engine reports: read back from it, once both bodies are loaded."""
 CAMERA_SAYS = {
     "distance_m": "from the camera to its target",
     "far_m": "nothing farther away is drawn",

@@ -8,9 +8,10 @@ import platform
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from pipeline.errors import DropError
 from pipeline.physics import theory
 from pipeline.physics.bullet_law import fall_of
 from pipeline.physics.pictures import Photographer
+from pipeline.physics.report import EngineReport
 from pipeline.physics.visible_world import world_from_camera
 from pipeline.physics.world import World, engine_versions, find_body
 from pipeline.recording import schema, writer
@@ -159,13 +161,13 @@ def chunks_of(
 ) -> Iterator[Chunk]:
     """Yield the whole recording: what it was made with, the fall, and last what must be in it."""
     scenario = world.scenario
-    engine = world.report() | engine_versions() | library_versions()
-    inputs = {schema.SCENARIO_PROPERTY: asdict(scenario), schema.ENGINE_PROPERTY: engine}
-    camera = None
-    if photographer is not None:
-        camera = photographer.camera
-        if photographer.gl_renderer:
-            engine["gl_renderer"] = photographer.gl_renderer
+    camera = None if photographer is None else photographer.camera
+    engine = made_with(world, gl_renderer=photographer.gl_renderer if photographer else None)
+    inputs = {
+        schema.SCENARIO_PROPERTY: asdict(scenario),
+        schema.ENGINE_PROPERTY: engine.as_properties(),
+    }
+    if camera is not None:
         inputs[schema.CAMERA_PROPERTY] = asdict(camera)
     for name, values in inputs.items():
         yield writer.property_chunk(name, values)
@@ -271,6 +273,12 @@ def _frames(
         digest.update(int(step), png)
         yield writer.image_chunk(step, scenario.timestep_s, png)
         progress("drawing frames", camera.frames_of(int(step)), total)
+
+
+def made_with(world: World, *, gl_renderer: str | None = None) -> EngineReport:
+    """Return what a world reports, with the versions of all that takes part in a recording."""
+    versions: dict[str, Any] = engine_versions() | library_versions()
+    return replace(world.report(), gl_renderer=gl_renderer or None, **versions)
 
 
 @functools.cache
