@@ -64,7 +64,9 @@ def analysis_of(
     flight = law_of_flight(case, found)
     mismatch = find_mismatch(case, flight)
     coverage = coverage_of(case, found, flight, mismatch)
-    parts = decompose(case, coverage.samples)
+    parts = decompose(
+        case.fall, case.samples.height_m[: coverage.samples], timestep_s=case.timestep_s
+    )
     energies = mechanics(case)
     table = _table(case, found, parts, energies)
     at = [_moment(table, step) for step in _steps_at(at_s, scenario, coverage)]

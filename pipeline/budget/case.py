@@ -61,13 +61,14 @@ class Case:
     @cached_property
     def free_fall_m(self) -> Float64:
         """Height by theory without air [m], no lower than the floor lets the centre get."""
-        return stopped_by_floor(theory.free_fall_height(self.fall, self.time_s), self.floor_height_m)
+        heights_m = theory.free_fall_height(self.fall, self.time_s)
+        return theory.stopped_by_floor(heights_m, self.floor_height_m)
 
     @cached_property
     def damped_fall_m(self) -> Float64:
         """The same through the engine's damping, in continuous time."""
         heights_m = theory.damped_fall_height(self.fall, self.time_s)
-        return stopped_by_floor(heights_m, self.floor_height_m)
+        return theory.stopped_by_floor(heights_m, self.floor_height_m)
 
     @cached_property
     def lands_at(self) -> int:
@@ -93,12 +94,6 @@ class Case:
         """Whether the body is one rigid box."""
         return self.is_rigid and self.engine.shape == "box"
 
-    @property
-    def restitution(self) -> float | None:
-        """Of body and floor together: the product of the two (`btManifoldResult.cpp` 68-71)."""
-        body, floor = self.engine.restitution, self.engine.floor_restitution
-        return None if body is None or floor is None else body * floor
-
     def over_floor(self, position_m: Float64) -> bool:
         """Whether positions [m], shape (n, 3), are above or below the floor, not past its edge."""
         return bool((np.abs(position_m[:, :2]) < FLOOR_REACH_M).all())
@@ -107,8 +102,3 @@ class Case:
 def case_of(scenario: Scenario, engine: EngineReport, states: pl.DataFrame) -> Case:
     """Return the case that a recording holds."""
     return Case(scenario, engine, samples_of(states))
-
-
-def stopped_by_floor(heights_m: Float64, floor_height_m: float | None) -> Float64:
-    """Return heights of a centre [m] that no floor was in the way of, as a floor stops them."""
-    return heights_m if floor_height_m is None else np.maximum(heights_m, floor_height_m)

@@ -121,10 +121,11 @@ def _no_floor(e: Evidence) -> Iterator[Finding]:
 
 def _tunnelled(e: Evidence) -> Iterator[Finding]:
     position_m = e.case.samples.position_m
-    untouched = position_m[: e.phases.airborne]
-    below = np.flatnonzero(untouched[:, 2] < 0)
-    inside = e.case.over_floor(untouched[below][:1])
-    if not e.case.scenario.floor or not len(below) or not inside or untouched[0, 2] <= 0:
+    below = np.flatnonzero(position_m[: e.phases.airborne, 2] < 0)
+    fell = position_m[0, 2] > 0 > position_m[-1, 2]  # and did not come back
+    if not e.case.scenario.floor or not len(below) or not fell:
+        return
+    if not e.case.over_floor(position_m[below[0] :]):
         return
     step = int(below[0])
     where = f"at {e.case.time_s[step]:.4g} s (step {step}) the centre is below the floor, at "
@@ -246,17 +247,19 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
 def _tumbled(e: Evidence) -> Iterator[Finding]:
     if e.tumbled_step is not None:
         tilt_deg = math.degrees(tilt_rad(e.case)[e.tumbled_step])
+        advice = ""
+        if e.law is not None and e.case.scenario.solver_residual != 0:
+            advice = "; it was released flat: --solver-residual 0 keeps the solver from tilting it"
         yield Finding(
             "tumbled",
             f"from {e.case.time_s[e.tumbled_step]:.4g} s (step {e.tumbled_step}) on it tumbles: it "
             f"touches the floor tilted by {tilt_deg:.2g}°, so bounces, contact and rest are "
-            "measured from there on, not explained; with --solver-residual 0 a box that lands flat "
-            "stays flat for longer",
+            f"measured from there on, not explained{advice}",
         )
 
 
 def _bounces(e: Evidence) -> Iterator[Finding]:
-    asked = e.case.restitution
+    asked = e.case.engine.pair_restitution
     if not asked or e.impact is None:
         return
     for number, bounce in enumerate(e.bounces, start=1):

@@ -98,7 +98,7 @@ def covers(case: Case) -> bool:
         and case.scenario.stepped
         and case.scenario.substeps <= 1
         and floor_m is not None
-        and case.restitution is not None
+        and case.engine.pair_restitution is not None
         and not sideways
         and float(tilt_rad(case)[0]) < 1e-9
         and case.fall.height_m > floor_m
@@ -127,7 +127,7 @@ def _law(
     case: Case, fall: theory.Fall, steps: int, *, contact_erp: float | None = None
 ) -> Path:
     assert case.floor_height_m is not None
-    assert case.restitution is not None
+    assert case.engine.pair_restitution is not None
     return Path(
         *contact_law.flat_drop(
             fall,
@@ -135,7 +135,7 @@ def _law(
             steps=steps,
             mass_kg=case.engine.mass_kg,
             rest_height_m=case.floor_height_m,
-            restitution=case.restitution,
+            restitution=case.engine.pair_restitution,
             contact_erp=_contact_erp(case) if contact_erp is None else contact_erp,
             restitution_threshold_m_s=restitution_threshold_m_s(case),
         )
@@ -246,12 +246,12 @@ def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
 
 def _predicted_apex_m(case: Case, number: int) -> float | None:
     """Return e^(2k) h of the k-th bounce [m]; a throw arrives like a drop from v²/2g higher."""
-    if case.restitution is None or case.floor_height_m is None:
+    if case.engine.pair_restitution is None or case.floor_height_m is None:
         return None
     fall = case.fall
     thrown_m = fall.velocity_m_s[2] ** 2 / (-2 * fall.gravity_m_s2)
     drop_m = fall.height_m - case.floor_height_m + thrown_m
-    return float(contact_law.rebound_heights(drop_m, case.restitution, number)[-1])
+    return float(contact_law.rebound_heights(drop_m, case.engine.pair_restitution, number)[-1])
 
 
 def _apexes(height_m: Float64, floor_m: float) -> list[float]:
@@ -289,9 +289,9 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
     recorded_m_s = float(samples.velocity_m_s[episode.last, 2])
     if not flat.all() or abs(recorded_m_s - rebound_m_s) > REPRODUCED * episode.approach_m_s:
         return None
-    assert case.restitution is not None
+    assert case.engine.pair_restitution is not None
     asked_m_s = contact_law.rebound_speed(
-        -episode.approach_m_s, case.restitution, threshold_m_s=restitution_threshold_m_s(case)
+        -episode.approach_m_s, case.engine.pair_restitution, threshold_m_s=restitution_threshold_m_s(case)
     )
     return rebound_m_s - asked_m_s
 

@@ -44,7 +44,10 @@ def moment_in_the_air(
         Number of contact points, shape (n,).
     """
     sideways = any((*scenario.velocity_m_s[:2], *scenario.spin_rad_s))
-    if sideways or not scenario.stepped or engine.joints or contact_points.any():
+    turned = scenario.substeps > 1 or any(scenario.orientation)
+    if sideways or turned or not scenario.stepped or engine.joints or contact_points.any():
+        return None
+    if np.abs(velocity_m_s).max() >= bullet_law.MAX_COORDINATE_VELOCITY_M_S:
         return None
     fall, timestep_s = bullet_law.fall_of(scenario), scenario.timestep_s
     step = len(position_m) - 1
@@ -54,6 +57,9 @@ def moment_in_the_air(
     if not (np.array_equal(position_m, law_m) and np.array_equal(velocity_m_s, law_m_s)):
         return None
     parts = decompose(fall, position_m[-1:, 2], timestep_s=timestep_s, first=step)
+    lowest_m = engine.rest_height_m if scenario.floor else None
+    if lowest_m is not None and parts.free_fall_m[-1] <= lowest_m:
+        return None  # theory has landed
     return Moment(
         time_s=step * timestep_s,
         step=step,

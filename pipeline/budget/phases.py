@@ -16,7 +16,7 @@ Float64 = NDArray[np.float64]
 Phase = Literal["falling", "contact", "rest"]
 
 SETTLED_M = 1e-5
-"""A body within this of its last position has settled: Bullet's own contact slop."""
+"""A body within this of its last position, along each axis, has settled: Bullet's contact slop."""
 SETTLED_RAD = 1e-3
 """The same of its orientation: what moves the surface of a 5 cm box by the slop is half of it."""
 REST_S = 0.1
@@ -75,7 +75,7 @@ def phases_of(case: Case) -> Phases:
 
 def _moving(samples: Samples) -> NDArray[np.bool_]:
     """Return which samples have another position or orientation than the last."""
-    way_m = np.linalg.norm(samples.position_m - samples.position_m[-1], axis=1)
+    way_m = np.abs(samples.position_m - samples.position_m[-1]).max(axis=1)
     # Of a small turn by θ the vector part of the quaternion between the two is θ/2 long.
     agree = np.abs(samples.orientation @ samples.orientation[-1])
     turn_rad = 2 * np.arccos(np.minimum(agree, 1.0))

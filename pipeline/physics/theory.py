@@ -94,6 +94,15 @@ def impact_time_free(fall: Fall, floor_height_m: float) -> float | None:
     return (v0 + speed) / -g if v0 > 0 else 2 * d / (speed - v0)
 
 
+def stopped_by_floor(heights_m: Float64, floor_height_m: float | None) -> Float64:
+    """Return heights of a centre [m] that no floor was in the way of, as a floor stops them.
+
+    `floor_height_m` is where the body touches it, None without a floor. Theory ends there wherever
+    it is shown: in tables, curves and plots.
+    """
+    return heights_m if floor_height_m is None else np.maximum(heights_m, floor_height_m)
+
+
 # -- with drag ------------------------------------------------------------------------------------
 
 

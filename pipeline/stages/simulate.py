@@ -239,15 +239,18 @@ def _curve_styles() -> Iterator[Chunk]:
 
 
 def _heights(
-    scenario: Scenario, rest_height_m: float, steps: NDArray[np.int64], simulated_m: Float64
+    scenario: Scenario, rest_height_m: float | None, steps: NDArray[np.int64], simulated_m: Float64
 ) -> Iterator[Chunk]:
     """Yield the height curves; theory stops at the floor and stays at the rest height."""
     fall, time_s = fall_of(scenario), steps.astype(np.float64) * scenario.timestep_s
-    lowest = rest_height_m if scenario.floor else -np.inf
+    free_m, damped_m = (
+        theory.stopped_by_floor(height(fall, time_s), rest_height_m if scenario.floor else None)
+        for height in (theory.free_fall_height, theory.damped_fall_height)
+    )
     curves = {
         schema.HEIGHT_SIMULATED: simulated_m,
-        schema.HEIGHT_FREE_FALL: np.maximum(theory.free_fall_height(fall, time_s), lowest),
-        schema.HEIGHT_DAMPED_FALL: np.maximum(theory.damped_fall_height(fall, time_s), lowest),
+        schema.HEIGHT_FREE_FALL: free_m,
+        schema.HEIGHT_DAMPED_FALL: damped_m,
     }
     for entity, values in curves.items():
         yield writer.curve_chunk(

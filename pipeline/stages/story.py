@@ -16,6 +16,9 @@ def events(analysis: Analysis) -> list[tuple[int, str]]:
     impact, rest = analysis.impact, analysis.rest
     if impact is not None:
         found.append((impact.step, f"first contact, arriving at {impact.speed_m_s:.3f} m/s"))
+    if analysis.tumbled_step is not None:
+        found.append((analysis.tumbled_step, "tumbles from here on"))
+    if impact is not None:
         if impact.penetration_m is not None:
             depth_mm = impact.penetration_m * 1e3
             found.append((impact.lowest_step, f"lowest point, {depth_mm:.3f} mm in the floor"))
