@@ -32,6 +32,8 @@ from pipeline.physics.report import EngineReport
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
+ENERGIES = ("kinetic_linear_j", "kinetic_angular_j", "potential_j", "energy_j")
+"""Columns of the table that are null where the state of a body's links is not recorded."""
 
 
 def analysis_of(
@@ -110,7 +112,7 @@ def analysis_of(
 
 
 def _table(
-    case: Case, found: Phases, parts: Decomposition, energies: Mechanics
+    case: Case, found: Phases, parts: Decomposition, energies: Mechanics | None
 ) -> pl.DataFrame:
     """Return one row per sample; error terms are null where free flight is not covered."""
 
@@ -133,11 +135,12 @@ def _table(
             "damping_m": explained(parts.damping_m),
             "interaction_m": explained(parts.interaction_m),
             "rounding_m": explained(parts.rounding_m),
-            "kinetic_linear_j": energies.kinetic_linear_j,
-            "kinetic_angular_j": energies.kinetic_angular_j,
-            "potential_j": energies.potential_j,
-            "energy_j": energies.total_j,
-        }
+            "kinetic_linear_j": energies and energies.kinetic_linear_j,
+            "kinetic_angular_j": energies and energies.kinetic_angular_j,
+            "potential_j": energies and energies.potential_j,
+            "energy_j": energies and energies.total_j,
+        },
+        schema_overrides=dict.fromkeys(ENERGIES, pl.Float64),
     )
 
 
@@ -184,7 +187,9 @@ def _airborne(parts: Decomposition) -> Airborne:
     )
 
 
-def _conservation(energies: Mechanics, airborne: int) -> Conservation:
+def _conservation(energies: Mechanics | None, airborne: int) -> Conservation:
+    if energies is None:
+        return Conservation(None, None, None)
     free = slice(max(airborne, 1))
     return Conservation(
         energy_initial_j=float(energies.total_j[0]),

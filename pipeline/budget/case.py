@@ -85,7 +85,7 @@ class Case:
 
     @property
     def is_ball(self) -> bool:
-        """Whether the body touches the floor alike in any orientation: a sphere about its centre."""
+        """Whether the body touches the floor alike in any orientation: a centred sphere."""
         centred = self.engine.shape_position_m == (0.0, 0.0, 0.0)
         return self.is_rigid and self.engine.shape == "sphere" and centred
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.budget.case import Case
+from pipeline.budget.samples import Rigid
 
 Float64 = NDArray[np.float64]
 
@@ -28,20 +29,60 @@ class Mechanics:
         return self.kinetic_linear_j + self.kinetic_angular_j + self.potential_j
 
 
-def mechanics(case: Case) -> Mechanics:
-    """Return energies and angular momentum of a rigid body in uniform gravity.
+def mechanics(case: Case) -> Mechanics | None:
+    """Return energies and angular momentum of a body in uniform gravity, of all its links together.
+
+    None where the state of its links is not recorded.
 
     Source: E = m v²/2 + ω·Iω/2 - m g_z z and L = I ω with I = R diag(I₁, I₂, I₃) Rᵀ; any text on
     classical mechanics, for instance Goldstein, chapter 5.
     """
-    samples, mass_kg = case.samples, case.engine.mass_kg
-    spin_body = rotate_inverse(samples.orientation, samples.spin_rad_s)
-    momentum_body = spin_body * np.array(case.engine.inertia_kg_m2)
+    engine, gravity_m_s2 = case.engine, case.fall.gravity_m_s2
+    if engine.recorded_links != engine.joints:
+        return None
+    inertias_kg_m2 = np.reshape(engine.link_inertias_kg_m2, (-1, 3))
+    parts = [
+        _of_part(part, mass_kg, inertia_kg_m2, gravity_m_s2)
+        for part, mass_kg, inertia_kg_m2 in zip(
+            (case.samples, *case.samples.links), engine.link_masses_kg, inertias_kg_m2, strict=True
+        )
+    ]
+    if len(parts) == 1:
+        return parts[0]
     return Mechanics(
-        kinetic_linear_j=mass_kg / 2 * np.sum(samples.velocity_m_s**2, axis=1),
+        kinetic_linear_j=sum(part.kinetic_linear_j for part in parts),
+        kinetic_angular_j=sum(part.kinetic_angular_j for part in parts),
+        potential_j=sum(part.potential_j for part in parts),
+        angular_momentum_kg_m2_s=_about_centre_of_mass(case, parts),
+    )
+
+
+def _of_part(part: Rigid, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float) -> Mechanics:
+    spin_body = rotate_inverse(part.orientation, part.spin_rad_s)
+    momentum_body = spin_body * inertia_kg_m2
+    return Mechanics(
+        kinetic_linear_j=mass_kg / 2 * np.sum(part.velocity_m_s**2, axis=1),
         kinetic_angular_j=np.sum(spin_body * momentum_body, axis=1) / 2,
-        potential_j=-mass_kg * case.fall.gravity_m_s2 * samples.height_m,
-        angular_momentum_kg_m2_s=rotate(samples.orientation, momentum_body),
+        potential_j=-mass_kg * gravity_m_s2 * part.position_m[:, 2],
+        angular_momentum_kg_m2_s=rotate(part.orientation, momentum_body),
+    )
+
+
+def _about_centre_of_mass(case: Case, parts: list[Mechanics]) -> Float64:
+    """Return the angular momentum of all links about their common centre of mass.
+
+    Source: L = Σ [I ω + m (x - X) × (v - V)] (Goldstein, section 1.2).
+    """
+    masses_kg = np.array(case.engine.link_masses_kg)
+    rigid = (case.samples, *case.samples.links)
+    centre_m = sum(m * one.position_m for m, one in zip(masses_kg, rigid, strict=True))
+    drift_m_s = sum(m * one.velocity_m_s for m, one in zip(masses_kg, rigid, strict=True))
+    total_kg = masses_kg.sum()
+    return sum(
+        part.angular_momentum_kg_m2_s
+        + m
+        * np.cross(one.position_m - centre_m / total_kg, one.velocity_m_s - drift_m_s / total_kg)
+        for m, one, part in zip(masses_kg, rigid, parts, strict=True)
     )
 
 

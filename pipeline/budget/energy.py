@@ -27,27 +27,31 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class EnergyLedger:
-    """Change of the mechanical energy over a recording, by cause [J]; `closing_j` is the rest."""
+    """Change of the mechanical energy over a recording, by cause [J]; `closing_j` is the rest.
 
-    initial_j: float
+    Of a body with joints there is no ledger of causes, and no energy where its links are not
+    recorded.
+    """
+
+    initial_j: float | None = None
     """Of the first sample."""
-    final_j: float
+    final_j: float | None = None
     """Of the last sample."""
-    damping_j: float
+    damping_j: float | None = None
     """Work of the damping."""
-    integrator_j: float
+    integrator_j: float | None = None
     """What semi-implicit Euler loses."""
-    clamp_j: float
-    """What Bullet's limit of 100 to each component of the velocity takes, in the air."""
-    rotation_j: float
+    clamp_j: float | None = None
+    """What Bullet's limit of 100 to each component of the velocity takes, before contact."""
+    rotation_j: float | None = None
     """Change of the rotational energy in the air: damping and integration of the spin."""
-    contact_j: float
+    contact_j: float | None = None
     """What contact takes."""
-    closing_j: float
+    closing_j: float | None = None
     """What the causes leave unexplained: rounding, unless the state was altered."""
 
 
-def ledger(case: Case, energies: Mechanics, *, airborne: int) -> EnergyLedger:
+def ledger(case: Case, energies: Mechanics | None, *, airborne: int) -> EnergyLedger:
     """Book every change of energy to its cause.
 
     Parameters
@@ -55,12 +59,16 @@ def ledger(case: Case, energies: Mechanics, *, airborne: int) -> EnergyLedger:
     case
         The drop.
     energies
-        The mechanical state of every sample.
+        The mechanical state of every sample; None where it is unknown.
     airborne
         How many samples there are before the first contact. Damping works in every step; what the
         other steps change besides is booked to contact.
     """
+    if energies is None:
+        return EnergyLedger()
     total_j, spin_j = energies.total_j, energies.kinetic_angular_j
+    if not case.is_rigid:
+        return EnergyLedger(initial_j=float(total_j[0]), final_j=float(total_j[-1]))
     damping_j, clamp_j, integrator_j = _work(case)
     last = max(airborne - 1, 0)
     in_air_j = float(total_j[last] - total_j[0])

@@ -205,7 +205,11 @@ def _refining_hurts(e: Evidence) -> Iterator[Finding]:
     cancel_s = cancelling_timestep(
         e.case.substep_s, timestep_m=terms.timestep, damping_m=terms.damping
     )
-    if cancel_s is None or cancel_s > e.moment.time_s or abs(e.moment.error_m) >= abs(terms.damping):
+    if (
+        cancel_s is None
+        or cancel_s > e.moment.time_s
+        or abs(e.moment.error_m) >= abs(terms.damping)
+    ):
         return
     # The interaction shrinks with the timestep as well: what it leaves there is not cancelled.
     left_m = terms.interaction * cancel_s / e.case.substep_s

@@ -123,9 +123,7 @@ def law_path(case: Case, *, contact_erp: float | None = None) -> Path | None:
     return _law(case, case.fall, len(case.samples.height_m) - 1, contact_erp=contact_erp)
 
 
-def _law(
-    case: Case, fall: theory.Fall, steps: int, *, contact_erp: float | None = None
-) -> Path:
+def _law(case: Case, fall: theory.Fall, steps: int, *, contact_erp: float | None = None) -> Path:
     assert case.floor_height_m is not None
     assert case.engine.pair_restitution is not None
     return Path(
@@ -291,7 +289,9 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
         return None
     assert case.engine.pair_restitution is not None
     asked_m_s = contact_law.rebound_speed(
-        -episode.approach_m_s, case.engine.pair_restitution, threshold_m_s=restitution_threshold_m_s(case)
+        -episode.approach_m_s,
+        case.engine.pair_restitution,
+        threshold_m_s=restitution_threshold_m_s(case),
     )
     return rebound_m_s - asked_m_s
 
@@ -299,9 +299,7 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
 # -- rest -----------------------------------------------------------------------------------------
 
 
-def find_rest(
-    case: Case, found: Phases, tumbled_step: int | None, law: Path | None
-) -> Rest | None:
+def find_rest(case: Case, found: Phases, tumbled_step: int | None, law: Path | None) -> Rest | None:
     """Return where the body comes to lie, and why it is not the rest height exactly."""
     if found.rest_step is None:
         return None

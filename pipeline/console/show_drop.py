@@ -207,7 +207,9 @@ def _bounces(analysis: Analysis) -> list[str]:
         lines += _titled("", f"and {left} more bounce{'s' * (left > 1)}: see --json")
     if analysis.tumbled_step is not None:
         time_s = analysis.table["time_s"][analysis.tumbled_step]
-        words = f"from t = {time_s:.4g} s (step {analysis.tumbled_step}) on: measured, not explained"
+        words = (
+            f"from t = {time_s:.4g} s (step {analysis.tumbled_step}) on: measured, not explained"
+        )
         tumbling = len(analysis.bounces) - len(explained)
         if tumbling:
             highest_mm = max(one.apex_m for one in analysis.bounces[len(explained) :]) * 1e3
@@ -254,6 +256,8 @@ def _rest(analysis: Analysis) -> list[str]:
 
 def _energy(analysis: Analysis) -> list[str]:
     energy = analysis.energy
+    if energy.initial_j is None or energy.final_j is None:
+        return _titled("Energy", "unknown: PyBullet does not report the links of a btRigidBody")
     lost = {
         "damping": energy.damping_j,
         "integrator": energy.integrator_j,
@@ -264,7 +268,7 @@ def _energy(analysis: Analysis) -> list[str]:
     scale = max(abs(energy.initial_j), abs(energy.final_j))
     form = ".4f" if scale >= 0.01 else ".3e"
     # What is a millionth of the whole is rounding, and no cause.
-    causes = [f"{j:+{form}} {cause}" for cause, j in lost.items() if abs(j) > 1e-6 * scale]
+    causes = [f"{j:+{form}} {cause}" for cause, j in lost.items() if j and abs(j) > 1e-6 * scale]
     sum_up = f"{energy.initial_j:{form}} J at release, {energy.final_j:{form}} J at the end"
     return _titled("Energy", f"{sum_up}: {', '.join(causes)}" if causes else sum_up)
 

@@ -37,7 +37,15 @@ class EngineReport:
     body_type: str = _reported("btMultiBody (reduced coordinates) or btRigidBody (maximal ones)")
     joints: int = _reported("how many the body has; the theory is that of a body without any")
     mass_kg: float = _reported("of the body, all its links together")
+    link_masses_kg: tuple[float, ...] = _reported("of its links one by one, the base first")
     inertia_kg_m2: Vector = _reported("principal moments of inertia about the centre of mass")
+    link_inertias_kg_m2: tuple[float, ...] = _reported(
+        "three of each link, the base first, each about its own centre of mass"
+    )
+    recorded_links: int = _reported(
+        "of how many links besides the base the state is recorded; PyBullet gives it of "
+        "btMultiBodies only"
+    )
     lateral_friction: float = _reported("of the body, against sliding")
     rolling_friction: float = _reported("of the body, against rolling")
     spinning_friction: float = _reported("of the body, against spinning in place")

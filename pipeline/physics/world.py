@@ -31,6 +31,8 @@ Float64 = NDArray[np.float64]
 
 STATE_WIDTH = 16
 """Numbers in one row of state: position 3, orientation 4, velocities 3 + 3, contact 3."""
+LINK_WIDTH = 13
+"""Numbers that a further link adds: position 3, orientation 4, velocities 3 + 3."""
 
 SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
 """pybullet's GEOM_ constants."""
@@ -84,6 +86,7 @@ class World:
         self._client: int = p.connect(p.DIRECT)
         try:
             self._body = self._load_body()
+            self._links = list(range(p.getNumJoints(self._body, physicsClientId=self._client)))
             self._body_sha256 = hashlib.sha256(self._urdf.read_bytes()).hexdigest()
             self.half_size_m, self.rest_height_m = self._measure()
             self._floor = self._load("plane.urdf") if scenario.floor else None
@@ -196,6 +199,8 @@ class World:
         engine = p.getPhysicsEngineParameters(physicsClientId=self._client)
         body, floor = self._dynamics(), None if self._floor is None else self._dynamics(self._floor)
         shapes = p.getCollisionShapeData(twin._body, -1, physicsClientId=twin._client)
+        links = [body, *(twin._dynamics(link=link) for link in twin._links)]
+        masses_kg = [link[0] for link in links]
         return EngineReport(
             timestep_s=engine["fixedTimeStep"],
             substeps=engine["numSubSteps"],
@@ -205,8 +210,11 @@ class World:
             body_sha256=self._body_sha256,
             body_type={1: "btRigidBody", 2: "btMultiBody"}.get(body[10], str(body[10])),
             joints=p.getNumJoints(twin._body, physicsClientId=twin._client),
-            mass_kg=body[0],
+            mass_kg=math.fsum(masses_kg),
+            link_masses_kg=tuple(masses_kg),
             inertia_kg_m2=body[2],
+            link_inertias_kg_m2=tuple(one for link in links for one in link[2]),
+            recorded_links=len(self._links),
             lateral_friction=body[1],
             rolling_friction=body[6],
             spinning_friction=body[7],
@@ -238,7 +246,9 @@ class World:
         ------
         Arrays of shape (n, 16), float64: position [m], orientation (x, y, z, w), linear [m/s] and
         angular [rad/s] velocity in world axes; then number of contact points, smallest distance
-        [m] (nan without contact) and total normal force [N] of the step that led here.
+        [m] (nan without contact) and total normal force [N] of the step that led here. A body with
+        joints has 13 columns more for each link: position, orientation and velocities of its own
+        centre of mass.
         """
         pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
         body, client, contact = self._body, self._client, self._contact
@@ -246,6 +256,7 @@ class World:
         samples = self.scenario.steps + 1
         for start in range(0, samples, batch):
             rows = np.empty((min(batch, samples - start), STATE_WIDTH))
+            links = np.empty((len(rows), LINK_WIDTH * len(self._links)))
             memory = rows.data
             for row in range(len(rows)):
                 if stepped and (start or row):
@@ -255,7 +266,20 @@ class World:
                 _put_row(
                     memory, row * _ROW_BYTES, *position, *orientation, *linear, *angular, *contact()
                 )
-            yield rows
+                if self._links:
+                    links[row] = self._link_states()
+            yield np.hstack((rows, links)) if self._links else rows
+
+    def _link_states(self) -> list[float]:
+        """Return the state of each link, as it is now and not as it was before the step."""
+        states = p.getLinkStates(
+            self._body,
+            self._links,
+            computeLinkVelocity=1,
+            computeForwardKinematics=1,
+            physicsClientId=self._client,
+        )
+        return [x for state in states for place in (0, 1, 6, 7) for x in state[place]]
 
     def _contact(self) -> tuple[float, float, float]:
         if self._floor is None:

@@ -29,8 +29,8 @@ from pipeline.scenario import Camera, Scenario
 Float64 = NDArray[np.float64]
 T = TypeVar("T")
 
-CONTACT_POINTS = schema.STATE_COLUMNS.index("contact_points")
-DISTANCE = schema.STATE_COLUMNS.index("contact_distance_m")
+CONTACT_POINTS = schema.state_columns(0).index("contact_points")
+DISTANCE = schema.state_columns(0).index("contact_distance_m")
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Recording:
     engine: EngineReport
     camera: Camera | None
     states: pl.DataFrame
-    """One row per sample in step order: `step` and the columns of `schema.STATE`."""
+    """One row per sample in step order: `step` and the columns of `schema.state_columns`."""
     partial: bool
     """Whether the recording was never finished: it holds what was written before it stopped."""
 
@@ -64,7 +64,7 @@ def read(path: Path) -> Recording:
     RecordingError
         If it is missing, damaged, no recording of ours, or not what was written.
     """
-    state: dict[str, list[Part]] = {entity: [] for entity in schema.STATE}
+    state: dict[str, list[Part]] = {entity: [] for entity in schema.state_entities(1)}
     properties: dict[str, Properties] = {}
     recording_id = ""
     for chunk in _chunks(path):
@@ -78,9 +78,14 @@ def read(path: Path) -> Recording:
     scenario, camera = _inputs(properties, path)
     engine = _engine(properties[schema.ENGINE_PROPERTY], path)
     check_engine(engine, scenario, path)
+    names = schema.state_columns(engine.recorded_links)
+    if not engine.recorded_links and not state[schema.LINKS]:
+        del state[schema.LINKS]
     rows = _joined(state, path)
+    if rows.shape[1] != len(names):
+        raise damaged(path, f"{schema.LINKS} is not of {engine.recorded_links} links")
     _check_states(rows, scenario, closing, path)
-    named = dict(zip(schema.STATE_COLUMNS, rows.T, strict=True))
+    named = dict(zip(names, rows.T, strict=True))
     states = pl.DataFrame({"step": np.arange(len(rows))} | named)
     return Recording(path, recording_id, scenario, engine, camera, states, partial=closing is None)
 
@@ -227,7 +232,7 @@ def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
 
 
 def _joined(state: dict[str, list[Part]], path: Path) -> Float64:
-    """Return the samples that are there in all their parts, in step order, shape (samples, 16).
+    """Return the samples that are there in all their parts, in step order: see `state_columns`.
 
     Takes the parts out of `state`: a long recording is not held twice.
     """
@@ -236,10 +241,11 @@ def _joined(state: dict[str, list[Part]], path: Path) -> Float64:
         raise RecordingError(f"{path} holds no {', '.join(missing)}; {AGAIN}")
     # An unfinished recording may end within a sample, so that the shortest part decides.
     samples = min(map(_length, state.values()))
-    rows = np.empty((samples, len(schema.STATE_COLUMNS)))
+    widths = [parts[0][1].shape[1] for parts in state.values()]
+    rows = np.empty((samples, sum(widths)))
     first = 0
-    for entity, parts in state.items():
-        last = first + len(schema.STATE[entity])
+    for width, parts in zip(widths, state.values(), strict=True):
+        last = first + width
         rows[:, first:last] = _in_step_order(parts, path)[:samples]
         parts.clear()
         first = last

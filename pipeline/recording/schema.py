@@ -26,7 +26,24 @@ STATE: dict[str, tuple[str, ...]] = {
 """World axes; orientation is a quaternion x, y, z, w. The contact is that of the step which led to
 the sample, its distance nan where there is none."""
 
-STATE_COLUMNS: tuple[str, ...] = tuple(column for columns in STATE.values() for column in columns)
+LINKS = "state/links"
+LINK_STATE = (*STATE["state/position"], *STATE["state/orientation"],
+    *STATE["state/linear_velocity"], *STATE["state/angular_velocity"])  # fmt: skip
+"""What is recorded of each further link of a body with joints: of its own centre of mass."""
+
+
+def state_entities(links: int) -> dict[str, tuple[str, ...]]:
+    """Return the columns of each entity under `state/` for a body with so many further links."""
+    if not links:
+        return STATE
+    of_links = tuple(f"link{n}_{column}" for n in range(links) for column in LINK_STATE)
+    return STATE | {LINKS: of_links}
+
+
+def state_columns(links: int) -> tuple[str, ...]:
+    """Return the names of all columns of the state, in the order of its rows."""
+    return tuple(column for columns in state_entities(links).values() for column in columns)
+
 
 # -- what is drawn --------------------------------------------------------------------------------
 

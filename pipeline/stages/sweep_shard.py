@@ -170,9 +170,11 @@ class RunShard:
         from pipeline.budget.analysis import analysis_of
         from pipeline.stages.simulate import made_with
 
-        columns = dict(zip(schema.STATE_COLUMNS, rows.T, strict=True))
+        engine = made_with(world)
+        names = schema.state_columns(engine.recorded_links)
+        columns = dict(zip(names, rows.T, strict=True))
         states = pl.DataFrame({"step": np.arange(len(rows))} | columns)
-        return analysis_of(world.scenario, made_with(world), states, at_s=[self.at_s]).at[0]
+        return analysis_of(world.scenario, engine, states, at_s=[self.at_s]).at[0]
 
 
 def _in_the_air(
