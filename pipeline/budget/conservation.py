@@ -50,9 +50,9 @@ def mechanics(case: Case) -> Mechanics | None:
     if len(parts) == 1:
         return parts[0]
     return Mechanics(
-        kinetic_linear_j=sum(part.kinetic_linear_j for part in parts),
-        kinetic_angular_j=sum(part.kinetic_angular_j for part in parts),
-        potential_j=sum(part.potential_j for part in parts),
+        kinetic_linear_j=np.sum([part.kinetic_linear_j for part in parts], axis=0),
+        kinetic_angular_j=np.sum([part.kinetic_angular_j for part in parts], axis=0),
+        potential_j=np.sum([part.potential_j for part in parts], axis=0),
         angular_momentum_kg_m2_s=_about_centre_of_mass(case, parts),
     )
 
@@ -75,15 +75,14 @@ def _about_centre_of_mass(case: Case, parts: list[Mechanics]) -> Float64:
     """
     masses_kg = np.array(case.engine.link_masses_kg)
     rigid = (case.samples, *case.samples.links)
-    centre_m = sum(m * one.position_m for m, one in zip(masses_kg, rigid, strict=True))
-    drift_m_s = sum(m * one.velocity_m_s for m, one in zip(masses_kg, rigid, strict=True))
-    total_kg = masses_kg.sum()
-    return sum(
-        part.angular_momentum_kg_m2_s
-        + m
-        * np.cross(one.position_m - centre_m / total_kg, one.velocity_m_s - drift_m_s / total_kg)
-        for m, one, part in zip(masses_kg, rigid, parts, strict=True)
-    )
+    shares = masses_kg / masses_kg.sum()
+    centre_m = np.tensordot(shares, [one.position_m for one in rigid], 1)
+    drift_m_s = np.tensordot(shares, [one.velocity_m_s for one in rigid], 1)
+    total = np.zeros_like(centre_m)
+    for m, one, part in zip(masses_kg, rigid, parts, strict=True):
+        arm_m, velocity_m_s = one.position_m - centre_m, one.velocity_m_s - drift_m_s
+        total += part.angular_momentum_kg_m2_s + m * np.cross(arm_m, velocity_m_s)
+    return total
 
 
 def rotate(orientation: Float64, vectors: Float64) -> Float64:

@@ -7,8 +7,8 @@ changes the energy by exactly
 
 The first term is the work of the damping, the second what the integrator loses: it moves the body
 with the velocity after the step, but gravity has worked along the mean of both. Derivation: insert
-both lines into m v'²/2 - m g·x' minus the same before the step. Where Bullet holds a velocity at its
-limit, the change that this makes works like a drag, and is booked for itself.
+both lines into m v'²/2 - m g·x' minus the same before the step. Where Bullet holds a velocity at
+its limit, the change that this makes works like a drag, and is booked for itself.
 """
 
 from __future__ import annotations

@@ -205,15 +205,12 @@ def _refining_hurts(e: Evidence) -> Iterator[Finding]:
     cancel_s = cancelling_timestep(
         e.case.substep_s, timestep_m=terms.timestep, damping_m=terms.damping
     )
-    if (
-        cancel_s is None
-        or cancel_s > e.moment.time_s
-        or abs(e.moment.error_m) >= abs(terms.damping)
-    ):
+    if cancel_s is None or cancel_s > e.moment.time_s:
         return
     # The interaction shrinks with the timestep as well: what it leaves there is not cancelled.
     left_m = terms.interaction * cancel_s / e.case.substep_s
-    if abs(left_m) <= CANCELS * abs(terms.damping):
+    grows = abs(e.moment.error_m) < abs(terms.damping)
+    if grows and abs(left_m) <= CANCELS * abs(terms.damping):
         yield Finding(
             "refining-hurts",
             f"at {e.moment.time_s:.4g} s the error is {e.moment.error_m * 1e3:+.2f} mm and goes to "
@@ -324,6 +321,7 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
 def _still_airborne(e: Evidence) -> Iterator[Finding]:
     case, height_m = e.case, float(e.case.samples.height_m[-1])
     falling = case.fall.gravity_m_s2 < 0 and case.scenario.stepped and e.mismatch is None
+    falling = falling and case.is_rigid  # of links PyBullet does not report every contact
     floor_m = case.floor_height_m
     if not falling or floor_m is None or e.phases.contact_step is not None or height_m <= floor_m:
         return
@@ -337,6 +335,6 @@ def _still_airborne(e: Evidence) -> Iterator[Finding]:
         lands = f" ({', '.join(times)})"
     yield Finding(
         "still-airborne",
-        f"after {case.time_s[-1]:.4g} s the centre is still at {height_m:.4f} m: the recording ends "
-        f"before the impact{lands}; let it go on with --duration",
+        f"after {case.time_s[-1]:.4g} s the centre is still at {height_m:.4f} m: the recording "
+        f"ends before the impact{lands}; let it go on with --duration",
     )

@@ -274,10 +274,9 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
         return None
     flat = case.samples.contact_points[episode.first : episode.last + 1] == CORNERS
     before, samples = episode.first - 1, case.samples
-    vx, vy, vz = samples.velocity_m_s[before].tolist()
     release = theory.Fall(
         height_m=float(samples.height_m[before]),
-        velocity_m_s=(0.0, 0.0, vz),
+        velocity_m_s=(0.0, 0.0, float(samples.velocity_m_s[before, 2])),
         gravity_m_s2=case.fall.gravity_m_s2,
         linear_damping=case.fall.linear_damping,
         coordinates=case.fall.coordinates,
@@ -287,10 +286,9 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
     recorded_m_s = float(samples.velocity_m_s[episode.last, 2])
     if not flat.all() or abs(recorded_m_s - rebound_m_s) > REPRODUCED * episode.approach_m_s:
         return None
-    assert case.engine.pair_restitution is not None
     asked_m_s = contact_law.rebound_speed(
         -episode.approach_m_s,
-        case.engine.pair_restitution,
+        case.engine.pair_restitution or 0.0,
         threshold_m_s=restitution_threshold_m_s(case),
     )
     return rebound_m_s - asked_m_s

@@ -207,9 +207,8 @@ def _bounces(analysis: Analysis) -> list[str]:
         lines += _titled("", f"and {left} more bounce{'s' * (left > 1)}: see --json")
     if analysis.tumbled_step is not None:
         time_s = analysis.table["time_s"][analysis.tumbled_step]
-        words = (
-            f"from t = {time_s:.4g} s (step {analysis.tumbled_step}) on: measured, not explained"
-        )
+        words = f"from t = {time_s:.4g} s (step {analysis.tumbled_step}) on: "
+        words += "measured, not explained"
         tumbling = len(analysis.bounces) - len(explained)
         if tumbling:
             highest_mm = max(one.apex_m for one in analysis.bounces[len(explained) :]) * 1e3
