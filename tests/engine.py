@@ -53,9 +53,14 @@ def drive(
     try:
         p.setTimeStep(timestep_s, physicsClientId=client)
         p.setPhysicsEngineParameter(physicsClientId=client, **(engine or {}))
+        # The floor in reduced coordinates, as `drop` and most scripts load it: the contact of a
+        # btRigidBody with a btMultiBody is solved by the latter's solver.
         bodies = [
             p.loadURDF(
-                str(DATA / name), [0, 0, z_m], useMaximalCoordinates=maximal, physicsClientId=client
+                str(DATA / name),
+                [0, 0, z_m],
+                useMaximalCoordinates=maximal and name != "plane.urdf",
+                physicsClientId=client,
             )
             for name, z_m in (("plane.urdf", 0), ("cube_small.urdf", height_m))
             if floor or name != "plane.urdf"

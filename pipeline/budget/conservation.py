@@ -42,7 +42,7 @@ def mechanics(case: Case) -> Mechanics | None:
         return None
     inertias_kg_m2 = np.reshape(engine.link_inertias_kg_m2, (-1, 3))
     parts = [
-        _of_part(part, mass_kg, inertia_kg_m2, gravity_m_s2)
+        mechanics_of_part(part, mass_kg, inertia_kg_m2, gravity_m_s2)
         for part, mass_kg, inertia_kg_m2 in zip(
             (case.samples, *case.samples.links), engine.link_masses_kg, inertias_kg_m2, strict=True
         )
@@ -57,7 +57,9 @@ def mechanics(case: Case) -> Mechanics | None:
     )
 
 
-def _of_part(part: Rigid, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float) -> Mechanics:
+def mechanics_of_part(
+    part: Rigid, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float
+) -> Mechanics:
     spin_body = rotate_inverse(part.orientation, part.spin_rad_s)
     momentum_body = spin_body * inertia_kg_m2
     return Mechanics(

@@ -256,10 +256,10 @@ def _apexes(height_m: Float64, floor_m: float) -> list[float]:
     """Return the highest point after each time that a path leaves the floor [m] above it."""
     below = np.concatenate(([False], height_m <= floor_m, [False]))
     starts, ends = np.flatnonzero(np.diff(below.astype(np.int8))).reshape(-1, 2).T
-    following = [*starts[1:].tolist(), len(height_m)]
+    following = np.append(starts, len(height_m))[1:]
     return [
         float(height_m[end:start].max()) - floor_m
-        for end, start in zip(ends.tolist(), following, strict=True)
+        for end, start in zip(ends.tolist(), following.tolist(), strict=True)
         if end < len(height_m)
     ]
 
