@@ -79,7 +79,7 @@ def _moving(samples: Samples) -> NDArray[np.bool_]:
     # Of a small turn by θ the vector part of the quaternion between the two is θ/2 long.
     agree = np.abs(samples.orientation @ samples.orientation[-1])
     turn_rad = 2 * np.arccos(np.minimum(agree, 1.0))
-    return (way_m > SETTLED_M) | (turn_rad > SETTLED_RAD)
+    return np.asarray((way_m > SETTLED_M) | (turn_rad > SETTLED_RAD))
 
 
 def crossing_time(height_m: Float64, floor_height_m: float, timestep_s: float) -> float | None:

@@ -107,4 +107,5 @@ def _face_up(case: Case, step: int) -> tuple[int, float]:
 
 def _angle(a: Float64, b: Float64) -> Float64:
     """Return the angle between unit vectors [rad]; exact for small ones, where acos is not."""
-    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
+    across = np.linalg.norm(np.cross(a, b), axis=1)
+    return np.asarray(np.arctan2(across, np.sum(a * b, axis=1)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,24 +44,27 @@ class Samples(Rigid):
 
 def samples_of(states: pl.DataFrame) -> Samples:
     """Return the columns of a recording's state as arrays."""
+    links = sum(name.startswith("link") for name in states.columns) // len(_MOTION)
+    base = _rigid(states)
     return Samples(
-        *_motion(states),
+        position_m=base.position_m,
+        orientation=base.orientation,
+        velocity_m_s=base.velocity_m_s,
+        spin_rad_s=base.spin_rad_s,
         contact_points=states["contact_points"].to_numpy(),
         contact_distance_m=states["contact_distance_m"].to_numpy(),
         contact_force_n=states["contact_force_n"].to_numpy(),
-        links=tuple(
-            Rigid(*_motion(states, f"link{n}_"))
-            for n in range(sum(name.startswith("link") for name in states.columns) // 13)
-        ),
+        links=tuple(_rigid(states, f"link{number}_") for number in range(links)),
     )
 
 
-def _motion(states: pl.DataFrame, prefix: str = "") -> Iterator[Float64]:
-    """Yield position, orientation, velocity and spin of a rigid part."""
-    for names in (
-        ("x_m", "y_m", "z_m"),
-        ("qx", "qy", "qz", "qw"),
-        ("vx_m_s", "vy_m_s", "vz_m_s"),
-        ("wx_rad_s", "wy_rad_s", "wz_rad_s"),
-    ):
-        yield states.select(prefix + name for name in names).to_numpy()
+_POSITION, _ORIENTATION = ("x_m", "y_m", "z_m"), ("qx", "qy", "qz", "qw")
+_VELOCITY, _SPIN = ("vx_m_s", "vy_m_s", "vz_m_s"), ("wx_rad_s", "wy_rad_s", "wz_rad_s")
+_MOTION = (*_POSITION, *_ORIENTATION, *_VELOCITY, *_SPIN)
+
+
+def _rigid(states: pl.DataFrame, prefix: str = "") -> Rigid:
+    def columns(names: tuple[str, ...]) -> Float64:
+        return states.select(prefix + name for name in names).to_numpy()
+
+    return Rigid(columns(_POSITION), columns(_ORIENTATION), columns(_VELOCITY), columns(_SPIN))

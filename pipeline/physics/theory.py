@@ -352,7 +352,9 @@ def _oblique(fall: Fall, time: Float64) -> _Motion:
     free_m_s = free_fall_velocity(fall, moments)
     free_m = (np.array(fall.velocity_m_s) + free_m_s) / 2 * moments[:, None]
     if len(change) < len(moments):
-        begins, state = solution.t_events[0][0], solution.y_events[0][0]
+        assert solution.t_events is not None
+        assert solution.y_events is not None
+        begins, state = float(solution.t_events[0][0]), solution.y_events[0][0]
         at = np.array((vx, vy, vz)) * begins + k * state[:3]
         at[2] += g * begins**2 / 2
         line = _there_and_back(k, velocity(begins, state)[2], g, moments[len(change) :] - begins)
