@@ -38,7 +38,7 @@ def gravity(text: str) -> float:
         raise ScenarioError(f"a number or one of {', '.join(GRAVITY_PRESETS_M_S2)}") from None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Scenario(Optioned):
     """One drop: the body, the world it falls in, and how the engine is told to step it.
 
@@ -133,10 +133,6 @@ class Scenario(Optioned):
                 f"--duration must be a whole number of timesteps of {self.timestep_s:.12g} s, "
                 f"got {self.duration_s:.12g} s, that is {ratio:.6g} of them; try {near}"
             )
-
-    substeps = 0
-    orientation = (0.0, 0.0, 0.0)
-    restitution_threshold_m_s = None
 
     @property
     def steps(self) -> int:

@@ -83,7 +83,7 @@ def analysis_of(
         case=case,
         phases=found,
         mismatch=mismatch,
-        clamped_step=flight.clamped_step if flight else None,
+        clamped_step=flight.clamped if flight else None,
         moment=at[0] if at else None,
         landing=landing,
         impact=impact,

@@ -41,9 +41,14 @@ class Case:
         return self.scenario.timestep_s
 
     @property
+    def substeps(self) -> int:
+        """How many steps the engine makes of each timestep."""
+        return self.scenario.substeps or 1
+
+    @property
     def substep_s(self) -> float:
         """Timestep of the integrator [s]: a sample is several of them with `--substeps`."""
-        return self.scenario.timestep_s / max(1, self.scenario.substeps)
+        return self.scenario.timestep_s / self.substeps
 
     @cached_property
     def time_s(self) -> Float64:

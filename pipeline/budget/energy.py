@@ -95,7 +95,7 @@ def _work(case: Case) -> tuple[Float64, Float64, Float64]:
     if not case.scenario.stepped:  # nothing works, and nothing is lost
         return damping_j, clamp_j, integrator_j
     gravity = np.array([0.0, 0.0, fall.gravity_m_s2])
-    for _ in range(max(1, case.scenario.substeps)):
+    for _ in range(case.substeps):
         free = velocities_after_step(fall, before, timestep_s=dt)
         after = held(fall, free)
         drag = free - before - dt * gravity

@@ -96,7 +96,7 @@ def covers(case: Case) -> bool:
     return (
         case.is_box
         and case.scenario.stepped
-        and case.scenario.substeps <= 1
+        and case.substeps <= 1
         and floor_m is not None
         and case.engine.pair_restitution is not None
         and not sideways
@@ -197,7 +197,7 @@ def _approach_m_s(case: Case, step: int) -> float:
     Restitution acts on what the step would have made of the velocity without a contact.
     """
     before_m_s = case.samples.velocity_m_s[step]
-    if case.scenario.substeps > 1:  # which of them met the floor is not recorded
+    if case.substeps > 1:  # which of them met the floor is not recorded
         return -float(before_m_s[2])
     after = contact_law.free_velocity(
         case.fall, before_m_s, timestep_s=case.timestep_s, mass_kg=case.engine.mass_kg

@@ -10,7 +10,7 @@ from pipeline.budget.case import Case
 from pipeline.budget.phases import Phases
 from pipeline.budget.results import Coverage
 from pipeline.physics import bullet_law
-from pipeline.physics.flight import Flight, flight_of
+from pipeline.physics.flight import Flight, is_turned, law_path
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ def law_of_flight(case: Case, found: Phases) -> Flight | None:
     """
     if not case.scenario.stepped or not case.is_rigid:
         return None
-    return flight_of(case.scenario, case.engine, steps=max(1, found.airborne) - 1)
+    return law_path(case.scenario, case.engine, max(1, found.airborne) - 1)
 
 
 def find_mismatch(case: Case, flight: Flight | None) -> Mismatch | None:
@@ -50,8 +50,7 @@ def find_mismatch(case: Case, flight: Flight | None) -> Mismatch | None:
     deviation = np.abs(np.hstack([part[:steps] for part in recorded]) - law).max(axis=1)
     # Spin goes through sin and cos, which differ between C libraries, and tumbling amplifies that.
     exact = case.engine.machine in bullet_law.EXACT_MACHINES
-    turns = any(case.scenario.spin_rad_s)
-    tolerance = 1e-9 if turns else 0.0 if exact else bullet_law.FUSED
+    tolerance = 1e-9 if is_turned(case.scenario) else 0.0 if exact else bullet_law.FUSED
     allowed = tolerance * np.maximum(1.0, np.abs(law).max(axis=1))
     return _first(deviation, ~(deviation <= allowed))
 
@@ -74,8 +73,8 @@ def coverage_of(
     ends: list[tuple[int, str]] = [(of, "the whole recording is in free flight")]
     if mismatch is not None:
         ends.append((mismatch.step, "the state does not follow Bullet's law"))
-    if flight is not None and flight.clamped_step is not None:
-        ends.append((flight.clamped_step, "a velocity is held at Bullet's limit of 100"))
+    if flight is not None and flight.clamped is not None:
+        ends.append((flight.clamped, "a velocity is held at Bullet's limit of 100"))
     ends.append((case.lands_at, "free fall has reached the floor, and there is no theory"))
     ends.append((found.airborne, "the body is, or has been, in contact"))
     samples, why = min(ends, key=lambda end: end[0])

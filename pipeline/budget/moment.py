@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pipeline.budget.decomposition import decompose
 from pipeline.budget.results import Moment, Terms
 from pipeline.physics import bullet_law
+from pipeline.physics.flight import is_turned
 from pipeline.physics.report import EngineReport
 from pipeline.scenario import Scenario
 
@@ -44,8 +45,8 @@ def moment_in_the_air(
         Number of contact points, shape (n,).
     """
     sideways = any((*scenario.velocity_m_s[:2], *scenario.spin_rad_s))
-    turned = scenario.substeps > 1 or any(scenario.orientation)
-    if sideways or turned or not scenario.stepped or engine.joints or contact_points.any():
+    substeps = scenario.substeps or 1
+    if sideways or is_turned(scenario) or substeps > 1 or not scenario.stepped or engine.joints or contact_points.any():
         return None
     if np.abs(velocity_m_s).max() >= bullet_law.MAX_COORDINATE_VELOCITY_M_S:
         return None
