@@ -4,7 +4,8 @@ What an engine does not report is None. Damping, contact ERP and the solver's re
 it at all: PyBullet has no call that returns them. Of a btRigidBody `getDynamicsInfo` fills in mass,
 inertia, frictions and margin, and leaves the rest as it lies in memory: restitution, inertial
 frame, contact stiffness (`processGetDynamicsInfoCommand` of `PhysicsServerCommandProcessor.cpp`).
-Shapes, links and restitution are then those of the same URDF in reduced coordinates.
+What a btRigidBody does not report is that of the same URDF in reduced coordinates, and so are mass
+and inertia: it keeps their inverses, and 1 / (1 / m) is not always m.
 """
 
 from __future__ import annotations
@@ -37,7 +38,12 @@ class EngineReport:
     body_type: str = _reported("btMultiBody (reduced coordinates) or btRigidBody (maximal ones)")
     joints: int = _reported("how many the body has; the theory is that of a body without any")
     mass_kg: float = _reported("of the body, all its links together")
-    inertia_kg_m2: Vector = _reported("principal moments of inertia about the centre of mass")
+    link_masses_kg: tuple[float, ...] | None = _reported(
+        "of the base, and of each link", default=None
+    )
+    inertia_kg_m2: Vector = _reported(
+        "principal moments of inertia of the base about its centre of mass"
+    )
     lateral_friction: float = _reported("of the body, against sliding")
     rolling_friction: float = _reported("of the body, against rolling")
     spinning_friction: float = _reported("of the body, against spinning in place")

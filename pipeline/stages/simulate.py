@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from pipeline import colours
 from pipeline.errors import DropError
 from pipeline.physics import theory
+from pipeline.physics.bullet import engine_versions, find_body
 from pipeline.physics.bullet_law import fall_of
 from pipeline.physics.pictures import Photographer
 from pipeline.physics.report import EngineReport
 from pipeline.physics.visible_world import world_from_camera
-from pipeline.physics.world import World, engine_versions, find_body
+from pipeline.physics.world import World
 from pipeline.recording import schema, writer
 from pipeline.recording.about import about
 from pipeline.recording.blueprint import Look, layout
@@ -239,11 +240,11 @@ def _curve_styles() -> Iterator[Chunk]:
 
 
 def _heights(
-    scenario: Scenario, rest_height_m: float, steps: NDArray[np.int64], simulated_m: Float64
+    scenario: Scenario, rest_height_m: float | None, steps: NDArray[np.int64], simulated_m: Float64
 ) -> Iterator[Chunk]:
     """Yield the height curves; theory stops at the floor and stays at the rest height."""
     fall, time_s = fall_of(scenario), steps.astype(np.float64) * scenario.timestep_s
-    lowest = rest_height_m if scenario.floor else -np.inf
+    lowest = rest_height_m if scenario.floor and rest_height_m is not None else -np.inf
     curves = {
         schema.HEIGHT_SIMULATED: simulated_m,
         schema.HEIGHT_FREE_FALL: np.maximum(theory.free_fall_height(fall, time_s), lowest),
