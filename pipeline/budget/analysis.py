@@ -67,7 +67,10 @@ def analysis_of(
     mismatch = find_mismatch(case, flight)
     coverage = coverage_of(case, found, flight, mismatch)
     parts = decompose(
-        case.fall, case.samples.height_m[: coverage.samples], timestep_s=case.timestep_s
+        case.fall,
+        case.samples.height_m[: coverage.samples],
+        timestep_s=case.timestep_s,
+        substeps=case.substeps,
     )
     energies = mechanics(case)
     table = _table(case, found, parts, energies)

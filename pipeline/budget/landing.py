@@ -96,7 +96,6 @@ def covers(case: Case) -> bool:
     return (
         case.is_box
         and case.scenario.stepped
-        and case.substeps <= 1
         and floor_m is not None
         and case.engine.pair_restitution is not None
         and not sideways
@@ -136,6 +135,7 @@ def _law(case: Case, fall: theory.Fall, steps: int, *, contact_erp: float | None
             restitution=case.engine.pair_restitution,
             contact_erp=_contact_erp(case) if contact_erp is None else contact_erp,
             restitution_threshold_m_s=restitution_threshold_m_s(case),
+            substeps=case.substeps,
         )
     )
 
@@ -270,7 +270,7 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
     From the contact law, started from the recorded sample before the episode. None where all four
     corners did not act, or the law does not give the recorded rebound.
     """
-    if not covers(case):
+    if not covers(case) or case.substeps > 1:
         return None
     flat = case.samples.contact_points[episode.first : episode.last + 1] == CORNERS
     before, samples = episode.first - 1, case.samples

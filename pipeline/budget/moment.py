@@ -45,8 +45,9 @@ def moment_in_the_air(
         Number of contact points, shape (n,).
     """
     sideways = any((*scenario.velocity_m_s[:2], *scenario.spin_rad_s))
-    substeps = scenario.substeps or 1
-    if sideways or is_turned(scenario) or substeps > 1 or not scenario.stepped or engine.joints or contact_points.any():
+    if sideways or is_turned(scenario) or (scenario.substeps or 1) > 1:
+        return None
+    if not scenario.stepped or engine.joints or contact_points.any():
         return None
     if np.abs(velocity_m_s).max() >= bullet_law.MAX_COORDINATE_VELOCITY_M_S:
         return None

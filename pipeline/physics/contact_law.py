@@ -4,7 +4,8 @@ Contact acts only after the body has gone into the floor, and in one step at a t
 body at least the velocity that restitution asks for, and a share of the penetration back per step.
 That is the law of a solver that has converged: `solverResidualThreshold=0`, and iterations enough.
 By default the solver stops micrometres earlier. A body that is no longer flat, turned over by its
-floor or thrown sideways, is not covered. File names and line numbers are bullet3's.
+floor or thrown sideways, is not covered. The floor is a btMultiBody, so that one solver serves both
+kinds of body. File names and line numbers are bullet3's.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ def flat_drop(
     restitution: float = 0.0,
     contact_erp: float = CONTACT_ERP,
     restitution_threshold_m_s: float = RESTITUTION_THRESHOLD_M_S,
+    substeps: int = 1,
 ) -> tuple[Float64, Float64]:
     """Return heights [m] and vertical velocities [m/s] before each step and after the last.
 
@@ -50,8 +52,9 @@ def flat_drop(
 
         gap = d + slop;  v' = max(v', rebound - gap erp/dt)  or, where gap > 0, rebound - gap/dt
 
-    That solver is a btRigidBody's too, because our floor is a btMultiBody.
+    The engine makes `substeps` steps of each timestep, of which the last is seen.
     """
+    timestep_s, steps = timestep_s / substeps, steps * substeps
     free = vertical_velocity_law(fall, float, timestep_s, mass_kg)
     z, v = fall.height_m, fall.velocity_m_s[2]
     heights, velocities = np.full(steps + 1, z, float), np.full(steps + 1, v, float)
@@ -73,11 +76,14 @@ def flat_drop(
             break
         if step & (step - 1) == 0:
             seen, seen_step = (z, v), step
-    return heights, velocities
+    return heights[::substeps], velocities[::substeps]
 
 
 def rebound_speed(
-    approach_m_s: float, restitution: float, *, threshold_m_s: float = RESTITUTION_THRESHOLD_M_S
+    approach_m_s: float,
+    restitution: float,
+    *,
+    threshold_m_s: float = RESTITUTION_THRESHOLD_M_S,
 ) -> float:
     """Return the speed that restitution gives back [m/s] to a body moving down at -`approach_m_s`.
 

@@ -4,7 +4,8 @@ What an engine does not report is None. Damping, contact ERP and the solver's re
 it at all: PyBullet has no call that returns them. Of a btRigidBody `getDynamicsInfo` fills in mass,
 inertia, frictions and margin, and leaves the rest as it lies in memory: restitution, inertial
 frame, contact stiffness (`processGetDynamicsInfoCommand` of `PhysicsServerCommandProcessor.cpp`).
-Shapes, links and restitution are then those of the same URDF in reduced coordinates.
+What a btRigidBody does not report is that of the same URDF in reduced coordinates, and so are mass
+and inertia: it keeps their inverses, and 1 / (1 / m) is not always m.
 """
 
 from __future__ import annotations

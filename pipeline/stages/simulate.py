@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from pipeline import colours
 from pipeline.errors import DropError
 from pipeline.physics import theory
+from pipeline.physics.bullet import engine_versions, find_body
 from pipeline.physics.bullet_law import fall_of
 from pipeline.physics.pictures import Photographer
 from pipeline.physics.report import EngineReport
 from pipeline.physics.visible_world import world_from_camera
-from pipeline.physics.world import World, engine_versions, find_body
+from pipeline.physics.world import World
 from pipeline.recording import schema, writer
 from pipeline.recording.about import about
 from pipeline.recording.blueprint import Look, layout
