@@ -6,6 +6,7 @@ ever parsed, never evaluated.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -14,12 +15,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from numbers import Integral, Real
-from types import UnionType
+from types import NoneType, UnionType
 from typing import Any, Literal, Self, get_args, get_origin, get_type_hints
 
 from pipeline.errors import ScenarioError
 
 Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
 
 
 def number(text: str) -> float:
@@ -54,6 +56,23 @@ def vector(text: str) -> Vector:
         raise ScenarioError("three numbers X,Y,Z") from None
     x, y, z = map(number, parts)
     return x, y, z
+
+
+def orientation(text: str) -> Vector | Quaternion:
+    """Read `R,P,Y` or `X,Y,Z,W`."""
+    match [number(part) for part in text.split(",")]:
+        case [roll, pitch, yaw]:
+            return roll, pitch, yaw
+        case [x, y, z, w]:
+            return x, y, z, w
+    raise ScenarioError("angles R,P,Y [deg] or a quaternion X,Y,Z,W") from None
+
+
+COMPONENTS: dict[Callable[[str], Any], tuple[str, ...]] = {
+    vector: ("x", "y", "z"),
+    orientation: ("roll", "pitch", "yaw"),
+}
+"""What the parts of a value are called, by how it is read."""
 
 
 def size(text: str) -> tuple[int, int]:
@@ -152,7 +171,7 @@ class Option:
         ScenarioError
             If one of them cannot be read, or lies outside the domain.
         """
-        by_semicolon = self.parse is vector or ";" in raw
+        by_semicolon = self.parse in COMPONENTS or ";" in raw
         values = tuple(self.read(one.strip()) for one in raw.split(";" if by_semicolon else ","))
         for value in values:
             self.check(value)
@@ -280,8 +299,12 @@ def _of_kind(value: Any, hint: Any) -> Any:  # noqa: ANN401
     if get_origin(hint) is Literal:
         if value in arguments:
             return value
-    elif isinstance(hint, UnionType):  # of one type and None
-        return None if value is None else _of_kind(value, arguments[0])
+    elif isinstance(hint, UnionType):
+        if value is None and NoneType in arguments:
+            return None
+        for one in arguments:
+            with contextlib.suppress(TypeError):
+                return _of_kind(value, one)
     elif get_origin(hint) is tuple:
         if isinstance(value, tuple | list) and len(value) == len(arguments):
             return tuple(map(_of_kind, value, arguments))
@@ -298,7 +321,7 @@ def _kind(hint: Any) -> str:  # noqa: ANN401
     if get_origin(hint) is Literal:
         return " or ".join(arguments)
     if isinstance(hint, UnionType):
-        return _kind(arguments[0])
+        return " or ".join(_kind(one) for one in arguments if one is not NoneType)
     if get_origin(hint) is tuple:
         return f"{len(arguments)} times {_kind(arguments[0])}"
     return {float: "a number", int: "a whole number", bool: "True or False", str: "text"}[hint]

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.fields import Option, integer, number, size, vector
+from pipeline.fields import Option, integer, number, orientation, size, vector
 from pipeline.scenario import Camera, Scenario, gravity
 
 Given = Mapping[str, Any]
@@ -18,6 +18,7 @@ _METAVARS: dict[Callable[[str], Any], str] = {
     number: "NUMBER",
     integer: "N",
     vector: "X,Y,Z",
+    orientation: "R,P,Y|X,Y,Z,W",
     gravity: "NUMBER|NAME",
     size: "WIDTHxHEIGHT",
 }

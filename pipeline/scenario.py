@@ -9,10 +9,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Literal, get_args
 
 from pipeline.errors import ScenarioError
-from pipeline.fields import Optioned, Vector, integer, number, option, shown, size, vector
+from pipeline.fields import (
+    Optioned,
+    Quaternion,
+    Vector,
+    integer,
+    number,
+    option,
+    orientation,
+    shown,
+    size,
+    vector,
+)
 
 Coordinates = Literal["reduced", "maximal"]
 Renderer = Literal["tiny", "egl"]
@@ -52,7 +64,7 @@ class Scenario(Optioned):
 
     height_m: float = option(
         "--height", "Centre of the body above the floor at release [m].", number,
-        default=1.0, low=0, high=1e6, above=True,
+        default=1.0, low=-1e6, high=1e6,
     )  # fmt: skip
     timestep_s: float = option(
         "--timestep", "Timestep [s]: a number, or a fraction such as 1/480.", number,
@@ -82,6 +94,10 @@ class Scenario(Optioned):
         "--spin", "Initial angular velocity X,Y,Z [rad/s], world axes.", vector,
         default=(0.0, 0.0, 0.0), shown="0,0,0", low=-1e4, high=1e4,
     )  # fmt: skip
+    orientation: Vector | Quaternion = option(
+        "--orientation", "Orientation at release: roll, pitch, yaw [deg] or a quaternion.",
+        orientation, default=(0.0, 0.0, 0.0), shown="0,0,0", low=-360, high=360,
+    )  # fmt: skip
     body: str = option(
         "--body", "URDF of the body, from pybullet_data or a path.", default="cube_small.urdf"
     )
@@ -92,6 +108,14 @@ class Scenario(Optioned):
     restitution: float | None = option(
         "--restitution", "Restitution of body and floor both.", number,
         default=None, shown="default", low=0, high=1,
+    )  # fmt: skip
+    restitution_threshold_m_s: float | None = option(
+        "--restitution-threshold", "Speed of approach below which nothing bounces [m/s].", number,
+        default=None, shown="default", low=0, high=1e4,
+    )  # fmt: skip
+    friction: float | None = option(
+        "--friction", "Lateral friction of body and floor both.", number,
+        default=None, shown="default", low=0, high=10,
     )  # fmt: skip
     contact_erp: float | None = option(
         "--contact-erp", "Share of a penetration that contact corrects per step.", number,
@@ -105,6 +129,10 @@ class Scenario(Optioned):
         "--solver-iterations", "Most iterations of the contact solver per step.", integer,
         default=None, shown="default", low=1, high=100_000,
     )  # fmt: skip
+    substeps: int | None = option(
+        "--substeps", "Steps that the engine makes of each timestep.", integer,
+        default=None, shown="default", low=1, high=1000,
+    )  # fmt: skip
     coordinates: Coordinates = option(
         "--coordinates", "reduced (btMultiBody) or maximal (btRigidBody).",
         default="reduced", choices=get_args(Coordinates),
@@ -117,6 +145,13 @@ class Scenario(Optioned):
         self.check_domains()
         if not self.body or "\0" in self.body:
             raise ScenarioError(f"--body must name a URDF file, got {shown(self.body)}")
+        if self.floor and not self.height_m > 0:
+            raise ScenarioError(
+                f"--height must be above 0 and at most 1e+06, got {shown(self.height_m)}; "
+                "only with --no-floor a body starts lower"
+            )
+        if len(self.orientation) == 4:
+            object.__setattr__(self, "orientation", _unit(self.orientation))
         ratio = self.duration_s / self.timestep_s
         if ratio > MAX_STEPS:
             raise ScenarioError(
@@ -133,6 +168,20 @@ class Scenario(Optioned):
                 f"--duration must be a whole number of timesteps of {self.timestep_s:.12g} s, "
                 f"got {self.duration_s:.12g} s, that is {ratio:.6g} of them; try {near}"
             )
+        if self.substeps is not None:
+            self._check_substeps(self.substeps)
+
+    def _check_substeps(self, substeps: int) -> None:
+        taken = _substeps_taken(self.timestep_s, substeps)
+        if taken != {substeps}:
+            near = (
+                n for n in count(substeps - 1, -1) if _substeps_taken(self.timestep_s, n) == {n}
+            )
+            raise ScenarioError(
+                f"--substeps must be what the engine takes in every --timestep, and of {substeps} "
+                f"it takes {min(taken)} in some of {self.timestep_s:.12g} s: dt / (dt/N) is "
+                f"rounded; try {next(near)}"
+            )
 
     @property
     def steps(self) -> int:
@@ -140,9 +189,49 @@ class Scenario(Optioned):
         return round(self.duration_s / self.timestep_s)
 
     @property
+    def orientation_xyzw(self) -> Quaternion:
+        """The orientation at release as a unit quaternion: about x, then y, then z, world axes."""
+        if len(self.orientation) == 4:
+            return self.orientation
+        half = [math.radians(angle) / 2 for angle in self.orientation]
+        (sx, sy, sz), (cx, cy, cz) = map(math.sin, half), map(math.cos, half)
+        return (
+            sx * cy * cz - cx * sy * sz,
+            cx * sy * cz + sx * cy * sz,
+            cx * cy * sz - sx * sy * cz,
+            cx * cy * cz + sx * sy * sz,
+        )
+
+    @property
     def effective_gravity_m_s2(self) -> float:
         """The z component of gravity that the engine was told: 0 where it never was."""
         return self.gravity_m_s2 if self.gravity_set else 0.0
+
+
+def _unit(quaternion: Quaternion) -> Quaternion:
+    """Return a quaternion of length 1; one that is to rounding stays as it is, to be read back."""
+    length = math.hypot(*quaternion)
+    if not length > 0:
+        raise ScenarioError("--orientation must not be the quaternion 0,0,0,0; try 0,0,0,1")
+    if abs(length - 1) <= 1e-15:
+        return quaternion
+    x, y, z, w = (part / length for part in quaternion)
+    return x, y, z, w
+
+
+def _substeps_taken(timestep_s: float, substeps: int) -> set[int]:
+    """Return how many steps the engine makes of a timestep when told to make that many.
+
+    It adds up the time that it has not stepped yet, and takes as many whole substeps as that holds
+    (`btDiscreteDynamicsWorld::stepSimulation`): one less where dt / (dt/N) rounds below N.
+    """
+    substep_s, left_s, found = timestep_s / substeps, 0.0, set()
+    for _ in range(10):  # what is left over repeats from the second timestep on
+        left_s += timestep_s
+        taken = int(left_s / substep_s)
+        left_s -= taken * substep_s
+        found.add(taken)
+    return found
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -40,6 +40,8 @@ def drive(
     height_m: float = 1.0,
     velocity_m_s: tuple[float, float, float] = AT_REST,
     spin_rad_s: tuple[float, float, float] = AT_REST,
+    orientation_xyzw: tuple[float, ...] | None = None,
+    body: str | None = None,
     floor: bool = True,
     coordinates: Any = "reduced",
     restitution: float | None = None,
@@ -47,41 +49,94 @@ def drive(
     dynamics: dict[str, Any] | None = None,
     engine: dict[str, Any] | None = None,
 ) -> Driven:
-    """Drop cube_small.urdf; `dynamics` are told of the body, `engine` of the physics."""
+    """Drop a URDF, cube_small.urdf by default.
+
+    `dynamics` are told of the body, `engine` of the physics.
+    """
     client = p.connect(p.DIRECT)
     maximal = coordinates == "maximal"
     try:
         p.setTimeStep(timestep_s, physicsClientId=client)
         p.setPhysicsEngineParameter(physicsClientId=client, **(engine or {}))
-        bodies = [
-            p.loadURDF(
-                str(DATA / name), [0, 0, z_m], useMaximalCoordinates=maximal, physicsClientId=client
-            )
-            for name, z_m in (("plane.urdf", 0), ("cube_small.urdf", height_m))
-            if floor or name != "plane.urdf"
-        ]
-        box = bodies[-1]
+        bodies = []
+        if floor:  # always a btMultiBody
+            bodies.append(p.loadURDF(str(DATA / "plane.urdf"), physicsClientId=client))
+        path, height = str(body or DATA / "cube_small.urdf"), [0, 0, height_m]
+        bodies.append(
+            p.loadURDF(path, height, useMaximalCoordinates=maximal, physicsClientId=client)
+        )
+        one = bodies[-1]
         if dynamics:
-            p.changeDynamics(box, -1, physicsClientId=client, **dynamics)
+            p.changeDynamics(one, -1, physicsClientId=client, **dynamics)
         # After the mass: Bullet then weighs the body by 1 / (1 / mass), which is what it reports.
         if gravity_m_s2 is not None:
             p.setGravity(0, 0, gravity_m_s2, physicsClientId=client)
         if restitution is not None:
-            for body in bodies:
-                p.changeDynamics(body, -1, restitution=restitution, physicsClientId=client)
-        p.resetBaseVelocity(box, velocity_m_s, spin_rad_s, physicsClientId=client)
+            for each in bodies:
+                p.changeDynamics(each, -1, restitution=restitution, physicsClientId=client)
+        if orientation_xyzw is not None:
+            p.resetBasePositionAndOrientation(one, height, orientation_xyzw, physicsClientId=client)
+        p.resetBaseVelocity(one, velocity_m_s, spin_rad_s, physicsClientId=client)
         rows, hashes = [], {}
         for step in range(samples):
             if step:
                 p.stepSimulation(physicsClientId=client)
-            position, orientation = p.getBasePositionAndOrientation(box, physicsClientId=client)
-            velocity, spin = p.getBaseVelocity(box, physicsClientId=client)
+            position, orientation = p.getBasePositionAndOrientation(one, physicsClientId=client)
+            velocity, spin = p.getBaseVelocity(one, physicsClientId=client)
             rows.append((*position, *velocity, *spin, *orientation))
             if picture_every and step % picture_every == 0:
                 hashes[step] = _picture_hash(client)
         parts = np.split(np.array(rows), (3, 6, 9), axis=1)
-        mass_kg = p.getDynamicsInfo(box, -1, physicsClientId=client)[0]
+        mass_kg = p.getDynamicsInfo(one, -1, physicsClientId=client)[0]
         return Driven(*parts, mass_kg, hashes)
+    finally:
+        p.disconnect(client)
+
+
+def shape(geometry: str, xyz: str = "0 0 0", rpy: str = "0 0 0") -> str:
+    """Return a collision shape as URDF."""
+    return (
+        f'<collision><origin xyz="{xyz}" rpy="{rpy}"/><geometry>{geometry}</geometry></collision>'
+    )
+
+
+def box(size: str, xyz: str = "0 0 0", rpy: str = "0 0 0") -> str:
+    """Return a box of these edges [m] as a collision shape."""
+    return shape(f'<box size="{size}"/>', xyz, rpy)
+
+
+def urdf_of(
+    folder: Path, *shapes: str, mass_kg: float = 1.0, centre: str = "0 0 0", contact: str = ""
+) -> str:
+    """Write a URDF of one link with these shapes, and return its path."""
+    path = folder / f"body-{len(list(folder.iterdir()))}.urdf"
+    path.write_text(
+        f'<robot name="body"><link name="base"><contact>{contact}</contact><inertial>'
+        f'<origin xyz="{centre}"/><mass value="{mass_kg}"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+        f"{''.join(shapes)}</link></robot>"
+    )
+    return str(path)
+
+
+def lowered(body: str, orientation: Any, *, from_m: float, maximal: bool) -> float | None:
+    """Let a body sink at 1 mm/s, and return the height at which the floor first pushes [m]."""
+    client = p.connect(p.DIRECT)
+    try:
+        p.setAdditionalSearchPath(str(DATA), physicsClientId=client)
+        floor = p.loadURDF("plane.urdf", physicsClientId=client)
+        one = p.loadURDF(body, useMaximalCoordinates=maximal, physicsClientId=client)
+        p.changeDynamics(one, -1, linearDamping=0, physicsClientId=client)
+        p.setTimeStep(1e-3, physicsClientId=client)
+        p.resetBasePositionAndOrientation(one, (0, 0, from_m), orientation, physicsClientId=client)
+        p.resetBaseVelocity(one, (0, 0, -1e-3), (0, 0, 0), physicsClientId=client)
+        for _ in range(300):
+            (_, _, z_m), _ = p.getBasePositionAndOrientation(one, physicsClientId=client)
+            p.stepSimulation(physicsClientId=client)
+            points = p.getContactPoints(one, floor, physicsClientId=client)
+            if any(point[9] > 0 for point in points):
+                return float(z_m)
+        return None
     finally:
         p.disconnect(client)
 

@@ -24,8 +24,9 @@ from hypothesis import strategies as st
 from pipeline import Camera, DropError, Scenario, analyze, simulate
 from pipeline.errors import ScenarioError
 from pipeline.fields import Option, Optioned
+from pipeline.physics.bullet import find_body
 from pipeline.physics.urdf import check_urdf
-from pipeline.physics.world import World, find_body
+from pipeline.physics.world import World
 from pipeline.scenario import MAX_STEPS
 
 NUMBERS = {name: spec for name, spec in Scenario.options().items() if math.isfinite(spec.high)}

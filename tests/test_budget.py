@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from conftest import Recorder, judge
 
-from pipeline.budget.conservation import mechanics
-from pipeline.budget.samples import Samples
+from pipeline.budget.conservation import mechanics_of_part
+from pipeline.budget.samples import Rigid
 
 TERMS = ("timestep_m", "damping_m", "interaction_m", "rounding_m")
 
@@ -38,7 +38,6 @@ SCENARIOS: dict[str, dict[str, object]] = {
     "maximal, oblique": {"coordinates": "maximal", "linear_damping": 0.04,
                          "velocity_m_s": (3.0, -2.0, 4.0)},
     "clamped": {"height_m": 200.0, "linear_damping": 0.0, "velocity_m_s": (0.0, 0.0, -95.0)},
-    "thrown at the clamp": {"velocity_m_s": (0.0, 0.0, 150.0), "floor": False},
 }  # fmt: skip
 
 
@@ -115,11 +114,33 @@ def test_four_recordings_give_the_same_budget_without_any_theory(recorded: Recor
 
 def test_what_is_not_covered_gets_no_number(recorded: Recorder) -> None:
     analysis = judge(recorded(), at_s=[0.3, 0.5])
-    after = analysis.table.filter(analysis.table["step"] >= 109)
-    assert after.select(TERMS).null_count().row(0) == (132,) * 4
+    after = analysis.table.filter(analysis.table["step"] >= 108)
+    assert after.select(TERMS).null_count().row(0) == (133,) * 4
     assert analysis.at[1].terms_m is None
-    assert analysis.coverage.samples == 109
-    assert "contact" in analysis.coverage.why
+    assert analysis.coverage.samples == 108
+    assert "free fall has reached the floor" in analysis.coverage.why
+
+
+def test_theory_ends_where_free_fall_reaches_the_floor(recorded: Recorder) -> None:
+    """At sample 108 the simulated box is still above the floor's push, free fall is not."""
+    analysis = judge(recorded())
+    heights_m = analysis.table["free_fall_m"].to_numpy()
+    assert heights_m.min() == 0.025
+    assert heights_m[107] > 0.025 == heights_m[108]
+    error_m = np.abs(analysis.table["error_m"].to_numpy()[:108])
+    assert analysis.airborne.max_abs_error_m == error_m.max()
+
+
+def test_a_velocity_that_is_held_is_not_booked_as_an_interaction(recorded: Recorder) -> None:
+    analysis = judge(recorded(velocity_m_s=(0.0, 0.0, 150.0), floor=False))
+    assert analysis.coverage.samples == 1
+    assert "limit of 100" in analysis.coverage.why
+    energy = analysis.energy
+    # The first step: 150 m/s less damping and gravity, then cut to 100.
+    assert energy.clamp_j is not None
+    assert energy.closing_j is not None
+    assert energy.clamp_j < -0.1 / 2 * (140**2 - 100**2)
+    assert abs(energy.closing_j) < 1e-9 * abs(energy.clamp_j)
 
 
 @pytest.mark.parametrize("coordinates", ["reduced", "maximal"])
@@ -249,7 +270,7 @@ def test_floating_and_spinning_bodies_conserve_what_they_should(
         linear_damping=damping, angular_damping=damping,
     )  # fmt: skip
     conservation = judge(recording).conservation
-    inertia_z = recording.engine["inertia_kg_m2"][2]
+    inertia_z = recording.engine.inertia_kg_m2[2]
     assert conservation.energy_initial_j == pytest.approx(0.7 * 14 / 2 + inertia_z * 25 / 2)
     assert conservation.energy_max_rel_drift is not None
     assert conservation.angular_momentum_max_rel_drift is not None
@@ -264,13 +285,12 @@ def test_floating_and_spinning_bodies_conserve_what_they_should(
 def test_energy_and_momentum_of_a_turned_body_are_those_of_its_principal_axes() -> None:
     """A body turned by 90° about x, spinning about world z, spins about its own y."""
     half = math.sqrt(0.5)
-    sample = Samples(
+    sample = Rigid(
         position_m=np.array([[0.0, 0.0, 2.0]]), orientation=np.array([[half, 0.0, 0.0, half]]),
         velocity_m_s=np.zeros((1, 3)), spin_rad_s=np.array([[0.0, 0.0, 3.0]]),
-        contact_points=np.zeros(1),
     )  # fmt: skip
     inertia_kg_m2 = np.array([1.0, 10.0, 100.0])
-    found = mechanics(sample, mass_kg=1.5, inertia_kg_m2=inertia_kg_m2, gravity_m_s2=-9.81)
+    found = mechanics_of_part(sample, 1.5, inertia_kg_m2, -9.81)
     assert found.kinetic_angular_j[0] == pytest.approx(10 * 3**2 / 2)
     assert found.angular_momentum_kg_m2_s[0] == pytest.approx([0, 0, 30])
     assert found.potential_j[0] == pytest.approx(1.5 * 9.81 * 2)

@@ -120,7 +120,7 @@ def test_another_scenario_is_another_experiment(
 
 def test_another_version_is_told_but_is_no_difference(recorded: Recorder) -> None:
     golden = side(recorded())
-    newer = replace(golden, engine=golden.engine | {"pybullet_version": "3.3.0"})
+    newer = replace(golden, engine=replace(golden.engine, pybullet_version="3.3.0"))
     found = compare(newer, golden)
     assert found.same
     assert [(one.name, one.value) for one in found.versions] == [("pybullet_version", "3.3.0")]
@@ -130,7 +130,7 @@ def test_the_same_body_under_another_name_is_the_same_body(recorded: Recorder) -
     golden = side(recorded())
     moved = replace(golden, scenario=replace(golden.scenario, body="/elsewhere/cube.urdf"))
     assert compare(moved, golden).same
-    other = replace(moved, engine=golden.engine | {"body_sha256": "another"})
+    other = replace(moved, engine=replace(golden.engine, body_sha256="another"))
     assert {one.name for one in compare(other, golden).differences} == {"body", "body_sha256"}
 
 
@@ -170,7 +170,7 @@ def test_a_tolerance_is_a_length(recorded: Recorder) -> None:
 
 def test_elsewhere_than_on_x86_a_fused_multiply_is_let_pass(recorded: Recorder) -> None:
     golden = side(recorded())
-    arm = replace(golden, engine=golden.engine | {"machine": "aarch64"})
+    arm = replace(golden, engine=replace(golden.engine, machine="aarch64"))
     assert compare(altered(arm, "z_m", 50, 5e-13), golden).same
     assert not compare(altered(arm, "z_m", 50, 5e-12), golden).same
     assert not compare(altered(golden, "z_m", 50, 5e-13), golden).same

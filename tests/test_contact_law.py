@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -56,10 +56,28 @@ def predicted(fall: Fall, rate: int, steps: int, **contact: float) -> tuple[np.n
     )
 
 
-def bounces_of(series: tuple[np.ndarray, np.ndarray], fall: Fall, rate: int) -> Any:
-    return contact_law.bounces(
-        *series, fall, timestep_s=1 / rate, mass_kg=MASS_KG, rest_height_m=REST_HEIGHT_M
-    )
+class Bounce(NamedTuple):
+    """A contact that ended in the air: its last sample before, effective restitution, apex."""
+
+    step: int
+    restitution: float
+    apex_m: float
+
+
+def bounces_of(series: tuple[np.ndarray, np.ndarray], fall: Fall, rate: int) -> list[Bounce]:
+    heights_m, velocities_m_s = series
+    below = np.concatenate(([False], heights_m <= REST_HEIGHT_M, [False]))
+    starts, ends = np.flatnonzero(np.diff(below.astype(np.int8))).reshape(-1, 2).T
+    found = []
+    for start, end, following in zip(starts, ends, [*starts[1:], len(heights_m)], strict=False):
+        if end < len(heights_m):
+            approach_m_s = -contact_law.free_velocity(
+                fall, (0, 0, velocities_m_s[start]), timestep_s=1 / rate, mass_kg=MASS_KG
+            )
+            rebound_m_s = velocities_m_s[start + 1 : end + 1].max()
+            apex_m = heights_m[end:following].max() - REST_HEIGHT_M
+            found.append(Bounce(int(start), rebound_m_s / approach_m_s, apex_m))
+    return found
 
 
 # -- against PyBullet ------------------------------------------------------------------------------

@@ -42,7 +42,7 @@ def pixels_of(path: Path) -> dict[int, np.ndarray]:
 
 def test_egl_is_recorded_as_what_it_is(by_egl: Recording) -> None:
     assert by_egl.camera == EGL
-    assert by_egl.engine["gl_renderer"]
+    assert by_egl.engine.gl_renderer
 
 
 def test_egl_sees_the_box_where_tinyrenderer_sees_it(by_egl: Recording, tmp_path: Path) -> None:
@@ -79,5 +79,5 @@ def test_without_egl_tinyrenderer_draws_and_the_recording_says_so(
     recording = read(tmp_path / "run.rrd")
     assert recording.camera is not None
     assert recording.camera.renderer == "tiny"
-    assert "gl_renderer" not in recording.engine
+    assert recording.engine.gl_renderer is None
     assert len(pixels_of(recording.path)) == 11

@@ -39,6 +39,14 @@ CASES: dict[str, tuple[dict[str, object], str, dict[str, object]]] = {
         "0.2 m/s",
         RESTLESS,
     ),
+    "tumbled": (
+        {"restitution": 0.8, "duration_s": 2.0},
+        "step 347",
+        {"restitution": 0.8, "duration_s": 2.0, "solver_residual": 0.0},
+    ),
+    "starts-in-contact": ({"height_m": 0.01}, "15 mm inside", {"height_m": 0.0251}),
+    "tunnelled": ({"timestep_s": 1.0}, "-8.8100 m", {"timestep_s": 1 / 60}),
+    "joints-not-explained": ({"body": "r2d2.urdf", "duration_s": 0.1}, "15 joints", {}),
     "still-airborne": ({"gravity_m_s2": -1.62}, "0.2057 m", {}),
 }
 
@@ -56,6 +64,11 @@ def test_a_finding_names_its_number_and_what_changes_it(recorded: Recorder, code
 def test_a_finding_is_not_there_without_its_cause(recorded: Recorder, code: str) -> None:
     *_, innocent = CASES[code]
     assert code not in [one.code for one in judge(recorded(**innocent)).findings]
+
+
+def test_weightlessness_that_was_asked_for_is_no_mistake(recorded: Recorder) -> None:
+    codes = {one.code for one in judge(recorded(gravity_m_s2=0.0)).findings}
+    assert not codes & {"no-gravity", "not-stepped", "still-airborne"}
 
 
 def test_the_three_mistakes_are_told_apart(recorded: Recorder) -> None:

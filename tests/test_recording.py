@@ -107,13 +107,13 @@ def test_properties_hold_every_input_and_what_the_engine_reports(standard: Run) 
     recording = read(standard.simulation.recording)
     assert recording.scenario == Scenario()
     engine = recording.engine
-    assert engine["gravity_m_s2"] == [0.0, 0.0, -9.81]
-    assert engine["timestep_s"] == 1 / 240
-    assert engine["mass_kg"] == 0.1
-    assert engine["inertia_kg_m2"] == [0.000125] * 3
-    assert engine["pybullet_version"] == "3.2.7"
+    assert engine.gravity_m_s2 == (0.0, 0.0, -9.81)
+    assert engine.timestep_s == 1 / 240
+    assert engine.mass_kg == 0.1
+    assert engine.inertia_kg_m2 == (0.000125,) * 3
+    assert engine.pybullet_version == "3.2.7"
     for name in ("pybullet_wheel", "numpy_version", "rerun_version", "drop_version"):
-        assert engine[name]
+        assert getattr(engine, name)
 
 
 def test_about_says_what_it_is(standard: Run) -> None:

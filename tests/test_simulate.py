@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import Recorder
+from engine import DATA, MODES, box, lowered, shape, urdf_of
 
 from pipeline import Camera, Scenario, simulate
 from pipeline.errors import ScenarioError
+from pipeline.physics.bullet import p
 from pipeline.physics.world import World
 from pipeline.recording.reader import frames, read
 
@@ -21,21 +25,154 @@ def test_the_engine_reports_what_was_set(recorded: Recorder) -> None:
         solver_iterations=33,
     )  # fmt: skip
     engine, first = recording.engine, recording.states.row(0, named=True)
-    assert engine["timestep_s"] == 1 / 480
-    assert engine["gravity_m_s2"] == [0.0, 0.0, -1.62]
-    assert engine["mass_kg"] == 0.25
-    assert engine["restitution"] == engine["floor_restitution"] == 0.7
-    assert engine["solver_iterations"] == 33
+    assert engine.timestep_s == 1 / 480
+    assert engine.gravity_m_s2 == (0.0, 0.0, -1.62)
+    assert engine.mass_kg == 0.25
+    assert engine.restitution == engine.floor_restitution == 0.7
+    assert engine.solver_iterations == 33
     assert [first[name] for name in ("x_m", "y_m", "z_m")] == [0.0, 0.0, 2.0]
     assert [first[name] for name in ("vx_m_s", "vy_m_s", "vz_m_s")] == [0.5, -0.25, 3.0]
     assert [first[name] for name in ("wx_rad_s", "wy_rad_s", "wz_rad_s")] == [1.0, 2.0, 3.0]
 
 
-def test_a_mass_of_ones_own_brings_the_inertia_of_the_shape(recorded: Recorder) -> None:
-    """The URDF's inertia is three times a cube's, m a²/6; changing the mass replaces it."""
-    assert recorded(duration_s=1 / 240).engine["inertia_kg_m2"] == [0.000125] * 3
-    heavy = recorded(duration_s=1 / 240, mass_kg=1.0).engine["inertia_kg_m2"]
-    assert heavy == pytest.approx([1.0 * 0.05**2 / 6] * 3, rel=1e-14)
+@pytest.mark.parametrize("coordinates", MODES)
+@pytest.mark.parametrize("mass_kg", [0.1, 1.0, 49.0])
+def test_a_mass_of_ones_own_scales_the_inertia_of_the_urdf(
+    coordinates: Any, mass_kg: float
+) -> None:
+    """cube_small.urdf asks for three times a cube's inertia, and keeps it: m a²/2, not m a²/6."""
+    with World(Scenario(mass_kg=mass_kg, coordinates=coordinates)) as world:
+        report = world.report()
+    assert report.mass_kg == mass_kg
+    assert report.inertia_kg_m2 == pytest.approx([mass_kg * 0.05**2 / 2] * 3, rel=1e-14)
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+@pytest.mark.parametrize("own_kg", [0.1, 49.0, 0.3])
+def test_the_urdfs_own_mass_changes_nothing(
+    tmp_path: Path, coordinates: Any, own_kg: float
+) -> None:
+    # 1 / (1 / 49) is not 49, and that is what a btRigidBody reports.
+    urdf = urdf_of(tmp_path, box("0.1 0.2 0.3"), mass_kg=own_kg)
+    plain = Scenario(body=urdf, spin_rad_s=(5.0, -3.0, 9.0), coordinates=coordinates)
+    found = []
+    for scenario in (plain, replace(plain, mass_kg=own_kg)):
+        with World(scenario) as world:
+            found.append((world.report(), np.concatenate(list(world.samples(1000)))))
+    (report, rows), (same_report, same_rows) = found
+    assert report == same_report
+    assert report.mass_kg == own_kg
+    np.testing.assert_array_equal(rows, same_rows)
+
+
+# -- what the engine reports of a body -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("told", [None, 0.5])
+def test_a_btrigidbody_bounces_with_the_restitution_that_is_reported(
+    tmp_path: Path, told: float | None
+) -> None:
+    """The engine reports none of a btRigidBody: what is reported must be what it does."""
+    urdf = urdf_of(tmp_path, box("0.1 0.1 0.1"), contact='<restitution value="0.75"/>')
+    scenario = Scenario(
+        body=urdf, restitution=told, contact_erp=0.0, solver_residual=0.0, coordinates="maximal"
+    )
+    with World(scenario) as world:
+        if told is None:  # plane.urdf has none, and the pair's is the product
+            p.changeDynamics(world._floor, -1, restitution=1.0, physicsClientId=world._client)
+        report, (rows,) = world.report(), world.samples(1000)
+    assert report.restitution == (told or 0.75)
+    assert report.pair_restitution is not None
+    up = int(np.argmax(rows[:, 9] > 0))
+    approach_m_s = rows[up - 1, 9] - 9.81 / 240
+    assert rows[up, 9] == pytest.approx(report.pair_restitution * -approach_m_s, rel=1e-12)
+
+
+def test_what_an_engine_does_not_report_is_none(recorded: Recorder) -> None:
+    engine = recorded(floor=False, duration_s=1 / 240).engine
+    assert engine.floor_restitution is engine.floor_lateral_friction is None
+    assert engine.pair_restitution is engine.gl_renderer is None
+
+
+def test_links_are_part_of_the_body() -> None:
+    for coordinates in MODES:
+        with World(Scenario(body="r2d2.urdf", coordinates=coordinates)) as world:
+            report = world.report()
+        assert report.link_masses_kg is not None
+        assert (report.joints, len(report.link_masses_kg)) == (15, 16)
+        assert report.mass_kg == pytest.approx(sum(report.link_masses_kg))
+        assert report.mass_kg > 60 > report.link_masses_kg[0]
+        assert (report.shape, report.shape_dimensions_m) == ("compound", ())
+        assert report.shape_position_m is None
+
+
+def test_a_shape_is_reported_where_it_is_from_the_centre_of_mass(tmp_path: Path) -> None:
+    urdf = urdf_of(tmp_path, box("0.1 0.2 0.3", "0.1 0 0", "0 0 0.5"), centre="0 0 0.02")
+    with World(Scenario(body=urdf)) as world:
+        report = world.report()
+    assert report.shape == "box"
+    assert report.shape_dimensions_m == pytest.approx((0.1, 0.2, 0.3))
+    assert report.shape_position_m == pytest.approx((0.1, 0, -0.02))
+    assert report.shape_orientation == pytest.approx((0, 0, np.sin(0.25), np.cos(0.25)))
+
+
+def test_a_body_without_a_shape_touches_nothing(tmp_path: Path) -> None:
+    with World(Scenario(body=urdf_of(tmp_path))) as world:
+        report = world.report()
+    assert (report.shape, report.shape_dimensions_m, report.rest_height_m) == ("none", (), None)
+
+
+# -- the height at which a body touches the floor --------------------------------------------------
+
+CUBE, ROD = box("0.1 0.1 0.1"), shape('<cylinder radius="0.05" length="0.2"/>')
+TURNED = {"upright": (0.0, 0.0, 0.0), "tilted": (17.0, 40.0, 0.0), "on its side": (90.0, 0.0, 0.0)}
+BODIES: dict[str, tuple[tuple[str, ...], str, float]] = {
+    # Shapes, centre of mass, and the rest height upright: half of an edge, or with the margin of a
+    # millimetre that Bullet adds to the hull which it makes of a cylinder.
+    "cube": ((CUBE,), "0 0 0", 0.05),
+    "cube with its mass above": ((CUBE,), "0 0 0.02", 0.07),
+    "cube above its origin": ((box("0.1 0.1 0.1", "0 0 0.1"),), "0 0 0", -0.05),
+    "two cubes": ((box("0.1 0.1 0.1", "0 0 -.05"), box("0.1 0.1 0.1", "0 0 .05")), "0 0 0", 0.1),
+    "rod": ((ROD,), "0 0 0", 0.101),
+    "ball": ((shape('<sphere radius="0.05"/>'),), "0 0 0", 0.05),
+    "ball beside its origin": ((shape('<sphere radius="0.05"/>', "0.1 0 0.02"),), "0 0 0", 0.03),
+    "capsule": ((shape('<capsule radius="0.05" length="0.2"/>'),), "0 0 0", 0.15),
+    "tiny": ((box("0.001 0.001 0.001"),), "0 0 0", 0.0005),
+}
+MESHES = ("lego/lego.urdf", "duck_vhacd.urdf", "teddy_vhacd.urdf")
+
+
+def rest_height(body: str, turned: str) -> float:
+    with World(Scenario(body=body, orientation=TURNED[turned])) as world:
+        assert world.rest_height_m is not None
+        return world.rest_height_m
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_rest_height_is_that_of_the_shape(tmp_path: Path, name: str) -> None:
+    shapes, centre, expected_m = BODIES[name]
+    urdf = urdf_of(tmp_path, *shapes, centre=centre)
+    assert rest_height(urdf, "upright") == pytest.approx(expected_m, abs=1e-15)
+
+
+def test_the_rest_height_of_a_cube_is_half_its_edge_to_the_bit() -> None:
+    assert rest_height("cube_small.urdf", "upright") == 0.025
+
+
+@pytest.mark.parametrize("turned", TURNED)
+@pytest.mark.parametrize("maximal", [False, True])
+@pytest.mark.parametrize("name", [*BODIES, *MESHES])
+def test_at_the_rest_height_the_floor_begins_to_push(
+    tmp_path: Path, name: str, maximal: bool, turned: str
+) -> None:
+    """A body that sinks by 1 µm a step is pushed once it is in by the slop of 10 µm."""
+    shapes, centre, _ = BODIES.get(name, ((), "", 0.0))
+    urdf = urdf_of(tmp_path, *shapes, centre=centre) if shapes else str(DATA / name)
+    expected_m = rest_height(urdf, turned)
+    orientation = Scenario(orientation=TURNED[turned]).orientation_xyzw
+    pushed_m = lowered(urdf, orientation, from_m=expected_m + 1e-4, maximal=maximal)
+    assert pushed_m is not None
+    assert -11e-6 <= pushed_m - expected_m <= -8e-6
 
 
 @pytest.mark.parametrize(
@@ -72,7 +209,7 @@ def test_coordinates_choose_the_kind_of_body(
     recorded: Recorder, coordinates: str, body_type: str
 ) -> None:
     recording = recorded(coordinates=coordinates, duration_s=1 / 240)
-    assert recording.engine["body_type"] == body_type
+    assert recording.engine.body_type == body_type
 
 
 @pytest.mark.parametrize(
@@ -88,10 +225,10 @@ def test_any_body_of_pybullet_data_can_be_dropped(
     recorded: Recorder, body: str, shape: str, rest_height_m: float | None
 ) -> None:
     recording = recorded(body=body, duration_s=0.5)
-    assert recording.engine["shape"] == shape
+    assert recording.engine.shape == shape
     assert recording.column("z_m")[0] == 1.0
     if rest_height_m is not None:
-        assert recording.engine["rest_height_m"] == pytest.approx(rest_height_m, abs=1e-15)
+        assert recording.engine.rest_height_m == pytest.approx(rest_height_m, abs=1e-15)
 
 
 def test_a_urdf_of_ones_own_is_found_by_its_path(tmp_path: Path) -> None:
@@ -104,8 +241,8 @@ def test_a_urdf_of_ones_own_is_found_by_its_path(tmp_path: Path) -> None:
     path = tmp_path / "brick.rrd"
     simulate(Scenario(body=str(own), duration_s=0.1), path, camera=None)
     engine = read(path).engine
-    assert (engine["body_name"], engine["mass_kg"]) == ("brick", 2.0)
-    assert engine["rest_height_m"] == 0.2
+    assert (engine.body_name, engine.mass_kg) == ("brick", 2.0)
+    assert engine.rest_height_m == 0.2
 
 
 @pytest.mark.parametrize("text", ["", "no robot here", "<robot name='x'></robot>"])

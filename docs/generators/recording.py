@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from pipeline import Camera, Scenario, analyze, simulate
 from pipeline.fields import Option
+from pipeline.physics.report import EngineReport
 from pipeline.recording import rrd, schema
 from pipeline.recording.layer import layer_of
 
@@ -190,7 +191,7 @@ def _property(run: Mapping[str, Entity], entity: str) -> str:
         schema.SCENARIO_PROPERTY: {key: _said(option) for key, option in options.items()},
         schema.CAMERA_PROPERTY: schema.CAMERA_SAYS
         | {key: _said(option) for key, option in options.items()},
-        schema.ENGINE_PROPERTY: schema.ENGINE_SAYS,
+        schema.ENGINE_PROPERTY: EngineReport.says(),
         schema.RECORDING_PROPERTY: CLOSING,
     }[name]
     types = run[entity].types

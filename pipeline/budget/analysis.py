@@ -2,43 +2,43 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from pipeline.budget.case import Case, case_of
 from pipeline.budget.conservation import Mechanics, max_relative_drift, mechanics
 from pipeline.budget.decomposition import Decomposition, decompose
 from pipeline.budget.energy import ledger
 from pipeline.budget.findings import Evidence, findings
 from pipeline.budget.landing import (
-    contact_law_path,
     find_bounces,
     find_contact,
     find_impact,
+    find_landing,
     find_rest,
+    law_path,
 )
-from pipeline.budget.mismatch import coverage_of, find_mismatch
+from pipeline.budget.mismatch import coverage_of, find_mismatch, law_of_flight
 from pipeline.budget.moment import DEFAULT_AT_S
-from pipeline.budget.phases import Phases, phases
+from pipeline.budget.phases import Phases, phases_of, touching
+from pipeline.budget.posture import tumbled_step
 from pipeline.budget.results import Airborne, Analysis, Conservation, Coverage, Moment, Terms
-from pipeline.budget.samples import Samples, samples_of
 from pipeline.errors import ScenarioError
-from pipeline.physics import theory
-from pipeline.physics.bullet_law import fall_of
-from pipeline.physics.theory import Fall
+from pipeline.physics.report import EngineReport
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
+ENERGIES = ("kinetic_linear_j", "kinetic_angular_j", "potential_j", "energy_j")
+"""Columns of the table that are null where the state of a body's links is not recorded."""
 
 
 def analysis_of(
     scenario: Scenario,
-    engine: Mapping[str, Any],
+    engine: EngineReport,
     states: pl.DataFrame,
     *,
     at_s: Sequence[float] = (),
@@ -50,116 +50,100 @@ def analysis_of(
     scenario
         What was dropped, and how.
     engine
-        What the engine reported of the body: mass, inertia, joints, shape, rest height.
+        What the engine reported of the body and the floor.
     states
         One row per sample from the release on: `step`, and the columns of the recording's state.
     at_s
-        Times to take apart [s]; without any, 0.3 s where that is in the air.
+        Times to break the error down at [s]; without any, 0.3 s where that is in free flight.
 
     Raises
     ------
     ScenarioError
         If a time lies outside the recording.
     """
-    samples = samples_of(states)
-    fall, timestep_s = fall_of(scenario), scenario.timestep_s
-    speed_m_s = np.linalg.norm(samples.velocity_m_s, axis=1)
-    found = phases(samples.height_m, speed_m_s, samples.contact_points)
-    mismatch = find_mismatch(scenario, engine, fall, samples, airborne=found.airborne)
-    coverage = coverage_of(scenario, engine, found, mismatch)
-    parts = decompose(fall, samples.height_m[: coverage.samples], timestep_s=timestep_s)
-    energies = mechanics(
-        samples,
-        mass_kg=engine["mass_kg"],
-        inertia_kg_m2=np.array(engine["inertia_kg_m2"]),
-        gravity_m_s2=fall.gravity_m_s2,
+    case = case_of(scenario, engine, states)
+    found = phases_of(case)
+    flight = law_of_flight(case, found)
+    mismatch = find_mismatch(case, flight)
+    coverage = coverage_of(case, found, flight, mismatch)
+    parts = decompose(
+        case.fall,
+        case.samples.height_m[: coverage.samples],
+        timestep_s=case.timestep_s,
+        substeps=case.substeps,
     )
-    table = _table(scenario, engine, fall, found, samples, parts, energies)
+    energies = mechanics(case)
+    table = _table(case, found, parts, energies)
     at = [_moment(table, step) for step in _steps_at(at_s, scenario, coverage)]
 
-    law = contact_law_path(scenario, engine, fall, steps=found.samples - 1)
-    law_m = None if law is None else law[0]
-    impact = find_impact(scenario, engine, fall, found, samples)
-    bounces = find_bounces(scenario, engine, fall, samples)
-    rest = find_rest(scenario, engine, found, samples, law_m)
+    tumbled = tumbled_step(case, touching(case.samples))
+    law = law_path(case)
+    landing = find_landing(case)
+    impact = find_impact(case, found, landing)
+    bounces = find_bounces(case, tumbled)
+    rest = find_rest(case, found, tumbled, law)
     evidence = Evidence(
-        scenario=scenario,
-        engine=engine,
-        fall=fall,
-        time_s=table["time_s"].to_numpy(),
-        samples=samples,
+        case=case,
         phases=found,
         mismatch=mismatch,
+        clamped_step=flight.clamped if flight else None,
         moment=at[0] if at else None,
+        landing=landing,
         impact=impact,
+        tumbled_step=tumbled,
         bounces=bounces,
         rest=rest,
+        law=law,
     )
     return Analysis(
         scenario=asdict(scenario),
-        engine=dict(engine),
+        engine=engine,
         at=at,
         coverage=coverage,
         airborne=_airborne(parts),
+        landing=landing,
         impact=impact,
-        contact=find_contact(found, samples.height_m, law_m),
+        tumbled_step=tumbled,
+        contact=find_contact(case, found, tumbled, law),
         bounces=bounces,
         rest=rest,
-        conservation=_conservation(energies, samples.contact_points == 0),
-        energy=ledger(
-            energies,
-            samples.velocity_m_s,
-            fall,
-            airborne=found.airborne,
-            timestep_s=timestep_s,
-            mass_kg=engine["mass_kg"],
-            stepped=scenario.stepped,
-        ),
+        conservation=_conservation(energies, found.airborne),
+        energy=ledger(case, energies, airborne=found.airborne),
         findings=findings(evidence),
         table=table,
     )
 
 
 def _table(
-    scenario: Scenario,
-    engine: Mapping[str, Any],
-    fall: Fall,
-    found: Phases,
-    samples: Samples,
-    parts: Decomposition,
-    energies: Mechanics,
+    case: Case, found: Phases, parts: Decomposition, energies: Mechanics | None
 ) -> pl.DataFrame:
-    """Return one row per sample; error terms are null where the law of the air does not hold."""
-    time_s = np.arange(found.samples, dtype=np.float64) * scenario.timestep_s
-    # Theory knows no floor. After the first contact it is held at the rest height.
-    lowest_m = np.full(found.samples, -math.inf)
-    if scenario.floor:
-        lowest_m[found.airborne :] = engine["rest_height_m"]
-    free_fall_m = np.maximum(theory.free_fall_height(fall, time_s), lowest_m)
+    """Return one row per sample; error terms are null where free flight is not covered."""
 
     def explained(values: Float64) -> pl.Series:
         return pl.Series(values, dtype=pl.Float64).extend_constant(
             None, found.samples - len(values)
         )
 
+    height_m = case.samples.height_m
     return pl.DataFrame(
         {
             "step": np.arange(found.samples),
-            "time_s": time_s,
+            "time_s": case.time_s,
             "phase": found.column(),
-            "simulated_m": samples.height_m,
-            "free_fall_m": free_fall_m,
-            "damped_fall_m": np.maximum(theory.damped_fall_height(fall, time_s), lowest_m),
-            "error_m": samples.height_m - free_fall_m,
+            "simulated_m": height_m,
+            "free_fall_m": case.free_fall_m,
+            "damped_fall_m": case.damped_fall_m,
+            "error_m": height_m - case.free_fall_m,
             "timestep_m": explained(parts.timestep_m),
             "damping_m": explained(parts.damping_m),
             "interaction_m": explained(parts.interaction_m),
             "rounding_m": explained(parts.rounding_m),
-            "kinetic_linear_j": energies.kinetic_linear_j,
-            "kinetic_angular_j": energies.kinetic_angular_j,
-            "potential_j": energies.potential_j,
-            "energy_j": energies.total_j,
-        }
+            "kinetic_linear_j": energies and energies.kinetic_linear_j,
+            "kinetic_angular_j": energies and energies.kinetic_angular_j,
+            "potential_j": energies and energies.potential_j,
+            "energy_j": energies and energies.total_j,
+        },
+        schema_overrides=dict.fromkeys(ENERGIES, pl.Float64),
     )
 
 
@@ -206,11 +190,12 @@ def _airborne(parts: Decomposition) -> Airborne:
     )
 
 
-def _conservation(energies: Mechanics, without_contact: NDArray[np.bool_]) -> Conservation:
+def _conservation(energies: Mechanics | None, airborne: int) -> Conservation:
+    if energies is None:
+        return Conservation(None, None, None)
+    free = slice(max(airborne, 1))
     return Conservation(
         energy_initial_j=float(energies.total_j[0]),
-        energy_max_rel_drift=max_relative_drift(energies.total_j[without_contact]),
-        angular_momentum_max_rel_drift=max_relative_drift(
-            energies.angular_momentum_kg_m2_s[without_contact]
-        ),
+        energy_max_rel_drift=max_relative_drift(energies.total_j[free]),
+        angular_momentum_max_rel_drift=max_relative_drift(energies.angular_momentum_kg_m2_s[free]),
     )

@@ -8,7 +8,6 @@ may be wrong by what moves the body so far in one step, an angle by what moves i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from pipeline.budget.likeness import POSITION, likeness
 from pipeline.physics.bullet_law import EXACT_MACHINES, FUSED
+from pipeline.physics.report import EngineReport
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
@@ -30,7 +30,7 @@ class Side:
     """One of the two falls: what was dropped, what the engine reports, and the samples."""
 
     scenario: Scenario
-    engine: Mapping[str, Any]
+    engine: EngineReport
     states: pl.DataFrame
     """One row per sample: `step`, and the columns of the recording's state."""
 
@@ -128,7 +128,7 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
 
 def _scenario_differences(run: Side, golden: Side) -> list[Setting]:
     mine, theirs = asdict(run.scenario), asdict(golden.scenario)
-    if run.engine.get("body_sha256") == golden.engine.get("body_sha256"):
+    if run.engine.body_sha256 == golden.engine.body_sha256:
         theirs["body"] = mine["body"]  # the same file under another name
     return [
         Setting(name, value, theirs[name]) for name, value in mine.items() if value != theirs[name]
@@ -137,10 +137,11 @@ def _scenario_differences(run: Side, golden: Side) -> list[Setting]:
 
 def _engine_settings(run: Side, golden: Side) -> list[Setting]:
     """Return what the two engines report differently; what only one reports is no difference."""
+    mine, theirs = asdict(run.engine), asdict(golden.engine)
     return [
-        Setting(name, value, golden.engine[name])
-        for name, value in run.engine.items()
-        if name in golden.engine and value != golden.engine[name]
+        Setting(name, value, theirs[name])
+        for name, value in mine.items()
+        if None not in (value, theirs[name]) and value != theirs[name]
     ]
 
 
@@ -192,7 +193,7 @@ def _allowed(run: Side, golden: Side, states: pl.DataFrame, tolerance_m: float) 
     contact = np.arange(len(states)) >= _airborne(run, golden)
     length_m = np.where(contact, max(IN_CONTACT_M, tolerance_m), tolerance_m)
     allowed = np.outer(length_m, scale)
-    machines = [side.engine.get("machine") for side in (run, golden)]
+    machines = [side.engine.machine for side in (run, golden)]
     if any(machine not in EXACT_MACHINES for machine in machines):
         fused = FUSED * np.maximum(1.0, np.abs(np.nan_to_num(states.to_numpy())))
         allowed = np.where(contact[:, None], allowed, np.maximum(allowed, fused))
@@ -201,12 +202,12 @@ def _allowed(run: Side, golden: Side, states: pl.DataFrame, tolerance_m: float) 
 
 def _per_metre(golden: Side) -> dict[str, float]:
     """Return what a metre of tolerance allows in each column, in that column's unit."""
-    step_s, length_m = golden.scenario.timestep_s, max(golden.engine["rest_height_m"], 1e-3)
+    step_s, length_m = golden.scenario.timestep_s, max(golden.engine.rest_height_m or 0.0, 1e-3)
     return {
         **dict.fromkeys(("x_m", "y_m", "z_m", "contact_distance_m"), 1.0),
         **dict.fromkeys(("qx", "qy", "qz", "qw"), 1 / length_m),
         **dict.fromkeys(("vx_m_s", "vy_m_s", "vz_m_s"), 1 / step_s),
         **dict.fromkeys(("wx_rad_s", "wy_rad_s", "wz_rad_s"), 1 / (length_m * step_s)),
         "contact_points": 0.0,
-        "contact_force_n": golden.engine["mass_kg"] / step_s**2,
+        "contact_force_n": golden.engine.mass_kg / step_s**2,
     }

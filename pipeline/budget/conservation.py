@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.budget.samples import Samples
+from pipeline.budget.case import Case
+from pipeline.budget.samples import Rigid
 
 Float64 = NDArray[np.float64]
 
@@ -28,33 +29,62 @@ class Mechanics:
         return self.kinetic_linear_j + self.kinetic_angular_j + self.potential_j
 
 
-def mechanics(
-    samples: Samples, *, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float
-) -> Mechanics:
-    """Return energies and angular momentum of a rigid body in uniform gravity.
+def mechanics(case: Case) -> Mechanics | None:
+    """Return energies and angular momentum of a body in uniform gravity, of all its links together.
+
+    None where the state of its links is not recorded.
 
     Source: E = m v²/2 + ω·Iω/2 - m g_z z and L = I ω with I = R diag(I₁, I₂, I₃) Rᵀ; any text on
     classical mechanics, for instance Goldstein, chapter 5.
-
-    Parameters
-    ----------
-    samples
-        The recorded state.
-    mass_kg
-        Mass [kg].
-    inertia_kg_m2
-        Moments of inertia about the body's axes, its principal ones [kg m²], shape (3,).
-    gravity_m_s2
-        z component of gravity [m/s²], negative where it pulls down.
     """
-    spin_body = rotate_inverse(samples.orientation, samples.spin_rad_s)
+    engine, gravity_m_s2 = case.engine, case.fall.gravity_m_s2
+    if engine.recorded_links != engine.joints:
+        return None
+    inertias_kg_m2 = np.reshape(engine.link_inertias_kg_m2, (-1, 3))
+    parts = [
+        mechanics_of_part(part, mass_kg, inertia_kg_m2, gravity_m_s2)
+        for part, mass_kg, inertia_kg_m2 in zip(
+            (case.samples, *case.samples.links), engine.link_masses_kg, inertias_kg_m2, strict=True
+        )
+    ]
+    if len(parts) == 1:
+        return parts[0]
+    return Mechanics(
+        kinetic_linear_j=np.sum([part.kinetic_linear_j for part in parts], axis=0),
+        kinetic_angular_j=np.sum([part.kinetic_angular_j for part in parts], axis=0),
+        potential_j=np.sum([part.potential_j for part in parts], axis=0),
+        angular_momentum_kg_m2_s=_about_centre_of_mass(case, parts),
+    )
+
+
+def mechanics_of_part(
+    part: Rigid, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float
+) -> Mechanics:
+    spin_body = rotate_inverse(part.orientation, part.spin_rad_s)
     momentum_body = spin_body * inertia_kg_m2
     return Mechanics(
-        kinetic_linear_j=mass_kg / 2 * np.sum(samples.velocity_m_s**2, axis=1),
+        kinetic_linear_j=mass_kg / 2 * np.sum(part.velocity_m_s**2, axis=1),
         kinetic_angular_j=np.sum(spin_body * momentum_body, axis=1) / 2,
-        potential_j=-mass_kg * gravity_m_s2 * samples.height_m,
-        angular_momentum_kg_m2_s=rotate(samples.orientation, momentum_body),
+        potential_j=-mass_kg * gravity_m_s2 * part.position_m[:, 2],
+        angular_momentum_kg_m2_s=rotate(part.orientation, momentum_body),
     )
+
+
+def _about_centre_of_mass(case: Case, parts: list[Mechanics]) -> Float64:
+    """Return the angular momentum of all links about their common centre of mass.
+
+    Source: L = Σ [I ω + m (x - X) × (v - V)] (Goldstein, section 1.2).
+    """
+    masses_kg = np.array(case.engine.link_masses_kg)
+    rigid = (case.samples, *case.samples.links)
+    shares = masses_kg / masses_kg.sum()
+    centre_m = np.tensordot(shares, [one.position_m for one in rigid], 1)
+    drift_m_s = np.tensordot(shares, [one.velocity_m_s for one in rigid], 1)
+    total = np.zeros_like(centre_m)
+    for m, one, part in zip(masses_kg, rigid, parts, strict=True):
+        arm_m, velocity_m_s = one.position_m - centre_m, one.velocity_m_s - drift_m_s
+        total += part.angular_momentum_kg_m2_s + m * np.cross(arm_m, velocity_m_s)
+    return total
 
 
 def rotate(orientation: Float64, vectors: Float64) -> Float64:

@@ -34,7 +34,7 @@ class Decomposition:
 
 
 def decompose(
-    fall: Fall, simulated_m: Float64, *, timestep_s: float, first: int = 0
+    fall: Fall, simulated_m: Float64, *, timestep_s: float, first: int = 0, substeps: int = 1
 ) -> Decomposition:
     """Take apart simulated minus free-fall height, sample by sample.
 
@@ -49,6 +49,8 @@ def decompose(
         Timestep [s].
     first
         Step number of the first of them; 0 is the release.
+    substeps
+        How many steps the engine makes of each timestep.
 
     Returns
     -------
@@ -59,9 +61,11 @@ def decompose(
     last = first + len(simulated_m) - 1
     time_s = np.arange(first, last + 1, dtype=np.float64) * timestep_s
     free_fall_m = theory.free_fall_height(fall, time_s)
-    timestep_m = theory.timestep_displacement(fall, time_s, timestep_s)
+    timestep_m = theory.timestep_displacement(fall, time_s, timestep_s / substeps)
     damping_m = theory.damping_displacement(fall, time_s)
-    law_m = bullet_law.airborne_exact(fall, timestep_s=timestep_s, steps=last, first=first)
+    law_m = bullet_law.airborne_exact(
+        fall, timestep_s=timestep_s, steps=last, first=first, substeps=substeps
+    )
     explained_m = free_fall_m + timestep_m + damping_m
     return Decomposition(
         free_fall_m=free_fall_m,

@@ -1,188 +1,317 @@
-"""Impact, contact, bounces and rest: what the recording shows beside what Bullet's law predicts."""
+"""Impact, contact, bounces and rest: what the recording shows beside what Bullet's law predicts.
+
+Measurements are given of any body, causes only where the contact law covers it: see `covers`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.budget.conservation import rotate_inverse
-from pipeline.budget.phases import Phases, crossing_time
-from pipeline.budget.results import Bounce, Contact, Impact, Rest, RestTerms
-from pipeline.budget.samples import Samples
+from pipeline.budget.case import Case
+from pipeline.budget.phases import Phases, crossing_time, touching
+from pipeline.budget.posture import FLAT_RAD, flat_height_m, tilt_rad, turned_rad
+from pipeline.budget.results import Bounce, Contact, Impact, Landing, Rest, RestTerms
 from pipeline.physics import contact_law, theory
-from pipeline.physics.contact_law import CONTACT_ERP, CONTACT_SLOP_M
-from pipeline.physics.theory import Fall
-from pipeline.scenario import Scenario
+from pipeline.physics.contact_law import CONTACT_ERP, CONTACT_SLOP_M, RESTITUTION_THRESHOLD_M_S
 
 Float64 = NDArray[np.float64]
 
 LONGEST_THROW_S = 3600.0
+CORNERS = 4
+"""Contact points of a box that lies flat."""
+REPRODUCED = 1e-3
+"""Share of the approach by which a rebound may miss the contact law's and still be explained by it:
+ten times what the solver's early stop was seen to change."""
+AT_REST_M_S = 1e-4
+"""A predicted path that is slower than this has come to rest."""
 
 
-def find_impact(
-    scenario: Scenario,
-    engine: Mapping[str, Any],
-    fall: Fall,
-    found: Phases,
-    samples: Samples,
-) -> Impact | None:
+# -- when it lands --------------------------------------------------------------------------------
+
+
+def find_landing(case: Case) -> Landing | None:
+    """Return when theory brings the body down to the floor; None where it never does.
+
+    Only of a body that meets the floor as it was released: it does not spin, or is a ball.
+    """
+    floor_m, fall = case.floor_height_m, case.fall
+    turns = any(case.scenario.spin_rad_s) and not case.is_ball
+    if floor_m is None or turns or not case.is_rigid or not case.scenario.stepped:
+        return None
+    free_s = theory.impact_time_free(fall, floor_m)
+    if fall.height_m <= floor_m or free_s is None:
+        return None
+    # An oblique throw is integrated, which is no use over days: up, in next to no gravity.
+    oblique = fall.coordinates == "reduced" and any(fall.velocity_m_s[:2])
+    endless = oblique and free_s > LONGEST_THROW_S
+    damped_s = None if endless else theory.impact_time_damped(fall, floor_m)
+    # Drag takes no body further sideways than free fall.
+    reach_m = np.array(fall.velocity_m_s) * free_s
+    if not case.over_floor(reach_m[None]):
+        return None
+    return Landing(time_free_fall_s=free_s, time_damped_s=damped_s)
+
+
+def find_impact(case: Case, found: Phases, landing: Landing | None) -> Impact | None:
     """Return when the body meets the floor, or None if it never does."""
     if found.contact_step is None:
         return None
-    rest_height_m, height_m = engine["rest_height_m"], samples.height_m
+    samples, floor_m = case.samples, case.floor_height_m
+    height_m, turned = samples.height_m, turned_rad(case) > FLAT_RAD
     lowest = int(np.argmin(height_m))
-    upright = lands_upright(scenario, engine)
-    free_s = theory.impact_time_free(fall, rest_height_m) if upright else None
-    # An oblique throw is integrated, which is no use over days: up, in next to no gravity.
-    oblique = fall.coordinates == "reduced" and any(fall.velocity_m_s[:2])
-    endless = free_s is None or (oblique and free_s > LONGEST_THROW_S)
+    before = max(found.contact_step - 1, 0)
+    crossing_s = penetration_m = None
+    if floor_m is not None and case.is_rigid:
+        crossing_s = crossing_time(height_m, floor_m, case.timestep_s)
+        if crossing_s is not None and turned[: int(crossing_s / case.timestep_s) + 2].any():
+            crossing_s = None
+        if not turned[lowest] and case.over_floor(samples.position_m[lowest : lowest + 1]):
+            penetration_m = max(0.0, floor_m - float(height_m[lowest]))
     return Impact(
-        time_free_fall_s=free_s,
-        time_damped_s=None if endless else theory.impact_time_damped(fall, rest_height_m),
-        time_simulated_s=crossing_time(height_m, rest_height_m, scenario.timestep_s)
-        if upright
-        else None,
+        time_free_fall_s=landing.time_free_fall_s if landing else None,
+        time_damped_s=landing.time_damped_s if landing else None,
+        time_simulated_s=crossing_s,
         step=found.contact_step,
-        speed_m_s=float(abs(samples.velocity_m_s[max(found.contact_step - 1, 0), 2])),
+        speed_m_s=float(np.linalg.norm(samples.velocity_m_s[before])),
         lowest_m=float(height_m[lowest]),
         lowest_step=lowest,
-        penetration_m=max(0.0, rest_height_m - float(height_m[lowest])) if upright else None,
+        penetration_m=penetration_m,
     )
 
 
-def lands_upright(scenario: Scenario, engine: Mapping[str, Any]) -> bool:
-    """Whether the body meets the floor as it was released: it does not spin, or is a ball."""
-    return not any(scenario.spin_rad_s) or engine["shape"] == "sphere"
+# -- the contact law ------------------------------------------------------------------------------
 
 
-def expected_rest_height(
-    scenario: Scenario, engine: Mapping[str, Any], orientation: Float64
-) -> float | None:
-    """Return the height of the centre of a body at rest [m]; None where nothing says it.
+def covers(case: Case) -> bool:
+    """Whether the contact law is that of this drop: of one box that lands flat and stays flat.
 
-    A ball lies at its radius, a box on the face that is down by now, any other body at its release
-    height above the floor if it never turned. `orientation` is a quaternion x, y, z, w.
+    It is released flat, above the floor, without spin or sideways velocity.
     """
-    if engine["shape"] == "box":
-        up_in_box = np.abs(rotate_inverse(orientation[None, :], np.array([[0.0, 0.0, 1.0]]))[0])
-        axis = int(np.argmax(up_in_box))
-        # cos of 0.8°: a box that leans more than this does not lie on a face.
-        return float(engine["shape_dimensions_m"][axis]) / 2 if up_in_box[axis] > 0.9999 else None
-    return float(engine["rest_height_m"]) if lands_upright(scenario, engine) else None
-
-
-def contact_law_path(
-    scenario: Scenario,
-    engine: Mapping[str, Any],
-    fall: Fall,
-    *,
-    steps: int,
-    contact_erp: float | None = None,
-) -> tuple[Float64, Float64] | None:
-    """Return the heights and vertical velocities of the contact law, shape (steps + 1,) each.
-
-    None where the law does not hold: it is that of one rigid box that lands flat, without spin or
-    sideways velocity. `contact_erp` is tried instead of the scenario's.
-    """
-    flat = not any((*scenario.velocity_m_s[:2], *scenario.spin_rad_s))
-    rigid_box = engine["shape"] == "box" and not engine["joints"]
-    if not (flat and rigid_box and scenario.floor and scenario.stepped):
-        return None
-    if contact_erp is None:
-        contact_erp = CONTACT_ERP if scenario.contact_erp is None else scenario.contact_erp
-    return contact_law.flat_drop(
-        fall,
-        timestep_s=scenario.timestep_s,
-        steps=steps,
-        mass_kg=engine["mass_kg"],
-        rest_height_m=engine["rest_height_m"],
-        restitution=pair_restitution(engine),
-        contact_erp=contact_erp,
+    sideways = any((*case.scenario.velocity_m_s[:2], *case.scenario.spin_rad_s))
+    floor_m = case.floor_height_m
+    return (
+        case.is_box
+        and case.scenario.stepped
+        and floor_m is not None
+        and case.engine.pair_restitution is not None
+        and not sideways
+        and float(tilt_rad(case)[0]) < 1e-9
+        and case.fall.height_m > floor_m
     )
 
 
-def find_contact(found: Phases, height_m: Float64, law_m: Float64 | None) -> Contact | None:
-    """Return how far the recorded heights are from the contact law's, or None without either."""
-    if law_m is None or found.contact_step is None:
+@dataclass(frozen=True)
+class Path:
+    """Heights [m] and vertical velocities [m/s] of the contact law, shape (samples,) each."""
+
+    height_m: Float64
+    velocity_m_s: Float64
+
+
+def law_path(case: Case, *, contact_erp: float | None = None) -> Path | None:
+    """Return the path of the contact law from the release on, or None where it does not cover it.
+
+    `contact_erp` is tried instead of the scenario's.
+    """
+    if not covers(case):
         return None
-    deviation_m = np.abs(height_m - law_m)
+    return _law(case, case.fall, len(case.samples.height_m) - 1, contact_erp=contact_erp)
+
+
+def _law(case: Case, fall: theory.Fall, steps: int, *, contact_erp: float | None = None) -> Path:
+    assert case.floor_height_m is not None
+    assert case.engine.pair_restitution is not None
+    return Path(
+        *contact_law.flat_drop(
+            fall,
+            timestep_s=case.timestep_s,
+            steps=steps,
+            mass_kg=case.engine.mass_kg,
+            rest_height_m=case.floor_height_m,
+            restitution=case.engine.pair_restitution,
+            contact_erp=_contact_erp(case) if contact_erp is None else contact_erp,
+            restitution_threshold_m_s=restitution_threshold_m_s(case),
+            substeps=case.substeps,
+        )
+    )
+
+
+def _contact_erp(case: Case) -> float:
+    asked = case.scenario.contact_erp
+    return CONTACT_ERP if asked is None else asked
+
+
+def restitution_threshold_m_s(case: Case) -> float:
+    """Return the speed below which no body bounces [m/s]."""
+    asked = case.scenario.restitution_threshold_m_s
+    return RESTITUTION_THRESHOLD_M_S if asked is None else asked
+
+
+def find_contact(
+    case: Case, found: Phases, tumbled_step: int | None, law: Path | None
+) -> Contact | None:
+    """Return how far the recorded heights are from the contact law's while the body is flat."""
+    if law is None or found.contact_step is None or tumbled_step == found.contact_step:
+        return None
+    deviation_m = np.abs(case.samples.height_m - law.height_m)[:tumbled_step]
     worst = int(np.argmax(deviation_m))
     return Contact(float(deviation_m[worst]), worst)
 
 
-def find_rest(
-    scenario: Scenario,
-    engine: Mapping[str, Any],
-    found: Phases,
-    samples: Samples,
-    law_m: Float64 | None,
-) -> Rest | None:
-    """Return where the body comes to lie, and why it is not the rest height exactly.
+# -- bounces --------------------------------------------------------------------------------------
 
-    `law_m` holds the contact law's heights, shape (samples,), or is None where it does not hold.
+
+@dataclass(frozen=True)
+class Episode:
+    """A run of samples that touch the floor, between two flights or at an end of the recording."""
+
+    first: int
+    last: int
+    approach_m_s: float
+    """Downward speed that the contact met."""
+    leaves: bool
+    """Whether the body rises from it before the recording ends."""
+
+
+def episodes(case: Case) -> Iterator[Episode]:
+    """Yield what begins in the air and touches the floor, in order."""
+    touches = touching(case.samples)
+    edges = np.diff(np.concatenate(([False], touches, [False])).astype(np.int8))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    velocity_m_s = case.samples.velocity_m_s[:, 2]
+    for first, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        approach_m_s = _approach_m_s(case, first - 1)
+        if approach_m_s <= 0 or (first <= 1 and _starts_inside(case)):
+            continue  # it was in the floor already: nothing has arrived
+        leaves = end < len(touches) and velocity_m_s[end - 1] > 0
+        yield Episode(first, end - 1, approach_m_s, bool(leaves))
+
+
+def _approach_m_s(case: Case, step: int) -> float:
+    """Return the downward speed that the contact after a sample meets [m/s].
+
+    Restitution acts on what the step would have made of the velocity without a contact.
     """
+    before_m_s = case.samples.velocity_m_s[step]
+    if case.substeps > 1:  # which of them met the floor is not recorded
+        return -float(before_m_s[2])
+    after = contact_law.free_velocity(
+        case.fall, before_m_s, timestep_s=case.timestep_s, mass_kg=case.engine.mass_kg
+    )
+    return -after
+
+
+def _starts_inside(case: Case) -> bool:
+    floor_m = case.floor_height_m
+    return floor_m is not None and case.fall.height_m <= floor_m
+
+
+def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
+    """Return the rebounds that leave the floor again, beside what restitution alone would give."""
+    floor_m = case.floor_height_m
+    if not case.is_rigid or floor_m is None or case.fall.gravity_m_s2 >= 0:
+        return []
+    found = [one for one in episodes(case) if one.leaves]
+    touches, height_m = touching(case.samples), case.samples.height_m
+    following = np.append(np.flatnonzero(touches), len(touches))
+    law = law_path(case, contact_erp=0.0)
+    uncorrected_m = [] if law is None else _apexes(law.height_m, floor_m)
+    bounces = []
+    for number, one in enumerate(found, start=1):
+        next_touch = int(following[np.searchsorted(following, one.last + 1)])
+        rebound_m_s = float(case.samples.velocity_m_s[one.last, 2])
+        upright = tumbled_step is None or one.last < tumbled_step
+        bounces.append(
+            Bounce(
+                step=one.first - 1,
+                approach_m_s=one.approach_m_s,
+                rebound_m_s=rebound_m_s,
+                effective_restitution=rebound_m_s / one.approach_m_s if upright else None,
+                apex_m=float(height_m[one.last : next_touch].max()) - floor_m,
+                predicted_apex_m=_predicted_apex_m(case, number) if upright else None,
+                uncorrected_apex_m=uncorrected_m[number - 1]
+                if upright and number <= len(uncorrected_m)
+                else None,
+                correction_m_s=_correction_m_s(case, one) if upright else None,
+            )
+        )
+    return bounces
+
+
+def _predicted_apex_m(case: Case, number: int) -> float | None:
+    """Return e^(2k) h of the k-th bounce [m]; a throw arrives like a drop from v²/2g higher."""
+    if case.engine.pair_restitution is None or case.floor_height_m is None:
+        return None
+    fall = case.fall
+    thrown_m = fall.velocity_m_s[2] ** 2 / (-2 * fall.gravity_m_s2)
+    drop_m = fall.height_m - case.floor_height_m + thrown_m
+    return float(contact_law.rebound_heights(drop_m, case.engine.pair_restitution, number)[-1])
+
+
+def _apexes(height_m: Float64, floor_m: float) -> list[float]:
+    """Return the highest point after each time that a path leaves the floor [m] above it."""
+    below = np.concatenate(([False], height_m <= floor_m, [False]))
+    starts, ends = np.flatnonzero(np.diff(below.astype(np.int8))).reshape(-1, 2).T
+    following = np.append(starts, len(height_m))[1:]
+    return [
+        float(height_m[end:start].max()) - floor_m
+        for end, start in zip(ends.tolist(), following.tolist(), strict=True)
+        if end < len(height_m)
+    ]
+
+
+def _correction_m_s(case: Case, episode: Episode) -> float | None:
+    """Return what the position correction adds to restitution × approach [m/s].
+
+    From the contact law, started from the recorded sample before the episode. None where all four
+    corners did not act, or the law does not give the recorded rebound.
+    """
+    if not covers(case) or case.substeps > 1:
+        return None
+    flat = case.samples.contact_points[episode.first : episode.last + 1] == CORNERS
+    before, samples = episode.first - 1, case.samples
+    release = theory.Fall(
+        height_m=float(samples.height_m[before]),
+        velocity_m_s=(0.0, 0.0, float(samples.velocity_m_s[before, 2])),
+        gravity_m_s2=case.fall.gravity_m_s2,
+        linear_damping=case.fall.linear_damping,
+        coordinates=case.fall.coordinates,
+    )
+    law = _law(case, release, episode.last - before)
+    rebound_m_s = float(law.velocity_m_s[-1])
+    recorded_m_s = float(samples.velocity_m_s[episode.last, 2])
+    if not flat.all() or abs(recorded_m_s - rebound_m_s) > REPRODUCED * episode.approach_m_s:
+        return None
+    asked_m_s = contact_law.rebound_speed(
+        -episode.approach_m_s,
+        case.engine.pair_restitution or 0.0,
+        threshold_m_s=restitution_threshold_m_s(case),
+    )
+    return rebound_m_s - asked_m_s
+
+
+# -- rest -----------------------------------------------------------------------------------------
+
+
+def find_rest(case: Case, found: Phases, tumbled_step: int | None, law: Path | None) -> Rest | None:
+    """Return where the body comes to lie, and why it is not the rest height exactly."""
     if found.rest_step is None:
         return None
-    last_m = float(samples.height_m[-1])
-    expected_m = expected_rest_height(scenario, engine, samples.orientation[-1])
+    last_m = float(case.samples.height_m[-1])
+    expected_m = flat_height_m(case, len(case.samples.height_m) - 1)
     if expected_m is None:
         return Rest(last_m, None, None, found.rest_step, None)
     terms = None
-    if law_m is not None:
-        law_end_m = float(law_m[-1])
+    settles = law is not None and abs(law.velocity_m_s[-10:]).max() < AT_REST_M_S
+    if law is not None and settles and tumbled_step is None and _contact_erp(case) > 0:
+        law_end_m = float(law.height_m[-1])
         terms = RestTerms(
             slop=-CONTACT_SLOP_M,
             solver=last_m - law_end_m,
             settling=law_end_m - (expected_m - CONTACT_SLOP_M),
         )
     return Rest(last_m, expected_m, last_m - expected_m, found.rest_step, terms)
-
-
-def find_bounces(
-    scenario: Scenario, engine: Mapping[str, Any], fall: Fall, samples: Samples
-) -> list[Bounce]:
-    """Return the rebounds that leave the floor again, beside what restitution alone would give."""
-    asked = pair_restitution(engine)
-    if asked == 0 or fall.gravity_m_s2 >= 0 or not scenario.floor:
-        return []
-
-    def bounces(heights_m: Float64, velocities_m_s: Float64) -> list[contact_law.Bounce]:
-        return contact_law.bounces(
-            heights_m,
-            velocities_m_s,
-            fall,
-            timestep_s=scenario.timestep_s,
-            mass_kg=engine["mass_kg"],
-            rest_height_m=engine["rest_height_m"],
-        )
-
-    found = bounces(samples.height_m, samples.velocity_m_s[:, 2])
-    # A throw, up or down, arrives as fast as a drop from v²/2g higher.
-    thrown_m = fall.velocity_m_s[2] ** 2 / (-2 * fall.gravity_m_s2)
-    drop_height_m = fall.height_m - engine["rest_height_m"] + thrown_m
-    predicted_m = contact_law.rebound_heights(drop_height_m, asked, len(found))
-    plain = contact_law_path(
-        scenario, engine, fall, steps=len(samples.height_m) - 1, contact_erp=0.0
-    )
-    uncorrected = [] if plain is None else bounces(*plain)
-    return [
-        Bounce(
-            step=one.step,
-            approach_m_s=one.approach_m_s,
-            rebound_m_s=one.rebound_m_s,
-            effective_restitution=one.restitution,
-            apex_m=one.apex_m,
-            predicted_apex_m=float(predicted_m[number]),
-            uncorrected_apex_m=uncorrected[number].apex_m if number < len(uncorrected) else None,
-            correction_m_s=one.rebound_m_s - asked * one.approach_m_s,
-        )
-        for number, one in enumerate(found)
-    ]
-
-
-def pair_restitution(engine: Mapping[str, Any]) -> float:
-    """Return the restitution of body and floor together: the product of the two."""
-    return float(engine["restitution"] * engine.get("floor_restitution", 0.0))

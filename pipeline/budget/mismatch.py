@@ -2,80 +2,80 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.budget.case import Case
 from pipeline.budget.phases import Phases
 from pipeline.budget.results import Coverage
-from pipeline.budget.samples import Samples
 from pipeline.physics import bullet_law
-from pipeline.physics.spin_law import spin_airborne
-from pipeline.physics.theory import Fall
-from pipeline.scenario import Scenario
+from pipeline.physics.flight import Flight, is_turned, law_path
 
 
-def find_mismatch(
-    scenario: Scenario,
-    engine: Mapping[str, Any],
-    fall: Fall,
-    samples: Samples,
-    *,
-    airborne: int,
-) -> tuple[int, float] | None:
-    """Return the first sample in the air that does not follow Bullet's law, and by how much."""
-    if not scenario.stepped or engine["joints"]:
+@dataclass(frozen=True)
+class Mismatch:
+    """The first sample in the air that does not follow Bullet's law."""
+
+    step: int
+    deviation: float
+    """By how much, in the worst of its numbers [m, m/s or rad/s]."""
+
+
+def law_of_flight(case: Case, found: Phases) -> Flight | None:
+    """Return the path of Bullet's law until the first contact; None where it covers nothing.
+
+    The release is in the air, whatever is recorded of contact.
+    """
+    if not case.scenario.stepped or not case.is_rigid:
         return None
-    airborne = max(1, airborne)  # the release is in the air, whatever is recorded of contact
-    spins = any(scenario.spin_rad_s)
-    how: dict[str, Any] = {
-        "timestep_s": scenario.timestep_s, "steps": airborne - 1, "mass_kg": engine["mass_kg"]
-    }  # fmt: skip
-    if spins:
-        position_m, velocity_m_s, spin_rad_s, orientation = spin_airborne(
-            fall,
-            spin_rad_s=scenario.spin_rad_s,
-            angular_damping=bullet_law.effective_damping(
-                scenario.angular_damping, scenario.coordinates
-            ),
-            inertia_kg_m2=tuple(engine["inertia_kg_m2"]),
-            **how,
-        )
-    else:
-        position_m, velocity_m_s = bullet_law.airborne(fall, **how)
-        spin_rad_s = np.zeros_like(position_m)
-        orientation = np.tile((0.0, 0.0, 0.0, 1.0), (airborne, 1))
-    state = (samples.position_m, samples.velocity_m_s, samples.spin_rad_s, samples.orientation)
-    recorded = np.hstack([part[:airborne] for part in state])
+    return law_path(case.scenario, case.engine, max(1, found.airborne) - 1)
+
+
+def find_mismatch(case: Case, flight: Flight | None) -> Mismatch | None:
+    """Return the first sample in the air that does not follow Bullet's law, and by how much."""
+    samples = case.samples
+    if not case.scenario.stepped:
+        state = np.hstack((samples.position_m, samples.orientation, samples.velocity_m_s))
+        deviation = np.abs(state - state[0]).max(axis=1)
+        return _first(deviation, deviation > 0)
+    if flight is None:
+        return None
+    steps = len(flight.position_m)
+    recorded = (samples.position_m, samples.velocity_m_s, samples.spin_rad_s, samples.orientation)
     # A quaternion and its negative are the same orientation.
-    agree = np.sum(orientation * samples.orientation[:airborne], axis=1, keepdims=True)
-    turned = np.where(agree < 0, -orientation, orientation)
-    law = np.hstack((position_m, velocity_m_s, spin_rad_s, turned))
+    agree = np.sum(flight.orientation_xyzw * samples.orientation[:steps], axis=1, keepdims=True)
+    turned = np.where(agree < 0, -flight.orientation_xyzw, flight.orientation_xyzw)
+    law = np.hstack((flight.position_m, flight.velocity_m_s, flight.spin_rad_s, turned))
+    deviation = np.abs(np.hstack([part[:steps] for part in recorded]) - law).max(axis=1)
     # Spin goes through sin and cos, which differ between C libraries, and tumbling amplifies that.
-    exact = engine.get("machine") in bullet_law.EXACT_MACHINES
-    tolerance = 1e-9 if spins else 0.0 if exact else bullet_law.FUSED
-    deviation = np.abs(recorded - law).max(axis=1)
-    off = np.flatnonzero(~(deviation <= tolerance * np.maximum(1.0, np.abs(law).max(axis=1))))
-    return (int(off[0]), float(deviation[off[0]])) if len(off) else None
+    exact = case.engine.machine in bullet_law.EXACT_MACHINES
+    tolerance = 1e-9 if is_turned(case.scenario) else 0.0 if exact else bullet_law.FUSED
+    allowed = tolerance * np.maximum(1.0, np.abs(law).max(axis=1))
+    return _first(deviation, ~(deviation <= allowed))
+
+
+def _first(deviation: np.ndarray, off: np.ndarray) -> Mismatch | None:
+    steps = np.flatnonzero(off)
+    return Mismatch(int(steps[0]), float(deviation[steps[0]])) if len(steps) else None
 
 
 def coverage_of(
-    scenario: Scenario,
-    engine: Mapping[str, Any],
-    found: Phases,
-    mismatch: tuple[int, float] | None,
+    case: Case, found: Phases, flight: Flight | None, mismatch: Mismatch | None
 ) -> Coverage:
-    """Say how far the law of the air explains the recording."""
-    if not scenario.stepped:
-        return Coverage(0, found.samples, "no step was taken, so no law of motion applies")
-    if engine["joints"]:
-        why = f"the body has {engine['joints']} joints, and the law is that of one rigid body"
-        return Coverage(0, found.samples, why)
+    """Say which samples are taken apart: those in free flight, by the law and in theory."""
+    of = found.samples
+    if not case.scenario.stepped:
+        return Coverage(0, of, "no step was taken, so no law of motion applies")
+    if not case.is_rigid:
+        why = f"the body has {case.engine.joints} joints, and the law is that of one rigid body"
+        return Coverage(0, of, why)
+    ends: list[tuple[int, str]] = [(of, "the whole recording is in free flight")]
     if mismatch is not None:
-        why = f"from sample {mismatch[0]} on the state does not follow Bullet's law"
-        return Coverage(mismatch[0], found.samples, why)
-    if found.contact_step is not None:
-        why = f"from sample {found.contact_step} on the body is, or has been, in contact"
-        return Coverage(found.airborne, found.samples, why)
-    return Coverage(found.samples, found.samples, "the whole recording is in the air")
+        ends.append((mismatch.step, "the state does not follow Bullet's law"))
+    if flight is not None and flight.clamped is not None:
+        ends.append((flight.clamped, "a velocity is held at Bullet's limit of 100"))
+    ends.append((case.lands_at, "free fall has reached the floor, and there is no theory"))
+    ends.append((found.airborne, "the body is, or has been, in contact"))
+    samples, why = min(ends, key=lambda end: end[0])
+    return Coverage(samples, of, why if samples == of else f"from sample {samples} on {why}")

@@ -5,15 +5,14 @@ It gives the bits that `analysis_of` gives for the same sample of the whole reco
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.budget.decomposition import decompose
 from pipeline.budget.results import Moment, Terms
 from pipeline.physics import bullet_law
+from pipeline.physics.flight import is_turned
+from pipeline.physics.report import EngineReport
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
@@ -24,7 +23,7 @@ DEFAULT_AT_S = 0.3
 
 def moment_in_the_air(
     scenario: Scenario,
-    engine: Mapping[str, Any],
+    engine: EngineReport,
     position_m: Float64,
     velocity_m_s: Float64,
     contact_points: Float64,
@@ -46,16 +45,23 @@ def moment_in_the_air(
         Number of contact points, shape (n,).
     """
     sideways = any((*scenario.velocity_m_s[:2], *scenario.spin_rad_s))
-    if sideways or not scenario.stepped or engine["joints"] or contact_points.any():
+    if sideways or is_turned(scenario) or (scenario.substeps or 1) > 1:
+        return None
+    if not scenario.stepped or engine.joints or contact_points.any():
+        return None
+    if np.abs(velocity_m_s).max() >= bullet_law.MAX_COORDINATE_VELOCITY_M_S:
         return None
     fall, timestep_s = bullet_law.fall_of(scenario), scenario.timestep_s
     step = len(position_m) - 1
     law_m, law_m_s = bullet_law.airborne(
-        fall, timestep_s=timestep_s, steps=step, mass_kg=engine["mass_kg"]
+        fall, timestep_s=timestep_s, steps=step, mass_kg=engine.mass_kg
     )
     if not (np.array_equal(position_m, law_m) and np.array_equal(velocity_m_s, law_m_s)):
         return None
     parts = decompose(fall, position_m[-1:, 2], timestep_s=timestep_s, first=step)
+    lowest_m = engine.rest_height_m if scenario.floor else None
+    if lowest_m is not None and parts.free_fall_m[-1] <= lowest_m:
+        return None  # theory has landed
     return Moment(
         time_s=step * timestep_s,
         step=step,

@@ -9,13 +9,18 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from pipeline.budget.case import Case
+from pipeline.budget.samples import Samples
+
 Float64 = NDArray[np.float64]
 Phase = Literal["falling", "contact", "rest"]
 
-REST_SPEED_M_S = 1e-3
-"""A body in contact and slower than this at the end of the recording has come to rest."""
 SETTLED_M = 1e-5
-"""A body within this of its final height has settled: Bullet's own contact slop."""
+"""A body within this of its last position, along each axis, has settled: Bullet's contact slop."""
+SETTLED_RAD = 1e-3
+"""The same of its orientation: what moves the surface of a 5 cm box by the slop is half of it."""
+REST_S = 0.1
+"""A body rests if it stays settled for this long, up to the end of the recording."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +29,7 @@ class Phases:
 
     samples: int
     contact_step: int | None
-    """First sample that a contact has acted on."""
+    """First sample that touches the floor."""
     rest_step: int | None
     """First sample from which on the body lies still."""
 
@@ -32,12 +37,6 @@ class Phases:
     def airborne(self) -> int:
         """How many samples there are before the first contact."""
         return self.samples if self.contact_step is None else self.contact_step
-
-    def at(self, step: int) -> Phase:
-        """Return the phase of a sample."""
-        if step < self.airborne:
-            return "falling"
-        return "contact" if self.rest_step is None or step < self.rest_step else "rest"
 
     def column(self) -> pl.Series:
         """Return the phase of every sample."""
@@ -49,22 +48,38 @@ class Phases:
         )
 
 
-def phases(height_m: Float64, speed_m_s: Float64, contact_points: Float64) -> Phases:
-    """Find the phases of a fall.
+def touching(samples: Samples) -> NDArray[np.bool_]:
+    """Return which samples touch the floor: a contact pushed, or the shapes overlapped.
 
-    Parameters
-    ----------
-    height_m, speed_m_s, contact_points
-        Height of the centre [m], speed [m/s] and number of contact points, of shape (samples,).
+    A contact point alone is no touch: Bullet keeps points up to 20 mm above the floor.
     """
-    touching = np.flatnonzero(contact_points > 0)
-    if not len(touching):
-        return Phases(len(height_m), None, None)
-    contact_step, rest_step = int(touching[0]), None
-    if contact_points[-1] > 0 and speed_m_s[-1] < REST_SPEED_M_S:
-        moving = np.flatnonzero(np.abs(height_m - height_m[-1]) > SETTLED_M)
-        rest_step = max(contact_step, int(moving[-1]) + 1 if len(moving) else 0)
-    return Phases(len(height_m), contact_step, rest_step)
+    with np.errstate(invalid="ignore"):  # no contact, no distance
+        return (samples.contact_force_n > 0) | (samples.contact_distance_m <= 0)
+
+
+def phases_of(case: Case) -> Phases:
+    """Find the phases of a drop."""
+    samples = case.samples
+    touches = touching(samples)
+    first = np.flatnonzero(touches)
+    if not len(first):
+        return Phases(len(touches), None, None)
+    contact_step, rest_step = int(first[0]), None
+    if case.is_rigid and samples.contact_points[-1] > 0:
+        moving = np.flatnonzero(_moving(samples))
+        settled = max(contact_step, int(moving[-1]) + 1 if len(moving) else 0)
+        if (len(touches) - 1 - settled) * case.timestep_s >= REST_S * (1 - 1e-9):
+            rest_step = settled
+    return Phases(len(touches), contact_step, rest_step)
+
+
+def _moving(samples: Samples) -> NDArray[np.bool_]:
+    """Return which samples have another position or orientation than the last."""
+    way_m = np.abs(samples.position_m - samples.position_m[-1]).max(axis=1)
+    # Of a small turn by θ the vector part of the quaternion between the two is θ/2 long.
+    agree = np.abs(samples.orientation @ samples.orientation[-1])
+    turn_rad = 2 * np.arccos(np.minimum(agree, 1.0))
+    return np.asarray((way_m > SETTLED_M) | (turn_rad > SETTLED_RAD))
 
 
 def crossing_time(height_m: Float64, floor_height_m: float, timestep_s: float) -> float | None:

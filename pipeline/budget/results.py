@@ -11,6 +11,7 @@ import polars as pl
 
 from pipeline.budget.energy import EnergyLedger
 from pipeline.budget.phases import Phase
+from pipeline.physics.report import EngineReport
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Terms:
 
 @dataclass(frozen=True)
 class Moment:
-    """One sample, taken apart; without terms where the law of the air does not hold."""
+    """One sample, taken apart; without terms where the law of free flight does not cover it."""
 
     time_s: float
     """Time of the sample."""
@@ -40,16 +41,16 @@ class Moment:
     simulated_m: float
     """Height of the centre in the recording."""
     free_fall_m: float
-    """Height by theory, without air; from the first contact on at least the rest height."""
+    """Height by theory, without air; no lower than the floor lets the centre get."""
     error_m: float
     """Simulated minus free fall."""
     terms_m: Terms | None
-    """What the error is made of; None where the law of the air does not hold."""
+    """What the error is made of; None where the law of free flight does not cover it."""
 
 
 @dataclass(frozen=True)
 class Airborne:
-    """The error over all samples that the law of the air covers; None where it covers none."""
+    """The error over all samples that the law of free flight covers; None where it covers none."""
 
     samples: int
     """How many these are."""
@@ -63,7 +64,7 @@ class Airborne:
 
 @dataclass(frozen=True)
 class Coverage:
-    """Which samples the law of the air takes apart, and why no more."""
+    """Which samples the law of free flight takes apart, and why no more."""
 
     samples: int
     """How many samples it takes apart, from the first on."""
@@ -71,6 +72,16 @@ class Coverage:
     """How many there are."""
     why: str
     """What ends it."""
+
+
+@dataclass(frozen=True)
+class Landing:
+    """When theory brings the centre down to where the body, as released, touches the floor."""
+
+    time_free_fall_s: float
+    """Without air."""
+    time_damped_s: float | None
+    """With Bullet's damping; None where that stops it on the way."""
 
 
 @dataclass(frozen=True)
@@ -88,15 +99,15 @@ class Impact:
     time_simulated_s: float | None
     """In the recording, between two samples."""
     step: int
-    """First sample that a contact has acted on."""
+    """First sample that touches the floor."""
     speed_m_s: float
-    """Speed of the last sample before it."""
+    """Speed of the last sample before it, in whatever direction."""
     lowest_m: float
     """Lowest height of the centre."""
     lowest_step: int
     """The sample of it."""
     penetration_m: float | None
-    """None where the body is turned, so that its centre does not tell how deep its corner is."""
+    """How deep it sinks; None where it is turned, so that its centre does not say so."""
 
 
 @dataclass(frozen=True)
@@ -104,36 +115,38 @@ class Contact:
     """How the recorded contact compares with Bullet's contact law, for a body that lands flat."""
 
     max_deviation_m: float
-    """Largest distance between the recorded heights and the law's."""
+    """Largest distance between the recorded heights and the law's, while the body is flat."""
     deviation_step: int
     """The sample of it."""
 
 
 @dataclass(frozen=True)
 class Bounce:
-    """One rebound, recorded and predicted."""
+    """One rebound: measured, and explained while the body touches flat."""
 
     step: int
-    """The last sample in free fall before it."""
+    """The last sample in free flight before it."""
     approach_m_s: float
-    """Speed downwards before the contact."""
+    """Speed downwards that the contact met: what the step would have made of it without one."""
     rebound_m_s: float
-    """Speed upwards after it."""
-    effective_restitution: float
-    """Rebound over approach."""
+    """Speed upwards after the last step that touched."""
+    effective_restitution: float | None
+    """Rebound over approach; None once the body tumbles."""
     apex_m: float
     """Highest point above the rest height before the next contact, or the recording's end."""
-    predicted_apex_m: float
-    """The same by theory: restitution to the power of twice the bounce's number, times the fall."""
+    predicted_apex_m: float | None
+    """The same by theory: restitution to the power of twice the bounce's number, times the fall;
+    None once the body tumbles."""
     uncorrected_apex_m: float | None
-    """The same by the contact law without position correction, that is with `--contact-erp 0`."""
-    correction_m_s: float
-    """Speed that the position correction added to restitution × approach."""
+    """The same by the contact law without position correction, i.e. with `--contact-erp 0`."""
+    correction_m_s: float | None
+    """Speed that the position correction adds to restitution × approach; None where the contact
+    law does not give the recorded rebound."""
 
 
 @dataclass(frozen=True)
 class RestTerms:
-    """Why a body at rest lies lower than it should [m]; the three add up to the error."""
+    """Why a box at rest lies lower than it should [m]; the three add up to the error."""
 
     slop: float
     """Bullet leaves a penetration of 10 µm uncorrected."""
@@ -150,13 +163,13 @@ class Rest:
     height_m: float
     """Height of the centre in the last sample."""
     expected_m: float | None
-    """None where nothing says how high the centre of such a body lies."""
+    """None where nothing says how high the centre of a body lies that is turned like this."""
     error_m: float | None
     """Height minus what is expected."""
     settled_step: int
     """First sample of the rest."""
     terms_m: RestTerms | None
-    """None where the body did not land flat, so that the contact law does not cover it."""
+    """None where the contact law does not cover the landing."""
 
 
 @dataclass(frozen=True)
@@ -171,9 +184,9 @@ class Finding:
 
 @dataclass(frozen=True)
 class Conservation:
-    """How well the samples without contact keep energy and angular momentum."""
+    """How well the samples before the first contact keep energy and angular momentum."""
 
-    energy_initial_j: float
+    energy_initial_j: float | None
     """Kinetic and potential energy of the first sample."""
     energy_max_rel_drift: float | None
     """Largest change of the energy, over its initial value; None where that is 0."""
@@ -187,16 +200,21 @@ class Analysis:
 
     scenario: dict[str, Any]
     """What was dropped, and how: the options, by field."""
-    engine: dict[str, Any]
+    engine: EngineReport
     """What the engine reported: see recording.md."""
     at: list[Moment]
     """The samples nearest to `--at`."""
     coverage: Coverage
-    """Which samples the law of the air takes apart."""
+    """Which samples the law of free flight takes apart."""
     airborne: Airborne
     """The error over all of these."""
+    landing: Landing | None
+    """When theory brings the body down to the floor; None where it does not, or cannot say."""
     impact: Impact | None
     """When the body meets the floor; None where it never does."""
+    tumbled_step: int | None
+    """First sample that touches the floor tilted by more than 0.3°: from there on bounces, contact
+    and rest are measured, not explained."""
     contact: Contact | None
     """The contact beside Bullet's law; None where that does not cover it."""
     bounces: list[Bounce]
@@ -204,7 +222,7 @@ class Analysis:
     rest: Rest | None
     """Where the body comes to lie; None where it does not."""
     conservation: Conservation
-    """What is kept by the samples without contact."""
+    """What is kept until the first contact."""
     energy: EnergyLedger
     """Where the energy went."""
     findings: list[Finding]

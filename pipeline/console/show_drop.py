@@ -11,7 +11,7 @@ from pipeline.console.output import made, millimetres, note, print_json, print_l
 from pipeline.fields import fraction
 
 if TYPE_CHECKING:
-    from pipeline.budget.results import Analysis, Moment
+    from pipeline.budget.results import Analysis, Bounce, Moment
     from pipeline.stages.render import Rendering
     from pipeline.stages.run import Run
     from pipeline.stages.simulate import Simulation
@@ -30,7 +30,7 @@ def show_analysis(analysis: Analysis, *, as_json: bool) -> None:
     if analysis.partial:
         note(
             f"{analysis.recording} was never finished: this is the analysis of the "
-            f"{len(analysis.table):,} samples that it holds, and nothing vouches for them"
+            f"{len(analysis.table):,} samples that it holds, which are unverified"
         )
     if as_json:
         print_json(analysis.as_json())
@@ -152,10 +152,10 @@ def _moment(moment: Moment) -> list[str]:
     ]
     terms = moment.terms_m
     if terms is None:
-        return [*lines, "  not taken apart: the law of the air does not hold here"]
+        return [*lines, "  not broken down: the law of free flight does not cover it"]
     why = {
-        "timestep": "Euler's step moves with the velocity after it",
-        "damping": "Bullet's own air; stays when the timestep shrinks",
+        "timestep": "Euler moves with the end-of-step velocity",
+        "damping": "Bullet's default drag; independent of the timestep",
         "interaction": "timestep × damping",
         "rounding": "double precision",
     }
@@ -172,45 +172,65 @@ def _moment(moment: Moment) -> list[str]:
 
 
 def _impact(analysis: Analysis) -> list[str]:
-    impact = analysis.impact
+    impact, landing = analysis.impact, analysis.landing
     if impact is None:
-        return _titled("Impact", "none: the body never touched anything")
-    times = {
-        "simulated": impact.time_simulated_s,
-        "free fall": impact.time_free_fall_s,
-        "damped fall": impact.time_damped_s,
-    }
-    predicted = [f"{name} {time_s:.4f} s" for name, time_s in times.items() if time_s is not None]
+        end_s = analysis.table["time_s"][-1]
+        words = f"none in {end_s:.4g} s"
+        if landing is not None:
+            words += f"; {_times(None, landing.time_free_fall_s, landing.time_damped_s)}"
+        return _titled("Impact", words)
+    predicted = _times(impact.time_simulated_s, impact.time_free_fall_s, impact.time_damped_s)
     step_mm = impact.speed_m_s * analysis.scenario["timestep_s"] * 1e3
     depth = "" if impact.penetration_m is None else f", {impact.penetration_m * 1e3:.1f} mm deep"
     return [
-        *_titled("Impact", ", ".join(predicted) or "turned: when it should touch is not covered"),
+        *_titled("Impact", predicted or "turned: theory does not say when it touches"),
         *_titled(
             "",
-            f"arrives at {impact.speed_m_s:.3f} m/s, {step_mm:.1f} mm a step; is caught at step "
-            f"{impact.step}{depth}",
+            f"arrives at {impact.speed_m_s:.3f} m/s, {step_mm:.1f} mm a step; first contact at "
+            f"step {impact.step}{depth}",
         ),
     ]
 
 
+def _times(simulated_s: float | None, free_s: float | None, damped_s: float | None) -> str:
+    times = {"simulated": simulated_s, "free fall": free_s, "damped fall": damped_s}
+    return ", ".join(f"{name} {time:.4f} s" for name, time in times.items() if time is not None)
+
+
 def _bounces(analysis: Analysis) -> list[str]:
-    body, floor = analysis.engine["restitution"], analysis.engine.get("floor_restitution", 0.0)
+    explained = [one for one in analysis.bounces if one.effective_restitution is not None]
     lines = []
-    for number, bounce in enumerate(analysis.bounces[:_MOST_BOUNCES], start=1):
-        said = (
-            f"rises {bounce.apex_m * 1e3:.1f} mm; a restitution of {body * floor:.4g} "
-            f"({body:g} × {floor:g}) alone gives {bounce.predicted_apex_m * 1e3:.1f} mm. "
-            f"Effective restitution {bounce.effective_restitution:.4f}"
+    for number, bounce in enumerate(explained[:_MOST_BOUNCES], start=1):
+        lines += _titled(f"Bounce {number}", _bounce(analysis, bounce))
+    left = len(explained) - _MOST_BOUNCES
+    if left > 0:
+        lines += _titled("", f"and {left} more bounce{'s' * (left > 1)}: see --json")
+    if analysis.tumbled_step is not None:
+        time_s = analysis.table["time_s"][analysis.tumbled_step]
+        words = f"from t = {time_s:.4g} s (step {analysis.tumbled_step}) on: "
+        words += "measured, not explained"
+        tumbling = len(analysis.bounces) - len(explained)
+        if tumbling:
+            highest_mm = max(one.apex_m for one in analysis.bounces[len(explained) :]) * 1e3
+            words += f"; {tumbling} more bounce{'s' * (tumbling > 1)}, up to {highest_mm:.1f} mm"
+        lines += _titled("Tumbles", words)
+    return lines
+
+
+def _bounce(analysis: Analysis, bounce: Bounce) -> str:
+    said = f"rises {bounce.apex_m * 1e3:.1f} mm"
+    body, floor = analysis.engine.restitution, analysis.engine.floor_restitution
+    if bounce.predicted_apex_m is not None and body is not None and floor is not None:
+        said += (
+            f"; a restitution of {body * floor:.4g} ({body:g} × {floor:g}) alone gives "
+            f"{bounce.predicted_apex_m * 1e3:.1f} mm"
         )
-        if abs(bounce.correction_m_s) >= 5e-4:
-            said += f": the position correction changes the rebound by {bounce.correction_m_s:+.3f}"
-            said += " m/s"
-        if bounce.uncorrected_apex_m is not None and analysis.scenario["contact_erp"] != 0:
-            said += f"; with --contact-erp 0 it rises {bounce.uncorrected_apex_m * 1e3:.1f} mm"
-        lines += _titled(f"Bounce {number}", said)
-    left = len(analysis.bounces) - _MOST_BOUNCES
-    more = f"and {left} more bounce{'s' * (left > 1)}: see --json"
-    return lines + (_titled("", more) if left > 0 else [])
+    said += f". Effective restitution {bounce.effective_restitution:.4f}"
+    if bounce.correction_m_s is not None and abs(bounce.correction_m_s) >= 5e-4:
+        said += f": the position correction adds {bounce.correction_m_s:+.3f} m/s to the rebound"
+    if bounce.uncorrected_apex_m is not None and analysis.scenario["contact_erp"] != 0:
+        said += f"; with --contact-erp 0 it rises {bounce.uncorrected_apex_m * 1e3:.1f} mm"
+    return said
 
 
 def _rest(analysis: Analysis) -> list[str]:
@@ -221,7 +241,7 @@ def _rest(analysis: Analysis) -> list[str]:
         "Rest", f"{rest.height_m:.4f} m: the position is the body's centre, not its underside"
     )
     if rest.expected_m is None or rest.error_m is None:
-        return lines + _titled("", "how high such a body lies is not covered")
+        return lines + _titled("", "nothing says how high a body lies that is turned like this")
     error = f"{rest.error_m * 1e6:+.2f} µm off {rest.expected_m:g} m"
     if rest.terms_m is None:
         return lines + _titled("", f"{error}; the contact law does not cover this landing")
@@ -235,16 +255,19 @@ def _rest(analysis: Analysis) -> list[str]:
 
 def _energy(analysis: Analysis) -> list[str]:
     energy = analysis.energy
+    if energy.initial_j is None or energy.final_j is None:
+        return _titled("Energy", "unknown: PyBullet does not report the links of a btRigidBody")
     lost = {
         "damping": energy.damping_j,
         "integrator": energy.integrator_j,
+        "velocity limit": energy.clamp_j,
         "rotation": energy.rotation_j,
         "contact": energy.contact_j,
     }
     scale = max(abs(energy.initial_j), abs(energy.final_j))
     form = ".4f" if scale >= 0.01 else ".3e"
     # What is a millionth of the whole is rounding, and no cause.
-    causes = [f"{j:+{form}} {cause}" for cause, j in lost.items() if abs(j) > 1e-6 * scale]
+    causes = [f"{j:+{form}} {cause}" for cause, j in lost.items() if j and abs(j) > 1e-6 * scale]
     sum_up = f"{energy.initial_j:{form}} J at release, {energy.final_j:{form}} J at the end"
     return _titled("Energy", f"{sum_up}: {', '.join(causes)}" if causes else sum_up)
 

@@ -131,7 +131,7 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
         raise ValueError("a plot needs at least one sample, got an empty table")
     facts = facts or facts_of(table)
     ink = style.DARK if dark else style.LIGHT
-    table = until_it_bounces(_landed_theory(table))
+    table = until_it_bounces(table)
     explained = table.drop_nulls(COLUMNS)
     end_s = float(table["time_s"][-1])
     time = style.unit_for(end_s, style.SECONDS, usual="s")
@@ -171,17 +171,6 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
             columnspacing=1.4,
         )
     return figure
-
-
-def _landed_theory(table: pl.DataFrame) -> pl.DataFrame:
-    """Stop theory at the floor, also in the one sample where simulated contact lags behind."""
-    landed = table.filter(table["phase"] != "falling")
-    if not len(landed):
-        return table
-    lowest_m = {name: landed[name].to_numpy().min() for name in ("free_fall_m", "damped_fall_m")}
-    return table.with_columns(
-        table[name].clip(lower_bound=float(height_m)) for name, height_m in lowest_m.items()
-    )
 
 
 def until_it_bounces(table: pl.DataFrame) -> pl.DataFrame:

@@ -1,8 +1,9 @@
 """The discrete step that Bullet takes in the air, bit for bit and in exact arithmetic.
 
 The float versions keep the engine's order of operations. On x86-64, where each operation rounds
-once, they equal PyBullet 3.2.7 in every bit, for a body released in the orientation of the world's
-axes. The exact version is the same law with 40 digits. File names and line numbers are bullet3's.
+once, they equal PyBullet 3.2.7 in every bit, for a body that neither spins nor is turned at its
+release (`spin_law` is for those). The exact version is the same law with 40 digits. File names and
+line numbers are bullet3's.
 """
 
 from __future__ import annotations
@@ -105,7 +106,7 @@ def vertical_velocity_law(
 
 
 def velocities_after_step(fall: Fall, velocity_m_s: Float64, *, timestep_s: float) -> Float64:
-    """Return what one step makes of many velocities at once [m/s], shape (n, 3).
+    """Return what one step makes of many velocities at once [m/s], shape (n, 3), before `held`.
 
     The same law, but in arrays, and so not to the last bit.
     """
@@ -113,8 +114,16 @@ def velocities_after_step(fall: Fall, velocity_m_s: Float64, *, timestep_s: floa
     if fall.coordinates == "maximal":
         return np.asarray(velocity_m_s * (1 - fall.linear_damping) ** timestep_s + pull)
     speed = np.linalg.norm(velocity_m_s, axis=1, keepdims=True)
-    after = velocity_m_s - timestep_s * fall.linear_damping * velocity_m_s * (1 + speed) + pull
-    return np.asarray(np.clip(after, -MAX_COORDINATE_VELOCITY_M_S, MAX_COORDINATE_VELOCITY_M_S))
+    return np.asarray(
+        velocity_m_s - timestep_s * fall.linear_damping * velocity_m_s * (1 + speed) + pull
+    )
+
+
+def held(fall: Fall, velocity_m_s: Float64) -> Float64:
+    """Return velocities [m/s], shape (n, 3), within the limit that a btMultiBody is held to."""
+    if fall.coordinates == "maximal":
+        return velocity_m_s
+    return np.clip(velocity_m_s, -MAX_COORDINATE_VELOCITY_M_S, MAX_COORDINATE_VELOCITY_M_S)
 
 
 def _vertical_samples(
@@ -160,20 +169,26 @@ def _is_vertical(fall: Fall) -> bool:
 
 
 def airborne(
-    fall: Fall, *, timestep_s: float, steps: int, mass_kg: float
+    fall: Fall, *, timestep_s: float, steps: int, mass_kg: float, substeps: int = 1
 ) -> tuple[Float64, Float64]:
     """Return positions [m] and velocities [m/s] before each step and after the last.
 
     Shape (steps + 1, 3). PyBullet's, bit for bit, at any mass. Spin changes the fall by rounding
     only: in reduced coordinates the engine then turns vectors into the body's frame and back.
+    The engine makes `substeps` steps of each timestep, of which the last is seen.
     """
-    table = np.zeros((steps + 1, 6))
+    table, every = np.zeros((steps + 1, 6)), substeps
+    timestep_s, steps = timestep_s / substeps, steps * substeps
     if _is_vertical(fall):
         pairs = _vertical_samples(fall, float, timestep_s, steps, mass_kg)
-        table[:, 2::3] = np.fromiter(pairs, np.dtype((np.float64, 2)), steps + 1)
+        table[:, 2::3] = np.fromiter(
+            itertools.islice(pairs, 0, None, every), np.dtype((np.float64, 2)), len(table)
+        )
     else:
         rows = _samples(fall, float, math.sqrt, timestep_s, steps, mass_kg)
-        table[:] = np.fromiter(rows, np.dtype((np.float64, 6)), steps + 1)
+        table[:] = np.fromiter(
+            itertools.islice(rows, 0, None, every), np.dtype((np.float64, 6)), len(table)
+        )
     return table[:, :3], table[:, 3:]
 
 
@@ -185,20 +200,24 @@ class ExactHeights:
     left_out_m: Float64
 
 
-def airborne_exact(fall: Fall, *, timestep_s: float, steps: int, first: int = 0) -> ExactHeights:
+def airborne_exact(
+    fall: Fall, *, timestep_s: float, steps: int, first: int = 0, substeps: int = 1
+) -> ExactHeights:
     """Return the heights of the law in exact arithmetic: 40 digits, in which the mass cancels.
 
     From sample `first` on, shape (steps + 1 - first,). Timestep, gravity, damping and release are
-    the doubles they are, taken for exact.
+    the doubles they are, taken for exact; so is the timestep over its substeps.
     """
     nearest, left_out = np.empty(steps + 1 - first), np.empty(steps + 1 - first)
+    timestep_s, steps = timestep_s / substeps, steps * substeps
     with localcontext(Context(prec=40)):
         heights = (
             (z for z, _ in _vertical_samples(fall, Decimal, timestep_s, steps, 1.0))
             if _is_vertical(fall)
             else (row[2] for row in _samples(fall, Decimal, Decimal.sqrt, timestep_s, steps, 1.0))
         )
-        for place, height in enumerate(itertools.islice(heights, first, None)):
+        seen = itertools.islice(heights, first * substeps, None, substeps)
+        for place, height in enumerate(seen):
             nearest[place] = near = float(height)
             left_out[place] = float(height - Decimal(near))
     return ExactHeights(nearest, left_out)

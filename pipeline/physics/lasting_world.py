@@ -11,7 +11,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.physics.world import World, p
+from pipeline.physics.bullet import p
+from pipeline.physics.world import FAR_M, World
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
@@ -22,12 +23,12 @@ TOLD = (
     "angular_damping",
     "mass_kg",
     "restitution",
+    "restitution_threshold_m_s",
+    "friction",
     "contact_erp",
     "solver_residual",
     "solver_iterations",
 )
-FAR_M = 1e3
-"""A height from which no body of ours reaches the floor."""
 
 
 class LastingWorld(World):
@@ -40,11 +41,13 @@ class LastingWorld(World):
 
         It must have the same bodies, of one rigid part, because joints keep their pose. What the
         engine was told it can be told otherwise, but not to have its own value again. A btRigidBody
-        that starts in contact remembers how it lay before: maximal coordinates never serve.
+        that starts in contact remembers how it lay before: maximal coordinates never serve. Nor do
+        substeps: the engine keeps what rounding left of the time that it has stepped.
         """
         mine = self.scenario
         return (
             mine.coordinates == "reduced"
+            and mine.substeps is scenario.substeps is None
             and all(getattr(mine, name) == getattr(scenario, name) for name in BUILT_IN)
             and all(
                 getattr(scenario, name) is not None or getattr(mine, name) is None for name in TOLD

@@ -1,9 +1,11 @@
 """What the engine says of itself and of both bodies, read back after set-up.
 
 What an engine does not report is None. Damping, contact ERP and the solver's residual are not among
-it at all: PyBullet has no call that returns them. Of a btRigidBody `getDynamicsInfo` does not fill
-in the restitution, nor where the inertial frame lies (`processGetDynamicsInfoCommand` of bullet3's
-`PhysicsServerCommandProcessor.cpp`).
+it at all: PyBullet has no call that returns them. Of a btRigidBody `getDynamicsInfo` fills in mass,
+inertia, frictions and margin, and leaves the rest as it lies in memory: restitution, inertial
+frame, contact stiffness (`processGetDynamicsInfoCommand` of `PhysicsServerCommandProcessor.cpp`).
+What a btRigidBody does not report is that of the same URDF in reduced coordinates, and so are mass
+and inertia: it keeps their inverses, and 1 / (1 / m) is not always m.
 """
 
 from __future__ import annotations
@@ -36,11 +38,21 @@ class EngineReport:
     body_type: str = _reported("btMultiBody (reduced coordinates) or btRigidBody (maximal ones)")
     joints: int = _reported("how many the body has; the theory is that of a body without any")
     mass_kg: float = _reported("of the body, all its links together")
+    link_masses_kg: tuple[float, ...] = _reported("of its links one by one, the base first")
     inertia_kg_m2: Vector = _reported("principal moments of inertia about the centre of mass")
+    link_inertias_kg_m2: tuple[float, ...] = _reported(
+        "three of each link, the base first, each about its own centre of mass"
+    )
+    recorded_links: int = _reported(
+        "of how many links besides the base the state is recorded; PyBullet gives it of "
+        "btMultiBodies only"
+    )
     lateral_friction: float = _reported("of the body, against sliding")
     rolling_friction: float = _reported("of the body, against rolling")
     spinning_friction: float = _reported("of the body, against spinning in place")
-    restitution: float | None = _reported("of the body; not reported of a btRigidBody")
+    restitution: float | None = _reported(
+        "of the body; of a btRigidBody, which reports none, that of the same URDF as a btMultiBody"
+    )
     collision_margin_m: float = _reported("margin around the body's shape")
     shape: str = _reported("of the body's collision: box, sphere, …; compound, or none")
     shape_dimensions_m: tuple[float, ...] = _reported(
@@ -73,6 +85,18 @@ class EngineReport:
     python_version: str | None = _reported("of Python", default=None)
     rerun_version: str | None = _reported("of the Rerun SDK", default=None)
     gl_renderer: str | None = _reported("what drew the frames, with `--renderer egl`", default=None)
+
+    @property
+    def pair_restitution(self) -> float | None:
+        """Restitution of body and floor together: the product (`btManifoldResult.cpp` 68-71)."""
+        if self.restitution is None or self.floor_restitution is None:
+            return None
+        return self.restitution * self.floor_restitution
+
+    @classmethod
+    def says(cls) -> dict[str, str]:
+        """Return what each value is, in words, by name."""
+        return {one.name: one.metadata["says"] for one in fields(cls)}
 
     def as_properties(self) -> dict[str, Any]:
         """Return the values by name, as a recording keeps them; None is left out there."""

@@ -7,8 +7,8 @@ library, PyBullet's own where both run on the same machine. File names are bulle
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from itertools import accumulate
+from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +21,10 @@ Float64 = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 Quaternion = tuple[float, float, float, float]
+
+State = tuple[Vector, Vector, Vector, Quaternion]
+"""Position [m], velocity [m/s], spin [rad/s], orientation as the engine keeps it."""
+_Step = Callable[[Vector, Vector, Vector, Quaternion], State]
 
 MAX_TURN_RAD = 0.5 * (math.pi * 0.5)
 """ANGULAR_MOTION_THRESHOLD: in one step no body turns further (`btTransformUtil.h` 19)."""
@@ -44,36 +48,67 @@ def spin_airborne(
     timestep_s: float,
     steps: int,
     mass_kg: float,
+    orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0),
+    substeps: int = 1,
 ) -> Tumbling:
-    """Return how a body falls and spins, released in the orientation of the world's axes.
+    """Return how a body falls and spins, turned or not at its release.
 
     PyBullet's, bit for bit where sin and cos are the same C library's; orientations up to sign.
     `angular_damping` is the engine's own (`effective_damping`), the inertia about the body's axes.
+    The engine makes `substeps` steps of each timestep, of which the last is seen.
     """
-    step_of = _reduced_step if fall.coordinates == "reduced" else _maximal_step
-    step = step_of(fall, angular_damping, inertia_kg_m2, timestep_s, mass_kg)
-    state: _State = ((0.0, 0.0, fall.height_m), fall.velocity_m_s, spin_rad_s, (0.0, 0.0, 0.0, 1.0))
-    states = accumulate(range(steps), lambda before, _: step(*before), initial=state)
-    return Tumbling(*(np.array(each, dtype=np.float64) for each in zip(*states, strict=True)))
+    states = spinning(
+        fall,
+        spin_rad_s=spin_rad_s,
+        angular_damping=angular_damping,
+        inertia_kg_m2=inertia_kg_m2,
+        timestep_s=timestep_s / substeps,
+        mass_kg=mass_kg,
+        orientation_xyzw=orientation_xyzw,
+    )
+    seen = islice(states, 0, steps * substeps + 1, substeps)
+    parts = zip(*((x, v, w, _quaternion(_matrix(q))) for x, v, w, q in seen), strict=True)
+    return Tumbling(*(np.array(each, dtype=np.float64) for each in parts))
 
 
-_State = tuple[Vector, Vector, Vector, Quaternion]
-_Step = Callable[[Vector, Vector, Vector, Quaternion], _State]
+def spinning(
+    fall: Fall,
+    *,
+    spin_rad_s: Vector,
+    angular_damping: float,
+    inertia_kg_m2: Vector,
+    timestep_s: float,
+    mass_kg: float,
+    orientation_xyzw: Quaternion,
+    limit: float = MAX_COORDINATE_VELOCITY_M_S,
+) -> Iterator[State]:
+    """Yield the state before each step, without end; `limit` is that of reduced coordinates."""
+    step: _Step
+    if fall.coordinates == "reduced":
+        step = _reduced_step(fall, angular_damping, inertia_kg_m2, timestep_s, mass_kg, limit)
+    else:
+        step = _maximal_step(fall, angular_damping, inertia_kg_m2, timestep_s, mass_kg)
+    state: State = (0.0, 0.0, fall.height_m), fall.velocity_m_s, spin_rad_s, orientation_xyzw
+    while True:
+        yield state
+        state = step(*state)
 
 
-def _reduced_step(fall: Fall, damping: float, inertia: Vector, dt: float, mass: float) -> _Step:
+def _reduced_step(
+    fall: Fall, damping: float, inertia: Vector, dt: float, mass: float, limit: float
+) -> _Step:
     """Return the step of `btMultiBody.cpp` 754-774: explicit Euler for spin, in the body's frame.
 
     ω' = I⁻¹ [-ω × Iω - I ω k (1 + |ω|)]. The terms m ω × v of that frame cancel but for rounding.
     """
-    k, limit, inverse = fall.linear_damping, MAX_COORDINATE_VELOCITY_M_S, 1.0 / mass
+    k, inverse, turns = fall.linear_damping, 1.0 / mass, min(inertia) >= EPSILON
     weight = (0.0, 0.0, fall.gravity_m_s2 * mass)
 
     def limited(v: Vector, rate: Vector) -> Vector:
         x, y, z = _sum(v, _scaled(rate, dt))
         return min(max(x, -limit), limit), min(max(y, -limit), limit), min(max(z, -limit), limit)
 
-    def step(x: Vector, v: Vector, w: Vector, q: Quaternion) -> _State:
+    def step(x: Vector, v: Vector, w: Vector, q: Quaternion) -> State:
         to_body, to_world = _matrix(_conjugate(q)), _matrix(q)
         spin, velocity, pull = _times(to_body, w), _times(to_body, v), _times(to_body, weight)
         momentum, turning = _each(inertia, spin), _cross(spin, velocity)
@@ -81,7 +116,8 @@ def _reduced_step(fall: Fall, damping: float, inertia: Vector, dt: float, mass: 
         torque = _sum(torque, _cross(spin, momentum))
         force = _scaled(_scaled(velocity, mass), k + k * _safe_length(velocity))
         force = _sum(_sum(_scaled(pull, -1.0), force), _scaled(turning, mass))
-        spun = (-torque[0] / inertia[0], -torque[1] / inertia[1], -torque[2] / inertia[2])
+        # `solveImatrix`: a body with any smaller inertia keeps its spin
+        spun = _scaled(_divided(torque, inertia), -1.0) if turns else (0.0, 0.0, 0.0)
         w = limited(w, _times(to_world, spun))
         v = limited(v, _times(to_world, _sum(_scaled(force, -inverse), turning)))
         # m_baseQuat turns the other way, world to body, and its product rounds the other way
@@ -102,7 +138,7 @@ def _maximal_step(fall: Fall, damping: float, inertia: Vector, dt: float, mass: 
     gained = (0.0, 0.0, fall.gravity_m_s2 * (1.0 / inverse) * inverse * dt)
     ix, iy, iz = inertia = _inverted(_inverted(inertia))
 
-    def step(x: Vector, v: Vector, w: Vector, q: Quaternion) -> _State:
+    def step(x: Vector, v: Vector, w: Vector, q: Quaternion) -> State:
         v, w, q = _scaled(v, kept), _scaled(w, kept_spin), _quaternion(_matrix(q))
         wx, wy, wz = spin = _rotated(_conjugate(q), w)
         lx, ly, lz = momentum = _each(inertia, spin)
@@ -159,7 +195,12 @@ def _scaled(a: Vector, s: float) -> Vector:
 
 
 def _inverted(a: Vector) -> Vector:
-    return 1.0 / a[0], 1.0 / a[1], 1.0 / a[2]
+    """`btRigidBody::setMassProps`, where none stays none."""
+    return tuple(1.0 / part if part else 0.0 for part in a)  # type: ignore[return-value]
+
+
+def _divided(a: Vector, b: Vector) -> Vector:
+    return a[0] / b[0], a[1] / b[1], a[2] / b[2]
 
 
 def _each(a: Vector, b: Vector) -> Vector:

@@ -94,6 +94,15 @@ def impact_time_free(fall: Fall, floor_height_m: float) -> float | None:
     return (v0 + speed) / -g if v0 > 0 else 2 * d / (speed - v0)
 
 
+def stopped_by_floor(heights_m: Float64, floor_height_m: float | None) -> Float64:
+    """Return heights of a centre [m] that no floor was in the way of, as a floor stops them.
+
+    `floor_height_m` is where the body touches it, None without a floor. Theory ends there wherever
+    it is shown: in tables, curves and plots.
+    """
+    return heights_m if floor_height_m is None else np.maximum(heights_m, floor_height_m)
+
+
 # -- with drag ------------------------------------------------------------------------------------
 
 
@@ -304,27 +313,57 @@ def _turning_time(leg: _Leg) -> float:
     return math.log1p(-2 * omega * leg.v0 / slowing) / (2 * omega) if omega else -leg.v0 / slowing
 
 
+STRAIGHT = 1e-9
+"""Sideways share of a speed below which the drag no longer sees it: its square is rounding."""
+
+
 def _oblique(fall: Fall, time: Float64) -> _Motion:
     """Integrate an oblique throw: δ'' = -k v (1 + |v|) with v = v_free + δ', δ the change.
 
     No closed form is known: |v| couples the directions. δ/k is integrated, which does not shrink
     with k, so that the relative accuracy survives small damping. DOP853 is Hairer's, in scipy.
+    Once the drag has taken the sideways speed the motion is vertical, and the closed form goes on
+    from there; sideways the body has then arrived, but for `STRAIGHT`/k.
     """
     from scipy.integrate import solve_ivp  # slow to import, and needed here only
 
     (vx, vy, vz), g, k = fall.velocity_m_s, fall.gravity_m_s2, fall.linear_damping
 
-    def derivative(t: float, y: Float64) -> tuple[float, ...]:
+    def velocity(t: float, y: Float64) -> tuple[float, float, float]:
         _, _, _, wx, wy, wz = y.tolist()
-        ux, uy, uz = vx + k * wx, vy + k * wy, vz + g * t + k * wz
-        drag = -1 - math.sqrt(ux * ux + uy * uy + uz * uz)
-        return wx, wy, wz, drag * ux, drag * uy, drag * uz
+        return vx + k * wx, vy + k * wy, vz + g * t + k * wz
 
+    def derivative(t: float, y: Float64) -> tuple[float, ...]:
+        ux, uy, uz = velocity(t, y)
+        drag = -1 - math.sqrt(ux * ux + uy * uy + uz * uz)
+        return *y[3:].tolist(), drag * ux, drag * uy, drag * uz
+
+    def sideways(t: float, y: Float64) -> float:
+        ux, uy, uz = velocity(t, y)
+        return math.hypot(ux, uy) - STRAIGHT * abs(uz)
+
+    sideways.terminal, sideways.direction = True, -1  # type: ignore[attr-defined]
     moments, back = np.unique(np.append(time, 0.0), return_inverse=True)
     solution = solve_ivp(
-        derivative, (0, moments[-1] or 1), np.zeros(6), "DOP853", moments, rtol=1e-13, atol=1e-30
-    )
-    change = k * solution.y.T[back[:-1]]
-    free = free_fall_velocity(fall, time)
-    travel = (np.array(fall.velocity_m_s) + free) / 2 * time[:, None]
-    return _Motion(travel + change[:, :3], change[:, :3], free + change[:, 3:])
+        derivative, (0, moments[-1] or 1), np.zeros(6), "DOP853", moments, events=sideways,
+        rtol=1e-13, atol=1e-30,
+    )  # fmt: skip
+    change = k * solution.y.T
+    free_m_s = free_fall_velocity(fall, moments)
+    free_m = (np.array(fall.velocity_m_s) + free_m_s) / 2 * moments[:, None]
+    if len(change) < len(moments):
+        assert solution.t_events is not None
+        assert solution.y_events is not None
+        begins, state = float(solution.t_events[0][0]), solution.y_events[0][0]
+        at = np.array((vx, vy, vz)) * begins + k * state[:3]
+        at[2] += g * begins**2 / 2
+        line = _there_and_back(k, velocity(begins, state)[2], g, moments[len(change) :] - begins)
+        later = np.zeros((len(moments) - len(change), 6))
+        later[:, :3] = at - free_m[len(change) :]
+        later[:, 3:] = -free_m_s[len(change) :]
+        later[:, 2] += line.travel
+        later[:, 5] += line.velocity
+        change = np.vstack((change, later))
+    change = change[back[:-1]]
+    travel, velocities = free_m[back[:-1]], free_m_s[back[:-1]]
+    return _Motion(travel + change[:, :3], change[:, :3], velocities + change[:, 3:])

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import DropError
+from pipeline.physics.bullet import p
 from pipeline.physics.bullet_law import fall_of
 from pipeline.physics.quiet import c_output_moved_aside
 from pipeline.physics.theory import impact_time_free
-from pipeline.physics.world import World, p
+from pipeline.physics.world import World
 from pipeline.scenario import Camera, Renderer, Scenario
 
 Float64 = NDArray[np.float64]
@@ -127,9 +128,11 @@ def framed(camera: Camera, scenario: Scenario) -> Camera:
     )
 
 
-def _landing_m(scenario: Scenario, rest_m: float) -> tuple[float, float, float]:
+def _landing_m(scenario: Scenario, rest_m: float | None) -> tuple[float, float, float]:
     fall = fall_of(scenario)
-    landing_s = impact_time_free(fall, rest_m) if scenario.floor and scenario.stepped else None
+    if rest_m is None or not (scenario.floor and scenario.stepped):
+        return (0.0, 0.0, scenario.height_m)
+    landing_s = impact_time_free(fall, rest_m)
     if landing_s is None:
         return (0.0, 0.0, scenario.height_m)
     vx, vy, _ = scenario.velocity_m_s

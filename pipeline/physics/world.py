@@ -1,4 +1,4 @@
-"""The world the body falls in: the only file that imports pybullet.
+"""The world the body falls in.
 
 Build it, step it, read it. Every setting is made explicitly in a client of its own, so that no
 earlier run in the process can reach this one.
@@ -6,14 +6,12 @@ earlier run in the process can reach this one.
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
 import math
 import struct
 from collections.abc import Iterator
 from dataclasses import replace
-from importlib import metadata
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Self
@@ -22,51 +20,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ScenarioError
+from pipeline.fields import Quaternion
+from pipeline.physics.bullet import data_folder, find_body, p
 from pipeline.physics.quiet import c_output_moved_aside
-from pipeline.physics.urdf import check_urdf
+from pipeline.physics.report import EngineReport
+from pipeline.physics.touching import ROUNDING_M, touching_height
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
-Report = dict[str, float | int | str | bool | list[float]]
 
 STATE_WIDTH = 16
 """Numbers in one row of state: position 3, orientation 4, velocities 3 + 3, contact 3."""
+LINK_WIDTH = 13
+"""Numbers that a further link adds: position 3, orientation 4, velocities 3 + 3."""
+
+FAR_M = 1e3
+"""A height from which no body of ours reaches the floor."""
 
 SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
 """pybullet's GEOM_ constants."""
-
-
-def _import_pybullet() -> tuple[Any, str]:
-    with c_output_moved_aside() as printed:
-        import pybullet
-    return pybullet, printed[0].partition("build time:")[2].strip()
-
-
-p, BUILD_TIME = _import_pybullet()
-"""`BUILD_TIME` is what the banner says; empty where somebody imported pybullet before us."""
-
-
-def find_body(body: str) -> Path:
-    """Return the URDF file that a name means: a path, or a file of `pybullet_data`.
-
-    Raises
-    ------
-    ScenarioError
-        If there is no such file in either place.
-    """
-    import pybullet_data
-
-    theirs = Path(pybullet_data.getDataPath()).resolve()
-    for candidate in (Path(body), theirs / body):
-        with contextlib.suppress(OSError):  # such as a name that is too long
-            if candidate.is_file():
-                if theirs not in candidate.resolve().parents:
-                    check_urdf(candidate)
-                return candidate
-    raise ScenarioError(
-        f"--body must be a URDF file of pybullet_data or a path, got {body[:200]!r}; "
-        "try cube_small.urdf or ./my_body.urdf"
-    )
 
 
 class World:
@@ -81,11 +53,13 @@ class World:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self._urdf = find_body(scenario.body)
+        self._own: tuple[float, tuple[float, ...]] | None = None  # mass, inertia: the URDF's
         self._client: int = p.connect(p.DIRECT)
         try:
             self._body = self._load_body()
+            self._links = list(range(p.getNumJoints(self._body, physicsClientId=self._client)))
             self._body_sha256 = hashlib.sha256(self._urdf.read_bytes()).hexdigest()
-            self.half_size_m, self.rest_height_m = self._measure()
+            self.half_size_m = self._half_size()
             self._floor = self._load("plane.urdf") if scenario.floor else None
             self._configure()
             self._release()
@@ -107,10 +81,8 @@ class World:
     # -- building ---------------------------------------------------------------------------------
 
     def _load(self, urdf: str | Path, **how: Any) -> int:  # noqa: ANN401
-        import pybullet_data
-
         with c_output_moved_aside():
-            p.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=self._client)
+            p.setAdditionalSearchPath(str(data_folder()), physicsClientId=self._client)
             return int(p.loadURDF(str(urdf), physicsClientId=self._client, **how))
 
     def _load_body(self) -> int:
@@ -132,21 +104,43 @@ class World:
 
     def _set_dynamics(self, body: int) -> None:
         how = {"bodyUniqueId": body, "linkIndex": -1, "physicsClientId": self._client}
-        if self.scenario.mass_kg is not None:
-            p.changeDynamics(mass=self.scenario.mass_kg, **how)
+        mass_kg = self.scenario.mass_kg
+        if mass_kg is not None:
+            # A mass alone would bring the inertia of the shape, whatever the URDF says.
+            p.changeDynamics(mass=mass_kg, **self._inertia_of(mass_kg, body), **how)
         if self.scenario.linear_damping is not None:
             p.changeDynamics(linearDamping=self.scenario.linear_damping, **how)
         if self.scenario.angular_damping is not None:
             p.changeDynamics(angularDamping=self.scenario.angular_damping, **how)
 
-    def _measure(self) -> tuple[Float64, float]:
-        """Return half the body's extent [m], and its centre's height when it lies as released [m].
+    def _inertia_of(self, mass_kg: float, body: int) -> dict[str, tuple[float, ...]]:
+        """Return the URDF's inertia, scaled as its mass is; nothing where it has no mass."""
+        if self.scenario.coordinates == "maximal":  # which reports 1 / (1 / m), not always m
+            with self._twin() as twin:
+                return {"localInertiaDiagonal": twin._dynamics()[2]}
+        if self._own is None:
+            self._own = itemgetter(0, 2)(self._dynamics(body))
+        own_kg, inertia_kg_m2 = self._own
+        if own_kg == 0:
+            return {}
+        return {"localInertiaDiagonal": tuple(one * (mass_kg / own_kg) for one in inertia_kg_m2)}
+
+    def _twin(self) -> World:
+        """Return the same world in reduced coordinates, of which the engine reports more."""
+        return World(replace(self.scenario, coordinates="reduced"))
+
+    def _half_size(self) -> Float64:
+        """Return half the extent of the base along its own axes [m], for drawing.
 
         Measured at the origin, where the bounding box is exact to the last bit.
         """
         self.place((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        lowest, highest = self._box()
+        return (highest - lowest) / 2
+
+    def _box(self) -> tuple[Float64, Float64]:
         lowest, highest = map(np.array, p.getAABB(self._body, -1, physicsClientId=self._client))
-        return (highest - lowest) / 2, float(-lowest[2])
+        return lowest, highest
 
     def _configure(self) -> None:
         scenario, client = self.scenario, self._client
@@ -155,20 +149,22 @@ class World:
             p.setGravity(0.0, 0.0, scenario.gravity_m_s2, physicsClientId=client)
         settings = {
             "contactERP": scenario.contact_erp,
+            "restitutionVelocityThreshold": scenario.restitution_threshold_m_s,
             "solverResidualThreshold": scenario.solver_residual,
             "numSolverIterations": scenario.solver_iterations,
         }
         chosen = {name: value for name, value in settings.items() if value is not None}
-        p.setPhysicsEngineParameter(numSubSteps=0, physicsClientId=client, **chosen)
-        if scenario.restitution is not None:
-            for body in (self._body, self._floor):
-                if body is not None:
-                    p.changeDynamics(
-                        body, -1, restitution=scenario.restitution, physicsClientId=client
-                    )
+        p.setPhysicsEngineParameter(
+            numSubSteps=scenario.substeps or 0, physicsClientId=client, **chosen
+        )
+        surface = {"restitution": scenario.restitution, "lateralFriction": scenario.friction}
+        told = {name: value for name, value in surface.items() if value is not None}
+        for body in (self._body, self._floor):
+            if body is not None and told:
+                p.changeDynamics(body, -1, physicsClientId=client, **told)
 
     def _release(self) -> None:
-        self.place((0.0, 0.0, self.scenario.height_m), (0.0, 0.0, 0.0, 1.0))
+        self.place((0.0, 0.0, self.scenario.height_m), self.scenario.orientation_xyzw)
         p.resetBaseVelocity(
             self._body,
             self.scenario.velocity_m_s,
@@ -184,50 +180,98 @@ class World:
 
     # -- reading ----------------------------------------------------------------------------------
 
-    def report(self) -> Report:
-        """Return what the engine says of itself and of both bodies, read back after set-up.
-
-        Damping, contact ERP and the solver's residual are not among it: PyBullet has no call
-        that returns them.
-        """
-        client = self._client
-        engine = p.getPhysicsEngineParameters(physicsClientId=client)
-        body = p.getDynamicsInfo(self._body, -1, physicsClientId=client)
-        shapes, joints = self._make_up()
-        report: Report = {
-            "timestep_s": engine["fixedTimeStep"],
-            "substeps": engine["numSubSteps"],
-            "solver_iterations": engine["numSolverIterations"],
-            "gravity_m_s2": [engine[f"gravityAcceleration{axis}"] for axis in "XYZ"],
-            "body_name": _text(p.getBodyInfo(self._body, physicsClientId=client)[1]),
-            "body_sha256": self._body_sha256,
-            "body_type": {1: "btRigidBody", 2: "btMultiBody"}.get(body[10], str(body[10])),
-            "joints": joints,
-            "mass_kg": body[0],
-            "inertia_kg_m2": list(body[2]),
-            "lateral_friction": body[1],
-            "rolling_friction": body[6],
-            "spinning_friction": body[7],
-            "restitution": body[5],
-            "collision_margin_m": body[11],
-            "shape": SHAPES.get(shapes[0][2], "unknown") if len(shapes) == 1 else "compound",
-            "shape_dimensions_m": list(shapes[0][3]) if len(shapes) == 1 else [],
-            "rest_height_m": self.rest_height_m,
-            "pybullet_api": p.getAPIVersion(),
-        }
-        if self._floor is not None:
-            floor = p.getDynamicsInfo(self._floor, -1, physicsClientId=client)
-            report["floor_lateral_friction"], report["floor_restitution"] = floor[1], floor[5]
-        return report
-
-    def _make_up(self) -> tuple[Any, int]:
-        """Return what PyBullet says of the base's collision shapes, and how many joints it has."""
+    def report(self) -> EngineReport:
+        """Return what the engine says of itself and of both bodies, read back after set-up."""
         if self.scenario.coordinates == "reduced":
-            shapes = p.getCollisionShapeData(self._body, -1, physicsClientId=self._client)
-            return shapes, p.getNumJoints(self._body, physicsClientId=self._client)
-        # Of btRigidBodies PyBullet says neither: ask the same URDF in reduced coordinates.
-        with World(replace(self.scenario, coordinates="reduced")) as twin:
-            return twin._make_up()
+            return self._report(twin=self)
+        # Much of a btRigidBody PyBullet does not report: ask the same URDF in reduced coordinates.
+        with self._twin() as twin:
+            return self._report(twin)
+
+    def _report(self, twin: World) -> EngineReport:
+        engine = p.getPhysicsEngineParameters(physicsClientId=self._client)
+        body, floor = self._dynamics(), None if self._floor is None else self._dynamics(self._floor)
+        base, links = twin._dynamics(), [twin._dynamics(twin._body, one) for one in twin._links]
+        masses_kg = [link[0] for link in (base, *links)]
+        shapes = [
+            shape
+            for link in (-1, *twin._links)
+            for shape in p.getCollisionShapeData(twin._body, link, twin._client)
+        ]
+        single = shapes[0] if len(shapes) == 1 and shapes[0][1] == -1 else None
+        return EngineReport(
+            timestep_s=engine["fixedTimeStep"],
+            substeps=engine["numSubSteps"],
+            solver_iterations=engine["numSolverIterations"],
+            gravity_m_s2=tuple(engine[f"gravityAcceleration{axis}"] for axis in "XYZ"),
+            body_name=_name(self._body, self._client),
+            body_sha256=self._body_sha256,
+            body_type={1: "btRigidBody", 2: "btMultiBody"}.get(body[10], str(body[10])),
+            joints=len(links),
+            mass_kg=math.fsum(masses_kg),
+            link_masses_kg=tuple(masses_kg),
+            inertia_kg_m2=base[2],
+            link_inertias_kg_m2=tuple(one for link in (base, *links) for one in link[2]),
+            recorded_links=len(self._links),
+            lateral_friction=body[1],
+            rolling_friction=body[6],
+            spinning_friction=body[7],
+            restitution=base[5],
+            collision_margin_m=body[11],
+            shape=SHAPES.get(single[2], "unknown") if single else "compound" if shapes else "none",
+            shape_dimensions_m=single[3] if single else (),
+            shape_position_m=single and single[5],
+            shape_orientation=single and single[6],
+            rest_height_m=self.rest_height_m,
+            floor_lateral_friction=floor and floor[1],
+            floor_restitution=floor and floor[5],
+            pybullet_api=p.getAPIVersion(),
+        )
+
+    def _dynamics(self, body: int | None = None, link: int = -1) -> Any:  # noqa: ANN401
+        """Return what `getDynamicsInfo` says of a body, this world's own by default."""
+        return p.getDynamicsInfo(
+            self._body if body is None else body, link, physicsClientId=self._client
+        )
+
+    # -- touching ---------------------------------------------------------------------------------
+
+    @property
+    def rest_height_m(self) -> float | None:
+        """Height of the centre at which the body, turned as released, touches the floor [m]."""
+        body, sha256 = str(self._urdf), self._body_sha256
+        return _rest_height(body, sha256, self.scenario.orientation_xyzw)
+
+    def _touching_height(self) -> float | None:
+        """Measure that height, in a world that nobody falls in."""
+        turned = self.scenario.orientation_xyzw
+        self.place((0.0, 0.0, 0.0), turned)
+        by_box_m = -float(self._box()[0][2])
+        size_m = 2 * float(np.linalg.norm(self.half_size_m))
+
+        def apart(height_m: float) -> float | None:
+            self.place((0.0, 0.0, height_m), turned)
+            points = p.getClosestPoints(
+                self._body, self._floor, FAR_M, physicsClientId=self._client
+            )
+            return min(map(_DISTANCE, points), default=None)
+
+        def touching(height_m: float) -> float | None:
+            # Far from the floor the engine forgets the contacts of the height before.
+            for height in (FAR_M, height_m):
+                self.place((0.0, 0.0, height), turned)
+                p.performCollisionDetection(physicsClientId=self._client)
+            return min(
+                map(_DISTANCE, p.getContactPoints(self._body, self._floor, -2, -2, self._client)),
+                default=None,
+            )
+
+        found_m = touching_height(apart, touching, start_m=size_m + 1.0, size_m=size_m)
+        if found_m is None:
+            return None
+        # The bounding box knows it to the last bit, where it has no margin.
+        exact = abs(found_m - by_box_m) <= ROUNDING_M * max(1.0, abs(found_m))
+        return (by_box_m if exact else round(found_m, 14)) + 0.0  # no -0.0
 
     def samples(self, batch: int) -> Iterator[Float64]:
         """Fall: yield the state before each step and after the last, in batches.
@@ -241,7 +285,9 @@ class World:
         ------
         Arrays of shape (n, 16), float64: position [m], orientation (x, y, z, w), linear [m/s] and
         angular [rad/s] velocity in world axes; then number of contact points, smallest distance
-        [m] (nan without contact) and total normal force [N] of the step that led here.
+        [m] (nan without contact) and total normal force [N] of the step that led here. A body with
+        joints has 13 columns more for each link: position, orientation and velocities of its own
+        centre of mass.
         """
         pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
         body, client, contact = self._body, self._client, self._contact
@@ -249,6 +295,7 @@ class World:
         samples = self.scenario.steps + 1
         for start in range(0, samples, batch):
             rows = np.empty((min(batch, samples - start), STATE_WIDTH))
+            links = np.empty((len(rows), LINK_WIDTH * len(self._links)))
             memory = rows.data
             for row in range(len(rows)):
                 if stepped and (start or row):
@@ -258,7 +305,20 @@ class World:
                 _put_row(
                     memory, row * _ROW_BYTES, *position, *orientation, *linear, *angular, *contact()
                 )
-            yield rows
+                if self._links:
+                    links[row] = self._link_states()
+            yield np.hstack((rows, links)) if self._links else rows
+
+    def _link_states(self) -> list[float]:
+        """Return the state of each link, as it is now and not as it was before the step."""
+        states = p.getLinkStates(
+            self._body,
+            self._links,
+            computeLinkVelocity=1,
+            computeForwardKinematics=1,
+            physicsClientId=self._client,
+        )
+        return [x for state in states for place in (0, 1, 6, 7) for x in state[place]]
 
     def _contact(self) -> tuple[float, float, float]:
         if self._floor is None:
@@ -277,15 +337,13 @@ _DISTANCE, _NORMAL_FORCE = itemgetter(8), itemgetter(9)
 """Of what `getContactPoints` says of a point."""
 
 
-@functools.cache
-def _text(name: bytes) -> str:
+@functools.lru_cache(maxsize=1024)
+def _rest_height(body: str, _sha256: str, orientation_xyzw: Quaternion) -> float | None:
+    """Return `World.rest_height_m`, measured once for a URDF of this digest turned like this."""
+    with World(Scenario(body=body, mass_kg=1.0, orientation=orientation_xyzw)) as world:
+        return world._touching_height()
+
+
+def _name(body: int, client: int) -> str:
+    name: bytes = p.getBodyInfo(body, physicsClientId=client)[1]
     return name.decode(errors="replace")
-
-
-@functools.cache
-def engine_versions() -> dict[str, str]:
-    """Return what decides the engine's numbers: its version, its wheel, and when it was built."""
-    distribution = metadata.distribution("pybullet")
-    wheel = (distribution.read_text("WHEEL") or "").partition("Tag:")[2].split()
-    versions = {"pybullet_version": distribution.version, "pybullet_build": BUILD_TIME}
-    return versions | {"pybullet_wheel": wheel[0] if wheel else ""}

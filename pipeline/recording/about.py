@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from pipeline.fields import fraction
+from pipeline.physics.report import EngineReport
 from pipeline.scenario import Camera, Scenario
 
 
-def about(scenario: Scenario, camera: Camera | None, engine: Mapping[str, object]) -> str:
+def about(scenario: Scenario, camera: Camera | None, engine: EngineReport) -> str:
     """Return the recording's description as Markdown."""
     gravity = "never set" if not scenario.gravity_set else f"{scenario.gravity_m_s2:g} m/s²"
     floor = "`plane.urdf`, its surface at z = 0" if scenario.floor else "none"
@@ -17,19 +16,19 @@ def about(scenario: Scenario, camera: Camera | None, engine: Mapping[str, object
         steps += "; **`stepSimulation` was never called**"
     damping = scenario.linear_damping
     rows = {
-        "body": f"`{scenario.body}`, {engine['mass_kg']:g} kg",
+        "body": f"`{scenario.body}`, {engine.mass_kg:g} kg",
         "release": f"centre {scenario.height_m:g} m above the floor",
         "velocity": _vector(scenario.velocity_m_s, "m/s"),
         "spin": _vector(scenario.spin_rad_s, "rad/s"),
         "gravity": gravity,
         "steps": steps,
         "linear damping": "the engine's own" if damping is None else f"{damping:g}",
-        "coordinates": f"{scenario.coordinates} (`{engine['body_type']}`)",
+        "coordinates": f"{scenario.coordinates} (`{engine.body_type}`)",
         "floor": floor,
         "frames": "none"
         if camera is None
         else f"every {camera.capture_every} steps, {camera.view} camera",
-        "engine": f"pybullet {engine['pybullet_version']}, {engine['pybullet_build']}",
+        "engine": f"pybullet {engine.pybullet_version}, {engine.pybullet_build}",
     }
     table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
     return f"""# A body dropped in PyBullet

@@ -27,11 +27,11 @@ def scalars(chunk: Chunk, path: Path) -> Part:
     RecordingError
         If it holds something else.
     """
-    width = len(schema.STATE[chunk.entity])
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
     lists = _column(chunk, "Scalars:scalars", _is_list_of(pa.types.is_float64), path)
+    width = len(schema.STATE.get(chunk.entity, ())) or _width(lists)
     flat = _flat(lists, width)
-    if flat is None or flat.null_count:
+    if flat is None or flat.null_count or not width:
         raise damaged(path, f"{chunk.entity} must hold {width} numbers per step")
     # Copied, so that nothing else of the chunk stays in memory.
     return steps.to_numpy().copy(), flat.to_numpy().reshape(-1, width).copy()
@@ -84,6 +84,11 @@ def _column(chunk: Chunk, name: str, is_right: Callable[[Any], bool], path: Path
     if column.null_count:
         raise damaged(path, f"{chunk.entity} has gaps in {name}")
     return column
+
+
+def _width(lists: pa.Array) -> int:
+    """Return how many elements the first list has: how many links it is of, the engine reports."""
+    return len(lists[0]) if len(lists) else 1
 
 
 def _flat(lists: pa.Array, width: int) -> pa.Array | None:

@@ -18,6 +18,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.errors import RecordingError, ScenarioError
+from pipeline.physics.report import EngineReport
 from pipeline.recording import columns, rrd, schema
 from pipeline.recording.checks import AGAIN, check_engine, damaged
 from pipeline.recording.columns import Part, Properties
@@ -28,8 +29,8 @@ from pipeline.scenario import Camera, Scenario
 Float64 = NDArray[np.float64]
 T = TypeVar("T")
 
-CONTACT_POINTS = schema.STATE_COLUMNS.index("contact_points")
-DISTANCE = schema.STATE_COLUMNS.index("contact_distance_m")
+CONTACT_POINTS = schema.state_columns(0).index("contact_points")
+DISTANCE = schema.state_columns(0).index("contact_distance_m")
 
 
 @dataclass(frozen=True)
@@ -39,10 +40,10 @@ class Recording:
     path: Path
     recording_id: str
     scenario: Scenario
-    engine: Properties
+    engine: EngineReport
     camera: Camera | None
     states: pl.DataFrame
-    """One row per sample in step order: `step` and the columns of `schema.STATE`."""
+    """One row per sample in step order: `step` and the columns of `schema.state_columns`."""
     partial: bool
     """Whether the recording was never finished: it holds what was written before it stopped."""
 
@@ -63,7 +64,7 @@ def read(path: Path) -> Recording:
     RecordingError
         If it is missing, damaged, no recording of ours, or not what was written.
     """
-    state: dict[str, list[Part]] = {entity: [] for entity in schema.STATE}
+    state: dict[str, list[Part]] = {entity: [] for entity in schema.state_entities(1)}
     properties: dict[str, Properties] = {}
     recording_id = ""
     for chunk in _chunks(path):
@@ -75,11 +76,16 @@ def read(path: Path) -> Recording:
 
     closing = _closing(properties, path)
     scenario, camera = _inputs(properties, path)
-    engine = properties[schema.ENGINE_PROPERTY]
+    engine = _engine(properties[schema.ENGINE_PROPERTY], path)
     check_engine(engine, scenario, path)
+    names = schema.state_columns(engine.recorded_links)
+    if not engine.recorded_links and not state[schema.LINKS]:
+        del state[schema.LINKS]
     rows = _joined(state, path)
+    if rows.shape[1] != len(names):
+        raise damaged(path, f"{schema.LINKS} is not of {engine.recorded_links} links")
     _check_states(rows, scenario, closing, path)
-    named = dict(zip(schema.STATE_COLUMNS, rows.T, strict=True))
+    named = dict(zip(names, rows.T, strict=True))
     states = pl.DataFrame({"step": np.arange(len(rows))} | named)
     return Recording(path, recording_id, scenario, engine, camera, states, partial=closing is None)
 
@@ -209,6 +215,13 @@ def _inputs(properties: Mapping[str, Properties], path: Path) -> tuple[Scenario,
         raise damaged(path, f"its scenario or camera cannot be ({error})") from None
 
 
+def _engine(values: Properties, path: Path) -> EngineReport:
+    try:
+        return EngineReport.from_properties(values)
+    except RecordingError as error:
+        raise damaged(path, str(error)) from None
+
+
 def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
     known = {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
     given = {key: tuple(v) if isinstance(v, list) else v for key, v in values.items()}
@@ -219,7 +232,7 @@ def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
 
 
 def _joined(state: dict[str, list[Part]], path: Path) -> Float64:
-    """Return the samples that are there in all their parts, in step order, shape (samples, 16).
+    """Return the samples that are there in all their parts, in step order: see `state_columns`.
 
     Takes the parts out of `state`: a long recording is not held twice.
     """
@@ -228,10 +241,11 @@ def _joined(state: dict[str, list[Part]], path: Path) -> Float64:
         raise RecordingError(f"{path} holds no {', '.join(missing)}; {AGAIN}")
     # An unfinished recording may end within a sample, so that the shortest part decides.
     samples = min(map(_length, state.values()))
-    rows = np.empty((samples, len(schema.STATE_COLUMNS)))
+    widths = [parts[0][1].shape[1] for parts in state.values()]
+    rows = np.empty((samples, sum(widths)))
     first = 0
-    for entity, parts in state.items():
-        last = first + len(schema.STATE[entity])
+    for width, parts in zip(widths, state.values(), strict=True):
+        last = first + width
         rows[:, first:last] = _in_step_order(parts, path)[:samples]
         parts.clear()
         first = last

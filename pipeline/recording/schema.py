@@ -26,7 +26,24 @@ STATE: dict[str, tuple[str, ...]] = {
 """World axes; orientation is a quaternion x, y, z, w. The contact is that of the step which led to
 the sample, its distance nan where there is none."""
 
-STATE_COLUMNS: tuple[str, ...] = tuple(column for columns in STATE.values() for column in columns)
+LINKS = "state/links"
+LINK_STATE = (*STATE["state/position"], *STATE["state/orientation"],
+    *STATE["state/linear_velocity"], *STATE["state/angular_velocity"])  # fmt: skip
+"""What is recorded of each further link of a body with joints: of its own centre of mass."""
+
+
+def state_entities(links: int) -> dict[str, tuple[str, ...]]:
+    """Return the columns of each entity under `state/` for a body with so many further links."""
+    if not links:
+        return STATE
+    of_links = tuple(f"link{n}_{column}" for n in range(links) for column in LINK_STATE)
+    return STATE | {LINKS: of_links}
+
+
+def state_columns(links: int) -> tuple[str, ...]:
+    """Return the names of all columns of the state, in the order of its rows."""
+    return tuple(column for columns in state_entities(links).values() for column in columns)
+
 
 # -- what is drawn --------------------------------------------------------------------------------
 
@@ -76,39 +93,6 @@ FINDINGS = "findings"
 
 # -- what they are, in words ----------------------------------------------------------------------
 
-ENGINE_SAYS = {
-    "body_name": "name of the body in its URDF",
-    "body_sha256": "digest of the URDF",
-    "body_type": "btMultiBody (reduced coordinates) or btRigidBody (maximal ones)",
-    "collision_margin_m": "margin around the body's shape",
-    "drop_version": "of this project",
-    "floor_lateral_friction": "of the floor",
-    "floor_restitution": "of the floor; a bounce has the product of this and the body's",
-    "gl_renderer": "what drew the frames, with `--renderer egl`",
-    "gravity_m_s2": "as the engine has it: x, y, z",
-    "inertia_kg_m2": "principal moments of inertia about the centre of mass",
-    "joints": "how many the body has; the theory is that of a body without any",
-    "lateral_friction": "of the body, against sliding",
-    "machine": "kind of processor",
-    "mass_kg": "of the body",
-    "numpy_version": "of numpy",
-    "pybullet_api": "PyBullet's own number of its interface",
-    "pybullet_build": "when the engine was compiled",
-    "pybullet_version": "of PyBullet",
-    "pybullet_wheel": "kind of wheel that PyBullet was installed from",
-    "python_version": "of Python",
-    "rerun_version": "of the Rerun SDK",
-    "rest_height_m": "height of the centre where the body lies on the floor as it was dropped",
-    "restitution": "of the body",
-    "rolling_friction": "of the body, against rolling",
-    "shape": "of the body's collision: box, sphere, …; compound where it has several",
-    "shape_dimensions_m": "of that shape, as PyBullet gives them: a box's three edges",
-    "solver_iterations": "most iterations of the contact solver per step",
-    "spinning_friction": "of the body, against spinning in place",
-    "substeps": "steps that the engine makes of one; 0 is one",
-    "timestep_s": "as the engine has it",
-}
-"""What the engine reports: read back from it, once both bodies are loaded."""
 CAMERA_SAYS = {
     "distance_m": "from the camera to its target",
     "far_m": "nothing farther away is drawn",

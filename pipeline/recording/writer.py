@@ -210,11 +210,12 @@ def state_chunks(steps: Steps, timestep_s: float, rows: Float64) -> Iterator[Chu
     timestep_s
         Timestep [s].
     rows
-        State, shape (n, 16), in the order of `schema.STATE_COLUMNS`.
+        State, shape (n, 16 + 13 for each further link), in the order of `schema.state_columns`.
     """
     times = _times(steps, timestep_s)
     first = 0
-    for entity, columns in schema.STATE.items():
+    links = (rows.shape[1] - len(schema.state_columns(0))) // len(schema.LINK_STATE)
+    for entity, columns in schema.state_entities(links).items():
         width = len(columns)
         values = rows[:, first : first + width]
         yield Chunk.from_columns(

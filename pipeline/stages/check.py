@@ -158,7 +158,7 @@ def _compare_frames(run: Recording, golden: Recording) -> Frames:
         return Frames(0, 0, None, f"{why} frames")
     if run.camera != golden.camera:
         return Frames(0, 0, None, f"the cameras differ: {_camera_differences(run, golden)}")
-    if run.engine.get("machine") != golden.engine.get("machine"):
+    if run.engine.machine != golden.engine.machine:
         return Frames(0, 0, None, "they were drawn on different kinds of machine")
     same_pose = run.states.select(
         pl.all_horizontal(pl.col(name) == golden.states[name] for name in POSE)

@@ -8,9 +8,10 @@ import platform
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,12 @@ from numpy.typing import NDArray
 from pipeline import colours
 from pipeline.errors import DropError
 from pipeline.physics import theory
+from pipeline.physics.bullet import engine_versions, find_body
 from pipeline.physics.bullet_law import fall_of
 from pipeline.physics.pictures import Photographer
+from pipeline.physics.report import EngineReport
 from pipeline.physics.visible_world import world_from_camera
-from pipeline.physics.world import World, engine_versions, find_body
+from pipeline.physics.world import World
 from pipeline.recording import schema, writer
 from pipeline.recording.about import about
 from pipeline.recording.blueprint import Look, layout
@@ -159,13 +162,13 @@ def chunks_of(
 ) -> Iterator[Chunk]:
     """Yield the whole recording: what it was made with, the fall, and last what must be in it."""
     scenario = world.scenario
-    engine = world.report() | engine_versions() | library_versions()
-    inputs = {schema.SCENARIO_PROPERTY: asdict(scenario), schema.ENGINE_PROPERTY: engine}
-    camera = None
-    if photographer is not None:
-        camera = photographer.camera
-        if photographer.gl_renderer:
-            engine["gl_renderer"] = photographer.gl_renderer
+    camera = None if photographer is None else photographer.camera
+    engine = made_with(world, gl_renderer=photographer.gl_renderer if photographer else None)
+    inputs = {
+        schema.SCENARIO_PROPERTY: asdict(scenario),
+        schema.ENGINE_PROPERTY: engine.as_properties(),
+    }
+    if camera is not None:
         inputs[schema.CAMERA_PROPERTY] = asdict(camera)
     for name, values in inputs.items():
         yield writer.property_chunk(name, values)
@@ -237,15 +240,18 @@ def _curve_styles() -> Iterator[Chunk]:
 
 
 def _heights(
-    scenario: Scenario, rest_height_m: float, steps: NDArray[np.int64], simulated_m: Float64
+    scenario: Scenario, rest_height_m: float | None, steps: NDArray[np.int64], simulated_m: Float64
 ) -> Iterator[Chunk]:
     """Yield the height curves; theory stops at the floor and stays at the rest height."""
     fall, time_s = fall_of(scenario), steps.astype(np.float64) * scenario.timestep_s
-    lowest = rest_height_m if scenario.floor else -np.inf
+    free_m, damped_m = (
+        theory.stopped_by_floor(height(fall, time_s), rest_height_m if scenario.floor else None)
+        for height in (theory.free_fall_height, theory.damped_fall_height)
+    )
     curves = {
         schema.HEIGHT_SIMULATED: simulated_m,
-        schema.HEIGHT_FREE_FALL: np.maximum(theory.free_fall_height(fall, time_s), lowest),
-        schema.HEIGHT_DAMPED_FALL: np.maximum(theory.damped_fall_height(fall, time_s), lowest),
+        schema.HEIGHT_FREE_FALL: free_m,
+        schema.HEIGHT_DAMPED_FALL: damped_m,
     }
     for entity, values in curves.items():
         yield writer.curve_chunk(
@@ -271,6 +277,12 @@ def _frames(
         digest.update(int(step), png)
         yield writer.image_chunk(step, scenario.timestep_s, png)
         progress("drawing frames", camera.frames_of(int(step)), total)
+
+
+def made_with(world: World, *, gl_renderer: str | None = None) -> EngineReport:
+    """Return what a world reports, with the versions of all that takes part in a recording."""
+    versions: dict[str, Any] = engine_versions() | library_versions()
+    return replace(world.report(), gl_renderer=gl_renderer or None, **versions)
 
 
 @functools.cache

@@ -16,9 +16,11 @@ def events(analysis: Analysis) -> list[tuple[int, str]]:
     impact, rest = analysis.impact, analysis.rest
     if impact is not None:
         found.append((impact.step, f"first contact, arriving at {impact.speed_m_s:.3f} m/s"))
-        if impact.penetration_m is not None:
-            depth_mm = impact.penetration_m * 1e3
-            found.append((impact.lowest_step, f"lowest point, {depth_mm:.3f} mm in the floor"))
+    if analysis.tumbled_step is not None:
+        found.append((analysis.tumbled_step, "tumbles from here on"))
+    if impact is not None and impact.penetration_m is not None:
+        depth_mm = impact.penetration_m * 1e3
+        found.append((impact.lowest_step, f"lowest point, {depth_mm:.3f} mm in the floor"))
     found += [(one.step, f"rebound at {one.rebound_m_s:.3f} m/s") for one in analysis.bounces]
     if rest is not None:
         found.append((rest.settled_step, f"at rest at {rest.height_m * 1e3:.3f} mm"))

@@ -17,7 +17,7 @@ import polars as pl
 from pipeline.budget.moment import DEFAULT_AT_S
 from pipeline.budget.statistics import Moments
 from pipeline.errors import DropError, ScenarioError
-from pipeline.physics.world import engine_versions
+from pipeline.physics.bullet import engine_versions
 from pipeline.recording.files import check_target, written_whole
 from pipeline.scenario import Camera, Scenario
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of

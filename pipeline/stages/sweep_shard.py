@@ -20,7 +20,7 @@ from pipeline.budget.results import Moment
 from pipeline.budget.statistics import Moments
 from pipeline.errors import DropError, OutputError
 from pipeline.physics.lasting_world import LastingWorld, Worlds
-from pipeline.physics.world import Report, engine_versions
+from pipeline.physics.report import EngineReport
 from pipeline.recording import schema
 from pipeline.recording.files import onto_disk
 from pipeline.scenario import Camera, Scenario
@@ -130,7 +130,7 @@ class RunShard:
         moment = _in_the_air(scenario, engine, rows, step)
         if moment is None:
             rows = np.concatenate([rows, *samples])
-            return self._analyzed(scenario, engine, rows), world.height_m()
+            return self._analyzed(world, rows), world.height_m()
         world.skip(scenario.steps - step)
         return moment, world.height_m()
 
@@ -166,17 +166,20 @@ class RunShard:
             recording.scenario, recording.engine, recording.states, at_s=[self.at_s]
         ).at[0]
 
-    def _analyzed(self, scenario: Scenario, engine: Report, rows: Float64) -> Moment:
+    def _analyzed(self, world: LastingWorld, rows: Float64) -> Moment:
         from pipeline.budget.analysis import analysis_of
-        from pipeline.stages.simulate import library_versions
+        from pipeline.stages.simulate import made_with
 
-        columns = dict(zip(schema.STATE_COLUMNS, rows.T, strict=True))
+        engine = made_with(world)
+        names = schema.state_columns(engine.recorded_links)
+        columns = dict(zip(names, rows.T, strict=True))
         states = pl.DataFrame({"step": np.arange(len(rows))} | columns)
-        made_with = engine | engine_versions() | library_versions()
-        return analysis_of(scenario, made_with, states, at_s=[self.at_s]).at[0]
+        return analysis_of(world.scenario, engine, states, at_s=[self.at_s]).at[0]
 
 
-def _in_the_air(scenario: Scenario, engine: Report, rows: Float64, step: int) -> Moment | None:
+def _in_the_air(
+    scenario: Scenario, engine: EngineReport, rows: Float64, step: int
+) -> Moment | None:
     if len(rows) <= step:
         return None
     rows = rows[: step + 1]

@@ -17,7 +17,7 @@ from typing import Any
 import polars as pl
 
 from pipeline.errors import OutputError
-from pipeline.fields import integer, number, vector
+from pipeline.fields import integer, number, orientation, vector
 from pipeline.recording.files import lock, written_whole
 from pipeline.scenario import Scenario, gravity
 
@@ -27,6 +27,7 @@ _TYPES: dict[Any, Any] = {
     number: pl.Float64,
     gravity: pl.Float64,
     vector: pl.List(pl.Float64),
+    orientation: pl.List(pl.Float64),
     integer: pl.Int64,
 }
 """What a column holds whose option is read by this function; a text is a text."""

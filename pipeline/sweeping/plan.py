@@ -114,6 +114,14 @@ def plan_of(
         if one.axis is None and one.field in dict(lists):
             option = Scenario.options()[one.field].name
             raise ScenarioError(f"{option} is given and drawn by --vary; leave one of them out")
+        if one.field == "orientation" and any(len(q) == 4 for q in dict(lists).get(one.field, ())):
+            raise ScenarioError(
+                "--orientation must be angles R,P,Y where --vary draws one of them, got a "
+                "quaternion; give R,P,Y"
+            )
+    if (False,) not in (values for name, values in lists if name == "floor"):
+        for height_m in dict(lists).get("height_m", ()):
+            Scenario(height_m=height_m, timestep_s=1.0)
     plan = Plan(tuple(lists), variations, samples, seed)
     if plan.runs > MOST_RUNS:
         raise ScenarioError(f"a sweep has at most {MOST_RUNS:,} runs, got {plan.runs:,}")

@@ -13,14 +13,12 @@ from typing import Any
 import numpy as np
 
 from pipeline.errors import ScenarioError
-from pipeline.fields import Vector, integer, number, vector
+from pipeline.fields import COMPONENTS, Vector, integer, number
 from pipeline.fields import text as plain_text
 from pipeline.scenario import Scenario
 
 Stream = np.random.Generator
 Numbers = Sequence[float]
-
-AXES = "xyz"
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,7 @@ class Variation:
 
     field: str
     axis: int | None
-    """0, 1 or 2 for x, y or z of a vector; None for a whole field."""
+    """0, 1 or 2 for x, y or z of a vector, roll, pitch or yaw; None for a whole field."""
     kind: str
     values: tuple[Any, ...]
     """The distribution's parameters, or what `choice` chooses from."""
@@ -183,7 +181,7 @@ def _variation(text: str) -> Variation:
         return Variation(field, axis, kind, values)
     if kind not in KINDS or len(parameters) != len(KINDS[kind].parameters):
         raise ScenarioError(f"--vary takes one of {FORMS}, got {text!r}")
-    if axis is None and option.parse in (plain_text, vector):
+    if axis is None and option.parse in (plain_text, *COMPONENTS):
         raise ScenarioError(f"--vary takes choice:A:B:… for {target}, got {text!r}")
     if (option.parse is integer) != (kind == "integers"):
         raise ScenarioError(f"--vary takes integers:LOW:HIGH for whole numbers only, got {text!r}")
@@ -203,8 +201,8 @@ def _target(name: str, text: str) -> tuple[str, int | None]:
         short = option.name.removeprefix("--").replace("-", "_")
         if not option.is_flag:
             targets[short] = field, None
-        if option.parse is vector:
-            targets |= {f"{short}_{axis}": (field, place) for place, axis in enumerate(AXES)}
+        parts = enumerate(COMPONENTS.get(option.parse, ()))
+        targets |= {f"{short}_{part}": (field, place) for place, part in parts}
     if name not in targets:
         near = get_close_matches(name, targets, n=1)
         known = f"did you mean {near[0]}?" if near else f"one of {', '.join(targets)}"

@@ -1,0 +1,694 @@
+"""What is true of a drop, from PyBullet alone: nothing of `pipeline` is imported here.
+
+A drop is plain values. It is replayed in a client of its own, and what is true of it is read off
+the replay, step by step: contact points, poses, velocities of all links. A cause is confirmed by a
+second replay in which only that cause is changed: no floor, no damping, a solver that converges.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import weakref
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from decimal import Context, Decimal, localcontext
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import pybullet as p
+import pybullet_data
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+Float64 = NDArray[np.float64]
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+AS_LOADED: Quaternion = (0.0, 0.0, 0.0, 1.0)
+DEFAULT_DAMPING = float(np.float32(0.04))
+"""Of a btMultiBody, linear and angular; a btRigidBody has none."""
+CONVERGED = 300
+"""Iterations after which a contact solver has converged that is not let stop before."""
+CLAMP = 100.0
+"""A btMultiBody holds each component of its velocities within this [m/s or rad/s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drop:
+    """What to drop and how, SI units; None leaves the engine's own value."""
+
+    body: str
+    height_m: float = 1.0
+    timestep_s: float = 1 / 240
+    steps: int = 240
+    gravity_m_s2: float | None = -9.81
+    """z component; None where gravity is never set."""
+    orientation: Quaternion = AS_LOADED
+    velocity_m_s: Vector = (0.0, 0.0, 0.0)
+    spin_rad_s: Vector = (0.0, 0.0, 0.0)
+    linear_damping: float | None = None
+    angular_damping: float | None = None
+    mass_kg: float | None = None
+    restitution: float | None = None
+    friction: float | None = None
+    restitution_threshold_m_s: float | None = None
+    contact_erp: float | None = None
+    contact_slop_m: float | None = None
+    solver_residual: float | None = None
+    solver_iterations: int | None = None
+    substeps: int | None = None
+    maximal: bool = False
+    stepped: bool = True
+    floor: bool = True
+
+    @property
+    def gravity(self) -> float:
+        """The z component that acts [m/s²]."""
+        return self.gravity_m_s2 or 0.0
+
+    @property
+    def step_s(self) -> float:
+        """The timestep that the engine integrates with [s]."""
+        return self.timestep_s / max(1, self.substeps or 1)
+
+    @property
+    def damping(self) -> float:
+        """The coefficient of linear damping that acts."""
+        if self.linear_damping is None:
+            return 0.0 if self.maximal else DEFAULT_DAMPING
+        return self.linear_damping
+
+
+@dataclass(frozen=True)
+class Touch:
+    """One contact point between body and floor, as the step that led to a sample reports it."""
+
+    link: int
+    distance_m: float
+    force_n: float
+
+
+@dataclass(frozen=True)
+class Replay:
+    """The state before each step and after the last; rows of shape (samples, ...), world axes."""
+
+    position_m: Float64
+    orientation: Float64
+    velocity_m_s: Float64
+    spin_rad_s: Float64
+    touches: list[list[Touch]]
+    links: Float64
+    """Pose and velocities of each link's centre of mass, the base first: (samples, links, 13)."""
+    mass_kg: Float64
+    """Of each link; nan where PyBullet does not say how the links move."""
+    inertia_kg_m2: Float64
+    """Of each link about its principal axes, shape (links, 3)."""
+    gravity_m_s2: float
+
+    @property
+    def height_m(self) -> Float64:
+        """Height of the base's centre of mass [m]."""
+        return self.position_m[:, 2]
+
+    @functools.cached_property
+    def kinetic_linear_j(self) -> Float64:
+        """Of all links [J], shape (samples,)."""
+        return np.asarray((self.links[:, :, 7:10] ** 2).sum(axis=2) @ self.mass_kg / 2)
+
+    @functools.cached_property
+    def kinetic_angular_j(self) -> Float64:
+        """Of all links about their own centres of mass [J], shape (samples,)."""
+        spin, moment = self._spins()
+        return np.asarray((spin * moment).sum(axis=(1, 2)) / 2)
+
+    @functools.cached_property
+    def potential_j(self) -> Float64:
+        """Of all links [J], 0 where the centre of mass is at the floor's height."""
+        return np.asarray(-self.gravity_m_s2 * (self.links[:, :, 2] @ self.mass_kg))
+
+    @functools.cached_property
+    def energy_j(self) -> Float64:
+        """Total mechanical energy of all links [J]."""
+        return self.kinetic_linear_j + self.kinetic_angular_j + self.potential_j
+
+    @functools.cached_property
+    def momentum_kg_m_s(self) -> Float64:
+        """Of all links, shape (samples, 3)."""
+        return np.asarray(np.einsum("l,nlk->nk", self.mass_kg, self.links[:, :, 7:10]))
+
+    @functools.cached_property
+    def angular_momentum_kg_m2_s(self) -> Float64:
+        """Of all links about their common centre of mass, shape (samples, 3)."""
+        total, (_, moment) = self.mass_kg.sum(), self._spins()
+        centre = np.einsum("l,nlk->nk", self.mass_kg, self.links[:, :, :3]) / total
+        arm = self.links[:, :, :3] - centre[:, None]
+        drift = self.links[:, :, 7:10] - (self.momentum_kg_m_s / total)[:, None]
+        orbital = np.einsum("l,nlk->nk", self.mass_kg, np.cross(arm, drift))
+        axes = matrices(self.links[:, :, 3:7])
+        return np.asarray(orbital + np.einsum("nlij,nlj->ni", axes, moment))
+
+    def _spins(self) -> tuple[Float64, Float64]:
+        """Return angular velocity and momentum in each link's own axes, (samples, links, 3)."""
+        axes = matrices(self.links[:, :, 3:7])
+        spin = np.einsum("nlji,nlj->nli", axes, self.links[:, :, 10:])
+        known = np.where(np.isnan(self.mass_kg)[:, None], math.nan, self.inertia_kg_m2)
+        return spin, spin * known
+
+    @property
+    def state(self) -> Float64:
+        """Pose and velocities of the base, shape (samples, 13)."""
+        return np.hstack((self.position_m, self.orientation, self.velocity_m_s, self.spin_rad_s))
+
+    @property
+    def reported(self) -> NDArray[np.bool_]:
+        """Whether any contact point was reported, shape (samples,)."""
+        return np.array([bool(points) for points in self.touches])
+
+    @property
+    def pushed(self) -> NDArray[np.bool_]:
+        """Whether a contact point pushed the body, shape (samples,)."""
+        return np.array([any(one.force_n > 0 for one in points) for points in self.touches])
+
+
+class Client:
+    """A PyBullet client with the body of a drop and its floor; use it in a `with` statement."""
+
+    def __init__(self, drop: Drop) -> None:
+        self.drop = drop
+        self.id = p.connect(p.DIRECT)
+        self.close = weakref.finalize(self, p.disconnect, self.id)
+        try:
+            p.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=self.id)
+            self.body = self._load(drop.body, useMaximalCoordinates=drop.maximal)
+            self.joints = p.getNumJoints(self.body, physicsClientId=self.id)
+            self._set_dynamics()
+            self.floor = self._load("plane.urdf") if drop.floor else None
+            self._configure()
+            self.place(drop.height_m, drop.orientation)
+            p.resetBaseVelocity(
+                self.body, drop.velocity_m_s, drop.spin_rad_s, physicsClientId=self.id
+            )
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _load(self, urdf: str, **how: Any) -> int:
+        return int(p.loadURDF(urdf, physicsClientId=self.id, **how))
+
+    def change(self, body: int, link: int, **what: float | Vector | None) -> None:
+        """Call changeDynamics with what is not None."""
+        chosen = {name: value for name, value in what.items() if value is not None}
+        if chosen:
+            p.changeDynamics(body, link, physicsClientId=self.id, **chosen)
+
+    def dynamics(self, link: int = -1) -> Any:
+        """Return getDynamicsInfo of a link of the body; -1 is its base."""
+        return p.getDynamicsInfo(self.body, link, physicsClientId=self.id)
+
+    def _set_dynamics(self) -> None:
+        drop = self.drop
+        mass, _, inertia = self.dynamics()[:3]
+        if drop.mass_kg is not None and mass > 0:
+            scale = drop.mass_kg / mass  # another density: the inertia goes with the mass
+            moments = tuple(one * scale for one in inertia)
+            self.change(self.body, -1, mass=drop.mass_kg, localInertiaDiagonal=moments)
+        self.change(
+            self.body, -1, linearDamping=drop.linear_damping, angularDamping=drop.angular_damping
+        )
+
+    def _configure(self) -> None:
+        drop = self.drop
+        p.setTimeStep(drop.timestep_s, physicsClientId=self.id)
+        if drop.gravity_m_s2 is not None:
+            p.setGravity(0.0, 0.0, drop.gravity_m_s2, physicsClientId=self.id)
+        settings = {
+            "contactERP": drop.contact_erp,
+            "contactSlop": drop.contact_slop_m,
+            "solverResidualThreshold": drop.solver_residual,
+            "numSolverIterations": drop.solver_iterations,
+            "restitutionVelocityThreshold": drop.restitution_threshold_m_s,
+            "numSubSteps": drop.substeps or 0,
+        }
+        chosen = {name: value for name, value in settings.items() if value is not None}
+        p.setPhysicsEngineParameter(physicsClientId=self.id, **chosen)
+        for body in (self.body, self.floor):
+            if body is not None:
+                links = range(-1, self.joints if body == self.body else 0)
+                for link in links:
+                    self.change(
+                        body, link, restitution=drop.restitution, lateralFriction=drop.friction
+                    )
+
+    def place(self, height_m: float, orientation: Sequence[float]) -> None:
+        """Put the centre at a height above the origin."""
+        p.resetBasePositionAndOrientation(
+            self.body, (0.0, 0.0, height_m), orientation, physicsClientId=self.id
+        )
+
+    def touches(self) -> list[Touch]:
+        """Return the contact points that the last collision detection found."""
+        if self.floor is None:
+            return []
+        points = p.getContactPoints(self.body, self.floor, physicsClientId=self.id)
+        return [Touch(one[3], one[8], one[9]) for one in points]
+
+    def box_m(self) -> Float64:
+        """Return the corners of the bounding box of all links [m], shape (2, 3)."""
+        boxes = np.array(
+            [
+                p.getAABB(self.body, link, physicsClientId=self.id)
+                for link in range(-1, self.joints)
+                if self.drop.maximal or p.getCollisionShapeData(self.body, link, self.id)
+            ]
+        )
+        return np.array((boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)))
+
+    def links(self) -> list[tuple[float, ...]]:
+        """Return pose and velocities of each link's centre of mass now, the base first."""
+        position, orientation = p.getBasePositionAndOrientation(self.body, physicsClientId=self.id)
+        velocity, spin = p.getBaseVelocity(self.body, physicsClientId=self.id)
+        found = [(*position, *orientation, *velocity, *spin)]
+        if self.joints:
+            states = p.getLinkStates(
+                self.body,
+                range(self.joints),
+                computeLinkVelocity=1,
+                computeForwardKinematics=1,
+                physicsClientId=self.id,
+            )
+            found += [(*one[0], *one[1], *one[6], *one[7]) for one in states]
+        return found
+
+
+@dataclass(frozen=True)
+class BodyFacts:
+    """What PyBullet says of a body that it has loaded; links and shapes as a btMultiBody."""
+
+    movable_joints: int
+    joints: int
+    total_mass_kg: float
+    mass_kg: tuple[float, ...]
+    inertia_kg_m2: tuple[Vector, ...]
+    restitution: float
+    floor_restitution: float
+    friction: tuple[float, float, float]
+    floor_friction: float
+    shapes: tuple[tuple[int, Vector], ...]
+    """Of the base: pybullet's kind and dimensions."""
+    has_shape: bool
+    """Any link of it."""
+    name: str
+    margin_m: float
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether it is one body, with nothing joined to it."""
+        return self.joints == 0
+
+    @property
+    def pair_restitution(self) -> float:
+        """Restitution of base and floor together."""
+        return self.restitution * self.floor_restitution
+
+
+@functools.lru_cache(maxsize=4096)
+def facts_of(drop: Drop) -> BodyFacts:
+    """Return what the engine says of the drop's body."""
+    with Client(replace(drop, maximal=False, floor=True)) as client:
+        links = range(-1, client.joints)
+        told = [client.dynamics(link) for link in links]
+        shapes = [p.getCollisionShapeData(client.body, link, client.id) for link in links]
+        kinds = [p.getJointInfo(client.body, joint, client.id)[2] for joint in links[1:]]
+        floor = p.getDynamicsInfo(client.floor, -1, client.id)
+        return BodyFacts(
+            movable_joints=sum(kind != p.JOINT_FIXED for kind in kinds),
+            joints=client.joints,
+            total_mass_kg=math.fsum(one[0] for one in told),
+            mass_kg=tuple(one[0] for one in told),
+            inertia_kg_m2=tuple(one[2] for one in told),
+            restitution=told[0][5],
+            floor_restitution=floor[5],
+            friction=(told[0][1], told[0][6], told[0][7]),
+            floor_friction=floor[1],
+            shapes=tuple((one[2], one[3]) for one in shapes[0]),
+            has_shape=any(shapes),
+            name=p.getBodyInfo(client.body, client.id)[1].decode(),
+            margin_m=told[0][11],
+        )
+
+
+@functools.lru_cache(maxsize=64)
+def replay(drop: Drop, start: tuple[float, ...] | None = None) -> Replay:
+    """Drop the body again; `start` is a base state to begin with instead of the release."""
+    facts = facts_of(body_only(drop))
+    seen = not drop.maximal or facts.is_rigid  # PyBullet hides the links of btRigidBodies
+    links, touches = [], []
+    with Client(drop) as client:
+        if start is not None:
+            p.resetBasePositionAndOrientation(client.body, start[:3], start[3:7], client.id)
+            p.resetBaseVelocity(client.body, start[7:10], start[10:], physicsClientId=client.id)
+        told = [client.dynamics(link) for link in range(-1, client.joints)]
+        for step in range(drop.steps + 1):
+            if step and drop.stepped:
+                p.stepSimulation(physicsClientId=client.id)
+            links.append(client.links())
+            touches.append(client.touches())
+    rows = np.array(links)
+    position, orientation, velocity, spin = np.split(rows[:, 0], (3, 7, 10), axis=1)
+    mass = np.array([one[0] if seen else math.nan for one in told])
+    inertia = np.array([one[2] for one in told])
+    return Replay(position, orientation, velocity, spin, touches, rows, mass, inertia, drop.gravity)
+
+
+def matrices(orientation: Float64) -> Float64:
+    """Return the rotation matrices of quaternions x, y, z, w; shapes (…, 4) and (…, 3, 3)."""
+    x, y, z, w = np.moveaxis(orientation, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def body_only(drop: Drop) -> Drop:
+    """Return the drop with nothing but what decides what the body is, so that caches are hit."""
+    return Drop(
+        body=drop.body,
+        mass_kg=drop.mass_kg,
+        restitution=drop.restitution,
+        friction=drop.friction,
+        maximal=drop.maximal,
+    )
+
+
+# -- where the floor is ----------------------------------------------------------------------------
+
+
+def touching_height(drop: Drop, orientation: Sequence[float]) -> float | None:
+    """Return the height of the centre at which the body, so turned, just touches the floor [m].
+
+    Bisection with the engine's own collision detection; links stand as they were loaded. None
+    where it never touches.
+    """
+    return _touching_height(body_only(drop), tuple(map(float, orientation)))
+
+
+@functools.lru_cache(maxsize=4096)
+def _touching_height(drop: Drop, orientation: Quaternion) -> float | None:
+    if not facts_of(drop).has_shape:
+        return None
+    client = _scratch(drop)
+    client.place(0.0, orientation)
+    lowest, highest = client.box_m()[:, 2]
+
+    def deep(height_m: float) -> bool:
+        client.place(height_m, orientation)
+        p.performCollisionDetection(physicsClientId=client.id)
+        return min((one.distance_m for one in client.touches()), default=1.0) <= 0
+
+    low, high = -float(highest), -float(lowest) + 1e-3
+    if deep(high):
+        return None
+    while not deep(low):  # a margin reaches further than what touches
+        low += (high - low) / 8
+        if high - low < 1e-9:
+            return None
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if deep(middle) else (low, middle)
+    return high
+
+
+@functools.lru_cache(maxsize=2)
+def _scratch(drop: Drop) -> Client:
+    """Return a client to try poses in; it goes with the cache."""
+    return Client(drop)
+
+
+def extent_m(drop: Drop, orientation: Sequence[float]) -> Float64:
+    """Return the edges of the body's bounding box, turned so [m], margins included."""
+    client = _scratch(body_only(drop))
+    client.place(0.0, orientation)
+    low, high = client.box_m()
+    return np.asarray(high - low)
+
+
+def depth_m(drop: Drop, height_m: float, orientation: Sequence[float]) -> float | None:
+    """Return how far the lowest point of a body without joints is in the floor [m]."""
+    touching = touching_height(drop, orientation)
+    return None if touching is None else touching - height_m
+
+
+def turn_rad(a: Sequence[float] | Float64, b: Sequence[float] | Float64) -> float:
+    """Return the angle between two orientations [rad]."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = a, b
+    vector = (
+        aw * bx - bw * ax + (ay * bz - az * by),
+        aw * by - bw * ay + (az * bx - ax * bz),
+        aw * bz - bw * az + (ax * by - ay * bx),
+    )
+    return 2 * math.atan2(math.hypot(*vector), abs(ax * bx + ay * by + az * bz + aw * bw))
+
+
+@functools.lru_cache(maxsize=4096)
+def _is_ball(drop: Drop) -> bool:
+    """Whether the body touches at the same height however it is turned."""
+    turns = np.random.default_rng(0).normal(size=(6, 4))
+    heights = [touching_height(drop, turn / np.linalg.norm(turn)) for turn in turns]
+    known = [one for one in heights if one is not None]
+    return len(known) == len(heights) and max(known) - min(known) < 1e-9
+
+
+# -- a fall through the air ------------------------------------------------------------------------
+
+
+def free_fall_m(drop: Drop, time_s: float) -> float:
+    """Return z0 + v0 t + g t²/2 [m]."""
+    return drop.height_m + (drop.velocity_m_s[2] + drop.gravity * time_s / 2) * time_s
+
+
+def damping_m(drop: Drop, time_s: float) -> float:
+    """Return how far drag moves the body away from free fall by a time [m], by its own ODE.
+
+    What is integrated is the difference from free fall over the coefficient, which is no
+    difference of large numbers.
+    """
+    if drop.damping == 0 or time_s == 0:
+        return 0.0
+    if drop.maximal and drop.damping == 1:  # it stops at once
+        return drop.height_m - free_fall_m(drop, time_s)
+    solution = _drag_ode(drop, time_s)
+    return float(drop.damping * solution.y[2, -1])
+
+
+def _drag_ode(drop: Drop, time_s: float, event: Any = None) -> Any:
+    k, v0 = drop.damping, np.array(drop.velocity_m_s)
+    rate = -math.log1p(-k) / k if drop.maximal else 1.0
+
+    def derivative(t: float, y: Float64) -> Float64:
+        v = v0 + k * y[3:]
+        v[2] += drop.gravity * t
+        drag = -rate * v if drop.maximal else -v * (1 + math.sqrt(v @ v))
+        return np.concatenate((y[3:], drag))
+
+    return solve_ivp(
+        derivative, (0.0, time_s), np.zeros(6), "DOP853", rtol=1e-12, atol=1e-20, events=event
+    )
+
+
+def falls_to_s(drop: Drop, floor_m: float, *, damped: bool, latest_s: float) -> float | None:
+    """Return when a fall without a floor first comes down to a height [s]; None if not by then."""
+    k = drop.damping if damped else 0.0
+    if drop.height_m <= floor_m:
+        return 0.0
+    if k == 0:
+        a, b, c = drop.gravity / 2, drop.velocity_m_s[2], drop.height_m - floor_m
+        roots = np.roots((a, b, c) if a else (b, c)) if a or b else np.empty(0)
+        later = [root.real for root in roots if abs(root.imag) < 1e-12 and root.real > 0]
+        found = min(later, default=None)
+        return found if found is not None and found <= latest_s else None
+    if drop.maximal and k == 1:
+        return None
+
+    def gap(t: float, y: Float64) -> float:
+        return free_fall_m(drop, t) + k * float(y[2]) - floor_m
+
+    gap.terminal, gap.direction = True, -1  # type: ignore[attr-defined]
+    times = _drag_ode(drop, latest_s, gap).t_events[0]
+    return float(times[0]) if len(times) else None
+
+
+def exact_law_m(drop: Drop, steps: int) -> tuple[list[Decimal], bool]:
+    """Return the heights of the discrete step in 40 digits, and whether it was clamped.
+
+    Semi-implicit Euler: v' = v + h (g - k v (1 + |v|)) of a btMultiBody, v' = v (1 - k)^h + h g of
+    a btRigidBody, and x' = x + h v'. `steps` counts samples, of which each is of `substeps`.
+    """
+    h, k, g = Decimal(drop.step_s), Decimal(drop.damping), Decimal(drop.gravity)
+    with localcontext(Context(prec=40)):
+        kept = Decimal(math.pow(1.0 - drop.damping, drop.step_s))
+        v = [Decimal(one) for one in drop.velocity_m_s]
+        z, clamped, limit = Decimal(drop.height_m), False, Decimal(CLAMP)
+        heights = [z]
+        for _ in range(steps):
+            for _ in range(max(1, drop.substeps or 1)):
+                if drop.maximal:
+                    v = [one * kept for one in v]
+                else:
+                    drag = k * (1 + (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt())
+                    v = [one - h * drag * one for one in v]
+                v[2] += h * g
+                if not drop.maximal and max(map(abs, v)) > limit:
+                    v, clamped = [max(-limit, min(limit, one)) for one in v], True
+                z += h * v[2]
+            heights.append(z)
+        return heights, clamped
+
+
+# -- what is true of a drop ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Rebound:
+    """One contact that ended in the air again."""
+
+    step: int
+    """The last sample that nothing has pushed before it."""
+    end: int
+    """The first sample after it that nothing has pushed."""
+    until: int
+    """The first sample of the next contact, or one past the end."""
+
+
+class Truth:
+    """What is true of one drop; each value is worked out when it is asked for."""
+
+    def __init__(self, drop: Drop) -> None:
+        self.drop = drop
+        self.facts = facts_of(body_only(drop))
+        self.run = replay(drop)
+        self.release_height_m = touching_height(drop, drop.orientation)
+        """At which the body touches, turned as released."""
+
+    def again(self, **changed: Any) -> Replay:
+        """Return the replay in which only this is changed."""
+        return replay(replace(self.drop, **changed))
+
+    def converged(self, **changed: Any) -> Replay:
+        """Return the replay with a contact solver that does not stop early."""
+        return self.again(solver_residual=0.0, solver_iterations=CONVERGED, **changed)
+
+    def from_sample(self, step: int, steps: int, **changed: Any) -> Replay:
+        """Return a replay that starts with a recorded sample."""
+        state = tuple(map(float, self.run.state[step]))
+        return replay(replace(self.drop, steps=steps, **changed), state)
+
+    @functools.cached_property
+    def acted_step(self) -> int | None:
+        """The first sample that would be another one without the floor."""
+        if not (self.drop.floor and self.drop.stepped) or not self.run.reported.any():
+            return None
+        alone = self.again(floor=False)
+        other = np.flatnonzero((alone.state != self.run.state).any(axis=1))
+        return int(other[0]) if len(other) else None
+
+    @functools.cached_property
+    def reported_step(self) -> int | None:
+        """The first sample whose step reported a contact point."""
+        found = np.flatnonzero(self.run.reported)
+        return int(found[0]) if len(found) else None
+
+    @property
+    def last(self) -> int:
+        """Number of the last sample."""
+        return self.drop.steps
+
+    @functools.cached_property
+    def clamped_steps(self) -> NDArray[np.int64]:
+        """Samples whose step ran into the limit of a btMultiBody's velocities."""
+        if self.drop.maximal or not self.drop.stepped:
+            return np.empty(0, np.int64)
+        fast = np.abs(np.hstack((self.run.velocity_m_s, self.run.spin_rad_s)))[1:]
+        return np.flatnonzero((fast >= CLAMP).any(axis=1)) + 1
+
+    @functools.cached_property
+    def is_ball(self) -> bool:
+        """Whether it touches at the same height however it is turned."""
+        return self.facts.is_rigid and self.facts.has_shape and _is_ball(body_only(self.drop))
+
+    def turned_rad(self, step: int) -> float:
+        """Return by how much a sample is turned from the release [rad]."""
+        return turn_rad(self.run.orientation[0], self.run.orientation[step])
+
+    def depth_m(self, step: int) -> float | None:
+        """Return how deep the lowest point of a sample is in the floor [m]; < 0 above it."""
+        if not self.facts.is_rigid:
+            return None
+        return depth_m(self.drop, float(self.run.height_m[step]), self.run.orientation[step])
+
+    @functools.cached_property
+    def keeps_its_way_up(self) -> bool:
+        """Whether the height at which it touches is the same in every sample."""
+        if self.is_ball:
+            return True
+        turns = [self.turned_rad(step) for step in range(self.last + 1)]
+        return max(turns) < 1e-6
+
+    @functools.cached_property
+    def contacts(self) -> list[tuple[int, int]]:
+        """Runs of samples that contact has pushed: first, and one past the last."""
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], self.run.pushed, [0]))))
+        return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+    @functools.cached_property
+    def rebounds(self) -> list[Rebound]:
+        """Contacts after which the body is clear of the floor again."""
+        found, start = [], None
+        starts = [first for first, _ in self.contacts]
+        for number, (first, end) in enumerate(self.contacts):
+            start = first - 1 if start is None else start
+            until = starts[number + 1] if number + 1 < len(starts) else self.last + 1
+            clear = [
+                step
+                for step in range(end, until)
+                if (depth := self.depth_m(step)) is not None and depth < 0
+            ]
+            if clear:
+                found.append(Rebound(start, clear[0], until))
+                start = None
+        return found
+
+    def stays(self, since: int, position_m: float, turn: float) -> bool:
+        """Whether position and orientation stay within so much from a sample on, and go on to.
+
+        It goes on for as long again as it has lain, at least 20 steps.
+        """
+        more = max(20, min(self.last - since, 400))
+        state = self.again(steps=self.last + more).state
+        end = state[self.last]
+        moved = np.abs(state[since:, :3] - end[:3]).max()
+        turned = max(turn_rad(end[3:7], one) for one in state[since:, 3:7])
+        return bool(moved <= position_m and turned <= turn)
+
+    @functools.cached_property
+    def fell_past_the_floor(self) -> bool:
+        """Whether the centre is lower than any body that touches could be, and nothing pushes."""
+        lowest = self.release_height_m if self.release_height_m is not None else 0.0
+        beside = float(np.abs(self.run.position_m[-1, :2]).max()) > 15
+        return bool(self.run.height_m[-1] < min(lowest, 0.0) and not self.run.pushed[-1]) or (
+            beside and bool(self.run.height_m[-1] < lowest)
+        )
+
+
+def data_path(name: str) -> Path:
+    """Return the path of a file of pybullet_data."""
+    return Path(pybullet_data.getDataPath()) / name

@@ -1,0 +1,1580 @@
+"""Every statement of `drop analyze --json`, held against an oracle that knows nothing of us.
+
+Validation: scenarios are drawn over all options together, dropped and analyzed as a user would, and
+each key of the result is confirmed by `tests/oracle.py`, which replays the scenario in PyBullet
+itself. A key may be null; a key without a checker fails. By hand, with a table of what was said:
+
+    python tests/test_truth.py 5000 SEED
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import math
+import os
+import random
+import re
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import oracle
+import pybullet as p
+import pytest
+from oracle import Drop, Rebound, Truth
+
+from pipeline import Scenario, analyze, simulate
+from pipeline.budget.analysis import analysis_of
+from pipeline.errors import DropError
+from pipeline.recording.reader import read as read_recording
+
+CASES = 300
+SEED = 13
+SLOP_M = 1e-5
+"""Penetration that Bullet leaves uncorrected."""
+EDGE_M = 100.0
+"""How far plane.urdf reaches from the origin."""
+UNTURNED_RAD = 5e-3
+"""A body turned by less is said to be as it was released, which is right to this share."""
+RESTS_S = 0.1
+"""A body that lay still for so long is said to be at rest."""
+
+
+# -- scenarios -------------------------------------------------------------------------------------
+
+
+def drawn(rng: random.Random, folder: Path) -> Scenario:
+    """Return a scenario over all options together; one takes at most some 600 steps."""
+    body = _body(rng, folder)
+    timestep_s = rng.choice((1 / 240, 1 / 240, 1 / 480, 1 / 60, 1 / 1000, 0.1, 1e-4, 0.02))
+    if rng.random() < 0.2:
+        timestep_s = 10 ** rng.uniform(-4, -1)
+    steps = rng.randint(1, 20) if rng.random() < 0.05 else rng.randint(60, 500)
+    duration_s = steps * timestep_s
+    values: dict[str, Any] = {
+        "body": body,
+        "timestep_s": timestep_s,
+        "duration_s": duration_s,
+        "gravity_m_s2": _often(rng, -9.81, 0.7, (-1.62, -3.71, 0.0, 2.0, -25.0, -0.1)),
+        "linear_damping": _often(rng, None, 0.5, (0.0, 0.0, 0.04, 1e-12, 0.3, 1.0)),
+        "angular_damping": _often(rng, None, 0.6, (0.0, 0.0, 0.04, 0.5)),
+        "velocity_m_s": _velocity(rng),
+        "spin_rad_s": _spin(rng),
+        "orientation": _orientation(rng),
+        "mass_kg": _often(rng, None, 0.75, (10 ** rng.uniform(-3, 4),)),
+        "restitution": _often(rng, None, 0.4, (0.0, 0.2, 0.5, 0.8, 0.95, 1.0)),
+        "friction": _often(rng, None, 0.75, (0.0, 0.3, 2.0)),
+        "restitution_threshold_m_s": _often(rng, None, 0.75, (0.0, 0.05, 1.0)),
+        "contact_erp": _often(rng, None, 0.7, (0.0, 0.2, 1.0)),
+        "solver_residual": _often(rng, None, 0.65, (0.0, 0.0, 1e-9, 1e-3)),
+        "solver_iterations": _often(rng, None, 0.8, (1, 10, 500)),
+        "substeps": _often(rng, None, 0.75, (2, 3, 8)),
+        "coordinates": _often(rng, "reduced", 0.65, ("maximal",)),
+        "stepped": rng.random() > 0.03,
+        "gravity_set": rng.random() > 0.03,
+        "floor": rng.random() > 0.06,
+    }
+    values["height_m"] = _height(rng, values, duration_s)
+    known = Scenario.options()
+    return Scenario(**{name: value for name, value in values.items() if name in known})
+
+
+def _often(rng: random.Random, usual: Any, share: float, others: tuple[Any, ...]) -> Any:
+    return usual if rng.random() < share else rng.choice(others)
+
+
+def _velocity(rng: random.Random) -> oracle.Vector:
+    kind = rng.random()
+    if kind < 0.55:
+        return (0.0, 0.0, 0.0)
+    if kind < 0.7:
+        return (0.0, 0.0, rng.uniform(-6, 4))
+    if kind < 0.93:
+        return (rng.uniform(-5, 5), rng.uniform(-5, 5), rng.uniform(-5, 5))
+    return rng.choice(((0.0, 0.0, -300.0), (150.0, 0.0, 0.0), (80.0, 60.0, -40.0), (0, 0, 120.0)))
+
+
+def _spin(rng: random.Random) -> oracle.Vector:
+    kind = rng.random()
+    if kind < 0.7:
+        return (0.0, 0.0, 0.0)
+    if kind < 0.8:
+        return (0.0, 0.0, rng.uniform(-50, 50))
+    if kind < 0.95:
+        return (rng.uniform(-9, 9), rng.uniform(-9, 9), rng.uniform(-9, 9))
+    return rng.choice(((120.0, 0.0, 0.0), (60.0, -70.0, 80.0)))
+
+
+def _orientation(rng: random.Random) -> oracle.Vector:
+    """Return roll, pitch and yaw [deg]."""
+    kind = rng.random()
+    if kind < 0.6:
+        return (0.0, 0.0, 0.0)
+    if kind < 0.7:
+        return rng.choice(((90.0, 0.0, 0.0), (0.0, 90.0, 0.0), (0.0, 0.0, 30.0), (180.0, 0.0, 0.0)))
+    reach = 2.0 if kind < 0.8 else 180.0
+    return (rng.uniform(-reach, reach), rng.uniform(-reach, reach), rng.uniform(-reach, reach))
+
+
+def _height(rng: random.Random, values: Mapping[str, Any], duration_s: float) -> float:
+    """Return a height from which the body mostly lands within the duration."""
+    probe = replace(_drop(values), height_m=1.0, steps=1)
+    touching = oracle.touching_height(probe, probe.orientation)
+    if touching is None:
+        return rng.uniform(0.05, 2.0)
+    if rng.random() < 0.07:
+        return max(1e-6, touching * rng.choice((0.3, 0.9, 0.999, 1.0)))
+    pull = max(-float(values["gravity_m_s2"]), 0.05)
+    reach = min(pull * (duration_s * rng.uniform(0.05, 1.1)) ** 2 / 2, 1e4)
+    if rng.random() < 0.6:
+        reach = min(reach, 2.0)
+    return max(1e-6, touching + reach)
+
+
+# -- bodies: written as URDF, by a name that says all of it ----------------------------------------
+
+STOCK = (
+    "cube_small.urdf", "sphere_small.urdf", "jenga/jenga.urdf", "lego/lego.urdf", "block.urdf",
+    "domino/domino.urdf", "teddy_vhacd.urdf", "duck_vhacd.urdf", "sphere8cube.urdf",
+    "soccerball.urdf", "objects/mug.urdf", "random_urdfs/001/001.urdf", "r2d2.urdf",
+    "TwoJointRobot_w_fixedJoints.urdf",
+)  # fmt: skip
+
+
+def _body(rng: random.Random, folder: Path) -> str:
+    if rng.random() < 0.3:
+        return rng.choice(("cube_small.urdf", rng.choice(STOCK)))
+    size = 10 ** rng.uniform(-1.7, -0.3) if rng.random() < 0.9 else 0.001
+    mass = 10 ** rng.uniform(-3, 3.3)
+    made = rng.choice(BODIES)
+    name = f"{made.__name__[1:].replace('_', '-')}-{size:.3g}m-{mass:.3g}kg.urdf"
+    path = folder / name
+    if not path.exists():
+        path.write_text(made(float(f"{size:.3g}"), float(f"{mass:.3g}")))
+    return str(path)
+
+
+def _link(
+    name: str, mass: float, size: float, shapes: str, *, centre: str = "0 0 0", extra: str = ""
+) -> str:
+    moment = mass * size * size / 6
+    tensor = " ".join(
+        f'i{axes}="{moment if axes[0] == axes[1] else 0:.6g}"'
+        for axes in ("xx", "xy", "xz", "yy", "yz", "zz")
+    )
+    return (
+        f'<link name="{name}"><inertial><origin xyz="{centre}"/><mass value="{mass:.6g}"/>'
+        f"<inertia {tensor}/></inertial>{shapes}{extra}</link>"
+    )
+
+
+def _shape(geometry: str, *, at: str = "0 0 0", turned: str = "0 0 0") -> str:
+    return (
+        f'<collision><origin xyz="{at}" rpy="{turned}"/><geometry>{geometry}</geometry></collision>'
+    )
+
+
+def _robot(*parts: str) -> str:
+    return f'<robot name="drawn">{"".join(parts)}</robot>\n'
+
+
+def _box_of(x: float, y: float, z: float) -> str:
+    return f'<box size="{x:.6g} {y:.6g} {z:.6g}"/>'
+
+
+def _joint(kind: str, at: str) -> str:
+    limit = '<limit lower="-1" upper="1" effort="10" velocity="10"/>' if kind == "revolute" else ""
+    return (
+        f'<joint name="joint" type="{kind}"><parent link="base"/><child link="arm"/>'
+        f'<origin xyz="{at}"/><axis xyz="0 1 0"/>{limit}</joint>'
+    )
+
+
+def _cube(a: float, m: float) -> str:
+    return _robot(_link("base", m, a, _shape(_box_of(a, a, a))))
+
+
+def _slab(a: float, m: float) -> str:
+    return _robot(_link("base", m, a, _shape(_box_of(a, a * 0.7, a * 0.2))))
+
+
+def _ball(a: float, m: float) -> str:
+    return _robot(_link("base", m, a, _shape(f'<sphere radius="{a / 2:.6g}"/>')))
+
+
+def _rod(a: float, m: float) -> str:
+    return _robot(_link("base", m, a, _shape(f'<cylinder radius="{a / 8:.6g}" length="{a:.6g}"/>')))
+
+
+def _disc(a: float, m: float) -> str:
+    return _robot(
+        _link("base", m, a, _shape(f'<cylinder radius="{a / 2:.6g}" length="{a / 5:.6g}"/>'))
+    )
+
+
+def _capsule(a: float, m: float) -> str:
+    return _robot(_link("base", m, a, _shape(f'<capsule radius="{a / 6:.6g}" length="{a:.6g}"/>')))
+
+
+def _stack(a: float, m: float) -> str:
+    half = f"{a / 4:.6g}"
+    shapes = [_shape(_box_of(a, a, a / 2), at=f"0 0 {sign}{half}") for sign in ("", "-")]
+    return _robot(_link("base", m, a, "".join(shapes)))
+
+
+def _mixed(a: float, m: float) -> str:
+    ball = _shape(f'<sphere radius="{a / 4:.6g}"/>', at=f"0 0 {a / 2:.6g}")
+    return _robot(_link("base", m, a, _shape(_box_of(a, a / 2, a / 2)) + ball))
+
+
+def _offset_centre(a: float, m: float) -> str:
+    shape = _shape(_box_of(a, a, a))
+    return _robot(_link("base", m, a, shape, centre=f"{a / 10:.6g} 0 {-a / 5:.6g}"))
+
+
+def _offset_shape(a: float, m: float) -> str:
+    return _robot(_link("base", m, a, _shape(_box_of(a, a, a), at=f"0 0 {a * 0.8:.6g}")))
+
+
+def _offset_ball(a: float, m: float) -> str:
+    shape = _shape(f'<sphere radius="{a / 2:.6g}"/>', at=f"0 0 {a / 5:.6g}")
+    return _robot(_link("base", m, a, shape))
+
+
+def _turned_shape(a: float, m: float) -> str:
+    return _robot(_link("base", m, a, _shape(_box_of(a, a, a / 2), turned="0 1.5707963 0")))
+
+
+def _bouncy(a: float, m: float) -> str:
+    contact = '<contact><restitution value="0.9"/><lateral_friction value="0.4"/></contact>'
+    return _robot(_link("base", m, a, _shape(_box_of(a, a, a)), extra=contact))
+
+
+def _two_fixed(a: float, m: float) -> str:
+    shape = _shape(_box_of(a, a, a / 2))
+    links = _link("base", m, a, shape), _link("arm", m, a, shape)
+    return _robot(*links, _joint("fixed", f"0 0 {a / 2:.6g}"))
+
+
+def _hinged(a: float, m: float) -> str:
+    links = (
+        _link("base", m, a, _shape(_box_of(a, a / 2, a / 2))),
+        _link("arm", m / 3, a, _shape(_box_of(a, a / 4, a / 4)), centre=f"{a / 2:.6g} 0 0"),
+    )
+    return _robot(*links, _joint("continuous", f"{a / 2:.6g} 0 0"))
+
+
+def _limited(a: float, m: float) -> str:
+    links = (
+        _link("base", m, a, _shape(_box_of(a, a, a))),
+        _link("arm", m / 2, a, _shape(f'<sphere radius="{a / 4:.6g}"/>'), centre=f"0 0 {a:.6g}"),
+    )
+    return _robot(*links, _joint("revolute", f"0 0 {a / 2:.6g}"))
+
+
+def _nothing(a: float, m: float) -> str:
+    return _robot(_link("base", m, a, ""))
+
+
+def _mesh(a: float, m: float) -> str:
+    mesh = oracle.data_path("duck_vhacd.obj")
+    geometry = f'<mesh filename="{mesh}" scale="{a:.6g} {a:.6g} {a:.6g}"/>'
+    return _robot(_link("base", m, a, _shape(geometry, turned="1.5707963 0 0")))
+
+
+BODIES: tuple[Callable[[float, float], str], ...] = (
+    _cube, _cube, _cube, _slab, _ball, _rod, _disc, _capsule, _stack, _mixed, _offset_centre,
+    _offset_shape, _offset_ball, _turned_shape, _bouncy, _two_fixed, _hinged, _limited, _nothing,
+    _mesh,
+)  # fmt: skip
+
+
+# -- the same scenario, as plain values ------------------------------------------------------------
+
+
+def drop_of(scenario: Scenario) -> Drop:
+    """Return a scenario as the oracle takes it."""
+    return _drop({name: getattr(scenario, name) for name in Scenario.options()})
+
+
+def _drop(values: Mapping[str, Any]) -> Drop:
+    turned = values.get("orientation") or (0.0, 0.0, 0.0)
+    if len(turned) == 3:
+        turned = p.getQuaternionFromEuler([math.radians(one) for one in turned])
+    timestep_s = values["timestep_s"]
+    return Drop(
+        body=values["body"],
+        height_m=values.get("height_m", 1.0),
+        timestep_s=timestep_s,
+        steps=round(values["duration_s"] / timestep_s),
+        gravity_m_s2=values["gravity_m_s2"] if values["gravity_set"] else None,
+        orientation=tuple(turned),
+        velocity_m_s=values["velocity_m_s"],
+        spin_rad_s=values["spin_rad_s"],
+        linear_damping=values["linear_damping"],
+        angular_damping=values["angular_damping"],
+        mass_kg=values["mass_kg"],
+        restitution=values["restitution"],
+        friction=values.get("friction"),
+        restitution_threshold_m_s=values.get("restitution_threshold_m_s"),
+        contact_erp=values["contact_erp"],
+        solver_residual=values["solver_residual"],
+        solver_iterations=values["solver_iterations"],
+        substeps=values.get("substeps"),
+        maximal=values["coordinates"] == "maximal",
+        stepped=values["stepped"],
+        floor=values["floor"],
+    )
+
+
+def command(scenario: Scenario) -> str:
+    """Return the command that makes a scenario again."""
+    words = ["drop run"]
+    for one in fields(scenario):
+        value, option = getattr(scenario, one.name), one.metadata["option"]
+        default = one.default if one.default is not MISSING else None
+        if value == default:
+            continue
+        if isinstance(value, bool):
+            words.append(option.name)
+        else:
+            text = ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)
+            words.append(f"{option.name}={text}")
+    return " ".join(words)
+
+
+# -- checkers: one for each statement --------------------------------------------------------------
+
+
+class WrongError(AssertionError):
+    """A statement that the oracle does not confirm."""
+
+
+@dataclass(frozen=True)
+class Said:
+    """A statement, and what stands around it."""
+
+    value: Any
+    beside: Mapping[str, Any]
+    """The object that it is a value of."""
+    place: int
+    """Its number, where that object is one of a list."""
+    whole: Mapping[str, Any]
+    scenario: Scenario
+    truth: Truth
+
+    @property
+    def run(self) -> oracle.Replay:
+        """The replay of the drop."""
+        return self.truth.run
+
+    @property
+    def drop(self) -> Drop:
+        """The drop, as plain values."""
+        return self.truth.drop
+
+
+Checker = Callable[[Said], None]
+CHECKERS: dict[str, Checker] = {}
+
+
+def checks(*statements: str) -> Callable[[Checker], Checker]:
+    """Register a checker of statements, by their path in the JSON."""
+
+    def register(checker: Checker) -> Checker:
+        CHECKERS.update(dict.fromkeys(statements, checker))
+        return checker
+
+    return register
+
+
+def hold(condition: Any, what: str) -> None:
+    """Fail unless the oracle confirms."""
+    if not condition:
+        raise WrongError(what)
+
+
+def near(said: float, true: float | None, tolerance: float, what: str) -> None:
+    """Fail unless a number is what the oracle finds."""
+    hold(true is not None, f"{what}: said {said!r}, and nothing tells")
+    assert true is not None
+    hold(
+        math.isfinite(true) and abs(said - true) <= tolerance,
+        f"{what}: said {said!r}, true {true!r}, off by {said - true:.3g} of {tolerance:.2g}",
+    )
+
+
+def _scale_m(said: Said) -> float:
+    """Return a length that rounding is relative to: how far the body moves and is from 0."""
+    return float(np.abs(said.run.position_m).max()) + abs(said.drop.height_m) + 1e-3
+
+
+# scenario and engine: what was asked, and what PyBullet says
+
+
+def _check_scenario(said: Said, name: str) -> None:
+    asked = getattr(said.scenario, name)
+    hold(said.value == (list(asked) if isinstance(asked, tuple) else asked), f"asked for {asked!r}")
+
+
+for _name in Scenario.options():
+    CHECKERS[f"scenario.{_name}"] = functools.partial(_check_scenario, name=_name)
+
+
+@checks("engine.timestep_s")
+def _engine_timestep(said: Said) -> None:
+    hold(said.value == said.drop.timestep_s, "another timestep")
+
+
+@checks("engine.substeps")
+def _engine_substeps(said: Said) -> None:
+    hold(max(1, said.value) == max(1, said.drop.substeps or 1), "other substeps")
+
+
+@checks("engine.solver_iterations")
+def _engine_iterations(said: Said) -> None:
+    hold(said.value == (said.drop.solver_iterations or 50), "other iterations")
+
+
+@checks("engine.gravity_m_s2")
+def _engine_gravity(said: Said) -> None:
+    hold(said.value == [0.0, 0.0, said.drop.gravity], "another gravity")
+
+
+@checks("engine.body_name")
+def _engine_name(said: Said) -> None:
+    hold(said.value == said.truth.facts.name, f"it is called {said.truth.facts.name}")
+
+
+@checks("engine.body_type")
+def _engine_type(said: Said) -> None:
+    kind = "btRigidBody" if said.drop.maximal else "btMultiBody"
+    hold(said.value == kind, f"it is a {kind}")
+
+
+@checks("engine.joints")
+def _engine_joints(said: Said) -> None:
+    hold(said.value == said.truth.facts.joints, f"it has {said.truth.facts.joints}")
+
+
+@checks("engine.mass_kg")
+def _engine_mass(said: Said) -> None:
+    true = said.truth.facts.total_mass_kg
+    near(said.value, true, 1e-12 * true, "mass of all links")
+
+
+@checks("engine.inertia_kg_m2")
+def _engine_inertia(said: Said) -> None:
+    if not said.truth.facts.is_rigid:
+        return  # of several links PyBullet says only each one's own
+    for one, true in zip(said.value, said.truth.facts.inertia_kg_m2[0], strict=True):
+        near(one, true, 1e-9 * max(said.value), "moment of inertia")
+
+
+@checks("engine.link_masses_kg")
+def _engine_link_masses(said: Said) -> None:
+    for one, true in zip(said.value, said.truth.facts.mass_kg, strict=True):
+        near(one, true, 1e-12 * true, "mass of a link")
+
+
+@checks("engine.link_inertias_kg_m2")
+def _engine_link_inertias(said: Said) -> None:
+    true = [one for each in said.truth.facts.inertia_kg_m2 for one in each]
+    hold(np.allclose(said.value, true, rtol=1e-9, atol=0), f"they are {true}")
+
+
+@checks("engine.recorded_links")
+def _engine_recorded_links(said: Said) -> None:
+    true = 0 if said.drop.maximal else said.truth.facts.joints
+    hold(said.value == true, f"PyBullet tells of {true}")
+
+
+def _check_friction(said: Said, place: int) -> None:
+    near(said.value, said.truth.facts.friction[place], 0.0, "the body's friction")
+
+
+for _place, _kind in enumerate(("lateral", "rolling", "spinning")):
+    CHECKERS[f"engine.{_kind}_friction"] = functools.partial(_check_friction, place=_place)
+
+
+@checks("engine.floor_lateral_friction")
+def _engine_floor_friction(said: Said) -> None:
+    near(said.value, said.truth.facts.floor_friction, 0.0, "the floor's friction")
+
+
+@checks("engine.restitution")
+def _engine_restitution(said: Said) -> None:
+    near(said.value, said.truth.facts.restitution, 0.0, "the body's restitution")
+
+
+@checks("engine.floor_restitution")
+def _engine_floor_restitution(said: Said) -> None:
+    hold(said.drop.floor, "there is no floor")
+    near(said.value, said.truth.facts.floor_restitution, 0.0, "the floor's restitution")
+
+
+@checks("engine.collision_margin_m")
+def _engine_margin(said: Said) -> None:
+    near(said.value, said.truth.facts.margin_m, 1e-12, "margin")
+
+
+SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
+
+
+@checks("engine.shape")
+def _engine_shape(said: Said) -> None:
+    shapes = said.truth.facts.shapes
+    true = SHAPES[shapes[0][0]] if len(shapes) == 1 else "compound" if shapes else "none"
+    hold(said.value == true, f"it is {true}")
+
+
+@checks("engine.shape_dimensions_m", "engine.shape_position_m", "engine.shape_orientation")
+def _engine_shape_numbers(said: Said) -> None:
+    shapes = said.truth.facts.shapes
+    hold(not said.value or len(shapes) == 1, "one shape's dimensions where there are several")
+    if said.value is said.beside.get("shape_dimensions_m") and said.value:
+        hold(tuple(said.value) == shapes[0][1], f"it is {shapes[0][1]}")
+
+
+@checks("engine.rest_height_m")
+def _engine_rest_height(said: Said) -> None:
+    near(said.value, said.truth.release_height_m, 1e-8, "height of touching as released")
+
+
+@checks(
+    "engine.body_sha256", "engine.drop_version", "engine.machine", "engine.numpy_version",
+    "engine.pybullet_api", "engine.pybullet_build", "engine.pybullet_version",
+    "engine.pybullet_wheel", "engine.python_version", "engine.rerun_version", "engine.gl_renderer",
+    "recording", "layer", "partial",
+)  # fmt: skip
+def _not_of_the_drop(said: Said) -> None:
+    """Of the file and the versions, which other tests hold; nothing that the oracle could know."""
+    hold(said.value is not True, "a whole recording is said to be partial")
+
+
+# the air
+
+
+@checks("at[].time_s")
+def _at_time(said: Said) -> None:
+    near(said.value, said.beside["step"] * said.drop.timestep_s, 1e-12 * said.value, "time")
+
+
+@checks("at[].step")
+def _at_step(said: Said) -> None:
+    hold(0 <= said.value <= said.drop.steps, "no such sample")
+
+
+@checks("at[].phase")
+def _at_phase(said: Said) -> None:
+    step = said.beside["step"]
+    touched = _touching_steps(said.truth)
+    before = not len(touched) or step < touched[0]
+    hold((said.value == "falling") == before, f"first contact {touched[:1]}")
+    if said.value == "rest":
+        _lies_still(said.truth, step)
+
+
+@checks("at[].simulated_m")
+def _at_simulated(said: Said) -> None:
+    step = said.beside["step"]
+    near(said.value, float(said.run.height_m[step]), 0.0, f"height at {step}")
+
+
+def _theory_m(said: Said, step: int) -> float:
+    """Return free fall's height, which ends at the height at which the body touches."""
+    fallen = oracle.free_fall_m(said.drop, step * said.drop.timestep_s)
+    held = said.truth.release_height_m if said.drop.floor else None
+    return fallen if held is None else max(fallen, held)
+
+
+@checks("at[].free_fall_m")
+def _at_free_fall(said: Said) -> None:
+    near(said.value, _theory_m(said, said.beside["step"]), 1e-8 + 1e-14 * _far(said), "free fall")
+
+
+def _far(said: Said) -> float:
+    """Return how far free fall goes [m]."""
+    return abs(oracle.free_fall_m(said.drop, said.drop.steps * said.drop.timestep_s)) + 1
+
+
+@checks("at[].error_m")
+def _at_error(said: Said) -> None:
+    step = said.beside["step"]
+    true = float(said.run.height_m[step]) - _theory_m(said, step)
+    near(said.value, true, 1e-8 + 1e-14 * _far(said), "error")
+
+
+def _covers(said: Said, step: int) -> None:
+    """Fail unless the law of the air is the whole story up to a sample."""
+    truth = said.truth
+    hold(said.drop.stepped, "nothing was stepped")
+    hold(truth.facts.is_rigid, "the body has joints")
+    hold(truth.acted_step is None or step < truth.acted_step, f"touched at {truth.acted_step}")
+    clamped = truth.clamped_steps
+    hold(not len(clamped) or step < clamped[0], f"a velocity was clamped at step {clamped[:1]}")
+    held = truth.release_height_m if said.drop.floor else None
+    fallen = oracle.free_fall_m(said.drop, step * said.drop.timestep_s)
+    hold(step == 0 or held is None or fallen > held - 1e-9, "theory has landed")
+
+
+@checks("at[].terms_m.timestep")
+def _term_timestep(said: Said) -> None:
+    moment = said.whole["at"][said.place]
+    _covers(said, moment["step"])
+    undamped = said.truth.again(linear_damping=0.0, floor=False)
+    step = moment["step"]
+    true = float(undamped.height_m[step]) - oracle.free_fall_m(said.drop, moment["time_s"])
+    near(said.value, true, 1e-13 * _far(said) + 1e-15 * step, "replay without damping")
+
+
+@checks("at[].terms_m.damping")
+def _term_damping(said: Said) -> None:
+    moment = said.whole["at"][said.place]
+    true = oracle.damping_m(said.drop, moment["time_s"])
+    near(said.value, true, 1e-9 * abs(true) + 1e-18, "ODE of the drag")
+
+
+@checks("at[].terms_m.interaction")
+def _term_interaction(said: Said) -> None:
+    moment, terms = said.whole["at"][said.place], said.beside
+    law, clamped = oracle.exact_law_m(said.drop, moment["step"])
+    hold(not clamped, "it includes a clamp of the velocity")
+    free = oracle.free_fall_m(said.drop, moment["time_s"])
+    true = float(law[-1]) - free - terms["timestep"] - terms["damping"]
+    near(said.value, true, 1e-14 * _far(said) + 1e-9 * abs(terms["damping"]), "what is left")
+
+
+@checks("at[].terms_m.rounding")
+def _term_rounding(said: Said) -> None:
+    moment = said.whole["at"][said.place]
+    law, _ = oracle.exact_law_m(said.drop, moment["step"])
+    true = float(Decimal(moment["simulated_m"]) - law[-1])
+    near(said.value, true, 1e-3 * abs(true) + 1e-19 * _far(said), "simulated - exact law")
+    total = math.fsum(said.beside.values())
+    hold(abs(total - moment["error_m"]) <= 1e-14 * _far(said), "the terms do not add up")
+
+
+@checks("coverage.samples")
+def _coverage_samples(said: Said) -> None:
+    if said.value:
+        _covers(said, said.value - 1)
+
+
+@checks("coverage.of")
+def _coverage_of(said: Said) -> None:
+    hold(said.value == said.drop.steps + 1, "another number of samples")
+
+
+@checks("coverage.why")
+def _coverage_why(said: Said) -> None:
+    why, truth, covered = said.value, said.truth, said.beside["samples"]
+    if "step was taken" in why:
+        hold(not said.drop.stepped, "it was stepped")
+    elif "joint" in why:
+        hold(not truth.facts.is_rigid, "it has no joints")
+    elif "contact" in why or "touch" in why:
+        hold(list(_touching_steps(truth)[:1]) == [covered], f"{_touching_steps(truth)[:1]}")
+    elif "clamp" in why or "limit" in why:
+        hold(list(truth.clamped_steps[:1]) == [covered], f"{truth.clamped_steps[:1]}")
+    elif "land" in why or "free fall" in why:
+        held = truth.release_height_m
+        hold(held is not None, "it has no shape that could land")
+        fallen = oracle.free_fall_m(said.drop, covered * said.drop.timestep_s)
+        hold(held is not None and fallen <= held + 1e-9, f"free fall is at {fallen}")
+    elif "whole recording" in why:
+        hold(covered == said.drop.steps + 1 and truth.acted_step is None, "it is not")
+    else:
+        raise WrongError(f"no checker for {why!r}")
+
+
+@checks("airborne.samples")
+def _airborne_samples(said: Said) -> None:
+    hold(said.value == said.whole["coverage"]["samples"], "not those that are covered")
+
+
+def _errors_m(said: Said) -> oracle.Float64:
+    samples = said.beside["samples"]
+    theory = [oracle.free_fall_m(said.drop, n * said.drop.timestep_s) for n in range(samples)]
+    return np.asarray(said.run.height_m[:samples] - theory)
+
+
+@checks("airborne.max_abs_error_m")
+def _airborne_max(said: Said) -> None:
+    near(said.value, float(np.abs(_errors_m(said)).max()), 1e-13 * _far(said), "largest error")
+
+
+@checks("airborne.rms_error_m")
+def _airborne_rms(said: Said) -> None:
+    true = math.sqrt(float(np.mean(_errors_m(said) ** 2)))
+    near(said.value, true, 1e-13 * _far(said), "rms error")
+
+
+@checks("airborne.max_abs_rounding_m")
+def _airborne_rounding(said: Said) -> None:
+    samples = said.beside["samples"]
+    law, _ = oracle.exact_law_m(said.drop, samples - 1)
+    heights = map(float, said.run.height_m[:samples])
+    true = max(abs(float(Decimal(z) - x)) for z, x in zip(heights, law, strict=True))
+    near(said.value, true, 1e-3 * true + 1e-19 * _far(said), "largest rounding")
+
+
+# landing and impact
+
+
+def _touching_steps(truth: Truth) -> Any:
+    """Return the samples whose step reports a contact that pushes, or is not above the floor."""
+    return np.flatnonzero(
+        [any(one.force_n > 0 or one.distance_m <= 0 for one in each) for each in truth.run.touches]
+    )
+
+
+def _lands_as_released(said: Said) -> float:
+    """Return the height at which the body lands by theory; fail where theory cannot say it."""
+    truth = said.truth
+    held = truth.release_height_m
+    hold(said.drop.floor and held is not None, "there is nothing to land on, or with")
+    hold(truth.facts.is_rigid, "its links move")
+    hold(truth.is_ball or not any(said.drop.spin_rad_s), "it turns on its way")
+    assert held is not None
+    return held
+
+
+@checks("landing.time_free_fall_s", "impact.time_free_fall_s")
+def _time_free(said: Said) -> None:
+    floor_m = _lands_as_released(said)
+    true = oracle.falls_to_s(said.drop, floor_m, damped=False, latest_s=2 * said.value + 1)
+    near(said.value, true, 1e-7 * (1 + said.value) + _root(said), "free fall")
+
+
+def _root(said: Said) -> float:
+    """Return the time by which a landing near release is off, as √(2 δ / g) of δ = 1e-9 m."""
+    close = abs(said.drop.height_m - (said.truth.release_height_m or 0.0)) < 1e-6
+    return 1e-4 if close else 0.0
+
+
+@checks("landing.time_damped_s", "impact.time_damped_s")
+def _time_damped(said: Said) -> None:
+    floor_m = _lands_as_released(said)
+    true = oracle.falls_to_s(said.drop, floor_m, damped=True, latest_s=2 * said.value + 1)
+    near(said.value, true, 1e-6 * (1 + said.value) + _root(said), "ODE of the drag")
+
+
+@checks("impact.time_simulated_s")
+def _time_simulated(said: Said) -> None:
+    held = said.truth.release_height_m
+    hold(held is not None, "it has no shape")
+    assert held is not None
+    z, dt = said.run.height_m, said.drop.timestep_s
+    crossings = np.flatnonzero((z[:-1] > held) & (z[1:] <= held))
+    hold(len(crossings), "it never comes down so far")
+    step = int(crossings[0])
+    slope = float(z[step] - z[step + 1]) / dt
+    near(said.value, step * dt + float(z[step] - held) / slope, 1e-8 / slope + 1e-9, "crossing")
+    touched = _touching_steps(said.truth)
+    hold(len(touched), "it never touches")
+    if max(1, said.drop.substeps or 1) == 1:
+        turned = said.truth.is_ball or _tilted(said.truth, step) <= UNTURNED_RAD
+        hold(turned, f"it is turned by {_tilted(said.truth, step):.3g} rad")
+
+
+def _tilted(truth: Truth, step: int) -> float:
+    """Return by how much the world's up axis, seen from the body, differs from the release."""
+    ups = [
+        np.reshape(p.getMatrixFromQuaternion(truth.run.orientation[one]), (3, 3))[2]
+        for one in (0, step)
+    ]
+    return 2 * math.asin(min(1.0, float(np.linalg.norm(ups[0] - ups[1])) / 2))
+
+
+@checks("impact.step")
+def _impact_step(said: Said) -> None:
+    touched = _touching_steps(said.truth)
+    hold(list(touched[:1]) == [said.value], f"first contact at {touched[:1]}")
+    acted = said.truth.acted_step
+    hold(acted is None or acted >= said.value, f"the floor acts at {acted}")
+
+
+@checks("impact.speed_m_s")
+def _impact_speed(said: Said) -> None:
+    before = max(said.beside["step"] - 1, 0)
+    true = float(np.linalg.norm(said.run.velocity_m_s[before]))
+    near(said.value, true, 1e-12 * true, "|v| of the sample before")
+
+
+@checks("tumbled_step")
+def _tumbled_step(said: Said) -> None:
+    hold(said.truth.facts.is_rigid, "its links touch too")
+    hold(said.value in _touching_steps(said.truth), "it does not touch then")
+    hold(said.value == _first_tumbled(said.truth), f"true {_first_tumbled(said.truth)}")
+
+
+@checks("impact.lowest_m")
+def _impact_lowest(said: Said) -> None:
+    near(said.value, float(said.run.height_m.min()), 0.0, "lowest")
+
+
+@checks("impact.lowest_step")
+def _impact_lowest_step(said: Said) -> None:
+    hold(said.value == int(said.run.height_m.argmin()), f"it is {said.run.height_m.argmin()}")
+
+
+@checks("impact.penetration_m")
+def _impact_penetration(said: Said) -> None:
+    step = said.beside["lowest_step"]
+    depth = said.truth.depth_m(step)
+    hold(depth is not None, "links move, or there is no shape")
+    assert depth is not None
+    beside = float(np.abs(said.run.position_m[step, :2]).max()) > EDGE_M
+    hold(not beside, "it is beside the floor")
+    near(said.value, max(0.0, depth), _tilt_m(said, step), "depth of its lowest point")
+
+
+def _tilt_m(said: Said, step: int) -> float:
+    """Return by how much a tilt that counts as none raises the centre [m], and rounding."""
+    if said.truth.is_ball:
+        return 1e-8
+    reach = float(np.linalg.norm(oracle.extent_m(said.drop, oracle.AS_LOADED))) / 2
+    return reach * min(_tilted(said.truth, step), UNTURNED_RAD) + 1e-8
+
+
+# contact and bounces
+
+
+@checks("contact.max_deviation_m")
+def _contact_deviation(said: Said) -> None:
+    converged = said.truth.converged().height_m
+    step = said.beside["deviation_step"]
+    apart = np.abs(said.run.height_m - converged)
+    scale = 1e-9 + 1e-6 * float(apart.max())
+    near(said.value, float(apart[step]), scale, f"converged replay at {step}")
+    until = _first_tumbled(said.truth)
+    hold(float(apart[:until].max()) <= said.value + scale, f"{apart[:until].max()} elsewhere")
+
+
+@checks("contact.deviation_step")
+def _contact_step(said: Said) -> None:
+    hold(0 <= said.value < _first_tumbled(said.truth), "it tumbles by then")
+
+
+def _is_flat(truth: Truth, step: int) -> bool:
+    """Whether the body touches as a law of flat contact assumes: a box on a face, others as are."""
+    if truth.is_ball:
+        return True
+    if [kind for kind, _ in truth.facts.shapes] == [p.GEOM_BOX]:
+        axes = np.reshape(p.getMatrixFromQuaternion(truth.run.orientation[step]), (3, 3))
+        return math.acos(min(1.0, float(np.abs(axes[2]).max()))) <= 1.001 * UNTURNED_RAD
+    return _tilted(truth, step) <= 1.001 * UNTURNED_RAD
+
+
+def _first_tumbled(truth: Truth) -> int:
+    """Return the first touching sample that is not flat; one past the last where none is."""
+    for step in _touching_steps(truth):
+        if not _is_flat(truth, int(step)):
+            return int(step)
+    return truth.last + 1
+
+
+def _rebound(said: Said) -> Rebound:
+    """Return the contact that a bounce speaks of."""
+    step = said.beside["step"]
+    hold(said.truth.facts.is_rigid, "its links touch too")
+    touched = _touching_steps(said.truth)
+    hold(step + 1 in touched and step not in touched, f"no contact begins after sample {step}")
+    end = next((s for s in range(step + 1, said.drop.steps + 1) if s not in touched), None)
+    hold(end is not None, "it does not leave the floor")
+    assert end is not None
+    later = touched[touched > end]
+    return Rebound(step, end, int(later[0]) if len(later) else said.drop.steps + 1)
+
+
+@checks("bounces[].step")
+def _bounce_step(said: Said) -> None:
+    found = _rebound(said)
+    depth = said.truth.depth_m(0)
+    hold(found.step > 0 or (depth is not None and depth <= 0), "it was released inside the floor")
+    hold(said.run.velocity_m_s[found.end - 1, 2] > 0, "it does not rise after it")
+
+
+@checks("bounces[].approach_m_s")
+def _bounce_approach(said: Said) -> None:
+    step = _rebound(said).step
+    alone = said.truth.from_sample(step, 1, floor=False, maximal=said.drop.maximal)
+    down = sorted((-float(alone.velocity_m_s[0, 2]), -float(alone.velocity_m_s[1, 2])))
+    slack = 1e-9 * (1 + abs(down[1]))
+    # In maximal coordinates restitution sees the damping of this step, and not its gravity.
+    down[0] *= 1 - said.drop.damping * said.drop.timestep_s * (1 + abs(down[0]))
+    hold(down[0] - slack <= said.value <= down[1] + slack, f"said {said.value}, true {down}")
+
+
+@checks("bounces[].rebound_m_s")
+def _bounce_rebound(said: Said) -> None:
+    found = _rebound(said)
+    true = said.run.velocity_m_s[found.step + 1 : found.end, 2]
+    hold(any(abs(said.value - one) <= 1e-12 * (1 + abs(one)) for one in true), f"{true[-3:]}")
+    hold(said.value >= true[-1] - 1e-12, f"it leaves at {true[-1]}")
+
+
+@checks("bounces[].effective_restitution")
+def _bounce_restitution(said: Said) -> None:
+    true = said.beside["rebound_m_s"] / said.beside["approach_m_s"]
+    near(said.value, true, 1e-12 * true, "rebound over approach")
+    hold(0 <= said.value <= 30, "no restitution of a flat contact")
+    hold(said.beside["step"] < _first_tumbled(said.truth), "it tumbles")
+
+
+@checks("bounces[].apex_m")
+def _bounce_apex(said: Said) -> None:
+    found, held = _rebound(said), said.truth.release_height_m
+    hold(held is not None, "it has no shape")
+    true = float(said.run.height_m[found.end - 1 : found.until].max()) - (held or 0.0)
+    near(said.value, true, 1e-8, "highest until the next contact")
+
+
+@checks("bounces[].predicted_apex_m")
+def _bounce_predicted(said: Said) -> None:
+    drop, held = said.drop, said.truth.release_height_m
+    assert held is not None
+    asked = said.truth.facts.pair_restitution
+    fallen = drop.height_m - held + drop.velocity_m_s[2] ** 2 / (-2 * drop.gravity)
+    near(said.value, asked ** (2 * said.place + 2) * fallen, 1e-7 * (1 + fallen), "e^2k h")
+    hold(said.beside["step"] < _first_tumbled(said.truth), "it tumbles")
+    earlier = [one["step"] for one in said.whole["bounces"][: said.place + 1]]
+    hold(earlier == sorted(set(earlier)), "not in order")
+
+
+@checks("bounces[].uncorrected_apex_m")
+def _bounce_uncorrected(said: Said) -> None:
+    plain = Truth(
+        replace(said.drop, contact_erp=0.0, solver_residual=0.0, solver_iterations=oracle.CONVERGED)
+    )
+    held = said.truth.release_height_m
+    apexes = [_apex_m(plain, one) for one in _bounces_of(plain)]
+    hold(len(apexes) > said.place and held is not None, "the replay has fewer bounces")
+    near(said.value, apexes[said.place], 1e-6 * (1 + said.value), "replay without ERP")
+
+
+def _apex_m(truth: Truth, found: Rebound) -> float:
+    highest = float(truth.run.height_m[found.end - 1 : found.until].max())
+    return highest - (truth.release_height_m or 0.0)
+
+
+def _bounces_of(truth: Truth) -> list[Rebound]:
+    """Return all contacts that begin in the air and end going up."""
+    touched = set(map(int, _touching_steps(truth)))
+    found, last = [], truth.last
+    for step in sorted(touched):
+        if step - 1 in touched or step == 0:
+            continue
+        end = next((s for s in range(step, last + 1) if s not in touched), None)
+        if end is None:
+            break
+        until = next((s for s in range(end, last + 1) if s in touched), last + 1)
+        if truth.run.velocity_m_s[end - 1, 2] > 0:
+            found.append(Rebound(step - 1, end, until))
+    return found
+
+
+@checks("bounces[].correction_m_s")
+def _bounce_correction(said: Said) -> None:
+    found = _rebound(said)
+    hold(found.step < _first_tumbled(said.truth), "it tumbles")
+    steps = found.end - found.step
+    plain = said.truth.from_sample(found.step, steps, contact_erp=0.0)
+    rebound = float(plain.velocity_m_s[1:, 2].max())
+    approach = said.beside["approach_m_s"]
+    true = said.beside["rebound_m_s"] - rebound
+    near(said.value, true, 3e-3 * approach + 1e-9, "replay of the contact without ERP")
+
+
+# rest
+
+
+def _lies_still(truth: Truth, since: int) -> None:
+    """Fail unless position and orientation stay from a sample on, and go on to."""
+    hold(len(truth.run.touches[-1]) > 0, "it does not touch at the end")
+    hold(truth.stays(since, 3e-5, 3e-3), "position or orientation go on changing")
+
+
+@checks("rest.height_m")
+def _rest_height(said: Said) -> None:
+    near(said.value, float(said.run.height_m[-1]), 0.0, "last height")
+
+
+@checks("rest.expected_m")
+def _rest_expected(said: Said) -> None:
+    hold(said.truth.facts.is_rigid, "its links touch too")
+    last = said.run.orientation[-1]
+    true = oracle.touching_height(said.drop, last)
+    near(said.value, true, _rest_tilt_m(said), "height at which it touches as it lies")
+
+
+def _rest_tilt_m(said: Said) -> float:
+    """Return by how much the tilt that still counts as lying flat raises the centre [m]."""
+    if said.truth.is_ball:
+        return 1e-8
+    axes = np.reshape(p.getMatrixFromQuaternion(said.run.orientation[-1]), (3, 3))
+    lean = math.acos(min(1.0, float(np.abs(axes[2]).max())))
+    lean = min(lean, _tilted(said.truth, said.truth.last), UNTURNED_RAD)
+    reach = float(np.linalg.norm(oracle.extent_m(said.drop, oracle.AS_LOADED))) / 2
+    return reach * lean + 1e-8
+
+
+@checks("rest.error_m")
+def _rest_error(said: Said) -> None:
+    true = said.beside["height_m"] - said.beside["expected_m"]
+    near(said.value, true, 1e-12, "height - expected")
+
+
+@checks("rest.settled_step")
+def _rest_settled(said: Said) -> None:
+    hold(0 <= said.value <= said.drop.steps, "no such sample")
+    _lies_still(said.truth, said.value)
+    if said.value > 0 and said.value - 1 in _touching_steps(said.truth):
+        state = said.run.state
+        moved = float(np.abs(state[said.value - 1, :3] - state[-1, :3]).max())
+        turned = oracle.turn_rad(state[said.value - 1, 3:7], state[-1, 3:7])
+        hold(moved > 0.5e-5 or turned > 0.5e-3, "it rests already before")
+
+
+@checks("rest.terms_m.slop")
+def _rest_slop(said: Said) -> None:
+    near(said.value, -SLOP_M, 0.0, "Bullet's slop")
+    settled = oracle.replay(_settled(said))
+    without = oracle.replay(replace(_settled(said), contact_slop_m=0.0))
+    true = float(settled.height_m[-1] - without.height_m[-1])
+    near(said.value, true, 2e-7, "replay without slop")
+
+
+def _settled(said: Said) -> Drop:
+    """Return the drop with a solver that converges, for so long that it has settled."""
+    return replace(
+        said.drop,
+        solver_residual=0.0,
+        solver_iterations=oracle.CONVERGED,
+        steps=said.drop.steps + 400,
+    )
+
+
+@checks("rest.terms_m.solver")
+def _rest_solver(said: Said) -> None:
+    converged = float(said.truth.converged().height_m[-1])
+    near(said.value, said.whole["rest"]["height_m"] - converged, 1e-9, "converged replay")
+
+
+@checks("rest.terms_m.settling")
+def _rest_settling(said: Said) -> None:
+    now = float(said.truth.converged().height_m[-1])
+    settled = float(oracle.replay(_settled(said)).height_m[-1])
+    near(said.value, now - settled, 2e-7, "replay for longer")
+    rest = said.whole["rest"]
+    total = math.fsum(said.beside.values())
+    hold(abs(total - rest["error_m"]) <= 1e-12, "the terms do not add up")
+
+
+# energy
+
+
+@checks("conservation.energy_initial_j")
+def _energy_initial(said: Said) -> None:
+    energies = said.run.energy_j
+    near(said.value, float(energies[0]), 1e-9 * _joules(said), "energy of all links")
+
+
+def _joules(said: Said) -> float:
+    run = said.run
+    parts = (run.kinetic_linear_j, run.kinetic_angular_j, np.abs(run.potential_j))
+    return float(max(one.max() for one in parts)) + 1e-300
+
+
+@checks("conservation.energy_max_rel_drift")
+def _energy_drift(said: Said) -> None:
+    energies = said.run.energy_j
+    free = energies[_untouched(said)]
+    true = float(np.abs(free - free[0]).max() / abs(free[0]))
+    near(said.value, true, 1e-6 * true + 1e-9 * _joules(said) / abs(free[0]), "energy drift")
+
+
+def _untouched(said: Said) -> Any:
+    """Return whether a sample is one before the first contact."""
+    touched = _touching_steps(said.truth)
+    return np.arange(said.drop.steps + 1) < (touched[0] if len(touched) else math.inf)
+
+
+@checks("conservation.angular_momentum_max_rel_drift")
+def _momentum_drift(said: Said) -> None:
+    free = said.run.angular_momentum_kg_m2_s[_untouched(said)]
+    start = float(np.linalg.norm(free[0]))
+    fastest = float(np.linalg.norm(said.run.links[0, :, 7:10], axis=1).max())
+    noise = 1e-13 * said.truth.facts.total_mass_kg * fastest  # per metre that links are apart
+    hold(start > noise, "it has none to begin with")
+    true = float(np.linalg.norm(free - free[0], axis=1).max()) / start
+    near(said.value, true, 1e-6 * true + 1e-9, "angular momentum drift")
+
+
+@checks("energy.initial_j")
+def _ledger_initial(said: Said) -> None:
+    near(said.value, float(said.run.energy_j[0]), 1e-9 * _joules(said), "energy of all links")
+
+
+@checks("energy.final_j")
+def _ledger_final(said: Said) -> None:
+    near(said.value, float(said.run.energy_j[-1]), 1e-9 * _joules(said), "energy of all links")
+
+
+def _air_steps(said: Said) -> tuple[int, oracle.Replay]:
+    """Return how many steps are taken in the air before contact, and the replay without a floor."""
+    touched = _touching_steps(said.truth)
+    last = int(touched[0]) - 1 if len(touched) else said.drop.steps
+    return max(last, 0), said.run
+
+
+@checks("energy.damping_j")
+def _ledger_damping(said: Said) -> None:
+    drop, facts = said.drop, said.truth.facts
+    hold(facts.is_rigid, "what damping does to links is not known")
+    if max(1, drop.substeps or 1) > 1:
+        return  # between two samples there are states that nobody sees
+    v = said.run.velocity_m_s[:-1]
+    speed = np.linalg.norm(v, axis=1, keepdims=True)
+    if drop.maximal:
+        drag = v * (math.pow(1 - drop.damping, drop.step_s) - 1)
+    else:
+        drag = -drop.step_s * drop.damping * v * (1 + speed)
+    after = v + drag
+    after[:, 2] += drop.step_s * drop.gravity
+    if not drop.maximal:
+        after = np.clip(after, -oracle.CLAMP, oracle.CLAMP)
+    work = facts.mass_kg[0] / 2 * float(np.sum(drag * (v + after))) * drop.stepped
+    slack = 1e-9 * _joules(said)
+    if len(said.truth.clamped_steps):
+        slack = math.inf if said.beside.get("clamp_j") else slack
+    near(said.value, work, slack, "work of the drag")
+
+
+@checks("energy.integrator_j", "energy.rotation_j", "energy.contact_j", "energy.closing_j")
+def _ledger_other(said: Said) -> None:
+    _ledger_adds_up(said)
+
+
+@checks("energy.clamp_j")
+def _ledger_clamp(said: Said) -> None:
+    hold(said.value == 0 or len(said.truth.clamped_steps), "nothing was clamped")
+    _ledger_adds_up(said)
+
+
+def _ledger_adds_up(said: Said) -> None:
+    """Hold the causes against the energies of the replay before contact, and over all of it."""
+    ledger, run = said.beside, said.run
+    hold(said.truth.facts.is_rigid, "causes are claimed of a body with joints")
+    last, _ = _air_steps(said)
+    slack = 1e-8 * _joules(said)
+    causes = [v for k, v in ledger.items() if k not in ("initial_j", "final_j") and v is not None]
+    change = float(run.energy_j[-1] - run.energy_j[0])
+    hold(abs(math.fsum(causes) - change) <= slack, f"{math.fsum(causes)} for {change}")
+    hold(abs(ledger["closing_j"] or 0.0) <= slack, f"{ledger['closing_j']} is unexplained")
+    spin = float(run.kinetic_angular_j[last] - run.kinetic_angular_j[0])
+    near(ledger["rotation_j"], spin, slack, "rotation in the air")
+    if not len(_touching_steps(said.truth)):
+        hold(abs(ledger["contact_j"]) <= slack, "contact took energy, and there was none")
+
+
+# findings: each by what it means
+
+
+def message_numbers(message: str) -> list[float]:
+    """Return the numbers in a message, in order."""
+    return [float(one.replace("\u2212", "-")) for one in re.findall(NUMBER, message)]
+
+
+NUMBER = r"(?<![\w.])[-+\u2212]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+
+FINDINGS: dict[str, Callable[[Said, str], None]] = {}
+
+
+def finds(code: str) -> Callable[[Callable[[Said, str], None]], Callable[[Said, str], None]]:
+    """Register the checker of a finding."""
+
+    def register(checker: Callable[[Said, str], None]) -> Callable[[Said, str], None]:
+        FINDINGS[code] = checker
+        return checker
+
+    return register
+
+
+def read(pattern: str, message: str) -> list[float]:
+    """Return the numbers that a message gives where a pattern has groups."""
+    found = re.search(pattern, message)
+    hold(found, f"no checker for the message {message!r}")
+    assert found is not None
+    return [float(one) for one in found.groups()]
+
+
+F = r"([-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?)"
+
+
+@finds("no-gravity")
+def _find_no_gravity(said: Said, message: str) -> None:
+    hold(not said.scenario.gravity_set, "gravity was set")
+    (end_m,) = read(f"at {F} m at the end", message)
+    near(end_m, float(said.run.height_m[-1]), 6e-5, "height at the end")
+
+
+@finds("not-stepped")
+def _find_not_stepped(said: Said, _: str) -> None:
+    hold(not said.drop.stepped and not np.ptp(said.run.state, axis=0).any(), "it was")
+
+
+@finds("no-floor")
+def _find_no_floor(said: Said, message: str) -> None:
+    beside = np.abs(said.run.position_m[-1, :2]).max() > EDGE_M
+    hold(not said.drop.floor or beside, "there is a floor")
+    held = said.truth.release_height_m
+    hold(held is not None, "without a shape a floor would not hold it")
+    lowest = float(said.run.height_m.min())
+    if said.truth.is_ball or not said.run.spin_rad_s.any():
+        hold(lowest < (held or 0.0), "it never came down so far")
+    (said_m,) = read(f"to {F} m", message)
+    near(said_m, lowest, 6e-5, "lowest")
+
+
+@finds("tunnelled")
+def _find_tunnelled(said: Said, _: str) -> None:
+    hold(said.drop.floor and said.run.height_m[-1] < 0, "it ends above the floor")
+    hold(not len(_touching_steps(said.truth)), "it touched")
+
+
+@finds("law-mismatch")
+def _find_mismatch(_: Said, message: str) -> None:
+    raise WrongError(f"this engine made it: {message}")
+
+
+@finds("no-damping-in-maximal-coordinates")
+def _find_no_damping(said: Said, _: str) -> None:
+    hold(said.drop.maximal and said.drop.linear_damping is None, "it was chosen")
+    same = said.truth.again(linear_damping=0.0)
+    hold((same.state == said.run.state).all(), "the replay without damping differs")
+
+
+@finds("default-damping")
+def _find_default_damping(said: Said, message: str) -> None:
+    moved_mm, time_s = read(f"by {F} mm at {F} s", message)
+    step = round(time_s / said.drop.timestep_s)
+    hold(said.truth.acted_step is None or step < said.truth.acted_step, "it touched before")
+    other = said.truth.again(linear_damping=0.0, floor=False)
+    true_mm = 1e3 * float(said.run.height_m[step] - other.height_m[step])
+    # A replay has the interaction in it, of the order of the damping's share times k dt.
+    loose = 0.0051 + 2 * abs(true_mm) * said.drop.damping * said.drop.timestep_s * (
+        1 + float(np.linalg.norm(said.run.velocity_m_s, axis=1).max())
+    )
+    loose += 1e-3 * _half_step_mm(said)
+    near(moved_mm, true_mm, loose + 1e-3 * abs(true_mm), "replay without damping")
+
+
+def _half_step_mm(said: Said) -> float:
+    """Return by how much a step blurs the drag's displacement [mm]."""
+    fastest = float(np.linalg.norm(said.run.velocity_m_s, axis=1).max())
+    drag = said.drop.damping * fastest * (1 + fastest)
+    return 1e3 * 1e3 * drag * said.drop.timestep_s * said.drop.steps * said.drop.timestep_s
+
+
+@finds("velocity-clamped")
+def _find_clamped(said: Said, message: str) -> None:
+    clamped = said.truth.clamped_steps
+    hold(len(clamped), "nothing was clamped")
+    (time_s,) = read(f"at {F} s", message)
+    near(time_s, float(clamped[0]) * said.drop.timestep_s, 1e-3 * time_s + 1e-9, "first clamp")
+
+
+@finds("refining-hurts")
+def _find_refining(said: Said, message: str) -> None:
+    time_s, error_mm, limit_mm = read(f"at {F} s the error is {F} mm and goes to {F} mm", message)
+    over, rate = re.search(f"cancel at (1/)?{F} s", message).groups()  # type: ignore[union-attr]
+    rate = float(rate) if over else 1 / float(rate)
+    step = round(time_s / said.drop.timestep_s)
+    exact_s = step * said.drop.timestep_s
+    free = oracle.free_fall_m(said.drop, exact_s)
+    near(error_mm, 1e3 * float(said.run.height_m[step] - free), 0.0051, "error")
+    near(limit_mm, 1e3 * oracle.damping_m(said.drop, exact_s), 0.0051, "its limit")
+    hold(rate > 0, "no timestep")
+    steps = max(1, round(exact_s * rate))
+    if steps > 20_000:
+        return
+    timestep_s = exact_s / steps
+    other = oracle.replay(
+        replace(said.drop, floor=False, timestep_s=timestep_s, steps=steps, substeps=None)
+    )
+    left_mm = 1e3 * float(other.height_m[-1] - free)
+    # The timestep is rounded to a whole number of steps, and to a whole number in the message.
+    blur = abs(limit_mm) * (1 / steps + 0.5 / rate)
+    hold(abs(left_mm) <= 0.02 * abs(limit_mm) + blur + 0.01, f"{left_mm} mm are left at 1/{rate}")
+
+
+@finds("deep-penetration")
+def _find_deep(said: Said, message: str) -> None:
+    depth_mm, percent = read(f"sinks {F} mm into the floor, {F}%", message)
+    depths = [said.truth.depth_m(step) for step in (int(said.run.height_m.argmin()),)]
+    hold(depths[0] is not None, "nothing tells how deep")
+    assert depths[0] is not None
+    slack = 0.051 + 1e3 * _tilt_m(said, int(said.run.height_m.argmin()))
+    near(depth_mm, 1e3 * depths[0], slack, "depth")
+    height_mm = 1e3 * float(oracle.extent_m(said.drop, said.drop.orientation)[2])
+    margin_mm = 4.0 if said.whole["engine"]["shape"] not in ("box", "sphere") else 1e-6
+    share = 100 * depths[0] * 1e3 / np.array((height_mm, height_mm - margin_mm))
+    hold(min(share) - 1.0 <= percent <= max(share) + 1.0, f"{share} % of its height")
+
+
+@finds("restitution-inflated")
+def _find_inflated(said: Said, message: str) -> None:
+    number, found, asked = read(f"bounce {F} has a restitution of {F} where {F}", message)
+    (added,) = read(f"adds {F} m/s", message)
+    near(asked, said.truth.facts.pair_restitution, 1e-5, "restitution asked for")
+    bounce = said.whole["bounces"][int(number) - 1]
+    near(found, bounce["effective_restitution"], 6e-5, "effective restitution")
+    hold(found > asked, "it is not inflated")
+    steps = bounce["step"], _rebound(replace(said, beside=bounce)).end
+    plain = said.truth.from_sample(steps[0], steps[1] - steps[0], contact_erp=0.0)
+    rebound = float(plain.velocity_m_s[1:, 2].max())
+    near(added, bounce["rebound_m_s"] - rebound, 6e-4 + 3e-3 * found, "replay without ERP")
+
+
+@finds("bounce-swallowed")
+def _find_swallowed(said: Said, message: str) -> None:
+    hold(said.truth.facts.pair_restitution > 0, "no restitution was asked for")
+    arrives = next((float(one) for one in re.findall(rf"{F} m/s and stays", message)), math.nan)
+    given = said.drop.restitution_threshold_m_s
+    threshold = 0.2 if given is None else given
+    hold(arrives < threshold + 1e-3, f"{arrives} m/s is no swallowed bounce, at {threshold} m/s")
+    touched = _touching_steps(said.truth)
+    starts = [int(one) for one in touched if one - 1 not in touched]
+    hold(starts and touched[-1] == said.drop.steps, "it is in the air at the end")
+    before = max(0, starts[-1] - 1)
+    alone = said.truth.from_sample(before, 1, floor=False)
+    speeds = [-float(one) for one in alone.velocity_m_s[:2, 2]]
+    hold(
+        min(speeds) - 6e-4 <= arrives <= max(speeds) + 6e-4,
+        f"said {arrives} m/s, arrives last at {speeds} m/s",
+    )
+    lower = said.truth.from_sample(
+        before, said.drop.steps - before + 50, restitution_threshold_m_s=0.0, contact_erp=0.0
+    )
+    same = said.truth.from_sample(before, said.drop.steps - before + 50, contact_erp=0.0)
+    hold(
+        lower.velocity_m_s[:, 2].max() > same.velocity_m_s[:, 2].max() + 1e-6,
+        "with a lower threshold it does not bounce either",
+    )
+
+
+@finds("rest-below-expected")
+def _find_rest_below(said: Said, message: str) -> None:
+    low_um, expected_m = read(f"lies {F} µm lower than {F} m", message)
+    true = oracle.touching_height(said.drop, said.run.orientation[-1])
+    hold(true is not None, "nothing tells")
+    assert true is not None
+    near(expected_m, true, 1e-5 * true + _rest_tilt_m(said), "height at which it touches")
+    slack = 0.0051 + 1e6 * _rest_tilt_m(said)
+    near(low_um, 1e6 * (true - float(said.run.height_m[-1])), slack, "how much lower")
+    residual = said.drop.solver_residual
+    if residual is None or residual > 0:
+        if "solver" in message and said.drop.contact_erp != 0:
+            settled = float(oracle.replay(_settled(said)).height_m[-1])
+            near(settled, true - SLOP_M, 1e-6 + _rest_tilt_m(said), "a converged solver's rest")
+    else:
+        hold("--solver-residual 0 takes" not in message, "the solver's residual is 0 already")
+
+
+@finds("still-airborne")
+def _find_airborne(said: Said, message: str) -> None:
+    hold(said.drop.floor and said.drop.gravity < 0, "nothing pulls it to a floor")
+    hold(not len(_touching_steps(said.truth)), "it touched")
+    hold(said.truth.facts.has_shape, "nothing of it can land")
+    depth = said.truth.depth_m(said.drop.steps)
+    hold(depth is None or depth <= 0, f"its lowest point is {depth} m below the floor")
+    hold(depth is not None or said.run.height_m[-1] > 0, "its centre is below the floor")
+    hold(float(np.abs(said.run.position_m[-1, :2]).max()) < EDGE_M, "it is beside the floor")
+    (end_m,) = read(f"at {F} m: ", message)
+    near(end_m, float(said.run.height_m[-1]), 6e-5, "height at the end")
+
+
+@finds("starts-in-contact")
+def _find_starts(said: Said, _: str) -> None:
+    held = said.truth.release_height_m
+    hold(held is not None and said.drop.height_m <= held + 1e-9, "it starts above the floor")
+
+
+@finds("tumbled")
+def _find_tumbled(said: Said, message: str) -> None:
+    hold(said.truth.facts.is_rigid, "its links touch too")
+    first = _first_tumbled(said.truth)
+    hold(first <= said.drop.steps, "it is flat whenever it touches")
+    times = [one for one in message_numbers(message) if one >= 0]
+    true_s = first * said.drop.timestep_s
+    hold(any(abs(one - true_s) <= 1e-3 * true_s + 1e-6 for one in times), f"from {true_s} s on")
+
+
+@finds("joints-not-explained")
+def _find_joints(said: Said, _: str) -> None:
+    hold(not said.truth.facts.is_rigid, "it has no joints")
+
+
+@checks("findings[].code")
+def _finding(said: Said) -> None:
+    checker = FINDINGS.get(said.value)
+    hold(checker is not None, f"no checker for the finding {said.value}")
+    assert checker is not None
+    checker(said, said.beside["message"])
+
+
+@checks("findings[].message")
+def _finding_message(said: Said) -> None:
+    """Hold that it says anything; what it says is held with its code."""
+    hold(said.value.strip() and "nan" not in said.value.split(), "an empty message")
+
+
+# -- holding a whole analysis ----------------------------------------------------------------------
+
+
+@dataclass
+class Tally:
+    """How often a statement was confirmed, null, or wrong; and the first that was."""
+
+    confirmed: Counter[str] = field(default_factory=Counter)
+    null: Counter[str] = field(default_factory=Counter)
+    wrong: Counter[str] = field(default_factory=Counter)
+    offenders: dict[str, tuple[str, str]] = field(default_factory=dict)
+    """Statement -> what is wrong, and the command that shows it."""
+    refused: Counter[str] = field(default_factory=Counter)
+
+    def book(self, scenario: Scenario, statement: str, wrong: str | None) -> None:
+        """Count a statement that was made."""
+        if wrong is None:
+            self.confirmed[statement] += 1
+        else:
+            self.wrong[statement] += 1
+            self.offenders.setdefault(statement, (wrong, command(scenario)))
+
+    @property
+    def statements(self) -> list[str]:
+        """All statements that were met."""
+        return sorted({*self.confirmed, *self.null, *self.wrong})
+
+    def table(self) -> str:
+        """Return a line for each statement."""
+        width = max(map(len, self.statements), default=9)
+        lines = [f"{'statement':{width}} {'confirmed':>9} {'null':>6} {'wrong':>6}"]
+        lines += [
+            f"{one:{width}} {self.confirmed[one]:9d} {self.null[one]:6d} {self.wrong[one]:6d}"
+            for one in self.statements
+        ]
+        for one, (why, how) in sorted(self.offenders.items()):
+            lines += ["", f"{one}: {why}", f"    {how}"]
+        if self.refused:
+            lines += ["", *(f"refused {count}: {why}" for why, count in self.refused.items())]
+        return "\n".join(lines)
+
+
+def walk(
+    value: Any, path: str = "", beside: Any = None, place: int = 0
+) -> Iterator[tuple[str, Any, Any, int]]:
+    """Yield each statement of a JSON object: its path, itself, its object and that one's number."""
+    if path in CHECKERS or not isinstance(value, dict | list):
+        yield path, value, beside, place
+    elif isinstance(value, dict):
+        for key, one in value.items():
+            yield from walk(one, f"{path}.{key}" if path else key, value, place)
+    else:
+        for number, one in enumerate(value):
+            yield from walk(one, f"{path}[]", value, number)
+
+
+def judge(recording: Path) -> dict[str, Any]:
+    """Return what `analyze` says, without the layer that it writes beside the recording."""
+    run = read_recording(recording)
+    return analysis_of(run.scenario, run.engine, run.states).as_json()
+
+
+def hold_case(scenario: Scenario, folder: Path, tally: Tally, *, through_file: bool = True) -> None:
+    """Drop a scenario, analyze it, and hold every statement against the oracle."""
+    recording = folder / "run.rrd"
+    try:
+        simulate(scenario, recording, camera=None, force=True)
+        said = analyze(recording).as_json() if through_file else judge(recording)
+    except DropError as error:
+        tally.refused[re.sub(r"[\d.e+-]+", "#", str(error))[:90]] += 1
+        return
+    except Exception as error:  # noqa: BLE001 - whatever it is, a user would see a traceback
+        tally.book(scenario, "a result at all", f"{type(error).__name__}: {error}")
+        return
+    truth = Truth(drop_of(scenario))
+    for path, value, beside, place in walk(said):
+        statement = path
+        if path == "findings[].code":
+            statement = f"findings[]: {value}"
+        if value is None:
+            tally.null[statement] += 1
+            continue
+        wrong = None
+        checker = CHECKERS.get(path)
+        if checker is None:
+            wrong = "it has no checker"
+        else:
+            try:
+                checker(Said(value, beside, place, said, scenario, truth))
+            except WrongError as error:
+                wrong = str(error)
+            except Exception as error:  # noqa: BLE001 - said in the table, and the rest goes on
+                wrong = f"its checker fails: {type(error).__name__}: {error}"
+        tally.book(scenario, statement, wrong)
+
+
+def hold_many(cases: int, seed: int, folder: Path, *, bodies: Path | None = None) -> Tally:
+    """Hold so many drawn scenarios; every tenth is analyzed as the command does it."""
+    rng, tally = random.Random(seed), Tally()
+    for number in range(cases):
+        scenario = drawn(random.Random(rng.random()), bodies or folder)
+        try:
+            hold_case(scenario, folder, tally, through_file=number % 10 == 0)
+        except Exception as error:
+            error.add_note(f"case {number}: {command(scenario)}")
+            raise
+    return tally
+
+
+def test_every_statement_is_confirmed(tmp_path: Path) -> None:
+    tally = hold_many(CASES, SEED, tmp_path)
+    assert not tally.wrong, tally.table()
+    never = [one for one in CHECKERS if not tally.confirmed[one] and tally.null[one]]
+    assert not never, f"only ever null: {never}"
+
+
+def test_a_key_without_a_checker_fails(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delitem(CHECKERS, "impact.speed_m_s")
+    tally = Tally()
+    hold_case(Scenario(), tmp_path, tally)
+    assert tally.offenders["impact.speed_m_s"][0] == "it has no checker"
+
+
+def main() -> None:
+    """Hold many scenarios by hand, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("cases", type=int, nargs="?", default=CASES)
+    parser.add_argument("seed", type=int, nargs="?", default=SEED)
+    given = parser.parse_args()
+    bodies = Path(tempfile.gettempdir()) / "drop-truth"  # they stay, for the commands printed
+    bodies.mkdir(exist_ok=True)
+    out = os.dup(1)
+    with Path(os.devnull).open("w") as quiet:  # Bullet prints warnings on standard output
+        os.dup2(quiet.fileno(), 1)
+    with tempfile.TemporaryDirectory() as folder:
+        tally = hold_many(given.cases, given.seed, Path(folder), bodies=bodies)
+    os.write(out, f"{tally.table()}\n".encode())
+
+
+if __name__ == "__main__":
+    main()
