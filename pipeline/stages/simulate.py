@@ -277,7 +277,7 @@ def _frames(
 def library_versions() -> dict[str, str]:
     """Return the versions of what takes part in a recording, and what it is made on."""
     return {
-        "drop_version": metadata.version("drop"),
+        "drop_version": metadata.version("drop-physics"),
         "numpy_version": metadata.version("numpy"),
         "rerun_version": metadata.version("rerun-sdk"),
         "python_version": platform.python_version(),
