@@ -1,7 +1,7 @@
 """Make what is generated in these documents anew: `python docs/regenerate.py [PAGE.md …]`.
 
 The outputs and pictures that pages show are those of their commands; the references are written
-from the code. `tests/test_walkthrough.py` and `tests/test_references.py` fail where one is stale.
+from the code. `tests/test_pages.py` and `tests/test_references.py` fail where one is stale.
 """
 
 from __future__ import annotations
