@@ -59,7 +59,7 @@ def _drop(
     if version:
         from importlib.metadata import version as version_of
 
-        print(f"drop {version_of('drop')}")
+        print(f"drop {version_of('drop-physics')}")
         raise typer.Exit
     if context.invoked_subcommand is None:
         print(context.get_help())

@@ -1,20 +1,22 @@
-"""Make what is generated in these documents anew: `python docs/regenerate.py`.
+"""Make what is generated in these documents anew: `python docs/regenerate.py [PAGE.md …]`.
 
-The walkthrough's outputs and pictures are those of its commands; the references are written from
-the code. `tests/test_walkthrough.py` and `tests/test_references.py` fail where one has become old.
+The outputs and pictures that pages show are those of their commands; the references are written
+from the code. `tests/test_pages.py` and `tests/test_references.py` fail where one is stale.
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
-from generators import commands, json_objects, recording, walkthrough
+from generators import commands, json_objects, pages, recording, typed
+from generators.pictures import alike
 
 
 def references() -> dict[Path, bytes]:
     """Return the references as the code has them now."""
     texts = commands.made() | recording.made() | json_objects.made()
-    return {walkthrough.DOCS / name: text.encode() for name, text in texts.items()}
+    return {pages.DOCS / name: text.encode() for name, text in texts.items()}
 
 
 def is_current(path: Path, content: bytes) -> bool:
@@ -24,17 +26,25 @@ def is_current(path: Path, content: bytes) -> bool:
     known = path.read_bytes()
     if known == content or path.suffix not in (".png", ".gif", ".webp"):
         return known == content
-    return walkthrough.alike(known, content)
+    return alike(known, content)
 
 
-def main() -> None:
-    """Write what is no longer current, and say so."""
-    for path, content in {**references(), **walkthrough.made()}.items():
+def main(names: list[str]) -> None:
+    """Write what is stale, and say so; of the pages only those that are named, if any is."""
+    write(references())
+    for page in pages.pages():
+        if not names or page.name in names:
+            write(pages.played(page))
+
+
+def write(made: dict[Path, bytes]) -> None:
+    """Write the files that are stale."""
+    for path, content in made.items():
         if not is_current(path, content):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-            print(path.relative_to(walkthrough.DOCS))
+            print(path.relative_to(typed.ROOT))
 
 
 if __name__ == "__main__":
-    main()
+    main([Path(name).name for name in sys.argv[1:]])

@@ -10,14 +10,16 @@ import tomllib
 from itertools import chain
 from pathlib import Path
 
+import numpy as np
+import polars as pl
 import pytest
-from conftest import Drop
 
+from pipeline import analyze, simulate
 from pipeline.scenario import Camera, Scenario
-from pipeline.stages.run import Run
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+TEXTS = (".md", ".py", ".json")
 ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 
 
@@ -43,29 +45,10 @@ def test_in_ci_nothing_is_skipped(tmp_path: Path, how: str, ci: str, code: int) 
     assert ("nothing is skipped" in done.stdout) == bool(ci)
 
 
-def test_the_story_in_the_readme_is_what_is_printed(
-    drop: Drop, tmp_path: Path, standard: Run
-) -> None:
-    (tmp_path / "run.rrd").write_bytes(standard.simulation.recording.read_bytes())
-    printed = drop("analyze", "run.rrd").stdout
-    (story,) = re.findall(r"```text\n(.*?)```", README, flags=re.DOTALL)
-    assert printed.startswith(story)
-
-
 def test_the_readme_names_every_option() -> None:
     options = {**Scenario.options(), **Camera.options()}
     for option in options.values():
         assert f"`{option.name}`" in README, option.name
-
-
-def test_the_readmes_python_runs(tmp_path: Path) -> None:
-    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
-    # Frames take most of the time, and the gif of render needs none of their detail.
-    code = code.replace('"fine.rrd"', f'r"{tmp_path / "fine.rrd"}"').replace(
-        "timestep_s=1 / 480)", "timestep_s=1 / 480, duration_s=0.5)"
-    )
-    exec(compile(code, "README.md", "exec"), {})
-    assert (tmp_path / "fine.gif").exists()
 
 
 def test_the_pictures_in_the_readme_are_there_and_small() -> None:
@@ -78,6 +61,69 @@ def test_the_pictures_in_the_readme_are_there_and_small() -> None:
 def test_every_dependency_has_a_reason() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     wanted = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
-    names = {re.split(r"[\[<>=~! ]", one)[0] for one in wanted} - {"drop"}
+    names = {re.split(r"[\[<>=~! ]", one)[0] for one in wanted} - {"drop-physics"}
     table = ARCHITECTURE.partition("## Dependencies")[2]
     assert [name for name in names if name not in table] == []
+
+
+def test_nobody_is_told_to_install_somebody_elses_package() -> None:
+    """The index has another `drop`; ours is `drop-physics`."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["name"] == "drop-physics"
+    assert list(project["scripts"]) == ["drop"]
+    others = re.compile(
+        r"install (-\S+ )*['\"]?drop\b(?!-physics)|['\"]drop\[|version(_of)?\(.drop.\)"
+    )
+    folders = [ROOT / name for name in ("docs", "pipeline", "tests", "benchmarks", "recordings")]
+    files = [ROOT / "cli.py", ROOT / "pyproject.toml", ROOT / ".ci/run", *ROOT.glob("*.md")]
+    files += [one for folder in folders for one in folder.rglob("*") if one.suffix in TEXTS]
+    assert len(files) > 150
+    wrong = [one for one in files if others.search(one.read_text(encoding="utf-8"))]
+    assert wrong == []
+
+
+EPSILON = 2.0**-52
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        Scenario(),
+        Scenario(height_m=1000, duration_s=10),
+        Scenario(height_m=1000, duration_s=5, timestep_s=1 / 4000, linear_damping=0.0),
+        Scenario(height_m=1e4, timestep_s=0.02, duration_s=20),
+        Scenario(height_m=0.03, velocity_m_s=(3, 0, 9), duration_s=1.5),
+        Scenario(floor=False, duration_s=60, linear_damping=0.0),
+        Scenario(coordinates="maximal", linear_damping=0.3, height_m=50, duration_s=3),
+        Scenario(gravity_m_s2=-1.62, height_m=20, linear_damping=0.9, duration_s=4),
+    ],
+    ids=[
+        "standard",
+        "1000 m",
+        "small steps",
+        "large steps",
+        "thrown",
+        "no floor",
+        "maximal",
+        "moon",
+    ],
+)
+def test_rounding_is_as_small_as_the_readme_says(scenario: Scenario, tmp_path: Path) -> None:
+    """Below steps × 2⁻⁵² × the largest height so far. Measured over 35 scenarios: 0.36 of it.
+
+    A position rounds by at most half of 2⁻⁵² of itself in each step. Velocities do as well, and
+    the more steps there are, the more of these cancel.
+    """
+    simulate(scenario, tmp_path / "run.rrd", camera=None)
+    analyze(tmp_path / "run.rrd", table=tmp_path / "run.parquet")
+    rows = pl.read_parquet(tmp_path / "run.parquet").filter(pl.col("rounding_m").is_not_null())
+    steps, height_m, rounding_m = (
+        rows[name].to_numpy() for name in ("step", "simulated_m", "rounding_m")
+    )
+    assert len(steps) > 5
+    bound_m = EPSILON * steps * np.maximum.accumulate(np.abs(height_m))
+    assert (np.abs(rounding_m) <= bound_m).all()
+    if scenario == Scenario():
+        assert f"{abs(rounding_m[72]) * 1e16:.1f} × 10⁻¹⁶ m above" in README
+    if scenario == Scenario(height_m=1000, duration_s=10):
+        assert f"{np.abs(rounding_m).max() * 1e12:.1f} × 10⁻¹² m after 10 s" in README

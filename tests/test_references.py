@@ -19,7 +19,7 @@ from pipeline.stages.run import Run
 
 SCHEMAS = Path(__file__).parents[1] / "docs/schemas"
 GOLDEN = Path(__file__).parents[1] / "recordings/golden/standard.rrd"
-AGAIN = "a reference has become old; make it again with: python docs/regenerate.py"
+AGAIN = "a reference is stale; make it again with: python docs/regenerate.py"
 
 
 def test_the_references_are_those_of_the_code() -> None:

@@ -17,8 +17,8 @@ _HEAD = """# Commands
 same.*
 
 Results go to standard output, everything else to standard error. Exit codes: 0 done, 1 failed,
-2 wrong usage, 3 a check did not hold. With `--json` standard output is exactly one JSON object:
-[json.md](json.md) describes it.
+2 wrong usage, 3 a check found a difference. With `--json` standard output is exactly one JSON
+object: [json.md](json.md) describes it.
 """
 
 

@@ -289,7 +289,7 @@ def made_with(world: World, *, gl_renderer: str | None = None) -> EngineReport:
 def library_versions() -> dict[str, str]:
     """Return the versions of what takes part in a recording, and what it is made on."""
     return {
-        "drop_version": metadata.version("drop"),
+        "drop_version": metadata.version("drop-physics"),
         "numpy_version": metadata.version("numpy"),
         "rerun_version": metadata.version("rerun-sdk"),
         "python_version": platform.python_version(),

@@ -203,7 +203,7 @@ def _identity(work: RunShard) -> dict[str, Any]:
         "camera": None if work.camera is None else asdict(work.camera),
         "made_with": {
             **engine_versions(),
-            "drop_version": metadata.version("drop"),
+            "drop_version": metadata.version("drop-physics"),
             "numpy_version": metadata.version("numpy"),
             "machine": platform.machine(),
         },

@@ -190,7 +190,7 @@ def on_ray(
     try:
         import ray
     except ImportError:
-        raise DropError("--ray needs Ray, which is not installed; pip install '.[ray]'") from None
+        raise DropError("--ray needs Ray; try: pip install 'drop-physics[ray]'") from None
     ours = not ray.is_initialized()
     if ours:
         _connect(address)

@@ -1,0 +1,232 @@
+"""Play the pages: run what they say to type, and put what it prints and draws into them.
+
+Each page is followed from top to bottom, in a folder of its own that is otherwise like a clone.
+The kind of a block says what it is:
+
+    sh         commands, each of which must succeed; where it should fail, `|| echo …` says so
+    console    the same, each behind `$ ` and with what it prints
+    python     a program
+    text       what the block before it printed
+    yaml       a workflow, whose `run:` steps are commands
+    mermaid    a picture, and nothing to run; so is a block of no kind
+
+Where output is quoted, a line `…` stands for lines that are left out, and what is shown around it
+stays where it was:
+
+    $ drop analyze recordings/run.rrd
+    cube_small.urdf dropped from 1.0000 m, timestep 1/240 s, damping default
+    …
+    Rest        0.0250 m: the position is the body's centre, not its underside
+    …
+
+A translation has the blocks of its page. A picture of the walkthrough is the file of its name that
+a command made.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from pathlib import Path
+
+from generators.pictures import small
+from generators.typed import ROOT, possible, run_command, run_python
+
+DOCS = ROOT / "docs"
+WALKTHROUGH = DOCS / "walkthrough.md"
+REFERENCES = {"commands.md", "json.md", "recording.md"}
+"""Pages that the other generators write, from the code."""
+CUT = "…"
+
+_BODY = """<robot name="bracket"><link name="bracket">
+  <inertial><mass value="0.5"/><inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/>
+  </inertial><collision><geometry><box size="0.04 0.04 0.04"/></geometry></collision>
+</link></robot>"""
+
+_BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+_PICTURE = re.compile(r"(?:(?<=\]\()|(?<=srcset=\")|(?<=src=\"))images/[^)\"]+")
+_VARIES = re.compile(r"[\d.,]+ kB, [\d.]+ s$")
+"""How large a recording became, and how long it took."""
+
+
+class PageError(Exception):
+    """A page says what does not work."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of a page."""
+
+    kind: str
+    text: str
+
+    @property
+    def quotes(self) -> bool:
+        """Whether it shows what is printed."""
+        return self.kind in ("console", "text")
+
+
+def pages() -> list[Path]:
+    """Return all pages but translations and references."""
+    found = [path for folder in (ROOT, DOCS, ROOT / "recordings") for path in folder.glob("*.md")]
+    return sorted(path for path in found if path.name not in REFERENCES and ".ja." not in path.name)
+
+
+def translations(page: Path) -> list[Path]:
+    """Return the translations of a page."""
+    return [path for path in [page.with_suffix(".ja.md")] if path.exists()]
+
+
+def blocks(text: str) -> list[Block]:
+    """Return the blocks in a page's text."""
+    return [Block(*found) for found in _BLOCK.findall(text)]
+
+
+def pictures(text: str) -> list[str]:
+    """Return the pictures in a page's text, relative to it."""
+    return _PICTURE.findall(text)
+
+
+def played(page: Path) -> dict[Path, bytes]:
+    """Return a page, its translations and its pictures as the program makes them now.
+
+    Raises
+    ------
+    PageError
+        If a command fails.
+    """
+    text = page.read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        shutil.copytree(ROOT / "recordings/golden", folder / "recordings/golden")
+        (folder / "models").mkdir()
+        (folder / "models/bracket.urdf").write_text(_BODY)
+        try:
+            quoted = list(_quoted(blocks(text), folder))
+        except PageError as error:
+            raise PageError(f"{page.name}: {error}") from None
+        wanted = pictures(text) if page == WALKTHROUGH else []
+        drawn = {DOCS / one: small(_found(folder, Path(one).name)) for one in wanted}
+    texts = {path: path.read_text(encoding="utf-8") for path in [page, *translations(page)]}
+    return {path: _filled(text, quoted).encode() for path, text in texts.items()} | drawn
+
+
+def _filled(text: str, quoted: list[str]) -> str:
+    """Return a page's text with what is printed now."""
+    following = iter(quoted)
+
+    def fill(found: re.Match[str]) -> str:
+        block = Block(*found.groups())
+        return f"```{block.kind}\n{next(following, '')}```" if block.quotes else found[0]
+
+    return _BLOCK.sub(fill, text)
+
+
+def _found(folder: Path, name: str) -> Path:
+    (path,) = folder.rglob(name)
+    return path
+
+
+# -- what is typed --------------------------------------------------------------------------------
+
+
+def _quoted(page: list[Block], folder: Path) -> Iterator[str]:
+    """Run the blocks of a page, and yield those that quote output with what is printed now."""
+    printed: list[str] = []
+    for block in page:
+        lines: list[str] = []
+        match block.kind:
+            case "sh":
+                printed = [line for one in commands(block.text) for line in _lines(one, folder)]
+            case "yaml":
+                for one in re.findall(r"^ +- run: (.*)$", block.text, re.MULTILINE):
+                    _lines(one, folder)
+            case "python":
+                printed = run_python(block.text, folder)[1].splitlines()
+            case "text":
+                lines = cut_alike(block.text.splitlines(), printed)
+            case "console":
+                for command, shown in _typed(block.text):
+                    printed = _lines(command, folder, exactly=True)
+                    lines += [*f"$ {command}".splitlines(), *cut_alike(shown, printed)]
+            case "mermaid" | "":
+                pass
+            case kind:
+                raise PageError(f"a block may not be of the kind {kind!r}")
+        if block.quotes:
+            yield "".join(f"{line}\n" for line in lines)
+
+
+def commands(text: str) -> list[str]:
+    """Return the commands of a block: a script is one, and lines that belong together are."""
+    if text.startswith("#!"):
+        return [text]
+    found = [""]
+    for line in text.splitlines():
+        if found[-1].endswith("\\\n") or line.startswith((" ", "done")):
+            found[-1] += f"{line}\n"
+        else:
+            found.append(f"{line}\n")
+    return [one.removesuffix("\n") for one in found if one.strip()]
+
+
+def _typed(text: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield the commands behind `$ `, each with the lines that it is shown to print."""
+    for one in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]:
+        lines = one.splitlines()
+        end = next(number for number, line in enumerate(lines) if not line.endswith("\\")) + 1
+        yield "\n".join(lines[:end]), lines[end:]
+
+
+def _lines(command: str, folder: Path, *, exactly: bool = False) -> list[str]:
+    """Return the lines that a command prints."""
+    code, printed = run_command(command if exactly else possible(command), folder)
+    if code:
+        raise PageError(f"`{command}` exits with {code}: {printed}")
+    return printed.splitlines()
+
+
+# -- what is shown of it --------------------------------------------------------------------------
+
+
+def cut_alike(shown: list[str], printed: list[str]) -> list[str]:
+    """Return what is printed, cut where it was cut before."""
+    first, *others = _pieces(shown)
+    kept = _refreshed(first, printed[: len(first)] if others else printed)
+    at = len(first)
+    for number, piece in enumerate(others, start=1):
+        last = len(printed) - len(piece)
+        start = max(last, at) if number == len(others) else _most_alike(piece, printed, at)
+        at = start + len(piece)
+        kept += [CUT, *_refreshed(piece, printed[start:at])]
+    return kept
+
+
+def _pieces(shown: list[str]) -> list[list[str]]:
+    pieces: list[list[str]] = [[]]
+    for line in shown:
+        if line == CUT:
+            pieces.append([])
+        else:
+            pieces[-1].append(line)
+    return pieces
+
+
+def _most_alike(piece: list[str], printed: list[str], begin: int) -> int:
+    """Return where a piece is found from some line on; its numbers may have changed."""
+
+    def likeness(start: int) -> float:
+        pairs = zip(piece, printed[start:], strict=False)
+        return sum(1.0 if a == b else SequenceMatcher(None, a, b).ratio() for a, b in pairs)
+
+    return max(range(begin, max(len(printed) - len(piece), begin) + 1), key=likeness)
+
+
+def _refreshed(shown: list[str], printed: list[str]) -> list[str]:
+    """Return what is printed, but lines as they were shown where only what varies is another."""
+    known = {_VARIES.sub("", line): line for line in shown}
+    return [known.get(_VARIES.sub("", line), line) for line in printed]

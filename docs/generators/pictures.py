@@ -1,0 +1,38 @@
+"""Compare the pictures of a page with those that its commands draw."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageSequence
+
+TILE_PX = 32
+ALIKE = 12.0
+"""Pictures are compared by the mean grey of square tiles, of 255. Another font moves that by
+less, a bounce that is a tenth lower by 20."""
+
+
+def small(path: Path) -> bytes:
+    """Return a picture in few bytes; a gif is small already."""
+    if path.suffix != ".png":
+        return path.read_bytes()
+    stream = io.BytesIO()
+    picture = Image.open(path).convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    picture.save(stream, "png", optimize=True)
+    return stream.getvalue()
+
+
+def alike(one: bytes, other: bytes) -> bool:
+    """Whether two pictures look the same."""
+    mine, theirs = _tiles(one), _tiles(other)
+    return mine.shape == theirs.shape and bool((np.abs(mine - theirs) <= ALIKE).all())
+
+
+def _tiles(picture: bytes) -> NDArray[np.float32]:
+    """Return the mean grey of the tiles of each frame, shape (frames, rows, columns)."""
+    frames = ImageSequence.Iterator(Image.open(io.BytesIO(picture)))
+    reduced = [frame.convert("RGB").convert("L").reduce(TILE_PX) for frame in frames]
+    return np.stack([np.asarray(frame, dtype=np.float32) for frame in reduced])

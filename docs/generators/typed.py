@@ -1,0 +1,97 @@
+"""Run what a page says to type, in some folder, and return what is printed on 80 columns.
+
+A plain `drop …` runs in this process, because starting one takes longer than most of what is
+asked; anything else runs in bash. What a test cannot run, `INSTEAD` and `PROGRAMS` replace; what is
+left out there is checked in `tests/test_docs.py`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+from typer.testing import CliRunner
+
+from cli import app
+
+ROOT = Path(__file__).parents[2]
+
+PROGRAMS = {
+    "pip": (":", "installs; the extras that it names are looked up"),
+    "pytest": (":", "runs these tests; the files and tests that it names are looked up"),
+    "python3.11": (":", "makes an environment"),
+    "source": (":", "enters it"),
+    "rerun": ("ls", "opens a window; its files must be there"),
+    "ssh": (":", "needs another machine"),
+    "ray": (":", "starts a cluster: tests/test_sweep.py does"),
+    "srun": (":", "belongs to SLURM"),
+    "scontrol": ("echo node", "belongs to SLURM"),
+    "sleep": (":", "waits for a cluster"),
+}
+"""What is called in place of a program, and why."""
+
+INSTEAD = (
+    (r"^drop view ", "ls ", "opens a window; its files must be there"),
+    (r" --spawn\b| --connect \S+", "", "opens a window: tests/test_viewer.py does"),
+    (r" --ray \S+", "", "needs a cluster: tests/test_sweep.py starts one"),
+    (r"^/usr/bin/time (-v|-f \".*?\") ", "", "is GNU's, and not everywhere"),
+    (r"^drop (run|simulate)\b(?!.*--no-camera)", r"drop \1 --size 96x72", "frames take long"),
+    (r"--samples \d+", "--samples 5", "takes minutes"),
+    (r"--duration \d{5}\S+", "--duration 1", "takes minutes"),
+    (r"^(python -m benchmarks.*?)( *#.*)?$", r"\1 --help", "takes minutes"),
+    (r"\$\{\{ vars\.PYBULLET \}\}", "3", "is a variable of GitHub's"),
+)
+"""What is typed in place of what matches, and why; only where no output is quoted."""
+
+
+def possible(command: str) -> str:
+    """Return a command as a test can run it."""
+    for pattern, instead, _ in INSTEAD:
+        command = re.sub(pattern, instead, command, flags=re.MULTILINE)
+    return command
+
+
+def run_command(command: str, folder: Path) -> tuple[int, str]:
+    """Return the exit code of a command, and what it prints."""
+    words = _plain(command)
+    if words[:1] != ["drop"]:
+        return _in_bash(command, folder)
+    with contextlib.chdir(folder):
+        done = CliRunner(env={"COLUMNS": "80", "FORCE_COLOR": None}).invoke(app, words[1:])
+    if done.exception is None or isinstance(done.exception, SystemExit):
+        return done.exit_code, done.output
+    return 1, f"{done.output}drop: {done.exception}"
+
+
+def run_python(code: str, folder: Path) -> tuple[int, str]:
+    """Return 0 and what a program prints; what it raises is raised."""
+    with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()) as printed:
+        exec(compile(code, "a page", "exec"), {})
+    return 0, printed.getvalue()
+
+
+def _plain(command: str) -> list[str]:
+    """Return the words of a command, or none where it takes a shell."""
+    line = command.replace("\\\n", " ")
+    return [] if re.search(r"[$`;<>|&\n]", line) else shlex.split(line, comments=True)
+
+
+def _in_bash(command: str, folder: Path) -> tuple[int, str]:
+    programs = {"drop": '"$PYTHON" -m cli', "python": '"$PYTHON"'}
+    programs |= {name: instead for name, (instead, _) in PROGRAMS.items()}
+    head = "".join(f'{name}() {{ {instead} "$@"; }}\n' for name, instead in programs.items())
+    done = subprocess.run(
+        ["bash", "-euc", head + command],
+        cwd=folder,
+        env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": str(ROOT), "COLUMNS": "80",
+             "SCRATCH": str(folder), "SLURM_JOB_NODELIST": "node"},
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        timeout=120, check=False,
+    )  # fmt: skip
+    return done.returncode, done.stdout

@@ -1,0 +1,214 @@
+"""The pages are true: what they say to type works, and prints and draws what they show."""
+
+from __future__ import annotations
+
+import platform
+import re
+import tomllib
+from collections.abc import Callable
+from functools import cache
+from itertools import chain
+from pathlib import Path
+
+import pytest
+from generators import pages
+from generators.pages import DOCS, ROOT, WALKTHROUGH, Block, PageError, blocks, pictures
+from generators.pictures import alike
+from generators.typed import INSTEAD, PROGRAMS
+from regenerate import is_current
+
+from pipeline import Scenario, render, simulate
+from pipeline.physics.bullet_law import EXACT_MACHINES
+
+AGAIN = "a page is stale; make it again with: python docs/regenerate.py"
+PAGES = pages.pages()
+TRANSLATED = [page for page in PAGES if pages.translations(page)]
+
+
+@pytest.fixture(scope="module")
+def played() -> Callable[[Path], dict[Path, bytes]]:
+    """Return a function that plays a page, once."""
+    return cache(pages.played)
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+@pytest.mark.skipif(
+    platform.machine() not in EXACT_MACHINES, reason="the rounding shown is that of x86-64"
+)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_what_a_page_says_to_type_works_and_prints_what_it_shows(
+    page: Path, played: Callable[[Path], dict[Path, bytes]]
+) -> None:
+    made = played(page)
+    for path in [page, *pages.translations(page)]:
+        assert text_of(path) == made[path].decode(), AGAIN
+
+
+def test_the_pictures_are_those_that_the_commands_draw(
+    played: Callable[[Path], dict[Path, bytes]],
+) -> None:
+    made = played(WALKTHROUGH)
+    drawn = [path for path in made if path.suffix != ".md"]
+    assert len(drawn) == 6
+    for path in drawn:
+        assert is_current(path, made[path]), f"{path.name}: {AGAIN}"
+        assert path.stat().st_size < (300_000 if path.suffix == ".webp" else 60_000)
+
+
+def test_a_translation_has_the_blocks_options_and_pictures_of_its_page() -> None:
+    assert {page.name for page in TRANSLATED} == {"README.md", "walkthrough.md"}
+    for page in TRANSLATED:
+        for other in pages.translations(page):
+            for found in (
+                r"^```.*?^```$",  # what is typed and printed
+                r"^\| (.*?) \|",  # the options
+                r"!\[.*?\]\((.*?)\)",  # the pictures
+                r"src(?:set)?=\"(.*?)\"",
+            ):
+                assert _without_words(found, text_of(other)) == _without_words(found, text_of(page))
+
+
+def _without_words(pattern: str, text: str) -> list[str]:
+    """Return what a pattern finds, without comments and the words at the head of a table."""
+    found = re.findall(pattern, text, re.DOTALL | re.MULTILINE)
+    return [re.sub(r" +# .*| *オプション|^option$", "", one) for one in found]
+
+
+def test_no_picture_is_left_behind() -> None:
+    wanted = {Path(one).name for one in pictures(text_of(WALKTHROUGH))}
+    assert {path.name for path in (DOCS / "images/walkthrough").iterdir()} <= wanted
+
+
+def test_a_page_leads_on_to_pages_that_exist() -> None:
+    for page in [*PAGES, *chain(*map(pages.translations, TRANSLATED))]:
+        for link in re.findall(r"\]\((?!https?:)([^)#]+)\)", text_of(page)):
+            assert (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+# -- what is not run as it stands -----------------------------------------------------------------
+
+
+def typed() -> str:
+    """Return everything that pages say to type where no output is quoted."""
+    return "".join(
+        block.text for page in PAGES for block in blocks(text_of(page)) if not block.quotes
+    )
+
+
+def test_every_page_is_looked_at_and_every_block_is_fenced() -> None:
+    assert {"README.md", "ci.md", "catalog.md", "walkthrough.md"} <= {page.name for page in PAGES}
+    for page in PAGES:
+        prose = re.sub(r"^```.*?^```$", "", text_of(page), flags=re.DOTALL | re.MULTILINE)
+        assert re.findall(r"^    \S.*", prose, re.MULTILINE) == [], page.name
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_every_program_that_is_replaced_is_on_a_page(program: str) -> None:
+    assert re.search(rf"(^|[ (]){re.escape(program)}\b", typed(), re.MULTILINE)
+
+
+@pytest.mark.parametrize("pattern", [pattern for pattern, *_ in INSTEAD])
+def test_every_replacement_is_needed_by_a_page(pattern: str) -> None:
+    assert re.search(pattern, typed(), re.MULTILINE)
+
+
+def test_every_extra_that_a_page_names_exists() -> None:
+    extras = tomllib.loads(text_of(ROOT / "pyproject.toml"))["project"]["optional-dependencies"]
+    texts = [text_of(page) for page in [*PAGES, *DOCS.rglob("*.ja.md"), ROOT / "README.ja.md"]]
+    named = {
+        extra
+        for text in texts
+        for found in re.findall(r"'(?:\.|drop-physics)\[(.*?)\]'|--extra (\w+)", text)
+        for extra in filter(None, found)
+    }
+    assert named == {"catalog", "ray", "test", "dev"}
+    assert named <= set(extras)
+
+
+def test_the_tests_that_the_table_of_promises_names_exist() -> None:
+    """Where a row says only `-k`, the file is that of the row before."""
+    file, checked = "", 0
+    for row in re.findall(r"^\| .* \|$", text_of(DOCS / "reliability.md"), re.MULTILINE):
+        file = next(iter(re.findall(r"pytest (tests/\w+\.py)", row)), file)
+        for words in re.findall(r"-k (?:\"([\w ]+)\"|(\w+))", row):
+            tests = re.findall(r"^def (test_\w+)", text_of(ROOT / file), re.MULTILINE)
+            for word in "".join(words).split(" or "):
+                assert any(word in test for test in tests), f"{file} -k {word}"
+                checked += 1
+    assert checked > 15
+
+
+# -- the check itself -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("shown", "expected"),
+    [
+        (["a 1", "b 2", "c 3"], ["a 1", "b 2", "c 4"]),
+        (["a 1", "…"], ["a 1", "…"]),
+        (["…", "b 2", "…"], ["…", "b 2", "…"]),
+        (["…", "c 3"], ["…", "c 4"]),
+        (["a 1"], ["a 1", "b 2", "c 4"]),
+        (["wrong", "…"], ["a 1", "…"]),
+        ([], ["a 1", "b 2", "c 4"]),
+    ],
+    ids=["whole", "beginning", "middle", "end", "cut without saying so", "wrong", "new"],
+)
+def test_what_is_shown_is_cut_where_it_was_but_never_kept_where_it_is_wrong(
+    shown: list[str], expected: list[str]
+) -> None:
+    assert pages.cut_alike(shown, ["a 1", "b 2", "c 4"]) == expected
+
+
+def test_only_size_and_time_of_a_recording_may_be_others() -> None:
+    line = "recording        run.rrd   241 samples, 41 frames, 394 kB, 1.2 s"
+    slower = line.replace("394 kB, 1.2 s", "1,401 kB, 10.0 s")
+    assert pages.cut_alike([line], [slower]) == [line]
+    more = line.replace("241", "242")
+    assert pages.cut_alike([line], [more]) == [more]
+
+
+def test_a_lower_bounce_is_another_picture(tmp_path: Path) -> None:
+    drawn = []
+    for erp in (None, 0.0):
+        path = tmp_path / f"{erp}.rrd"
+        scenario = Scenario(restitution=0.8, duration_s=2, contact_erp=erp)
+        simulate(scenario, path, camera=None)
+        drawn.append(render(path).plot.read_bytes())
+    assert not alike(*drawn)
+    assert not alike(drawn[0], (DOCS / "images/run.gif").read_bytes())
+
+
+@pytest.mark.parametrize(
+    ("block", "said"),
+    [
+        (Block("sh", "drop analyze missing.rrd\n"), "`drop analyze missing.rrd` exits with 1"),
+        (Block("sh", "true\nfalse # really\n"), "`false # really` exits with 1"),
+        (Block("console", "$ drop simulate --out a.rrd --higth 2\n"), "exits with 2"),
+        (Block("yaml", "    - run: drop check a.rrd --against b.rrd\n"), "exits with 1"),
+        (Block("json", "{}\n"), "a block may not be of the kind 'json'"),
+    ],
+    ids=lambda given: given.kind if isinstance(given, Block) else "",
+)
+def test_a_page_that_does_not_work_is_noticed(block: Block, said: str, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"# A page\n\n```{block.kind}\n{block.text}```\n")
+    with pytest.raises(PageError, match=re.escape(said)):
+        pages.played(page)
+
+
+def test_what_a_program_prints_is_put_where_it_is_quoted(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("```python\nprint(1)\nprint(2)\n```\nprints\n\n```text\n0\n…\n```\n")
+    made = pages.played(page)
+    assert made[page].decode().endswith("```text\n1\n…\n```\n")
+
+
+def test_lines_that_belong_together_are_one_command() -> None:
+    loop = "for one in 1 2; do\n  echo $one\ndone"
+    assert pages.commands(f"{loop}\necho a \\\n    b\n\ntrue # c\n") == [
+        loop, "echo a \\\n    b", "true # c",
+    ]  # fmt: skip
