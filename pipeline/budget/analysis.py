@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import polars as pl
@@ -22,7 +22,7 @@ from pipeline.budget.landing import (
     find_rest,
     law_path,
 )
-from pipeline.budget.mismatch import coverage_of, find_mismatch, law_of_flight
+from pipeline.budget.mismatch import coverage_of, find_mismatch, law_of_flight, unseen_contact
 from pipeline.budget.moment import DEFAULT_AT_S
 from pipeline.budget.phases import Phases, phases_of, touching
 from pipeline.budget.posture import tumbled_step
@@ -65,6 +65,9 @@ def analysis_of(
     found = phases_of(case)
     flight = law_of_flight(case, found)
     mismatch = find_mismatch(case, flight)
+    unseen = unseen_contact(case, mismatch)
+    if unseen is not None:
+        found, mismatch = replace(found, contact_step=unseen), None
     coverage = coverage_of(case, found, flight, mismatch)
     parts = decompose(
         case.fall,

@@ -12,6 +12,9 @@ from pipeline.budget.samples import Rigid
 
 Float64 = NDArray[np.float64]
 
+ROUNDING = 1e-13
+"""Share of what is added up that rounding may leave of a sum that is 0."""
+
 
 @dataclass(frozen=True)
 class Mechanics:
@@ -80,11 +83,14 @@ def _about_centre_of_mass(case: Case, parts: list[Mechanics]) -> Float64:
     shares = masses_kg / masses_kg.sum()
     centre_m = np.tensordot(shares, [one.position_m for one in rigid], 1)
     drift_m_s = np.tensordot(shares, [one.velocity_m_s for one in rigid], 1)
-    total = np.zeros_like(centre_m)
+    total, scale = np.zeros_like(centre_m), np.zeros(len(centre_m))
     for m, one, part in zip(masses_kg, rigid, parts, strict=True):
         arm_m, velocity_m_s = one.position_m - centre_m, one.velocity_m_s - drift_m_s
         total += part.angular_momentum_kg_m2_s + m * np.cross(arm_m, velocity_m_s)
-    return total
+        scale += m * np.abs(arm_m).max(axis=1) * np.abs(one.velocity_m_s).max(axis=1)
+    # Differences of equal velocities leave rounding, which is no momentum.
+    nothing = np.linalg.norm(total, axis=1) < ROUNDING * scale
+    return np.where(nothing[:, None], 0.0, total)
 
 
 def rotate(orientation: Float64, vectors: Float64) -> Float64:

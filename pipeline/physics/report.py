@@ -64,9 +64,11 @@ class EngineReport:
     shape_orientation: tuple[float, float, float, float] | None = _reported(
         "of that shape in the body's axes: quaternion x, y, z, w", default=None
     )
+    reach_m: float = _reported("how far the body reaches from its centre, at most")
     rest_height_m: float | None = _reported(
         "height of the centre at which the body, turned as released, touches the floor; "
-        "measured by the engine's own collision detection; not reported without a shape",
+        "measured by the engine's own collision detection; not without a shape, nor of links that "
+        "the engine does not report",
         default=None,
     )
     floor_lateral_friction: float | None = _reported("of the floor", default=None)

@@ -138,6 +138,15 @@ class World:
         lowest, highest = self._box()
         return (highest - lowest) / 2
 
+    def _reach(self) -> float:
+        """Return how far the body reaches from its base's centre of mass [m], at most."""
+        self.place((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        corners = [
+            p.getAABB(self._body, link, physicsClientId=self._client) for link in (-1, *self._links)
+        ]
+        self._release()
+        return float(np.linalg.norm(np.abs(corners).max(axis=(0, 1))))
+
     def _box(self) -> tuple[Float64, Float64]:
         lowest, highest = map(np.array, p.getAABB(self._body, -1, physicsClientId=self._client))
         return lowest, highest
@@ -222,7 +231,8 @@ class World:
             shape_dimensions_m=single[3] if single else (),
             shape_position_m=single and single[5],
             shape_orientation=single and single[6],
-            rest_height_m=self.rest_height_m,
+            reach_m=twin._reach(),
+            rest_height_m=self.rest_height_m if len(links) == len(self._links) else None,
             floor_lateral_friction=floor and floor[1],
             floor_restitution=floor and floor[5],
             pybullet_api=p.getAPIVersion(),
