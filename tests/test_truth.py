@@ -699,6 +699,8 @@ def _coverage_why(said: Said) -> None:
         hold(held is not None, "it has no shape that could land")
         fallen = oracle.free_fall_m(said.drop, covered * said.drop.timestep_s)
         hold(held is not None and fallen <= held + 1e-9, f"free fall is at {fallen}")
+    elif "does not follow" in why:
+        raise WrongError("this engine made it")
     elif "whole recording" in why:
         hold(covered == said.drop.steps + 1 and truth.acted_step is None, "it is not")
     else:
