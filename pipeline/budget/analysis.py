@@ -32,8 +32,6 @@ from pipeline.physics.report import EngineReport
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
-ENERGIES = ("kinetic_linear_j", "kinetic_angular_j", "potential_j", "energy_j")
-"""Columns of the table that are null where the state of a body's links is not recorded."""
 
 
 def analysis_of(
@@ -117,9 +115,7 @@ def analysis_of(
     )
 
 
-def _table(
-    case: Case, found: Phases, parts: Decomposition, energies: Mechanics | None
-) -> pl.DataFrame:
+def _table(case: Case, found: Phases, parts: Decomposition, energies: Mechanics) -> pl.DataFrame:
     """Return one row per sample; error terms are null where free flight is not covered."""
 
     def explained(values: Float64) -> pl.Series:
@@ -141,12 +137,11 @@ def _table(
             "damping_m": explained(parts.damping_m),
             "interaction_m": explained(parts.interaction_m),
             "rounding_m": explained(parts.rounding_m),
-            "kinetic_linear_j": energies and energies.kinetic_linear_j,
-            "kinetic_angular_j": energies and energies.kinetic_angular_j,
-            "potential_j": energies and energies.potential_j,
-            "energy_j": energies and energies.total_j,
-        },
-        schema_overrides=dict.fromkeys(ENERGIES, pl.Float64),
+            "kinetic_linear_j": energies.kinetic_linear_j,
+            "kinetic_angular_j": energies.kinetic_angular_j,
+            "potential_j": energies.potential_j,
+            "energy_j": energies.total_j,
+        }
     )
 
 
@@ -193,9 +188,7 @@ def _airborne(parts: Decomposition) -> Airborne:
     )
 
 
-def _conservation(energies: Mechanics | None, airborne: int) -> Conservation:
-    if energies is None:
-        return Conservation(None, None, None)
+def _conservation(energies: Mechanics, airborne: int) -> Conservation:
     free = slice(max(airborne, 1))
     return Conservation(
         energy_initial_j=float(energies.total_j[0]),

@@ -32,17 +32,13 @@ class Mechanics:
         return self.kinetic_linear_j + self.kinetic_angular_j + self.potential_j
 
 
-def mechanics(case: Case) -> Mechanics | None:
+def mechanics(case: Case) -> Mechanics:
     """Return energies and angular momentum of a body in uniform gravity, of all its links together.
-
-    None where the state of its links is not recorded.
 
     Source: E = m v²/2 + ω·Iω/2 - m g_z z and L = I ω with I = R diag(I₁, I₂, I₃) Rᵀ; any text on
     classical mechanics, for instance Goldstein, chapter 5.
     """
     engine, gravity_m_s2 = case.engine, case.fall.gravity_m_s2
-    if engine.recorded_links != engine.joints:
-        return None
     inertias_kg_m2 = np.reshape(engine.link_inertias_kg_m2, (-1, 3))
     parts = [
         mechanics_of_part(part, mass_kg, inertia_kg_m2, gravity_m_s2)

@@ -58,8 +58,8 @@ def find_landing(case: Case) -> Landing | None:
 
 def find_impact(case: Case, found: Phases, landing: Landing | None) -> Impact | None:
     """Return when the body meets the floor, or None if it never does."""
-    if found.contact_step is None or case.engine.recorded_links != case.engine.joints:
-        return None  # of links that PyBullet does not report, neither are their contacts
+    if found.contact_step is None:
+        return None
     samples, floor_m = case.samples, case.floor_height_m
     height_m, turned = samples.height_m, turned_rad(case) > FLAT_RAD
     lowest = int(np.argmin(height_m))
@@ -275,12 +275,14 @@ def _apexes(height_m: Float64, floor_m: float) -> list[float]:
 def _correction_m_s(case: Case, episode: Episode) -> float | None:
     """Return what the position correction adds to restitution × approach [m/s].
 
-    From the contact law, started from the recorded sample before the episode. None where the law
-    does not give the recorded rebound.
+    From the contact law, started from the recorded sample before the episode. None where contact
+    pushes for more than one step, or the law does not give the recorded rebound.
     """
     if not covers(case):
         return None
     before, samples = episode.first - 1, case.samples
+    if (samples.contact_force_n[episode.first + 1 : episode.last + 1] > 0).any():
+        return None
     release = theory.Fall(
         height_m=float(samples.height_m[before]),
         velocity_m_s=(0.0, 0.0, float(samples.velocity_m_s[before, 2])),

@@ -186,7 +186,7 @@ class Finding:
 class Conservation:
     """How well the samples before the first contact keep energy and angular momentum."""
 
-    energy_initial_j: float | None
+    energy_initial_j: float
     """Kinetic and potential energy of the first sample."""
     energy_max_rel_drift: float | None
     """Largest change of the energy, over its initial value; None where that is 0."""
