@@ -355,6 +355,9 @@ def replay(drop: Drop, start: tuple[float, ...] | None = None) -> Replay:
     links, touches = [], []
     with Client(drop) as client:
         if start is not None:
+            # A btRigidBody keeps the inertia it was loaded with until its first step.
+            p.resetBasePositionAndOrientation(client.body, (0, 0, 1e6), start[3:7], client.id)
+            p.stepSimulation(physicsClientId=client.id)
             p.resetBasePositionAndOrientation(client.body, start[:3], start[3:7], client.id)
             p.resetBaseVelocity(client.body, start[7:10], start[10:], physicsClientId=client.id)
         told = [client.dynamics(link) for link in range(-1, client.joints)]
@@ -600,7 +603,8 @@ class Truth:
     @functools.cached_property
     def acted_step(self) -> int | None:
         """The first sample that would be another one without the floor."""
-        if not (self.drop.floor and self.drop.stepped) or not self.run.reported.any():
+        seen = self.run.reported.any() or max(1, self.drop.substeps or 1) > 1
+        if not (self.drop.floor and self.drop.stepped and seen):
             return None
         alone = self.again(floor=False)
         other = np.flatnonzero((alone.state != self.run.state).any(axis=1))
@@ -615,6 +619,13 @@ class Truth:
                 for each in self.run.touches
             ]
         )
+
+    @functools.cached_property
+    def touched_steps(self) -> NDArray[np.int64]:
+        """The same, and the first that the floor acted on: substeps hide what it did before."""
+        if self.acted_step is None or max(1, self.drop.substeps or 1) == 1:
+            return self.touching_steps
+        return np.unique(np.append(self.touching_steps, self.acted_step))
 
     @property
     def last(self) -> int:

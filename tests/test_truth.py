@@ -36,6 +36,8 @@ from pipeline.recording.reader import read as read_recording
 
 CASES = 300
 SEED = 13
+CONVERGED: dict[str, Any] = {"solver_residual": 0.0, "solver_iterations": 1000}
+"""What lets the contact solver run to its end."""
 SLOP_M = 1e-5
 """Penetration that Bullet leaves uncorrected."""
 EDGE_M = 100.0
@@ -551,6 +553,16 @@ def _engine_shape_numbers(said: Said) -> None:
         hold(tuple(said.value) == shapes[0][1], f"it is {shapes[0][1]}")
 
 
+@checks("engine.reach_m")
+def _engine_reach(said: Said) -> None:
+    if not said.truth.facts.is_rigid:  # that of the base
+        return
+    upright = oracle.extent_m(said.drop, (0.0, 0.0, 0.0, 1.0))
+    hold(said.value >= float(upright.max()) / 2, "half an edge is longer")
+    true = said.truth.release_height_m
+    hold(true is None or said.value >= abs(true) - 1e-9, "it touches from farther away")
+
+
 @checks("engine.rest_height_m")
 def _engine_rest_height(said: Said) -> None:
     near(said.value, said.truth.release_height_m, 1e-8, "height of touching as released")
@@ -584,7 +596,7 @@ def _at_step(said: Said) -> None:
 @checks("at[].phase")
 def _at_phase(said: Said) -> None:
     step = said.beside["step"]
-    touched = said.truth.touching_steps
+    touched = said.truth.touched_steps
     before = not len(touched) or step < touched[0]
     hold((said.value == "falling") == before, f"first contact {touched[:1]}")
     if said.value == "rest":
@@ -640,8 +652,12 @@ def _term_timestep(said: Said) -> None:
     _covers(said, moment["step"])
     undamped = said.truth.again(linear_damping=0.0, floor=False)
     step = moment["step"]
+    if not said.drop.maximal and np.abs(undamped.velocity_m_s[:step]).max(initial=0) > 99:
+        return  # without damping it runs into the limit of 100 m/s
     true = float(undamped.height_m[step]) - oracle.free_fall_m(said.drop, moment["time_s"])
-    near(said.value, true, 1e-13 * _far(said) + 1e-15 * step, "replay without damping")
+    near(
+        said.value, true, 1e-13 * _far(said) + 4e-16 * step * max(1.0, said.drop.height_m), "replay"
+    )
 
 
 @checks("at[].terms_m.damping")
@@ -658,7 +674,9 @@ def _term_interaction(said: Said) -> None:
     hold(not clamped, "it includes a clamp of the velocity")
     free = oracle.free_fall_m(said.drop, moment["time_s"])
     true = float(law[-1]) - free - terms["timestep"] - terms["damping"]
-    near(said.value, true, 1e-14 * _far(said) + 1e-9 * abs(terms["damping"]), "what is left")
+    rounded = 4e-16 * max(1.0, said.drop.height_m)
+    slack = 1e-14 * _far(said) + rounded + 1e-9 * abs(terms["damping"])
+    near(said.value, true, slack, "what is left")
 
 
 @checks("at[].terms_m.rounding")
@@ -691,7 +709,7 @@ def _coverage_why(said: Said) -> None:
     elif "joint" in why:
         hold(not truth.facts.is_rigid, "it has no joints")
     elif "contact" in why or "touch" in why:
-        hold(list(truth.touching_steps[:1]) == [covered], f"{truth.touching_steps[:1]}")
+        hold(list(truth.touched_steps[:1]) == [covered], f"{truth.touched_steps[:1]}")
     elif "clamp" in why or "limit" in why:
         hold(list(truth.clamped_steps[:1]) == [covered], f"{truth.clamped_steps[:1]}")
     elif "land" in why or "free fall" in why:
@@ -783,7 +801,7 @@ def _time_simulated(said: Said) -> None:
     step = int(crossings[0])
     slope = float(z[step] - z[step + 1]) / dt
     near(said.value, step * dt + float(z[step] - held) / slope, 1e-8 / slope + 1e-9, "crossing")
-    touched = said.truth.touching_steps
+    touched = said.truth.touched_steps
     hold(len(touched), "it never touches")
     if max(1, said.drop.substeps or 1) == 1:
         turned = said.truth.is_ball or said.truth.tilted_rad(step) <= UNTURNED_RAD
@@ -792,7 +810,7 @@ def _time_simulated(said: Said) -> None:
 
 @checks("impact.step")
 def _impact_step(said: Said) -> None:
-    touched = said.truth.touching_steps
+    touched = said.truth.touched_steps
     hold(list(touched[:1]) == [said.value], f"first contact at {touched[:1]}")
     acted = said.truth.acted_step
     hold(acted is None or acted >= said.value, f"the floor acts at {acted}")
@@ -951,7 +969,7 @@ def _bounce_correction(said: Said) -> None:
     steps = found.end - found.step
     same, plain = (
         float(said.truth.from_sample(found.step, steps, **how).velocity_m_s[1:, 2].max())
-        for how in ({}, {"contact_erp": 0.0})
+        for how in (CONVERGED, CONVERGED | {"contact_erp": 0.0})
     )
     slack = 1e-4 * said.beside["approach_m_s"]
     near(said.value, same - plain, slack, "replay of the contact without ERP")
@@ -999,7 +1017,7 @@ def _rest_error(said: Said) -> None:
 def _rest_settled(said: Said) -> None:
     hold(0 <= said.value <= said.drop.steps, "no such sample")
     _lies_still(said.truth, said.value)
-    if said.value > 0 and said.value - 1 in said.truth.touching_steps:
+    if said.value > 0 and said.value - 1 in said.truth.touched_steps:
         state = said.run.state
         moved = float(np.linalg.norm(state[said.value - 1, :3] - state[-1, :3]))
         turned = oracle.turn_rad(state[said.value - 1, 3:7], state[-1, 3:7])
@@ -1066,7 +1084,7 @@ def _energy_drift(said: Said) -> None:
 
 def _untouched(said: Said) -> Any:
     """Return whether a sample is one before the first contact."""
-    touched = said.truth.touching_steps
+    touched = said.truth.touched_steps
     return np.arange(said.drop.steps + 1) < (touched[0] if len(touched) else math.inf)
 
 
@@ -1093,7 +1111,7 @@ def _ledger_final(said: Said) -> None:
 
 def _air_steps(said: Said) -> tuple[int, oracle.Replay]:
     """Return how many steps are taken in the air before contact, and the replay without a floor."""
-    touched = said.truth.touching_steps
+    touched = said.truth.touched_steps
     last = int(touched[0]) - 1 if len(touched) else said.drop.steps
     return max(last, 0), said.run
 
@@ -1144,7 +1162,7 @@ def _ledger_adds_up(said: Said) -> None:
     hold(abs(ledger["closing_j"] or 0.0) <= slack, f"{ledger['closing_j']} is unexplained")
     spin = float(run.kinetic_angular_j[last] - run.kinetic_angular_j[0])
     near(ledger["rotation_j"], spin, slack, "rotation in the air")
-    if not len(said.truth.touching_steps):
+    if not len(said.truth.touched_steps):
         hold(abs(ledger["contact_j"]) <= slack, "contact took energy, and there was none")
 
 
@@ -1208,9 +1226,14 @@ def _find_no_floor(said: Said, message: str) -> None:
 
 
 @finds("tunnelled")
-def _find_tunnelled(said: Said, _: str) -> None:
+def _find_tunnelled(said: Said, message: str) -> None:
     hold(said.drop.floor and said.run.height_m[-1] < 0, "it ends above the floor")
-    hold(not len(said.truth.touching_steps), "it touched")
+    (step,) = read(f"step {F}", message)
+    hold(not (said.truth.touched_steps <= step).any(), "it touched before")
+    if said.truth.facts.has_shape:
+        top_m = float(np.linalg.norm(oracle.extent_m(said.drop, said.drop.orientation)))
+        depth_m = said.truth.depth_m(int(step))
+        hold(depth_m is None or depth_m > top_m / 2, "it is not below the floor")
 
 
 @finds("law-mismatch")
@@ -1288,7 +1311,11 @@ def _find_deep(said: Said, message: str) -> None:
     slack = 0.051 + 1e3 * _tilt_m(said, int(said.run.height_m.argmin()))
     near(depth_mm, 1e3 * depths[0], slack, "depth")
     height_mm = 1e3 * float(oracle.extent_m(said.drop, said.drop.orientation)[2])
-    margin_mm = 4.0 if said.whole["engine"]["shape"] not in ("box", "sphere") else 1e-6
+    if height_mm < 10:  # of so small a body the bounding box is mostly margin
+        return
+    engine = said.whole["engine"]
+    centred = engine["shape_position_m"] == (0.0, 0.0, 0.0)
+    margin_mm = 1e-6 if centred and engine["shape"] in ("box", "sphere") else 4.0
     share = 100 * depths[0] * 1e3 / np.array((height_mm, height_mm - margin_mm))
     hold(min(share) - 1.0 <= percent <= max(share) + 1.0, f"{share} % of its height")
 
@@ -1313,7 +1340,7 @@ def _find_swallowed(said: Said, message: str) -> None:
     given = said.drop.restitution_threshold_m_s
     threshold = 0.2 if given is None else given
     hold(arrives < threshold + 1e-3, f"{arrives} m/s is no swallowed bounce, at {threshold} m/s")
-    touched = said.truth.touching_steps
+    touched = said.truth.touched_steps
     starts = [int(one) for one in touched if one - 1 not in touched]
     hold(starts and touched[-1] == said.drop.steps, "it is in the air at the end")
     before = max(0, starts[-1] - 1)
@@ -1354,7 +1381,7 @@ def _find_rest_below(said: Said, message: str) -> None:
 @finds("still-airborne")
 def _find_airborne(said: Said, message: str) -> None:
     hold(said.drop.floor and said.drop.gravity < 0, "nothing pulls it to a floor")
-    hold(not len(said.truth.touching_steps), "it touched")
+    hold(not len(said.truth.touched_steps), "it touched")
     hold(said.truth.facts.has_shape, "nothing of it can land")
     depth = said.truth.depth_m(said.drop.steps)
     hold(depth is None or depth <= 0, f"its lowest point is {depth} m below the floor")

@@ -31,7 +31,7 @@ INFLATED = 0.01
 CANCELS = 0.01
 """Share of the damping's term that may be left where timestep and damping are said to cancel."""
 SWALLOWED_M_S = 0.01
-"""An arrival slower than this is no bounce that anybody misses."""
+"""A rebound slower than this is no bounce that anybody misses."""
 
 
 @dataclass(frozen=True)
@@ -284,13 +284,17 @@ def _bounces(e: Evidence) -> Iterator[Finding]:
 
 def _swallowed(e: Evidence) -> Iterator[Finding]:
     """Report the first arrival that stays although it would bounce without the threshold."""
-    threshold_m_s = restitution_threshold_m_s(e.case)
+    threshold_m_s, restitution = restitution_threshold_m_s(e.case), e.case.engine.pair_restitution
+    if restitution is None:
+        return
+    # What gravity takes back within a step or two is no bounce either.
+    least_m_s = max(SWALLOWED_M_S, -4 * e.case.fall.gravity_m_s2 * e.case.timestep_s) / restitution
     points = e.case.samples.contact_points
     for number, one in enumerate(episodes(e.case)):
         if e.tumbled_step is not None and one.first >= e.tumbled_step:
             return
         flat = e.case.is_ball or (e.case.is_box and points[one.first] == CORNERS)
-        if flat and not one.leaves and SWALLOWED_M_S < one.approach_m_s < threshold_m_s:
+        if flat and not one.leaves and least_m_s < one.approach_m_s < threshold_m_s:
             yield Finding(
                 "bounce-swallowed",
                 f"after {number} bounce{'s' * (number != 1)} the body arrives at "

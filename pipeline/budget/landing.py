@@ -119,7 +119,8 @@ def law_path(case: Case, *, contact_erp: float | None = None) -> Path | None:
     """
     if not covers(case):
         return None
-    return _law(case, case.fall, len(case.samples.height_m) - 1, contact_erp=contact_erp)
+    path = _law(case, case.fall, len(case.samples.height_m) - 1, contact_erp=contact_erp)
+    return path if float(path.height_m.min()) > _deepest_m(case) else None
 
 
 def _law(case: Case, fall: theory.Fall, steps: int, *, contact_erp: float | None = None) -> Path:
@@ -138,6 +139,11 @@ def _law(case: Case, fall: theory.Fall, steps: int, *, contact_erp: float | None
             substeps=case.substeps,
         )
     )
+
+
+def _deepest_m(case: Case) -> float:
+    """Return how low the centre may get [m]: from half-way down the floor pushes out below."""
+    return (case.floor_height_m or 0.0) - contact_law.FLOOR_HALF_THICKNESS_M
 
 
 def _contact_erp(case: Case) -> float:
@@ -171,6 +177,8 @@ class Episode:
 
     first: int
     last: int
+    pushed: int
+    """The last of them that contact pushed at."""
     approach_m_s: float
     """Downward speed that the contact met."""
     leaves: bool
@@ -193,7 +201,9 @@ def episodes(case: Case) -> Iterator[Episode]:
         if approach_m_s <= 0 or (first <= 1 and not case.starts_above):
             continue  # it was in the floor already: nothing has arrived
         leaves = end < len(touches) and velocity_m_s[end - 1] > 0
-        yield Episode(first, end - 1, approach_m_s, bool(leaves))
+        pushed = np.flatnonzero(case.samples.contact_force_n[first:end] > 0)
+        if len(pushed):
+            yield Episode(first, end - 1, first + int(pushed[-1]), approach_m_s, bool(leaves))
 
 
 def _approach_m_s(case: Case, step: int) -> float:
@@ -224,7 +234,7 @@ def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
     for number, one in enumerate(found, start=1):
         plain = plain and _is_plain(case, one, tumbled_step)
         next_touch = int(following[np.searchsorted(following, one.last + 1)])
-        rebound_m_s = float(case.samples.velocity_m_s[one.last, 2])
+        rebound_m_s = float(case.samples.velocity_m_s[one.pushed, 2])
         bounces.append(
             Bounce(
                 step=one.first - 1,
@@ -278,10 +288,10 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
     From the contact law, started from the recorded sample before the episode. None where contact
     pushes for more than one step, or the law does not give the recorded rebound.
     """
-    if not covers(case):
-        return None
     before, samples = episode.first - 1, case.samples
-    if (samples.contact_force_n[episode.first + 1 : episode.last + 1] > 0).any():
+    if not covers(case) or samples.height_m[before] <= _deepest_m(case):
+        return None
+    if episode.pushed > episode.first:
         return None
     release = theory.Fall(
         height_m=float(samples.height_m[before]),
@@ -290,9 +300,9 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
         linear_damping=case.fall.linear_damping,
         coordinates=case.fall.coordinates,
     )
-    law = _law(case, release, episode.last - before)
+    law = _law(case, release, episode.pushed - before)
     rebound_m_s = float(law.velocity_m_s[-1])
-    recorded_m_s = float(samples.velocity_m_s[episode.last, 2])
+    recorded_m_s = float(samples.velocity_m_s[episode.pushed, 2])
     if abs(recorded_m_s - rebound_m_s) > REPRODUCED * episode.approach_m_s:
         return None
     asked_m_s = contact_law.rebound_speed(

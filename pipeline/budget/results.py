@@ -129,7 +129,7 @@ class Bounce:
     approach_m_s: float
     """Speed downwards that the contact met: what the step would have made of it without one."""
     rebound_m_s: float
-    """Speed upwards after the last step that touched."""
+    """Speed upwards after the last step in which contact pushed."""
     effective_restitution: float | None
     """Rebound over approach; None once the body tumbles."""
     apex_m: float

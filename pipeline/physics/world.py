@@ -108,8 +108,8 @@ class World:
         with self._twin() as twin:
             if twin._links:
                 raise ScenarioError(
-                    "--coordinates maximal takes a body without joints: PyBullet neither places nor "
-                    f"reports the links of a btRigidBody, and {self.scenario.body!r} has "
+                    "--coordinates maximal takes a body without joints: PyBullet neither places "
+                    f"nor reports the links of a btRigidBody, and {self.scenario.body!r} has "
                     f"{len(twin._links)}; use --coordinates reduced"
                 )
 
