@@ -555,7 +555,8 @@ def _engine_shape_numbers(said: Said) -> None:
 
 @checks("engine.reach_m")
 def _engine_reach(said: Said) -> None:
-    if not said.truth.facts.is_rigid:  # that of the base
+    facts = said.truth.facts
+    if not (facts.is_rigid and facts.has_shape):  # of links it is that of the base
         return
     upright = oracle.extent_m(said.drop, (0.0, 0.0, 0.0, 1.0))
     hold(said.value >= float(upright.max()) / 2, "half an edge is longer")

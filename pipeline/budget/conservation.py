@@ -59,6 +59,7 @@ def mechanics(case: Case) -> Mechanics:
 def mechanics_of_part(
     part: Rigid, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float
 ) -> Mechanics:
+    """Return energies and angular momentum of one link; its moments of inertia have shape (3,)."""
     spin_body = rotate_inverse(part.orientation, part.spin_rad_s)
     momentum_body = spin_body * inertia_kg_m2
     return Mechanics(
