@@ -8,10 +8,14 @@ somebody would who wants the change to pass.
 
 from __future__ import annotations
 
+import io
+import os
 import random
 import resource
+import struct
 import subprocess
 import sys
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -22,6 +26,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from conftest import rerun_rrd
+from PIL import Image
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
 from pipeline import Camera, Scenario, analyze, check, render, simulate
@@ -265,8 +270,13 @@ def seal_of(path: Path) -> Chunk:
 
 
 def properties_of(path: Path) -> dict[str, dict[str, Any]]:
+    """Return the properties that a file holds, whatever they are."""
     return {
-        chunk.entity.removeprefix("__properties/"): columns.values(chunk, path)
+        chunk.entity.removeprefix("__properties/"): {
+            key: value[0] if len(value) == 1 else value
+            for key, value in chunk.batch.to_pylist()[0].items()
+            if isinstance(value, list)
+        }
         for chunk in rrd.chunks(path, unfinished=True)
         if chunk.entity.startswith("__properties/")
     }
@@ -329,16 +339,19 @@ def doubled(*entities: str) -> Change:
 
 
 def with_property(name: str, key: str, value: Any) -> Change:
-    """Change one value of a property; None takes it out."""
+    """Change one value of a property, or add it; None takes it out."""
 
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         if entity != f"/__properties/{name}":
             return None
         index = batch.schema.get_field_index(key)
-        assert index >= 0, key
         if value is None:
             return iter([batch.remove_column(index)])
-        return iter([with_column(batch, key, pa.array([value]))])
+        values = value if isinstance(value, pa.Array) else pa.array([value])
+        if index < 0:
+            told = {"rerun:component": key, "rerun:kind": "data"}
+            return iter([batch.append_column(pa.field(key, values.type, metadata=told), values)])
+        return iter([with_column(batch, key, values)])
 
     return changed
 
@@ -361,7 +374,7 @@ def both(*changes: Change) -> Change:
     return changed
 
 
-def put(row: int, column: int, value: float) -> Callable[[np.ndarray], np.ndarray]:
+def put(row: int, column: Any, value: Any) -> Callable[[np.ndarray], np.ndarray]:
     def changed(rows: np.ndarray) -> np.ndarray:
         rows = rows.copy()
         rows[row, column] = value
@@ -375,6 +388,7 @@ SHUFFLED = random.Random(SEED).sample(range(241), 241)
 
 HARMLESS: dict[str, Change] = {
     "unchanged": lambda _entity, _batch: None,
+    "every frame twice": doubled(f"/{schema.IMAGE}"),
     "rows out of order": taken(lambda _: SHUFFLED),
     "rows of one column out of order": taken(lambda _: SHUFFLED, POSITION),
     "one chunk per row": lambda entity, batch: (
@@ -494,9 +508,31 @@ def test_two_recordings_in_one_file_are_refused(sound: Sound, tmp_path: Path) ->
 
 # -- altered together with its digests ------------------------------------------------------------
 
-NOTICED: dict[str, Change] = {
+CONTRADICTED: dict[str, Change] = {
     "heights in millimetres": with_scalars(lambda rows: rows * 1000, POSITION),
     "heights a nanometre higher": with_scalars(lambda rows: np.add(rows, (0, 0, 1e-9)), POSITION),
+    "time backwards": with_scalars(lambda rows: rows[::-1], POSITION, VELOCITY, CONTACT),
+    "another height": with_property("scenario", "height_m", [1.5]),
+    "another velocity": with_property("scenario", "velocity_m_s", [0.0, 0.0, 1.0]),
+    "another spin": with_property("scenario", "spin_rad_s", [0.0, 0.0, 1.0]),
+    "turned at release": with_scalars(put(0, 0, 1e-6), "/state/orientation"),
+    "no step, and it falls": with_property("scenario", "stepped", [False]),
+    "no floor, and it touches": with_property("scenario", "floor", [False]),
+    "orientations of length 2": with_scalars(lambda rows: rows * 2, "/state/orientation"),
+    "an orientation of zero": with_scalars(put(60, 3, 0.0), "/state/orientation"),
+    "half a contact": with_scalars(put(200, 0, 0.5), CONTACT),
+    "a negative contact": with_scalars(put(60, 0, -1.0), CONTACT),
+    "a force without a contact": with_scalars(put(60, 2, 1.0), CONTACT),
+    "a contact before the first step": with_scalars(put(0, slice(None), (4.0, 0.0, 1.0)), CONTACT),
+    **{
+        f"{value} in {name} at {step}": with_scalars(put(step, 0, value), name)
+        for value in (1e308, -1e200)
+        for name in STATE
+        for step in (1, 200)
+    },
+}  # fmt: skip
+"""What is not the fall of its scenario, however the body moves."""
+NOTICED: dict[str, Change] = {
     "one height": with_scalars(put(60, 2, 0.7), POSITION),
     "one height by one unit in the last place": with_scalars(
         lambda rows: put(60, 2, float(np.nextafter(rows[60, 2], 2)))(rows), POSITION
@@ -506,7 +542,6 @@ NOTICED: dict[str, Change] = {
     "one orientation": with_scalars(put(60, 0, 1e-6), "/state/orientation"),
     "one spin": with_scalars(put(60, 0, 1e-6), "/state/angular_velocity"),
     "velocities in km/h": with_scalars(lambda rows: rows * 3.6, VELOCITY),
-    "time backwards": with_scalars(lambda rows: rows[::-1], POSITION, VELOCITY, CONTACT),
     "the fall without its contacts": with_scalars(
         lambda rows: np.multiply(rows, (0, np.nan, 0)), CONTACT
     ),
@@ -519,10 +554,16 @@ NOTICED: dict[str, Change] = {
         with_property("scenario", "gravity_m_s2", [-9.8]),
         with_property("engine", "gravity_m_s2", [0.0, 0.0, -9.8]),
     ),
-    "another height": with_property("scenario", "height_m", [1.5]),
-    "another velocity": with_property("scenario", "velocity_m_s", [0.0, 0.0, 1.0]),
     "other coordinates": with_property("scenario", "coordinates", ["maximal"]),
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", CONTRADICTED)
+def test_a_state_that_contradicts_its_scenario_is_refused_with_any_digest(
+    sound: Sound, tmp_path: Path, kind: str
+) -> None:
+    path = rewritten(sound.path, tmp_path / "run.rrd", CONTRADICTED[kind], resealed=True)
+    assert verdict(path, sound) == "refused"
 
 
 @pytest.mark.parametrize("kind", NOTICED)
@@ -572,22 +613,296 @@ def test_inputs_that_cannot_be_are_refused_with_any_digest(
     assert verdict(path, sound) == "refused"
 
 
-def test_a_frame_that_is_no_picture_is_refused(sound: Sound, tmp_path: Path) -> None:
-    """Its size is right and its digest too, but what follows is not to be decoded."""
+def blob(*values: Any, kind: pa.DataType) -> pa.Array:
+    return pa.array([list(values)], type=pa.list_(kind))
 
-    def spoilt(entity: str, batch: Batch) -> Iterator[Batch] | None:
+
+LIES: dict[str, Change] = {
+    **{
+        f"engine.{name} = {value}": with_property("engine", name, [value])
+        for name, value in (
+            ("mass_kg", 1e308), ("mass_kg", -1.0), ("restitution", "0.5"), ("joints", -1),
+            ("rest_height_m", 1e308), ("gravity_m_s2", 9.81), ("inertia_kg_m2", "small"),
+        )
+    },
+    "a box of one edge": with_property("engine", "shape_dimensions_m", [0.05]),
+    "a box of texts": with_property("engine", "shape_dimensions_m", ["a", "b", "c"]),
+    "a box without edges": with_property("engine", "shape_dimensions_m", None),
+    "a mass that the engine has not": with_property("scenario", "mass_kg", [0.2]),
+    "a restitution that the engine has not": with_property("scenario", "restitution", [0.9]),
+    "iterations that the engine has not": with_property("scenario", "solver_iterations", [7]),
+    "an option that nobody knows": with_property("scenario", "wind_m_s", [10.0]),
+    "a body of 5,000 characters": with_property("scenario", "body", ["x" * 5_000]),
+    "a body of 5 million characters": with_property("scenario", "body", ["x" * 5_000_000]),
+    "no body": with_property("scenario", "body", [""]),
+    "two bodies": with_property("scenario", "body", ["cube_small.urdf", "sphere2.urdf"]),
+    "a height of a million numbers": with_property("scenario", "height_m", [1.0] * 10**6),
+    "a step that is neither taken nor not": with_property("scenario", "stepped", [2]),
+    "a velocity of one number": with_property("scenario", "velocity_m_s", [1.0]),
+    "a camera without a target": with_property("camera", "target_m", ["a", "b", "c"]),
+    "a camera at one number": with_property("camera", "target_m", [1.0]),
+    "a camera of an unknown view": with_property("camera", "view", ["behind"]),
+    "a camera that is nowhere": with_property("camera", "distance_m", [np.inf]),
+}  # fmt: skip
+"""Inputs that cannot be, each with the digests that fit it."""
+OTHER_KINDS: dict[str, Change] = {
+    **{
+        f"{values.type.value_type} in {name}.{key}": with_property(name, key, values)
+        for name, key in (("engine", "mass_kg"), ("scenario", "height_m"), ("camera", "yaw_deg"))
+        for values in (
+            blob(1.0, kind=pa.float32()), blob(2**62, kind=pa.timestamp("s")),
+            blob(2**62, kind=pa.duration("s")), blob(2**31 - 1, kind=pa.date32()),
+            blob(b"x", kind=pa.binary()), blob(1, kind=pa.decimal128(10)),
+            blob(2**64 - 1, kind=pa.uint64()), blob([1.0], kind=pa.list_(pa.float64())),
+            blob({"a": 1}, kind=pa.struct([("a", pa.int64())])), blob(None, kind=pa.null()),
+            blob(None, 1.0, kind=pa.float64()), blob("x", kind=pa.large_string()),
+        )
+    },
+}  # fmt: skip
+"""Columns of which there is no digest of ours."""
+
+
+@pytest.mark.parametrize("kind", LIES)
+def test_lies_with_right_digests_are_one_line(sound: Sound, tmp_path: Path, kind: str) -> None:
+    path = rewritten(sound.path, tmp_path / "run.rrd", LIES[kind], resealed=True)
+    assert verdict(path, sound) == "refused"
+    with pytest.raises(RecordingError) as raised:
+        read(path)
+    assert str(raised.value).isprintable()
+    assert len(str(raised.value)) < len(str(path)) + 300
+
+
+@pytest.mark.parametrize("kind", OTHER_KINDS)
+def test_columns_of_other_kinds_are_one_line(sound: Sound, tmp_path: Path, kind: str) -> None:
+    path = rewritten(sound.path, tmp_path / "run.rrd", OTHER_KINDS[kind])
+    assert verdict(path, sound) == "refused"
+
+
+# -- frames that lie ------------------------------------------------------------------------------
+
+
+def with_frames(change: Callable[[int, bytes], bytes | None]) -> Change:
+    """Change the pictures, by step; None takes one out."""
+
+    def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         if entity != f"/{schema.IMAGE}":
             return None
         column = batch.column("EncodedImage:blob")
-        png = bytes(column[0].as_py()[0])
-        rubbish = pa.array([[list(png[:60] + bytes(len(png) - 60))]], type=column.type)
-        return iter([with_column(batch, "EncodedImage:blob", rubbish)])
+        (step,), png = batch.column("sim_step").to_pylist(), bytes(column[0].as_py()[0])
+        picture = change(step, png)
+        if picture is None:
+            return iter([])
+        again = pa.array([[list(picture)]], type=column.type)
+        return iter([with_column(batch, "EncodedImage:blob", again)])
 
-    path = rewritten(sound.path, tmp_path / "run.rrd", spoilt, resealed=True)
+    return changed
+
+
+def png_chunk(kind: bytes, data: bytes) -> bytes:
+    return len(data).to_bytes(4) + kind + data + zlib.crc32(kind + data).to_bytes(4)
+
+
+def picture_as(kind: str, size: tuple[int, int] = (64, 48)) -> bytes:
+    stream = io.BytesIO()
+    Image.new("RGB", size).save(stream, kind)
+    return stream.getvalue()
+
+
+HUGE = png_chunk(b"IHDR", (30_000).to_bytes(4) * 2 + b"\x08\x02\0\0\0")
+ZEROS = zlib.compress(bytes(10**6))
+LYING_FRAMES: dict[str, Change] = {
+    "none of them": with_frames(lambda *_: None),
+    "one missing": with_frames(lambda step, png: None if step == 80 else png),
+    "only the first": with_frames(lambda step, png: png if step == 0 else None),
+    "frames without a camera": without("/__properties/camera"),
+    "half of it zeros": with_frames(lambda _, png: png[:60] + bytes(len(png) - 60)),
+    "an empty one": with_frames(lambda *_: b""),
+    "a gif": with_frames(lambda *_: picture_as("gif")),
+    "an EPS": with_frames(lambda *_: picture_as("eps")),
+    "of another size": with_frames(lambda *_: picture_as("png", (64, 49))),
+    "a second header": with_frames(lambda _, png: png[:33] + HUGE + png[33:]),
+    "a text that unpacks": with_frames(
+        lambda _, png: png[:33] + png_chunk(b"zTXt", b"a\0\0" + ZEROS) + png[33:]
+    ),
+    "more behind the end": with_frames(lambda _, png: png + b"%!PS"),
+    "two of every step": lambda entity, batch: (
+        iter([batch, *(with_frames(lambda *_: picture_as("png"))(entity, batch) or ())])
+        if entity == f"/{schema.IMAGE}"
+        else None
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", LYING_FRAMES)
+def test_frames_that_lie_are_one_line_with_any_digest(
+    sound: Sound, tmp_path: Path, kind: str
+) -> None:
+    path = rewritten(sound.path, tmp_path / "run.rrd", LYING_FRAMES[kind], resealed=True)
+    assert verdict(path, sound) == "refused"
+
+
+def test_frames_at_other_steps_than_the_cameras_are_refused(sound: Sound, tmp_path: Path) -> None:
+    change = with_property("camera", "capture_every", [20])
+    path = rewritten(sound.path, tmp_path / "run.rrd", change, resealed=True)
+    for stage in (render, lambda run: check(run, sound.path), lambda run: check(sound.path, run)):
+        with pytest.raises(RecordingError, match="must hold 13 frames, got 7"):
+            stage(path)
+
+
+def test_a_frame_whose_pixels_cannot_be_decoded_is_refused(sound: Sound, tmp_path: Path) -> None:
+    """It is built like a PNG of the right size, and its digest is right too."""
+
+    def spoilt(_: int, png: bytes) -> bytes:
+        end = png.index(b"IDAT") - 4
+        return png[:end] + png_chunk(b"IDAT", b"no pixels") + png_chunk(b"IEND", b"")
+
+    path = rewritten(sound.path, tmp_path / "run.rrd", with_frames(spoilt), resealed=True)
     for stage in (render, lambda run: check(run, sound.path)):
         with pytest.raises(RecordingError, match="frame"):
             stage(path)
     assert not path.with_suffix(".gif").exists()
+
+
+# -- bombs ----------------------------------------------------------------------------------------
+
+
+def arrow(columns: dict[str, pa.Array], *, entity: str = "/x", compression: str = "") -> pa.Buffer:
+    """Return a chunk as Arrow's stream: a schema, and one batch of rows."""
+    batch = pa.record_batch(
+        list(columns.values()), schema=pa.schema(
+            [pa.field(name, values.type) for name, values in columns.items()],
+            metadata={"rerun:entity_path": entity},
+        ),
+    )  # fmt: skip
+    sink, how = pa.BufferOutputStream(), pa.ipc.IpcWriteOptions(compression=compression or None)
+    with pa.ipc.new_stream(sink, batch.schema, options=how) as stream:
+        stream.write_batch(batch)
+    return sink.getvalue()
+
+
+def message(data: pa.Buffer, *, more: bytes = b"") -> bytes:
+    """Return a chunk as a message of a file, packed as Rerun packs it."""
+
+    def field(number: int, value: int | bytes) -> bytes:
+        if isinstance(value, int):
+            return varint(number << 3) + varint(value)
+        return varint(number << 3 | 2) + varint(len(value)) + value
+
+    store = field(1, 1) + field(2, b"bomb") + field(3, field(1, schema.APPLICATION_ID.encode()))
+    packed = pa.compress(data, codec="lz4_raw", asbytes=True)
+    body = field(1, store) + field(2, 2) + field(3, data.size) + field(5, packed) + more
+    return struct.pack("<QQ", rrd.CHUNK, len(body)) + body
+
+
+def zeros(count: int, kind: pa.DataType | None = None) -> pa.Array:
+    kind = kind or pa.float64()
+    return pa.Array.from_buffers(
+        kind, count, [None, pa.py_buffer(bytes(count * kind.bit_width // 8))]
+    )
+
+
+def one_list(values: pa.Array) -> pa.Array:
+    return pa.ListArray.from_arrays(pa.array([0, len(values)], pa.int32()), values)
+
+
+def resting(rows: int) -> dict[str, pa.Array]:
+    lists = pa.ListArray.from_arrays(
+        pa.array(range(0, 3 * rows + 1, 3), pa.int32()), zeros(3 * rows)
+    )
+    return {"sim_step": zeros(rows, pa.int64()), "Scalars:scalars": lists}
+
+
+NOTHING = pa.Array.from_buffers(pa.null(), (1 << 31) - 1, [None])
+BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
+    "a property of 250 MB": (
+        lambda: message(arrow({"mass_kg": one_list(zeros(10**8, pa.uint8()))},
+                              entity="/__properties/engine")),
+        "unpacks to over",
+    ),
+    "a property of 1 MB": (
+        lambda: message(arrow({"mass_kg": one_list(zeros(10**5))}, entity="/__properties/engine")),
+        "its property engine takes",
+    ),
+    "zeros for a state": (
+        lambda: message(arrow(resting(100_000), entity="/state/position")) * 20,
+        "claims 100,000 rows",
+    ),
+    "rows of nothing": (lambda: message(arrow({"x": NOTHING})), "claims 2,147,483,647 rows"),
+    "zeros that nobody asked for": (
+        lambda: message(arrow({"x": one_list(zeros(10**6))})) * 100,
+        "unpacks to over",
+    ),
+    "columns packed once more": (
+        lambda: message(arrow({"x": one_list(zeros(10**6))}, compression="zstd")),
+        "packed in a way",
+    ),
+    "10,000 columns": (
+        lambda: message(arrow({f"c{number}": pa.nulls(1) for number in range(10_000)})),
+        "does not describe itself",
+    ),
+    "a name of 10,000 characters": (
+        lambda: message(arrow({"x": pa.nulls(1)}, entity="/" + "x" * 10_000)), "a name of",
+    ),
+    "a million fields": (
+        lambda: message(arrow({"x": pa.nulls(1)}), more=b"\x78\0" * 10**6), "header",
+    ),
+    "a hundred thousand messages": (
+        lambda: struct.pack("<QQ", rrd.STORE, 0) * 100_000, "messages in",
+    ),
+}  # fmt: skip
+"""What is put before everything else that a file holds, and what is said of it."""
+
+
+def with_bomb(sound: Sound, path: Path, kind: str) -> Path:
+    path.write_bytes(sound.data[:12] + BOMBS[kind][0]() + sound.data[12:])
+    return path
+
+
+@pytest.mark.parametrize("kind", BOMBS)
+def test_what_unpacks_to_far_more_than_it_is_is_refused(
+    sound: Sound, tmp_path: Path, kind: str
+) -> None:
+    path = with_bomb(sound, tmp_path / "run.rrd", kind)
+    with pytest.raises(RecordingError, match=BOMBS[kind][1]):
+        read(path)
+    assert verdict(path, sound) == "refused"
+
+
+def test_a_bomb_takes_little_memory(sound: Sound, tmp_path: Path) -> None:
+    """More than the interpreter with its libraries, which take 150 MB, but far from 1 GB."""
+    for kind in ("a property of 250 MB", "zeros for a state", "zeros that nobody asked for"):
+        path = with_bomb(sound, tmp_path / "run.rrd", kind)
+        code, _, stderr, peak_mb = measured(["analyze", path], tmp_path)
+        assert (code, len(stderr.splitlines())) == (1, 1)
+        assert peak_mb < MEMORY_MB
+
+
+# -- what is not a file ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["missing", "folder", "pipe", "device"])
+def test_what_is_not_a_plain_file_is_one_line_and_no_waiting(
+    sound: Sound, tmp_path: Path, kind: str
+) -> None:
+    path = tmp_path / "run.rrd"
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device":
+        path = Path("/dev/zero")
+    why = "not there" if kind == "missing" else "not a plain file"
+    stages: list[Callable[[], object]] = [
+        lambda: read(path),
+        lambda: list(frames(path)),
+        lambda: reader.recording_id(path),
+        lambda: check(path, sound.path),
+    ]
+    if kind != "missing":
+        stages.append(lambda: check(sound.path, path))
+    for stage in stages:
+        with pytest.raises(RecordingError, match=f"{path} is not a recording: it is {why}"):
+            stage()
 
 
 # -- the command ----------------------------------------------------------------------------------

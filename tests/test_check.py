@@ -134,6 +134,26 @@ def test_the_same_body_under_another_name_is_the_same_body(recorded: Recorder) -
     assert {one.name for one in compare(other, golden).differences} == {"body", "body_sha256"}
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("mass_kg", 1e308), ("restitution", 1e308), ("solver_iterations", 51), ("timestep_s", 1.0)],
+)
+def test_what_the_engine_reports_is_compared_where_the_scenario_leaves_it(
+    recorded: Recorder, name: str, value: float
+) -> None:
+    golden = side(recorded())
+    found = compare(replace(golden, engine=golden.engine | {name: value}), golden)
+    assert not found.same
+    assert [(one.name, one.value) for one in found.differences] == [(f"engine.{name}", value)]
+
+
+def test_bodies_whose_digest_nobody_knows_are_the_same_only_by_name(recorded: Recorder) -> None:
+    golden = side(recorded())
+    unknown = replace(golden, engine={k: v for k, v in golden.engine.items() if k != "body_sha256"})
+    other = replace(unknown, scenario=replace(golden.scenario, body="sphere2.urdf"))
+    assert [one.name for one in compare(other, unknown).differences] == ["body"]
+
+
 # -- samples --------------------------------------------------------------------------------------
 
 
@@ -263,6 +283,29 @@ def test_frames_are_compared_by_their_pixels(
     assert not found.same
     assert found.first is not None
     assert (found.first.step, found.first.column) == (12, "frame")
+
+
+def test_a_frame_is_only_ever_opened_as_a_png(
+    pictured: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pillow hands an EPS to Ghostscript, as soon as it may guess."""
+    stream = io.BytesIO()
+    Image.new("RGB", (64, 48)).save(stream, "eps")
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("Ghostscript was asked")
+
+    def other(path: Path) -> list[tuple[int, bytes]]:
+        return [
+            (step, png if path == pictured else stream.getvalue()) for step, png in frames(path)
+        ]
+
+    copy = pictured.with_name("copy.rrd")
+    copy.write_bytes(pictured.read_bytes())
+    monkeypatch.setattr("PIL.EpsImagePlugin.Ghostscript", never)
+    monkeypatch.setattr("pipeline.stages.check.frames", other)
+    with pytest.raises(RecordingError, match="must be a PNG"):
+        check(copy, pictured)
 
 
 def test_without_frames_the_rest_is_compared_and_it_is_said(pictured: Path, tmp_path: Path) -> None:

@@ -221,7 +221,7 @@ def test_a_bit_changed_in_the_state_is_noticed(tmp_path: Path, standard: Run) ->
         return one
 
     path = rewritten(standard.simulation.recording, tmp_path / "nudged.rrd", nudge)
-    with pytest.raises(RecordingError, match="not the one that was written"):
+    with pytest.raises(RecordingError, match="its state fails its checksum"):
         read(path)
 
 

@@ -8,7 +8,8 @@ may be wrong by what moves the body so far in one step, an angle by what moves i
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+import re
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,7 @@ class Setting:
     """A value of scenario, engine or camera that the two sides do not share."""
 
     name: str
-    """Its name in the recording."""
+    """Its name in the recording; that of the engine's begins with `engine.` where both have it."""
     value: Any
     """In the recording that was checked."""
     golden: Any
@@ -96,7 +97,7 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
     differences = [*_scenario_differences(run, golden), *_engine_differences(run, golden)]
     versions = [one for one in _engine_settings(run, golden) if _is_version(one.name)]
     if (
-        len(run.states) != len(golden.states)
+        run.states.shape != golden.states.shape
         or run.scenario.timestep_s != golden.scenario.timestep_s
     ):
         return Comparison(differences, versions, None, None, None, None)
@@ -146,17 +147,23 @@ def _engine_settings(run: Side, golden: Side) -> list[Setting]:
 
 
 def _engine_differences(run: Side, golden: Side) -> list[Setting]:
-    names = asdict(run.scenario).keys()  # what the scenario says already need not be said twice
+    """Return what else the engines report differently.
+
+    What scenarios that differ say already is not said twice. Where they agree it is said with its
+    origin: a default of the engine has changed, or a report was altered.
+    """
+    settings = [one for one in _engine_settings(run, golden) if not _is_version(one.name)]
+    names = asdict(run.scenario).keys()
+    if _scenario_differences(run, golden):
+        return [one for one in settings if one.name not in names]
     return [
-        one
-        for one in _engine_settings(run, golden)
-        if not _is_version(one.name) and one.name not in names
+        replace(one, name=f"engine.{one.name}") if one.name in names else one for one in settings
     ]
 
 
 def _is_version(name: str) -> bool:
     return name.endswith("_version") or name in (
-        "pybullet_build", "pybullet_wheel", "pybullet_api", "machine",
+        "pybullet_build", "pybullet_wheel", "pybullet_api", "machine", "gl_renderer",
     )  # fmt: skip
 
 
@@ -189,7 +196,7 @@ def _airborne(run: Side, golden: Side) -> int:
 
 def _allowed(run: Side, golden: Side, states: pl.DataFrame, tolerance_m: float) -> Float64:
     """Return the difference that is let pass in each number, shape (samples, columns)."""
-    scale = [_per_metre(golden)[name] for name in states.columns]
+    scale = [_per_metre(golden)[re.sub(r"^link\d+_", "", name)] for name in states.columns]
     contact = np.arange(len(states)) >= _airborne(run, golden)
     length_m = np.where(contact, max(IN_CONTACT_M, tolerance_m), tolerance_m)
     allowed = np.outer(length_m, scale)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pipeline.stages.check import Check, Frames
 
 DIFFERS = 3
-"""The exit code of a check that did not hold."""
+"""The exit code of a check that failed."""
 
 
 def show_check(check: Check, *, as_json: bool) -> int:
@@ -95,7 +95,8 @@ def _option(one: Setting) -> str:
 
 
 def _value(one: Setting) -> str:
-    return f"{one.name.removesuffix('_version')} {one.value}, golden {one.golden}"
+    name = one.name.removeprefix("engine.").removesuffix("_version")
+    return f"{name} {one.value}, golden {one.golden}"
 
 
 def _first(first: Place) -> str:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import importlib.util
 import io
 import itertools
+import struct
+import warnings
+import zlib
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -67,9 +70,13 @@ def decoded(pngs: Iterable[bytes]) -> Iterator[Image.Image]:
 
 def _decoded(png: bytes, number: int) -> Image.Image:
     try:
-        image = Image.open(io.BytesIO(png), formats=["PNG"])
+        with warnings.catch_warnings(action="error", category=Image.DecompressionBombWarning):
+            image = Image.open(io.BytesIO(png), formats=["PNG"])
         image.load()
-    except (OSError, SyntaxError) as error:
+    except (
+        OSError, SyntaxError, ValueError, IndexError, struct.error, zlib.error,
+        Image.DecompressionBombError, Image.DecompressionBombWarning,
+    ) as error:  # fmt: skip
         raise ValueError(f"every frame must be a PNG, got frame {number}: {error}") from None
     return image if image.mode == "RGB" else image.convert("RGB")
 

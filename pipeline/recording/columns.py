@@ -10,13 +10,19 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from pipeline.fields import shown
 from pipeline.recording import schema
-from pipeline.recording.checks import damaged
+from pipeline.recording.checks import LARGEST, damaged
 from pipeline.recording.rrd import Chunk
 
 Part = tuple[NDArray[np.int64], NDArray[np.float64]]
 """Steps, shape (n,), and some columns of the state at them, shape (n, columns)."""
 Properties = dict[str, Any]
+
+PROPERTY_BYTES = 1 << 16
+"""Most that a property takes; the engine's report takes 18,000."""
+LONGEST_TEXT = 4096
+"""Characters in a property: as many as a path may have."""
 
 
 def scalars(chunk: Chunk, path: Path) -> Part:
@@ -51,7 +57,7 @@ def images(chunk: Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
     blobs = _column(chunk, "EncodedImage:blob", bytes_, path)
     pictures = _flat(blobs, 1)
-    if pictures is None:
+    if pictures is None or pictures.null_count or pictures.values.null_count:
         raise damaged(path, "its frames must be one picture per step")
     for step, blob in zip(steps.to_pylist(), pictures, strict=True):
         yield step, blob.values.to_numpy().tobytes()
@@ -63,16 +69,37 @@ def values(chunk: Chunk, path: Path) -> Properties:
     Raises
     ------
     RecordingError
-        If it holds something else.
+        If it holds something else than short texts, numbers up to `LARGEST`, true and false.
     """
-    if chunk.batch.num_rows != 1:
-        raise damaged(path, f"its property {chunk.entity} must have one row")
-    try:
-        (row,) = chunk.batch.to_pylist()
-    except (pa.ArrowException, ArithmeticError, ImportError, TypeError, ValueError) as error:
-        raise damaged(path, f"its property {chunk.entity} cannot be read ({error})") from None
-    given = {key: value for key, value in row.items() if isinstance(value, list)}
-    return {key: value[0] if len(value) == 1 else value for key, value in given.items()}
+    name, batch = chunk.entity.removeprefix("__properties/"), chunk.batch
+    if batch.num_rows != 1:
+        raise damaged(path, f"its property {name} must have one row")
+    if chunk.size > PROPERTY_BYTES:
+        raise damaged(path, f"its property {name} takes {chunk.size:,} bytes")
+    found: Properties = {}
+    for key, column in zip(batch.schema.names, batch.columns, strict=True):
+        if not pa.types.is_list(column.type):
+            continue  # what Rerun keeps of the row
+        if not any(is_ours(column.type.value_type) for is_ours in _PLAIN):
+            raise damaged(path, f"its property {name} has a {shown(key)} of another type")
+        value = column[0].as_py()
+        if value is None:
+            continue
+        for one in value:
+            if not _is_plain(one):
+                raise damaged(path, f"its property {name} says that {shown(key)} is {shown(one)}")
+        found[key] = value[0] if len(value) == 1 else value
+    return found
+
+
+_PLAIN = (pa.types.is_float64, pa.types.is_int64, pa.types.is_boolean, pa.types.is_string)
+"""The types of which we write properties."""
+
+
+def _is_plain(value: object) -> bool:
+    if isinstance(value, float):
+        return abs(value) <= LARGEST
+    return value is not None and not (isinstance(value, str) and len(value) > LONGEST_TEXT)
 
 
 def _column(chunk: Chunk, name: str, is_right: Callable[[Any], bool], path: Path) -> pa.Array:

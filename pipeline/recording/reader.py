@@ -8,6 +8,8 @@ What fails is damaged, and said to be so in one line.
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +20,17 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.errors import RecordingError, ScenarioError
+from pipeline.fields import shown
 from pipeline.physics.report import EngineReport
-from pipeline.recording import columns, rrd, schema
-from pipeline.recording.checks import AGAIN, check_engine, damaged
+from pipeline.recording import columns, png, rrd, schema
+from pipeline.recording.checks import (
+    AGAIN,
+    check_camera,
+    check_engine,
+    check_settings,
+    check_states,
+    damaged,
+)
 from pipeline.recording.columns import Part, Properties
 from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
 from pipeline.recording.files import is_part
@@ -29,8 +39,12 @@ from pipeline.scenario import Camera, Scenario
 Float64 = NDArray[np.float64]
 T = TypeVar("T")
 
-CONTACT_POINTS = schema.state_columns(0).index("contact_points")
-DISTANCE = schema.state_columns(0).index("contact_distance_m")
+MOST_HELD = 4
+"""Times a file's size, for its frames: a PNG is packed already, and equal ones are held once."""
+FREELY_HELD = 1 << 26
+"""Bytes of frames that may be in any file."""
+MOST_VALUES = 1000
+"""Of a property; the engine's report has some thirty."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +76,14 @@ def read(path: Path) -> Recording:
     Raises
     ------
     RecordingError
-        If it is missing, damaged, no recording of ours, or not what was written.
+        If it is missing, damaged, not a recording of ours, or not what was written.
     """
     state: dict[str, list[Part]] = {entity: [] for entity in schema.state_entities(1)}
     properties: dict[str, Properties] = {}
-    recording_id = ""
+    recording_id, pictured = "", False
     for chunk in _chunks(path):
         recording_id = chunk.recording_id
+        pictured |= chunk.entity == schema.IMAGE
         if chunk.entity in state:
             state[chunk.entity].append(columns.scalars(chunk, path))
         elif chunk.entity.startswith("__properties/"):
@@ -76,15 +91,19 @@ def read(path: Path) -> Recording:
 
     closing = _closing(properties, path)
     scenario, camera = _inputs(properties, path)
+    if pictured and camera is None:
+        raise damaged(path, "it has frames, and no camera")
     engine = _engine(properties[schema.ENGINE_PROPERTY], path)
     check_engine(engine, scenario, path)
+    check_settings(engine, scenario, path)
     names = schema.state_columns(engine.joints)
     if not engine.joints and not state[schema.LINKS]:
         del state[schema.LINKS]
     rows = _joined(state, path)
     if rows.shape[1] != len(names):
         raise damaged(path, f"{schema.LINKS} is not of {engine.joints} links")
-    _check_states(rows, scenario, closing, path)
+    _check_written(rows, scenario, closing, path)
+    check_states(rows, scenario, path)
     named = dict(zip(names, rows.T, strict=True))
     states = pl.DataFrame({"step": np.arange(len(rows))} | named)
     return Recording(path, recording_id, scenario, engine, camera, states, partial=closing is None)
@@ -96,7 +115,7 @@ def recording_id(path: Path) -> str:
     Raises
     ------
     RecordingError
-        If it is missing, damaged, or no recording of ours.
+        If it is missing, damaged, or not a recording of ours.
     """
     for chunk in _chunks(path):
         return chunk.recording_id
@@ -113,35 +132,57 @@ def frames(path: Path) -> Iterator[tuple[int, bytes]]:
     """
     found: dict[int, bytes] = {}
     properties: dict[str, Properties] = {}
+    held, last = 0, b""
     for chunk in _chunks(path):
         if chunk.entity == schema.IMAGE:
-            found.update(columns.images(chunk, path))
+            for step, picture in columns.images(chunk, path):
+                if found.get(step, picture) != picture:
+                    raise damaged(path, f"it has two frames of step {step}")
+                if picture != last:
+                    held, last = held + len(picture), picture
+                if held > FREELY_HELD + MOST_HELD * path.stat().st_size:
+                    raise damaged(path, f"its frames take over {held:,} bytes")
+                found[step] = last
         elif chunk.entity.startswith("__properties/"):
             _gather(properties, chunk, path)
 
-    closing, (_, camera) = _closing(properties, path), _inputs(properties, path)
+    closing, (scenario, camera) = _closing(properties, path), _inputs(properties, path)
     pictures = dict(sorted(found.items()))
-    for step, png in pictures.items():
-        # Width and height stand there in every PNG; what they claim is what a decoder reserves.
-        size = int.from_bytes(png[16:20]), int.from_bytes(png[20:24])
-        if camera is None or size != camera.size_px:
-            raise damaged(path, f"its frame at step {step} is not of the size it was taken with")
-    if closing is not None:
-        digest = FrameDigest()
-        for step, png in pictures.items():
-            digest.update(step, png)
-        if digest.hexdigest() != closing.get("frames_sha256"):
-            raise damaged(path, "its frames are not those that were written")
+    _check_frames(pictures, scenario, camera, closing, path)
     yield from pictures.items()
+
+
+def _check_frames(
+    pictures: Mapping[int, bytes],
+    scenario: Scenario,
+    camera: Camera | None,
+    closing: Properties | None,
+    path: Path,
+) -> None:
+    """Check that the frames are those that the camera takes; an unfinished recording has fewer."""
+    due = range(0, scenario.steps + 1, camera.capture_every) if camera else range(0)
+    expected = due if closing is not None else due[: len(pictures)]
+    if list(pictures) != list(itertools.islice(expected, len(pictures) + 1)):
+        raise damaged(path, f"it must hold {len(due):,} frames, got {len(pictures):,}")
+    for step, picture in pictures.items():
+        # What a header claims is what a decoder reserves.
+        if camera is None or png.size_px(picture) != camera.size_px:
+            raise damaged(path, f"its frame at step {step} is not a PNG of the camera's size")
+    if closing is None:
+        return
+    digest = FrameDigest()
+    for step, picture in pictures.items():
+        digest.update(step, picture)
+    if (closing.get("frames"), closing.get("frames_sha256")) != (len(due), digest.hexdigest()):
+        raise damaged(path, "its frames fail their checksum")
 
 
 # -- chunks ---------------------------------------------------------------------------------------
 
 
 def _unfinished(path: Path, what: str) -> RecordingError:
-    return RecordingError(
-        f"{path} is damaged: {what}; to read what it holds, rename it: mv '{path}' '{path}.part'"
-    )
+    rename = shlex.join(["mv", str(path), f"{path}.part"])
+    return RecordingError(f"{path} is damaged: {what}; to read what it holds, rename it: {rename}")
 
 
 def _chunks(path: Path) -> Iterator[rrd.Chunk]:
@@ -149,15 +190,16 @@ def _chunks(path: Path) -> Iterator[rrd.Chunk]:
     only: str | None = None
     try:
         if not path.is_file():
+            why = "not a plain file" if path.exists() else "not there"
             raise RecordingError(
-                f"{path} is no recording: there is no such file; see: drop simulate --help"
+                f"{path} is not a recording: it is {why}; make one with: drop simulate"
             )
         for chunk in rrd.chunks(path, unfinished=is_part(path)):
             only = chunk.recording_id if only is None else only
             if chunk.application_id != schema.APPLICATION_ID:
                 raise RecordingError(
                     f"{path} must be a recording made by drop, got one of "
-                    f"{chunk.application_id!r}; {AGAIN}"
+                    f"{shown(chunk.application_id)}; {AGAIN}"
                 )
             if chunk.recording_id != only:
                 raise RecordingError(f"{path} must hold one recording, got several; {AGAIN}")
@@ -168,14 +210,22 @@ def _chunks(path: Path) -> Iterator[rrd.Chunk]:
         raise damaged(path, str(error)) from None
     except OSError as error:
         raise RecordingError(
-            f"{path} cannot be read: {error.strerror or error}; see: ls -l '{path}'"
+            f"{path} cannot be read: {error.strerror or error}; see: "
+            f"{shlex.join(['ls', '-l', str(path)])}"
         ) from None
 
 
 def _gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> None:
     """Add what a chunk holds of a property: `rerun rrd split` writes each value on its own."""
     name = chunk.entity.removeprefix("__properties/")
-    properties.setdefault(name, {}).update(columns.values(chunk, path))
+    if name not in schema.PROPERTIES:
+        return
+    gathered = properties.setdefault(name, {})
+    for key, value in columns.values(chunk, path).items():
+        if gathered.setdefault(key, value) != value:
+            raise damaged(path, f"its property {name} says two things of {shown(key)}")
+    if len(gathered) > MOST_VALUES:
+        raise damaged(path, f"its property {name} has {len(gathered):,} values")
 
 
 # -- properties -----------------------------------------------------------------------------------
@@ -188,10 +238,11 @@ def _closing(properties: Mapping[str, Properties], path: Path) -> Properties | N
         if is_part(path):
             return None
         raise _unfinished(path, "it lacks the property that is written last")
-    if closing.get("schema_version") != schema.SCHEMA_VERSION:
+    version = closing.get("schema_version")
+    if version != schema.SCHEMA_VERSION:
         raise RecordingError(
-            f"{path} must be of schema {schema.SCHEMA_VERSION}, got "
-            f"{closing.get('schema_version')}; read it with the drop that wrote it, or {AGAIN}"
+            f"{path} must be of schema {schema.SCHEMA_VERSION}, got {shown(version)}; read it "
+            f"with the drop that wrote it, or {AGAIN}"
         )
     return closing
 
@@ -205,14 +256,17 @@ def _inputs(properties: Mapping[str, Properties], path: Path) -> tuple[Scenario,
     closing = properties.get(schema.RECORDING_PROPERTY)
     inputs = {key: value for key, value in properties.items() if key in schema.INPUT_PROPERTIES}
     if closing is not None and inputs_digest(inputs) != closing.get("inputs_sha256"):
-        raise damaged(path, "its scenario, engine or camera is not the one that was written")
+        raise damaged(path, "its scenario, engine or camera fails its checksum")
     camera = properties.get(schema.CAMERA_PROPERTY)
     try:
-        return _dataclass(Scenario, properties[schema.SCENARIO_PROPERTY]), (
-            None if camera is None else _dataclass(Camera, camera)
-        )
+        scenario = _dataclass(Scenario, properties[schema.SCENARIO_PROPERTY])
+        if camera is None:
+            return scenario, None
+        taken = _dataclass(Camera, camera)
     except (TypeError, ScenarioError) as error:
         raise damaged(path, f"its scenario or camera cannot be ({error})") from None
+    check_camera(taken, path)
+    return scenario, taken
 
 
 def _engine(values: Properties, path: Path) -> EngineReport:
@@ -223,9 +277,11 @@ def _engine(values: Properties, path: Path) -> EngineReport:
 
 
 def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
-    known = {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    given = {key: tuple(v) if isinstance(v, list) else v for key, v in values.items()}
-    return kind(**{key: value for key, value in given.items() if key in known})
+    """Return what a property says; a name that we do not know is a ScenarioError."""
+    unknown = values.keys() - {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    if unknown:
+        raise ScenarioError(f"this drop knows no {shown(min(unknown))}")
+    return kind(**{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()})
 
 
 # -- states ---------------------------------------------------------------------------------------
@@ -266,24 +322,16 @@ def _in_step_order(parts: list[Part], path: Path) -> Float64:
     return rows
 
 
-def _check_states(
+def _check_written(
     rows: Float64, scenario: Scenario, closing: Properties | None, path: Path
 ) -> None:
     samples = scenario.steps + 1
     if closing is not None and not len(rows) == samples == closing.get("samples"):
-        raise damaged(path, f"it must hold {samples} samples, got {len(rows)}")
+        raise damaged(path, f"it must hold {samples:,} samples, got {len(rows):,}")
     if len(rows) > samples:
-        raise damaged(path, f"it must hold at most {samples} samples, got {len(rows)}")
+        raise damaged(path, f"it must hold at most {samples:,} samples, got {len(rows):,}")
     if closing is not None:
         digest = StateDigest()
         digest.update(rows)
         if digest.hexdigest() != closing.get("state_sha256"):
-            raise damaged(path, "its state is not the one that was written")
-    is_number = np.isfinite(rows)
-    # The distance to the floor is nan where there is no contact, and only there.
-    is_number[:, DISTANCE] = np.where(
-        rows[:, CONTACT_POINTS] > 0, is_number[:, DISTANCE], np.isnan(rows[:, DISTANCE])
-    )
-    wrong = np.flatnonzero(~is_number.all(axis=1))
-    if len(wrong):
-        raise damaged(path, f"its state at step {wrong[0]} is no number")
+            raise damaged(path, "its state fails its checksum")

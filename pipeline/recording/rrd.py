@@ -2,15 +2,17 @@
 
 Rerun's own reader trusts a file: a wrong bit makes it panic, which aborts the whole process, or
 reserve the memory that the bit asks for; and a file that ends within a message it refuses whole.
-Here a length is held against the file before it is believed, and what is inside a message is read
-by Arrow's C++ reader, which is made for input that nobody vouches for.
+Here a length is held against the file before it is believed, what a file unpacks to is in
+proportion to its size, and what is inside a message is read by Arrow's C++ reader, which is made
+for input that nobody vouches for.
 
     "RRF2", version, options                                            12 bytes
     kind u64, length u64, a protobuf message                            again and again
     offset u64, length u64 and checksum u32 of the footer, "RRF2FOOT", 1 u32
 
 The footer is the last message. Sources: rerun 0.41, `re_log_encoding/src/rrd/` (frames) and
-`re_protos/proto/rerun/v1alpha1/log_msg.proto` (messages).
+`re_protos/proto/rerun/v1alpha1/log_msg.proto` (messages); apache/arrow, `format/Message.fbs` (what
+a message holds: a schema and one batch of rows).
 """
 
 from __future__ import annotations
@@ -30,10 +32,24 @@ RECORDING_STORE = 1
 UNCOMPRESSED, LZ4 = 1, 2
 LZ4_RATIO = 255
 """No LZ4 block grows by more."""
-LARGEST_CHUNK = 1 << 28
+LARGEST_CHUNK = 1 << 27
 """Bytes; ours have some hundred kilobytes, and Rerun's tools merge them into some megabytes."""
-ROW_ID_BYTES = 16
-"""Every row has an id, so that no chunk has more rows than it has bytes for."""
+LARGEST_HEADER = 1 << 16
+"""Bytes that name a chunk's columns; ours take up to ten thousand."""
+LONGEST_NAME = 4096
+"""Characters of an entity or an id."""
+MOST_FIELDS = 64
+"""In one protobuf message; ours have up to ten."""
+RECORD_BATCH = 3
+"""Arrow's number for a message of rows."""
+LEAST_ROW_BYTES = 10
+"""What a row takes of a file: id and time never repeat. In a body at rest it is 12."""
+LEAST_MESSAGE_BYTES = 512
+"""On average; a chunk of a single number has a thousand."""
+MOST_UNPACKED = 32
+"""Times a file's size; the state of a body at rest unpacks to 4 times, equal frames of it to 24."""
+FREELY_UNPACKED = 1 << 26
+"""Bytes that any file may unpack to."""
 
 _START = struct.Struct("<4s8s")
 _HEAD = struct.Struct("<QQ")
@@ -56,6 +72,8 @@ class Chunk(NamedTuple):
     entity: str
     batch: pa.RecordBatch
     """Columns as `Chunk.to_record_batch` of Rerun names them."""
+    size: int
+    """Bytes, unpacked."""
 
 
 def chunks(path: Path, *, unfinished: bool = False) -> Iterator[Chunk]:
@@ -71,20 +89,29 @@ def chunks(path: Path, *, unfinished: bool = False) -> Iterator[Chunk]:
     Raises
     ------
     DamagedError
-        If it is no Rerun file, is not finished, or a chunk cannot be decoded.
+        If it is not a Rerun file, is not finished, or a chunk cannot be decoded.
     """
+    unpacked = 0
     with path.open("rb") as file:
+        most = FREELY_UNPACKED + MOST_UNPACKED * os.fstat(file.fileno()).st_size
         for kind, message in _messages(file, unfinished=unfinished):
-            if kind == CHUNK and (chunk := _chunk(message)) is not None:
-                yield chunk
+            if kind != CHUNK or (chunk := _chunk(message)) is None:
+                continue
+            unpacked += chunk.size
+            if unpacked > most:
+                raise DamagedError(f"it unpacks to over {MOST_UNPACKED} times its size")
+            yield chunk
 
 
 def _messages(file: BinaryIO, *, unfinished: bool) -> Iterator[tuple[int, memoryview]]:
     size = os.fstat(file.fileno()).st_size
     if size < _START.size or not file.read(_START.size).startswith(b"RRF2"):
         raise DamagedError("it does not begin like a Rerun file")
-    position = _START.size
+    position, count = _START.size, 0
     while size - position >= _HEAD.size:
+        count += 1
+        if count > MOST_FIELDS + size // LEAST_MESSAGE_BYTES:
+            raise DamagedError(f"it has over {count:,} messages in {size:,} bytes")
         kind, length = _HEAD.unpack(_exactly(file, _HEAD.size))
         position += _HEAD.size
         if kind > ACTIVATION or length > size - position:
@@ -95,7 +122,7 @@ def _messages(file: BinaryIO, *, unfinished: bool) -> Iterator[tuple[int, memory
                 return
             break
         if length > LARGEST_CHUNK:
-            raise DamagedError(f"a message of {length:,} bytes is none of ours")
+            raise DamagedError(f"a message of {length:,} bytes is not one of ours")
         yield kind, memoryview(_exactly(file, length))
         position += length
     if not unfinished:
@@ -128,15 +155,19 @@ def _chunk(message: memoryview) -> Chunk | None:
             return None
         application_id = _text(_fields(store[3])[1])
         recording_id = _text(store[2])
-        batch = _batch(_decompressed(fields))
-        entity = (batch.schema.metadata or {})[b"rerun:entity_path"].decode()
+        data = _decompressed(fields)
+        batch = _batch(data)
+        if batch.num_rows * LEAST_ROW_BYTES > len(message):
+            raise DamagedError(f"a chunk of {len(message):,} bytes claims {batch.num_rows:,} rows")
+        entity = _text(memoryview((batch.schema.metadata or {})[b"rerun:entity_path"]))
     except DamagedError:
         raise
     except (pa.ArrowException, ArithmeticError, LookupError, MemoryError, OSError, StopIteration,
-            TypeError, ValueError) as error:  # fmt: skip
-        words = str(error).partition("\n")[0]
+            struct.error, TypeError, ValueError) as error:  # fmt: skip
+        # What the error quotes comes out of the file.
+        words = "".join(filter(str.isprintable, str(error).partition("\n")[0]))[:120]
         raise DamagedError(f"a chunk cannot be decoded ({words or type(error).__name__})") from None
-    return Chunk(application_id, recording_id, entity.removeprefix("/"), batch)
+    return Chunk(application_id, recording_id, entity.removeprefix("/"), batch, data.size)
 
 
 def _decompressed(fields: dict[int, int | memoryview]) -> pa.Buffer:
@@ -151,12 +182,48 @@ def _decompressed(fields: dict[int, int | memoryview]) -> pa.Buffer:
 
 
 def _batch(data: pa.Buffer) -> pa.RecordBatch:
+    _check_stream(data)
     batch = pa.ipc.open_stream(data).read_next_batch()
     batch.validate(full=True)
-    batch.schema.names  # noqa: B018 - raises where one is no text
-    if batch.num_rows * ROW_ID_BYTES > data.size:
-        raise DamagedError(f"a chunk of {data.size:,} bytes claims {batch.num_rows:,} rows")
+    batch.schema.names  # noqa: B018 - raises where one is not text
     return batch
+
+
+def _check_stream(data: pa.Buffer) -> None:
+    """Make sure of a short schema, then one batch of rows that is not compressed once more.
+
+    Arrow would unpack a compressed column to whatever size it claims.
+    """
+    stream = memoryview(data)
+    schema = _header(stream, 0)
+    rows = _header(stream, 8 + len(schema))
+    body_length = _field(schema, _pointed(schema, 0), 3)
+    kind, batch = (_field(rows, _pointed(rows, 0), number) for number in (1, 2))
+    if body_length and any(schema[body_length : body_length + 8]):
+        raise DamagedError("a chunk has something between its schema and its rows")
+    if not kind or rows[kind] != RECORD_BATCH or _field(rows, _pointed(rows, batch), 3):
+        raise DamagedError("a chunk's rows are packed in a way we do not know")
+
+
+def _header(stream: memoryview, position: int) -> memoryview:
+    """Return the flatbuffer at the head of one of Arrow's messages."""
+    marker, length = struct.unpack_from("<II", stream, position)
+    if marker != 0xFFFFFFFF or length > LARGEST_HEADER:
+        raise DamagedError("a chunk does not describe itself as ours do")
+    return stream[position + 8 : position + 8 + length]
+
+
+def _pointed(buffer: memoryview, position: int) -> int:
+    """Return where an offset in a flatbuffer points to. Source: flatbuffers.dev/internals."""
+    return position + int(struct.unpack_from("<I", buffer, position)[0])
+
+
+def _field(buffer: memoryview, table: int, number: int) -> int:
+    """Return where a table of a flatbuffer has a field; 0 where it leaves it out."""
+    fields = table - int(struct.unpack_from("<i", buffer, table)[0])
+    entry, (length,) = 4 + 2 * number, struct.unpack_from("<H", buffer, fields)
+    offset = struct.unpack_from("<H", buffer, fields + entry)[0] if entry + 2 <= length else 0
+    return table + int(offset) if offset else 0
 
 
 def _fields(message: int | memoryview) -> dict[int, int | memoryview]:
@@ -168,8 +235,11 @@ def _fields(message: int | memoryview) -> dict[int, int | memoryview]:
     if isinstance(message, int):
         raise DamagedError("a chunk's header is not readable")
     found: dict[int, int | memoryview] = {}
-    position = 0
+    position = count = 0
     while position < len(message):
+        count += 1
+        if count > MOST_FIELDS:
+            raise DamagedError("a chunk's header is not readable")
         key, position = _varint(message, position)
         number, wire_type = key >> 3, key & 7
         if wire_type == 0:
@@ -195,4 +265,8 @@ def _varint(message: memoryview, position: int) -> tuple[int, int]:
 
 
 def _text(field: int | memoryview) -> str:
-    return bytes(field).decode() if isinstance(field, memoryview) else ""
+    if not isinstance(field, memoryview):
+        return ""
+    if len(field) > LONGEST_NAME:
+        raise DamagedError(f"it has a name of {len(field):,} characters")
+    return bytes(field).decode()

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import io
 import math
+import os
 import shlex
-import zlib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from PIL import Image
 
 from pipeline.budget.comparison import Comparison, Place, Side, compare
 from pipeline.errors import RecordingError, ScenarioError
+from pipeline.figures.animation import decoded
 from pipeline.recording import files
+from pipeline.recording.checks import AGAIN
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Camera
 
@@ -94,7 +94,7 @@ def check(
     RecordingError
         If one of them is missing, damaged or unfinished.
     ScenarioError
-        If the tolerance is no length.
+        If the tolerance is not a length.
     OutputError
         If the golden recording is to be written and cannot be.
     """
@@ -103,7 +103,7 @@ def check(
         raise ScenarioError(f"--tolerance must be finite and at least 0, got {tolerance_m!r}")
     run = _whole(path)
     if not update:
-        if not golden.exists():
+        if not os.path.lexists(golden):
             again = shlex.join(["drop", "check", str(path), "--against", str(golden), "--update"])
             raise RecordingError(
                 f"there is no golden recording {golden}; to make {path} the golden one: {again}"
@@ -156,6 +156,7 @@ def _compare_frames(run: Recording, golden: Recording) -> Frames:
         without = [str(one.path) for one in (run, golden) if one.camera is None]
         why = f"neither {' nor '.join(without)} has" if len(without) > 1 else f"{without[0]} has no"
         return Frames(0, 0, None, f"{why} frames")
+    mine, theirs = dict(frames(run.path)), dict(frames(golden.path))  # or an error
     if run.camera != golden.camera:
         return Frames(0, 0, None, f"the cameras differ: {_camera_differences(run, golden)}")
     if run.engine.machine != golden.engine.machine:
@@ -163,7 +164,6 @@ def _compare_frames(run: Recording, golden: Recording) -> Frames:
     same_pose = run.states.select(
         pl.all_horizontal(pl.col(name) == golden.states[name] for name in POSE)
     ).to_series()
-    mine, theirs = dict(frames(run.path)), dict(frames(golden.path))
     steps = [step for step in sorted(mine.keys() & theirs.keys()) if same_pose[step]]
     differing = [
         step
@@ -198,6 +198,6 @@ def _camera_differences(run: Recording, golden: Recording) -> str:
 
 def _pixels(png: bytes, path: Path) -> NDArray[np.uint8]:
     try:
-        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
-    except (OSError, SyntaxError, ValueError, zlib.error) as error:  # what Pillow raises
-        raise RecordingError(f"{path} is damaged: a frame cannot be decoded ({error})") from None
+        return np.asarray(next(decoded([png])))
+    except ValueError as error:
+        raise RecordingError(f"{path} is damaged: {error}; {AGAIN}") from None
