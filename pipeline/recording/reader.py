@@ -97,6 +97,17 @@ def recording_id(path: Path) -> str:
     raise damaged(path, "it is empty")
 
 
+def entities(path: Path) -> Iterator[str]:
+    """Yield the entity of each chunk in a recording or layer of ours.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, damaged, or no recording of ours.
+    """
+    return (chunk.entity for chunk in _chunks(path))
+
+
 def frames(path: Path) -> Iterator[tuple[int, bytes]]:
     """Yield the camera frames of a recording in step order: step and PNG.
 

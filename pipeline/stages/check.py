@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.budget.comparison import Comparison, Place, Side, compare
-from pipeline.errors import RecordingError, ScenarioError
+from pipeline.errors import RecordingError, ScenarioError, check_suffix
 from pipeline.recording import files
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Camera
@@ -94,9 +94,10 @@ def check(
     RecordingError
         If one of them is missing, damaged or unfinished.
     ScenarioError
-        If the tolerance is no length.
+        If the tolerance is no length, or a golden recording is to be written under a name that
+        does not end in .rrd.
     OutputError
-        If the golden recording is to be written and cannot be.
+        If the golden recording is to be written and cannot be, or is the recording itself.
     """
     path, golden = Path(recording), Path(against)
     if not (math.isfinite(tolerance_m) and tolerance_m >= 0):
@@ -110,6 +111,8 @@ def check(
             )
         return _checked(run, _whole(golden), tolerance_m)
     files.check_target(golden, force=True)
+    files.check_apart([golden], inputs=[path])
+    check_suffix("--against", golden, (".rrd",))
     try:
         before = _checked(run, _whole(golden), tolerance_m)
     except RecordingError:  # there is none yet, or none that can be read
