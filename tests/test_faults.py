@@ -32,6 +32,7 @@ from pipeline.recording import files
 from pipeline.recording.reader import Recording, read
 from pipeline.stages import run as run_stage
 from pipeline.stages.simulate import BATCH
+from pipeline.workers import cores
 
 KILLS = 50
 """Runs that are killed, each at a moment of its own."""
@@ -689,7 +690,7 @@ MANY_FRAMES = (
 )
 
 
-@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core draws without workers")
+@pytest.mark.skipif(cores() < 2, reason="one core draws without workers")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_a_frame_worker_that_dies_is_one_line_and_no_loss(
     tmp_path: Path, precious: bytes, how: signal.Signals
@@ -733,7 +734,7 @@ app = typer.Typer()
 def speak():
     ctypes.CDLL(None).puts(b"from C")
     print("from Python")
-raise SystemExit(running.run(app))
+raise SystemExit(running.run(lambda: app))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "from Python\n", "")

@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import os
 import random
+import resource
 import shlex
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -283,6 +286,26 @@ def test_a_ray_that_does_not_answer_gets_one_line(drop: Drop) -> None:
     assert "ray start --head" in done.stderr
 
 
+@pytest.mark.parametrize("said", [b"", b"220 mail.example ESMTP\r\n"])
+def test_what_listens_but_is_no_ray_gets_one_line(
+    said: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ray itself would try for minutes."""
+    monkeypatch.setattr(engines, "ANSWERS_WITHIN_S", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            connection, _ = server.accept()
+            connection.sendall(said)
+
+        thread = threading.Thread(target=answer, daemon=True)
+        thread.start()
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+        with pytest.raises(DropError, match=f"no Ray cluster answers at '{address}'"):
+            engines._connect(address)
+        thread.join()
+
+
 @dataclass(frozen=True)
 class DiesOnce:
     """A worker's work, whose process is killed in the middle of one shard, but only once."""
@@ -311,12 +334,56 @@ def test_a_killed_workers_shard_is_run_again(tmp_path: Path) -> None:
     assert parts["run"].sort().to_list() == list(range(40))
 
 
-def test_workers_are_forked_from_a_process_without_threads_of_polars() -> None:
-    code = f"import sys, {', '.join(engines.READY)}; print('numpy' in sys.modules, *sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    numpy_too, *imported = done.stdout.split()
-    assert numpy_too == "True"
-    assert not [name for name in imported if name.startswith("polars")]
+def double(shard: int) -> int:
+    if shard == 3:
+        raise OutputError("three")
+    return 2 * shard
+
+
+def test_workers_use_no_semaphore_that_outlives_a_kill(monkeypatch: pytest.MonkeyPatch) -> None:
+    def semaphore(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("multiprocessing.synchronize.SemLock.__init__", semaphore)
+    assert sorted(engines.in_processes(double, range(3), jobs=2)) == [(0, 0), (1, 2), (2, 4)]
+    with pytest.raises(OutputError, match="three"):
+        list(engines.in_processes(double, range(4), jobs=2))
+
+
+@pytest.mark.parametrize("most", [10, 12, 14, 16, 20])
+def test_too_few_open_files_are_one_line(drop: Drop, most: int) -> None:
+    """No matter where they are used up; or they are enough."""
+
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+
+    done = drop(
+        "sweep", "--out", "s", "--samples", "8", "--vary", "height=uniform:1:2", "--no-record",
+        "--jobs", "2", preexec_fn=limited,
+    )  # fmt: skip
+    if done.returncode == 0:
+        assert done.stderr == ""
+        return
+    assert (done.returncode, done.stdout) == (1, "")
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert "Too many open files" in done.stderr
+
+
+def nap(shard: int) -> int:
+    time.sleep(0.02)
+    return shard
+
+
+def test_stopping_in_the_middle_waits_for_nobody() -> None:
+    """However the workers and those who wait for them stand just then."""
+    for _ in range(6):
+        shards = engines.in_processes(nap, range(10_000), jobs=2)
+        for _ in range(5):
+            next(shards)
+        closing = threading.Thread(target=shards.close, daemon=True)
+        closing.start()
+        closing.join(30)
+        assert not closing.is_alive()
 
 
 def always_dies(_: int) -> None:
@@ -651,7 +718,7 @@ def test_interrupted_it_stops_at_once_and_says_how_to_go_on(
     long_sweep: subprocess.Popen[str], tmp_path: Path
 ) -> None:
     children = descendants_of(long_sweep.pid)
-    assert len(children) >= 3  # two workers, and the process that they were forked from
+    assert len(children) == 2
     long_sweep.send_signal(signal.SIGINT)
     began = time.monotonic()
     stdout, stderr = long_sweep.communicate(timeout=20)
