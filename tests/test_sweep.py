@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import random
@@ -296,7 +297,10 @@ def test_what_listens_but_is_no_ray_gets_one_line(
 
         def answer() -> None:
             connection, _ = server.accept()
-            connection.sendall(said)
+            with connection, contextlib.suppress(ConnectionResetError):
+                connection.sendall(said)
+                while connection.recv(99):
+                    pass
 
         thread = threading.Thread(target=answer, daemon=True)
         thread.start()
@@ -384,6 +388,19 @@ def test_stopping_in_the_middle_waits_for_nobody() -> None:
         closing.start()
         closing.join(30)
         assert not closing.is_alive()
+
+
+def first_is_quick(shard: int) -> int:
+    time.sleep(600 if shard else 0)
+    return shard
+
+
+def test_who_wants_no_more_results_waits_for_no_shard() -> None:
+    results = engines.in_processes(first_is_quick, range(100), jobs=2)
+    assert next(results) == (0, 0)
+    began = time.monotonic()
+    results.close()
+    assert time.monotonic() - began < 300, "it waits for the shards that are under way"
 
 
 def always_dies(_: int) -> None:
