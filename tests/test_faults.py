@@ -29,6 +29,7 @@ from pipeline import Scenario, analyze, check, render, simulate
 from pipeline.errors import OutputError, RecordingError, ScenarioError
 from pipeline.physics.world import find_body
 from pipeline.recording import files
+from pipeline.recording.outputs import check_room, part_of
 from pipeline.recording.reader import Recording, read
 from pipeline.stages import run as run_stage
 from pipeline.stages.simulate import BATCH
@@ -223,7 +224,7 @@ def test_a_full_disk_in_a_sweep_is_one_line(tmp_path: Path, room_kb: int) -> Non
 def test_too_little_room_is_said_before_the_work_is_begun(tmp_path: Path) -> None:
     free = shutil.disk_usage(tmp_path).free
     with pytest.raises(OutputError, match=r"GB .*free"):
-        files.check_room(tmp_path / "run.rrd", free * 2)
+        check_room(tmp_path / "run.rrd", free * 2)
     steps = min(1_000_000_000, free // 200)
     with pytest.raises(OutputError, match="GB"):
         simulate(
@@ -448,7 +449,7 @@ def test_a_part_that_is_also_a_whole_recording_is_not_written_into(
     run_rrd: Path, precious: bytes
 ) -> None:
     """A run is killed after its recording has the final name, and before the other one is gone."""
-    part = files.part_of(run_rrd)
+    part = part_of(run_rrd)
     part.hardlink_to(run_rrd)
     with files.unfinished(run_rrd, force=True):
         part.write_bytes(b"begun")

@@ -22,7 +22,7 @@ from pipeline.recording import columns, rrd, schema
 from pipeline.recording.checks import AGAIN, check_engine, damaged
 from pipeline.recording.columns import Part, Properties
 from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
-from pipeline.recording.files import is_part
+from pipeline.recording.outputs import is_part
 from pipeline.scenario import Camera, Scenario
 
 Float64 = NDArray[np.float64]

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from pipeline.budget.analysis import analysis_of
 from pipeline.budget.results import Analysis
 from pipeline.errors import check_suffix
-from pipeline.recording.files import check_apart, check_target, refused
 from pipeline.recording.layer import is_layer, layer_of, write_layer
+from pipeline.recording.outputs import check_apart, check_target, refused
 from pipeline.recording.reader import read
 from pipeline.recording.table import check_table, write_table
 from pipeline.stages.story import events, findings_markdown

@@ -17,6 +17,7 @@ from PIL import Image
 from pipeline.budget.comparison import Comparison, Place, Side, compare
 from pipeline.errors import RecordingError, ScenarioError, check_suffix
 from pipeline.recording import files
+from pipeline.recording.outputs import check_apart, check_target
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Camera
 
@@ -110,8 +111,8 @@ def check(
                 f"there is no golden recording {golden}; to make {path} the golden one: {again}"
             )
         return _checked(run, _whole(golden), tolerance_m)
-    files.check_target(golden, force=True)
-    files.check_apart([golden], inputs=[path])
+    check_target(golden, force=True)
+    check_apart([golden], inputs=[path])
     check_suffix("--against", golden, (".rrd",))
     try:
         before = _checked(run, _whole(golden), tolerance_m)

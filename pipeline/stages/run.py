@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.figures.playback import EVERY_FRAME, Animation
-from pipeline.recording.files import make_folder, part_of, reserved
+from pipeline.recording.outputs import make_folder, part_of, reserved
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 from pipeline.workers import Worker
 

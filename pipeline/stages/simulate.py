@@ -26,8 +26,8 @@ from pipeline.recording import schema, writer
 from pipeline.recording.about import about
 from pipeline.recording.blueprint import Look, layout
 from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
-from pipeline.recording.files import check_apart, check_room, check_target
 from pipeline.recording.live import shown
+from pipeline.recording.outputs import check_apart, check_room, check_target
 from pipeline.recording.writer import Chunk
 from pipeline.scenario import (
     ANALYSIS_BYTES_PER_SAMPLE,

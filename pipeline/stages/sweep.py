@@ -19,7 +19,8 @@ from pipeline.budget.statistics import Moments
 from pipeline.errors import DropError, ScenarioError
 from pipeline.physics.body_digest import body_digest
 from pipeline.physics.world import engine_versions, find_body
-from pipeline.recording.files import check_apart, check_target, written_whole
+from pipeline.recording.files import written_whole
+from pipeline.recording.outputs import check_apart, check_target
 from pipeline.scenario import Camera, Scenario
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
 from pipeline.stages.sweep_shard import RunShard, ShardDone

@@ -22,7 +22,8 @@ from pipeline.errors import DropError, OutputError
 from pipeline.physics.lasting_world import LastingWorld, Worlds
 from pipeline.physics.world import Report, engine_versions
 from pipeline.recording import schema
-from pipeline.recording.files import make_folder, onto_disk
+from pipeline.recording.files import onto_disk
+from pipeline.recording.outputs import make_folder
 from pipeline.scenario import Camera, Scenario
 from pipeline.sweeping.folder import EXPLAINED, SCHEMA, Folder, Row
 from pipeline.sweeping.plan import Plan, replay_command

@@ -19,7 +19,8 @@ import polars as pl
 
 from pipeline.errors import OutputError
 from pipeline.fields import integer, number, vector
-from pipeline.recording.files import lock, make_folder, opened, written_whole
+from pipeline.recording.files import lock, opened, written_whole
+from pipeline.recording.outputs import make_folder
 from pipeline.recording.table import written_by_polars
 from pipeline.scenario import Scenario, gravity
 from pipeline.sweeping.plan import Plan
@@ -87,6 +88,7 @@ class Folder:
         OutputError
             If it holds another sweep, is in use by another process, or cannot be made.
         """
+        make_folder(self.path, "--out")
         make_folder(self._parts, "--out")
         try:
             with opened(self.path / ".lock") as handle:
