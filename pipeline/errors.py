@@ -36,5 +36,5 @@ def check_suffix(option: str, path: Path, suffixes: Iterable[str]) -> None:
     """
     *others, last = suffixes
     if path.suffix not in (*others, last):
-        allowed = f"{', '.join(others)} or {last}"
+        allowed = f"{', '.join(others)} or {last}" if others else last
         raise ScenarioError(f"{option} must end in {allowed}, got {str(path)!r}")

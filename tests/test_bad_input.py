@@ -21,13 +21,15 @@ from conftest import Drop
 from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
-from pipeline import Camera, DropError, Scenario, analyze, simulate
-from pipeline.errors import ScenarioError
+from pipeline import Camera, DropError, Scenario, analyze, check, run, simulate
+from pipeline.errors import OutputError, ScenarioError
 from pipeline.fields import Option, Optioned
 from pipeline.physics.bullet import find_body, p
 from pipeline.physics.urdf import check_urdf
 from pipeline.physics.world import World
 from pipeline.scenario import MAX_STEPS
+from pipeline.stages.sweep import sweep
+from pipeline.sweeping.plan import plan_of
 
 NUMBERS = {name: spec for name, spec in Scenario.options().items() if math.isfinite(spec.high)}
 ANYTHING = st.one_of(
@@ -419,6 +421,42 @@ def test_names_are_taken_as_they_are_whatever_is_in_them(
     assert len(again.stderr.splitlines()) == 1
     assert {one.name for one in tmp_path.iterdir()} == {name}
     assert {one.suffix for one in folder.iterdir()} == {".rrd", ".urdf"}
+
+
+def test_a_name_with_a_dash_in_front_is_no_option_of_rerun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rerun seals recordings, and packs golden ones."""
+    monkeypatch.chdir(tmp_path)
+    run, golden = Path("-x.rrd"), Path("--golden.rrd")
+    simulate(Scenario(duration_s=0.1), run, camera=None)
+    assert analyze(run).layer == Path("-x.analysis.rrd")
+    assert check(run, golden, update=True).updated
+    assert check(run, golden).same
+    assert {one.name for one in tmp_path.iterdir()} == {
+        "-x.rrd", "-x.analysis.rrd", "--golden.rrd",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["~/runs", "~", "~root/runs"])
+def test_a_home_that_the_shell_did_not_expand_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """As in `--out-dir=~/runs`: no folder called ~ comes about. One that is there is a folder."""
+    monkeypatch.chdir(tmp_path)
+    home = Path(name).expanduser()
+    for write in (
+        lambda: run(Scenario(duration_s=0.1), name, camera=None),
+        lambda: sweep(plan_of({"height_m": "1,2"}), name, record=False),
+        lambda: simulate(Scenario(duration_s=0.1), f"{name}/run.rrd", camera=None),
+    ):
+        with pytest.raises(OutputError, match="the shell did not expand the ~") as raised:
+            write()
+        assert f"write {home} instead" in one_line(raised.value)
+    assert list(tmp_path.iterdir()) == []
+    Path(name).mkdir(parents=True)
+    simulate(Scenario(duration_s=0.1), f"{name}/run.rrd", camera=None)
+    assert Path(name, "run.rrd").is_file()
 
 
 def test_a_name_that_is_no_text_is_refused(drop: Drop, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -24,11 +25,15 @@ from pathlib import Path
 import pytest
 from conftest import Drop, descendants_of
 
-from pipeline import Scenario, analyze, simulate
-from pipeline.errors import OutputError, RecordingError
+from pipeline import Scenario, analyze, check, render, simulate
+from pipeline.errors import OutputError, RecordingError, ScenarioError
+from pipeline.physics.world import find_body
 from pipeline.recording import files
+from pipeline.recording.outputs import check_room, part_of
 from pipeline.recording.reader import Recording, read
+from pipeline.stages import run as run_stage
 from pipeline.stages.simulate import BATCH
+from pipeline.workers import cores
 
 KILLS = 50
 """Runs that are killed, each at a moment of its own."""
@@ -202,10 +207,24 @@ def test_a_full_disk_leaves_nothing_half_of_anything_else(
         assert left - {"run.analysis.rrd.part"} == {"run.rrd"}
 
 
+@pytest.mark.parametrize("room_kb", [12, 40, 60, 90, 150])
+def test_a_full_disk_in_a_sweep_is_one_line(tmp_path: Path, room_kb: int) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    arguments = ("--samples", "200", "--vary", "height=uniform:1:2", "--no-record", "--jobs", "1")
+    with small_disk(disk, room_kb) as how:
+        process = start(("sweep", "--out", "s", *arguments), disk, **how)
+        said = ended(process)
+        assert process.returncode == 1
+        assert_one_line(*said, ".parquet cannot be written: ", "goes on from there")
+        assert "No space left" in said[1] or "File too large" in said[1]
+        assert not list(disk.rglob("*.part"))
+
+
 def test_too_little_room_is_said_before_the_work_is_begun(tmp_path: Path) -> None:
     free = shutil.disk_usage(tmp_path).free
     with pytest.raises(OutputError, match=r"GB .*free"):
-        files.check_room(tmp_path / "run.rrd", free * 2)
+        check_room(tmp_path / "run.rrd", free * 2)
     steps = min(1_000_000_000, free // 200)
     with pytest.raises(OutputError, match="GB"):
         simulate(
@@ -268,7 +287,7 @@ def test_targets_that_are_no_files_are_left_as_they_are(tmp_path: Path) -> None:
     for target, words in (
         (tmp_path, "is a folder"),
         (tmp_path / "a file" / "run.rrd", "is a file, not a folder"),
-        (tmp_path / "pipe.rrd", "no plain file"),
+        (tmp_path / "pipe.rrd", "not a regular file"),
         (tmp_path / ("x" * 300 + ".rrd"), "too long"),
     ):
         process = start(("simulate", "--out", str(target), "--force"), tmp_path)
@@ -276,6 +295,237 @@ def test_targets_that_are_no_files_are_left_as_they_are(tmp_path: Path) -> None:
         assert process.returncode == 1
     assert {one.name for one in tmp_path.iterdir()} == {"a file", "pipe.rrd"}
     assert (tmp_path / "a file").read_text() == "precious"
+
+
+# -- names that mean one file ---------------------------------------------------------------------
+
+
+def named(kind: str, folder: Path, target: Path, suffix: str) -> Path:
+    """Return another name for a file: as it is, by a symbolic link, or by a hard link."""
+    path = folder / f"other{suffix}"
+    if kind == "symbolic link":
+        path.symlink_to(target)
+    elif kind == "hard link":
+        path.hardlink_to(target)
+    elif kind == "another path":
+        (folder / "sub").mkdir()
+        path = folder / "sub" / ".." / target.name
+    else:
+        path = target
+    return path
+
+
+@pytest.fixture
+def run_rrd(tmp_path: Path, precious: bytes) -> Path:
+    """Return a recording in a folder of its own."""
+    path = tmp_path / "run.rrd"
+    path.write_bytes(precious)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["its name", "another path", "symbolic link", "hard link"])
+def test_a_layer_does_not_replace_its_recording(run_rrd: Path, precious: bytes, kind: str) -> None:
+    out = named(kind, run_rrd.parent, run_rrd, ".rrd")
+    with pytest.raises(OutputError, match="which the same command reads"):
+        analyze(run_rrd, out=out, force=True)
+    assert run_rrd.read_bytes() == precious
+
+
+@pytest.mark.parametrize("kind", ["symbolic link", "hard link"])
+def test_no_other_output_replaces_the_recording(run_rrd: Path, precious: bytes, kind: str) -> None:
+    for suffix, write in (
+        (".csv", lambda path: analyze(run_rrd, table=path, force=True)),
+        (".webp", lambda path: render(run_rrd, out=path, force=True)),
+        (".svg", lambda path: render(run_rrd, plot=path, force=True)),
+    ):
+        path = named(kind, run_rrd.parent, run_rrd, suffix)
+        with pytest.raises(OutputError, match="which the same command reads"):
+            write(path)
+        path.unlink()
+    with pytest.raises(OutputError, match="which the same command reads"):
+        check(run_rrd, named(kind, run_rrd.parent, run_rrd, ".rrd"), update=True)
+    assert run_rrd.read_bytes() == precious
+
+
+def test_two_outputs_are_not_one_file(run_rrd: Path) -> None:
+    layer, table = run_rrd.with_name("layer.rrd"), run_rrd.with_name("table.csv")
+    table.symlink_to(layer)
+    with pytest.raises(OutputError, match="which the same command writes"):
+        analyze(run_rrd, out=layer, table=table, force=True)
+
+
+def test_a_body_is_not_replaced_by_its_recording(tmp_path: Path) -> None:
+    body = tmp_path / "body.rrd"
+    body.write_bytes(find_body("cube_small.urdf").read_bytes())
+    with pytest.raises(OutputError, match="which the same command reads"):
+        simulate(Scenario(body=str(body)), body, camera=None, force=True)
+    assert body.read_bytes() == find_body("cube_small.urdf").read_bytes()
+
+
+def test_the_part_that_is_read_is_not_written_over(run_rrd: Path, precious: bytes) -> None:
+    """`RUN.rrd` grows as `RUN.rrd.part`: with that as input, its name is taken."""
+    part = run_rrd.rename(run_rrd.with_name("run.rrd.part"))
+    with pytest.raises(OutputError, match=r"run\.rrd\.part, which the same command reads"):
+        analyze(part, out=run_rrd)
+    assert part.read_bytes() == precious
+
+
+@pytest.mark.parametrize("name", ["a.png", "b.gif"])
+def test_a_recording_that_is_called_like_a_picture_is_not_drawn_over(
+    run_rrd: Path, precious: bytes, name: str
+) -> None:
+    path = run_rrd.rename(run_rrd.with_name(name))
+    with pytest.raises(OutputError, match="which the same command reads"):
+        render(path)
+    assert path.read_bytes() == precious
+
+
+@pytest.mark.parametrize("name", ["s.png", "s", "s.RRD", ".rrd", "s.rrd.part"])
+def test_a_recording_ends_in_rrd(run_rrd: Path, name: str) -> None:
+    path = run_rrd.with_name(name)
+    for write in (
+        lambda: simulate(Scenario(), path, camera=None),
+        lambda: analyze(run_rrd, out=path),
+        lambda: check(run_rrd, path, update=True),
+    ):
+        with pytest.raises(ScenarioError, match=r"must end in \.rrd, got"):
+            write()
+    assert not path.exists()
+
+
+def test_only_a_layer_is_replaced_under_a_layers_default_name(
+    run_rrd: Path, precious: bytes
+) -> None:
+    layer = run_rrd.with_name("run.analysis.rrd")
+    analyze(run_rrd)
+    old = layer.stat().st_ino
+    analyze(run_rrd)
+    assert layer.stat().st_ino != old
+    for other in (precious, b"text", b""):
+        layer.write_bytes(other)
+        with pytest.raises(OutputError, match=r"run\.analysis\.rrd is not what drop writes"):
+            analyze(run_rrd)
+        assert layer.read_bytes() == other
+    both = files.binary(), "rrd", "merge", layer.with_name("x.rrd"), run_rrd, "-o", layer
+    analyze(run_rrd, out=layer.with_name("x.rrd"))
+    subprocess.run(both, check=True, capture_output=True)  # a layer, and more
+    with pytest.raises(OutputError, match="is not what drop writes"):
+        analyze(run_rrd)
+    analyze(run_rrd, force=True)
+
+
+def test_only_pictures_are_replaced_under_their_default_names(
+    run_rrd: Path, precious: bytes
+) -> None:
+    for name in ("run.gif", "run.png"):
+        path = run_rrd.with_name(name)
+        path.write_bytes(precious)
+        with pytest.raises(OutputError, match="is not what drop writes"):
+            render(run_rrd)
+        assert path.read_bytes() == precious
+        path.unlink()
+    render(run_rrd)
+    render(run_rrd)
+
+
+def test_a_part_that_is_a_link_is_not_followed(run_rrd: Path, precious: bytes) -> None:
+    """Nor is one that is a pipe waited for."""
+    part = run_rrd.with_name("new.rrd.part")
+    for make in (lambda: part.symlink_to(run_rrd), lambda: os.mkfifo(part), part.mkdir):
+        make()
+        with pytest.raises(OutputError, match=r"new\.rrd\.part is not a regular file"):
+            simulate(Scenario(duration_s=0.1), part.with_suffix(""), camera=None)
+        with pytest.raises(OutputError, match=r"new\.rrd\.part is not a regular file"):
+            files.opened(part)
+        part.rmdir() if part.is_dir() and not part.is_symlink() else part.unlink()
+    sealed = run_rrd.with_name("new.rrd.part.sealed")
+    sealed.symlink_to(run_rrd)
+    simulate(Scenario(duration_s=0.1), part.with_suffix(""), camera=None)
+    assert not sealed.is_symlink()
+    assert run_rrd.read_bytes() == precious
+
+
+def test_a_part_that_is_also_a_whole_recording_is_not_written_into(
+    run_rrd: Path, precious: bytes
+) -> None:
+    """A run is killed after its recording has the final name, and before the other one is gone."""
+    part = part_of(run_rrd)
+    part.hardlink_to(run_rrd)
+    with files.unfinished(run_rrd, force=True):
+        part.write_bytes(b"begun")
+    assert run_rrd.read_bytes() == precious
+
+
+def test_a_link_that_leads_nowhere_is_a_file_that_exists(run_rrd: Path) -> None:
+    link = run_rrd.with_name("link.rrd")
+    link.symlink_to(run_rrd.with_name("nowhere"))
+    with pytest.raises(OutputError, match=r"link\.rrd exists and is left as it is"):
+        simulate(Scenario(duration_s=0.1), link, camera=None)
+    simulate(Scenario(duration_s=0.1), link, camera=None, force=True)
+    assert not link.is_symlink()
+    assert not run_rrd.with_name("nowhere").exists()
+
+
+def test_a_recording_that_is_created_meanwhile_stays(run_rrd: Path) -> None:
+    """And what is said of the files is so."""
+    new = run_rrd.with_name("new.rrd")
+
+    def meanwhile(*_: object) -> None:
+        new.write_text("theirs")
+
+    with pytest.raises(OutputError, match="created by another process") as raised:
+        simulate(Scenario(duration_s=0.1), new, camera=None, progress=meanwhile)
+    assert new.read_text() == "theirs"
+    assert raised.value.__notes__ == [f"what was recorded until then is in {new}.part"]
+    assert not read(new.with_name("new.rrd.part")).partial
+    said = str(raised.value).split()
+    assert not [word for word in said if "new.rrd." in word]  # no file that is gone
+
+
+def test_what_does_not_verify_is_not_said_to_stay(
+    run_rrd: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = files._rerun
+
+    def no_verdict(*arguments: str | Path) -> str:
+        return "" if arguments[1] == "verify" else real(*arguments)
+
+    monkeypatch.setattr(files, "_rerun", no_verdict)
+    new = run_rrd.with_name("new.rrd")
+    with pytest.raises(OutputError, match="does not verify") as raised:
+        simulate(Scenario(duration_s=0.1), new, camera=None)
+    assert {one.name for one in new.parent.iterdir()} == {"run.rrd", "new.rrd.part"}
+    assert "sealed" not in str(raised.value)
+    assert raised.value.__notes__ == [f"what was recorded until then is in {new}.part"]
+
+
+def test_runs_at_once_in_one_folder_are_numbered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each waits, its number chosen, until all have chosen one."""
+    all_chosen = threading.Barrier(3)
+    real = run_stage.Worker
+
+    def waiting() -> object:
+        all_chosen.wait(LIMIT_S)
+        return real()
+
+    monkeypatch.setattr(run_stage, "Worker", waiting)
+
+    def one(_: int) -> str:
+        whole = run_stage.run(Scenario(duration_s=0.1), tmp_path / "d", camera=None)
+        return whole.simulation.recording.name
+
+    with ThreadPoolExecutor(3) as pool:
+        names = sorted(pool.map(one, range(3)))
+    assert names == ["run-2.rrd", "run-3.rrd", "run.rrd"]
+    assert len(list((tmp_path / "d").iterdir())) == 3 * 3  # recording, layer, plot
+
+
+def test_a_run_that_fails_frees_its_number(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError):
+        run_stage.run(Scenario(body="gone.urdf"), tmp_path / "d", camera=None)
+    assert list((tmp_path / "d").iterdir()) == []
 
 
 # -- signals --------------------------------------------------------------------------------------
@@ -441,7 +691,7 @@ MANY_FRAMES = (
 )
 
 
-@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core draws without workers")
+@pytest.mark.skipif(cores() < 2, reason="one core draws without workers")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_a_frame_worker_that_dies_is_one_line_and_no_loss(
     tmp_path: Path, precious: bytes, how: signal.Signals
@@ -485,7 +735,7 @@ app = typer.Typer()
 def speak():
     ctypes.CDLL(None).puts(b"from C")
     print("from Python")
-raise SystemExit(running.run(app))
+raise SystemExit(running.run(lambda: app))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "from Python\n", "")

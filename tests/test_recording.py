@@ -170,7 +170,7 @@ def test_a_recording_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
     part, path = tmp_path / "run.rrd.part", tmp_path / "run.rrd"
     part.write_bytes(b"new")
     path.write_bytes(b"precious")
-    with pytest.raises(OutputError, match="meanwhile"):
+    with pytest.raises(OutputError, match="created by another process"):
         files._rename(part, path, force=False)
     assert path.read_bytes() == b"precious"
 

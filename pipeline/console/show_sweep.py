@@ -209,13 +209,18 @@ def _statistics(group: Group) -> list[str]:
         widths = [_mm(width).removeprefix("+") for width in (half, one.spread)]
         cells = [_mm(one.mean), *widths, *map(_mm, one.quantiles.values())]
         lines.append(_cells(TERMS[one.quantity], cells))
-    counts = {one.count for one in group.statistics}
-    if counts:
+    count = group.statistics[0].count if group.statistics else 0
+    of = "" if count == group.samples else f" of {group.samples:,}"
+    if not count:
+        lines.append(f"all {group.samples:,} samples failed")
+    elif group.in_the_air:
         lines.append(
-            f"[dim]over the {min(counts):,} samples in the air; ± 95 % is that of the mean[/]"
+            f"[dim]over the {count:,}{of} samples in the air; ± 95 % is that of the mean[/]"
         )
     else:
-        lines.append("no sample was taken apart: none was in the air at that time")
+        lines.append(
+            f"[dim]over {count:,}{of} samples; none was in the air, so there is only the total[/]"
+        )
     return lines
 
 

@@ -8,72 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
-import shutil
 import subprocess
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
 from pipeline.errors import OutputError
+from pipeline.recording.outputs import check_regular, check_target, part_of, sealed_of, translated
 from pipeline.recording.viewer import binary
-
-
-def part_of(path: Path) -> Path:
-    """Return the name a file has until it is whole."""
-    return path.with_name(path.name + ".part")
-
-
-def is_part(path: Path) -> bool:
-    """Whether a name is that of a file which may not be whole."""
-    return path.name.endswith(".part")
-
-
-def check_target(path: Path, *, force: bool) -> None:
-    """Make sure a file can be written, before any work is done for it.
-
-    Raises
-    ------
-    OutputError
-        If it exists and `force` is not given, is no plain file, or its folder is missing or
-        read-only.
-    """
-    folder = path.parent
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        raise OutputError(f"{str(path)!r} must be UTF-8: Rerun takes no other names") from None
-    with _translated(path):
-        if path.is_dir():
-            raise OutputError(f"{path} is a folder; name a file in it, such as {path / 'run.rrd'}")
-        if path.exists() and not path.is_file():  # a rename would put a file in a device's place
-            raise OutputError(f"{path} is no plain file; give another name")
-        if path.exists() and not force:
-            raise OutputError(f"{path} exists and is left as it is; give another name, or --force")
-        if folder.exists() and not folder.is_dir():
-            raise OutputError(f"{folder} is a file, not a folder; give another name")
-        if not folder.is_dir():
-            raise OutputError(
-                f"the folder {folder} does not exist; make it with: mkdir -p '{folder}'"
-            )
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise OutputError(f"the folder {folder} cannot be written to; choose another one")
-
-
-def check_room(path: Path, needed_bytes: int) -> None:
-    """Make sure that a file has room on its disk, before any work is done for it.
-
-    Raises
-    ------
-    OutputError
-        If it has not.
-    """
-    free = shutil.disk_usage(path.parent).free
-    if needed_bytes > free:
-        raise OutputError(
-            f"{path} needs some {needed_bytes / 1e9:.3g} GB on the disk while it is written, and "
-            f"{free / 1e9:.3g} GB are free; make room, or record fewer steps"
-        )
 
 
 @contextlib.contextmanager
@@ -87,9 +29,9 @@ def unfinished(path: Path, *, force: bool) -> Iterator[Path]:
     """
     check_target(path, force=force)
     part = part_of(path)
-    with _translated(path), _locked(part, path):
+    with translated(path), _locked(part, path):
         try:
-            with _translated(path):
+            with translated(path):
                 yield part
         except BaseException as failure:
             with contextlib.suppress(FileNotFoundError):  # its folder may be gone
@@ -125,7 +67,7 @@ def replaced(path: Path, *, force: bool = True) -> Iterator[Path]:
     """
     check_target(path, force=force)
     part = part_of(path)
-    with _translated(path), _locked(part, path):
+    with translated(path), _locked(part, path):
         try:
             yield part
             onto_disk([part])
@@ -139,7 +81,7 @@ def pack(recording: Path, path: Path) -> None:
 
     The whole recording is in memory meanwhile.
     """
-    _rerun("rrd", "optimize", str(recording), "-o", str(path))
+    _rerun("rrd", "optimize", recording, "-o", path)
 
 
 def seal(
@@ -165,19 +107,22 @@ def seal(
     Raises
     ------
     OutputError
-        If the file does not verify; the `.part` file stays.
+        If the file does not verify; the `.part` file stays, of what was made of it nothing does.
     """
     if blueprint is None:
-        _check_rows(part, rows)
+        _check_rows(part, path, rows)
         _rename(part, path, force=force)
         return
-    whole = part.with_name(part.name + ".sealed")
+    whole = sealed_of(part)
+    whole.unlink(missing_ok=True)  # of a run that was killed, or a link that would be followed
     try:
         # `route` copies messages without decoding them: 0.1 s and flat memory for 300 MB, where
         # `merge` loads everything.
-        _rerun("rrd", "route", str(part), str(blueprint), "-o", str(whole))
-        _verify(whole)
-        _check_rows(whole, rows)
+        _rerun("rrd", "route", part, blueprint, "-o", whole)
+        # `verify` exits 0 on an empty file too, so its sentence and the row counts are asked for.
+        if "1 file verified" not in _rerun("rrd", "verify", whole):
+            raise OutputError(f"what was written for {path} does not verify; run it again")
+        _check_rows(whole, path, rows)
         onto_disk([whole])
         _rename(whole, path, force=force)
         part.unlink(missing_ok=True)
@@ -194,31 +139,25 @@ def onto_disk(paths: Iterable[Path]) -> None:
         If one cannot be written there.
     """
     for path in paths:
-        with _translated(path), path.open("rb+") as handle:
+        with translated(path), path.open("rb+") as handle:
             os.fsync(handle.fileno())
 
 
-def _verify(path: Path) -> None:
-    # `verify` exits 0 on an empty file too, so its sentence and the row counts are asked for.
-    if "1 file verified" not in _rerun("rrd", "verify", str(path)):
-        raise OutputError(f"{path} does not verify; it stays for inspection, run the command again")
-
-
-def _check_rows(path: Path, rows: Mapping[str, int]) -> None:
+def _check_rows(written: Path, path: Path, rows: Mapping[str, int]) -> None:
     from rerun.chunk import RrdReader
 
     counted: dict[str, int] = {}
-    for line in RrdReader(path).store().summary().splitlines():
+    for line in RrdReader(written).store().summary().splitlines():
         entity, count = line.split(" ")[:2]
         counted[entity] = counted.get(entity, 0) + int(count.removeprefix("rows="))
     if counted != dict(rows):
-        raise OutputError(f"{path} lacks rows that were written; run the command again")
+        raise OutputError(f"what was written for {path} lacks rows; run it again")
 
 
-def _rerun(*arguments: str) -> str:
-    """Run Rerun's command line, and return its words."""
+def _rerun(*arguments: str | Path) -> str:
+    """Run Rerun's command line, and return its words; a path is never taken for an option."""
     done = subprocess.run(
-        [binary(), *arguments],
+        [binary(), *(one.absolute() if isinstance(one, Path) else one for one in arguments)],
         capture_output=True,
         text=True,
         stdin=subprocess.DEVNULL,
@@ -226,7 +165,7 @@ def _rerun(*arguments: str) -> str:
     )
     words = done.stdout + done.stderr
     if done.returncode != 0:
-        raise RuntimeError(f"rerun {' '.join(arguments[:2])}: {words.strip()[-300:]}")
+        raise RuntimeError(f"rerun {arguments[0]} {arguments[1]}: {words.strip()[-300:]}")
     return words
 
 
@@ -237,7 +176,10 @@ def _rename(part: Path, path: Path, *, force: bool) -> None:
     try:
         path.hardlink_to(part)  # unlike a rename, never replaces a file that came in between
     except FileExistsError:
-        raise OutputError(f"{path} was made by somebody else meanwhile; {part} stays") from None
+        raise OutputError(
+            f"{path} was created by another process and is left as it is; give another name, or "
+            "--force"
+        ) from None
     except OSError:  # a file system without hard links
         part.replace(path)
     else:
@@ -248,12 +190,30 @@ def _rename(part: Path, path: Path, *, force: bool) -> None:
 def _locked(part: Path, path: Path) -> Iterator[None]:
     """Hold the `.part` file against other processes."""
     while True:
-        with part.open("ab") as handle:
+        with opened(part) as handle:
             lock(handle, f"another process is writing {path}; wait, or give another name")
             # Between our opening it and locking it, its writer may have finished and renamed it.
             if part.exists() and os.path.samestat(part.stat(), os.fstat(handle.fileno())):
-                yield
-                return
+                if part.stat().st_nlink == 1:
+                    yield
+                    return
+                # It is a whole file by another name, as where a run was killed while it gave its
+                # recording the final one. What we write must not go in there.
+                part.unlink()
+
+
+def opened(path: Path) -> BinaryIO:
+    """Open a file of ours to append to; made if missing, and no link is followed.
+
+    Raises
+    ------
+    OutputError
+        If something else than a regular file has its name.
+    """
+    check_regular(path)
+    # Who puts a link or a pipe there just now gets an error: it is not followed or waited for.
+    careful = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    return open(path, "ab", opener=lambda name, how: os.open(name, how | careful, 0o666))
 
 
 def lock(handle: BinaryIO, refusal: str) -> None:
@@ -272,20 +232,3 @@ def lock(handle: BinaryIO, refusal: str) -> None:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise OutputError(refusal) from None
-
-
-@contextlib.contextmanager
-def _translated(path: Path) -> Iterator[None]:
-    """Turn what the system and Rerun say of a failed write into one line of ours."""
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(f"{error.filename or path} cannot be written: {reason}") from error
-    except RuntimeError as error:  # Rerun's writer, and its command line
-        found = re.search(r"([\w ]+) \(os error \d+\)", str(error))
-        if found is None:
-            raise
-        reason = found[1].strip()
-        what = f"{path} cannot be written: {reason}"
-        raise OutputError(f"{what}; make room there, or choose another folder") from error

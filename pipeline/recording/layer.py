@@ -12,9 +12,10 @@ import polars as pl
 from rerun.chunk import Chunk
 
 from pipeline import colours
+from pipeline.errors import RecordingError
 from pipeline.recording import schema, writer
 from pipeline.recording.blueprint import layout
-from pipeline.recording.reader import Recording
+from pipeline.recording.reader import Recording, entities
 
 ERROR_CURVES = {
     "error_m": ("total", colours.TOTAL_ON_DARK),
@@ -30,10 +31,21 @@ ENERGY_CURVES = {
 }
 """Column of the analysis table -> its name under `energy/`, and its colour."""
 
+_TOP = {schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.EVENTS, schema.FINDINGS}
+"""What stands at the top of a layer's entity paths."""
+
 
 def layer_of(recording: Path) -> Path:
     """Return the layer's name beside a recording: `run.rrd` has `run.analysis.rrd`."""
     return recording.with_name(recording.name.removesuffix(".rrd") + ".analysis.rrd")
+
+
+def is_layer(path: Path) -> bool:
+    """Whether a file is an analysis layer, with nothing else in it."""
+    try:
+        return all(entity.split("/")[0] in _TOP for entity in entities(path))
+    except RecordingError:
+        return False
 
 
 def write_layer(

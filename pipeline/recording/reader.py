@@ -33,7 +33,7 @@ from pipeline.recording.checks import (
 )
 from pipeline.recording.columns import Part, Properties
 from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
-from pipeline.recording.files import is_part
+from pipeline.recording.outputs import is_part
 from pipeline.scenario import Camera, Scenario
 
 Float64 = NDArray[np.float64]
@@ -120,6 +120,17 @@ def recording_id(path: Path) -> str:
     for chunk in _chunks(path):
         return chunk.recording_id
     raise damaged(path, "it is empty")
+
+
+def entities(path: Path) -> Iterator[str]:
+    """Yield the entity of each chunk in a recording or layer of ours.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, damaged, or no recording of ours.
+    """
+    return (chunk.entity for chunk in _chunks(path))
 
 
 def frames(path: Path) -> Iterator[tuple[int, bytes]]:

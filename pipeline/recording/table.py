@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 import polars as pl
 
-from pipeline.errors import check_suffix
-from pipeline.recording.files import check_target, written_whole
+from pipeline.errors import OutputError, check_suffix
+from pipeline.recording.files import written_whole
+from pipeline.recording.outputs import check_target
+
+PROBE_BYTES = 1 << 16
 
 
 def check_table(path: Path, *, force: bool) -> None:
@@ -32,11 +38,27 @@ def write_table(path: Path, samples: pl.DataFrame, *, force: bool) -> None:
     OutputError
         If the file exists and `force` is not given, or cannot be written.
     """
+    with written_by_polars(path, force=force) as file:
+        if path.suffix == ".csv":
+            samples.write_csv(file)
+        else:
+            samples.write_parquet(file)
+
+
+@contextlib.contextmanager
+def written_by_polars(path: Path, *, force: bool = True) -> Iterator[BinaryIO]:
+    """Yield a file as `written_whole` does, for polars to write to.
+
+    Raises
+    ------
+    OutputError
+        As for `written_whole`.
+    """
     with written_whole(path, force=force) as file:
         try:
-            if path.suffix == ".csv":
-                samples.write_csv(file)
-            else:
-                samples.write_parquet(file)
-        except pl.exceptions.ComputeError as error:  # a full disk, for one
-            raise RuntimeError(str(error)) from error
+            yield file
+        except pl.exceptions.ComputeError as error:
+            # Polars loses the system's reason on the way; writing a little more brings it back.
+            file.write(bytes(PROBE_BYTES))
+            file.flush()
+            raise OutputError(f"{path} cannot be written: {error}") from error

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from pipeline.budget.analysis import analysis_of
 from pipeline.budget.results import Analysis
-from pipeline.recording.files import check_target
-from pipeline.recording.layer import layer_of, write_layer
+from pipeline.errors import check_suffix
+from pipeline.recording.layer import is_layer, layer_of, write_layer
+from pipeline.recording.outputs import check_apart, check_target, refused
 from pipeline.recording.reader import read
 from pipeline.recording.table import check_table, write_table
 from pipeline.stages.story import events, findings_markdown
@@ -44,7 +45,7 @@ def analyze(
     table
         A `.parquet` or `.csv` file for the table of all samples, or None.
     force
-        Whether files named here may be replaced; the layer under its own name always is.
+        Whether files that exist may be replaced; a layer under its default name always is.
     progress
         Called while it runs.
 
@@ -53,15 +54,20 @@ def analyze(
     RecordingError
         If the recording is missing, damaged or not one of ours.
     ScenarioError
-        If a time lies outside the recording, or the table has another suffix.
+        If a time lies outside the recording, or a file has another suffix.
     OutputError
-        If a file cannot be written.
+        If a file cannot be written, or would replace what the same command reads or writes.
     """
     path = Path(recording)
     layer = layer_of(path) if out is None else Path(out)
+    tables = [] if table is None else [Path(table)]
+    check_apart([layer, *tables], inputs=[path])
     check_target(layer, force=force or out is None)
-    if table is not None:
-        check_table(Path(table), force=force)
+    check_suffix("--out", layer, (".rrd",))
+    if out is None and not force and layer.is_file() and not is_layer(layer):
+        raise refused(layer)
+    for one in tables:
+        check_table(one, force=force)
     progress("analyzing", 0, _PARTS)
     read_back = read(path)
     progress("analyzing", 1, _PARTS)
@@ -75,7 +81,7 @@ def analyze(
         findings=findings_markdown(analysis),
         force=force or out is None,
     )
-    if table is not None:
-        write_table(Path(table), analysis.table, force=force)
+    for one in tables:
+        write_table(one, analysis.table, force=force)
     progress("analyzing", _PARTS, _PARTS)
     return replace(analysis, recording=path, layer=layer, partial=read_back.partial)

@@ -13,10 +13,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.budget.comparison import Comparison, Place, Side, compare
-from pipeline.errors import RecordingError, ScenarioError
+from pipeline.errors import RecordingError, ScenarioError, check_suffix
 from pipeline.figures.animation import decoded
 from pipeline.recording import files
 from pipeline.recording.checks import AGAIN
+from pipeline.recording.outputs import check_apart, check_target
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Camera
 
@@ -94,9 +95,10 @@ def check(
     RecordingError
         If one of them is missing, damaged or unfinished.
     ScenarioError
-        If the tolerance is not a length.
+        If the tolerance is not a length, or a golden recording is to be written under a name that
+        does not end in .rrd.
     OutputError
-        If the golden recording is to be written and cannot be.
+        If the golden recording is to be written and cannot be, or is the recording itself.
     """
     path, golden = Path(recording), Path(against)
     if not (math.isfinite(tolerance_m) and tolerance_m >= 0):
@@ -109,7 +111,9 @@ def check(
                 f"there is no golden recording {golden}; to make {path} the golden one: {again}"
             )
         return _checked(run, _whole(golden), tolerance_m)
-    files.check_target(golden, force=True)
+    check_target(golden, force=True)
+    check_apart([golden], inputs=[path])
+    check_suffix("--against", golden, (".rrd",))
     try:
         before = _checked(run, _whole(golden), tolerance_m)
     except RecordingError:  # there is none yet, or none that can be read

@@ -17,7 +17,8 @@ from pipeline.figures.animation import MAX_FPS, check_animation, decoded, write_
 from pipeline.figures.facts import Facts
 from pipeline.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation, Playback, playback
 from pipeline.recording.checks import AGAIN
-from pipeline.recording.files import check_target, written_whole
+from pipeline.recording.files import written_whole
+from pipeline.recording.outputs import check_apart, check_kind, check_target
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
 from pipeline.stages.simulate import Progress
@@ -71,7 +72,8 @@ def render(
     dark
         Whether plots and captions are for a dark page.
     force
-        Whether files named here may be replaced; those under their own names always are.
+        Whether files that exist may be replaced; a gif and a plot under their default names
+        always are.
     progress
         Called while it runs.
     assistant
@@ -88,7 +90,7 @@ def render(
     ScenarioError
         If the frame rate or speed cannot be shown, or a file has another suffix.
     OutputError
-        If a file cannot be written.
+        If a file cannot be written, or would replace what the same command reads or writes.
     DropError
         If an .mp4 is asked for without PyAV.
     """
@@ -97,8 +99,11 @@ def render(
     plotted = path.with_suffix(".png") if plot is None else Path(plot)
     check_animation(gif, animation.fps)
     check_suffix("--plot", plotted, (".png", ".svg"))
-    check_target(gif, force=force or out is None)
-    check_target(plotted, force=force or plot is None)
+    check_apart([gif, plotted], inputs=[path])
+    for target, named, beginning in ((gif, out, b"GIF8"), (plotted, plot, b"\x89PNG")):
+        check_target(target, force=force or named is None)
+        if named is None and not force:
+            check_kind(target, beginning)
 
     read_back = read(path)
     analysis = analysis_of(read_back.scenario, read_back.engine, read_back.states)

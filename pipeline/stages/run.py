@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import contextlib
+import itertools
+import os
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.errors import OutputError
 from pipeline.figures.playback import EVERY_FRAME, Animation
-from pipeline.recording.files import part_of
+from pipeline.recording.outputs import make_folder, part_of, reserved
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 from pipeline.workers import Worker
 
@@ -42,7 +44,7 @@ def run(
     note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda *_: None,
 ) -> Run:
-    """Simulate, analyze and render into a folder; a second run there is numbered.
+    """Simulate, analyze and render into a folder; a second run there is numbered, also meanwhile.
 
     Another process draws the frames and the plot, so that what the stages load and do takes place
     meanwhile.
@@ -54,8 +56,7 @@ def run(
     OutputError
         If the folder or a file cannot be written.
     """
-    path = _next_name(Path(out_dir))
-    with Worker() as assistant:
+    with _reserved(Path(out_dir)) as path, Worker() as assistant:
         if camera is not None:
             assistant.ask("pipeline.physics.pictures:draw_ahead", scenario, camera)
         assistant.load("pipeline.figures.plot", "polars")
@@ -73,19 +74,25 @@ def run(
     return Run(simulation, analysis, rendering)
 
 
-def _next_name(folder: Path) -> Path:
-    """Return the first of run.rrd, run-2.rrd, … of which nothing is there yet."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"the folder {folder} cannot be made: {error.strerror}; choose another with --out-dir"
-        ) from None
-    number = 1
-    while True:
+@contextlib.contextmanager
+def _reserved(folder: Path) -> Iterator[Path]:
+    """Yield the first of run.rrd, run-2.rrd, … of which nothing is there yet, for us alone.
+
+    Its empty `.part` file, which only one process can make, keeps others away from it.
+    """
+    make_folder(folder, "--out-dir")
+    for number in itertools.count(1):
         stem = "run" if number == 1 else f"run-{number}"
         path = folder / f"{stem}.rrd"
-        made = (path, part_of(path), *(folder / f"{stem}{end}" for end in _DERIVED))
-        if not any(one.exists() for one in made):
-            return path
-        number += 1
+        part, made = part_of(path), (path, *(folder / f"{stem}{end}" for end in _DERIVED))
+        if not any(map(os.path.lexists, (part, *made))) and reserved(path):
+            if not any(map(os.path.lexists, made)):
+                break
+            part.unlink()  # another process has finished that number just now
+    try:
+        yield path
+    except BaseException:
+        with contextlib.suppress(OSError):  # it has its final name, or its folder is gone
+            if not part.stat().st_size:
+                part.unlink()
+        raise

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import colours
-from pipeline.errors import DropError
+from pipeline.errors import DropError, check_suffix
 from pipeline.physics import theory
 from pipeline.physics.bullet import engine_versions, find_body
 from pipeline.physics.bullet_law import fall_of
@@ -29,8 +29,8 @@ from pipeline.recording import schema, writer
 from pipeline.recording.about import about
 from pipeline.recording.blueprint import Look, layout
 from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
-from pipeline.recording.files import check_room, check_target
 from pipeline.recording.live import shown
+from pipeline.recording.outputs import check_apart, check_room, check_target
 from pipeline.recording.writer import Chunk
 from pipeline.scenario import (
     ANALYSIS_BYTES_PER_SAMPLE,
@@ -112,15 +112,16 @@ def simulate(
     Raises
     ------
     ScenarioError
-        If the body cannot be found or loaded.
+        If the body cannot be found or loaded, or the recording's name does not end in .rrd.
     OutputError
-        If the recording cannot be written.
+        If the recording cannot be written, or would replace the body.
     ViewerError
         If no viewer can be reached.
     """
     began = time.perf_counter()
     path = Path(out)
     check_target(path, force=force)
+    check_suffix("--out", path, (".rrd",))
     _check_size(path, scenario.steps + 1, note)
     if scenario.effective_gravity_m_s2 > 0:
         up = scenario.gravity_m_s2
@@ -128,7 +129,7 @@ def simulate(
             f"gravity points upwards: {up:+g} m/s²; the body will rise; try --gravity {-up:g} to "
             "let it fall"
         )
-    find_body(scenario.body)
+    check_apart([path], inputs=[find_body(scenario.body)])
     recording_id = uuid.uuid4().hex
     frames = 0 if camera is None else camera.frames_of(scenario.steps)
     url = None if viewer is None else viewer()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import os
+import math
 import platform
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import asdict, dataclass
@@ -17,14 +17,17 @@ import polars as pl
 from pipeline.budget.moment import DEFAULT_AT_S
 from pipeline.budget.statistics import Moments
 from pipeline.errors import DropError, ScenarioError
-from pipeline.physics.bullet import engine_versions
-from pipeline.recording.files import check_target, written_whole
+from pipeline.physics.body_digest import body_digest
+from pipeline.physics.bullet import engine_versions, find_body
+from pipeline.recording.files import written_whole
+from pipeline.recording.outputs import check_apart, check_target
 from pipeline.scenario import Camera, Scenario
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
 from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
 from pipeline.sweeping.folder import TERMS, Folder
 from pipeline.sweeping.plan import Plan, name_of
+from pipeline.workers import cores
 
 SHORT_STEPS = 200_000
 """A sweep of fewer steps is over before a second process would have started."""
@@ -107,7 +110,8 @@ def sweep(
     ray
         Address of a Ray cluster to run on instead, `auto`, or `local`.
     until_ci_m
-        Stop sampling when the 95 % confidence interval of the mean error is this narrow [m].
+        Stop sampling when the 95 % confidence interval of the mean error is this narrow [m], over
+        the samples in the air; over all where none is.
     plot
         A `.png` or `.svg` file to plot the errors over the timestep into, or None.
     dark
@@ -132,10 +136,11 @@ def sweep(
 
         check_plot(Path(plot), timesteps=len(dict(plan.lists).get("timestep_s", ())))
         check_target(Path(plot), force=force)
+        check_apart([Path(plot)], inputs=_bodies(plan))
     folder = Folder(Path(out))
     work = RunShard(plan, folder.path.resolve(), at_s, record, camera)
     with folder.claimed(_identity(work)):
-        before = {shard: _done(folder.read(shard)) for shard in sorted(folder.finished())}
+        before = {shard: ShardDone.of(folder.read(shard)) for shard in sorted(folder.finished())}
         ledger = _Ledger(plan, dict(before), until_ci_m, progress)
         todo = (shard for shard in range(plan.shards) if shard not in before)
         try:
@@ -155,7 +160,7 @@ def sweep(
             raise
         shards = plan.shards if ledger.needed is None else ledger.needed
         for shard in folder.finished() - set(range(shards)):
-            folder.discard(shard)
+            folder.discard(plan, shard)
         results = folder.merge(shards)
         kept = [ledger.done[shard] for shard in range(shards)]
         runs, failed = sum(one.runs for one in kept), sum(one.failed for one in kept)
@@ -187,8 +192,17 @@ def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: floa
             raise ScenarioError("--until-ci takes one scenario with --samples, and no lists")
     if jobs is not None and jobs < 1:
         raise ScenarioError(f"--jobs must be at least 1, got {jobs}")
-    if not at_s >= 0:
-        raise ScenarioError(f"--at must be at least 0 s, got {at_s:g}")
+    if not 0 <= at_s < math.inf:
+        raise ScenarioError(f"--at must be finite and at least 0 s, got {at_s:g}")
+
+
+def _bodies(plan: Plan) -> list[Path]:
+    """Return the files of those bodies that there are; the others fail where they are run."""
+    found = []
+    for body in plan.bodies:
+        with contextlib.suppress(ScenarioError):
+            found.append(find_body(body))
+    return found
 
 
 def _identity(work: RunShard) -> dict[str, Any]:
@@ -198,6 +212,7 @@ def _identity(work: RunShard) -> dict[str, Any]:
         "vary": [asdict(one) for one in work.plan.variations],
         "samples": work.plan.samples,
         "seed": work.plan.seed,
+        "bodies": {body: body_digest(body) for body in work.plan.bodies},
         "at_s": work.at_s,
         "recorded": work.recorded,
         "camera": None if work.camera is None else asdict(work.camera),
@@ -221,17 +236,11 @@ def _engine(
             steps = plan.runs * Scenario(**plan.values(0)).steps
         except ScenarioError:
             steps = plan.runs
-        jobs = 1 if steps < SHORT_STEPS else len(os.sched_getaffinity(0))
+        jobs = 1 if steps < SHORT_STEPS else cores()
     jobs = min(jobs, plan.shards)
     if jobs == 1:
         return engines.in_this_process(work, todo)
     return engines.in_processes(work, todo, jobs=jobs)
-
-
-def _done(part: pl.DataFrame) -> ShardDone:
-    """Return what the worker reported of a part that was there before."""
-    errors = part.filter(pl.col("error").is_null())["error_m"]
-    return ShardDone(len(part), len(part) - len(errors), Moments().with_values(errors.to_numpy()))
 
 
 class _Ledger:
@@ -250,7 +259,7 @@ class _Ledger:
         self.runs = sum(one.runs for one in done.values())
         self.failed = sum(one.failed for one in done.values())
         self._total, self._until_ci_m, self._progress = plan.runs, until_ci_m, progress
-        self._followed, self._moments = 0, Moments()
+        self._followed, self._errors, self._explained = 0, Moments(), Moments()
         self._follow()
 
     def enter(self, shard: int, done: ShardDone) -> None:
@@ -263,9 +272,12 @@ class _Ledger:
     def _follow(self) -> None:
         self._progress(self.runs, self.failed, self._total)
         while self.needed is None and self._until_ci_m is not None and self._followed in self.done:
-            self._moments = self._moments.merged(self.done[self._followed].error_m)
+            done = self.done[self._followed]
+            self._errors = self._errors.merged(done.error_m)
+            self._explained = self._explained.merged(done.explained_m)
             self._followed += 1
-            interval = self._moments.interval
+            # Of the samples that the statistics will be of.
+            interval = (self._explained if self._explained.count else self._errors).interval
             if interval is not None and interval[1] - interval[0] <= self._until_ci_m:
                 self.needed = self._followed
 

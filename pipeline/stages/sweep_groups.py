@@ -11,7 +11,7 @@ import polars as pl
 
 from pipeline.budget.convergence import Run, Study, study_of
 from pipeline.budget.statistics import Summary, summaries
-from pipeline.sweeping.folder import TERMS
+from pipeline.sweeping.folder import EXPLAINED, TERMS
 from pipeline.sweeping.plan import Plan, label_of
 
 
@@ -27,6 +27,11 @@ class Group:
     left_out_s: tuple[float, ...] = ()
     """Timesteps that the study leaves out: their sample is that of another time."""
     statistics: tuple[Summary, ...] = ()
+    """All over the same samples: those in the air, or where none was, all that did not fail."""
+    samples: int = 0
+    """How many samples there are, in the air or not."""
+    in_the_air: bool = True
+    """Whether the statistics are of the samples in the air."""
 
 
 def _groups(rows: pl.DataFrame, fields: list[str]) -> Iterator[tuple[dict[str, Any], pl.DataFrame]]:
@@ -47,7 +52,7 @@ def studies_of(plan: Plan, results: pl.LazyFrame) -> list[Group]:
         return []
     others = [name for name in plan.axes if name != "timestep_s"]
     columns = [*others, "timestep_s", "time_s", "simulated_m", *TERMS]
-    rows = results.filter(pl.all_horizontal(pl.col(TERMS).is_not_null())).select(columns).collect()
+    rows = results.filter(EXPLAINED).select(columns).collect()
     found = []
     for values, group in _groups(rows, others):
         times_s = group["time_s"].to_numpy()
@@ -72,5 +77,14 @@ def statistics_of(plan: Plan, results: pl.LazyFrame) -> list[Group]:
         rows = results.filter(pl.col("run").is_between(first, last - 1))
         listed = plan.listed(combination)
         values = {name: listed[name] for name in plan.axes}
-        found.append(Group(values, label_of(values), statistics=tuple(summaries(rows, TERMS))))
+        told = tuple(summaries(rows.filter(EXPLAINED), TERMS))
+        found.append(
+            Group(
+                values,
+                label_of(values),
+                statistics=told or tuple(summaries(rows, TERMS)),
+                samples=rows.select(pl.len()).collect().item(),
+                in_the_air=bool(told),
+            )
+        )
     return found

@@ -23,14 +23,12 @@ from pipeline.physics.lasting_world import LastingWorld, Worlds
 from pipeline.physics.report import EngineReport
 from pipeline.recording import schema
 from pipeline.recording.files import onto_disk
+from pipeline.recording.outputs import make_folder
 from pipeline.scenario import Camera, Scenario
-from pipeline.sweeping.folder import SCHEMA, Folder, Row
+from pipeline.sweeping.folder import EXPLAINED, SCHEMA, Folder, Row
 from pipeline.sweeping.plan import Plan, replay_command
 
 Float64 = NDArray[np.float64]
-
-FLAT_RECORDINGS = 1000
-"""Up to so many recordings lie side by side; more are put into folders of so many."""
 
 _EMPTY: Row = dict.fromkeys(SCHEMA) | asdict(Scenario())
 """The row of a run of which nothing is known yet: the scenario's defaults."""
@@ -47,6 +45,20 @@ class ShardDone:
     failed: int
     error_m: Moments
     """Of the total error, over the runs that have one."""
+    explained_m: Moments
+    """The same over those whose error was broken down into its terms."""
+
+    @classmethod
+    def of(cls, rows: pl.DataFrame) -> ShardDone:
+        """Return what there is to report of a part."""
+        errors = rows.filter(pl.col("error").is_null())
+        explained = errors.filter(EXPLAINED)
+        return cls(
+            runs=len(rows),
+            failed=len(rows) - len(errors),
+            error_m=Moments().with_values(errors["error_m"].to_numpy()),
+            explained_m=Moments().with_values(explained["error_m"].to_numpy()),
+        )
 
 
 @dataclass(frozen=True)
@@ -70,9 +82,7 @@ class RunShard:
         rows = [self.row(run) for run in self.plan.runs_of(shard)]
         # A part is there once its recordings are on the disk.
         onto_disk(self.folder / row["recording"] for row in rows if row["recording"])
-        Folder(self.folder).write(shard, rows)
-        errors = [row["error_m"] for row in rows if row["error"] is None]
-        return ShardDone(len(rows), len(rows) - len(errors), Moments().with_values(errors))
+        return ShardDone.of(Folder(self.folder).write(shard, rows))
 
     def row(self, run: int) -> Row:
         """Run one scenario, and return its row; one that fails is a row too."""
@@ -86,7 +96,7 @@ class RunShard:
         }
         try:
             scenario = Scenario(**values)
-            path = self._recording(run, name) if self.recorded else None
+            path = self._recording(run) if self.recorded else None
             moment, end_m = self._fall(scenario, path)
         except OutputError:
             raise
@@ -109,12 +119,10 @@ class RunShard:
             "recording": path and str(path.relative_to(self.folder)),
         }
 
-    def _recording(self, run: int, name: str) -> Path:
-        folder = Folder(self.folder).recordings
-        if self.plan.runs > FLAT_RECORDINGS:
-            folder /= f"{run // FLAT_RECORDINGS:06d}"
-        folder.mkdir(parents=True, exist_ok=True)
-        return folder / name
+    def _recording(self, run: int) -> Path:
+        path = Folder(self.folder).recording(self.plan, run)
+        make_folder(path.parent, "--out")
+        return path
 
     def _fall(self, scenario: Scenario, path: Path | None) -> tuple[Moment, float]:
         """Return the sample nearest to `at_s`, taken apart, and the height at the end [m]."""

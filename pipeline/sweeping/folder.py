@@ -1,6 +1,6 @@
 """A sweep's folder: what it is, the parts that are finished, and the results made of them.
 
-sweep.json              the sweep that lives here; another one is turned away
+sweep.json              the sweep that lives here; another one is rejected
 parts/part-000003.parquet   one per shard, written whole or not at all
 results.parquet         all parts in one, in the order of the runs
 recordings/run-12.rrd   one per run, unless they were not to be kept
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,11 @@ import polars as pl
 
 from pipeline.errors import OutputError
 from pipeline.fields import integer, number, orientation, vector
-from pipeline.recording.files import lock, written_whole
+from pipeline.recording.files import lock, opened, written_whole
+from pipeline.recording.outputs import make_folder
+from pipeline.recording.table import written_by_polars
 from pipeline.scenario import Scenario, gravity
+from pipeline.sweeping.plan import Plan
 
 Row = dict[str, Any]
 
@@ -59,6 +63,12 @@ the height in the last sample; `command` makes the run again; `error` says why i
 
 TERMS = ("error_m", "timestep_m", "damping_m", "interaction_m", "rounding_m")
 
+EXPLAINED = pl.all_horizontal(pl.col(TERMS).is_not_null())
+"""Rows whose error was broken down: the sample was in the air."""
+
+FLAT_RECORDINGS = 1000
+"""Up to so many recordings lie side by side; more are put into folders of so many."""
+
 
 class Folder:
     """A sweep's folder."""
@@ -79,9 +89,10 @@ class Folder:
         OutputError
             If it holds another sweep, is in use by another process, or cannot be made.
         """
+        make_folder(self.path, "--out")
+        make_folder(self._parts, "--out")
         try:
-            self._parts.mkdir(parents=True, exist_ok=True)
-            with (self.path / ".lock").open("ab") as handle:
+            with opened(self.path / ".lock") as handle:
                 lock(
                     handle,
                     f"another sweep is running in {self.path}; wait, or choose another --out",
@@ -95,8 +106,9 @@ class Folder:
             ) from None
 
     def _check_identity(self, identity: dict[str, Any]) -> None:
-        if not self._identity.exists():
-            if self.results.exists() or any(self._parts.iterdir()):
+        if not self._identity.is_file():
+            there = (self.results, *self._parts.iterdir(), *self.recordings.glob("*"))
+            if any(map(os.path.lexists, there)):
                 raise OutputError(
                     f"{self.path} has results of something else; choose another --out"
                 )
@@ -120,28 +132,53 @@ class Folder:
 
     def finished(self) -> set[int]:
         """Return the shards that have been written."""
-        names = (path.stem.removeprefix("part-") for path in self._parts.glob("part-*.parquet"))
-        return {int(name) for name in names if name.isdecimal()}
+        names = {path.name for path in self._parts.glob("part-*.parquet") if path.is_file()}
+        found = {name[5:-8] for name in names}
+        shards = {int(one) for one in found if one.isdecimal()}
+        return {shard for shard in shards if self.part(shard).name in names}
 
-    def write(self, shard: int, rows: Sequence[Row]) -> None:
-        """Write the part of a shard.
+    def write(self, shard: int, rows: Sequence[Row]) -> pl.DataFrame:
+        """Write the part of a shard, and return it.
 
         Raises
         ------
         OutputError
             If it cannot be written.
         """
-        with written_whole(self.part(shard)) as file:
-            pl.DataFrame(rows, schema=SCHEMA).write_parquet(file)
+        part = pl.DataFrame(rows, schema=SCHEMA)
+        with written_by_polars(self.part(shard)) as file:
+            part.write_parquet(file)
+        return part
 
     def read(self, shard: int) -> pl.DataFrame:
-        """Return the part of a shard."""
-        return pl.read_parquet(self.part(shard))
+        """Return the part of a shard.
 
-    def discard(self, shard: int) -> None:
-        """Remove the part of a shard, and the recordings of its runs."""
-        for name in self.read(shard)["recording"].drop_nulls():
-            (self.path / name).unlink(missing_ok=True)
+        Raises
+        ------
+        OutputError
+            If it is not one.
+        """
+        try:
+            part = pl.read_parquet(self.part(shard))
+        except pl.exceptions.PolarsError:
+            part = pl.DataFrame()
+        if part.schema != pl.Schema(SCHEMA):
+            raise OutputError(f"{self.part(shard)} is damaged; delete it, and repeat the command")
+        return part
+
+    def recording(self, plan: Plan, run: int) -> Path:
+        """Return the file of a run's recording."""
+        many = plan.runs > FLAT_RECORDINGS
+        folder = self.recordings / f"{run // FLAT_RECORDINGS:06d}" if many else self.recordings
+        return folder / f"run-{run}.rrd"
+
+    def discard(self, plan: Plan, shard: int) -> None:
+        """Remove the part of a shard, and the recordings of its runs.
+
+        Which they are is known from the plan: a name that is read from a file might be any.
+        """
+        for run in plan.runs_of(shard):
+            self.recording(plan, run).unlink(missing_ok=True)
         self.part(shard).unlink()
 
     def merge(self, shards: int) -> pl.LazyFrame:
@@ -152,6 +189,6 @@ class Folder:
         OutputError
             If they cannot be written.
         """
-        with written_whole(self.results) as file:
+        with written_by_polars(self.results) as file:
             pl.scan_parquet([self.part(shard) for shard in range(shards)]).sink_parquet(file)
         return pl.scan_parquet(self.results)

@@ -43,6 +43,15 @@ class Plan:
         return tuple(name for name, values in self.lists if len(values) > 1)
 
     @property
+    def bodies(self) -> list[str]:
+        """Return every body that a run may have."""
+        listed = dict(self.lists).get("body", ())
+        drawn_from = [
+            value for one in self.variations if one.field == "body" for value in one.values
+        ]
+        return sorted({*listed, *drawn_from} or {Scenario().body})
+
+    @property
     def shard_runs(self) -> int:
         """How many runs go into one shard: a share that is soon done, and not too many files.
 

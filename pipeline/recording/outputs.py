@@ -1,0 +1,205 @@
+"""Where outputs may go: checked before any work is done for them.
+
+An output is not an input, is not written through a link, and replaces only what it may.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import stat
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from pipeline.errors import OutputError
+
+
+def part_of(path: Path) -> Path:
+    """Return the name a file has until it is whole."""
+    return path.with_name(path.name + ".part")
+
+
+def sealed_of(part: Path) -> Path:
+    """Return the name of the copy of a finished `.part` file that the viewer's layout goes into."""
+    return part.with_name(part.name + ".sealed")
+
+
+def is_part(path: Path) -> bool:
+    """Whether a name is that of a file which may not be whole."""
+    return path.name.endswith(".part")
+
+
+def check_target(path: Path, *, force: bool) -> None:
+    """Make sure a file can be written, before any work is done for it.
+
+    Raises
+    ------
+    OutputError
+        If it exists and `force` is not given, is not a regular file, or its folder is missing or
+        read-only.
+    """
+    folder = path.parent
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise OutputError(f"{str(path)!r} must be UTF-8: Rerun takes no other names") from None
+    with translated(path):
+        if path.is_dir():
+            raise OutputError(f"{path} is a folder; name a file in it, such as {path / 'run.rrd'}")
+        if path.exists() and not path.is_file():  # a rename would put a file in a device's place
+            raise OutputError(f"{path} is not a regular file; give another name")
+        if os.path.lexists(path) and not force:  # a link that leads nowhere exists, too
+            raise OutputError(f"{path} exists and is left as it is; give another name, or --force")
+        if folder.exists() and not folder.is_dir():
+            raise OutputError(f"{folder} is a file, not a folder; give another name")
+        _check_home(folder)
+        if not folder.is_dir():
+            raise OutputError(
+                f"the folder {folder} does not exist; make it with: mkdir -p '{folder}'"
+            )
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise OutputError(f"the folder {folder} cannot be written to; choose another one")
+        check_regular(part_of(path))
+
+
+def check_apart(outputs: Sequence[Path], *, inputs: Sequence[Path]) -> None:
+    """Make sure that no output is an input or another output, by whatever name or link.
+
+    Raises
+    ------
+    OutputError
+        If writing one would replace what the same command reads or writes.
+    """
+    taken = [(path, "reads") for path in inputs]
+    for output in outputs:
+        part = part_of(output)
+        names = (output, part, sealed_of(part))  # all that it has until it is whole
+        for other, does in taken:
+            if any(_is_same(name, other) for name in names):
+                raise OutputError(
+                    f"writing {output} would replace {other}, which the same command {does}; "
+                    "give another name"
+                )
+        taken += [(name, "writes") for name in names]
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other)
+    except OSError:  # one of them does not exist
+        return os.path.realpath(one) == os.path.realpath(other)
+
+
+def check_kind(path: Path, beginning: bytes) -> None:
+    """Make sure that an output nobody named replaces only a file that begins like its own kind.
+
+    Raises
+    ------
+    OutputError
+        If another kind of file has its name.
+    """
+    with translated(path), contextlib.suppress(FileNotFoundError), path.open("rb") as file:
+        if file.read(len(beginning)) != beginning:
+            raise refused(path)
+
+
+def refused(path: Path) -> OutputError:
+    """Return the error for a file that has an output's default name and is something else."""
+    return OutputError(
+        f"{path} is not what drop writes under that name, and is left as it is; rename it, give "
+        "the output another name, or --force"
+    )
+
+
+def reserved(path: Path) -> bool:
+    """Take a free name, by an empty `.part` file; False where another process was faster.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be written to.
+    """
+    with translated(path):
+        try:
+            part_of(path).touch(exist_ok=False)
+        except FileExistsError:
+            return False
+    return True
+
+
+def make_folder(path: Path, option: str) -> None:
+    """Make a folder for outputs where it is missing, and those above it.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be made; the message names the option it was given with.
+    """
+    _check_home(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (OSError, UnicodeEncodeError) as error:
+        reason = getattr(error, "strerror", None) or "its name is not UTF-8"
+        raise OutputError(
+            f"the folder {path!s} cannot be made: {reason}; choose another with {option}"
+        ) from None
+
+
+def _check_home(folder: Path) -> None:
+    """Make sure that no folder called `~` comes about: shells leave the one in `--out=~/x` alone.
+
+    Raises
+    ------
+    OutputError
+        If the folder lies in somebody's home, and in no folder here that is called so.
+    """
+    home = os.path.expanduser(folder)  # noqa: PTH111 - unlike pathlib's it never fails
+    if home != str(folder) and not Path(folder.parts[0]).exists():
+        raise OutputError(f"the shell did not expand the ~ in {folder}; write {home} instead")
+
+
+def check_regular(path: Path) -> None:
+    """Make sure that a file of ours would not be written through a link, or into a pipe.
+
+    Raises
+    ------
+    OutputError
+        If something else has its name.
+    """
+    if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
+        raise OutputError(f"{path} is not a regular file, and in the way; remove it")
+
+
+def check_room(path: Path, needed_bytes: int) -> None:
+    """Make sure that a file has room on its disk, before any work is done for it.
+
+    Raises
+    ------
+    OutputError
+        If it has not.
+    """
+    free = shutil.disk_usage(path.parent).free
+    if needed_bytes > free:
+        raise OutputError(
+            f"{path} needs some {needed_bytes / 1e9:.3g} GB on the disk while it is written, and "
+            f"{free / 1e9:.3g} GB are free; make room, or record fewer steps"
+        )
+
+
+@contextlib.contextmanager
+def translated(path: Path) -> Iterator[None]:
+    """Turn what the system and Rerun say of a failed write into one line of ours."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"{error.filename or path} cannot be written: {reason}") from error
+    except RuntimeError as error:  # Rerun's writer, and its command line
+        found = re.search(r"([\w ]+) \(os error \d+\)", str(error))
+        if found is None:
+            raise
+        reason = found[1].strip()
+        what = f"{path} cannot be written: {reason}"
+        raise OutputError(f"{what}; make room there, or choose another folder") from error
