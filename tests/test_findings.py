@@ -35,7 +35,7 @@ CASES: dict[str, tuple[dict[str, object], str, dict[str, object]]] = {
         {"restitution": BOUNCY, "contact_erp": 0.0},
     ),
     "bounce-swallowed": (
-        {"restitution": 0.3, "height_m": 0.3},
+        {"restitution": 0.9, "height_m": 0.1, "timestep_s": 1 / 960, "solver_residual": 0.0},
         "0.2 m/s",
         RESTLESS,
     ),

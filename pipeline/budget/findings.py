@@ -288,7 +288,7 @@ def _swallowed(e: Evidence) -> Iterator[Finding]:
     if restitution is None:
         return
     # What gravity takes back within a step or two is no bounce either.
-    least_m_s = max(SWALLOWED_M_S, -4 * e.case.fall.gravity_m_s2 * e.case.timestep_s) / restitution
+    least_m_s = max(SWALLOWED_M_S, -2 * e.case.fall.gravity_m_s2 * e.case.timestep_s) / restitution
     points = e.case.samples.contact_points
     for number, one in enumerate(episodes(e.case)):
         if e.tumbled_step is not None and one.first >= e.tumbled_step:
@@ -319,7 +319,7 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
             )
             causes += ", the slop stays"
         else:
-            causes += ", whatever is set, p.setPhysicsEngineParameter has no parameter for it"
+            causes += ", unless p.setPhysicsEngineParameter(contactSlop=0) is called"
         yield Finding("rest-below-expected", f"{lower}: {causes}")
     elif e.case.scenario.contact_erp == 0 and e.law is not None and e.tumbled_step is None:
         yield Finding(
