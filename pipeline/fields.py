@@ -308,8 +308,8 @@ def _of_kind(value: Any, hint: Any) -> Any:  # noqa: ANN401
     elif get_origin(hint) is tuple:
         if isinstance(value, tuple | list) and len(value) == len(arguments):
             return tuple(map(_of_kind, value, arguments))
-    elif hint in (bool, str) or isinstance(value, bool):
-        if isinstance(value, hint):
+    elif hint in (bool, str) or isinstance(value, bool):  # which is an int to Python, not to us
+        if isinstance(value, hint) and isinstance(value, bool) == (hint is bool):
             return value
     elif isinstance(value, Real if hint is float else Integral):
         return hint(value)

@@ -106,7 +106,7 @@ class Scenario(Optioned):
         default=None, shown="default", low=1e-9, high=1e9, left_to="the URDF's",
     )  # fmt: skip
     restitution: float | None = option(
-        "--restitution", "Restitution of body and floor both.", number,
+        "--restitution", "Restitution of body (all links) and floor both.", number,
         default=None, shown="default", low=0, high=1,
     )  # fmt: skip
     restitution_threshold_m_s: float | None = option(
@@ -114,7 +114,7 @@ class Scenario(Optioned):
         default=None, shown="default", low=0, high=1e4,
     )  # fmt: skip
     friction: float | None = option(
-        "--friction", "Lateral friction of body and floor both.", number,
+        "--friction", "Lateral friction of body (all links) and floor both.", number,
         default=None, shown="default", low=0, high=10,
     )  # fmt: skip
     contact_erp: float | None = option(

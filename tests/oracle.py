@@ -166,11 +166,6 @@ class Replay:
         """Whether any contact point was reported, shape (samples,)."""
         return np.array([bool(points) for points in self.touches])
 
-    @property
-    def pushed(self) -> NDArray[np.bool_]:
-        """Whether a contact point pushed the body, shape (samples,)."""
-        return np.array([any(one.force_n > 0 for one in points) for points in self.touches])
-
 
 class Client:
     """A PyBullet client with the body of a drop and its floor; use it in a `with` statement."""
@@ -215,10 +210,10 @@ class Client:
 
     def _set_dynamics(self) -> None:
         drop = self.drop
-        mass, _, inertia = self.dynamics()[:3]
-        if drop.mass_kg is not None and mass > 0:
+        if drop.mass_kg is not None:
+            mass, inertia = _urdf_mass(drop.body)
             scale = drop.mass_kg / mass  # another density: the inertia goes with the mass
-            moments = tuple(one * scale for one in inertia)
+            moments = (inertia[0] * scale, inertia[1] * scale, inertia[2] * scale)
             self.change(self.body, -1, mass=drop.mass_kg, localInertiaDiagonal=moments)
         self.change(
             self.body, -1, linearDamping=drop.linear_damping, angularDamping=drop.angular_damping
@@ -288,11 +283,18 @@ class Client:
         return found
 
 
+@functools.lru_cache(maxsize=4096)
+def _urdf_mass(body: str) -> tuple[float, Vector]:
+    """Return mass and moments of inertia of the base, as the URDF has them."""
+    with Client(Drop(body=body)) as client:
+        mass, _, inertia = client.dynamics()[:3]
+        return mass, inertia
+
+
 @dataclass(frozen=True)
 class BodyFacts:
     """What PyBullet says of a body that it has loaded; links and shapes as a btMultiBody."""
 
-    movable_joints: int
     joints: int
     total_mass_kg: float
     mass_kg: tuple[float, ...]
@@ -302,11 +304,14 @@ class BodyFacts:
     friction: tuple[float, float, float]
     floor_friction: float
     shapes: tuple[tuple[int, Vector], ...]
-    """Of the base: pybullet's kind and dimensions."""
-    has_shape: bool
-    """Any link of it."""
+    """Of all links, the base first: pybullet's kind and dimensions."""
     name: str
     margin_m: float
+
+    @property
+    def has_shape(self) -> bool:
+        """Whether any link of it can touch anything."""
+        return bool(self.shapes)
 
     @property
     def is_rigid(self) -> bool:
@@ -326,10 +331,8 @@ def facts_of(drop: Drop) -> BodyFacts:
         links = range(-1, client.joints)
         told = [client.dynamics(link) for link in links]
         shapes = [p.getCollisionShapeData(client.body, link, client.id) for link in links]
-        kinds = [p.getJointInfo(client.body, joint, client.id)[2] for joint in links[1:]]
         floor = p.getDynamicsInfo(client.floor, -1, client.id)
         return BodyFacts(
-            movable_joints=sum(kind != p.JOINT_FIXED for kind in kinds),
             joints=client.joints,
             total_mass_kg=math.fsum(one[0] for one in told),
             mass_kg=tuple(one[0] for one in told),
@@ -338,8 +341,7 @@ def facts_of(drop: Drop) -> BodyFacts:
             floor_restitution=floor[5],
             friction=(told[0][1], told[0][6], told[0][7]),
             floor_friction=floor[1],
-            shapes=tuple((one[2], one[3]) for one in shapes[0]),
-            has_shape=any(shapes),
+            shapes=tuple((one[2], one[3]) for each in shapes for one in each),
             name=p.getBodyInfo(client.body, client.id)[1].decode(),
             margin_m=told[0][11],
         )
@@ -353,6 +355,9 @@ def replay(drop: Drop, start: tuple[float, ...] | None = None) -> Replay:
     links, touches = [], []
     with Client(drop) as client:
         if start is not None:
+            # A btRigidBody keeps the inertia it was loaded with until its first step.
+            p.resetBasePositionAndOrientation(client.body, (0, 0, 1e6), start[3:7], client.id)
+            p.stepSimulation(physicsClientId=client.id)
             p.resetBasePositionAndOrientation(client.body, start[:3], start[3:7], client.id)
             p.resetBaseVelocity(client.body, start[7:10], start[10:], physicsClientId=client.id)
         told = [client.dynamics(link) for link in range(-1, client.joints)]
@@ -399,7 +404,10 @@ def touching_height(drop: Drop, orientation: Sequence[float]) -> float | None:
     Bisection with the engine's own collision detection; links stand as they were loaded. None
     where it never touches.
     """
-    return _touching_height(body_only(drop), tuple(map(float, orientation)))
+    body = body_only(drop)
+    if not facts_of(body).is_rigid:  # the links of btRigidBodies stay behind when it is placed
+        body = replace(body, maximal=False)
+    return _touching_height(body, tuple(map(float, orientation)))
 
 
 @functools.lru_cache(maxsize=4096)
@@ -562,9 +570,9 @@ class Rebound:
     """One contact that ended in the air again."""
 
     step: int
-    """The last sample that nothing has pushed before it."""
+    """The last sample before it: nothing touches."""
     end: int
-    """The first sample after it that nothing has pushed."""
+    """The first sample after it that does not touch."""
     until: int
     """The first sample of the next contact, or one past the end."""
 
@@ -595,17 +603,29 @@ class Truth:
     @functools.cached_property
     def acted_step(self) -> int | None:
         """The first sample that would be another one without the floor."""
-        if not (self.drop.floor and self.drop.stepped) or not self.run.reported.any():
+        seen = self.run.reported.any() or max(1, self.drop.substeps or 1) > 1
+        if not (self.drop.floor and self.drop.stepped and seen):
             return None
         alone = self.again(floor=False)
         other = np.flatnonzero((alone.state != self.run.state).any(axis=1))
         return int(other[0]) if len(other) else None
 
     @functools.cached_property
-    def reported_step(self) -> int | None:
-        """The first sample whose step reported a contact point."""
-        found = np.flatnonzero(self.run.reported)
-        return int(found[0]) if len(found) else None
+    def touching_steps(self) -> NDArray[np.int64]:
+        """Samples whose step found a contact point that pushes, or is not above the floor."""
+        return np.flatnonzero(
+            [
+                any(one.force_n > 0 or one.distance_m <= 0 for one in each)
+                for each in self.run.touches
+            ]
+        )
+
+    @functools.cached_property
+    def touched_steps(self) -> NDArray[np.int64]:
+        """The same, and the first that the floor acted on: substeps hide what it did before."""
+        if self.acted_step is None or max(1, self.drop.substeps or 1) == 1:
+            return self.touching_steps
+        return np.unique(np.append(self.touching_steps, self.acted_step))
 
     @property
     def last(self) -> int:
@@ -617,17 +637,38 @@ class Truth:
         """Samples whose step ran into the limit of a btMultiBody's velocities."""
         if self.drop.maximal or not self.drop.stepped:
             return np.empty(0, np.int64)
-        fast = np.abs(np.hstack((self.run.velocity_m_s, self.run.spin_rad_s)))[1:]
-        return np.flatnonzero((fast >= CLAMP).any(axis=1)) + 1
+        each, run = max(1, self.drop.substeps or 1), self.run
+        if each > 1:  # the engine's own steps, of which a sample shows each last one only
+            run = self.again(timestep_s=self.drop.step_s, steps=self.last * each, substeps=None)
+        fast = np.abs(np.hstack((run.velocity_m_s, run.spin_rad_s)))[1:]
+        return np.unique(np.flatnonzero((fast >= CLAMP).any(axis=1)) // each) + 1
 
     @functools.cached_property
     def is_ball(self) -> bool:
         """Whether it touches at the same height however it is turned."""
         return self.facts.is_rigid and self.facts.has_shape and _is_ball(body_only(self.drop))
 
-    def turned_rad(self, step: int) -> float:
-        """Return by how much a sample is turned from the release [rad]."""
-        return turn_rad(self.run.orientation[0], self.run.orientation[step])
+    def tilted_rad(self, step: int) -> float:
+        """Return by how much a sample's up axis, seen from the body, is off the release's [rad]."""
+        first, then = matrices(self.run.orientation[[0, step]])[:, 2]
+        return 2 * math.asin(min(1.0, float(np.linalg.norm(first - then)) / 2))
+
+    def lean_rad(self, step: int) -> float:
+        """Return by how much the nearest of the body's axes is off the vertical [rad]."""
+        up = np.abs(matrices(self.run.orientation[step])[2])
+        return math.atan2(float(np.linalg.norm(np.sort(up)[:2])), float(up.max()))
+
+    def is_flat(self, step: int, within_rad: float) -> bool:
+        """Whether it lies as contact laws assume: a box on a face, others as they were released."""
+        if self.is_ball:
+            return True
+        is_box = self.facts.is_rigid and [kind for kind, _ in self.facts.shapes] == [p.GEOM_BOX]
+        return (self.lean_rad(step) if is_box else self.tilted_rad(step)) <= within_rad
+
+    def tumbles_at(self, within_rad: float) -> int:
+        """Return the first touching sample that is not flat; one past the last where none is."""
+        found = (int(one) for one in self.touching_steps if not self.is_flat(one, within_rad))
+        return next(found, self.last + 1)
 
     def depth_m(self, step: int) -> float | None:
         """Return how deep the lowest point of a sample is in the floor [m]; < 0 above it."""
@@ -635,58 +676,35 @@ class Truth:
             return None
         return depth_m(self.drop, float(self.run.height_m[step]), self.run.orientation[step])
 
-    @functools.cached_property
-    def keeps_its_way_up(self) -> bool:
-        """Whether the height at which it touches is the same in every sample."""
-        if self.is_ball:
-            return True
-        turns = [self.turned_rad(step) for step in range(self.last + 1)]
-        return max(turns) < 1e-6
-
-    @functools.cached_property
-    def contacts(self) -> list[tuple[int, int]]:
-        """Runs of samples that contact has pushed: first, and one past the last."""
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], self.run.pushed, [0]))))
-        return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+    def contact_after(self, step: int) -> Rebound | None:
+        """Return the contact that begins after a sample and ends in the air; None if none does."""
+        touched = set(map(int, self.touching_steps))
+        if step in touched or step + 1 not in touched:
+            return None
+        end = next((one for one in range(step + 1, self.last + 1) if one not in touched), None)
+        if end is None:
+            return None
+        until = next((one for one in range(end, self.last + 1) if one in touched), self.last + 1)
+        return Rebound(step, end, until)
 
     @functools.cached_property
     def rebounds(self) -> list[Rebound]:
-        """Contacts after which the body is clear of the floor again."""
-        found, start = [], None
-        starts = [first for first, _ in self.contacts]
-        for number, (first, end) in enumerate(self.contacts):
-            start = first - 1 if start is None else start
-            until = starts[number + 1] if number + 1 < len(starts) else self.last + 1
-            clear = [
-                step
-                for step in range(end, until)
-                if (depth := self.depth_m(step)) is not None and depth < 0
-            ]
-            if clear:
-                found.append(Rebound(start, clear[0], until))
-                start = None
-        return found
+        """All contacts that begin in the air and end going up, in order."""
+        found = (self.contact_after(int(step) - 1) for step in self.touching_steps if step)
+        up = self.run.velocity_m_s[:, 2]
+        return [one for one in found if one is not None and up[one.end - 1] > 0]
 
-    def stays(self, since: int, position_m: float, turn: float) -> bool:
-        """Whether position and orientation stay within so much from a sample on, and go on to.
+    def apex_m(self, one: Rebound) -> float:
+        """Return the greatest height of the centre after a contact, before the next one [m]."""
+        return float(self.run.height_m[one.end - 1 : one.until].max())
 
-        It goes on for as long again as it has lain, at least 20 steps.
-        """
-        more = max(20, min(self.last - since, 400))
-        state = self.again(steps=self.last + more).state
+    def stays(self, since: int, position_m: float, turn_by: float) -> bool:
+        """Whether position and orientation stay within so much, and go on to for 20 steps more."""
+        state = self.again(steps=self.last + 20).state
         end = state[self.last]
         moved = np.abs(state[since:, :3] - end[:3]).max()
         turned = max(turn_rad(end[3:7], one) for one in state[since:, 3:7])
-        return bool(moved <= position_m and turned <= turn)
-
-    @functools.cached_property
-    def fell_past_the_floor(self) -> bool:
-        """Whether the centre is lower than any body that touches could be, and nothing pushes."""
-        lowest = self.release_height_m if self.release_height_m is not None else 0.0
-        beside = float(np.abs(self.run.position_m[-1, :2]).max()) > 15
-        return bool(self.run.height_m[-1] < min(lowest, 0.0) and not self.run.pushed[-1]) or (
-            beside and bool(self.run.height_m[-1] < lowest)
-        )
+        return bool(moved <= position_m and turned <= turn_by)
 
 
 def data_path(name: str) -> Path:

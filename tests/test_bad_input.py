@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Drop
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from pipeline import Camera, DropError, Scenario, analyze, simulate
 from pipeline.errors import ScenarioError
 from pipeline.fields import Option, Optioned
-from pipeline.physics.bullet import find_body
+from pipeline.physics.bullet import find_body, p
 from pipeline.physics.urdf import check_urdf
 from pipeline.physics.world import World
 from pipeline.scenario import MAX_STEPS
@@ -126,6 +126,58 @@ def test_a_duration_is_a_whole_number_of_steps(timestep_s: float, steps: int, of
             Scenario(timestep_s=timestep_s, duration_s=(steps + off) * timestep_s)
 
 
+def test_a_body_starts_above_its_floor_and_anywhere_without_one() -> None:
+    assert Scenario(height_m=0.01).height_m == 0.01
+    for height_m in (0.0, -3.0):
+        assert Scenario(height_m=height_m, floor=False).height_m == height_m
+        with pytest.raises(ScenarioError, match="--height must be above 0"):
+            Scenario(height_m=height_m)
+
+
+@given(parts=st.tuples(*[st.floats(-360, 360)] * 4).filter(lambda q: max(map(abs, q)) > 1e-3))
+def test_a_quaternion_is_made_a_unit_one_once(parts: tuple[float, ...]) -> None:
+    turned = Scenario(orientation=parts).orientation  # type: ignore[arg-type]
+    assert math.hypot(*turned) == pytest.approx(1, abs=1e-15)
+    assert Scenario(orientation=turned).orientation == turned
+    x, y = turned[0] * parts[3], turned[3] * parts[0]  # the same ratios
+    assert x == pytest.approx(y, abs=1e-12)
+
+
+@given(angles=st.tuples(*[st.floats(-360, 360)] * 3))
+def test_angles_are_turns_about_the_worlds_axes_x_then_y_then_z(angles: Any) -> None:
+    theirs = p.getQuaternionFromEuler([math.radians(angle) for angle in angles])
+    assert Scenario(orientation=angles).orientation_xyzw == pytest.approx(theirs, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1,2", "--orientation takes angles R,P,Y"),
+        ("0,0,0,0", "--orientation must not be the quaternion"),
+        ("361,0,0", "--orientation must be at least -360"),
+        ("a,b,c", "--orientation takes"),
+    ],
+)
+def test_what_is_no_orientation_is_refused(text: str, said: str) -> None:
+    with pytest.raises(ScenarioError, match=said):
+        Scenario.from_text({"orientation": text})
+
+
+@pytest.mark.parametrize("timestep_s", [1 / 240, 1 / 100, 1 / 1000, 0.1])
+def test_substeps_are_those_that_the_engine_takes(timestep_s: float) -> None:
+    """Bullet takes int(dt / (dt/N)) of them, and that can be N - 1: such an N is refused."""
+    refused = []
+    for substeps in range(1, 301):
+        try:
+            Scenario(timestep_s=timestep_s, substeps=substeps)
+        except ScenarioError as error:
+            refused.append(substeps)
+            better = int(one_line(error).rpartition("try ")[2])
+            assert Scenario(timestep_s=timestep_s, substeps=better).substeps == better
+    assert 1 <= len(refused) < 30
+    assert all(int(timestep_s / (timestep_s / n)) == n for n in range(1, 301) if n not in refused)
+
+
 def test_too_many_steps_are_refused_with_what_they_would_take() -> None:
     with pytest.raises(ScenarioError, match=r"1e\+10.* GB on disk"):
         Scenario(timestep_s=1e-9, duration_s=10.0)
@@ -151,9 +203,21 @@ def within(name: str) -> st.SearchStrategy[Any]:
     one |= st.sampled_from([value for value, inside in edges(spec) if inside])
     if isinstance(default, tuple):
         return st.just(default) | st.tuples(one, one, one)
-    if name == "solver_iterations":
-        return st.none() | st.integers(1, 200)
+    if name in ("solver_iterations", "substeps"):
+        return st.none() | st.integers(1, 200 if name == "solver_iterations" else 8)
     return st.just(default) | one
+
+
+def extreme(extremes: dict[str, Any], steps: int) -> Scenario:
+    """Return such a scenario; one that starts below its floor is another example."""
+    if extremes.get("floor", True):
+        assume(extremes.get("height_m", 1.0) > 0)
+    timestep_s = extremes.get("timestep_s", 1 / 240)
+    try:
+        return Scenario(**extremes | {"duration_s": timestep_s * steps})
+    except ScenarioError as error:
+        assume("--substeps" not in str(error))
+        raise
 
 
 EXTREMES = st.fixed_dictionaries(
@@ -179,8 +243,7 @@ EXTREMES = st.fixed_dictionaries(
     extremes={"linear_damping": 1.0, "timestep_s": 10.0, "velocity_m_s": (0, 0, -1e4)}, steps=30
 )
 def test_the_engine_copes_with_the_whole_domain(extremes: dict[str, Any], steps: int) -> None:
-    timestep_s = extremes.get("timestep_s", 1 / 240)
-    scenario = Scenario(**extremes | {"duration_s": timestep_s * steps})
+    scenario = extreme(extremes, steps)
     with World(scenario) as world:
         rows = np.concatenate(list(world.samples(64)))
     assert len(rows) == steps + 1
@@ -195,7 +258,7 @@ def test_the_engine_copes_with_the_whole_domain(extremes: dict[str, Any], steps:
 def test_what_the_engine_made_of_it_is_recorded_and_analyzed(
     tmp_path: Path, extremes: dict[str, Any], steps: int
 ) -> None:
-    scenario = Scenario(**extremes | {"duration_s": extremes["timestep_s"] * steps})
+    scenario = extreme(extremes, steps)
     simulate(scenario, tmp_path / "run.rrd", camera=None, force=True)
     analysis = analyze(tmp_path / "run.rrd")
     json.dumps(analysis.as_json(), allow_nan=False)

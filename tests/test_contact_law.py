@@ -17,6 +17,8 @@ from engine import MODES, drive
 from pipeline.physics import contact_law
 from pipeline.physics.bullet_law import airborne, effective_damping
 from pipeline.physics.theory import Fall
+from pipeline.physics.world import World
+from pipeline.scenario import Scenario
 
 MASS_KG, REST_HEIGHT_M = 0.1, 0.025
 CONVERGED = {"solverResidualThreshold": 0}
@@ -45,7 +47,7 @@ def fall_of(
     )
 
 
-def predicted(fall: Fall, rate: int, steps: int, **contact: float) -> tuple[np.ndarray, np.ndarray]:
+def predicted(fall: Fall, rate: int, steps: int, **contact: Any) -> tuple[np.ndarray, np.ndarray]:
     return contact_law.flat_drop(
         fall,
         timestep_s=1 / rate,
@@ -105,6 +107,49 @@ def test_the_whole_second_is_pybullets(coordinates: Any, rate: int, restitution:
         assert np.abs(law[1] - velocities).max() <= (1e-13 + grain_m) * rate
 
 
+@pytest.mark.parametrize("coordinates", MODES)
+@pytest.mark.parametrize("substeps", [1, 3, 10])
+@pytest.mark.parametrize("threshold_m_s", [0.0, 1.0, 4.0])
+def test_threshold_and_substeps_are_pybullets(
+    coordinates: Any, substeps: int, threshold_m_s: float
+) -> None:
+    fall, rate = fall_of(coordinates=coordinates), 240
+    heights, velocities = dropped(
+        fall,
+        timestep_s=1 / rate,
+        steps=rate,
+        restitution=0.9,
+        numSubSteps=substeps,
+        restitutionVelocityThreshold=threshold_m_s,
+        **CONVERGED,
+    )
+    law = predicted(
+        fall,
+        rate,
+        rate,
+        restitution=0.9**2,
+        restitution_threshold_m_s=threshold_m_s,
+        substeps=substeps,
+    )
+    grain_m = 2**-50 * rate * substeps
+    assert np.abs(law[0] - heights).max() <= 1e-13 + grain_m
+    assert np.abs(law[1] - velocities).max() <= (1e-13 + grain_m) * rate * substeps
+
+
+def test_the_floor_of_our_own_worlds_is_the_laws() -> None:
+    """In maximal coordinates too: the floor is a btMultiBody, and decides how contact is solved."""
+    scenario = Scenario(
+        coordinates="maximal", restitution=0.9, solver_residual=0.0, timestep_s=1 / 60
+    )
+    with World(scenario) as world:
+        (rows,) = world.samples(1000)
+    fall = fall_of(coordinates="maximal")
+    heights, _ = predicted(fall, 60, 60, restitution=0.9**2)
+    assert np.abs(heights - rows[:, 2]).max() <= 1e-13 + 2**-50 * 60
+    (first, *_) = bounces_of((rows[:, 2], rows[:, 9]), fall, 60)
+    assert first.approach_m_s == pytest.approx(-rows[first.step, 9] + 9.81 / 60, rel=1e-12)
+
+
 def test_the_lowest_points_are_the_golden_ones() -> None:
     heights, _ = predicted(fall_of(), 240, 240)
     assert np.argmin(heights) == 108
@@ -154,6 +199,8 @@ def test_no_rebound_below_the_threshold_or_upwards() -> None:
     assert contact_law.rebound_speed(-1.0, 0.5) == 0.5
     assert contact_law.rebound_speed(-0.1999, 0.5) == 0
     assert contact_law.rebound_speed(1.0, 0.5) == 0
+    assert contact_law.rebound_speed(-1.0, 0.5, threshold_m_s=1.0) == 0.5
+    assert contact_law.rebound_speed(-1.0, 0.5, threshold_m_s=1.1) == 0
 
 
 @pytest.mark.parametrize("coordinates", MODES)

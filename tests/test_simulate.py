@@ -22,7 +22,7 @@ def test_the_engine_reports_what_was_set(recorded: Recorder) -> None:
     recording = recorded(
         height_m=2.0, timestep_s=1 / 480, duration_s=0.1, gravity_m_s2=-1.62, mass_kg=0.25,
         velocity_m_s=(0.5, -0.25, 3.0), spin_rad_s=(1.0, 2.0, 3.0), restitution=0.7,
-        solver_iterations=33,
+        solver_iterations=33, friction=0.3, substeps=4, orientation=(0.0, 0.0, 90.0),
     )  # fmt: skip
     engine, first = recording.engine, recording.states.row(0, named=True)
     assert engine.timestep_s == 1 / 480
@@ -30,6 +30,10 @@ def test_the_engine_reports_what_was_set(recorded: Recorder) -> None:
     assert engine.mass_kg == 0.25
     assert engine.restitution == engine.floor_restitution == 0.7
     assert engine.solver_iterations == 33
+    assert engine.lateral_friction == engine.floor_lateral_friction == 0.3
+    assert engine.substeps == 4
+    turned = [first[name] for name in ("qx", "qy", "qz", "qw")]
+    assert turned == pytest.approx([0, 0, np.sqrt(0.5), np.sqrt(0.5)], abs=1e-15)
     assert [first[name] for name in ("x_m", "y_m", "z_m")] == [0.0, 0.0, 2.0]
     assert [first[name] for name in ("vx_m_s", "vy_m_s", "vz_m_s")] == [0.5, -0.25, 3.0]
     assert [first[name] for name in ("wx_rad_s", "wy_rad_s", "wz_rad_s")] == [1.0, 2.0, 3.0]
@@ -86,6 +90,14 @@ def test_a_btrigidbody_bounces_with_the_restitution_that_is_reported(
     up = int(np.argmax(rows[:, 9] > 0))
     approach_m_s = rows[up - 1, 9] - 9.81 / 240
     assert rows[up, 9] == pytest.approx(report.pair_restitution * -approach_m_s, rel=1e-12)
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+def test_one_substep_is_none(coordinates: Any) -> None:
+    how: Any = {"coordinates": coordinates, "spin_rad_s": (1.0, 2.0, 3.0)}
+    with World(Scenario(**how)) as plain, World(Scenario(**how, substeps=1)) as one:
+        for rows, same in zip(plain.samples(1000), one.samples(1000), strict=True):
+            np.testing.assert_array_equal(rows, same)
 
 
 def test_what_an_engine_does_not_report_is_none(recorded: Recorder) -> None:
@@ -184,13 +196,18 @@ def test_at_the_rest_height_the_floor_begins_to_push(
         ({"solver_residual": 0.0}, "z_m"),
         ({"restitution": 0.5}, "z_m"),
         ({"coordinates": "maximal"}, "z_m"),
+        ({"restitution_threshold_m_s": 5.0, "restitution": 0.9}, "z_m"),
+        ({"friction": 0.1, "velocity_m_s": (1.0, 0.0, 0.0)}, "x_m"),
+        ({"substeps": 2}, "z_m"),
+        ({"orientation": (45.0, 0.0, 0.0)}, "z_m"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else value,
 )
 def test_what_the_engine_does_not_report_shows_in_the_fall(
     recorded: Recorder, change: dict[str, object], column: str
 ) -> None:
-    plain = {key: value for key, value in change.items() if key == "spin_rad_s"}
+    left = ("spin_rad_s", "velocity_m_s", *(["restitution"] if len(change) > 1 else []))
+    plain = {key: value for key, value in change.items() if key in left}
     assert not np.array_equal(recorded(**change).column(column), recorded(**plain).column(column))
 
 

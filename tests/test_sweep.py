@@ -193,7 +193,10 @@ def test_a_kept_world_gives_the_bits_of_a_new_one() -> None:
             linear_damping=chance.choice([0.0, 0.04, 0.5]),
             angular_damping=chance.choice([0.0, 0.3]),
             mass_kg=chance.uniform(0.05, 2),
+            orientation=chance.choice([(0.0, 0.0, 0.0), (30.0, -20.0, 5.0), (1.0, 2.0, 3.0, 4.0)]),
             restitution=chance.choice([0.0, 0.5, 0.9]),
+            restitution_threshold_m_s=chance.choice([0.0, 0.2, 3.0]),
+            friction=chance.choice([0.0, 0.5, 2.0]),
             contact_erp=chance.choice([0.0, 0.2]),
             solver_residual=chance.choice([0.0, 1e-3]),
             solver_iterations=chance.choice([1, 50]),
@@ -226,6 +229,10 @@ def test_a_world_is_not_kept_where_a_bit_might_differ() -> None:
     assert not serves(replace(plain, body="r2d2.urdf"), replace(plain, body="r2d2.urdf"))
     maximal = replace(plain, coordinates="maximal")
     assert not serves(maximal, maximal)
+    substeps = replace(plain, substeps=3)
+    assert not serves(substeps, substeps)
+    assert not serves(replace(plain, friction=0.1), plain)
+    assert not serves(replace(plain, restitution_threshold_m_s=0.1), plain)
 
 
 def test_worlds_are_built_only_where_they_must_be() -> None:

@@ -31,11 +31,13 @@ from oracle import Drop, Rebound, Truth
 
 from pipeline import Scenario, analyze, simulate
 from pipeline.budget.analysis import analysis_of
-from pipeline.errors import DropError
+from pipeline.errors import DropError, ScenarioError
 from pipeline.recording.reader import read as read_recording
 
 CASES = 300
 SEED = 13
+CONVERGED: dict[str, Any] = {"solver_residual": 0.0, "solver_iterations": 1000}
+"""What lets the contact solver run to its end."""
 SLOP_M = 1e-5
 """Penetration that Bullet leaves uncorrected."""
 EDGE_M = 100.0
@@ -82,7 +84,11 @@ def drawn(rng: random.Random, folder: Path) -> Scenario:
     }
     values["height_m"] = _height(rng, values, duration_s)
     known = Scenario.options()
-    return Scenario(**{name: value for name, value in values.items() if name in known})
+    values = {name: value for name, value in values.items() if name in known}
+    try:
+        return Scenario(**values)
+    except ScenarioError:  # of some timesteps the engine does not take so many substeps
+        return Scenario(**{**values, "substeps": None})
 
 
 def _often(rng: random.Random, usual: Any, share: float, others: tuple[Any, ...]) -> Any:
@@ -124,6 +130,8 @@ def _orientation(rng: random.Random) -> oracle.Vector:
 
 def _height(rng: random.Random, values: Mapping[str, Any], duration_s: float) -> float:
     """Return a height from which the body mostly lands within the duration."""
+    if not values["floor"] and rng.random() < 0.3 and Scenario.options()["height_m"].low < 0:
+        return rng.uniform(-3, 0)
     probe = replace(_drop(values), height_m=1.0, steps=1)
     touching = oracle.touching_height(probe, probe.orientation)
     if touching is None:
@@ -300,7 +308,10 @@ BODIES: tuple[Callable[[float, float], str], ...] = (
 
 def drop_of(scenario: Scenario) -> Drop:
     """Return a scenario as the oracle takes it."""
-    return _drop({name: getattr(scenario, name) for name in Scenario.options()})
+    drop = _drop({name: getattr(scenario, name) for name in Scenario.options()})
+    turned = getattr(scenario, "orientation_xyzw", drop.orientation)
+    assert oracle.turn_rad(turned, drop.orientation) < 1e-14
+    return replace(drop, orientation=turned)  # the same to the last bit, so that the replay is
 
 
 def _drop(values: Mapping[str, Any]) -> Drop:
@@ -434,7 +445,7 @@ def _engine_timestep(said: Said) -> None:
 
 @checks("engine.substeps")
 def _engine_substeps(said: Said) -> None:
-    hold(max(1, said.value) == max(1, said.drop.substeps or 1), "other substeps")
+    hold(said.value == (said.drop.substeps or 0), "other substeps")
 
 
 @checks("engine.solver_iterations")
@@ -542,6 +553,17 @@ def _engine_shape_numbers(said: Said) -> None:
         hold(tuple(said.value) == shapes[0][1], f"it is {shapes[0][1]}")
 
 
+@checks("engine.reach_m")
+def _engine_reach(said: Said) -> None:
+    facts = said.truth.facts
+    if not (facts.is_rigid and facts.has_shape):  # of links it is that of the base
+        return
+    upright = oracle.extent_m(said.drop, (0.0, 0.0, 0.0, 1.0))
+    hold(said.value >= float(upright.max()) / 2, "half an edge is longer")
+    true = said.truth.release_height_m
+    hold(true is None or said.value >= abs(true) - 1e-9, "it touches from farther away")
+
+
 @checks("engine.rest_height_m")
 def _engine_rest_height(said: Said) -> None:
     near(said.value, said.truth.release_height_m, 1e-8, "height of touching as released")
@@ -569,12 +591,13 @@ def _at_time(said: Said) -> None:
 @checks("at[].step")
 def _at_step(said: Said) -> None:
     hold(0 <= said.value <= said.drop.steps, "no such sample")
+    hold(said.value == round(said.beside["time_s"] / said.drop.timestep_s), "of another time")
 
 
 @checks("at[].phase")
 def _at_phase(said: Said) -> None:
     step = said.beside["step"]
-    touched = _touching_steps(said.truth)
+    touched = said.truth.touched_steps
     before = not len(touched) or step < touched[0]
     hold((said.value == "falling") == before, f"first contact {touched[:1]}")
     if said.value == "rest":
@@ -630,8 +653,12 @@ def _term_timestep(said: Said) -> None:
     _covers(said, moment["step"])
     undamped = said.truth.again(linear_damping=0.0, floor=False)
     step = moment["step"]
+    if not said.drop.maximal and np.abs(undamped.velocity_m_s[:step]).max(initial=0) > 99:
+        return  # without damping it runs into the limit of 100 m/s
     true = float(undamped.height_m[step]) - oracle.free_fall_m(said.drop, moment["time_s"])
-    near(said.value, true, 1e-13 * _far(said) + 1e-15 * step, "replay without damping")
+    near(
+        said.value, true, 1e-13 * _far(said) + 4e-16 * step * max(1.0, said.drop.height_m), "replay"
+    )
 
 
 @checks("at[].terms_m.damping")
@@ -648,7 +675,9 @@ def _term_interaction(said: Said) -> None:
     hold(not clamped, "it includes a clamp of the velocity")
     free = oracle.free_fall_m(said.drop, moment["time_s"])
     true = float(law[-1]) - free - terms["timestep"] - terms["damping"]
-    near(said.value, true, 1e-14 * _far(said) + 1e-9 * abs(terms["damping"]), "what is left")
+    rounded = 4e-16 * max(1.0, said.drop.height_m)
+    slack = 1e-14 * _far(said) + rounded + 1e-9 * abs(terms["damping"])
+    near(said.value, true, slack, "what is left")
 
 
 @checks("at[].terms_m.rounding")
@@ -675,12 +704,13 @@ def _coverage_of(said: Said) -> None:
 @checks("coverage.why")
 def _coverage_why(said: Said) -> None:
     why, truth, covered = said.value, said.truth, said.beside["samples"]
+    hold(why.isprintable() and "?" not in why, "not a sentence")
     if "step was taken" in why:
         hold(not said.drop.stepped, "it was stepped")
     elif "joint" in why:
         hold(not truth.facts.is_rigid, "it has no joints")
     elif "contact" in why or "touch" in why:
-        hold(list(_touching_steps(truth)[:1]) == [covered], f"{_touching_steps(truth)[:1]}")
+        hold(list(truth.touched_steps[:1]) == [covered], f"{truth.touched_steps[:1]}")
     elif "clamp" in why or "limit" in why:
         hold(list(truth.clamped_steps[:1]) == [covered], f"{truth.clamped_steps[:1]}")
     elif "land" in why or "free fall" in why:
@@ -688,6 +718,8 @@ def _coverage_why(said: Said) -> None:
         hold(held is not None, "it has no shape that could land")
         fallen = oracle.free_fall_m(said.drop, covered * said.drop.timestep_s)
         hold(held is not None and fallen <= held + 1e-9, f"free fall is at {fallen}")
+    elif "does not follow" in why:
+        raise WrongError("this engine made it")
     elif "whole recording" in why:
         hold(covered == said.drop.steps + 1 and truth.acted_step is None, "it is not")
     else:
@@ -726,13 +758,6 @@ def _airborne_rounding(said: Said) -> None:
 
 
 # landing and impact
-
-
-def _touching_steps(truth: Truth) -> Any:
-    """Return the samples whose step reports a contact that pushes, or is not above the floor."""
-    return np.flatnonzero(
-        [any(one.force_n > 0 or one.distance_m <= 0 for one in each) for each in truth.run.touches]
-    )
 
 
 def _lands_as_released(said: Said) -> float:
@@ -777,25 +802,16 @@ def _time_simulated(said: Said) -> None:
     step = int(crossings[0])
     slope = float(z[step] - z[step + 1]) / dt
     near(said.value, step * dt + float(z[step] - held) / slope, 1e-8 / slope + 1e-9, "crossing")
-    touched = _touching_steps(said.truth)
+    touched = said.truth.touched_steps
     hold(len(touched), "it never touches")
     if max(1, said.drop.substeps or 1) == 1:
-        turned = said.truth.is_ball or _tilted(said.truth, step) <= UNTURNED_RAD
-        hold(turned, f"it is turned by {_tilted(said.truth, step):.3g} rad")
-
-
-def _tilted(truth: Truth, step: int) -> float:
-    """Return by how much the world's up axis, seen from the body, differs from the release."""
-    ups = [
-        np.reshape(p.getMatrixFromQuaternion(truth.run.orientation[one]), (3, 3))[2]
-        for one in (0, step)
-    ]
-    return 2 * math.asin(min(1.0, float(np.linalg.norm(ups[0] - ups[1])) / 2))
+        turned = said.truth.is_ball or said.truth.tilted_rad(step) <= UNTURNED_RAD
+        hold(turned, f"it is turned by {said.truth.tilted_rad(step):.3g} rad")
 
 
 @checks("impact.step")
 def _impact_step(said: Said) -> None:
-    touched = _touching_steps(said.truth)
+    touched = said.truth.touched_steps
     hold(list(touched[:1]) == [said.value], f"first contact at {touched[:1]}")
     acted = said.truth.acted_step
     hold(acted is None or acted >= said.value, f"the floor acts at {acted}")
@@ -811,8 +827,8 @@ def _impact_speed(said: Said) -> None:
 @checks("tumbled_step")
 def _tumbled_step(said: Said) -> None:
     hold(said.truth.facts.is_rigid, "its links touch too")
-    hold(said.value in _touching_steps(said.truth), "it does not touch then")
-    hold(said.value == _first_tumbled(said.truth), f"true {_first_tumbled(said.truth)}")
+    hold(said.value in said.truth.touching_steps, "it does not touch then")
+    hold(said.value == _tumbles_at(said.truth), f"true {_tumbles_at(said.truth)}")
 
 
 @checks("impact.lowest_m")
@@ -841,7 +857,7 @@ def _tilt_m(said: Said, step: int) -> float:
     if said.truth.is_ball:
         return 1e-8
     reach = float(np.linalg.norm(oracle.extent_m(said.drop, oracle.AS_LOADED))) / 2
-    return reach * min(_tilted(said.truth, step), UNTURNED_RAD) + 1e-8
+    return reach * min(said.truth.tilted_rad(step), UNTURNED_RAD) + 1e-8
 
 
 # contact and bounces
@@ -854,44 +870,30 @@ def _contact_deviation(said: Said) -> None:
     apart = np.abs(said.run.height_m - converged)
     scale = 1e-9 + 1e-6 * float(apart.max())
     near(said.value, float(apart[step]), scale, f"converged replay at {step}")
-    until = _first_tumbled(said.truth)
+    until = _tumbles_at(said.truth)
     hold(float(apart[:until].max()) <= said.value + scale, f"{apart[:until].max()} elsewhere")
 
 
 @checks("contact.deviation_step")
 def _contact_step(said: Said) -> None:
-    hold(0 <= said.value < _first_tumbled(said.truth), "it tumbles by then")
+    hold(0 <= said.value < _tumbles_at(said.truth), "it tumbles by then")
+    converged = float(said.truth.converged().height_m[said.value])
+    apart = abs(float(said.run.height_m[said.value]) - converged)
+    near(apart, said.beside["max_deviation_m"], 1e-9 + 1e-6 * apart, "converged replay there")
 
 
-def _is_flat(truth: Truth, step: int) -> bool:
-    """Whether the body touches as a law of flat contact assumes: a box on a face, others as are."""
-    if truth.is_ball:
-        return True
-    if [kind for kind, _ in truth.facts.shapes] == [p.GEOM_BOX]:
-        axes = np.reshape(p.getMatrixFromQuaternion(truth.run.orientation[step]), (3, 3))
-        return math.acos(min(1.0, float(np.abs(axes[2]).max()))) <= 1.001 * UNTURNED_RAD
-    return _tilted(truth, step) <= 1.001 * UNTURNED_RAD
-
-
-def _first_tumbled(truth: Truth) -> int:
-    """Return the first touching sample that is not flat; one past the last where none is."""
-    for step in _touching_steps(truth):
-        if not _is_flat(truth, int(step)):
-            return int(step)
-    return truth.last + 1
+def _tumbles_at(truth: Truth) -> int:
+    return truth.tumbles_at(1.001 * UNTURNED_RAD)
 
 
 def _rebound(said: Said) -> Rebound:
     """Return the contact that a bounce speaks of."""
     step = said.beside["step"]
     hold(said.truth.facts.is_rigid, "its links touch too")
-    touched = _touching_steps(said.truth)
-    hold(step + 1 in touched and step not in touched, f"no contact begins after sample {step}")
-    end = next((s for s in range(step + 1, said.drop.steps + 1) if s not in touched), None)
-    hold(end is not None, "it does not leave the floor")
-    assert end is not None
-    later = touched[touched > end]
-    return Rebound(step, end, int(later[0]) if len(later) else said.drop.steps + 1)
+    found = said.truth.contact_after(step)
+    hold(found is not None, f"no contact begins after sample {step}, or it does not end")
+    assert found is not None
+    return found
 
 
 @checks("bounces[].step")
@@ -926,14 +928,14 @@ def _bounce_restitution(said: Said) -> None:
     true = said.beside["rebound_m_s"] / said.beside["approach_m_s"]
     near(said.value, true, 1e-12 * true, "rebound over approach")
     hold(0 <= said.value <= 30, "no restitution of a flat contact")
-    hold(said.beside["step"] < _first_tumbled(said.truth), "it tumbles")
+    hold(said.beside["step"] < _tumbles_at(said.truth), "it tumbles")
 
 
 @checks("bounces[].apex_m")
 def _bounce_apex(said: Said) -> None:
     found, held = _rebound(said), said.truth.release_height_m
     hold(held is not None, "it has no shape")
-    true = float(said.run.height_m[found.end - 1 : found.until].max()) - (held or 0.0)
+    true = said.truth.apex_m(found) - (held or 0.0)
     near(said.value, true, 1e-8, "highest until the next contact")
 
 
@@ -944,7 +946,7 @@ def _bounce_predicted(said: Said) -> None:
     asked = said.truth.facts.pair_restitution
     fallen = drop.height_m - held + drop.velocity_m_s[2] ** 2 / (-2 * drop.gravity)
     near(said.value, asked ** (2 * said.place + 2) * fallen, 1e-7 * (1 + fallen), "e^2k h")
-    hold(said.beside["step"] < _first_tumbled(said.truth), "it tumbles")
+    hold(said.beside["step"] < _tumbles_at(said.truth), "it tumbles")
     earlier = [one["step"] for one in said.whole["bounces"][: said.place + 1]]
     hold(earlier == sorted(set(earlier)), "not in order")
 
@@ -955,42 +957,23 @@ def _bounce_uncorrected(said: Said) -> None:
         replace(said.drop, contact_erp=0.0, solver_residual=0.0, solver_iterations=oracle.CONVERGED)
     )
     held = said.truth.release_height_m
-    apexes = [_apex_m(plain, one) for one in _bounces_of(plain)]
-    hold(len(apexes) > said.place and held is not None, "the replay has fewer bounces")
-    near(said.value, apexes[said.place], 1e-6 * (1 + said.value), "replay without ERP")
-
-
-def _apex_m(truth: Truth, found: Rebound) -> float:
-    highest = float(truth.run.height_m[found.end - 1 : found.until].max())
-    return highest - (truth.release_height_m or 0.0)
-
-
-def _bounces_of(truth: Truth) -> list[Rebound]:
-    """Return all contacts that begin in the air and end going up."""
-    touched = set(map(int, _touching_steps(truth)))
-    found, last = [], truth.last
-    for step in sorted(touched):
-        if step - 1 in touched or step == 0:
-            continue
-        end = next((s for s in range(step, last + 1) if s not in touched), None)
-        if end is None:
-            break
-        until = next((s for s in range(end, last + 1) if s in touched), last + 1)
-        if truth.run.velocity_m_s[end - 1, 2] > 0:
-            found.append(Rebound(step - 1, end, until))
-    return found
+    hold(len(plain.rebounds) > said.place and held is not None, "the replay has fewer bounces")
+    assert held is not None
+    true = plain.apex_m(plain.rebounds[said.place]) - held
+    near(said.value, true, 1e-6 * (1 + said.value), "replay without ERP")
 
 
 @checks("bounces[].correction_m_s")
 def _bounce_correction(said: Said) -> None:
     found = _rebound(said)
-    hold(found.step < _first_tumbled(said.truth), "it tumbles")
+    hold(found.step < _tumbles_at(said.truth), "it tumbles")
     steps = found.end - found.step
-    plain = said.truth.from_sample(found.step, steps, contact_erp=0.0)
-    rebound = float(plain.velocity_m_s[1:, 2].max())
-    approach = said.beside["approach_m_s"]
-    true = said.beside["rebound_m_s"] - rebound
-    near(said.value, true, 3e-3 * approach + 1e-9, "replay of the contact without ERP")
+    same, plain = (
+        float(said.truth.from_sample(found.step, steps, **how).velocity_m_s[1:, 2].max())
+        for how in (CONVERGED, CONVERGED | {"contact_erp": 0.0})
+    )
+    slack = 1e-4 * said.beside["approach_m_s"]
+    near(said.value, same - plain, slack, "replay of the contact without ERP")
 
 
 # rest
@@ -1019,9 +1002,8 @@ def _rest_tilt_m(said: Said) -> float:
     """Return by how much the tilt that still counts as lying flat raises the centre [m]."""
     if said.truth.is_ball:
         return 1e-8
-    axes = np.reshape(p.getMatrixFromQuaternion(said.run.orientation[-1]), (3, 3))
-    lean = math.acos(min(1.0, float(np.abs(axes[2]).max())))
-    lean = min(lean, _tilted(said.truth, said.truth.last), UNTURNED_RAD)
+    lean = said.truth.lean_rad(said.truth.last)
+    lean = min(lean, said.truth.tilted_rad(said.truth.last), UNTURNED_RAD)
     reach = float(np.linalg.norm(oracle.extent_m(said.drop, oracle.AS_LOADED))) / 2
     return reach * lean + 1e-8
 
@@ -1036,11 +1018,11 @@ def _rest_error(said: Said) -> None:
 def _rest_settled(said: Said) -> None:
     hold(0 <= said.value <= said.drop.steps, "no such sample")
     _lies_still(said.truth, said.value)
-    if said.value > 0 and said.value - 1 in _touching_steps(said.truth):
+    if said.value > 0 and said.value - 1 in said.truth.touched_steps:
         state = said.run.state
-        moved = float(np.abs(state[said.value - 1, :3] - state[-1, :3]).max())
+        moved = float(np.linalg.norm(state[said.value - 1, :3] - state[-1, :3]))
         turned = oracle.turn_rad(state[said.value - 1, 3:7], state[-1, 3:7])
-        hold(moved > 0.5e-5 or turned > 0.5e-3, "it rests already before")
+        hold(moved > 0.99e-5 or turned > 0.99e-3, "it rests already before")
 
 
 @checks("rest.terms_m.slop")
@@ -1103,7 +1085,7 @@ def _energy_drift(said: Said) -> None:
 
 def _untouched(said: Said) -> Any:
     """Return whether a sample is one before the first contact."""
-    touched = _touching_steps(said.truth)
+    touched = said.truth.touched_steps
     return np.arange(said.drop.steps + 1) < (touched[0] if len(touched) else math.inf)
 
 
@@ -1130,7 +1112,7 @@ def _ledger_final(said: Said) -> None:
 
 def _air_steps(said: Said) -> tuple[int, oracle.Replay]:
     """Return how many steps are taken in the air before contact, and the replay without a floor."""
-    touched = _touching_steps(said.truth)
+    touched = said.truth.touched_steps
     last = int(touched[0]) - 1 if len(touched) else said.drop.steps
     return max(last, 0), said.run
 
@@ -1181,7 +1163,7 @@ def _ledger_adds_up(said: Said) -> None:
     hold(abs(ledger["closing_j"] or 0.0) <= slack, f"{ledger['closing_j']} is unexplained")
     spin = float(run.kinetic_angular_j[last] - run.kinetic_angular_j[0])
     near(ledger["rotation_j"], spin, slack, "rotation in the air")
-    if not len(_touching_steps(said.truth)):
+    if not len(said.truth.touched_steps):
         hold(abs(ledger["contact_j"]) <= slack, "contact took energy, and there was none")
 
 
@@ -1245,9 +1227,14 @@ def _find_no_floor(said: Said, message: str) -> None:
 
 
 @finds("tunnelled")
-def _find_tunnelled(said: Said, _: str) -> None:
+def _find_tunnelled(said: Said, message: str) -> None:
     hold(said.drop.floor and said.run.height_m[-1] < 0, "it ends above the floor")
-    hold(not len(_touching_steps(said.truth)), "it touched")
+    (step,) = read(f"step {F}", message)
+    hold(not (said.truth.touched_steps <= step).any(), "it touched before")
+    if said.truth.facts.has_shape:
+        top_m = float(np.linalg.norm(oracle.extent_m(said.drop, said.drop.orientation)))
+        depth_m = said.truth.depth_m(int(step))
+        hold(depth_m is None or depth_m > top_m / 2, "it is not below the floor")
 
 
 @finds("law-mismatch")
@@ -1325,7 +1312,11 @@ def _find_deep(said: Said, message: str) -> None:
     slack = 0.051 + 1e3 * _tilt_m(said, int(said.run.height_m.argmin()))
     near(depth_mm, 1e3 * depths[0], slack, "depth")
     height_mm = 1e3 * float(oracle.extent_m(said.drop, said.drop.orientation)[2])
-    margin_mm = 4.0 if said.whole["engine"]["shape"] not in ("box", "sphere") else 1e-6
+    if height_mm < 10:  # of so small a body the bounding box is mostly margin
+        return
+    engine = said.whole["engine"]
+    centred = engine["shape_position_m"] == (0.0, 0.0, 0.0)
+    margin_mm = 1e-6 if centred and engine["shape"] in ("box", "sphere") else 4.0
     share = 100 * depths[0] * 1e3 / np.array((height_mm, height_mm - margin_mm))
     hold(min(share) - 1.0 <= percent <= max(share) + 1.0, f"{share} % of its height")
 
@@ -1338,10 +1329,9 @@ def _find_inflated(said: Said, message: str) -> None:
     bounce = said.whole["bounces"][int(number) - 1]
     near(found, bounce["effective_restitution"], 6e-5, "effective restitution")
     hold(found > asked, "it is not inflated")
-    steps = bounce["step"], _rebound(replace(said, beside=bounce)).end
-    plain = said.truth.from_sample(steps[0], steps[1] - steps[0], contact_erp=0.0)
-    rebound = float(plain.velocity_m_s[1:, 2].max())
-    near(added, bounce["rebound_m_s"] - rebound, 6e-4 + 3e-3 * found, "replay without ERP")
+    near(added, bounce["correction_m_s"], 6e-4, "what the bounce says")
+    of_bounce = replace(said, beside=bounce, value=bounce["correction_m_s"])
+    CHECKERS["bounces[].correction_m_s"](of_bounce)
 
 
 @finds("bounce-swallowed")
@@ -1351,7 +1341,7 @@ def _find_swallowed(said: Said, message: str) -> None:
     given = said.drop.restitution_threshold_m_s
     threshold = 0.2 if given is None else given
     hold(arrives < threshold + 1e-3, f"{arrives} m/s is no swallowed bounce, at {threshold} m/s")
-    touched = _touching_steps(said.truth)
+    touched = said.truth.touched_steps
     starts = [int(one) for one in touched if one - 1 not in touched]
     hold(starts and touched[-1] == said.drop.steps, "it is in the air at the end")
     before = max(0, starts[-1] - 1)
@@ -1392,7 +1382,7 @@ def _find_rest_below(said: Said, message: str) -> None:
 @finds("still-airborne")
 def _find_airborne(said: Said, message: str) -> None:
     hold(said.drop.floor and said.drop.gravity < 0, "nothing pulls it to a floor")
-    hold(not len(_touching_steps(said.truth)), "it touched")
+    hold(not len(said.truth.touched_steps), "it touched")
     hold(said.truth.facts.has_shape, "nothing of it can land")
     depth = said.truth.depth_m(said.drop.steps)
     hold(depth is None or depth <= 0, f"its lowest point is {depth} m below the floor")
@@ -1411,7 +1401,7 @@ def _find_starts(said: Said, _: str) -> None:
 @finds("tumbled")
 def _find_tumbled(said: Said, message: str) -> None:
     hold(said.truth.facts.is_rigid, "its links touch too")
-    first = _first_tumbled(said.truth)
+    first = _tumbles_at(said.truth)
     hold(first <= said.drop.steps, "it is flat whenever it touches")
     times = [one for one in message_numbers(message) if one >= 0]
     true_s = first * said.drop.timestep_s
@@ -1499,6 +1489,20 @@ def judge(recording: Path) -> dict[str, Any]:
     return analysis_of(run.scenario, run.engine, run.states).as_json()
 
 
+def what_is_wrong(path: str, said: Said) -> str | None:
+    """Return what the oracle says against a statement; None where it confirms it."""
+    checker = CHECKERS.get(path)
+    if checker is None:
+        return "it has no checker"
+    try:
+        checker(said)
+    except WrongError as error:
+        return str(error)
+    except Exception as error:  # noqa: BLE001 - said in the table, and the rest goes on
+        return f"its checker fails: {type(error).__name__}: {error}"
+    return None
+
+
 def hold_case(scenario: Scenario, folder: Path, tally: Tally, *, through_file: bool = True) -> None:
     """Drop a scenario, analyze it, and hold every statement against the oracle."""
     recording = folder / "run.rrd"
@@ -1519,17 +1523,7 @@ def hold_case(scenario: Scenario, folder: Path, tally: Tally, *, through_file: b
         if value is None:
             tally.null[statement] += 1
             continue
-        wrong = None
-        checker = CHECKERS.get(path)
-        if checker is None:
-            wrong = "it has no checker"
-        else:
-            try:
-                checker(Said(value, beside, place, said, scenario, truth))
-            except WrongError as error:
-                wrong = str(error)
-            except Exception as error:  # noqa: BLE001 - said in the table, and the rest goes on
-                wrong = f"its checker fails: {type(error).__name__}: {error}"
+        wrong = what_is_wrong(path, Said(value, beside, place, said, scenario, truth))
         tally.book(scenario, statement, wrong)
 
 
@@ -1550,7 +1544,7 @@ def test_every_statement_is_confirmed(tmp_path: Path) -> None:
     tally = hold_many(CASES, SEED, tmp_path)
     assert not tally.wrong, tally.table()
     never = [one for one in CHECKERS if not tally.confirmed[one] and tally.null[one]]
-    assert not never, f"only ever null: {never}"
+    assert set(never) <= {"engine.gl_renderer"}, "these are null in every case"
 
 
 def test_a_key_without_a_checker_fails(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -1558,6 +1552,38 @@ def test_a_key_without_a_checker_fails(monkeypatch: pytest.MonkeyPatch, tmp_path
     tally = Tally()
     hold_case(Scenario(), tmp_path, tally)
     assert tally.offenders["impact.speed_m_s"][0] == "it has no checker"
+
+
+def test_no_checker_confirms_another_value(tmp_path: Path) -> None:
+    scenario = Scenario(restitution=0.5)
+    simulate(scenario, tmp_path / "run.rrd", camera=None)
+    said, truth = judge(tmp_path / "run.rrd"), Truth(drop_of(scenario))
+    passed = []
+    for path, value, beside, place in list(walk(said)):
+        if value is None or CHECKERS.get(path) in (_not_of_the_drop, _finding, _finding_message):
+            continue
+        key = path.rpartition(".")[2]
+        keep, beside[key] = value, _another(value)
+        statement = Said(beside[key], beside, place, said, scenario, truth)
+        if what_is_wrong(path, statement) is None:
+            passed.append(f"{path}: {beside[key]} for {keep}")
+        beside[key] = keep
+    assert not passed, passed
+
+
+def _another(value: Any) -> Any:
+    """Return a value of the same kind that is not it; a number a tenth larger."""
+    match value:
+        case bool():
+            return not value
+        case int():
+            return value + 1
+        case float():
+            return value + max(abs(value) / 10, 1e-6)
+        case str():
+            return f"{value}?"
+        case _:
+            return [_another(one) for one in value]
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import polars as pl
@@ -22,7 +22,7 @@ from pipeline.budget.landing import (
     find_rest,
     law_path,
 )
-from pipeline.budget.mismatch import coverage_of, find_mismatch, law_of_flight
+from pipeline.budget.mismatch import coverage_of, find_mismatch, law_of_flight, unseen_contact
 from pipeline.budget.moment import DEFAULT_AT_S
 from pipeline.budget.phases import Phases, phases_of, touching
 from pipeline.budget.posture import tumbled_step
@@ -32,8 +32,6 @@ from pipeline.physics.report import EngineReport
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
-ENERGIES = ("kinetic_linear_j", "kinetic_angular_j", "potential_j", "energy_j")
-"""Columns of the table that are null where the state of a body's links is not recorded."""
 
 
 def analysis_of(
@@ -65,6 +63,9 @@ def analysis_of(
     found = phases_of(case)
     flight = law_of_flight(case, found)
     mismatch = find_mismatch(case, flight)
+    unseen = unseen_contact(case, mismatch)
+    if unseen is not None:
+        found, mismatch = replace(found, contact_step=unseen), None
     coverage = coverage_of(case, found, flight, mismatch)
     parts = decompose(
         case.fall,
@@ -114,9 +115,7 @@ def analysis_of(
     )
 
 
-def _table(
-    case: Case, found: Phases, parts: Decomposition, energies: Mechanics | None
-) -> pl.DataFrame:
+def _table(case: Case, found: Phases, parts: Decomposition, energies: Mechanics) -> pl.DataFrame:
     """Return one row per sample; error terms are null where free flight is not covered."""
 
     def explained(values: Float64) -> pl.Series:
@@ -138,12 +137,11 @@ def _table(
             "damping_m": explained(parts.damping_m),
             "interaction_m": explained(parts.interaction_m),
             "rounding_m": explained(parts.rounding_m),
-            "kinetic_linear_j": energies and energies.kinetic_linear_j,
-            "kinetic_angular_j": energies and energies.kinetic_angular_j,
-            "potential_j": energies and energies.potential_j,
-            "energy_j": energies and energies.total_j,
-        },
-        schema_overrides=dict.fromkeys(ENERGIES, pl.Float64),
+            "kinetic_linear_j": energies.kinetic_linear_j,
+            "kinetic_angular_j": energies.kinetic_angular_j,
+            "potential_j": energies.potential_j,
+            "energy_j": energies.total_j,
+        }
     )
 
 
@@ -190,9 +188,7 @@ def _airborne(parts: Decomposition) -> Airborne:
     )
 
 
-def _conservation(energies: Mechanics | None, airborne: int) -> Conservation:
-    if energies is None:
-        return Conservation(None, None, None)
+def _conservation(energies: Mechanics, airborne: int) -> Conservation:
     free = slice(max(airborne, 1))
     return Conservation(
         energy_initial_j=float(energies.total_j[0]),

@@ -18,6 +18,8 @@ from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
 
+TOUCHING_M = 1e-8
+"""A body this close to the floor touches it: as well as the engine's distances are known."""
 FLOOR_REACH_M = 100.0
 """plane.urdf ends this far from the origin, in x and in y."""
 
@@ -82,6 +84,12 @@ class Case:
             return len(self.time_s)
         landed = np.flatnonzero(self.free_fall_m <= self.floor_height_m)
         return int(landed[0]) if len(landed) else len(self.time_s)
+
+    @property
+    def starts_above(self) -> bool:
+        """Whether the body is released clear of the floor."""
+        floor_m = self.floor_height_m
+        return floor_m is None or self.fall.height_m > floor_m + TOUCHING_M
 
     @property
     def is_rigid(self) -> bool:

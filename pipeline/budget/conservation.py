@@ -12,6 +12,9 @@ from pipeline.budget.samples import Rigid
 
 Float64 = NDArray[np.float64]
 
+ROUNDING = 1e-13
+"""Share of what is added up that rounding may leave of a sum that is 0."""
+
 
 @dataclass(frozen=True)
 class Mechanics:
@@ -29,17 +32,13 @@ class Mechanics:
         return self.kinetic_linear_j + self.kinetic_angular_j + self.potential_j
 
 
-def mechanics(case: Case) -> Mechanics | None:
+def mechanics(case: Case) -> Mechanics:
     """Return energies and angular momentum of a body in uniform gravity, of all its links together.
-
-    None where the state of its links is not recorded.
 
     Source: E = m v²/2 + ω·Iω/2 - m g_z z and L = I ω with I = R diag(I₁, I₂, I₃) Rᵀ; any text on
     classical mechanics, for instance Goldstein, chapter 5.
     """
     engine, gravity_m_s2 = case.engine, case.fall.gravity_m_s2
-    if engine.recorded_links != engine.joints:
-        return None
     inertias_kg_m2 = np.reshape(engine.link_inertias_kg_m2, (-1, 3))
     parts = [
         mechanics_of_part(part, mass_kg, inertia_kg_m2, gravity_m_s2)
@@ -60,6 +59,7 @@ def mechanics(case: Case) -> Mechanics | None:
 def mechanics_of_part(
     part: Rigid, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float
 ) -> Mechanics:
+    """Return energies and angular momentum of one link; its moments of inertia have shape (3,)."""
     spin_body = rotate_inverse(part.orientation, part.spin_rad_s)
     momentum_body = spin_body * inertia_kg_m2
     return Mechanics(
@@ -80,11 +80,14 @@ def _about_centre_of_mass(case: Case, parts: list[Mechanics]) -> Float64:
     shares = masses_kg / masses_kg.sum()
     centre_m = np.tensordot(shares, [one.position_m for one in rigid], 1)
     drift_m_s = np.tensordot(shares, [one.velocity_m_s for one in rigid], 1)
-    total = np.zeros_like(centre_m)
+    total, scale = np.zeros_like(centre_m), np.zeros(len(centre_m))
     for m, one, part in zip(masses_kg, rigid, parts, strict=True):
         arm_m, velocity_m_s = one.position_m - centre_m, one.velocity_m_s - drift_m_s
         total += part.angular_momentum_kg_m2_s + m * np.cross(arm_m, velocity_m_s)
-    return total
+        scale += m * np.abs(arm_m).max(axis=1) * np.abs(one.velocity_m_s).max(axis=1)
+    # Differences of equal velocities leave rounding, which is no momentum.
+    nothing = np.linalg.norm(total, axis=1) < ROUNDING * scale
+    return np.where(nothing[:, None], 0.0, total)
 
 
 def rotate(orientation: Float64, vectors: Float64) -> Float64:

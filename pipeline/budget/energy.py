@@ -29,13 +29,12 @@ Float64 = NDArray[np.float64]
 class EnergyLedger:
     """Change of the mechanical energy over a recording, by cause [J]; `closing_j` is the rest.
 
-    Of a body with joints there is no ledger of causes, and no energy where its links are not
-    recorded.
+    Of a body with joints there is no ledger of causes.
     """
 
-    initial_j: float | None = None
+    initial_j: float
     """Of the first sample."""
-    final_j: float | None = None
+    final_j: float
     """Of the last sample."""
     damping_j: float | None = None
     """Work of the damping."""
@@ -51,7 +50,7 @@ class EnergyLedger:
     """What the causes leave unexplained: rounding, unless the state was altered."""
 
 
-def ledger(case: Case, energies: Mechanics | None, *, airborne: int) -> EnergyLedger:
+def ledger(case: Case, energies: Mechanics, *, airborne: int) -> EnergyLedger:
     """Book every change of energy to its cause.
 
     Parameters
@@ -59,13 +58,11 @@ def ledger(case: Case, energies: Mechanics | None, *, airborne: int) -> EnergyLe
     case
         The drop.
     energies
-        The mechanical state of every sample; None where it is unknown.
+        The mechanical state of every sample.
     airborne
         How many samples there are before the first contact. Damping works in every step; what the
         other steps change besides is booked to contact.
     """
-    if energies is None:
-        return EnergyLedger()
     total_j, spin_j = energies.total_j, energies.kinetic_angular_j
     if not case.is_rigid:
         return EnergyLedger(initial_j=float(total_j[0]), final_j=float(total_j[-1]))

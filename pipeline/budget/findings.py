@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.budget.case import FLOOR_REACH_M, Case
+from pipeline.budget.case import FLOOR_REACH_M, TOUCHING_M, Case
 from pipeline.budget.convergence import cancelling_timestep
 from pipeline.budget.landing import CORNERS, Path, episodes, restitution_threshold_m_s
 from pipeline.budget.mismatch import Mismatch
@@ -24,12 +24,14 @@ DEEP_PENETRATION = 0.1
 """Share of the body's height that it may sink into the floor before it is worth reporting."""
 REST_BELOW_M = 1e-6
 """A body that lies lower than this below its rest height is worth reporting."""
+SOLVER_M = 1e-8
+"""What the solver's early stop leaves of a rest height, where it is worth reporting."""
 INFLATED = 0.01
 """Relative excess of a rebound over the restitution asked for that is worth reporting."""
 CANCELS = 0.01
 """Share of the damping's term that may be left where timestep and damping are said to cancel."""
 SWALLOWED_M_S = 0.01
-"""An arrival slower than this is no bounce that anybody misses."""
+"""A rebound slower than this is no bounce that anybody misses."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ def _no_floor(e: Evidence) -> Iterator[Finding]:
             f"the centre went down to {lowest_m:.4f} m without a contact: there is nothing to land "
             'on; call p.loadURDF("plane.urdf"), i.e. omit --no-floor',
         )
-    low = position_m[:, 2] < min(0.0, floor_m)
+    low = position_m[:, 2] + e.case.engine.reach_m < 0
     if e.case.scenario.floor and low.any() and not e.case.over_floor(position_m[low][:1]):
         yield Finding(
             "no-floor",
@@ -121,15 +123,16 @@ def _no_floor(e: Evidence) -> Iterator[Finding]:
 
 def _tunnelled(e: Evidence) -> Iterator[Finding]:
     position_m = e.case.samples.position_m
-    below = np.flatnonzero(position_m[: e.phases.airborne, 2] < 0)
-    fell = position_m[0, 2] > 0 > position_m[-1, 2]  # and did not come back
-    if not e.case.scenario.floor or not len(below) or not fell:
+    # As a whole, and it did not come back.
+    through = e.case.starts_above and position_m[-1, 2] + e.case.engine.reach_m < 0
+    below = np.flatnonzero(position_m[: e.phases.airborne, 2] + e.case.engine.reach_m < 0)
+    if not (e.case.scenario.floor and through and len(below)):
         return
     if not e.case.over_floor(position_m[below[0] :]):
         return
     step = int(below[0])
-    where = f"at {e.case.time_s[step]:.4g} s (step {step}) the centre is below the floor, at "
-    where += f"{position_m[step, 2]:.4f} m, and nothing has touched"
+    where = f"at {e.case.time_s[step]:.4g} s (step {step}) the body is below the floor, its centre "
+    where += f"at {position_m[step, 2]:.4f} m, and nothing has touched"
     if e.case.engine.shape == "none":
         reason = "the body has no collision shape; add a <collision> to the URDF of --body"
     else:
@@ -157,12 +160,13 @@ def _law_mismatch(e: Evidence) -> Iterator[Finding]:
 
 def _starts_in_contact(e: Evidence) -> Iterator[Finding]:
     floor_m, height_m = e.case.floor_height_m, e.case.fall.height_m
-    if floor_m is None or height_m > floor_m:
+    if floor_m is None or e.case.starts_above:
         return
     deep = f"{(floor_m - height_m) * 1e3:.4g} mm inside the floor"
+    touches = height_m > floor_m - TOUCHING_M
     yield Finding(
         "starts-in-contact",
-        f"the body is released {deep if height_m < floor_m else 'touching the floor'}: there is no "
+        f"the body is released {'touching the floor' if touches else deep}: there is no "
         f"fall to compare with theory, and contact pushes it out; release it above {floor_m:.6g} m "
         "with --height",
     )
@@ -229,8 +233,7 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
     tall_m = extent_m(e.case)
     if e.impact is None or e.impact.penetration_m is None or tall_m is None:
         return
-    depth_m, floor_m = e.impact.penetration_m, e.case.floor_height_m
-    released_above = floor_m is not None and e.case.fall.height_m > floor_m
+    depth_m, released_above = e.impact.penetration_m, e.case.starts_above
     # The lowest point may be that of a later, harder landing: only the first has this speed.
     first = e.impact.lowest_step <= e.phases.airborne
     if released_above and first and depth_m > DEEP_PENETRATION * tall_m:
@@ -281,13 +284,17 @@ def _bounces(e: Evidence) -> Iterator[Finding]:
 
 def _swallowed(e: Evidence) -> Iterator[Finding]:
     """Report the first arrival that stays although it would bounce without the threshold."""
-    threshold_m_s = restitution_threshold_m_s(e.case)
+    threshold_m_s, restitution = restitution_threshold_m_s(e.case), e.case.engine.pair_restitution
+    if restitution is None:
+        return
+    # What gravity takes back within a step or two is no bounce either.
+    least_m_s = max(SWALLOWED_M_S, -4 * e.case.fall.gravity_m_s2 * e.case.timestep_s) / restitution
     points = e.case.samples.contact_points
     for number, one in enumerate(episodes(e.case)):
         if e.tumbled_step is not None and one.first >= e.tumbled_step:
             return
         flat = e.case.is_ball or (e.case.is_box and points[one.first] == CORNERS)
-        if flat and not one.leaves and SWALLOWED_M_S < one.approach_m_s < threshold_m_s:
+        if flat and not one.leaves and least_m_s < one.approach_m_s < threshold_m_s:
             yield Finding(
                 "bounce-swallowed",
                 f"after {number} bounce{'s' * (number != 1)} the body arrives at "
@@ -305,11 +312,15 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
         return
     lower = f"the body lies {-rest.error_m * 1e6:.2f} µm lower than {rest.expected_m:g} m"
     if rest.terms_m is not None:
-        yield Finding(
-            "rest-below-expected",
-            f"{lower}: Bullet leaves a slop of 10 µm uncorrected and its solver stops early; "
-            "--solver-residual 0 takes the solver's part away, the slop stays",
-        )
+        causes = "Bullet leaves a slop of 10 µm uncorrected"
+        if abs(rest.terms_m.solver) > SOLVER_M and e.case.scenario.solver_residual != 0:
+            causes += (
+                " and its solver stops early; --solver-residual 0 takes the solver's part away"
+            )
+            causes += ", the slop stays"
+        else:
+            causes += ", whatever is set, p.setPhysicsEngineParameter has no parameter for it"
+        yield Finding("rest-below-expected", f"{lower}: {causes}")
     elif e.case.scenario.contact_erp == 0 and e.law is not None and e.tumbled_step is None:
         yield Finding(
             "rest-below-expected",

@@ -43,7 +43,7 @@ def find_landing(case: Case) -> Landing | None:
     if floor_m is None or turns or not case.is_rigid or not case.scenario.stepped:
         return None
     free_s = theory.impact_time_free(fall, floor_m)
-    if fall.height_m <= floor_m or free_s is None:
+    if not case.starts_above or free_s is None:
         return None
     # An oblique throw is integrated, which is no use over days: up, in next to no gravity.
     oblique = fall.coordinates == "reduced" and any(fall.velocity_m_s[:2])
@@ -100,7 +100,7 @@ def covers(case: Case) -> bool:
         and case.engine.pair_restitution is not None
         and not sideways
         and float(tilt_rad(case)[0]) < 1e-9
-        and case.fall.height_m > floor_m
+        and case.starts_above
     )
 
 
@@ -119,7 +119,8 @@ def law_path(case: Case, *, contact_erp: float | None = None) -> Path | None:
     """
     if not covers(case):
         return None
-    return _law(case, case.fall, len(case.samples.height_m) - 1, contact_erp=contact_erp)
+    path = _law(case, case.fall, len(case.samples.height_m) - 1, contact_erp=contact_erp)
+    return path if float(path.height_m.min()) > _deepest_m(case) else None
 
 
 def _law(case: Case, fall: theory.Fall, steps: int, *, contact_erp: float | None = None) -> Path:
@@ -138,6 +139,11 @@ def _law(case: Case, fall: theory.Fall, steps: int, *, contact_erp: float | None
             substeps=case.substeps,
         )
     )
+
+
+def _deepest_m(case: Case) -> float:
+    """Return how low the centre may get [m]: from half-way down the floor pushes out below."""
+    return (case.floor_height_m or 0.0) - contact_law.FLOOR_HALF_THICKNESS_M
 
 
 def _contact_erp(case: Case) -> float:
@@ -171,6 +177,8 @@ class Episode:
 
     first: int
     last: int
+    pushed: int
+    """The last of them that contact pushed at."""
     approach_m_s: float
     """Downward speed that the contact met."""
     leaves: bool
@@ -178,17 +186,24 @@ class Episode:
 
 
 def episodes(case: Case) -> Iterator[Episode]:
-    """Yield what begins in the air and touches the floor, in order."""
+    """Yield what begins in the air and touches the floor, in order.
+
+    Nothing with substeps: PyBullet reports the contact of the last of them only.
+    """
+    if case.substeps > 1:
+        return
     touches = touching(case.samples)
     edges = np.diff(np.concatenate(([False], touches, [False])).astype(np.int8))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     velocity_m_s = case.samples.velocity_m_s[:, 2]
     for first, end in zip(starts.tolist(), ends.tolist(), strict=True):
         approach_m_s = _approach_m_s(case, first - 1)
-        if approach_m_s <= 0 or (first <= 1 and _starts_inside(case)):
+        if approach_m_s <= 0 or (first <= 1 and not case.starts_above):
             continue  # it was in the floor already: nothing has arrived
         leaves = end < len(touches) and velocity_m_s[end - 1] > 0
-        yield Episode(first, end - 1, approach_m_s, bool(leaves))
+        pushed = np.flatnonzero(case.samples.contact_force_n[first:end] > 0)
+        if len(pushed):
+            yield Episode(first, end - 1, first + int(pushed[-1]), approach_m_s, bool(leaves))
 
 
 def _approach_m_s(case: Case, step: int) -> float:
@@ -196,18 +211,12 @@ def _approach_m_s(case: Case, step: int) -> float:
 
     Restitution acts on what the step would have made of the velocity without a contact.
     """
-    before_m_s = case.samples.velocity_m_s[step]
-    if case.substeps > 1:  # which of them met the floor is not recorded
-        return -float(before_m_s[2])
-    after = contact_law.free_velocity(
-        case.fall, before_m_s, timestep_s=case.timestep_s, mass_kg=case.engine.mass_kg
+    return -contact_law.free_velocity(
+        case.fall,
+        case.samples.velocity_m_s[step],
+        timestep_s=case.timestep_s,
+        mass_kg=case.engine.mass_kg,
     )
-    return -after
-
-
-def _starts_inside(case: Case) -> bool:
-    floor_m = case.floor_height_m
-    return floor_m is not None and case.fall.height_m <= floor_m
 
 
 def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
@@ -221,25 +230,34 @@ def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
     law = law_path(case, contact_erp=0.0)
     uncorrected_m = [] if law is None else _apexes(law.height_m, floor_m)
     bounces = []
+    plain = True
     for number, one in enumerate(found, start=1):
+        plain = plain and _is_plain(case, one, tumbled_step)
         next_touch = int(following[np.searchsorted(following, one.last + 1)])
-        rebound_m_s = float(case.samples.velocity_m_s[one.last, 2])
-        upright = tumbled_step is None or one.last < tumbled_step
+        rebound_m_s = float(case.samples.velocity_m_s[one.pushed, 2])
         bounces.append(
             Bounce(
                 step=one.first - 1,
                 approach_m_s=one.approach_m_s,
                 rebound_m_s=rebound_m_s,
-                effective_restitution=rebound_m_s / one.approach_m_s if upright else None,
+                effective_restitution=rebound_m_s / one.approach_m_s if plain else None,
                 apex_m=float(height_m[one.last : next_touch].max()) - floor_m,
-                predicted_apex_m=_predicted_apex_m(case, number) if upright else None,
+                predicted_apex_m=_predicted_apex_m(case, number) if plain else None,
                 uncorrected_apex_m=uncorrected_m[number - 1]
-                if upright and number <= len(uncorrected_m)
+                if plain and number <= len(uncorrected_m)
                 else None,
-                correction_m_s=_correction_m_s(case, one) if upright else None,
+                correction_m_s=_correction_m_s(case, one) if plain else None,
             )
         )
     return bounces
+
+
+def _is_plain(case: Case, episode: Episode, tumbled_step: int | None) -> bool:
+    """Whether a rebound is that of restitution: of a ball, or of a box on all four corners."""
+    if tumbled_step is not None and episode.last >= tumbled_step:
+        return False
+    points = case.samples.contact_points[episode.first : episode.last + 1]
+    return case.is_ball or (case.is_box and bool((points == CORNERS).all()))
 
 
 def _predicted_apex_m(case: Case, number: int) -> float | None:
@@ -267,13 +285,14 @@ def _apexes(height_m: Float64, floor_m: float) -> list[float]:
 def _correction_m_s(case: Case, episode: Episode) -> float | None:
     """Return what the position correction adds to restitution × approach [m/s].
 
-    From the contact law, started from the recorded sample before the episode. None where all four
-    corners did not act, or the law does not give the recorded rebound.
+    From the contact law, started from the recorded sample before the episode. None where contact
+    pushes for more than one step, or the law does not give the recorded rebound.
     """
-    if not covers(case) or case.substeps > 1:
-        return None
-    flat = case.samples.contact_points[episode.first : episode.last + 1] == CORNERS
     before, samples = episode.first - 1, case.samples
+    if not covers(case) or samples.height_m[before] <= _deepest_m(case):
+        return None
+    if episode.pushed > episode.first:
+        return None
     release = theory.Fall(
         height_m=float(samples.height_m[before]),
         velocity_m_s=(0.0, 0.0, float(samples.velocity_m_s[before, 2])),
@@ -281,10 +300,10 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
         linear_damping=case.fall.linear_damping,
         coordinates=case.fall.coordinates,
     )
-    law = _law(case, release, episode.last - before)
+    law = _law(case, release, episode.pushed - before)
     rebound_m_s = float(law.velocity_m_s[-1])
-    recorded_m_s = float(samples.velocity_m_s[episode.last, 2])
-    if not flat.all() or abs(recorded_m_s - rebound_m_s) > REPRODUCED * episode.approach_m_s:
+    recorded_m_s = float(samples.velocity_m_s[episode.pushed, 2])
+    if abs(recorded_m_s - rebound_m_s) > REPRODUCED * episode.approach_m_s:
         return None
     asked_m_s = contact_law.rebound_speed(
         -episode.approach_m_s,

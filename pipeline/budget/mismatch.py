@@ -55,6 +55,20 @@ def find_mismatch(case: Case, flight: Flight | None) -> Mismatch | None:
     return _first(deviation, ~(deviation <= allowed))
 
 
+def unseen_contact(case: Case, mismatch: Mismatch | None) -> int | None:
+    """Return the sample at which a contact acted that PyBullet does not report, or None.
+
+    Of several substeps it reports the contact of the last one only. What leaves the law within
+    reach of the floor has met it.
+    """
+    if mismatch is None or case.substeps == 1 or not case.scenario.floor:
+        return None
+    around_m = case.samples.position_m[max(mismatch.step - 1, 0) : mismatch.step + 1]
+    way_m = np.abs(case.samples.velocity_m_s[max(mismatch.step - 1, 0)]).max() * case.timestep_s
+    within = float(around_m[:, 2].min()) <= case.engine.reach_m + way_m
+    return mismatch.step if within else None
+
+
 def _first(deviation: np.ndarray, off: np.ndarray) -> Mismatch | None:
     steps = np.flatnonzero(off)
     return Mismatch(int(steps[0]), float(deviation[steps[0]])) if len(steps) else None

@@ -19,8 +19,8 @@ SETTLED_M = 1e-5
 """A body within this of its last position, along each axis, has settled: Bullet's contact slop."""
 SETTLED_RAD = 1e-3
 """The same of its orientation: what moves the surface of a 5 cm box by the slop is half of it."""
-REST_S = 0.1
-"""A body rests if it stays settled for this long, up to the end of the recording."""
+REST_S, REST_SAMPLES = 0.1, 10
+"""A body rests if it stays settled for at least this long, up to the end of the recording."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,8 @@ def phases_of(case: Case) -> Phases:
     if case.is_rigid and samples.contact_points[-1] > 0:
         moving = np.flatnonzero(_moving(samples))
         settled = max(contact_step, int(moving[-1]) + 1 if len(moving) else 0)
-        if (len(touches) - 1 - settled) * case.timestep_s >= REST_S * (1 - 1e-9):
+        lasts = len(touches) - 1 - settled
+        if lasts >= REST_SAMPLES and lasts * case.timestep_s >= REST_S * (1 - 1e-9):
             rest_step = settled
     return Phases(len(touches), contact_step, rest_step)
 

@@ -14,6 +14,8 @@ FLAT_RAD = 5e-3
 """Tilt up to which a body counts as flat: up to it, and with all four corners in contact, the
 contact law gave the rebounds of 500 bounces to 1.2e-4 of the approach; beyond it corners land
 apart (`tests/test_contact_law.py`)."""
+SMALL_RAD = 1e-4
+"""Tilt that moves the centre of a small body by no more than the contact slop."""
 _UP = np.array([[0.0, 0.0, 1.0]])
 
 
@@ -62,10 +64,10 @@ def flat_height_m(case: Case, step: int) -> float | None:
     """
     if tilt_rad(case)[step] > FLAT_RAD:
         return None
-    if not case.is_box or turned_rad(case)[step] <= FLAT_RAD:
+    if not case.is_box:
         return case.engine.rest_height_m
     if not _has_sharp_faces(case):
-        return None
+        return case.engine.rest_height_m if turned_rad(case)[step] <= SMALL_RAD else None
     axis, sign = _face_up(case, step)
     offset_m = case.engine.shape_position_m or (0.0, 0.0, 0.0)
     up = rotate(_shape_orientation(case), sign * np.eye(3)[axis : axis + 1])[0]

@@ -129,7 +129,7 @@ class Bounce:
     approach_m_s: float
     """Speed downwards that the contact met: what the step would have made of it without one."""
     rebound_m_s: float
-    """Speed upwards after the last step that touched."""
+    """Speed upwards after the last step in which contact pushed."""
     effective_restitution: float | None
     """Rebound over approach; None once the body tumbles."""
     apex_m: float
@@ -186,7 +186,7 @@ class Finding:
 class Conservation:
     """How well the samples before the first contact keep energy and angular momentum."""
 
-    energy_initial_j: float | None
+    energy_initial_j: float
     """Kinetic and potential energy of the first sample."""
     energy_max_rel_drift: float | None
     """Largest change of the energy, over its initial value; None where that is 0."""

@@ -255,8 +255,6 @@ def _rest(analysis: Analysis) -> list[str]:
 
 def _energy(analysis: Analysis) -> list[str]:
     energy = analysis.energy
-    if energy.initial_j is None or energy.final_j is None:
-        return _titled("Energy", "unknown: PyBullet does not report the links of a btRigidBody")
     lost = {
         "damping": energy.damping_j,
         "integrator": energy.integrator_j,

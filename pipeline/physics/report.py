@@ -43,10 +43,6 @@ class EngineReport:
     link_inertias_kg_m2: tuple[float, ...] = _reported(
         "three of each link, the base first, each about its own centre of mass"
     )
-    recorded_links: int = _reported(
-        "of how many links besides the base the state is recorded; PyBullet gives it of "
-        "btMultiBodies only"
-    )
     lateral_friction: float = _reported("of the body, against sliding")
     rolling_friction: float = _reported("of the body, against rolling")
     spinning_friction: float = _reported("of the body, against spinning in place")
@@ -64,9 +60,10 @@ class EngineReport:
     shape_orientation: tuple[float, float, float, float] | None = _reported(
         "of that shape in the body's axes: quaternion x, y, z, w", default=None
     )
+    reach_m: float = _reported("how far the body, or its base, reaches from its centre, at most")
     rest_height_m: float | None = _reported(
         "height of the centre at which the body, turned as released, touches the floor; "
-        "measured by the engine's own collision detection; not reported without a shape",
+        "measured by the engine's own collision detection; not without a shape",
         default=None,
     )
     floor_lateral_friction: float | None = _reported("of the floor", default=None)

@@ -59,7 +59,7 @@ class World:
             self._body = self._load_body()
             self._links = list(range(p.getNumJoints(self._body, physicsClientId=self._client)))
             self._body_sha256 = hashlib.sha256(self._urdf.read_bytes()).hexdigest()
-            self.half_size_m = self._half_size()
+            self.half_size_m, self.reach_m = self._size()
             self._floor = self._load("plane.urdf") if scenario.floor else None
             self._configure()
             self._release()
@@ -94,6 +94,8 @@ class World:
                 f"--body must be a URDF that Bullet can load, got {self.scenario.body!r} "
                 f"({error}); check it with another tool, or try cube_small.urdf"
             ) from None
+        if maximal:
+            self._refuse_joints()
         self._set_dynamics(body)
         if not p.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0:
             raise ScenarioError(
@@ -101,6 +103,15 @@ class World:
                 "Bullet holds it still; try --mass 0.1"
             )
         return body
+
+    def _refuse_joints(self) -> None:
+        with self._twin() as twin:
+            if twin._links:
+                raise ScenarioError(
+                    "--coordinates maximal takes a body without joints: PyBullet neither places "
+                    f"nor reports the links of a btRigidBody, and {self.scenario.body!r} has "
+                    f"{len(twin._links)}; use --coordinates reduced"
+                )
 
     def _set_dynamics(self, body: int) -> None:
         how = {"bodyUniqueId": body, "linkIndex": -1, "physicsClientId": self._client}
@@ -129,14 +140,14 @@ class World:
         """Return the same world in reduced coordinates, of which the engine reports more."""
         return World(replace(self.scenario, coordinates="reduced"))
 
-    def _half_size(self) -> Float64:
-        """Return half the extent of the base along its own axes [m], for drawing.
+    def _size(self) -> tuple[Float64, float]:
+        """Return half the extent of the base along its own axes, and its farthest reach [m].
 
         Measured at the origin, where the bounding box is exact to the last bit.
         """
         self.place((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
         lowest, highest = self._box()
-        return (highest - lowest) / 2
+        return (highest - lowest) / 2, float(np.linalg.norm(np.maximum(-lowest, highest)))
 
     def _box(self) -> tuple[Float64, Float64]:
         lowest, highest = map(np.array, p.getAABB(self._body, -1, physicsClientId=self._client))
@@ -159,9 +170,10 @@ class World:
         )
         surface = {"restitution": scenario.restitution, "lateralFriction": scenario.friction}
         told = {name: value for name, value in surface.items() if value is not None}
-        for body in (self._body, self._floor):
+        for body, links in ((self._body, self._links), (self._floor, [])):
             if body is not None and told:
-                p.changeDynamics(body, -1, physicsClientId=client, **told)
+                for link in (-1, *links):
+                    p.changeDynamics(body, link, physicsClientId=client, **told)
 
     def _release(self) -> None:
         self.place((0.0, 0.0, self.scenario.height_m), self.scenario.orientation_xyzw)
@@ -204,7 +216,7 @@ class World:
             substeps=engine["numSubSteps"],
             solver_iterations=engine["numSolverIterations"],
             gravity_m_s2=tuple(engine[f"gravityAcceleration{axis}"] for axis in "XYZ"),
-            body_name=_name(self._body, self._client),
+            body_name=_name(twin._body, twin._client),
             body_sha256=self._body_sha256,
             body_type={1: "btRigidBody", 2: "btMultiBody"}.get(body[10], str(body[10])),
             joints=len(links),
@@ -212,7 +224,6 @@ class World:
             link_masses_kg=tuple(masses_kg),
             inertia_kg_m2=base[2],
             link_inertias_kg_m2=tuple(one for link in (base, *links) for one in link[2]),
-            recorded_links=len(self._links),
             lateral_friction=body[1],
             rolling_friction=body[6],
             spinning_friction=body[7],
@@ -222,6 +233,7 @@ class World:
             shape_dimensions_m=single[3] if single else (),
             shape_position_m=single and single[5],
             shape_orientation=single and single[6],
+            reach_m=self.reach_m,
             rest_height_m=self.rest_height_m,
             floor_lateral_friction=floor and floor[1],
             floor_restitution=floor and floor[5],

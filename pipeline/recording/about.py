@@ -14,10 +14,13 @@ def about(scenario: Scenario, camera: Camera | None, engine: EngineReport) -> st
     steps = f"{scenario.steps} of {fraction(scenario.timestep_s)} s"
     if not scenario.stepped:
         steps += "; **`stepSimulation` was never called**"
-    damping = scenario.linear_damping
+    damping, turned = scenario.linear_damping, scenario.orientation_xyzw[:3]
+    if scenario.substeps is not None:
+        steps += f"; the engine makes {scenario.substeps} of each"
     rows = {
         "body": f"`{scenario.body}`, {engine.mass_kg:g} kg",
         "release": f"centre {scenario.height_m:g} m above the floor",
+        **({"orientation": _orientation(scenario.orientation)} if any(turned) else {}),
         "velocity": _vector(scenario.velocity_m_s, "m/s"),
         "spin": _vector(scenario.spin_rad_s, "rad/s"),
         "gravity": gravity,
@@ -51,6 +54,11 @@ sample 0 is the release.
 
 `drop analyze` says where each millimetre between the curves comes from.
 """
+
+
+def _orientation(orientation: tuple[float, ...]) -> str:
+    said = ", ".join(f"{part:g}" for part in orientation)
+    return f"roll, pitch, yaw ({said})°" if len(orientation) == 3 else f"quaternion ({said})"
 
 
 def _vector(vector: tuple[float, float, float], unit: str) -> str:

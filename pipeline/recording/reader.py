@@ -78,12 +78,12 @@ def read(path: Path) -> Recording:
     scenario, camera = _inputs(properties, path)
     engine = _engine(properties[schema.ENGINE_PROPERTY], path)
     check_engine(engine, scenario, path)
-    names = schema.state_columns(engine.recorded_links)
-    if not engine.recorded_links and not state[schema.LINKS]:
+    names = schema.state_columns(engine.joints)
+    if not engine.joints and not state[schema.LINKS]:
         del state[schema.LINKS]
     rows = _joined(state, path)
     if rows.shape[1] != len(names):
-        raise damaged(path, f"{schema.LINKS} is not of {engine.recorded_links} links")
+        raise damaged(path, f"{schema.LINKS} is not of {engine.joints} links")
     _check_states(rows, scenario, closing, path)
     named = dict(zip(names, rows.T, strict=True))
     states = pl.DataFrame({"step": np.arange(len(rows))} | named)

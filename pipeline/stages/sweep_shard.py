@@ -171,7 +171,7 @@ class RunShard:
         from pipeline.stages.simulate import made_with
 
         engine = made_with(world)
-        names = schema.state_columns(engine.recorded_links)
+        names = schema.state_columns(engine.joints)
         columns = dict(zip(names, rows.T, strict=True))
         states = pl.DataFrame({"step": np.arange(len(rows))} | columns)
         return analysis_of(world.scenario, engine, states, at_s=[self.at_s]).at[0]
