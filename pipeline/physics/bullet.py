@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import ScenarioError
+from pipeline.physics.probe import try_body
 from pipeline.physics.quiet import c_output_moved_aside
-from pipeline.physics.urdf import check_urdf
 
 
 def _import_pybullet() -> tuple[Any, str]:
@@ -29,14 +29,14 @@ def find_body(body: str) -> Path:
     Raises
     ------
     ScenarioError
-        If there is no such file in either place.
+        If there is no such file in either place, or it is the user's own and Bullet cannot take it.
     """
     theirs = data_folder().resolve()
     for candidate in (Path(body), theirs / body):
         with contextlib.suppress(OSError):  # such as a name that is too long
             if candidate.is_file():
                 if theirs not in candidate.resolve().parents:
-                    check_urdf(candidate)
+                    try_body(candidate)
                 return candidate
     raise ScenarioError(
         f"--body must be a URDF file of pybullet_data or a path, got {body[:200]!r}; "

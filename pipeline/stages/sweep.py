@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import platform
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
@@ -17,7 +17,8 @@ import polars as pl
 from pipeline.budget.moment import DEFAULT_AT_S
 from pipeline.budget.statistics import Moments
 from pipeline.errors import DropError, ScenarioError
-from pipeline.physics.bullet import engine_versions
+from pipeline.physics.bullet import engine_versions, find_body
+from pipeline.physics.probe import verdicts
 from pipeline.recording.files import check_target, written_whole
 from pipeline.scenario import Camera, Scenario
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
@@ -133,7 +134,7 @@ def sweep(
         check_plot(Path(plot), timesteps=len(dict(plan.lists).get("timestep_s", ())))
         check_target(Path(plot), force=force)
     folder = Folder(Path(out))
-    work = RunShard(plan, folder.path.resolve(), at_s, record, camera)
+    work = RunShard(plan, folder.path.resolve(), at_s, record, camera, _tried_bodies(plan))
     with folder.claimed(_identity(work)):
         before = {shard: _done(folder.read(shard)) for shard in sorted(folder.finished())}
         ledger = _Ledger(plan, dict(before), until_ci_m, progress)
@@ -189,6 +190,14 @@ def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: floa
         raise ScenarioError(f"--jobs must be at least 1, got {jobs}")
     if not at_s >= 0:
         raise ScenarioError(f"--at must be at least 0 s, got {at_s:g}")
+
+
+def _tried_bodies(plan: Plan) -> Mapping[str, str]:
+    """Try each body of a plan once, here; a run of one that fails is a row."""
+    for body in dict(plan.lists).get("body", ()):
+        with contextlib.suppress(ScenarioError):
+            find_body(body)
+    return verdicts()
 
 
 def _identity(work: RunShard) -> dict[str, Any]:
