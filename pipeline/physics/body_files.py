@@ -32,7 +32,7 @@ class BodyFileError(Exception):
     """What is wrong with a file, in a few words."""
 
 
-def read(path: Path) -> bytes:
+def read(path: Path, most: int = MOST_BYTES) -> bytes:
     """Return what is in a file, which is a regular one of bounded size.
 
     Raises
@@ -44,11 +44,11 @@ def read(path: Path) -> bytes:
         if not stat.S_ISREG(path.stat().st_mode):
             raise BodyFileError(f"{_shown(path)} is no regular file")
         with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
+            data = file.read(most + 1)
     except OSError as error:
         raise BodyFileError(f"{_shown(path)} cannot be read ({error.strerror})") from None
-    if len(data) > MOST_BYTES:
-        raise BodyFileError(f"{_shown(path)} has more than {MOST_BYTES:,} bytes")
+    if len(data) > most:
+        raise BodyFileError(f"{_shown(path)} has more than {most:,} bytes")
     return data
 
 
@@ -150,7 +150,7 @@ def cut_lines(data: bytes, longest: int) -> str:
     """Return what is wrong with the lines of a text that Bullet reads, or nothing."""
     if re.search(rb"\r(?!\r*(?:\n|\Z))", data) or b"\0" in data:
         return "Bullet skips what follows a carriage return or a zero; end lines with a line feed"
-    if re.search(rb"[^\n]{%d}" % (longest + 1), data):
+    if max(map(len, data.split(b"\n"))) > longest:
         return f"it has a line of more than {longest:,} bytes, which Bullet would break; break it"
     return ""
 

@@ -27,15 +27,19 @@ from pipeline.workers import Worker, WorkerDiedError
 class Limits:
     """What a trial may take."""
 
-    seconds: int = 30
+    cpu_s: int = 20
+    """Of computing: another process beside it takes none of that."""
+    wall_s: int = 120
+    """Of waiting."""
     memory_bytes: int = 4_000_000_000
     """Of address space."""
 
 
 STANDARD_LIMITS = Limits()
-STEPS = 24
-"""From within the floor: the first ones are contact, which is what meshes fail at."""
+STEPS = 3
+"""From within the floor: the first one is contact, which is what meshes fail at."""
 
+_TOO_LONG = [getattr(signal, name, None) for name in ("SIGALRM", "SIGXCPU")]
 _verdicts: dict[str, str] = {}
 """What is wrong with bodies that were tried, by the digest of all their files; nothing is ''."""
 _trying = False
@@ -91,8 +95,8 @@ def problem_of(path: Path, limits: Limits = STANDARD_LIMITS) -> str:
             worker.ask(f"{__name__}:trial", str(path), limits)
             return str(worker.answer())
         except WorkerDiedError as error:
-            if error.signal == getattr(signal, "SIGALRM", None):
-                return f"Bullet is not done with it after {limits.seconds} s"
+            if error.signal in _TOO_LONG:
+                return f"Bullet is not done with it after {limits.cpu_s} s; give it smaller meshes"
             return (
                 f"Bullet crashes with it, or takes more than {limits.memory_bytes / 1e9:g} GB "
                 f"({error.how}); look at its meshes"
@@ -142,8 +146,12 @@ def _limit(limits: Limits) -> None:
         return
     import resource
 
-    signal.alarm(limits.seconds)
-    for kind, most in ((resource.RLIMIT_AS, limits.memory_bytes), (resource.RLIMIT_CORE, 0)):
+    signal.alarm(limits.wall_s)
+    for kind, most in (
+        (resource.RLIMIT_CPU, limits.cpu_s),
+        (resource.RLIMIT_AS, limits.memory_bytes),
+        (resource.RLIMIT_CORE, 0),
+    ):
         _, hard = resource.getrlimit(kind)
         allowed = most if hard == resource.RLIM_INFINITY else min(most, hard)
         with contextlib.suppress(ValueError, OSError):  # macOS takes no RLIMIT_AS

@@ -20,6 +20,7 @@ from xml.parsers import expat
 from pipeline.errors import ScenarioError
 from pipeline.physics.body_files import BodyFileError, cut_lines, files_behind, read
 
+MOST_BYTES = 10_000_000
 LONGEST_VALUE = 1000
 """Characters in one attribute; Bullet copies names into arrays on its stack."""
 LONGEST_LINE = 8190
@@ -116,7 +117,7 @@ def _robot(path: Path) -> Xml.Element:
     """
     if len(os.fsencode(path)) > LONGEST_VALUE:
         raise BodyFileError(f"its path has more than {LONGEST_VALUE:,} bytes")
-    data = read(path)
+    data = read(path, MOST_BYTES)
     if cut := cut_lines(data, LONGEST_LINE):
         raise BodyFileError(cut)
     parser, builder = expat.ParserCreate(), Xml.TreeBuilder()
