@@ -204,12 +204,17 @@ def _number_problems(name: str, text: str, rule: Numbers) -> Iterator[str]:
     # Bullet splits at spaces only; within a part C skips what else is white.
     parts = [part.strip() for part in text.split(" ") if part]
     counts = " or ".join(map(str, rule.counts))
+    wanted = (
+        "a finite number,"
+        if rule.counts == (1,)
+        else f"{counts} finite numbers with spaces between,"
+    )
     if not all(map(_NUMBER.fullmatch, parts)) or len(parts) not in rule.counts:
-        yield f"{name} must be {counts} finite numbers, with spaces between, got {text[:40]!r}"
+        yield f"{name} must be {wanted} got {text[:40]!r}"
         return
     numbers = [float(part) for part in parts]
     if not all(map(math.isfinite, numbers)):
-        yield f"{name} must be {counts} finite numbers, got {text[:40]!r}"
+        yield f"{name} must be {wanted} got {text[:40]!r}"
     elif max(map(abs, numbers)) > rule.largest or (rule.above_zero and min(numbers) <= 0):
         above = "above 0 and " if rule.above_zero else ""
         yield f"{name} must be {above}at most {rule.largest:g}, got {text[:40]!r}"
