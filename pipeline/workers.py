@@ -119,11 +119,15 @@ class Worker:
     def _died(self) -> WorkerDiedError:
         code = self._process.wait()
         how = f"signal {-code}" if code < 0 else f"code {code}"
-        return WorkerDiedError(f"a process that draws died with {how}; run it again")
+        return WorkerDiedError(how, -code)
 
 
 class WorkerDiedError(DropError):
     """A process of ours is gone before it answered."""
+
+    def __init__(self, how: str, signal: int) -> None:
+        super().__init__(f"a process that draws died with {how}; run it again")
+        self.how, self.signal = how, signal
 
 
 def _module_path() -> Iterator[str]:

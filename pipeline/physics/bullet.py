@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from pipeline.errors import ScenarioError
+from pipeline.physics.probe import digest_of, try_body
 from pipeline.physics.quiet import c_output_moved_aside
-from pipeline.physics.urdf import check_urdf
 
 
 def _import_pybullet() -> tuple[Any, str]:
@@ -29,19 +30,29 @@ def find_body(body: str) -> Path:
     Raises
     ------
     ScenarioError
-        If there is no such file in either place.
+        If there is no such file in either place, or it is the user's own and Bullet cannot take it.
     """
     theirs = data_folder().resolve()
     for candidate in (Path(body), theirs / body):
         with contextlib.suppress(OSError):  # such as a name that is too long
             if candidate.is_file():
                 if theirs not in candidate.resolve().parents:
-                    check_urdf(candidate)
+                    try_body(candidate)
                 return candidate
     raise ScenarioError(
         f"--body must be a URDF file of pybullet_data or a path, got {body[:200]!r}; "
         "try cube_small.urdf or ./my_body.urdf"
     )
+
+
+def body_digest(body: str) -> str | None:
+    """Return the SHA-256 of a body's files, so that an edit is noticed; None where it has none."""
+    with contextlib.suppress(ScenarioError):  # its runs say what is wrong with it
+        path = find_body(body)
+        with contextlib.suppress(ScenarioError):  # of pybullet_data, where Bullet takes more
+            return digest_of(path)
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    return None
 
 
 @functools.cache

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.physics.probe import believe, verdicts
 from pipeline.physics.studio import Studio
 from pipeline.physics.visible_world import framed
 from pipeline.physics.world import World
@@ -74,6 +75,8 @@ class Photographer:
             wanted = 1  # one process has the whole GPU, or all of Mesa's threads; and it may die
         while len(self._workers) < wanted:
             self._workers.append(self._open.enter_context(Worker()))
+        for worker in self._workers if verdicts() else ():
+            worker.ask(f"{__name__}:_believe", verdicts())
         if camera.renderer == "egl":
             self._ask_for_egl(note)
 
@@ -136,6 +139,11 @@ _ahead: dict[bytes, bytes] = {}
 def _pngs(scenario: Scenario, camera: Camera, poses: list[Poses]) -> Iterator[bytes]:
     for pose in poses:
         yield _ahead.pop(pose.tobytes(), b"") or _studio(scenario, camera).png(pose)
+
+
+def _believe(known: Mapping[str, str]) -> Iterator[bytes]:
+    believe(known)
+    return iter(())
 
 
 def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:

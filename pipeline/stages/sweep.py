@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import platform
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
@@ -17,8 +17,8 @@ import polars as pl
 from pipeline.budget.moment import DEFAULT_AT_S
 from pipeline.budget.statistics import Moments
 from pipeline.errors import DropError, ScenarioError
-from pipeline.physics.body_digest import body_digest
-from pipeline.physics.bullet import engine_versions, find_body
+from pipeline.physics.bullet import body_digest, engine_versions, find_body
+from pipeline.physics.probe import verdicts
 from pipeline.recording.files import written_whole
 from pipeline.recording.outputs import check_apart, check_target
 from pipeline.scenario import Camera, Scenario
@@ -131,14 +131,15 @@ def sweep(
         If all runs fail, workers die again and again, or Ray does not answer.
     """
     _check(plan, until_ci_m=until_ci_m, jobs=jobs, at_s=at_s)
+    bodies = _bodies(plan)
     if plot is not None:
         from pipeline.figures.convergence_plot import check_plot
 
         check_plot(Path(plot), timesteps=len(dict(plan.lists).get("timestep_s", ())))
         check_target(Path(plot), force=force)
-        check_apart([Path(plot)], inputs=_bodies(plan))
+        check_apart([Path(plot)], inputs=bodies)
     folder = Folder(Path(out))
-    work = RunShard(plan, folder.path.resolve(), at_s, record, camera)
+    work = RunShard(plan, folder.path.resolve(), at_s, record, camera, verdicts())
     with folder.claimed(_identity(work)):
         before = {shard: ShardDone.of(folder.read(shard)) for shard in sorted(folder.finished())}
         ledger = _Ledger(plan, dict(before), until_ci_m, progress)
@@ -197,7 +198,7 @@ def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: floa
 
 
 def _bodies(plan: Plan) -> list[Path]:
-    """Return the files of those bodies that there are; the others fail where they are run."""
+    """Return the files of the bodies that there are, each tried once; others fail where they run."""
     found = []
     for body in plan.bodies:
         with contextlib.suppress(ScenarioError):

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import uuid
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from pipeline.budget.results import Moment
 from pipeline.budget.statistics import Moments
 from pipeline.errors import DropError, OutputError
 from pipeline.physics.lasting_world import LastingWorld, Worlds
+from pipeline.physics.probe import believe
 from pipeline.physics.report import EngineReport
 from pipeline.recording import schema
 from pipeline.recording.files import onto_disk
@@ -70,6 +71,8 @@ class RunShard:
     at_s: float
     recorded: bool
     camera: Camera | None
+    tried: Mapping[str, str] = field(default_factory=dict)
+    """What is known of the plan's bodies, so that they are not tried in every process."""
 
     def __call__(self, shard: int) -> ShardDone:
         """Run a shard and write its part.
@@ -79,6 +82,7 @@ class RunShard:
         OutputError
             If a file cannot be written: that is no matter of one scenario.
         """
+        believe(self.tried)
         rows = [self.row(run) for run in self.plan.runs_of(shard)]
         # A part is there once its recordings are on the disk.
         onto_disk(self.folder / row["recording"] for row in rows if row["recording"])

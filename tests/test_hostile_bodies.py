@@ -1,0 +1,478 @@
+"""Hostile bodies: whatever a URDF or a mesh does to Bullet, `drop` says so in one line.
+
+First what is told from the files alone, then what is tried in a process of its own.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import re
+import shutil
+import struct
+from pathlib import Path
+
+import numpy as np
+import pybullet_data
+import pytest
+from conftest import Drop
+
+from pipeline import Scenario, simulate
+from pipeline.errors import ScenarioError
+from pipeline.physics import probe
+from pipeline.physics.body_files import BodyFileError, check_content
+from pipeline.physics.bullet import find_body
+from pipeline.physics.probe import Limits, problem_of
+from pipeline.physics.urdf import MOST_JOINTS, MOST_POSITIONS, check_urdf
+from pipeline.physics.world import World
+from pipeline.stages.sweep import sweep
+from pipeline.sweeping.plan import plan_of
+
+DATA = Path(pybullet_data.getDataPath())
+BOX = '<box size="0.1 0.1 0.1"/>'
+TETRAHEDRON = """v 0 0 0
+v 0.1 0 0
+v 0 0.1 0
+v 0 0 0.1
+f 1 2 3
+f 1//1 2//1 4//1
+f 1/1/1 3/1/1 4/1/1
+f -3 -2 -1
+"""
+LINK = """<link name="{name}"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry>{shape}</geometry></collision>
+<visual><geometry>{shape}</geometry></visual>
+</link>
+"""
+JOINT = """<joint name="to-{child}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
+<origin xyz="0.2 0 0"/>
+<limit lower="0" upper="1" effort="1" velocity="1"/></joint>
+"""
+
+
+def body(shape: str = BOX, more: str = "", first: str = "base") -> str:
+    return f'<robot name="own">\n{LINK.format(name=first, shape=shape)}{more}</robot>\n'
+
+
+def mesh(name: str, more: str = "") -> str:
+    return body(f'<mesh filename="{name}" {more}/>')
+
+
+def linked(count: int, kind: str = "fixed", *, star: bool = False) -> str:
+    """Return a body of so many joints, in a chain or all on its base."""
+    more = "".join(
+        LINK.format(name=f"l{number}", shape=BOX)
+        + JOINT.format(kind=kind, parent=f"l{0 if star else number - 1}", child=f"l{number}")
+        for number in range(1, count + 1)
+    )
+    return body(more=more, first="l0")
+
+
+def written(folder: Path, text: str | bytes, name: str = "own.urdf") -> Path:
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def one_line(error: BaseException) -> None:
+    assert len(str(error).splitlines()) == 1
+    assert len(str(error)) < 600
+
+
+def read_before_bullet(path: Path) -> None:
+    for file in check_urdf(path):
+        check_content(file)
+
+
+def refused(path: Path, rule: str) -> None:
+    """Hold that a URDF and its meshes are refused for what is in them, in one line."""
+    with pytest.raises((ScenarioError, BodyFileError), match=rule) as raised:
+        read_before_bullet(path)
+    one_line(raised.value)
+
+
+# -- text -----------------------------------------------------------------------------------------
+
+IN_A_LINK = (
+    *(
+        f'<contact><{name} value="{{}}"/></contact>'
+        for name in (
+            "inertia_scaling", "lateral_friction", "rolling_friction", "spinning_friction",
+            "restitution", "stiffness", "damping",
+        )
+    ),
+    '<collision group="{}"><geometry><box size="1 1 1"/></geometry></collision>',
+    '<collision mask="{}"><geometry><box size="1 1 1"/></geometry></collision>',
+    '<collision><geometry><plane normal="0 0 {}"/></geometry></collision>',
+    '<collision><geometry><mesh filename="m.obj" scale="1 {} 1"/></geometry></collision>',
+    '<collision><geometry><mesh filename="m.obj" scale="{}"/></geometry></collision>',
+    '<visual><geometry><box size="1 1 1"/></geometry><material name="m"><color rgba="1 1 {}"/>'
+    "</material></visual>",
+    '<visual><geometry><box size="1 1 1"/></geometry><material name="m"><specular rgb="1 1 {}"/>'
+    "</material></visual>",
+)  # fmt: skip
+IN_A_JOINT = (
+    '<axis xyz="0 {} 1"/>',
+    *(f'<dynamics {name}="{{}}"/>' for name in ("damping", "friction")),
+    *(f'<limit {name}="{{}}"/>' for name in ("lower", "upper", "twist", "effort", "velocity")),
+)
+
+
+@pytest.mark.parametrize("bad", ["nan", "inf", "-inf", "", "word", "1_0", "1e999", "0x10", "１"])
+@pytest.mark.parametrize("element", IN_A_LINK + IN_A_JOINT)
+def test_every_number_that_bullet_reads_must_be_one(tmp_path: Path, element: str, bad: str) -> None:
+    written(tmp_path, TETRAHEDRON, "m.obj")
+    spot = "</link>" if element in IN_A_LINK else "</joint>"
+    for number, rule in (("0.5", None), (bad, "must be")):
+        text = linked(1).replace(spot, element.format(number) + spot, 1)
+        path = written(tmp_path, text)
+        if rule is None:
+            check_urdf(path)
+        else:
+            refused(path, rule)
+
+
+SPELLED: dict[str, str | bytes] = {
+    "tabs between": body(BOX.replace(" 0.1", "\t0.1")),
+    "lines between": body(BOX.replace(" 0.1", "\n0.1")),
+    "a namespace": body(BOX.replace("<box", '<box xmlns="x"').replace("0.1 0", "nan 0")),
+    "a tab as an entity": body(BOX.replace(" 0.1", "&#9;0.1")),
+    "single quotes": body("<box size='nan 1 1'/>"),
+    "another attribute first": body("<box a=' size=\"1 1 1\"' size=\"nan 1 1\"/>"),
+    "deformable": '<robot name="r"><deformable name="d"/><link name="l"/></robot>',
+    "a long line": body(more=" " * 8_192),
+    "a carriage return": body().replace("<collision>", "<!-- \r --><collision>"),
+    "UTF-16": body().encode("utf-16"),
+    "a document type in UTF-16": ("<!DOCTYPE r>" + body()).encode("utf-16"),
+    "no mesh": mesh("gone.obj"), "a mesh of no format": mesh("m.ply"), "no name": mesh(""),
+    "a short name": mesh(".obj"), "a zero in a name": mesh("a&#0;.obj"),
+    "a folder": mesh("folder.obj"), "a pipe": mesh("pipe.obj"),
+    "a link to a pipe": mesh("link.obj"),
+    "a pipe by package": mesh("package://pipe.obj"), "a pipe by model": mesh("model://pipe.obj"),
+    "a pipe by file and package": mesh("file://package://pipe.obj"),
+    "a pipe above": mesh("above.obj"), "a device": mesh("device.obj"), "null": mesh("null.obj"),
+    "materials from a pipe": mesh("materials.obj"), "a texture from a pipe": mesh("texture.obj"),
+}  # fmt: skip
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+@pytest.mark.parametrize("kind", SPELLED)
+def test_what_bullet_would_read_otherwise_or_wait_for_is_refused(
+    tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "in"
+    (folder / "folder.obj").mkdir(parents=True)
+    for pipe in (folder / "pipe.obj", tmp_path / "above.obj", folder / "pipe.png"):
+        os.mkfifo(pipe)
+    (folder / "link.obj").symlink_to("pipe.obj")
+    (folder / "device.obj").symlink_to("/dev/zero")
+    (folder / "null.obj").symlink_to("/dev/null")
+    written(folder, "mtllib pipe.obj\n" + TETRAHEDRON, "materials.obj")
+    written(folder, "mtllib a.mtl\n" + TETRAHEDRON, "texture.obj")
+    written(folder, "newmtl a\nmap_Kd pipe.png\n", "a.mtl")
+    refused(written(folder, SPELLED[kind]), "--body")
+    monkeypatch.chdir(folder)
+    refused(Path("own.urdf"), "--body")
+
+
+def test_meshes_are_found_where_bullet_finds_them(tmp_path: Path) -> None:
+    folder = tmp_path / "one" / "two"
+    folder.mkdir(parents=True)
+    for near, far in ((folder, tmp_path), (folder.parent, tmp_path)):
+        found = [written(place, TETRAHEDRON, "m.obj") for place in (near, far)]
+        for prefix in ("", "package://", "model://", "file://", "file://package://"):
+            assert check_urdf(written(folder, mesh(f"{prefix}m.obj")))[1] == found[0]
+        found[0].unlink()
+    assert check_urdf(written(folder, mesh(str(found[1]))))[1:] == [found[1]]
+    assert check_urdf(written(folder, mesh(f"{DATA}/duck.obj"))) == [
+        folder / "own.urdf", DATA / "duck.obj", DATA / "duck.mtl", DATA / "duckCM.png",
+    ]  # fmt: skip
+
+
+def test_a_large_file_is_refused(tmp_path: Path) -> None:
+    for name, most in (("own.urdf", 10_000_000), ("m.obj", 100_000_000)):
+        path = written(tmp_path, mesh("m.obj"))
+        with (tmp_path / name).open("wb") as sparse:
+            sparse.truncate(most + 1)
+        refused(path, f"more than {most:,} bytes")
+
+
+# -- links ----------------------------------------------------------------------------------------
+
+
+def test_the_limits_of_joints_are_those_of_pybullet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the limits PyBullet reads what is true; beyond them nothing, or another velocity."""
+    monkeypatch.setattr(probe, "problem_of", lambda _: "")
+    for kind, most in (
+        ("fixed", MOST_JOINTS), ("revolute", MOST_POSITIONS), ("spherical", MOST_POSITIONS // 4),
+        ("planar", MOST_POSITIONS // 3),
+    ):  # fmt: skip
+        for star in (True, False):
+            path = written(tmp_path, linked(most, kind, star=star))
+            check_urdf(path)
+            refused(written(tmp_path, linked(most + 1, kind, star=star), "more.urdf"), "joints")
+        scenario = Scenario(body=str(path), duration_s=0.1, linear_damping=0.0)
+        with World(scenario) as world:
+            rows = np.concatenate(list(world.samples(64)))
+        np.testing.assert_allclose(rows[-1, 9], scenario.gravity_m_s2 * 0.1, rtol=1e-9)
+
+
+@pytest.mark.parametrize("star", [True, False])
+def test_many_links_are_counted_in_one_pass(tmp_path: Path, star: bool) -> None:
+    """Of 20,000 links, backwards as well: one pass for each of them would take minutes."""
+    text = linked(20_000, star=star)
+    refused(written(tmp_path, text), "it has 20,000 joints")
+    joints = re.findall(r"<joint.*?</joint>\n", text, re.DOTALL)
+    links = re.findall(r"<link name.*?</link>\n", text, re.DOTALL)
+    backwards = f'<robot name="r">\n{"".join(links[::-1])}{"".join(joints[::-1])}</robot>'
+    refused(written(tmp_path, backwards), "it has 20,000 joints")
+
+
+# -- meshes ---------------------------------------------------------------------------------------
+
+
+def stl(triangles: int, *, said: int | None = None, first: float = 0.0) -> bytes:
+    corners = struct.pack("<12f2x", 0, 0, 1, first, 0, 0, 0.1, 0, 0, 0, 0.1, 0.1)
+    return bytes(80) + struct.pack("<I", triangles if said is None else said) + corners * triangles
+
+
+MESHES: dict[str, tuple[str | bytes, str]] = {
+    **{
+        f"face {face}": (f"{TETRAHEDRON}f {face}\n", "obj")
+        for face in (
+            "99999999 1 2", "5 1 2", "1 2 -5", "-99999999 1 2", "0 1 2", "1 2 x", "1.5 2 3",
+            "1/0/1 2 3", "1//0 2 3", "1//2147483648 2 3", "1/2/3/4 2 3", "4294967297 2 3",
+            "9" * 30 + " 1 2", "1// 2 3", "/1/1 2 3", "1_0 2 3", "nan 1 2",
+        )
+    },
+    **{
+        f"vertex {vertex}": (f"v {vertex}\n{TETRAHEDRON}", "obj")
+        for vertex in ("nan 0 0", "0 inf 0", "0 0 1e999", "0 0", "", "a b c", "1e308 1e308 1e308")
+    },
+    "before its vertices": ("f -1 -2 -3\n" + TETRAHEDRON, "obj"),
+    "a long line": (TETRAHEDRON + "f" + " 1 2 3" * 200 + "\n", "obj"),
+    "carriage returns": (TETRAHEDRON.replace("\n", "\r"), "obj"),
+    "a zero": (TETRAHEDRON + "#\0\n", "obj"),
+    "a text": ("solid a\nendsolid a\n", "stl"),
+    "a text of 84 bytes": ("solid a" + " " * 77, "stl"),
+    "nothing": (b"", "stl"), "half a head": (bytes(40), "stl"),
+    "cut": (stl(4)[:-1], "stl"), "too long": (stl(4) + b"x", "stl"),
+    "too many": (stl(4, said=5), "stl"), "minus one": (stl(4, said=2**32 - 1), "stl"),
+    # 50 times this is 0 in 32 bits, so that Bullet takes the size for right.
+    "a wrapped count": (stl(4, said=2**31 + 4), "stl"),
+    "nan": (stl(4, first=math.nan), "stl"), "inf": (stl(4, first=math.inf), "stl"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", MESHES)
+def test_a_mesh_that_bullet_would_misread_is_refused(tmp_path: Path, kind: str) -> None:
+    content, suffix = MESHES[kind]
+    written(tmp_path, content, f"m.{suffix}")
+    refused(written(tmp_path, mesh(f"m.{suffix}")), "m.(obj|stl)")
+
+
+def test_good_meshes_are_taken(tmp_path: Path) -> None:
+    written(tmp_path, TETRAHEDRON.replace("\n", "\r\n"), "m.obj")
+    written(tmp_path, stl(4), "M.STL")
+    for name in ("m.obj", "M.STL"):
+        read_before_bullet(written(tmp_path, mesh(name)))
+
+
+def test_nearly_every_body_of_pybullet_data_would_pass_for_ones_own() -> None:
+    """What is refused is no XML, has no mesh, a radius of 0, a zero in its text, or no numbers."""
+    bodies = sorted(DATA.glob("*.urdf")) + sorted(DATA.glob("[!r]*/*.urdf"))
+    failed = set()
+    for path in bodies:
+        try:
+            check_urdf(path)
+        except ScenarioError:
+            failed.add(path.name)
+    assert len(bodies) > 80
+    assert failed == {
+        "bike.urdf", "biped2d_pybullet.urdf", "diff_ring.urdf", "husky.urdf",
+        "model_for_sdf.urdf", "laikago_toes.urdf", "laikago_toes_limits.urdf",
+        "laikago_toes_zup.urdf", "laikago_toes_zup_lores.urdf", "humanoid.urdf",
+        "torus_deform.urdf", "concave_box.urdf",
+    }  # fmt: skip
+
+
+# -- what is tried --------------------------------------------------------------------------------
+
+CONE = (DATA / "racecar/meshes/cone.dae").read_text()
+DEADLY: dict[str, tuple[str, dict[str, str]]] = {
+    "an index of a .dae": (
+        mesh("m.dae"),
+        {"m.dae": re.sub(r"(<p>\s*)\d+", r"\g<1>99999999", CONE)},
+    ),
+    "a .dae without inputs": (mesh("m.dae"), {"m.dae": CONE.replace("<input ", "<was-input ")}),
+    "user data without a key": (body(more="<bullet><user-data>x</user-data></bullet>"), {}),
+    "a size beyond numbers": (mesh("m.obj"), {"m.obj": TETRAHEDRON.replace("0.1", "1e30")}),
+    "a plane that faces nowhere": (body('<plane normal="0 0 0"/>'), {}),
+    "a bad face of a mesh": (mesh("m.obj"), {"m.obj": TETRAHEDRON + "f 1 2 99999999\n"}),
+}
+
+
+@pytest.mark.parametrize("kind", DEADLY)
+def test_what_ends_bullet_is_one_line_here(tmp_path: Path, kind: str) -> None:
+    urdf, files = DEADLY[kind]
+    for name, content in files.items():
+        written(tmp_path, content, name)
+    with pytest.raises(ScenarioError, match="--body must be a URDF that Bullet can load") as raised:
+        find_body(str(written(tmp_path, urdf)))
+    one_line(raised.value)
+
+
+def test_the_command_ends_with_one_line_where_bullet_would_end_it(
+    drop: Drop, tmp_path: Path
+) -> None:
+    written(tmp_path, DEADLY["a .dae without inputs"][1]["m.dae"], "m.dae")
+    written(tmp_path, mesh("m.dae"))
+    done = drop("run", "--body", "own.urdf", "--json")
+    assert (done.returncode, done.stdout) == (2, ""), done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("drop: --body")
+    assert {one.name for one in tmp_path.iterdir()} <= {"own.urdf", "m.dae", "recordings"}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_trial_ends_that_waits_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For a texture in a place where Bullet looks and nobody would."""
+    (tmp_path / "data" / "data").mkdir(parents=True)
+    os.mkfifo(tmp_path / "data" / "data" / "pipe.png")
+    written(tmp_path, "newmtl a\nmap_Kd pipe.png\n", "a.mtl")
+    written(tmp_path, "mtllib a.mtl\nusemtl a\n" + TETRAHEDRON, "m.obj")
+    monkeypatch.chdir(tmp_path)
+    assert "not done" in problem_of(written(tmp_path, mesh("m.obj")), Limits(wall_s=5))
+
+
+def test_a_trial_ends_that_computes_without_end(tmp_path: Path) -> None:
+    shape = "<collision><geometry><box size='1 1 1'/></geometry></collision>\n"
+    many = body().replace("<visual>", shape * 20_000 + "<visual>")
+    assert "not done" in problem_of(written(tmp_path, many), Limits(cpu_s=3))
+
+
+def test_a_trial_ends_that_takes_too_much_memory(tmp_path: Path) -> None:
+    limits = Limits(memory_bytes=600_000_000)
+    assert problem_of(written(tmp_path, body()), limits) == ""
+    written(tmp_path, re.sub(r'count="\d+"', 'count="300000000"', CONE, count=1), "m.dae")
+    assert "more than 0.6 GB" in problem_of(written(tmp_path, mesh("m.dae")), limits)
+
+
+# -- how often ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def trials(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Return which bodies are tried from here on, in this process."""
+    tried: list[Path] = []
+
+    def passed(path: Path) -> str:
+        tried.append(path)
+        return ""
+
+    monkeypatch.setattr(probe, "_verdicts", {})
+    monkeypatch.setattr(probe, "problem_of", passed)
+    return tried
+
+
+def test_a_body_of_pybullet_is_never_tried(tmp_path: Path, trials: list[Path]) -> None:
+    simulate(Scenario(duration_s=0.1), tmp_path / "run.rrd")
+    find_body("duck_vhacd.urdf")
+    assert trials == []
+
+
+def test_a_body_is_tried_once_and_again_when_any_of_its_files_changes(
+    tmp_path: Path, trials: list[Path]
+) -> None:
+    shutil.copy(DATA / "duckCM.png", tmp_path / "a.png")
+    written(tmp_path, "newmtl a\nmap_Kd a.png\n", "a.mtl")
+    written(tmp_path, "mtllib a.mtl\nusemtl a\n" + TETRAHEDRON, "m.obj")
+    path = written(tmp_path, mesh("m.obj"))
+    find_body(str(path))
+    with World(Scenario(body=str(path))):
+        assert len(trials) == 1
+    for count, name in enumerate(("own.urdf", "m.obj", "a.mtl", "a.png"), start=2):
+        with (tmp_path / name).open("ab") as file:
+            file.write(b"\n")
+        find_body(str(path))
+        find_body(str(path))
+        assert len(trials) == count, name
+
+
+def test_what_is_believed_is_a_digest_and_not_a_name(tmp_path: Path, trials: list[Path]) -> None:
+    path = written(tmp_path, body())
+    find_body(str(path))
+    known = probe.verdicts()
+    probe._verdicts.clear()
+    probe.believe(known)
+    find_body(str(path))
+    assert len(trials) == 1
+    written(tmp_path, body(more="<!-- another -->"))
+    find_body(str(path))
+    assert len(trials) == 2
+
+
+def test_a_sweep_tries_each_body_once_and_a_deadly_one_is_a_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good, bad = written(tmp_path, body()), written(tmp_path, body("<plane normal='0 0 0'/>"), "b")
+    begun: list[Path] = []
+
+    def counted(path: Path) -> str:
+        begun.append(path)
+        return problem_of(path)
+
+    monkeypatch.setattr(probe, "problem_of", counted)
+    bodies = f"{good},{bad}"
+    plan = plan_of({"body": bodies, "timestep_s": "1/240,1/480", "duration_s": "0.1"})
+    done = sweep(plan, tmp_path / "sweep", at_s=0.05, record=False, jobs=2)
+    assert begun == [good, bad]
+    assert (done.runs, done.failed) == (4, 2)
+    assert "no size" in done.first_failure()["error"]
+
+
+# -- mutations ------------------------------------------------------------------------------------
+
+WORDS = (
+    b"nan", b"inf", b"1e308", b"-1", b"0", b"", b"99999999", b"-99999999", b"4294967297", b'"',
+    b"<", b"/>", b"\0", b"\n", b"\r", b"\t", b"x" * 3000, b"/dev/zero", b"&amp;", b"f 1 2 3\n",
+    b"f 0 0 0\n", b"f -1 -2 -9999\n", b"v nan nan nan\n", b"g a\n", b'<link name="more"/>',
+)  # fmt: skip
+MUTATED = {
+    "duck_vhacd.urdf": ("duck.obj", "duck_vhacd.obj"),
+    "jenga/jenga.urdf": ("jenga.mtl", "jenga.obj"),
+    "racecar/meshes": ("cone.dae",),
+    "husky/meshes": ("wheel.stl",),
+}
+
+
+def mutated(data: bytes, chance: random.Random) -> bytes:
+    """Cut something out of a file, repeat it, or put something hard to digest in its place."""
+    start = chance.randrange(len(data) + 1)
+    stop = min(len(data), start + chance.choice([0, 1, 4, 40]))
+    middle = chance.choice([chance.choice(WORDS), data[start:stop] * 50, chance.randbytes(1)])
+    return data[:start] + middle + data[stop:]
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_mutations_of_pybullets_own_files_are_loaded_or_refused(tmp_path: Path, seed: int) -> None:
+    """If this process dies, a body passed that should not."""
+    chance = random.Random(seed)
+    place, names = chance.choice(sorted(MUTATED.items()))
+    home = DATA / place if (DATA / place).is_dir() else (DATA / place).parent
+    for name in names:
+        shutil.copy(home / name, tmp_path)
+    urdf = written(tmp_path, mesh(chance.choice([name for name in names if name[-3:] != "mtl"])))
+    victim = chance.choice([urdf, *(tmp_path / name for name in names)])
+    victim.write_bytes(mutated(victim.read_bytes(), chance))
+    try:
+        find_body(str(urdf))
+    except ScenarioError as error:
+        one_line(error)
+        return
+    with World(Scenario(body=str(urdf), height_m=0.1, duration_s=0.1)) as world:
+        assert len(np.concatenate(list(world.samples(64)))) == 25
