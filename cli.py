@@ -283,7 +283,7 @@ def sweep(
     if ray is None and jobs != 1 and (jobs or samples):
         from pipeline.sweeping.engines import get_ready
 
-        get_ready()
+        get_ready(jobs)
     from pipeline.console.show_sweep import show_sweep
     from pipeline.fields import times
     from pipeline.stages.sweep import sweep

@@ -18,6 +18,7 @@ from pathlib import Path
 from pipeline import Scenario
 from pipeline.physics.pictures import Poses
 from pipeline.physics.world import World
+from pipeline.workers import cores
 
 DROP = (sys.executable, "-m", "cli")
 PYTHON = (sys.executable, "-c")
@@ -157,10 +158,9 @@ def machine() -> str:
     """Name the machine and the versions, in two lines."""
     about = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     model = next((li.split(":")[1].strip() for li in about if li.startswith("model name")), "")
-    cores = len(os.sched_getaffinity(0))
     libraries = ", ".join(f"{name} {metadata.version(name)}" for name in LIBRARIES)
     return (
-        f"{model or platform.processor()}, {cores} cores, {platform.system()} "
+        f"{model or platform.processor()}, {cores()} cores, {platform.system()} "
         f"{platform.machine()}, load {os.getloadavg()[0]:.1f} at the start\n"
         f"Python {platform.python_version()}, {libraries}"
     )

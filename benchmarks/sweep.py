@@ -58,7 +58,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         ratios, detail = paired(lambda: ours(jobs, "--no-record"), lambda: bare(jobs), pairs=pairs)  # noqa: B023
         yield Measured(
             f"`drop sweep --no-record --jobs {jobs}`, {runs:,} drops", "bare loop", ratios, 1.6,
-            detail=_alone(detail) if jobs > 1 else detail,
+            detail=detail,
         )  # fmt: skip
     # Enough runs that starting the workers, some 0.4 s, does not hide how they scale.
     many = 5 * runs
@@ -69,15 +69,10 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     )
     yield Measured(
         f"`drop sweep --no-record --jobs 1`, {many:,} drops: slower than two processes by",
-        "`--jobs 2`", ratios, 1.7, more_is_better=True, detail=_alone(detail),
+        "`--jobs 2`", ratios, 1.7, more_is_better=True, detail=detail,
     )  # fmt: skip
     ratios, detail = paired(lambda: ours(1), lambda: bare(1), pairs=max(2, pairs // 2))
     yield Measured(
         f"`drop sweep --jobs 1`, {runs:,} drops with a recording each", "bare loop", ratios, 4.0,
         detail=detail,
     )  # fmt: skip
-
-
-def _alone(detail: str) -> str:
-    """Leave out the processor time: nobody waits for workers that another process forked."""
-    return detail.partition(";")[0]

@@ -29,6 +29,7 @@ from pipeline.errors import OutputError, RecordingError
 from pipeline.recording import files
 from pipeline.recording.reader import Recording, read
 from pipeline.stages.simulate import BATCH
+from pipeline.workers import cores
 
 KILLS = 50
 """Runs that are killed, each at a moment of its own."""
@@ -441,7 +442,7 @@ MANY_FRAMES = (
 )
 
 
-@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core draws without workers")
+@pytest.mark.skipif(cores() < 2, reason="one core draws without workers")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_a_frame_worker_that_dies_is_one_line_and_no_loss(
     tmp_path: Path, precious: bytes, how: signal.Signals

@@ -77,12 +77,21 @@ def test_the_number_of_workers_changes_nothing(
 ) -> None:
     scenario = Scenario(duration_s=0.5)
     poses = np.repeat(poses_of(scenario), 2, axis=0)  # each twice: the second is not drawn
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(workers)))
+    monkeypatch.setattr(pictures, "cores", lambda: workers)
     with Photographer(scenario, SMALL, frames=1000) as photographer:
         assert len(photographer._workers) == workers
         drawn = list(photographer.draw(poses[:20])) + list(photographer.draw(poses[20:]))
     with Studio(scenario, SMALL) as at_work:
         assert drawn == [at_work.png(pose) for pose in poses]
+
+
+def test_a_fall_of_many_steps_is_not_dropped_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its samples would take gigabytes, however few of them are photographed."""
+    dropped: list[Scenario] = []
+    monkeypatch.setattr(pictures, "World", lambda scenario: dropped.append(scenario))
+    long, rarely = Scenario(duration_s=50_000.0), replace(SMALL, capture_every=1_000_000)
+    assert list(pictures.draw_ahead(long, rarely)) == []
+    assert dropped == []
 
 
 def test_a_worker_that_is_killed_is_an_error_and_no_wait() -> None:
@@ -165,7 +174,7 @@ def test_what_follows_is_drawn_alike_by_workers_and_ahead(monkeypatch: pytest.Mo
     ]
     list(pictures.draw_ahead(scenario, camera))
     ahead = [pictures._ahead.pop(pose.tobytes()) for pose in poses]
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    monkeypatch.setattr(pictures, "cores", lambda: 2)
     with Photographer(scenario, camera, frames=1000) as photographer:
         drawn = list(photographer.draw(poses))
     assert drawn == ahead

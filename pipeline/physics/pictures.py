@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Self
@@ -20,7 +19,7 @@ from pipeline.physics.studio import Studio
 from pipeline.physics.visible_world import framed
 from pipeline.physics.world import World
 from pipeline.scenario import Camera, Scenario
-from pipeline.workers import Worker, WorkerDiedError
+from pipeline.workers import Worker, WorkerDiedError, cores
 
 Poses = NDArray[np.float64]
 
@@ -29,6 +28,9 @@ FRAMES_PER_WORKER = 32
 
 MOST_AHEAD = 2 * FRAMES_PER_WORKER
 """Frames that one worker draws ahead; more are shared among several."""
+
+MOST_STEPS_AHEAD = 16_384
+"""Steps that it takes ahead: as many as a tenth of a second has, and 2 MB of samples."""
 
 NO_EGL = (
     "EGL finds no graphics here, so the frames are drawn with --renderer tiny; on Debian, software "
@@ -67,7 +69,7 @@ class Photographer:
         self._studio: Studio | None = None
         self._last, self._png = np.full(7, np.nan), b""
         self._workers = [assistant] if assistant and camera.renderer == "tiny" else []
-        wanted = min(len(os.sched_getaffinity(0)), frames // FRAMES_PER_WORKER)
+        wanted = min(cores(), frames // FRAMES_PER_WORKER)
         if camera.renderer == "egl":
             wanted = 1  # one process has the whole GPU, or all of Mesa's threads; and it may die
         while len(self._workers) < wanted:
@@ -143,7 +145,8 @@ def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:
     its picture ready then; any other is drawn when it is asked for. There are no answers.
     """
     camera = framed(camera, scenario)
-    if camera.renderer == "tiny" and camera.frames_of(scenario.steps) <= MOST_AHEAD:
+    few = camera.frames_of(scenario.steps) <= MOST_AHEAD and scenario.steps <= MOST_STEPS_AHEAD
+    if camera.renderer == "tiny" and few:
         with World(scenario) as world:
             (rows,) = world.samples(scenario.steps + 1)
         for pose in rows[:: camera.capture_every, :7]:

@@ -7,14 +7,12 @@ closes the viewer, or stops it, loses the picture and nothing else.
 
 from __future__ import annotations
 
-import contextlib
 import faulthandler
+import functools
 import os
-import pickle
-import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from functools import partial
+from typing import Any
 
 import pyarrow as pa
 import rerun as rr
@@ -22,6 +20,7 @@ from rerun.chunk import Chunk
 
 from pipeline.recording import schema
 from pipeline.recording.blueprint import Look, layout
+from pipeline.workers import Worker, WorkerDiedError
 
 PATIENCE_S = 3.0
 """A viewer that takes nothing for so long is taken for gone."""
@@ -52,50 +51,29 @@ def shown(
     note
         Told once, in a sentence, if the viewer goes away.
     """
-    relay = _Relay()
-    listens = relay.send((url, recording_id, look))
-    try:
+    with Worker() as relay:
+        relay.ask(f"{__name__}:_connect", recording_id, url, look)
+        listens = True
         for chunk in chunks:
-            if listens and not relay.send(_packed(chunk)):
+            if listens and not _passed_on(relay, f"{__name__}:_show", recording_id, _packed(chunk)):
                 listens = False
                 note("the viewer has gone; the recording goes on without it")
             yield chunk
-    finally:
-        if not relay.ended_well() and listens:
+        if listens and not (
+            _passed_on(relay, f"{__name__}:_disconnect", recording_id) and _passed_on(relay)
+        ):
             note("the viewer has gone before it was shown everything")
 
 
-class _Relay:
-    """The process that talks to the viewer, fed through its pipe."""
-
-    def __init__(self) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "pipeline.recording.live"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            start_new_session=True,  # whoever interrupts us has not closed the viewer
-        )
-
-    def send(self, message: object) -> bool:
-        """Pass something on, and return whether there still is a viewer."""
-        assert self._process.stdin is not None
-        try:
-            pickle.dump(message, self._process.stdin)
-            self._process.stdin.flush()
-        except BrokenPipeError:
-            return False
-        return True
-
-    def ended_well(self) -> bool:
-        """Wait until all has been shown, but not for ever, and return whether it was."""
-        try:
-            self._process.communicate(timeout=STARTS_WITHIN_S + 2 * PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.communicate()
-        return self._process.returncode == 0
+def _passed_on(relay: Worker, *asked: Any) -> bool:  # noqa: ANN401
+    """Ask for the next thing once the last one is done; return whether there still is a viewer."""
+    try:
+        relay.answer()
+        if asked:
+            relay.ask(*asked)
+    except WorkerDiedError:
+        return False
+    return True
 
 
 def _packed(chunk: Chunk) -> bytes:
@@ -107,12 +85,19 @@ def _packed(chunk: Chunk) -> bytes:
     return packed
 
 
-def _work() -> None:
-    """Send what comes through standard input to a viewer, until it ends or the viewer does."""
-    url, recording_id, look = pickle.load(sys.stdin.buffer)
-    stream = rr.RecordingStream(
+# -- in the process that talks to the viewer ------------------------------------------------------
+
+
+@functools.cache
+def _stream(recording_id: str) -> rr.RecordingStream:
+    return rr.RecordingStream(
         schema.APPLICATION_ID, recording_id=recording_id, send_properties=False
     )
+
+
+def _connect(recording_id: str, url: str, look: Look) -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # Rerun says much of a viewer that goes away
+    stream = _stream(recording_id)
 
     def connect() -> None:
         stream.connect_grpc(url)
@@ -120,13 +105,21 @@ def _work() -> None:
         stream.flush(timeout_sec=STARTS_WITHIN_S)
 
     _impatiently(connect, patience_s=STARTS_WITHIN_S)
-    with contextlib.suppress(EOFError):
-        while True:
-            (batch,) = pa.ipc.open_stream(pickle.load(sys.stdin.buffer))
-            _impatiently(partial(stream.send_chunks, Chunk.from_record_batch(batch)))
-            _impatiently(lambda: stream.flush(timeout_sec=PATIENCE_S))
-    _impatiently(stream.disconnect)
-    os._exit(0)  # whatever Python would still do for the stream at its end, it does not wait for
+
+
+def _show(recording_id: str, packed: bytes) -> None:
+    stream = _stream(recording_id)
+
+    def show() -> None:
+        (batch,) = pa.ipc.open_stream(packed)
+        stream.send_chunks(Chunk.from_record_batch(batch))
+
+    _impatiently(show)
+    _impatiently(lambda: stream.flush(timeout_sec=PATIENCE_S))
+
+
+def _disconnect(recording_id: str) -> None:
+    _impatiently(_stream(recording_id).disconnect)
 
 
 def _impatiently(act: Callable[[], None], *, patience_s: float = PATIENCE_S) -> None:
@@ -135,10 +128,6 @@ def _impatiently(act: Callable[[], None], *, patience_s: float = PATIENCE_S) -> 
     faulthandler.dump_traceback_later(patience_s, exit=True, file=sys.stderr)
     try:
         act()
-    except (RuntimeError, ValueError, ConnectionError):
+    except Exception:  # noqa: BLE001 - whatever it is, only the picture is lost
         os._exit(1)
     faulthandler.cancel_dump_traceback_later()
-
-
-if __name__ == "__main__":
-    _work()

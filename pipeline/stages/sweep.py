@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import platform
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import asdict, dataclass
@@ -25,6 +24,7 @@ from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
 from pipeline.sweeping.folder import TERMS, Folder
 from pipeline.sweeping.plan import Plan, name_of
+from pipeline.workers import cores
 
 SHORT_STEPS = 200_000
 """A sweep of fewer steps is over before a second process would have started."""
@@ -221,7 +221,7 @@ def _engine(
             steps = plan.runs * Scenario(**plan.values(0)).steps
         except ScenarioError:
             steps = plan.runs
-        jobs = 1 if steps < SHORT_STEPS else len(os.sched_getaffinity(0))
+        jobs = 1 if steps < SHORT_STEPS else cores()
     jobs = min(jobs, plan.shards)
     if jobs == 1:
         return engines.in_this_process(work, todo)

@@ -8,25 +8,19 @@ run again, and a result counts when it is yielded, once.
 from __future__ import annotations
 
 import contextlib
-import functools
 import logging
-import multiprocessing
 import os
-import signal
 import socket
 import tempfile
-import threading
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import forkserver, resource_tracker
-from multiprocessing.connection import Connection
-from multiprocessing.context import BaseContext
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from pipeline.errors import DropError
+from pipeline.workers import Worker, WorkerDiedError, cores
 
 T = TypeVar("T")
 
@@ -35,7 +29,7 @@ QUEUED = 2
 HEARTBEAT_S = 0.2
 """Waiting is interrupted so often: a signal that another thread receives interrupts none."""
 MOST_DEATHS = 10
-"""A shard that was under way in so many deaths of a pool is taken for their cause."""
+"""A shard of which so many workers died is taken for the cause."""
 
 
 def in_this_process(work: Callable[[int], T], shards: Iterable[int]) -> Generator[tuple[int, T]]:
@@ -50,14 +44,12 @@ def in_this_process(work: Callable[[int], T], shards: Iterable[int]) -> Generato
 def in_processes(
     work: Callable[[int], T], shards: Iterable[int], *, jobs: int
 ) -> Generator[tuple[int, T]]:
-    """Run shards in a pool of processes of this machine.
+    """Run shards in processes of this machine.
 
     Parameters
     ----------
     work
-        Function of a shard's number; picklable, and so are its results. They should be small: a
-        worker that is killed while it hands over more than a pipe takes at once would be waited
-        for in vain.
+        Function of a shard's number; picklable, and so are its results.
     shards
         Their numbers.
     jobs
@@ -66,100 +58,67 @@ def in_processes(
     Raises
     ------
     DropError
-        If workers die again and again.
+        If workers cannot be started, or die again and again of one shard.
     """
     todo, again, deaths = iter(shards), deque[int](), Counter[int]()
-    while True:
-        under_way: dict[Future[T], int] = {}
-        try:
-            with _pool(jobs) as pool:
-                while True:
-                    while len(under_way) < jobs * QUEUED:
-                        shard = again.popleft() if again else next(todo, None)
-                        if shard is None:
-                            break
-                        try:
-                            under_way[pool.submit(work, shard)] = shard
-                        except BrokenProcessPool:
-                            again.append(shard)
-                            raise
-                    if not under_way:
-                        return
-                    for future in wait(under_way, HEARTBEAT_S, FIRST_COMPLETED).done:
-                        result = future.result()
-                        yield under_way.pop(future), result
-        except BrokenProcessPool:
-            # Nobody says whose shard it was: all that were under way are run again.
-            again.extend(sorted(under_way.values()))
-            deaths.update(again)
-            for shard, count in deaths.items():
-                if count >= MOST_DEATHS:
-                    raise DropError(
-                        f"workers died {count} times, each time with shard {shard} under way; is "
-                        "there enough memory? Try fewer --jobs, or --jobs 1 to see what happens"
-                    ) from None
+    under_way: dict[Future[T], int] = {}
+    free: SimpleQueue[Worker] = SimpleQueue()
+
+    def run(shard: int) -> T:
+        worker = free.get()
+        worker.ask(f"{__name__}:_call", work, shard)
+        answer: T = worker.answer()
+        free.put(worker)
+        return answer
+
+    with contextlib.ExitStack() as started:
+        threads = started.enter_context(ThreadPoolExecutor(jobs))
+        started.callback(threads.shutdown, wait=False, cancel_futures=True)
+
+        def start() -> None:
+            free.put(started.enter_context(_waiting.pop() if _waiting else _started()))
+
+        for _ in range(jobs):
+            start()
+        while True:
+            while len(under_way) < jobs * QUEUED:
+                shard = again.popleft() if again else next(todo, None)
+                if shard is None:
+                    break
+                under_way[threads.submit(run, shard)] = shard
+            if not under_way:
+                return
+            for future in wait(under_way, HEARTBEAT_S, FIRST_COMPLETED).done:
+                shard = under_way.pop(future)
+                try:
+                    result = future.result()
+                except WorkerDiedError:
+                    deaths[shard] += 1
+                    if deaths[shard] >= MOST_DEATHS:
+                        raise DropError(
+                            f"workers died {MOST_DEATHS} times of shard {shard}; is there enough "
+                            "memory? Try fewer --jobs, or --jobs 1 to see what happens"
+                        ) from None
+                    again.append(shard)
+                    start()
+                else:
+                    yield shard, result
 
 
-READY = ("typer", "pipeline.budget.decomposition", "pipeline.physics.lasting_world")
-"""What workers have imported when they start: all that a run needs, but not polars.
-
-Importing polars starts threads, and a fork would leave their locks locked.
-"""
+_waiting: list[Worker] = []
+"""Workers that nobody has asked for yet."""
 
 
-@functools.cache
-def _context() -> BaseContext:
-    """Return how workers start: forked from a process that has nothing but imports in it."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")  # Windows
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(list(READY))
-    return context
-
-
-def get_ready() -> None:
+def get_ready(jobs: int | None) -> None:
     """Let the workers' imports begin, while this process is still busy with its own."""
-    if _context().get_start_method() == "forkserver":
-        # Ctrl-C, which a terminal sends to every process, is for this one alone to answer.
-        resource_tracker.ensure_running()  # which would let the signal in again
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            forkserver.ensure_running()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    most = cores()
+    _waiting.extend(_started() for _ in range(min(jobs or most, most)))
 
 
-@contextlib.contextmanager
-def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
-    """Start workers that end with the block, at once where it ends with an exception."""
-    get_ready()
-    context = _context()
-    life, ours = context.Pipe(duplex=False)
-    with life, ours:
-        pool = ProcessPoolExecutor(jobs, context, initializer=_live_with, initargs=(life,))
-        try:
-            yield pool
-            pool.shutdown()
-        except BaseException:
-            ours.close()
-            pool.shutdown(cancel_futures=True)
-            raise
-
-
-def _live_with(life: Connection) -> None:
-    """End this worker as soon as the other end of a pipe is closed, whatever it is doing.
-
-    So a worker outlives neither its pool nor, whatever kills that, the process it belongs to. It
-    leaves Ctrl-C, which a terminal sends to every process, to that one.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def wait_for_the_end() -> None:
-        with contextlib.suppress(EOFError, OSError):
-            life.recv()
-        os._exit(1)
-
-    threading.Thread(target=wait_for_the_end, daemon=True).start()
+def _started() -> Worker:
+    worker = Worker()
+    worker.load("pipeline.stages.sweep_shard")
+    return worker
 
 
 # -- Ray ------------------------------------------------------------------------------------------
