@@ -5,14 +5,20 @@ What a command needs is imported when it runs, so that `drop --help` is quick.
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # python -m cli
+    from pipeline.console.running import main
+
+    main()
+
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pipeline.console import output, running
+from pipeline.console import output
 from pipeline.console.help import App, Commands
 from pipeline.console.progress import progress, sweep_progress
+from pipeline.console.running import main as main
 from pipeline.options import takes_scenario, takes_scenario_lists
 from pipeline.scenario import Camera, Scenario
 
@@ -322,12 +328,3 @@ def view(
     shown = view.view(runs, web=web)
     show_view(shown, as_json=json)
     view.show(shown)
-
-
-def main() -> None:
-    """Run the command line; every error is one line and an exit code."""
-    raise SystemExit(running.run(app))
-
-
-if __name__ == "__main__":
-    main()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -98,3 +98,34 @@ def drop(tmp_path: Path) -> Drop:
         )
 
     return call
+
+
+PLANTED = (
+    "cli", "decimal", "json", "matplotlib", "numpy", "pickle", "polars", "pybullet", "queue",
+    "random", "rerun", "scipy", "sitecustomize", "types", "typer",
+)  # fmt: skip
+"""Modules that are imported from where `drop` is typed, wherever that is trusted."""
+
+Planted = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def planted(tmp_path: Path) -> Iterator[Planted]:
+    """Return the installed command, typed in a folder full of modules; none of them may be run."""
+    folder, program = tmp_path / "here", tmp_path / "bin/drop"
+    ran = tmp_path / "ran"
+    (folder / "pipeline").mkdir(parents=True)
+    for path in (*(folder / f"{name}.py" for name in PLANTED), folder / "pipeline/__init__.py"):
+        path.write_text(f"open({str(ran)!r}, 'a').write({str(path)!r} + '\\n')")
+    program.parent.mkdir()
+    program.write_text("from pipeline.console.running import main\nmain()\n")  # as pip writes it
+
+    def call(*arguments: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, program, *map(str, arguments)],
+            capture_output=True, text=True, cwd=folder, timeout=120, check=False,
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
+        )  # fmt: skip
+
+    yield call
+    assert not ran.exists(), ran.read_text()

@@ -239,6 +239,16 @@ def test_interrupted_it_says_so_and_keeps_the_part(
     assert [path.name for path in tmp_path.iterdir()] == ["run.rrd.part"]
 
 
+def test_interrupted_while_it_is_still_being_imported_it_says_so(tmp_path: Path) -> None:
+    (tmp_path / "typer.py").write_text("import os\nos.kill(os.getpid(), 2)\nraise SystemExit(7)\n")
+    places = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[1])])
+    done = subprocess.run(
+        [sys.executable, "-m", "cli", "run"], capture_output=True, text=True, cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": places}, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "drop: interrupted\n")
+
+
 # -- help -----------------------------------------------------------------------------------------
 
 

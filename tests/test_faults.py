@@ -486,7 +486,7 @@ app = typer.Typer()
 def speak():
     ctypes.CDLL(None).puts(b"from C")
     print("from Python")
-raise SystemExit(running.run(app))
+raise SystemExit(running.run(lambda: app))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "from Python\n", "")

@@ -7,8 +7,10 @@ import os
 import random
 import shlex
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -287,6 +289,26 @@ def test_a_ray_that_does_not_answer_gets_one_line(drop: Drop) -> None:
     done = drop("sweep", "--out", "s", "--ray", "127.0.0.1:9")
     assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
     assert "ray start --head" in done.stderr
+
+
+@pytest.mark.parametrize("said", [b"", b"220 mail.example ESMTP\r\n"])
+def test_what_listens_but_is_no_ray_gets_one_line(
+    said: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ray itself would try for minutes."""
+    monkeypatch.setattr(engines, "ANSWERS_WITHIN_S", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            connection, _ = server.accept()
+            connection.sendall(said)
+
+        thread = threading.Thread(target=answer, daemon=True)
+        thread.start()
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+        with pytest.raises(DropError, match=f"no Ray cluster answers at '{address}'"):
+            engines._connect(address)
+        thread.join()
 
 
 @dataclass(frozen=True)

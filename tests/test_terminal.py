@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import json
 import os
 import pty
 import re
@@ -21,6 +22,7 @@ import typer
 from conftest import Drop
 
 from cli import app
+from pipeline.console import output
 from pipeline.console.progress import rate
 from pipeline.stages.run import Run
 
@@ -130,6 +132,42 @@ def test_colours_are_for_terminals_that_want_them(
 def test_titles_are_bold(terminal: Terminal, options: str, titles: tuple[str, str]) -> None:
     raw = terminal(*f"sweep --out s --linear-damping default,0 {options}".split()).raw
     assert all(f"\x1b[1m{title}\x1b[0m" in raw for title in titles)
+
+
+# -- what others wrote ----------------------------------------------------------------------------
+
+HOSTILE = "\x1b]0;owned\x07 \x1b[2J \x9b31m \u202egnp \x7f\x00 [red]:bomb:"
+SHOWN = r"\u001b]0;owned\u0007 \u001b[2J \u009b31m \u202egnp \u007f\u0000 [red]:bomb:"
+
+
+def test_what_a_terminal_would_obey_is_shown_and_not_sent(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    output.print_lines(*output.titled("title", HOSTILE, column=8))
+    output.print_lines(*output.made("file", Path(HOSTILE), column=8))
+    assert [one.count(SHOWN) for one in STYLE.sub("", capsys.readouterr().out).splitlines()] == [
+        1, 1,
+    ]  # fmt: skip
+    output.note(HOSTILE)
+    assert capsys.readouterr().err == f"drop: {SHOWN}\n"
+    output.print_json({"name": f"Δ\xa0{HOSTILE}\n\ud800\U000e0001"})
+    said = capsys.readouterr().out
+    assert json.loads(said) == {"name": f"Δ\xa0{HOSTILE}\n\ud800\U000e0001"}
+    assert "Δ\xa0" in said
+    assert all(one.isprintable() for one in said.replace("\n", "").replace("\xa0", ""))
+
+
+def test_names_with_control_characters_are_harmless_in_errors(
+    drop: Drop, tmp_path: Path, standard: Run
+) -> None:
+    name = "a\x1b[31m\u202eb.rrd"
+    assert drop("analyze", name).stderr.startswith(r"drop: a\u001b[31m\u202eb.rrd")
+    (tmp_path / name).write_bytes(standard.simulation.recording.read_bytes())
+    told = drop("render", name)
+    assert told.returncode == 0
+    assert "\x1b" not in told.stdout
+    assert "\u202e" not in told.stdout
 
 
 # -- progress -------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -19,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Drop
+from conftest import Drop, Planted
 from numpy.typing import NDArray
 from rerun.chunk import Chunk, RrdReader
 from rerun.experimental import ViewerClient
@@ -31,6 +32,8 @@ from pipeline.recording import viewer as program
 from pipeline.recording.reader import read
 from pipeline.stages import view
 from pipeline.stages.run import Run
+
+ROOT = Path(__file__).parents[1]
 
 ALONE = {
     "World": Look(moves=True),
@@ -275,6 +278,48 @@ def test_web_is_served_on_loopback_only_and_nobody_is_counted(here: Path) -> Non
     assert not list(home.rglob("analytics*"))
 
 
+def test_the_web_viewer_ends_with_a_command_that_is_killed(here: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cli", "view", "run.rrd", "--web", "--json"],
+        cwd=here, env=isolated(here / "home") | {"BROWSER": "true", "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    answer = json.loads("".join(iter(process.stdout.readline, "}\n")) + "}")
+    ports = [int(answer[key].split(":")[2].split("?")[0].split("/")[0]) for key in KEYS]
+    wait_until(lambda: all(map(listens, ports)))
+    process.kill()
+    process.communicate()
+    wait_until(lambda: not any(map(listens, ports)))
+
+
+def test_every_host_that_the_web_viewers_page_asks_is_in_the_documents(tmp_path: Path) -> None:
+    """No option tells it not to ask; so the page says what it would."""
+    found = program.viewer(web=True)
+    environment = isolated(tmp_path / "home") | {"BROWSER": "true"}
+    process = subprocess.Popen(found.command, env=environment, stderr=subprocess.DEVNULL)
+    try:
+        assert found.page is not None
+        wait_until(lambda: listens(int(str(found.page).split(":")[2].split("?")[0])))
+        with urllib.request.urlopen(found.page, timeout=10) as page:
+            text = page.read().decode()
+        assert "hide_welcome_screen: query.has" in text
+    finally:
+        process.terminate()
+        process.wait()
+    loaded = re.findall(r"<link[^>]*href=\"https://([^/\"]+)", text)
+    assert "fonts.googleapis.com" in loaded
+    told = (ROOT / "docs/viewing.md").read_text(encoding="utf-8")
+    assert [host for host in loaded if f"`{host}`" not in told] == []
+
+
+def test_a_name_is_no_option_and_no_address_for_the_viewer() -> None:
+    files = [Path("-x.rrd"), Path("rerun+http:/here"), Path("/tmp/run.rrd")]
+    assert program.viewer(files, web=True).command[1:4] == [
+        "./-x.rrd", "./rerun+http:/here", "/tmp/run.rrd",
+    ]  # fmt: skip
+
+
 KEYS = ("url", "page")
 
 
@@ -325,6 +370,13 @@ def receiver(tmp_path: Path) -> Iterator[Receiver]:
     finally:
         process.kill()
         process.wait()
+
+
+def test_nothing_in_the_working_directory_is_imported_to_show_it_live(
+    planted: Planted, receiver: Receiver
+) -> None:
+    done = planted("simulate", "--out", "a.rrd", "--no-camera", "--connect", receiver.url)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 @needs_vulkan

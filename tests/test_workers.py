@@ -1,12 +1,15 @@
-"""Processes that work for us, and import beside their answers."""
+"""Processes that work for us: what they import, when they end, what they answer."""
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import pytest
+from conftest import Planted
 
-from pipeline.workers import Worker
+from pipeline.workers import Worker, cores
 
 SLOW = """
 import pathlib, time
@@ -52,3 +55,43 @@ def test_what_a_function_raises_is_raised_here_and_the_next_question_answered() 
         with pytest.raises(ValueError, match=r"math domain|nonnegative"):
             worker.answer()
         assert worker.answer() == 2
+
+
+def test_a_worker_that_is_just_starting_does_not_hear_ctrl_c() -> None:
+    with Worker() as worker:
+        worker._process.send_signal(signal.SIGINT)
+        worker.ask("math:sqrt", 4)
+        assert worker.answer() == 2
+
+
+def test_where_nobody_says_which_processors_may_be_used_all_are_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    assert cores() == (os.cpu_count() or 1)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run --size 32x24 --duration 0.1 --at 0.05",
+        "sweep --out s --samples 4 --jobs 2 --vary height=uniform:1:2 --no-record",
+    ],
+)
+def test_nothing_in_the_working_directory_is_imported(planted: Planted, command: str) -> None:
+    done = planted(*command.split())
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_worker_finds_no_modules_in_the_working_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "lies_here.py").write_text("")
+    monkeypatch.chdir(tmp_path)
+    for place in ("", ".", str(tmp_path)):
+        with monkeypatch.context() as patched:
+            patched.syspath_prepend(place)
+            with Worker() as worker:
+                worker.ask("lies_here:anything")
+                with pytest.raises(ModuleNotFoundError):
+                    worker.answer()

@@ -7,10 +7,30 @@ import os
 import shutil
 import sys
 import textwrap
+import unicodedata
 from typing import Any, TextIO
 
 WIDTH = 80
 """Columns that a line of ours takes at most, where no name in it is longer."""
+
+
+def harmless(text: str) -> str:
+    """Return a text with what a terminal would obey, or not show, in the escapes of JSON.
+
+    Names and texts may come from a recording that somebody else made: control characters, escape
+    sequences, marks that reverse the direction of reading.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        one if one.isprintable() or unicodedata.category(one) == "Zs" else _escaped(one)
+        for one in text
+    )
+
+
+def _escaped(character: str) -> str:
+    units = character.encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{units[first : first + 4]}" for first in range(0, len(units), 4))
 
 
 def wants_colour(stream: TextIO) -> bool:
@@ -60,7 +80,8 @@ def made(title: str, path: object, facts: str = "", *, column: int) -> list[str]
 def print_json(value: dict[str, Any]) -> None:
     """Print one JSON object, and nothing else, to standard output."""
     # Flushed, because a command may go on: `view` waits for its viewer to be closed.
-    print(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False), flush=True)
+    lines = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False).split("\n")
+    print("\n".join(map(harmless, lines)), flush=True)
 
 
 def note(sentence: str) -> None:
@@ -70,7 +91,7 @@ def note(sentence: str) -> None:
 
 def one_line(sentence: str) -> str:
     """Return a sentence as one line; a terminal gets it wrapped at words, with an indent."""
-    line = " ".join(sentence.split())
+    line = harmless(" ".join(sentence.split()))
     if not sys.stderr.isatty():
         return line
     columns = shutil.get_terminal_size().columns
@@ -85,9 +106,9 @@ def print_lines(*lines: str) -> None:
 
     coloured = wants_colour(sys.stdout)
     console = Console(
-        highlight=False, soft_wrap=True, force_terminal=coloured,
+        highlight=False, emoji=False, soft_wrap=True, force_terminal=coloured,
         color_system="auto" if coloured else None,
     )  # fmt: skip
     for line in lines:
-        console.print(line)
+        console.print(harmless(line))
     console.file.flush()

@@ -5,16 +5,18 @@ from __future__ import annotations
 import contextlib
 import errno
 import gc
+import importlib
 import io
 import os
 import signal
 import sys
 from typing import TYPE_CHECKING
 
-from pipeline.console.output import one_line
 from pipeline.errors import DropError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import typer
 
 
@@ -22,14 +24,21 @@ class Stopped(BaseException):
     """A signal told the process to end. Unlike KeyboardInterrupt, Typer lets it through."""
 
 
-def run(app: typer.Typer) -> int:
+def main() -> None:
+    """Run `drop`: it is imported once a signal that comes meanwhile ends in one line too."""
+    raise SystemExit(run(lambda: importlib.import_module("cli").app))
+
+
+def run(load: Callable[[], typer.Typer]) -> int:
     """Run the command line and return its exit code; an error becomes one line.
 
     With `DROP_DEBUG=1` the traceback is shown instead.
+
+    Parameters
+    ----------
+    load
+        Called when signals are handled, to return the command line.
     """
-    gc.disable()  # a sixth of the time that imports take
-    _open_closed_streams()
-    _keep_standard_output()
     received: list[int] = []
 
     def stop(number: int, _: object) -> None:
@@ -39,8 +48,11 @@ def run(app: typer.Typer) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
+    gc.disable()  # a sixth of the time that imports take
     try:
-        code = app(standalone_mode=False)
+        _open_closed_streams()
+        _keep_standard_output()
+        code = load()(standalone_mode=False)
         sys.stdout.flush()
     except (BrokenPipeError, SystemExit) as error:
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
@@ -54,6 +66,8 @@ def run(app: typer.Typer) -> int:
         # A signal that arrives inside a library may come out as that library's own error.
         said, code = _stopped(received[0]) if received else _verdict(error)
         line = "; ".join([said, *getattr(error, "__notes__", [])])
+        from pipeline.console.output import one_line
+
         with contextlib.suppress(OSError):
             print(one_line(f"drop: {line}"), file=sys.stderr)
         _give_up_standard_output()

@@ -1,10 +1,16 @@
-"""Rerun's own programs: its command line, and its viewer, on loopback only and never counted."""
+"""Rerun's own programs: its command line, and its viewer, on loopback only.
+
+What runs here is not counted by Rerun. What the web viewer's page asks for, the browser asks: no
+option of Rerun's tells it not to.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import importlib.util
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -20,6 +26,8 @@ LOOPBACK = "127.0.0.1"
 STARTS_WITHIN_S = 30.0
 VIEWER_PORT, PAGE_PORT = 9876, 9090
 """Rerun's own, where they are free."""
+PR_SET_PDEATHSIG = 1
+"""From Linux's `sys/prctl.h`."""
 
 
 class ViewerError(DropError):
@@ -71,12 +79,17 @@ def viewer(files: Sequence[Path] = (), *, web: bool = False) -> Viewer:
         If there is no screen to open a window on, or Rerun is not installed.
     """
     port, page = _free_port(VIEWER_PORT), None
-    command = [str(binary()), *map(str, files), "--bind", LOOPBACK, "--port", str(port)]
+    # With its folder a name is neither an option, as -x.rrd is, nor an address.
+    names = [os.path.join(os.curdir, file) for file in files]  # noqa: PTH118 - Path drops the dot
+    command = [str(binary()), *names, "--bind", LOOPBACK, "--port", str(port)]
     command.append("--hide-welcome-screen")  # which asks rerun.io for examples
     if web:
         page_port = _free_port(PAGE_PORT)
         command += ["--web-viewer", "--web-viewer-port", str(page_port)]
-        page = f"http://{LOOPBACK}:{page_port}?url=rerun%2Bhttp%3A%2F%2F{LOOPBACK}%3A{port}%2Fproxy"
+        page = (
+            f"http://{LOOPBACK}:{page_port}?hide_welcome_screen"
+            f"&url=rerun%2Bhttp%3A%2F%2F{LOOPBACK}%3A{port}%2Fproxy"
+        )
     else:
         _check_display()
         if not files:
@@ -109,6 +122,7 @@ def start(found: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL if stays else None,
         start_new_session=stays,
+        preexec_fn=None if stays or sys.platform != "linux" else _end_with_parent,
     )
     deadline = time.monotonic() + STARTS_WITHIN_S
     while not _listens(LOOPBACK, found.port):
@@ -122,6 +136,11 @@ def start(found: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
             )
         time.sleep(0.05)
     return process
+
+
+def _end_with_parent() -> None:
+    """Have Linux end this process when the one that started it is gone, however that ended."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def wait(process: subprocess.Popen[bytes]) -> None:

@@ -31,6 +31,13 @@ HEARTBEAT_S = 0.2
 MOST_DEATHS = 10
 """A shard of which so many workers died is taken for the cause."""
 
+ANSWERS_WITHIN_S = 5.0
+"""A cluster that does not speak within so many seconds is not there."""
+HTTP2_SETTINGS = b"\x04"
+HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS + bytes(5)
+"""How a client of HTTP/2, which Ray speaks, begins: its preface and empty settings (RFC 9113, 3.4).
+The server answers with settings of its own, a frame whose fourth byte is their type."""
+
 
 def in_this_process(work: Callable[[int], T], shards: Iterable[int]) -> Generator[tuple[int, T]]:
     """Run shards one after another."""
@@ -184,7 +191,10 @@ def _connect(address: str) -> None:
     host, _, port = place.removeprefix("ray://").rpartition(":")
     try:
         if host and port.isdecimal():  # Ray itself would try for minutes
-            socket.create_connection((host, int(port)), timeout=5).close()
+            with socket.create_connection((host, int(port)), timeout=ANSWERS_WITHIN_S) as probe:
+                probe.sendall(HTTP2_HELLO)
+                if probe.recv(9)[3:4] != HTTP2_SETTINGS:
+                    raise OSError("what listens there is not Ray")
         ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, ValueError, RuntimeError) as error:
         words = str(error).strip().partition("\n")[0].rstrip(".")
