@@ -67,8 +67,16 @@ class Worker:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process; whoever waits for an answer in another thread is told that it died."""
         self._process.kill()  # it holds nothing that could be lost
-        self._process.communicate()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            with contextlib.suppress(BrokenPipeError):  # it was still to be told something
+                pipe.close()
 
     def load(self, *modules: str) -> None:
         """Have modules imported beside the answers, so that a later one comes sooner."""
@@ -109,8 +117,7 @@ class Worker:
         return answer
 
     def _died(self) -> WorkerDiedError:
-        self._process.communicate()
-        code = self._process.returncode
+        code = self._process.wait()
         how = f"signal {-code}" if code < 0 else f"code {code}"
         return WorkerDiedError(f"a process that draws died with {how}; run it again")
 

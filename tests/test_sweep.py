@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import random
@@ -301,7 +302,10 @@ def test_what_listens_but_is_no_ray_gets_one_line(
 
         def answer() -> None:
             connection, _ = server.accept()
-            connection.sendall(said)
+            with connection, contextlib.suppress(ConnectionResetError):
+                connection.sendall(said)
+                while connection.recv(99):
+                    pass
 
         thread = threading.Thread(target=answer, daemon=True)
         thread.start()

@@ -16,7 +16,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from pipeline.errors import DropError
@@ -25,7 +24,7 @@ from pipeline.workers import Worker, WorkerDiedError, cores
 T = TypeVar("T")
 
 QUEUED = 2
-"""Shards per worker that are on their way: one at work, one waiting."""
+"""Shards per processor of a cluster that are on their way: one at work, one waiting."""
 HEARTBEAT_S = 0.2
 """Waiting is interrupted so often: a signal that another thread receives interrupts none."""
 MOST_DEATHS = 10
@@ -68,38 +67,29 @@ def in_processes(
         If workers cannot be started, or die again and again of one shard.
     """
     todo, again, deaths = iter(shards), deque[int](), Counter[int]()
-    under_way: dict[Future[T], int] = {}
-    free: SimpleQueue[Worker] = SimpleQueue()
+    under_way: dict[Future[T], tuple[int, Worker]] = {}
+    # A thread for each worker waits for its answer; they end when their workers have ended.
+    with ThreadPoolExecutor(jobs) as threads, contextlib.ExitStack() as workers:
 
-    def run(shard: int) -> T:
-        worker = free.get()
-        worker.ask(f"{__name__}:_call", work, shard)
-        answer: T = worker.answer()
-        free.put(worker)
-        return answer
+        def start() -> Worker:
+            return workers.enter_context(_waiting.pop() if _waiting else _started())
 
-    with contextlib.ExitStack() as started:
-        threads = started.enter_context(ThreadPoolExecutor(jobs))
-        started.callback(threads.shutdown, wait=False, cancel_futures=True)
-
-        def start() -> None:
-            free.put(started.enter_context(_waiting.pop() if _waiting else _started()))
-
-        for _ in range(jobs):
-            start()
+        free = [start() for _ in range(jobs)]
         while True:
-            while len(under_way) < jobs * QUEUED:
+            while free:
                 shard = again.popleft() if again else next(todo, None)
                 if shard is None:
                     break
-                under_way[threads.submit(run, shard)] = shard
+                worker = free.pop()
+                under_way[threads.submit(_answer, worker, work, shard)] = shard, worker
             if not under_way:
                 return
             for future in wait(under_way, HEARTBEAT_S, FIRST_COMPLETED).done:
-                shard = under_way.pop(future)
+                shard, worker = under_way.pop(future)
                 try:
                     result = future.result()
                 except WorkerDiedError:
+                    worker.close()
                     deaths[shard] += 1
                     if deaths[shard] >= MOST_DEATHS:
                         raise DropError(
@@ -107,9 +97,16 @@ def in_processes(
                             "memory? Try fewer --jobs, or --jobs 1 to see what happens"
                         ) from None
                     again.append(shard)
-                    start()
+                    free.append(start())
                 else:
+                    free.append(worker)
                     yield shard, result
+
+
+def _answer(worker: Worker, work: Callable[[int], T], shard: int) -> T:
+    worker.ask(f"{__name__}:_call", work, shard)
+    answer: T = worker.answer()
+    return answer
 
 
 _waiting: list[Worker] = []
