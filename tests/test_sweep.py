@@ -343,6 +343,19 @@ def test_a_killed_workers_shard_is_run_again(tmp_path: Path) -> None:
     assert parts["run"].sort().to_list() == list(range(40))
 
 
+def first_is_quick(shard: int) -> int:
+    time.sleep(600 if shard else 0)
+    return shard
+
+
+def test_who_wants_no_more_results_waits_for_no_shard() -> None:
+    results = engines.in_processes(first_is_quick, range(100), jobs=2)
+    assert next(results) == (0, 0)
+    began = time.monotonic()
+    results.close()
+    assert time.monotonic() - began < 300, "it waits for the shards that are under way"
+
+
 def always_dies(_: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
