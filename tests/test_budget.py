@@ -275,43 +275,32 @@ def test_every_joule_is_booked_to_a_cause(recorded: Recorder) -> None:
     assert energy.initial_j + booked == pytest.approx(energy.final_j, abs=1e-12)
 
 
-def by_hand(velocity_m_s: list[float], height_m: list[float], spin_j: list[float]) -> Mechanics:
-    """Return the mechanical state of 2 kg in a gravity of 10 m/s² that move up and down."""
-    v, z = np.array(velocity_m_s), np.array(height_m)
-    return Mechanics(v**2, np.array(spin_j), 20 * z, np.zeros((len(v), 3)))
-
-
-def test_a_ledger_by_hand() -> None:
-    """Two steps of 0.1 s in the air, from rest at 1 m, and two in contact, which stops all.
-
-    In the air Euler loses m g dt v'/2 = 1 J per m/s that it gains; the spin goes from 5 to 4.25 J.
-    What the spin loses later, contact has taken.
-    """
-    energies = by_hand([0, -1, -2, 0, 0], [1, 0.9, 0.7, 0.7, 0.7], [5, 4.5, 4.25, 3, 2])
-    velocity_m_s = np.zeros((5, 3))
-    velocity_m_s[:, 2] = [0, -1, -2, 0, 0]
-    fall = Fall(height_m=1.0, gravity_m_s2=-10.0, linear_damping=0.0)
-    found = ledger(energies, velocity_m_s, fall, airborne=3, timestep_s=0.1, mass_kg=2.0)
-    assert found.initial_j == 20 + 5
-    assert found.final_j == pytest.approx(14 + 2)
-    assert found.damping_j == 0
-    assert found.integrator_j == pytest.approx(-2)
-    assert found.rotation_j == -0.75
-    assert found.contact_j == pytest.approx(-4 - 2.25)
-    assert found.closing_j == pytest.approx(0, abs=1e-14)
-
-
-def test_where_no_step_was_taken_nothing_works() -> None:
-    """A body that hangs there at 3 m/s, in air and gravity, keeps its energy."""
-    energies = by_hand([3, 3, 3], [1, 1, 1], [0, 0, 0])
-    fall = Fall(height_m=1.0, velocity_m_s=(0.0, 0.0, 3.0), gravity_m_s2=-10.0, linear_damping=0.5)
-    found = ledger(
-        energies, np.array([[0.0, 0.0, 3.0]] * 3), fall,
-        airborne=3, timestep_s=0.1, mass_kg=2.0, stepped=False,
+@pytest.mark.parametrize("floor", [True, False])
+def test_what_the_spin_loses_in_the_air_is_booked_to_rotation_and_the_rest_to_contact(
+    recorded: Recorder, floor: bool
+) -> None:
+    analysis = judge(
+        recorded(body="sphere_small.urdf", spin_rad_s=(30.0, 0.0, 50.0), angular_damping=0.5,
+                 floor=floor)
     )  # fmt: skip
-    assert (found.initial_j, found.final_j) == (29, 29)
-    causes = (found.damping_j, found.integrator_j, found.rotation_j, found.contact_j)
-    assert (*causes, found.closing_j) == (0, 0, 0, 0, 0)
+    energy, spin_j = analysis.energy, analysis.table["kinetic_angular_j"].to_numpy()
+    landed = analysis.impact.step if analysis.impact else len(spin_j)
+    lost_j = spin_j[landed - 1] - spin_j[0]
+    assert lost_j < -0.1 * spin_j[0]
+    assert energy.rotation_j == pytest.approx(lost_j, rel=1e-12)
+    assert energy.closing_j == pytest.approx(0, abs=1e-12)
+    if floor:
+        assert spin_j[-1] < 0.99 * spin_j[landed - 1]  # the floor brakes it, too
+    else:
+        assert energy.contact_j == pytest.approx(0, abs=1e-12)
+
+
+def test_where_no_step_was_taken_nothing_works(recorded: Recorder) -> None:
+    """A body that hangs there at 3 m/s, in damping and gravity, keeps its energy."""
+    energy = judge(recorded(stepped=False, velocity_m_s=(0.0, 0.0, 3.0))).energy
+    assert energy.initial_j == energy.final_j == pytest.approx(0.981 + 0.1 * 9 / 2)
+    causes = (energy.damping_j, energy.integrator_j, energy.rotation_j, energy.contact_j)
+    assert (*causes, energy.closing_j) == (0, 0, 0, 0, 0)
 
 
 def test_the_drift_is_the_largest_on_the_way_whatever_its_sign() -> None:
