@@ -661,8 +661,14 @@ def test_numbers_are_signed_and_never_a_false_zero(value: float, decimals: int, 
 
 def test_theory_ends_where_a_bounce_begins() -> None:
     """It says nothing of one; of a body that stays down it says where it lies."""
-    for name, ends in (("bounces", True), ("standard", False)):
-        (above, _) = (one for one in build_figure(TABLES[name]).axes if one.get_label() != "impact")
+    tables = (
+        (TABLES["bounces"], True),
+        (table_of(restitution=0.25), True),  # 6 % of the fall: one sees it
+        (table_of(restitution=0.08), False),  # 0.6 % of it: one does not
+        (STANDARD, False),
+    )
+    for table, ends in tables:
+        (above, _) = (one for one in build_figure(table).axes if one.get_label() != "impact")
         drawn = {line.get_label(): line for line in above.get_lines()}
         for curve in ("free fall", "damped fall"):
             assert np.isnan(drawn[curve].get_ydata()).any() == ends
