@@ -426,6 +426,9 @@ def test_printed_statistics_are_in_millimetres_beside_half_the_interval(
         "over the 12 samples in the air; ± 95 % is that of the mean",
     ]
     assert "not yet as narrow as asked for" in told[-1]
+    fewer = replace(group, statistics=(total, replace(damping, count=9)))
+    show_sweep(swept(tmp_path, statistics=[fewer]), as_json=False)
+    assert "total over 12 samples, its terms over the 9 in the air;" in " ".join(lines_of(capsys))
     show_sweep(swept(tmp_path, statistics=[group], narrow_enough=True), as_json=False)
     assert "narrow" not in " ".join(lines_of(capsys))
 

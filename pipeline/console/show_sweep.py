@@ -212,9 +212,12 @@ def _statistics(group: Group) -> list[str]:
         lines.append(_cells(TERMS[one.quantity], cells))
     counts = {one.count for one in group.statistics}
     if counts:
-        lines.append(
-            f"[dim]over the {min(counts):,} samples in the air; ± 95 % is that of the mean[/]"
-        )
+        fewest, most = min(counts), max(counts)
+        over = f"over the {fewest:,} samples in the air"
+        if fewest < most:  # in contact there is an error, but it has no terms
+            over = f"total over {most:,} samples, its terms over the {fewest:,} in the air"
+        words = f"{over}; ± 95 % is that of the mean"
+        lines += [f"[dim]{line}[/]" for line in titled("", words, column=0)]
     else:
         lines.append("no sample was taken apart: none was in the air at that time")
     return lines
