@@ -16,12 +16,15 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import Drop
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 from PIL import Image
 
+from pipeline import colours
 from pipeline.errors import DropError, ScenarioError
-from pipeline.figures import animation
+from pipeline.figures import animation, composition
 from pipeline.figures.animation import check_animation, write_animation
-from pipeline.figures.composition import Composition, caption
+from pipeline.figures.composition import caption
 from pipeline.figures.growing_plot import GrowingPlot
 from pipeline.figures.playback import Animation, playback
 from pipeline.recording.reader import frames
@@ -168,6 +171,15 @@ def test_no_frames_make_no_animation(suffix: str) -> None:
         write_animation([], io.BytesIO(), suffix=suffix, fps=20)
 
 
+@pytest.mark.parametrize(
+    ("name", "fastest"), [("a.gif", 50.0), ("a.webp", 1000.0), ("a.apng", 1000.0), ("a.mp4", 240.0)]
+)
+def test_a_format_goes_as_fast_as_it_can_and_no_faster(name: str, fastest: float) -> None:
+    check_animation(Path(name), fastest)
+    with pytest.raises(ScenarioError, match=f"at most {fastest:g} in a {Path(name).suffix}"):
+        check_animation(Path(name), fastest * 1.001)
+
+
 @pytest.mark.parametrize("name", ["fall.png", "fall.avi", "fall"])
 def test_a_format_is_named_by_its_suffix(name: str) -> None:
     with pytest.raises(ScenarioError, match=r"--out must end in .gif, .webp, .apng or .mp4, got"):
@@ -185,6 +197,43 @@ def test_a_film_without_pyav_says_what_to_install(monkeypatch: pytest.MonkeyPatc
 
 def test_the_caption_says_time_height_and_error() -> None:
     assert caption(0.3, 0.55672969, -0.0018203) == "t 0.300 s  height 0.5567 m  error  −1.820 mm"
+
+
+def test_caption_and_plot_are_those_of_the_step_that_is_shown(
+    standard: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[tuple[float, ...]] = []
+    monkeypatch.setattr(
+        composition, "caption", lambda *values: said.append(values) or caption(*values)
+    )
+    table, picture = standard.analysis.table, Image.new("RGB", (240, 180), "white")
+    both = composition.Composition(table, picture.size, with_plot=True)
+    plot = GrowingPlot(table, picture.size, dark=False)
+    for step in (0, 72, 240):
+        whole = both.composed(picture, step)
+        row = table.row(step, named=True)
+        assert said.pop() == (row["time_s"], row["simulated_m"], row["error_m"])
+        beside = np.asarray(whole)[:180, 240:]
+        assert np.array_equal(beside, np.asarray(plot.at(row["time_s"])))
+
+
+def test_what_the_plot_names_has_the_colour_of_its_curve(standard: Run) -> None:
+    """The names stand above the panels, the height in m and the error in mm."""
+    plot, figure = GrowingPlot(standard.analysis.table, (480, 360), dark=False), Figure()
+    above, below = plot._drawn(figure, standard.analysis.table)
+    assert (above.get_title(loc="left"), below.get_title(loc="left")) == (
+        "height [m]",
+        "error [mm]",
+    )
+    heights, errors = (
+        {text.get_text(): to_hex(text.get_color()) for text in legend.get_texts()}
+        for legend in figure.legends
+    )
+    assert heights == {str(line.get_label()): line.get_color() for line in above.lines}
+    assert errors.pop("total") == next(
+        line.get_color() for line in below.lines if line.get_label() == "total"
+    )
+    assert errors == {name: colours.TERMS[name] for name in ("timestep", "damping", "interaction")}
 
 
 def test_the_camera_picture_stays_itself(
@@ -221,8 +270,8 @@ def test_the_plot_grows_with_time(standard: Run) -> None:
 
 def test_a_caption_needs_no_plot(standard: Run) -> None:
     picture = Image.new("RGB", (480, 360), "white")
-    composition = Composition(standard.analysis.table, picture.size, with_plot=False)
-    one, other = (composition.composed(picture, step) for step in (0, 72))
+    bare = composition.Composition(standard.analysis.table, picture.size, with_plot=False)
+    one, other = (bare.composed(picture, step) for step in (0, 72))
     assert one.width == 480
     assert one.height > 360
     assert one.tobytes() != other.tobytes()

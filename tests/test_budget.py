@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from conftest import Recorder, judge
 
-from pipeline.budget.conservation import mechanics_of_part
+from pipeline.budget.conservation import max_relative_drift, mechanics_of_part
+from pipeline.budget.decomposition import decompose
 from pipeline.budget.samples import Rigid
+from pipeline.physics.theory import Fall
+from pipeline.stages.story import events
 
 TERMS = ("timestep_m", "damping_m", "interaction_m", "rounding_m")
 
@@ -173,6 +176,15 @@ def test_a_box_that_fell_over_is_expected_on_the_face_it_lies_on(recorded: Recor
     assert rest.error_m == pytest.approx(-1e-5, abs=5e-6)
 
 
+def test_samples_from_the_middle_are_taken_apart_as_in_the_whole_fall(recorded: Recorder) -> None:
+    heights_m = recorded().column("z_m")[:100]
+    fall = Fall(height_m=1.0, gravity_m_s2=-9.81, linear_damping=float(np.float32(0.04)))
+    whole = decompose(fall, heights_m, timestep_s=1 / 240)
+    later = decompose(fall, heights_m[40:], timestep_s=1 / 240, first=40)
+    for name, values in vars(whole).items():
+        assert np.array_equal(vars(later)[name], values[40:]), name
+
+
 # -- impact, contact, rest ------------------------------------------------------------------------
 
 
@@ -188,6 +200,19 @@ def test_the_impact_is_where_theory_and_samples_have_it(recorded: Recorder) -> N
     assert (impact.lowest_step, impact.step) == (108, 109)
     assert impact.penetration_m == pytest.approx(0.025 - 0.01618091982485528, abs=1e-15)
     assert impact.penetration_m < impact.speed_m_s / 240
+
+
+def test_what_happened_is_told_at_the_step_at_which_it_happened(recorded: Recorder) -> None:
+    """The box is deepest at step 108; the contact that holds it acts in the step to 109."""
+    analysis = judge(recorded(), at_s=[0.3])
+    told = events(analysis)
+    assert [step for step, _ in told] == sorted(step for step, _ in told)
+    steps = {word: step for step, line in told for word in line.replace(",", " ").split()}
+    assert analysis.rest is not None
+    assert (steps["release"], steps["damping"], steps["lowest"], steps["contact"]) == (
+        0, 72, 108, 109,
+    )  # fmt: skip
+    assert told[-1][0] == analysis.rest.settled_step
 
 
 @pytest.mark.parametrize("timestep_s", [1 / 60, 1 / 240, 1 / 480, 1 / 960])
@@ -247,6 +272,43 @@ def test_every_joule_is_booked_to_a_cause(recorded: Recorder) -> None:
     assert abs(energy.closing_j) < 1e-12
     booked = energy.damping_j + energy.integrator_j + energy.rotation_j + energy.contact_j
     assert energy.initial_j + booked == pytest.approx(energy.final_j, abs=1e-12)
+
+
+@pytest.mark.parametrize("floor", [True, False])
+def test_what_the_spin_loses_in_the_air_is_booked_to_rotation_and_the_rest_to_contact(
+    recorded: Recorder, floor: bool
+) -> None:
+    analysis = judge(
+        recorded(body="sphere_small.urdf", spin_rad_s=(30.0, 0.0, 50.0), angular_damping=0.5,
+                 floor=floor)
+    )  # fmt: skip
+    energy, spin_j = analysis.energy, analysis.table["kinetic_angular_j"].to_numpy()
+    landed = analysis.impact.step if analysis.impact else len(spin_j)
+    lost_j = spin_j[landed - 1] - spin_j[0]
+    assert lost_j < -0.1 * spin_j[0]
+    assert energy.rotation_j == pytest.approx(lost_j, rel=1e-12)
+    assert energy.closing_j == pytest.approx(0, abs=1e-12)
+    if floor:
+        assert spin_j[-1] < 0.99 * spin_j[landed - 1]  # the floor brakes it, too
+    else:
+        assert energy.contact_j == pytest.approx(0, abs=1e-12)
+
+
+def test_where_no_step_was_taken_nothing_works(recorded: Recorder) -> None:
+    """A body that hangs there at 3 m/s, in damping and gravity, keeps its energy."""
+    energy = judge(recorded(stepped=False, velocity_m_s=(0.0, 0.0, 3.0))).energy
+    assert energy.initial_j == energy.final_j == pytest.approx(0.981 + 0.1 * 9 / 2)
+    causes = (energy.damping_j, energy.integrator_j, energy.rotation_j, energy.contact_j)
+    assert (*causes, energy.closing_j) == (0, 0, 0, 0, 0)
+
+
+def test_the_drift_is_the_largest_on_the_way_whatever_its_sign() -> None:
+    assert max_relative_drift(np.array([2.0, 3.0, 0.5, 2.0])) == 0.75
+    assert max_relative_drift(np.array([-2.0, -3.0, -2.0])) == 0.5
+    vectors = np.array([[3.0, 0.0, 4.0], [3.0, 1.0, 4.0], [3.0, 0.0, 4.0]])
+    assert max_relative_drift(vectors) == pytest.approx(0.2)
+    assert max_relative_drift(np.array([])) is None
+    assert max_relative_drift(np.zeros((4, 3))) is None
 
 
 def test_undamped_energy_less_its_integrator_term_is_conserved(recorded: Recorder) -> None:

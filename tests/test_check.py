@@ -15,7 +15,7 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from pipeline import Camera, Scenario, simulate
-from pipeline.budget.comparison import IN_CONTACT_M, Comparison, Side, compare
+from pipeline.budget.comparison import IN_CONTACT_M, Comparison, Place, Setting, Side, compare
 from pipeline.errors import OutputError, RecordingError
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.stages.check import check
@@ -158,6 +158,7 @@ def test_one_bit_in_the_air_is_found_and_named(recorded: Recorder, column: str) 
 
 
 def test_in_contact_a_nanometre_is_let_pass_and_not_more(recorded: Recorder) -> None:
+    assert IN_CONTACT_M == 1e-9  # docs/ci.md says so
     golden = side(recorded())
     assert compare(altered(golden, "z_m", 200, 0.5 * IN_CONTACT_M), golden).same
     beyond = compare(altered(golden, "z_m", 200, 2 * IN_CONTACT_M), golden)
@@ -171,11 +172,63 @@ def test_in_contact_a_nanometre_is_let_pass_and_not_more(recorded: Recorder) -> 
     assert not compare(altered(golden, "contact_points", 200, 1), golden, tolerance_m=1.0).same
 
 
+def test_what_is_let_pass_in_a_column_is_what_moves_the_body_a_nanometre(
+    recorded: Recorder,
+) -> None:
+    """The cube's centre is 0.025 m from its floor, it weighs 0.1 kg, a step is 1/240 s."""
+    golden = side(recorded())
+    for column, allowed in (
+        ("y_m", 1e-9),
+        ("contact_distance_m", 1e-9),
+        ("qx", 1e-9 / 0.025),
+        ("vy_m_s", 1e-9 * 240),
+        ("wz_rad_s", 1e-9 / 0.025 * 240),
+        ("contact_force_n", 1e-9 * 0.1 * 240**2),
+    ):
+        assert compare(altered(golden, column, 200, 0.9 * allowed), golden).same, column
+        beyond = compare(altered(golden, column, 200, 1.1 * allowed), golden)
+        assert beyond.first is not None, column
+        assert (beyond.first.step, beyond.first.column) == (200, column)
+
+
+def test_the_largest_difference_is_that_of_any_axis_and_either_sign(recorded: Recorder) -> None:
+    golden = side(recorded())
+    apart = altered(altered(golden, "x_m", 20, -0.25), "z_m", 70, 0.125)
+    found = compare(apart, golden)
+    assert (found.largest_difference_m, found.largest_difference_step) == (0.25, 20)
+
+
+def test_what_differs_is_given_as_it_is_here_and_as_it_is_in_the_golden_one(
+    recorded: Recorder,
+) -> None:
+    golden = side(recorded())
+    other = altered(golden, "z_m", 50, 0.5)
+    here, there = other.states["z_m"][50], golden.states["z_m"][50]
+    assert compare(other, golden).first == Place(50, "z_m", here, there)
+    assert compare(golden, other).first == Place(50, "z_m", there, here)
+    (found,) = compare(side(recorded(duration_s=0.5)), golden).differences
+    assert found == Setting("duration_s", 0.5, 1.0)
+
+
+def test_a_contact_that_only_one_of_them_has_differs(recorded: Recorder) -> None:
+    """Without contact there is no distance, which is nan: equal to itself, and to no number."""
+    golden = side(recorded())
+    assert np.isnan(golden.states["contact_distance_m"][50])
+    touching = golden.states.with_columns(
+        contact_distance_m=pl.when(pl.col("step") == 50).then(0.0).otherwise("contact_distance_m")
+    )
+    found = compare(replace(golden, states=touching), golden, tolerance_m=1.0)
+    assert found.first == Place(50, "contact_distance_m", 0.0, None)
+
+
 def test_a_tolerance_is_a_length(recorded: Recorder) -> None:
     golden = side(recorded())
     moved = altered(golden, "z_m", 50, 1e-6)
     assert compare(moved, golden, tolerance_m=2e-6).same
     assert not compare(moved, golden, tolerance_m=0.5e-6).same
+    resting = altered(golden, "z_m", 200, 1e-6)  # in contact, too
+    assert compare(resting, golden, tolerance_m=2e-6).same
+    assert not compare(resting, golden, tolerance_m=0.5e-6).same
 
 
 def test_elsewhere_than_on_x86_a_fused_multiply_is_let_pass(recorded: Recorder) -> None:

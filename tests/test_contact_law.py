@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -146,6 +147,38 @@ def test_the_floor_of_our_own_worlds_is_the_laws() -> None:
     fall = fall_of(coordinates="maximal")
     heights, _ = predicted(fall, 60, 60, restitution=0.9**2)
     assert np.abs(heights - rows[:, 2]).max() <= 1e-13 + 2**-50 * 60
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+def test_contact_begins_where_the_body_just_touches(coordinates: Any) -> None:
+    """At a distance of exactly 0 the engine holds the body; 1e-15 m above it lets it fall."""
+    for height_m, velocity_m_s in (
+        (REST_HEIGHT_M, -contact_law.CONTACT_SLOP_M * 240),  # it may sink by the slop
+        (REST_HEIGHT_M + 1e-15, -9.81 / 240),
+    ):
+        fall = replace(fall_of(coordinates=coordinates), height_m=height_m)
+        _, engine = dropped(fall, timestep_s=1 / 240, steps=1, **CONVERGED)
+        _, law = predicted(fall, 240, 1)
+        assert engine[1] == pytest.approx(velocity_m_s, abs=1e-14)
+        assert law[1] == pytest.approx(velocity_m_s, abs=1e-14)
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+def test_a_body_as_fast_as_the_threshold_bounces_and_one_a_bit_slower_does_not(
+    coordinates: Any,
+) -> None:
+    """Thrown down without gravity, it arrives as fast as it was thrown."""
+    threshold_m_s = contact_law.RESTITUTION_THRESHOLD_M_S
+    for speed_m_s, bounces in ((threshold_m_s, True), (np.nextafter(threshold_m_s, 0), False)):
+        fall = Fall(
+            height_m=0.05, velocity_m_s=(0.0, 0.0, -speed_m_s), gravity_m_s2=0.0,
+            linear_damping=0.0, coordinates=coordinates,
+        )  # fmt: skip
+        _, engine = dropped(fall, timestep_s=1 / 240, steps=120, restitution=0.9, **CONVERGED)
+        _, law = predicted(fall, 240, 120, restitution=0.81)
+        assert np.abs(law - engine).max() < 1e-13
+        assert (law[-1] > 0.7 * speed_m_s) == bounces
+        assert contact_law.rebound_speed(-speed_m_s, 0.5) == (0.5 * speed_m_s if bounces else 0)
 
 
 def test_the_lowest_points_are_the_golden_ones() -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 
+import numpy as np
+import polars as pl
 import pytest
 from scipy.special import stdtrit
 
@@ -16,7 +19,7 @@ from pipeline.budget.convergence import (
     solution_order,
     study_of,
 )
-from pipeline.budget.statistics import MANY, Moments, students_t
+from pipeline.budget.statistics import MANY, Moments, students_t, summaries
 
 HALVED = [1 / 240, 1 / 480, 1 / 960]
 
@@ -43,6 +46,7 @@ def test_what_does_not_close_in_has_no_order() -> None:
     assert solution_order(HALVED, [1.0, 2.0, 1.5]) is None  # from both sides
     assert solution_order(HALVED, [1.0, 2.0, 2.0]) is None
     assert solution_order(HALVED, [0.0, 1.0, 3.0]) is None  # apart
+    assert solution_order([1 / 10, 1 / 20, 1 / 30], [3.0, 2.0, 1.0]) is None  # with two ratios
 
 
 def test_the_convergence_index_is_an_estimate_times_the_safety_factor() -> None:
@@ -89,6 +93,67 @@ def test_a_study_of_the_articles_golden_heights() -> None:
     assert study_of(runs[:2]).order is None
 
 
+def runs_of(error_of: Callable[[float], float], frequencies: Sequence[int]) -> list[Run]:
+    """Return runs towards 0.5 m that differ from it by an error, all of it the timestep's."""
+    errors = [error_of(1 / frequency) for frequency in frequencies]
+    return [
+        Run(1 / frequency, 0.5 + error, error, error, 0.0, 0.0, 0.0)
+        for frequency, error in zip(frequencies, errors, strict=True)
+    ]
+
+
+def test_order_and_limit_are_those_of_the_finest_runs() -> None:
+    """The coarsest of four is not yet on its way, and the two ratios of the finest differ."""
+    study = study_of(runs_of(lambda h: 3 * h if h < 0.1 else 1.0, (5, 20, 40, 120)))
+    assert study.order == pytest.approx(1.0, abs=1e-9)
+    assert study.extrapolated_m == pytest.approx(0.5, abs=1e-12)
+    finest_m = 0.5 + 3 / 120
+    assert study.relative_error == pytest.approx(3 / 120 / finest_m, rel=1e-12)
+    assert study.grid_convergence_index == pytest.approx(1.25 * study.relative_error, rel=1e-9)
+    assert study.damped_fall_m == 0.5
+
+
+def test_what_a_study_says_of_damping_is_the_finest_runs() -> None:
+    """Its limit is the damping's share; where that cancels follows from timestep and share alike.
+
+    The shares of the coarsest run are others, as they would be at another time.
+    """
+    coarse = Run(0.1, 0.4, -0.1, -0.3, 0.2, 0.0, 0.0)
+    fine = Run(0.02, 0.5 + 1e-3, 1e-3, -0.004, 0.005, 2e-4, -3e-4)
+    study = study_of([coarse, fine])
+    assert study.limit_m == 0.005
+    assert study.cancelling_timestep_s == pytest.approx(0.02 * 0.005 / 0.004)
+    assert fine.discretisation_m == pytest.approx(-0.004 + 2e-4 - 3e-4)
+    assert study.damped_fall_m == pytest.approx(fine.simulated_m - fine.discretisation_m)
+    assert study.relative_error == pytest.approx(0.0041 / 0.501)
+
+
+@pytest.mark.parametrize(
+    ("errors", "hurts"),
+    [((3.0, 2.0, 1.0), False), ((-3.0, -2.0, -1.0), False), ((2.0, 2.0), False),
+     ((-1.0, 2.0), True), ((1.0, -2.0), True), ((3.0, 1.0, 2.0), True)],
+)  # fmt: skip
+def test_refining_hurts_where_the_size_of_the_error_grows(
+    errors: tuple[float, ...], hurts: bool
+) -> None:
+    of_step = {1 / (10 * number): error for number, error in enumerate(errors, start=1)}
+    runs = runs_of(of_step.__getitem__, [10 * number for number in range(1, len(errors) + 1)])
+    assert study_of(runs).refining_hurts == hurts
+
+
+def test_a_summary_leaves_out_the_rows_that_have_no_number() -> None:
+    """Of 0 … 100, shuffled, without its gaps: quantiles 5, 50 and 95, mean 50, spread 29.3."""
+    values = np.random.default_rng(1).permutation(101).astype(float).tolist()
+    rows = pl.LazyFrame({"error_m": [*values, None, None], "damping_m": [None] * 103},
+                        schema_overrides={"damping_m": pl.Float64})  # fmt: skip
+    (found,) = summaries(rows, ("error_m", "damping_m"))
+    assert (found.quantity, found.count, found.mean) == ("error_m", 101, pytest.approx(50))
+    assert found.quantiles == pytest.approx({"5%": 5, "50%": 50, "95%": 95})
+    assert found.spread == pytest.approx(math.sqrt(101 * 102 / 12))
+    half = 1.983971519 * math.sqrt(102 / 12)  # t(100, 97.5 %) of tables
+    assert found.interval == pytest.approx((50 - half, 50 + half), rel=1e-8)
+
+
 def test_moments_are_those_of_all_values_however_they_came() -> None:
     values = [1e9 + x for x in (1.0, 2.0, 4.0, 8.0, 16.0)]
     in_parts = Moments().with_values(values[:2]).merged(Moments().with_values(values[2:]))
@@ -111,6 +176,16 @@ def test_the_interval_is_students() -> None:
     values = [x / math.sqrt(2.5) for x in (-2.0, -1.0, 0.0, 1.0, 2.0)]
     low, high = Moments().with_values(values).interval or (0.0, 0.0)
     assert (low, high) == pytest.approx((-1.241664, 1.241664), abs=1e-6)
+
+
+@pytest.mark.parametrize("count", [2, 30, MANY + 5])
+def test_the_interval_encloses_the_mean_from_both_sides(count: int) -> None:
+    """95 % inside, 2.5 % on either side; of many values it is the normal's, ± 1.96 s/√n."""
+    moments = Moments().with_values([float(number % 2) for number in range(count)])
+    low, high = moments.interval or (math.nan, math.nan)
+    half = stdtrit(count - 1, 0.975) * (moments.spread or 0.0) / math.sqrt(count)
+    assert (low, high) == pytest.approx((moments.mean - half, moments.mean + half), rel=1e-11)
+    assert count < MANY or half == pytest.approx(1.96 * 0.5 / math.sqrt(count), rel=2e-3)
 
 
 def test_students_quantile_has_no_step_where_it_changes_its_source() -> None:

@@ -21,12 +21,14 @@ import pybullet as p
 import pybullet_data
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from PIL import Image
 
 from pipeline import colours
 from pipeline.errors import ScenarioError
-from pipeline.figures import animation, style
+from pipeline.figures import animation, convergence_plot, style
 from pipeline.figures.animation import check_animation
 from pipeline.figures.gif import Gif, delay_cs, write_gif
 from pipeline.figures.plot import Facts, build_figure, facts_of, plot_drop
@@ -283,7 +285,8 @@ def table_of(
     interaction = simulated - free - timestep - (damped - free)
     terms = dict(zip(TERMS, (timestep, damped - free, interaction, rounding), strict=True))
     still = np.abs(simulated - rest_m) < 1e-4
-    stops = np.where(in_air, -np.inf, rest_m)
+    stops = rest_m if floor else -np.inf
+    explained = in_air & (free > stops)
     return pl.DataFrame(
         {
             "step": np.arange(steps + 1),
@@ -295,7 +298,7 @@ def table_of(
         }
         | {
             f"{name}_m": [
-                v if air else None for v, air in zip(values.tolist(), in_air, strict=True)
+                v if holds else None for v, holds in zip(values.tolist(), explained, strict=True)
             ]
             for name, values in terms.items()
         }
@@ -417,11 +420,9 @@ def test_curves_are_the_tables_columns() -> None:
     times, heights = line(axes, "simulated")
     assert np.array_equal(times, STANDARD["time_s"])
     assert np.array_equal(heights, STANDARD["simulated_m"])
-    in_air = (STANDARD["phase"] == "falling").to_numpy()
     for label, column in (("free fall", "free_fall_m"), ("damped fall", "damped_fall_m")):
         _, theory = line(axes, label)
-        # in the air as in the table, but theory never goes below where it stops
-        assert np.array_equal(theory[in_air], STANDARD[column].to_numpy()[in_air].clip(0.025))
+        assert np.array_equal(theory, STANDARD[column].to_numpy())
         assert theory.min() == 0.025
 
 
@@ -456,7 +457,23 @@ def test_the_sum_is_written_out_at_the_time_asked_for() -> None:
     assert texts(axes_of(earlier)["error"])[1] == "−2.044"  # -9.81 * 0.1 / 480 m
 
 
-@pytest.mark.parametrize(("at_s", "shown"), [(0.0, "0 s"), (5.0, "0.45 s"), (None, "0.45 s")])
+def test_the_moment_that_is_written_out_is_marked_where_it_is_in_the_stack() -> None:
+    """A dot on the total, and a line through all of the stack: −6.131 up to +4.311 mm."""
+    axes = panels("standard")["error"]
+    row = STANDARD.row(72, named=True)
+    (dot, *_) = (one for one in axes.lines if one.get_marker() == "o" and len(one.get_xdata()) == 1)
+    assert (dot.get_xdata()[0], dot.get_ydata()[0]) == (
+        pytest.approx(0.3), pytest.approx(1e3 * (row["simulated_m"] - row["free_fall_m"])),
+    )  # fmt: skip
+    upright = [segment for one in axes.collections if isinstance(one, LineCollection)
+               for segment in one.get_segments() if segment[0][0] == segment[1][0]]  # fmt: skip
+    (through,) = upright
+    top_mm = 1e3 * (row["damping_m"] + row["interaction_m"])
+    assert through[:, 0] == pytest.approx(0.3)
+    assert through[:, 1] == pytest.approx([1e3 * row["timestep_m"], top_mm])
+
+
+@pytest.mark.parametrize(("at_s", "shown"), [(0.0, "0 s"), (5.0, "0.4458 s"), (None, "0.4458 s")])
 def test_a_time_without_terms_becomes_the_nearest_with(at_s: float | None, shown: str) -> None:
     written = texts(axes_of(build_figure(STANDARD, Facts("", at_s=at_s)))["error"])
     assert written[0] == f"at {shown}, in mm"
@@ -469,10 +486,25 @@ def test_impact_and_rest_are_pointed_out() -> None:
     assert facts.rest_m == STANDARD["simulated_m"][-1]
     axes = panels("standard")
     assert texts(axes["height"]) == ["impact at 0.4479 s", "rests at 25.000 mm"]
+    for panel in ("height", "error"):
+        (dashed,) = (one for one in axes[panel].lines if one.get_linestyle() == "--")
+        assert dashed.get_xdata() == [facts.impact_s] * 2
     times, heights = line(axes["impact"], "simulated")
+    assert axes["impact"].get_xlabel() == "time from impact [ms]"
+    assert axes["impact"].get_ylabel() == "height [mm]"
+    assert -4e3 / 240 < times[0] < -3e3 / 240  # shown from four steps before it on
     lowest = int(np.argmin(heights))
     assert heights[lowest] == pytest.approx(16.18, abs=0.01)  # mm
     assert times[lowest] == pytest.approx(1e3 * (108 / 240 - facts.impact_s))  # ms
+
+
+def test_a_table_says_by_itself_what_was_dropped() -> None:
+    facts = facts_of(STANDARD)
+    assert (facts.title, facts.subtitle) == ("Dropped from 1 m", "240 steps of 1/240 s")
+    assert facts_of(TABLES["two samples"]).subtitle == "1 step of 1/240 s"
+    assert facts_of(TABLES["coarse"]).subtitle == "20 steps of 1/10 s"
+    assert facts_of(TABLES["one sample"]).subtitle == ""
+    assert facts_of(table_of(timestep_s=0.003, steps=3)).subtitle == "3 steps of 0.003 s"
 
 
 def test_without_an_impact_there_is_none() -> None:
@@ -484,6 +516,22 @@ def test_without_an_impact_there_is_none() -> None:
 
 def test_high_bounces_are_not_covered_by_the_enlargement() -> None:
     assert "impact" not in panels("bounces")
+    assert "impact" not in axes_of(build_figure(table_of(restitution=0.6)))  # a third of the fall
+
+
+def test_in_other_units_curves_marks_and_words_are_in_them() -> None:
+    """A short fall from 20 mm over the floor: the time in ms, all that is drawn as well."""
+    table = table_of(height_m=0.025 + 1e-5, timestep_s=1e-5, steps=800, gravity_m_s2=9.81)
+    axes = axes_of(build_figure(table))
+    impact_ms = 1e3 * (facts_of(table).impact_s or 0)
+    assert axes["error"].get_xlabel() == "time [ms]"
+    assert texts(axes["height"])[0] == f"impact at {impact_ms:.4g} ms"
+    for panel in ("height", "error"):
+        (dashed,) = (one for one in axes[panel].lines if one.get_linestyle() == "--")
+        assert dashed.get_xdata() == pytest.approx([impact_ms] * 2)
+    explained = 1e3 * table.drop_nulls("timestep_m")["time_s"].to_numpy()
+    assert line(axes["height"], "simulated")[0] == pytest.approx(1e3 * table["time_s"].to_numpy())
+    assert line(axes["error"], "total")[0] == pytest.approx(explained)
 
 
 @pytest.mark.parametrize(
@@ -504,6 +552,42 @@ def test_every_axis_has_a_unit_that_fits(name: str, time: str, height: str, erro
     assert axes["error"].get_ylabel() == f"simulated − free fall [{error}]"
 
 
+@pytest.mark.parametrize(
+    ("largest", "unit"),
+    [(0.0, "m"), (0.0099, "mm"), (0.01, "m"), (9999.0, "m"), (1e4, "km"), (1e-9, "nm"),
+     (1e-12, "nm"), (float("inf"), "m")],
+)  # fmt: skip
+def test_the_usual_unit_is_kept_from_a_hundredth_to_9999_of_it(largest: float, unit: str) -> None:
+    assert style.unit_for(largest, style.METRES, usual="m").name == unit
+
+
+@pytest.mark.parametrize(
+    ("largest", "decimals"), [(6.131, 3), (61.31, 2), (613.1, 1), (6131.0, 0), (0.06, 5), (0.0, 0)]
+)
+def test_the_largest_number_is_shown_with_four_digits(largest: float, decimals: int) -> None:
+    assert style.decimals_for(largest) == decimals
+
+
+@pytest.mark.parametrize(
+    ("timestep_s", "shown"),
+    [(1 / 240, "1/240 s"), (0.5, "1/2 s"), (1.0, "1 s"), (0.0041, "0.0041 s"), (0.3, "0.3 s")],
+)
+def test_a_timestep_is_a_fraction_only_where_it_is_that_fraction(
+    timestep_s: float, shown: str
+) -> None:
+    """1/0.0041 is 243.9: near 1/244, but another timestep."""
+    assert style.seconds(timestep_s) == shown
+
+
+def test_errors_of_a_nanometre_have_an_axis_of_their_own() -> None:
+    """Rounding, some 1e-16 m, has not: there the axis stays in mm, from −1 to 1."""
+    tiny = STANDARD.with_columns(pl.col(f"{name}_m") * 1e-7 for name in TERMS)
+    axes = axes_of(build_figure(tiny))["error"]
+    assert axes.get_ylabel() == "simulated − free fall [nm]"
+    assert line(axes, "total")[1].min() < -0.1
+    assert axes.get_ylim() != (-1, 1)
+
+
 def test_no_error_is_a_flat_line_in_the_middle() -> None:
     axes = panels("not stepped")["error"]
     assert not line(axes, "total")[1].any()
@@ -518,12 +602,38 @@ def test_long_runs_are_thinned_but_keep_their_end() -> None:
     assert times[-1] == table["time_s"][-1]
 
 
-def test_one_thing_has_one_colour() -> None:
+def test_one_thing_has_one_colour_in_both_panels() -> None:
     axes = panels("standard")
-    for label, colour in (("free fall", colours.FREE_FALL), ("simulated", colours.SIMULATED)):
-        for panel in ("height", "impact"):
-            (drawn,) = (one for one in axes[panel].lines if one.get_label() == label)
-            assert drawn.get_color() == colour
+    curves = {
+        "free fall": colours.FREE_FALL,
+        "damped fall": colours.DAMPED_FALL,
+        "simulated": colours.SIMULATED,
+    }
+    for panel, (label, colour) in itertools.product(("height", "impact"), curves.items()):
+        (drawn,) = (one for one in axes[panel].lines if one.get_label() == label)
+        assert drawn.get_color() == colour
+    for area in axes["error"].collections:
+        if (name := str(area.get_label())) in colours.TERMS:
+            assert area.get_facecolor()[0] == pytest.approx(to_rgba(colours.TERMS[name], 0.75))
+    squares = [one.get_color() for one in axes["error"].lines if one.get_marker() == "s"]
+    assert squares == list(colours.TERMS.values())  # in the order of the sum that they stand by
+
+
+def test_the_colours_are_those_that_readers_have_learnt() -> None:
+    """As words, docs and pictures have them: Okabe and Ito's, and two greys."""
+    assert colours.TERMS == {
+        "timestep": "#d55e00",  # vermilion
+        "damping": "#009e73",  # bluish green
+        "interaction": "#cc79a7",  # reddish purple
+        "rounding": "#e69f00",  # orange
+    }
+    assert (colours.SIMULATED, colours.DAMPED_FALL, colours.FREE_FALL) == (
+        "#0072b2", "#56b4e9", "#8a8f98",
+    )  # fmt: skip
+    # Yellow for what moves, purple for what turns, sky blue for what lies high.
+    assert (colours.KINETIC, colours.ROTATION, colours.POTENTIAL) == (
+        "#f0e442", "#cc79a7", "#56b4e9",
+    )  # fmt: skip
 
 
 def test_an_empty_table_is_refused() -> None:
@@ -539,6 +649,8 @@ def test_an_empty_table_is_refused() -> None:
         (4.3102, 3, "+4.310"),
         (-2.8e-13, 3, "−3×10⁻¹³"),
         (6.8e-4, 3, "+0.001"),
+        (5e-4, 3, "+0.001"),
+        (4e-4, 3, "+4×10⁻⁴"),
         (1234.5, 0, "+1234"),
     ],
 )
@@ -548,8 +660,14 @@ def test_numbers_are_signed_and_never_a_false_zero(value: float, decimals: int, 
 
 def test_theory_ends_where_a_bounce_begins() -> None:
     """It says nothing of one; of a body that stays down it says where it lies."""
-    for name, ends in (("bounces", True), ("standard", False)):
-        (above, _) = (one for one in build_figure(TABLES[name]).axes if one.get_label() != "impact")
+    tables = (
+        (TABLES["bounces"], True),
+        (table_of(restitution=0.25), True),  # 6 % of the fall: one sees it
+        (table_of(restitution=0.08), False),  # 0.6 % of it: one does not
+        (STANDARD, False),
+    )
+    for table, ends in tables:
+        (above, _) = (one for one in build_figure(table).axes if one.get_label() != "impact")
         drawn = {line.get_label(): line for line in above.get_lines()}
         for curve in ("free fall", "damped fall"):
             assert np.isnan(drawn[curve].get_ydata()).any() == ends
@@ -564,3 +682,77 @@ def test_a_long_subtitle_takes_two_lines_that_no_word_lies_on() -> None:
     assert "\n" in subtitle.get_text()
     assert not subtitle.get_window_extent().overlaps(legend.get_window_extent())
     assert subtitle.get_window_extent().x1 < figure.bbox.x1
+
+
+# -- convergence ----------------------------------------------------------------------------------
+
+STEPS_S = np.array([1 / 240, 1 / 480, 1 / 960])
+ERRORS_M = {
+    "total": np.array([-1.8e-3, 1.2e-3, 2.8e-3]),
+    "timestep": -1.4715 * STEPS_S,
+    "damping": np.full(3, 4.3e-3),
+    "interaction": np.array([7e-7, 5e-7, 3e-7]),
+    "rounding": np.array([3e-16, 5e-16, 4e-16]),
+}
+
+
+def study(count: int = 1) -> Figure:
+    shown = [convergence_plot.Panel(f"{n}", STEPS_S, ERRORS_M, 1 / 341) for n in range(count)]
+    return convergence_plot.build_figure(shown, title="t", ink=style.LIGHT)
+
+
+def test_errors_are_drawn_in_millimetres_over_the_timestep_in_seconds() -> None:
+    """Their size; refining goes to the right."""
+    (axes,) = study().axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("timestep [s]", "|error| [mm]")
+    for name in ("total", "timestep", "damping", "interaction"):
+        times, errors = line(axes, name)
+        assert np.array_equal(times, STEPS_S)
+        assert errors == pytest.approx(1e3 * np.abs(ERRORS_M[name]))
+    left, right = axes.get_xlim()
+    assert left > STEPS_S[0] > STEPS_S[-1] > right
+    axes.figure.draw_without_rendering()
+    assert [one.get_text() for one in axes.get_xticklabels()] == ["1/240", "1/480", "1/960"]
+    assert "rounding at most 5×10⁻¹³ mm" in texts(axes)
+
+
+def test_each_error_has_its_colour_and_its_name_where_it_ends() -> None:
+    (axes,) = study().axes
+    inks = {"total": style.LIGHT.text} | colours.TERMS
+    drawn = {str(one.get_label()): one.get_color() for one in axes.lines}
+    names = {one.get_text(): one for one in axes.texts if one.get_text() in inks}
+    low, high = np.log10(axes.get_ylim())
+    for name in ("total", "timestep", "damping", "interaction"):
+        assert (drawn[name], names[name].get_color()) == (inks[name], inks[name])
+        end = (np.log10(1e3 * abs(ERRORS_M[name][-1])) - low) / (high - low)
+        # Names that would lie on each other, those of damping and total, give way upwards.
+        assert end - 1e-9 <= names[name].xy[1] < end + 0.06
+
+
+def test_the_total_dips_where_timestep_and_damping_cancel() -> None:
+    """4.3 mm = 1.4715 m/s × dt at 1/342 s; it is marked at what the study found, here 1/341 s."""
+    (axes,) = study().axes
+    (times, total) = next(one.get_data() for one in axes.lines if len(one.get_xdata()) > 100)
+    assert times[np.argmin(total)] == pytest.approx(4.3e-3 / 1.4715, rel=2e-3)
+    assert total == pytest.approx(1e3 * np.abs(4.3e-3 - 1.4715 * np.asarray(times)))
+    (mark,) = (one for one in axes.lines if list(one.get_ydata()) == [0, 1])
+    assert list(mark.get_xdata()) == [1 / 341] * 2
+    (said,) = (one for one in axes.texts if "cancel" in one.get_text())
+    assert said.get_text().endswith("cancel at 1/341 s")
+    assert said.get_position()[0] == 1 / 341
+
+
+@pytest.mark.parametrize(
+    ("count", "said"), [(4, "first order"), (5, "; 1 more panel not shown"), (7, "; 3 more panels")]
+)
+def test_panels_for_which_there_is_no_room_are_counted(count: int, said: str) -> None:
+    figure = study(count)
+    assert len(figure.axes) == 4
+    assert said in figure.texts[1].get_text()
+    assert ("not shown" in figure.texts[1].get_text()) == (count > 4)
+
+
+def test_one_timestep_is_no_convergence() -> None:
+    with pytest.raises(ScenarioError, match="needs two or more, got 1"):
+        convergence_plot.check_plot(Path("errors.png"), timesteps=1)
+    convergence_plot.check_plot(Path("errors.svg"), timesteps=2)

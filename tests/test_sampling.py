@@ -108,7 +108,7 @@ def test_one_component_of_a_vector_can_be_drawn() -> None:
         (["height=gauss:0:1"], "normal:MEAN:SPREAD"),
         (["height=normal:0:x"], "numbers"),
         (["height=choice:1:x"], "'x'"),
-        (["height=choice:1:-1"], "above 0"),
+        (["duration=choice:1:-1"], "above 0"),
         (["body=uniform:1:2"], "choice"),
         (["velocity=uniform:1:2"], "choice"),
         (["solver_iterations=uniform:1:9"], "whole numbers"),

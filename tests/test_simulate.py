@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,12 @@ from conftest import Recorder
 from engine import DATA, MODES, box, lowered, shape, urdf_of
 
 from pipeline import Camera, Scenario, simulate
-from pipeline.errors import ScenarioError
+from pipeline.errors import DropError, ScenarioError
 from pipeline.physics.bullet import p
 from pipeline.physics.world import World
 from pipeline.recording.reader import frames, read
+from pipeline.stages.sweep_shard import RunShard
+from pipeline.sweeping.plan import plan_of
 
 
 def test_the_engine_reports_what_was_set(recorded: Recorder) -> None:
@@ -274,6 +277,65 @@ def test_a_urdf_that_bullet_cannot_load_is_an_error_of_the_scenario(
     with pytest.raises(ScenarioError, match=r"bad\.urdf"):
         simulate(Scenario(body=str(tmp_path / "bad.urdf")), tmp_path / "run.rrd", camera=None)
     assert not (tmp_path / "run.rrd").exists()
+
+
+STATE = [(call, place) for call in ("getBasePositionAndOrientation", "getBaseVelocity")
+         for place in (0, 1)]  # fmt: skip
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf])
+@pytest.mark.parametrize(("call", "place"), STATE)
+def test_a_state_that_is_no_number_any_more_is_an_error_and_no_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, place: int, number: float
+) -> None:
+    """The engine's position, orientation, velocity or spin from step 50 on, in the second batch."""
+    lose_numbers(monkeypatch, call, place, number, step=50)
+    monkeypatch.setattr("pipeline.stages.simulate.BATCH", 40)
+    with pytest.raises(DropError, match=r"no number any more from step 50 on; try .*--timestep"):
+        simulate(Scenario(), tmp_path / "run.rrd", camera=None)
+    assert not (tmp_path / "run.rrd").exists()
+
+
+def test_nor_may_the_state_of_a_link_be_no_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = World._link_states
+    monkeypatch.setattr(World, "_link_states", lambda self: [*told(self)[:-1], math.nan])
+    with pytest.raises(DropError, match="no number any more from step 0 on"):
+        simulate(Scenario(body="r2d2.urdf", duration_s=0.1), tmp_path / "run.rrd", camera=None)
+
+
+@pytest.mark.parametrize("step", [50, 150])
+@pytest.mark.parametrize("recorded", [True, False])
+def test_in_a_sweep_such_a_state_is_a_run_that_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recorded: bool, step: int
+) -> None:
+    """Before the moment that is taken apart, step 72, and after it, where nobody reads samples."""
+    lose_numbers(monkeypatch, "getBasePositionAndOrientation", 0, math.nan, step=step)
+    row = RunShard(plan_of({}), tmp_path, 0.3, recorded, None).row(0)
+    assert "no number any more" in str(row["error"])
+    assert (row["simulated_m"], row["end_m"]) == (None, None)
+
+
+def lose_numbers(
+    monkeypatch: pytest.MonkeyPatch, call: str, place: int, number: float, *, step: int
+) -> None:
+    """Let one of the engine's calls return a false number from some step on."""
+    take_step, ask = p.stepSimulation, getattr(p, call)
+    taken = []
+
+    def stepped(client: int) -> None:
+        take_step(client)
+        taken.append(client)
+
+    def asked(body: int, client: int) -> list[list[float]]:
+        told = list(map(list, ask(body, client)))
+        if len(taken) >= step:
+            told[place][-1] = number
+        return told
+
+    monkeypatch.setattr(p, "stepSimulation", stepped)
+    monkeypatch.setattr(p, call, asked)
 
 
 def test_contact_is_recorded_where_it_acts(recorded: Recorder) -> None:

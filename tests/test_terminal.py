@@ -14,17 +14,37 @@ import subprocess
 import sys
 import termios
 from collections.abc import Callable
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import polars as pl
 import pytest
 import typer
 from conftest import Drop
 
 from cli import app
+from pipeline.budget.comparison import Comparison, Place, Setting
+from pipeline.budget.convergence import Run as Convergence
+from pipeline.budget.convergence import study_of
+from pipeline.budget.statistics import Summary
 from pipeline.console import output
+from pipeline.console.output import millimetres
 from pipeline.console.progress import rate
+from pipeline.console.show_check import DIFFERS, show_check
+from pipeline.console.show_drop import show_rendering, show_simulation
+from pipeline.console.show_sweep import readable_step, show_sweep
+from pipeline.console.show_view import show_view
+from pipeline.recording.viewer import Viewer
+from pipeline.stages.check import Check, Frames
+from pipeline.stages.render import Rendering
 from pipeline.stages.run import Run
+from pipeline.stages.simulate import Simulation
+from pipeline.stages.sweep import Sweep
+from pipeline.stages.sweep_groups import Group
+from pipeline.stages.view import View
+from pipeline.sweeping.folder import TERMS
+from pipeline.sweeping.plan import plan_of
 
 ROOT = Path(__file__).parents[1]
 COMMAND: Any = typer.main.get_command(app)
@@ -206,6 +226,331 @@ def test_a_pipe_gets_no_bar(drop: Drop) -> None:
 )
 def test_a_rate_is_a_number_above_one_where_it_can(per_second: float | None, said: str) -> None:
     assert rate(per_second) == said
+
+
+# -- what is printed ------------------------------------------------------------------------------
+
+RUN, GOLDEN = Path("run.rrd"), Path("golden.rrd")
+SAME = Comparison([], [], None, 0.0, 0, None)
+
+
+def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """Return the lines that were printed, runs of spaces as one."""
+    return [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_printed_check_of_the_same_physics(capsys: pytest.CaptureFixture[str]) -> None:
+    version = Setting("numpy_version", "2.4", "2.3")
+    check = Check(RUN, GOLDEN, 0.0, replace(SAME, versions=[version]), Frames(41, 0, None, None))
+    assert show_check(check, as_json=False) == 0
+    assert lines_of(capsys) == [
+        "same run.rrd and golden.rrd", "positions identical", "frames 41 compared, identical",
+        "version numpy 2.4, golden 2.3",
+    ]  # fmt: skip
+    assert show_check(check, as_json=True) == 0
+    assert json.loads(capsys.readouterr().out) == {
+        "same": True, "largest_difference_m": 0.0, "first_difference": None, "looks_like": None,
+        "differences": [], "tolerance_m": 0.0, "recording": "run.rrd", "golden": "golden.rrd",
+        "versions": [{"name": "numpy_version", "value": "2.4", "golden": "2.3"}],
+        "frames": {"compared": 41, "differing": 0, "first_step": None, "why": None},
+        "updated": False,
+    }  # fmt: skip
+
+
+def test_printed_check_of_other_samples_says_where_and_by_how_much(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    place = Place(50, "vz_m_s", -2.0, None)
+    comparison = replace(SAME, first=place, largest_difference_m=3.21e-7,
+                         largest_difference_step=70, looks_like="something else")  # fmt: skip
+    frames = Frames(30, 2, 12, "in 11 of 41 the body is elsewhere")
+    check = Check(RUN, GOLDEN, 2e-6, comparison, frames)
+    assert show_check(check, as_json=False) == DIFFERS
+    assert lines_of(capsys) == [
+        "differs run.rrd and golden.rrd",
+        "positions up to 3.21e-07 m apart, at step 70; allowed: 2e-06 m",
+        "first step 50, vz_m_s: -2.0, golden none",
+        "looks like something else",
+        "frames 30 compared, 2 differ; in 11 of 41 the body is elsewhere",
+    ]
+    assert show_check(check, as_json=True) == DIFFERS
+    told = json.loads(capsys.readouterr().out)
+    assert (told["same"], told["tolerance_m"], told["looks_like"]) == (
+        False,
+        2e-6,
+        "something else",
+    )
+    assert told["first_difference"] == {
+        "step": 50, "column": "vz_m_s", "value": -2.0, "golden": None,
+    }  # fmt: skip
+    assert show_check(replace(check, updated=True), as_json=False) == 0
+    assert lines_of(capsys)[-1] == "golden golden.rrd is now run.rrd"
+
+
+@pytest.mark.parametrize(
+    ("tolerance_m", "said"),
+    [(0.0, "nothing in the air, 1e-09 m in contact"), (1e-12, "1e-12 m in the air, 1e-09 m in"),
+     (1e-6, "allowed: 1e-06 m")],
+)  # fmt: skip
+def test_printed_check_says_what_is_allowed(
+    capsys: pytest.CaptureFixture[str], tolerance_m: float, said: str
+) -> None:
+    apart = replace(SAME, largest_difference_m=1e-10, largest_difference_step=150)
+    show_check(Check(RUN, GOLDEN, tolerance_m, apart, None), as_json=False)
+    (_, positions, *others) = lines_of(capsys)
+    assert said in " ".join([positions, *others])
+
+
+def test_printed_check_names_settings_by_their_options(capsys: pytest.CaptureFixture[str]) -> None:
+    settings = [
+        Setting("timestep_s", 1 / 480, 1 / 240), Setting("floor", False, True),
+        Setting("gravity_set", True, False), Setting("mass_kg", None, 0.2),
+        Setting("solver_iterations_of_engine", 40, 50),
+    ]  # fmt: skip
+    comparison = Comparison(settings, [], None, None, None, None)
+    assert show_check(Check(RUN, GOLDEN, 0.0, comparison, None), as_json=False) == DIFFERS
+    assert lines_of(capsys)[1:] == [
+        "setting --timestep 1/480, golden 1/240", "setting --no-floor given, golden not given",
+        "setting --no-gravity not given, golden given", "setting --mass default, golden 0.2",
+        "engine solver_iterations_of_engine 40, golden 50",
+    ]  # fmt: skip
+
+
+def test_printed_check_without_frames_says_why(capsys: pytest.CaptureFixture[str]) -> None:
+    check = Check(RUN, GOLDEN, 0.0, SAME, Frames(0, 0, None, "run.rrd has no frames"))
+    show_check(check, as_json=False)
+    assert lines_of(capsys)[-1] == "frames none compared: run.rrd has no frames"
+    other_picture = replace(check, frames=Frames(41, 1, 12, None))
+    assert show_check(other_picture, as_json=False) == DIFFERS
+    assert "first step 12, its picture" in lines_of(capsys)
+
+
+FACTORS = (1.0, 0.5, 0.25, 0.125, 0.0625)
+RUNS = tuple(  # as those of a fall that damping moves by +4.31 mm and a step of 1/240 s by −6.13
+    Convergence(factor / 240, 0.55855 + 0.00431 - 0.00613 * factor, 0.00431 - 0.00613 * factor,
+                -0.00613 * factor, 0.00431, 0.0, 0.0)
+    for factor in FACTORS
+)  # fmt: skip
+
+
+def swept(tmp_path: Path, **change: Any) -> Sweep:
+    """Return a sweep of four timesteps, of which the third run failed."""
+    rows = [
+        {"run": number, "timestep_s": run.timestep_s, "linear_damping": None,
+         "error_m": run.error_m, "timestep_m": run.timestep_m, "damping_m": run.damping_m,
+         "interaction_m": 7e-7, "rounding_m": -2.8e-16, "error": None}
+        for number, run in enumerate(RUNS[:4])
+    ]  # fmt: skip
+    rows[2] |= {"error": "the engine fell over"} | dict.fromkeys(TERMS)
+    path = tmp_path / "results.parquet"
+    pl.DataFrame(rows).write_parquet(path)
+    plain: dict[str, Any] = {
+        "plan": plan_of({"timestep_s": "1/240,1/480,1/960,1/1920"}), "at_s": 0.3, "runs": 4,
+        "failed": 1, "computed": 3, "results": path, "plot": None, "studies": [],
+        "statistics": [], "narrow_enough": None,
+    }  # fmt: skip
+    return Sweep(**plain | change)
+
+
+def test_printed_sweep_has_a_row_for_each_run(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Its errors in mm, under the names of the terms; of a run that failed there are none."""
+    show_sweep(swept(tmp_path), as_json=False)
+    said = lines_of(capsys)
+    assert said[0] == "4 runs, errors at 0.3 s in mm, simulated minus free fall"
+    assert said[2:7] == [
+        "timestep total timestep damping interaction rounding",
+        "1/240 -1.8200 -6.1300 +4.3100 +0.0007 -2.8e-13",
+        "1/480 +1.2450 -3.0650 +4.3100 +0.0007 -2.8e-13",
+        "1/960 – – – – –",
+        "1/1920 +3.5437 -0.7662 +4.3100 +0.0007 -2.8e-13",
+    ]
+    assert "1 of 4 runs failed, see the column error; run 2:" in said
+    assert "the engine fell over" in said
+    assert "4 rows, 1 of them from before" in " ".join(said)
+    show_sweep(swept(tmp_path, failed=0, computed=4), as_json=False)
+    without = " ".join(lines_of(capsys))
+    assert "failed" not in without
+    assert "before" not in without
+    show_sweep(swept(tmp_path, failed=0, runs=1, computed=1), as_json=False)
+    one = lines_of(capsys)
+    assert one[0].startswith("1 run, errors")
+    assert one[-1].endswith("1 row")
+
+
+def test_printed_sweep_of_many_runs_says_how_many_it_does_not_show(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    many = swept(tmp_path, runs=40, computed=40, failed=0)
+    rows = pl.concat([many.table()] * 10)
+    rows.write_parquet(many.results)
+    show_sweep(many, as_json=False)
+    said = lines_of(capsys)
+    assert sum(line.startswith("1/") for line in said) == 30
+    assert any(line.startswith("… and 10 more in ") for line in said)
+
+
+def test_printed_study_tells_orders_limit_and_what_the_theory_knows(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """The last three orders, ln|e1/e2| / ln 2 of 1.245, 2.7775, 3.54 and 3.93 mm; else of order 1.
+
+    The limit is damped fall, 0.55855 + 0.00431 m; the finest run is 0.00613/16 m below it.
+    """
+    study = study_of(RUNS)
+    group = Group({}, "", study, left_out_s=(1 / 64,))
+    show_sweep(swept(tmp_path, studies=[group]), as_json=False)
+    said = lines_of(capsys)
+    told = said[said.index("by timestep") :]
+    assert told[1:4] == [
+        "order of accuracy 1/480 → 1/960 1/960 → 1/1920 1/1920 → 1/3840",
+        "against free fall -1.16 -0.35 -0.15 *",
+        "against damped fall 1.000 1.000 1.000",
+    ]
+    text = " ".join(told)
+    for sentence in (
+        "does not go to 0 but to +4.31 mm",
+        "left out 1/64 s, which has no sample at that time",
+        "Richardson 0.562860 m at order 1.0000; damped fall at 0.562860 m",
+        # 1.25 times the true one, which is (0.00613 / 16) / 0.562476875
+        "convergence index 0.0851% of the height at 1/3840 s; true error 0.0681%",
+        "errors cancel at about 1/341 s: there",
+        "refining hurts the total grows again, to +4.31 mm",
+    ):
+        assert sentence in text
+    off = replace(study, extrapolated_m=0.25)
+    show_sweep(swept(tmp_path, studies=[replace(group, study=off)]), as_json=False)
+    assert "Richardson 0.250000 m at" in " ".join(lines_of(capsys))
+    show_sweep(swept(tmp_path, studies=[group]), as_json=True)
+    (convergence,) = json.loads(capsys.readouterr().out)["convergence"]
+    assert convergence["study"]["refining_hurts"] is True
+
+
+def test_printed_study_without_damping_explains_no_limit(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    undamped = [replace(run, error_m=run.timestep_m, damping_m=0.0) for run in RUNS[:2]]
+    group = Group({"height_m": 1.0}, "height 1", study_of(undamped))
+    show_sweep(swept(tmp_path, studies=[group]), as_json=False)
+    said = lines_of(capsys)
+    told = said[said.index("height 1") :]
+    assert told[2:5] == [
+        "against free fall 1.000", "against damped fall 1.000",
+        "Richardson needs three timesteps whose heights close in on a limit",
+    ]  # fmt: skip
+    for word in ("*", "cancel", "hurts", "left out", "index"):
+        assert word not in " ".join(told)
+    show_sweep(swept(tmp_path, studies=[group]), as_json=True)
+    (convergence,) = json.loads(capsys.readouterr().out)["convergence"]
+    assert (convergence["height_m"], convergence["study"]["refining_hurts"]) == (1.0, False)
+
+
+def test_printed_statistics_are_in_millimetres_beside_half_the_interval(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    quantiles = {"5%": -3e-3, "50%": -1e-3, "95%": 2e-3}
+    total = Summary("error_m", 12, -1.5e-3, 4e-4, quantiles, (-1.7e-3, -1.3e-3))
+    damping = Summary("damping_m", 12, 4e-3, None, quantiles, None)
+    group = Group({"height_m": 1.0}, "height 1", statistics=(total, damping))
+    show_sweep(swept(tmp_path, statistics=[group], narrow_enough=False), as_json=False)
+    said = lines_of(capsys)
+    told = said[said.index("height 1") :]
+    assert told[1:5] == [
+        "mean ± 95 % spread 5% 50% 95%",
+        "total -1.5000 0.2000 0.4000 -3.0000 -1.0000 +2.0000",
+        "damping +4.0000 – – -3.0000 -1.0000 +2.0000",
+        "over the 12 samples in the air; ± 95 % is that of the mean",
+    ]
+    assert "not yet as narrow as asked for" in told[-1]
+    fewer = replace(group, statistics=(total, replace(damping, count=9)))
+    show_sweep(swept(tmp_path, statistics=[fewer]), as_json=False)
+    assert "total over 12 samples, its terms over the 9 in the air;" in " ".join(lines_of(capsys))
+    show_sweep(swept(tmp_path, statistics=[group], narrow_enough=True), as_json=False)
+    assert "narrow" not in " ".join(lines_of(capsys))
+
+
+def test_printed_json_of_a_sweep_is_what_it_found(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    total = Summary("error_m", 1, -1.5e-3, None, {"5%": 1.0, "50%": 2.0, "95%": 3.0}, None)
+    group = Group({"height_m": 2.0}, "height 2", statistics=(total,))
+    made = swept(tmp_path, statistics=[group], narrow_enough=True, plot=Path("errors.svg"))
+    show_sweep(made, as_json=True)
+    told = json.loads(capsys.readouterr().out)
+    assert told == {
+        "runs": 4, "failed": 1, "at_s": 0.3, "plot": "errors.svg", "narrow_enough": True,
+        "results": str(made.results), "convergence": [], "table": made.table().to_dicts(),
+        "statistics": [{"height_m": 2.0, "summaries": [asdict(total)]}],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("timestep_s", "said"),
+    [(1 / 341.3, "about 1/341 s"), (0.5, "about 1/2 s"), (0.7312, "0.7312 s"), (3.0, "3 s")],
+)
+def test_printed_timesteps_that_no_one_chose_are_rounded(timestep_s: float, said: str) -> None:
+    assert readable_step(timestep_s) == said
+
+
+@pytest.mark.parametrize(
+    ("value_m", "said"),
+    [(0.00431, "+4.3100 mm"), (-6.13125e-3, "-6.1313 mm"), (6.8e-7, "+0.0007 mm"),
+     (5.1e-8, "+0.0001 mm"), (4.9e-8, "+4.9e-05 mm"), (-2.8e-16, "-2.8e-13 mm"),
+     (0.0, "+0.0000 mm"), (-0.0, "+0.0000 mm")],
+)  # fmt: skip
+def test_printed_millimetres_are_signed_and_never_a_false_zero(value_m: float, said: str) -> None:
+    assert millimetres(value_m) == f"{said:>13}"
+
+
+@pytest.mark.parametrize(
+    ("frames", "fps", "speed", "facts"),
+    [(41, 20.0, 0.5, "41 frames, 2.05 s, 2 times slower"),
+     (41, 40.0, 1.0, "41 frames, 1.02 s, in real time"),
+     (30, 10.0, 3.0, "30 frames, 3.00 s, 3 times faster"), (2, 20.0, None, "2 frames, 0.10 s")],
+)  # fmt: skip
+def test_printed_rendering_says_how_it_plays(
+    capsys: pytest.CaptureFixture[str], frames: int, fps: float, speed: float | None, facts: str
+) -> None:
+    made = Rendering(Path("fall.webp"), frames, fps, Path("fall.png"), speed)
+    show_rendering(made, as_json=False)
+    assert lines_of(capsys) == [f"webp fall.webp {facts}", "plot fall.png"]
+    show_rendering(made, as_json=True)
+    assert json.loads(capsys.readouterr().out) == {
+        "gif": "fall.webp", "frames": frames, "fps": fps, "plot": "fall.png",
+    }  # fmt: skip
+
+
+def test_printed_simulation_says_what_was_recorded(capsys: pytest.CaptureFixture[str]) -> None:
+    made = Simulation(RUN, "an id", samples=12_001, frames=41, bytes=345_678, wall_s=1.26)
+    show_simulation(made, as_json=False)
+    assert lines_of(capsys) == ["recording run.rrd 12,001 samples, 41 frames, 346 kB, 1.3 s"]
+    show_simulation(made, as_json=True)
+    assert json.loads(capsys.readouterr().out) == {
+        "recording": "run.rrd", "recording_id": "an id", "samples": 12_001, "frames": 41,
+        "bytes": 345_678, "wall_s": 1.26,
+    }  # fmt: skip
+
+
+def test_printed_view_names_files_and_where_they_are_seen(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    viewer = Viewer(["rerun", "run.rrd"], 9876, "http://127.0.0.1:9090?url=x")
+    layer, old = Path("run.analysis.rrd"), Path("other.analysis.rrd")
+    view = View([RUN], [layer], [old], viewer)
+    show_view(view, as_json=False)
+    said = capsys.readouterr()
+    assert "showing            run.rrd run.analysis.rrd\n" in said.out
+    assert "open in a browser  http://127.0.0.1:9090?url=x " in said.out
+    assert said.err.startswith("drop: other.analysis.rrd belongs to an earlier recording")
+    show_view(replace(view, stale=[], viewer=replace(viewer, page=None)), as_json=False)
+    said = capsys.readouterr()
+    assert ("browser" in said.out, said.err) == (False, "")
+    show_view(replace(view, stale=[]), as_json=True)
+    told = json.loads(capsys.readouterr().out)
+    assert (told["recordings"], told["layers"]) == (["run.rrd"], ["run.analysis.rrd"])
+    assert (told["url"], told["page"]) == (viewer.url, viewer.page)
+    assert told["command"] == ["rerun", "run.rrd"]
 
 
 # -- where to start -------------------------------------------------------------------------------

@@ -271,3 +271,10 @@ def test_what_never_arrives_has_no_time_of_impact(thrown: Fall, free: bool) -> N
 def test_a_body_below_the_floor_has_arrived() -> None:
     assert theory.impact_time_free(fall(), 2.0) == 0
     assert theory.impact_time_damped(fall(), 2.0) == 0
+
+
+@pytest.mark.parametrize(("v0", "time_s"), [(0.0, 0.0), (-2.0, 0.0), (2.0, 2 * 2.0 / 9.81)])
+def test_a_body_on_the_floor_has_arrived_unless_it_is_thrown_up(v0: float, time_s: float) -> None:
+    on_it = fall(k=0.0, v=v0)
+    for impact_time in (theory.impact_time_free, theory.impact_time_damped):
+        assert impact_time(on_it, on_it.height_m) == pytest.approx(time_s, rel=1e-15)

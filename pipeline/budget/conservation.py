@@ -105,13 +105,13 @@ def rotate_inverse(orientation: Float64, vectors: Float64) -> Float64:
 
 
 def max_relative_drift(values: Float64) -> float | None:
-    """Return the largest |x - x(0)| / |x(0)| over samples; None where x(0) = 0.
+    """Return the largest |x - x(0)| / |x(0)| over samples; None for no samples and for x(0) = 0.
 
     `values` holds numbers, shape (n,), or vectors, shape (n, 3).
     """
-    columns = values.reshape(len(values), -1)
-    if not len(columns):
+    if not len(values):
         return None
+    columns = values.reshape(len(values), -1)
     reference = float(np.linalg.norm(columns[0]))
     if reference == 0:
         return None

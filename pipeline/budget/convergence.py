@@ -46,7 +46,7 @@ def solution_order(timesteps_s: Sequence[float], solutions: Sequence[float]) -> 
         return None
     coarse, fine, quotient = math.log(h3 / h2), math.log(h2 / h1), (f3 - f2) / (f2 - f1)
     low, high = 0.0, MOST_ORDER
-    while low < (order := (low + high) / 2) < high:
+    while max(low, LEAST_ORDER) < (order := (low + high) / 2) < high:
         grown = -math.expm1(order * coarse) / math.expm1(-order * fine)
         low, high = (order, high) if grown < quotient else (low, order)
     return order if LEAST_ORDER < order < MOST_ORDER - LEAST_ORDER else None

@@ -40,7 +40,8 @@ def show_sweep(sweep: Sweep, *, as_json: bool) -> None:
         print_json(_json(sweep))
         return
     lines = [
-        f"[bold]{sweep.runs:,} runs[/], errors at {sweep.at_s:g} s in mm, simulated minus free fall"
+        f"[bold]{sweep.runs:,} run{'s' * (sweep.runs != 1)}[/], errors at {sweep.at_s:g} s in mm, "
+        "simulated minus free fall"
     ]
     if sweep.statistics:
         for group in sweep.statistics:
@@ -246,8 +247,9 @@ def _failures(sweep: Sweep) -> list[str]:
 
 def _files(sweep: Sweep) -> list[str]:
     old = sweep.runs - sweep.computed
-    known = f", {old:,} of them were there before" if old > 0 else ""
-    lines = made("results", sweep.results, f"{sweep.runs:,} rows{known}", column=12)
+    rows = f"{sweep.runs:,} row{'s' * (sweep.runs != 1)}"
+    known = f", {old:,} of them from before" if old > 0 else ""
+    lines = made("results", sweep.results, rows + known, column=12)
     if sweep.plot is not None:
         lines += made("plot", sweep.plot, column=12)
     if sweep.narrow_enough is False:

@@ -111,7 +111,7 @@ def build_figure(panels: Sequence[Panel], *, title: str, ink: Ink) -> Figure:
     figure.text(0.02, 1 - 0.17 / height_in, title, size=15, weight="bold", va="top")
     hidden = len(panels) - len(shown)
     subtitle = "|simulated − free fall| and its terms; dashed: slope 1, an error of first order"
-    subtitle += f"; {hidden} more panels not shown" if hidden else ""
+    subtitle += f"; {hidden} more panel{'s' * (hidden > 1)} not shown" if hidden else ""
     figure.text(0.02, 1 - 0.51 / height_in, subtitle, size=10.5, color=ink.faint, va="top")
     low, high = _limits_mm(shown)
     for one in grid.flat[len(shown) :]:

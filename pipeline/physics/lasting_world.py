@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.physics.bullet import p
-from pipeline.physics.world import FAR_M, World
+from pipeline.physics.world import FAR_M, World, check_numbers
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
@@ -80,8 +80,15 @@ class LastingWorld(World):
                 step(client)
 
     def height_m(self) -> float:
-        """Return the height of the centre as it is now [m]."""
+        """Return the height of the centre at the end of the fall [m].
+
+        Raises
+        ------
+        DropError
+            If it is no number.
+        """
         position, _ = p.getBasePositionAndOrientation(self._body, self._client)
+        check_numbers(np.array([position]), self.scenario.steps)
         return float(position[2])
 
 

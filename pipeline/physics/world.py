@@ -19,7 +19,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ScenarioError
+from pipeline.errors import DropError, ScenarioError
 from pipeline.fields import Quaternion
 from pipeline.physics.bullet import data_folder, find_body, p
 from pipeline.physics.quiet import c_output_moved_aside
@@ -300,6 +300,11 @@ class World:
         [m] (nan without contact) and total normal force [N] of the step that led here. A body with
         joints has 13 columns more for each link: position, orientation and velocities of its own
         centre of mass.
+
+        Raises
+        ------
+        DropError
+            If position, orientation or velocity are no numbers any more.
         """
         pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
         body, client, contact = self._body, self._client, self._contact
@@ -319,6 +324,8 @@ class World:
                 )
                 if self._links:
                     links[row] = self._link_states()
+            check_numbers(rows[:, :13], start)
+            check_numbers(links, start)
             yield np.hstack((rows, links)) if self._links else rows
 
     def _link_states(self) -> list[float]:
@@ -340,6 +347,24 @@ class World:
         if not points:
             return 0.0, math.nan, 0.0
         return len(points), min(map(_DISTANCE, points)), math.fsum(map(_NORMAL_FORCE, points))
+
+
+def check_numbers(rows: Float64, first: int) -> None:
+    """Make sure that the engine still computes: what it was given may be too much for it.
+
+    `rows` holds numbers of consecutive samples, the first of which is number `first`.
+
+    Raises
+    ------
+    DropError
+        If one of them is nan or infinite.
+    """
+    lost = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    if len(lost):
+        raise DropError(
+            f"the engine's state is no number any more from step {first + lost[0]} on; try a "
+            "shorter --timestep, less --spin or --velocity, or another --body"
+        )
 
 
 _ROW = struct.Struct(f"={STATE_WIDTH}d")

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import colours
-from pipeline.errors import DropError, check_suffix
+from pipeline.errors import check_suffix
 from pipeline.physics import theory
 from pipeline.physics.bullet import engine_versions, find_body
 from pipeline.physics.bullet_law import fall_of
@@ -185,7 +185,6 @@ def chunks_of(
     first, strobe = 0, max(1, scenario.steps // TRAIL_POINTS)
     for rows in world.samples(batch):
         steps = np.arange(first, first + len(rows))
-        _check_numbers(rows, first)
         digest.update(rows)
         yield from writer.state_chunks(steps, scenario.timestep_s, rows)
         yield from _heights(scenario, world.rest_height_m, steps, rows[:, 2])
@@ -219,16 +218,6 @@ def _check_size(path: Path, samples: int, note: Callable[[str], None]) -> None:
         note(
             f"{samples:,} samples take some {size / 1e9:.2g} GB on the disk, twice that while they "
             f"are sealed, and {memory / 1e9:.2g} GB of memory to analyze"
-        )
-
-
-def _check_numbers(rows: Float64, first: int) -> None:
-    """Make sure that the engine still computes: what it was given may be too much for it."""
-    lost = np.flatnonzero(~np.isfinite(rows[:, :13]).all(axis=1))
-    if len(lost):
-        raise DropError(
-            f"the engine's state is no number any more from step {first + lost[0]} on; try a "
-            "shorter --timestep, less --spin or --velocity, or another --body"
         )
 
 

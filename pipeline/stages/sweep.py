@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import platform
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
@@ -198,7 +198,7 @@ def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: floa
 
 
 def _bodies(plan: Plan) -> list[Path]:
-    """Return the files of the bodies that there are, each tried once; others fail where they run."""
+    """Return the files of the bodies that there are, each tried once."""
     found = []
     for body in plan.bodies:
         with contextlib.suppress(ScenarioError):
