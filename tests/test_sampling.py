@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -108,7 +109,7 @@ def test_one_component_of_a_vector_can_be_drawn() -> None:
         (["height=gauss:0:1"], "normal:MEAN:SPREAD"),
         (["height=normal:0:x"], "numbers"),
         (["height=choice:1:x"], "'x'"),
-        (["duration=choice:1:-1"], "above 0"),
+        (["mass=choice:1:-1"], "at least 1e-09"),
         (["body=uniform:1:2"], "choice"),
         (["velocity=uniform:1:2"], "choice"),
         (["solver_iterations=uniform:1:9"], "whole numbers"),
@@ -121,6 +122,35 @@ def test_what_cannot_be_drawn_says_why(vary: Sequence[str], said: str) -> None:
     with pytest.raises(ScenarioError, match="--vary") as raised:
         variations_of(vary)
     assert said in str(raised.value)
+
+
+@pytest.mark.parametrize("how", [{"given": {"height_m": "1,-1"}}, {"vary": ["height=choice:1:-1"]}])
+def test_a_height_below_the_floor_is_refused_unless_there_is_none(how: Any) -> None:
+    given = how.get("given", {})
+    with pytest.raises(ScenarioError, match="--height must be above 0"):
+        plan_of(given, samples=2, vary=how.get("vary", ()))
+    plan = plan_of(given | {"floor": False}, samples=2, vary=how.get("vary", ()))
+    assert not Scenario(**plan.values(0)).floor
+
+
+def test_orientations_are_listed_by_semicolons_and_drawn_by_angle() -> None:
+    plan = plan_of({"orientation": "0,0,0;1,0,0,0"})
+    assert [plan.values(run)["orientation"] for run in range(2)] == [(0, 0, 0), (1, 0, 0, 0)]
+    tilted = plan_of({"orientation": "0,10,0"}, samples=3, vary=["orientation_roll=uniform:1:2"])
+    for run in range(3):
+        roll, pitch, yaw = tilted.values(run)["orientation"]
+        assert 1 <= roll < 2
+        assert (pitch, yaw) == (10, 0)
+    with pytest.raises(ScenarioError, match="must be angles"):
+        plan_of({"orientation": "1,0,0,0"}, samples=3, vary=["orientation_roll=uniform:1:2"])
+
+
+def test_a_run_is_replayed_in_its_orientation() -> None:
+    q = Scenario(orientation=(1.0, 2.0, 3.0, 4.0)).orientation
+    for orientation in ((0.1, 1 / 3, 7.0), q):
+        words = replay_command({"orientation": orientation}, out="run.rrd").split()
+        text = words[words.index("--orientation") + 1]
+        assert Scenario.from_text({"orientation": text}).orientation == orientation
 
 
 # -- lists ----------------------------------------------------------------------------------------

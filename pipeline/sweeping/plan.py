@@ -128,9 +128,16 @@ def plan_of(
                 "--orientation must be angles R,P,Y where --vary draws one of them, got a "
                 "quaternion; give R,P,Y"
             )
-    if (False,) not in (values for name, values in lists if name == "floor"):
-        for height_m in dict(lists).get("height_m", ()):
-            Scenario(height_m=height_m, timestep_s=1.0)
+    if "floor" not in dict(lists):
+        chosen = (
+            v
+            for one in variations
+            if one.kind == "choice"
+            for v in one.values
+            if one.field == "height_m"
+        )
+        for height_m in (*dict(lists).get("height_m", ()), *chosen):
+            Scenario(height_m=height_m)
     plan = Plan(tuple(lists), variations, samples, seed)
     if plan.runs > MOST_RUNS:
         raise ScenarioError(f"a sweep has at most {MOST_RUNS:,} runs, got {plan.runs:,}")
