@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import Recorder, judge
 
+from pipeline.budget.analysis import analysis_of
 from pipeline.budget.conservation import max_relative_drift, mechanics_of_part
 from pipeline.budget.decomposition import decompose
 from pipeline.budget.samples import Rigid
@@ -361,3 +364,51 @@ def test_what_starts_at_zero_has_no_relative_drift(recorded: Recorder) -> None:
     conservation = judge(recorded(gravity_m_s2=0.0)).conservation
     assert conservation.energy_max_rel_drift is None
     assert conservation.angular_momentum_max_rel_drift is None
+
+
+# -- rest -----------------------------------------------------------------------------------------
+
+
+def test_what_slides_or_spins_is_not_at_rest(recorded: Recorder) -> None:
+    """Its height stays, or its centre does; rest is that position and orientation stay."""
+    slides = recorded(height_m=0.03, velocity_m_s=(0.5, 0.0, 0.0), friction=0.0, duration_s=1.0)
+    spins = recorded(
+        body="sphere_small.urdf", height_m=0.0301, spin_rad_s=(0.0, 0.0, 50.0), friction=0.0,
+        angular_damping=0.0, duration_s=1.0,
+    )  # fmt: skip
+    assert judge(slides).rest is None
+    assert judge(spins).rest is None
+
+
+def test_a_body_rests_only_after_a_tenth_of_a_second(recorded: Recorder) -> None:
+    """However long the recording is, 24 steps of 1/240 s lie between settling and its end."""
+    recording = recorded()
+    lasts = {}
+    for samples in range(150, 242):
+        scenario = replace(recording.scenario, duration_s=(samples - 1) / 240)
+        rest = analysis_of(scenario, recording.engine, recording.states.head(samples)).rest
+        if rest is not None:
+            lasts[samples] = samples - 1 - rest.settled_step
+    assert min(lasts.values()) == 24
+    assert 150 not in lasts
+
+
+def test_a_rod_that_toppled_is_not_measured_against_its_upright_height(
+    recorded: Recorder, tmp_path: Path
+) -> None:
+    rod = tmp_path / "rod.urdf"
+    rod.write_text(
+        '<robot name="rod"><link name="base"><inertial><mass value="1"/>'
+        '<inertia ixx="0.013" ixy="0" ixz="0" iyy="0.013" iyz="0" izz="0.0002"/></inertial>'
+        '<collision><geometry><cylinder radius="0.02" length="0.4"/></geometry></collision>'
+        "</link></robot>"
+    )
+    analysis = judge(
+        recorded(body=str(rod), height_m=0.5, orientation=(3.0, 0.0, 0.0), duration_s=4.0)
+    )
+    assert analysis.tumbled_step is not None
+    assert analysis.rest is None or (analysis.rest.expected_m, analysis.rest.terms_m) == (
+        None,
+        None,
+    )
+    assert "rest-below-expected" not in [one.code for one in analysis.findings]

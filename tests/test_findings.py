@@ -35,7 +35,13 @@ CASES: dict[str, tuple[dict[str, object], str, dict[str, object]]] = {
         {"restitution": BOUNCY, "contact_erp": 0.0},
     ),
     "bounce-swallowed": (
-        {"restitution": 0.9, "height_m": 0.1, "timestep_s": 1 / 960, "solver_residual": 0.0},
+        {
+            "restitution": 0.9,
+            "height_m": 0.1,
+            "timestep_s": 1 / 960,
+            "solver_residual": 0.0,
+            "duration_s": 2.0,
+        },
         "0.2 m/s",
         RESTLESS,
     ),
@@ -103,3 +109,24 @@ def test_an_engine_with_another_law_is_noticed(recorded: Recorder) -> None:
     named = recorded()
     analysis = analysis_of(named.scenario, named.engine, other.states)
     assert "law-mismatch" in [one.code for one in analysis.findings]
+
+
+@pytest.mark.parametrize(("rate", "deep"), [(240, True), (300, True), (480, False)])
+def test_a_tenth_of_its_height_is_deep(recorded: Recorder, rate: int, deep: bool) -> None:
+    """It sinks 18 %, 14 % and 8 % of its 5 cm."""
+    codes = [one.code for one in judge(recorded(timestep_s=1 / rate)).findings]
+    assert ("deep-penetration" in codes) == deep
+
+
+def test_inflated_is_relative_to_the_restitution_asked_for(recorded: Recorder) -> None:
+    """An excess of 0.0044 is 4.9 % of 0.09, and 0.5 % of 0.81."""
+    low, high = (
+        judge(recorded(restitution=e, contact_erp=0.008, solver_residual=0.0, duration_s=0.7))
+        for e in (0.3, 0.9)
+    )
+    for analysis, inflated in ((low, True), (high, False)):
+        (bounce, *_) = analysis.bounces
+        assert bounce.effective_restitution is not None
+        asked = analysis.engine.pair_restitution
+        assert 0 < bounce.effective_restitution - asked < 0.0081
+        assert ("restitution-inflated" in [one.code for one in analysis.findings]) == inflated

@@ -227,7 +227,7 @@ def _bounce(analysis: Analysis, bounce: Bounce) -> str:
         )
     said += f". Effective restitution {bounce.effective_restitution:.4f}"
     if bounce.correction_m_s is not None and abs(bounce.correction_m_s) >= 5e-4:
-        said += f": the position correction adds {bounce.correction_m_s:+.3f} m/s to the rebound"
+        said += f": the position correction changes the rebound by {bounce.correction_m_s:+.3f} m/s"
     if bounce.uncorrected_apex_m is not None and analysis.scenario["contact_erp"] != 0:
         said += f"; with --contact-erp 0 it rises {bounce.uncorrected_apex_m * 1e3:.1f} mm"
     return said
