@@ -69,7 +69,8 @@ def test_scenario_options_reach_the_recording(drop: Drop) -> None:
         "--duration", "0.5", "--gravity", "moon", "--linear-damping", "0.1", "--angular-damping",
         "0", "--velocity", "0,0,-1", "--spin", "1,2,3", "--mass", "0.2", "--restitution", "0.5",
         "--contact-erp", "0.1", "--solver-residual", "0", "--solver-iterations", "20",
-        "--coordinates", "maximal", "--no-floor",
+        "--coordinates", "maximal", "--no-floor", "--orientation", "90,0,45", "--friction", "0.3",
+        "--restitution-threshold", "0.1", "--substeps", "2",
     )  # fmt: skip
     scenario = json.loads(drop("analyze", "run.rrd", "--json").stdout)["scenario"]
     assert scenario == {
@@ -77,7 +78,9 @@ def test_scenario_options_reach_the_recording(drop: Drop) -> None:
         "linear_damping": 0.1, "angular_damping": 0.0, "velocity_m_s": [0.0, 0.0, -1.0],
         "spin_rad_s": [1.0, 2.0, 3.0], "body": "cube_small.urdf", "mass_kg": 0.2,
         "restitution": 0.5, "contact_erp": 0.1, "solver_residual": 0.0, "solver_iterations": 20,
-        "coordinates": "maximal", "stepped": True, "gravity_set": True, "floor": False,
+        "orientation": [90.0, 0.0, 45.0], "friction": 0.3, "restitution_threshold_m_s": 0.1,
+        "substeps": 2, "coordinates": "maximal", "stepped": True, "gravity_set": True,
+        "floor": False,
     }  # fmt: skip
 
 

@@ -27,7 +27,6 @@ from conftest import Drop, descendants_of
 
 from pipeline import Scenario, analyze, check, render, simulate
 from pipeline.errors import OutputError, RecordingError, ScenarioError
-from pipeline.physics.world import find_body
 from pipeline.recording import files
 from pipeline.recording.outputs import check_room, part_of
 from pipeline.recording.reader import Recording, read
@@ -356,10 +355,15 @@ def test_two_outputs_are_not_one_file(run_rrd: Path) -> None:
 
 def test_a_body_is_not_replaced_by_its_recording(tmp_path: Path) -> None:
     body = tmp_path / "body.rrd"
-    body.write_bytes(find_body("cube_small.urdf").read_bytes())
+    body.write_text(
+        '<robot name="box"><link name="base"><inertial><mass value="1"/>'
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+        '<collision><geometry><box size="1 1 1"/></geometry></collision></link></robot>'
+    )
+    written = body.read_bytes()
     with pytest.raises(OutputError, match="which the same command reads"):
         simulate(Scenario(body=str(body)), body, camera=None, force=True)
-    assert body.read_bytes() == find_body("cube_small.urdf").read_bytes()
+    assert body.read_bytes() == written
 
 
 def test_the_part_that_is_read_is_not_written_over(run_rrd: Path, precious: bytes) -> None:

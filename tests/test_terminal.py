@@ -452,7 +452,9 @@ def test_printed_statistics_are_in_millimetres_beside_half_the_interval(
     quantiles = {"5%": -3e-3, "50%": -1e-3, "95%": 2e-3}
     total = Summary("error_m", 12, -1.5e-3, 4e-4, quantiles, (-1.7e-3, -1.3e-3))
     damping = Summary("damping_m", 12, 4e-3, None, quantiles, None)
-    group = Group({"height_m": 1.0}, "height 1", statistics=(total, damping))
+    group = Group(
+        {"height_m": 1.0}, "height 1", statistics=(total, damping), samples=12, in_the_air=True
+    )
     show_sweep(swept(tmp_path, statistics=[group], narrow_enough=False), as_json=False)
     said = lines_of(capsys)
     told = said[said.index("height 1") :]
@@ -463,9 +465,9 @@ def test_printed_statistics_are_in_millimetres_beside_half_the_interval(
         "over the 12 samples in the air; ± 95 % is that of the mean",
     ]
     assert "not yet as narrow as asked for" in told[-1]
-    fewer = replace(group, statistics=(total, replace(damping, count=9)))
-    show_sweep(swept(tmp_path, statistics=[fewer]), as_json=False)
-    assert "total over 12 samples, its terms over the 9 in the air;" in " ".join(lines_of(capsys))
+    more = replace(group, samples=20)
+    show_sweep(swept(tmp_path, statistics=[more]), as_json=False)
+    assert "over the 12 of 20 samples in the air;" in " ".join(lines_of(capsys))
     show_sweep(swept(tmp_path, statistics=[group], narrow_enough=True), as_json=False)
     assert "narrow" not in " ".join(lines_of(capsys))
 

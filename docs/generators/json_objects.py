@@ -31,6 +31,7 @@ from pipeline.budget.results import (
     Terms,
 )
 from pipeline.budget.statistics import Summary
+from pipeline.physics.report import EngineReport
 from pipeline.recording import schema
 from pipeline.scenario import Scenario
 from pipeline.stages.check import Check
@@ -105,6 +106,10 @@ def _said(kind: type) -> dict[str, str]:
         return {
             name: f"`{one.name}` was not given." if one.is_flag else one.help
             for name, one in Scenario.options().items()
+        }
+    if kind is EngineReport:
+        return {
+            name: says[0].upper() + says[1:] + "." for name, says in EngineReport.says().items()
         }
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
     assert isinstance(tree, ast.ClassDef)

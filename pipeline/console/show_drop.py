@@ -126,7 +126,7 @@ def _story(analysis: Analysis) -> list[str]:
         f"after {last['time_s']:.4g} s its centre is at {last['simulated_m']:.4f} m",
     ]
     for moment in analysis.at:
-        lines += ["", *_moment(moment)]
+        lines += ["", *_moment(moment, scenario["linear_damping"])]
     coverage = analysis.coverage
     if coverage.samples < coverage.of:
         covered = f"samples 0 to {coverage.samples - 1}" if coverage.samples else "no sample"
@@ -143,7 +143,7 @@ def _titled(title: str, words: str) -> list[str]:
     return titled(title, words, column=_TITLE, style="bold")
 
 
-def _moment(moment: Moment) -> list[str]:
+def _moment(moment: Moment, linear_damping: float | None) -> list[str]:
     lines = [
         f"[bold]At {moment.time_s:.4g} s[/] (step {moment.step})",
         f"  simulated      {moment.simulated_m:10.4f} m",
@@ -153,9 +153,10 @@ def _moment(moment: Moment) -> list[str]:
     terms = moment.terms_m
     if terms is None:
         return [*lines, "  not broken down: the law of free flight does not cover it"]
+    drag = "Bullet's default drag" if linear_damping is None else "drag"
     why = {
         "timestep": "Euler moves with the end-of-step velocity",
-        "damping": "Bullet's default drag; independent of the timestep",
+        "damping": f"{drag}, independent of the timestep",
         "interaction": "timestep × damping",
         "rounding": "double precision",
     }
