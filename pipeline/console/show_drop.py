@@ -156,7 +156,7 @@ def _moment(moment: Moment, linear_damping: float | None) -> list[str]:
     drag = "Bullet's default drag" if linear_damping is None else "drag"
     why = {
         "timestep": "Euler moves with the end-of-step velocity",
-        "damping": f"{drag}, independent of the timestep",
+        "damping": f"{drag}; independent of timestep",
         "interaction": "timestep × damping",
         "rounding": "double precision",
     }
