@@ -667,7 +667,10 @@ class Truth:
 
     def tumbles_at(self, within_rad: float) -> int:
         """Return the first touching sample that is not flat; one past the last where none is."""
-        found = (int(one) for one in self.touching_steps if not self.is_flat(one, within_rad))
+        steps = list(map(int, self.touching_steps))
+        if steps and max(1, self.drop.substeps or 1) > 1:  # not every touch is reported
+            steps = list(range(steps[0], self.last + 1))
+        found = (one for one in steps if not self.is_flat(one, within_rad))
         return next(found, self.last + 1)
 
     def depth_m(self, step: int) -> float | None:

@@ -824,11 +824,24 @@ def _impact_speed(said: Said) -> None:
     near(said.value, true, 1e-12 * true, "|v| of the sample before")
 
 
+@checks("tumbles")
+def _tumbles(said: Said) -> None:
+    since = said.whole["tumbled_step"]
+    if since is None:
+        hold(not said.value, "it never is tilted")
+        return
+    how = said.truth.lean_rad if said.whole["engine"]["shape"] == "box" else said.truth.tilted_rad
+    tilts = [how(step) for step in range(since, said.drop.steps + 1)]
+    hold(said.value == (max(tilts) - min(tilts) > UNTURNED_RAD), "its tilt says otherwise")
+
+
 @checks("tumbled_step")
 def _tumbled_step(said: Said) -> None:
     hold(said.truth.facts.is_rigid, "its links touch too")
-    hold(said.value in said.truth.touching_steps, "it does not touch then")
-    hold(said.value == _tumbles_at(said.truth), f"true {_tumbles_at(said.truth)}")
+    hold(said.value >= said.truth.touching_steps[0], "it has not touched yet")
+    # A tilt that grows slowly is near the bound for some samples.
+    earliest, latest = (said.truth.tumbles_at(x * UNTURNED_RAD) for x in (0.999, 1.001))
+    hold(earliest <= said.value <= latest, f"true {earliest} to {latest}")
 
 
 @checks("impact.lowest_m")
@@ -870,7 +883,7 @@ def _contact_deviation(said: Said) -> None:
     apart = np.abs(said.run.height_m - converged)
     scale = 1e-9 + 1e-6 * float(apart.max())
     near(said.value, float(apart[step]), scale, f"converged replay at {step}")
-    until = _tumbles_at(said.truth)
+    until = said.truth.tumbles_at(0.999 * UNTURNED_RAD)
     hold(float(apart[:until].max()) <= said.value + scale, f"{apart[:until].max()} elsewhere")
 
 
@@ -1140,7 +1153,10 @@ def _ledger_damping(said: Said) -> None:
     near(said.value, work, slack, "work of the drag")
 
 
-@checks("energy.integrator_j", "energy.rotation_j", "energy.contact_j", "energy.closing_j")
+@checks(
+    "energy.integrator_j", "energy.rotation_j", "energy.contact_j", "energy.closing_j",
+    "energy.spin_damping_j",
+)  # fmt: skip
 def _ledger_other(said: Said) -> None:
     _ledger_adds_up(said)
 
@@ -1294,9 +1310,7 @@ def _find_refining(said: Said, message: str) -> None:
     if steps > 20_000:
         return
     timestep_s = exact_s / steps
-    other = oracle.replay(
-        replace(said.drop, floor=False, timestep_s=timestep_s, steps=steps, substeps=None)
-    )
+    other = oracle.replay(replace(said.drop, floor=False, timestep_s=timestep_s, steps=steps))
     left_mm = 1e3 * float(other.height_m[-1] - free)
     # The timestep is rounded to a whole number of steps, and to a whole number in the message.
     blur = abs(limit_mm) * (1 / steps + 0.5 / rate)
@@ -1401,7 +1415,7 @@ def _find_starts(said: Said, _: str) -> None:
 @finds("tumbled")
 def _find_tumbled(said: Said, message: str) -> None:
     hold(said.truth.facts.is_rigid, "its links touch too")
-    first = _tumbles_at(said.truth)
+    first = said.whole["tumbled_step"]
     hold(first <= said.drop.steps, "it is flat whenever it touches")
     times = [one for one in message_numbers(message) if one >= 0]
     true_s = first * said.drop.timestep_s

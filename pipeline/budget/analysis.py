@@ -25,7 +25,7 @@ from pipeline.budget.landing import (
 from pipeline.budget.mismatch import coverage_of, find_mismatch, law_of_flight, unseen_contact
 from pipeline.budget.moment import DEFAULT_AT_S
 from pipeline.budget.phases import Phases, phases_of, touching
-from pipeline.budget.posture import tumbled_step
+from pipeline.budget.posture import tumbled_step, tumbles
 from pipeline.budget.results import Airborne, Analysis, Conservation, Coverage, Moment, Terms
 from pipeline.errors import ScenarioError
 from pipeline.physics.report import EngineReport
@@ -105,6 +105,7 @@ def analysis_of(
         landing=landing,
         impact=impact,
         tumbled_step=tumbled,
+        tumbles=tumbled is not None and tumbles(case, tumbled),
         contact=find_contact(case, found, tumbled, law),
         bounces=bounces,
         rest=rest,

@@ -15,9 +15,9 @@ import numpy as np
 from pipeline.budget.case import FLOOR_REACH_M, TOUCHING_M, Case
 from pipeline.budget.convergence import cancelling_timestep
 from pipeline.budget.landing import CORNERS, Path, episodes, restitution_threshold_m_s
-from pipeline.budget.mismatch import Mismatch
+from pipeline.budget.mismatch import Mismatch, joints_of
 from pipeline.budget.phases import Phases
-from pipeline.budget.posture import extent_m, tilt_rad
+from pipeline.budget.posture import extent_m, tilt_rad, tumbles
 from pipeline.budget.results import Bounce, Finding, Impact, Landing, Moment, Rest
 
 DEEP_PENETRATION = 0.1
@@ -95,7 +95,7 @@ def _joints(e: Evidence) -> Iterator[Finding]:
     if not e.case.is_rigid:
         yield Finding(
             "joints-not-explained",
-            f"the body has {e.case.engine.joints} joints: the laws here are those of one rigid "
+            f"the body has {joints_of(e.case.engine.joints)}: the laws here are those of one rigid "
             "body, so its motion and its contacts are recorded but not explained; drop a body of "
             "one link with --body",
         )
@@ -135,6 +135,11 @@ def _tunnelled(e: Evidence) -> Iterator[Finding]:
     where += f"at {position_m[step, 2]:.4f} m, and nothing has touched"
     if e.case.engine.shape == "none":
         reason = "the body has no collision shape; add a <collision> to the URDF of --body"
+    elif _overlapped(e.case, step):
+        reason = (
+            "it has overlapped the floor, and no contact was found: its collision is switched off; "
+            "look for a collision filter in the URDF of --body, or p.setCollisionFilterGroupMask"
+        )
     else:
         moved_m = float(np.linalg.norm(position_m[step] - position_m[step - 1]))
         reason = (
@@ -142,6 +147,12 @@ def _tunnelled(e: Evidence) -> Iterator[Finding]:
             "shorten the step with p.setTimeStep, i.e. --timestep"
         )
     yield Finding("tunnelled", f"{where}: {reason}")
+
+
+def _overlapped(case: Case, step: int) -> bool:
+    """Whether a step was made from within the floor before a sample; or none ever meets it."""
+    floor_m = case.floor_height_m
+    return floor_m is None or bool((case.samples.height_m[:step] < floor_m - 1e-6).any())
 
 
 def _law_mismatch(e: Evidence) -> Iterator[Finding]:
@@ -167,8 +178,7 @@ def _starts_in_contact(e: Evidence) -> Iterator[Finding]:
     yield Finding(
         "starts-in-contact",
         f"the body is released {'touching the floor' if touches else deep}: there is no "
-        f"fall to compare with theory, and contact pushes it out; release it above {floor_m:.6g} m "
-        "with --height",
+        f"fall to compare with theory; release it above {floor_m:.6g} m with --height",
     )
 
 
@@ -207,12 +217,12 @@ def _refining_hurts(e: Evidence) -> Iterator[Finding]:
         return
     terms = e.moment.terms_m
     cancel_s = cancelling_timestep(
-        e.case.substep_s, timestep_m=terms.timestep, damping_m=terms.damping
+        e.case.timestep_s, timestep_m=terms.timestep, damping_m=terms.damping
     )
     if cancel_s is None or cancel_s > e.moment.time_s:
         return
     # The interaction shrinks with the timestep as well: what it leaves there is not cancelled.
-    left_m = terms.interaction * cancel_s / e.case.substep_s
+    left_m = terms.interaction * cancel_s / e.case.timestep_s
     grows = abs(e.moment.error_m) < abs(terms.damping)
     if grows and abs(left_m) <= CANCELS * abs(terms.damping):
         yield Finding(
@@ -238,7 +248,7 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
     first = e.impact.lowest_step <= e.phases.airborne
     if released_above and first and depth_m > DEEP_PENETRATION * tall_m:
         per_step_m = abs(float(e.case.samples.velocity_m_s[e.phases.airborne - 1, 2]))
-        per_step_m *= e.case.timestep_s
+        per_step_m *= e.case.substep_s
         yield Finding(
             "deep-penetration",
             f"the body sinks {depth_m * 1e3:.1f} mm into the floor, {depth_m / tall_m:.0%} of "
@@ -249,17 +259,22 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
 
 
 def _tumbled(e: Evidence) -> Iterator[Finding]:
-    if e.tumbled_step is not None:
-        tilt_deg = math.degrees(tilt_rad(e.case)[e.tumbled_step])
-        advice = ""
-        if e.law is not None and e.case.scenario.solver_residual != 0:
-            advice = "; it was released flat: --solver-residual 0 keeps the solver from tilting it"
-        yield Finding(
-            "tumbled",
-            f"from {e.case.time_s[e.tumbled_step]:.4g} s (step {e.tumbled_step}) on it tumbles: it "
-            f"touches the floor tilted by {tilt_deg:.2g}°, so bounces, contact and rest are "
-            f"measured from there on, not explained{advice}",
+    if e.tumbled_step is None:
+        return
+    tilt_deg = math.degrees(tilt_rad(e.case)[e.tumbled_step])
+    since = "" if e.case.is_box else " from how it was released"
+    advice = "drop it flat with --orientation and without --spin"
+    if e.law is not None and e.case.scenario.solver_residual != 0:
+        advice = (
+            "to see what the solver's early stop does to that, compare with --solver-residual 0"
         )
+    yield Finding(
+        "tumbled",
+        f"from {e.case.time_s[e.tumbled_step]:.4g} s (step {e.tumbled_step}) on it "
+        f"{'tumbles' if tumbles(e.case, e.tumbled_step) else 'is not flat'}: it touches the floor "
+        f"tilted by {tilt_deg:.2g}°{since}, so bounces, contact and rest are measured from there "
+        f"on, not explained; {advice}",
+    )
 
 
 def _bounces(e: Evidence) -> Iterator[Finding]:
@@ -341,7 +356,8 @@ def _still_airborne(e: Evidence) -> Iterator[Finding]:
     lands = ""
     if e.landing is not None:
         times = [f"free fall lands at {e.landing.time_free_fall_s:.4g} s"]
-        if e.landing.time_damped_s is not None and case.fall.linear_damping:
+        damped_s = e.landing.time_damped_s
+        if damped_s is not None and case.fall.linear_damping and e.clamped_step is None:
             times.append(f"damped fall at {e.landing.time_damped_s:.4g} s")
         lands = f" ({', '.join(times)})"
     yield Finding(

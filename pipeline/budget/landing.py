@@ -66,9 +66,9 @@ def find_impact(case: Case, found: Phases, landing: Landing | None) -> Impact | 
     before = max(found.contact_step - 1, 0)
     crossing_s = penetration_m = None
     if floor_m is not None and case.is_rigid:
-        crossing_s = crossing_time(height_m, floor_m, case.timestep_s)
-        if crossing_s is not None and turned[: int(crossing_s / case.timestep_s) + 2].any():
-            crossing_s = None
+        # With substeps the way between two samples is not straight.
+        if case.starts_above and case.substeps == 1 and not turned[: found.contact_step + 1].any():
+            crossing_s = crossing_time(height_m[: found.contact_step], floor_m, case.timestep_s)
         if not turned[lowest] and case.over_floor(samples.position_m[lowest : lowest + 1]):
             penetration_m = max(0.0, floor_m - float(height_m[lowest]))
     return Impact(
@@ -234,6 +234,8 @@ def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
     for number, one in enumerate(found, start=1):
         plain = plain and _is_plain(case, one, tumbled_step)
         next_touch = int(following[np.searchsorted(following, one.last + 1)])
+        # Where the recording ends on the way up, the apex is not there to be compared.
+        whole = plain and (next_touch < len(touches) or case.samples.velocity_m_s[-1, 2] <= 0)
         rebound_m_s = float(case.samples.velocity_m_s[one.pushed, 2])
         bounces.append(
             Bounce(
@@ -242,9 +244,9 @@ def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
                 rebound_m_s=rebound_m_s,
                 effective_restitution=rebound_m_s / one.approach_m_s if plain else None,
                 apex_m=float(height_m[one.last : next_touch].max()) - floor_m,
-                predicted_apex_m=_predicted_apex_m(case, number) if plain else None,
+                predicted_apex_m=_predicted_apex_m(case, number) if whole else None,
                 uncorrected_apex_m=uncorrected_m[number - 1]
-                if plain and number <= len(uncorrected_m)
+                if whole and number <= len(uncorrected_m)
                 else None,
                 correction_m_s=_correction_m_s(case, one) if plain else None,
             )
@@ -278,7 +280,7 @@ def _apexes(height_m: Float64, floor_m: float) -> list[float]:
     return [
         float(height_m[end:start].max()) - floor_m
         for end, start in zip(ends.tolist(), following.tolist(), strict=True)
-        if end < len(height_m)
+        if end < len(height_m) and height_m[end:start].argmax() < start - end - 1
     ]
 
 

@@ -74,6 +74,11 @@ def _first(deviation: np.ndarray, off: np.ndarray) -> Mismatch | None:
     return Mismatch(int(steps[0]), float(deviation[steps[0]])) if len(steps) else None
 
 
+def joints_of(count: int) -> str:
+    """Return a number of joints in words."""
+    return "1 joint" if count == 1 else f"{count} joints"
+
+
 def coverage_of(
     case: Case, found: Phases, flight: Flight | None, mismatch: Mismatch | None
 ) -> Coverage:
@@ -82,7 +87,7 @@ def coverage_of(
     if not case.scenario.stepped:
         return Coverage(0, of, "no step was taken, so no law of motion applies")
     if not case.is_rigid:
-        why = f"the body has {case.engine.joints} joints, and the law is that of one rigid body"
+        why = f"the body has {joints_of(case.engine.joints)}, and the law is that of one rigid body"
         return Coverage(0, of, why)
     ends: list[tuple[int, str]] = [(of, "the whole recording is in free flight")]
     if mismatch is not None:

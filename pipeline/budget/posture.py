@@ -50,11 +50,21 @@ def tilt_rad(case: Case) -> Float64:
 
 
 def tumbled_step(case: Case, touching: NDArray[np.bool_]) -> int | None:
-    """Return the first sample that touches the floor tilted; None where none does."""
+    """Return the first sample that touches the floor tilted; None where none does.
+
+    With substeps PyBullet does not report every touch: then it is the first from the first on.
+    """
     if not case.is_rigid:
         return None
+    if case.substeps > 1:
+        touching = np.logical_or.accumulate(touching)
     tumbling = np.flatnonzero(touching & (tilt_rad(case) > FLAT_RAD))
     return int(tumbling[0]) if len(tumbling) else None
+
+
+def tumbles(case: Case, step: int) -> bool:
+    """Whether a body that touches the floor tilted at a sample turns from there on, or stays so."""
+    return float(np.ptp(tilt_rad(case)[step:])) > FLAT_RAD
 
 
 def flat_height_m(case: Case, step: int) -> float | None:

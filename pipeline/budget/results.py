@@ -133,10 +133,10 @@ class Bounce:
     effective_restitution: float | None
     """Rebound over approach; None once the body tumbles."""
     apex_m: float
-    """Highest point above the rest height before the next contact, or the recording's end."""
+    """Highest point from the rest height before the next contact, or the recording's end."""
     predicted_apex_m: float | None
     """The same by theory: restitution to the power of twice the bounce's number, times the fall;
-    None once the body tumbles."""
+    None once the body tumbles, or where the recording ends on the way up."""
     uncorrected_apex_m: float | None
     """The same by the contact law without position correction, i.e. with `--contact-erp 0`."""
     correction_m_s: float | None
@@ -213,12 +213,15 @@ class Analysis:
     impact: Impact | None
     """When the body meets the floor; None where it never does."""
     tumbled_step: int | None
-    """First sample that touches the floor tilted by more than 0.3°: from there on bounces, contact
-    and rest are measured, not explained."""
+    """First sample that touches the floor tilted by more than 0.29° (a box from its faces, others
+    from their release): from there on bounces, contact and rest are measured, not explained."""
+    tumbles: bool
+    """Whether its tilt changes from there on by as much again."""
     contact: Contact | None
     """The contact beside Bullet's law; None where that does not cover it."""
     bounces: list[Bounce]
-    """The rebounds, in order."""
+    """The rebounds, in order; of a rigid body without `--substeps`, of which PyBullet reports the
+    last one's contact only."""
     rest: Rest | None
     """Where the body comes to lie; None where it does not."""
     conservation: Conservation

@@ -153,7 +153,7 @@ def _moment(moment: Moment, linear_damping: float | None) -> list[str]:
     terms = moment.terms_m
     if terms is None:
         return [*lines, "  not broken down: the law of free flight does not cover it"]
-    drag = "Bullet's default drag" if linear_damping is None else "drag"
+    drag = "Bullet's default drag" if linear_damping is None and terms.damping else "drag"
     why = {
         "timestep": "Euler moves with the end-of-step velocity",
         "damping": f"{drag}; independent of timestep",
@@ -177,14 +177,22 @@ def _impact(analysis: Analysis) -> list[str]:
     if impact is None:
         end_s = analysis.table["time_s"][-1]
         words = f"none in {end_s:.4g} s"
+        inside_m = (analysis.engine.rest_height_m or 0.0) - analysis.table["simulated_m"][-1]
+        if landing is not None and inside_m > 0:
+            words += f", and {inside_m * 1e3:.1f} mm inside the floor at the end"
         if landing is not None:
             words += f"; {_times(None, landing.time_free_fall_s, landing.time_damped_s)}"
         return _titled("Impact", words)
     predicted = _times(impact.time_simulated_s, impact.time_free_fall_s, impact.time_damped_s)
     step_mm = impact.speed_m_s * analysis.scenario["timestep_s"] * 1e3
-    depth = "" if impact.penetration_m is None else f", {impact.penetration_m * 1e3:.1f} mm deep"
+    step_mm /= analysis.scenario["substeps"] or 1
+    depth = ""
+    if impact.penetration_m is not None:
+        depth = f", {impact.penetration_m * 1e3:.1f} mm deep"
+        if impact.lowest_step > impact.step:
+            depth += f" at most (step {impact.lowest_step})"
     return [
-        *_titled("Impact", predicted or "turned: theory does not say when it touches"),
+        *_titled("Impact", predicted or "theory does not say when: it is turned, or did not fall"),
         *_titled(
             "",
             f"arrives at {impact.speed_m_s:.3f} m/s, {step_mm:.1f} mm a step; first contact at "
@@ -201,6 +209,10 @@ def _times(simulated_s: float | None, free_s: float | None, damped_s: float | No
 def _bounces(analysis: Analysis) -> list[str]:
     explained = [one for one in analysis.bounces if one.effective_restitution is not None]
     lines = []
+    if analysis.impact and analysis.engine.pair_restitution and (analysis.engine.substeps or 1) > 1:
+        lines = _titled(
+            "Bounces", "not counted: of substeps PyBullet reports only the last contact"
+        )
     for number, bounce in enumerate(explained[:_MOST_BOUNCES], start=1):
         lines += _titled(f"Bounce {number}", _bounce(analysis, bounce))
     left = len(explained) - _MOST_BOUNCES
@@ -214,24 +226,32 @@ def _bounces(analysis: Analysis) -> list[str]:
         if tumbling:
             highest_mm = max(one.apex_m for one in analysis.bounces[len(explained) :]) * 1e3
             words += f"; {tumbling} more bounce{'s' * (tumbling > 1)}, up to {highest_mm:.1f} mm"
-        lines += _titled("Tumbles", words)
+        lines += _titled("Tumbles" if analysis.tumbles else "Not flat", words)
     return lines
 
 
 def _bounce(analysis: Analysis, bounce: Bounce) -> str:
-    said = f"rises {bounce.apex_m * 1e3:.1f} mm"
+    said = f"rises {_positive_mm(bounce.apex_m)} mm"
+    if bounce.predicted_apex_m is None:
+        said += " in this recording"
     body, floor = analysis.engine.restitution, analysis.engine.floor_restitution
     if bounce.predicted_apex_m is not None and body is not None and floor is not None:
         said += (
             f"; a restitution of {body * floor:.4g} ({body:g} × {floor:g}) alone gives "
-            f"{bounce.predicted_apex_m * 1e3:.1f} mm"
+            f"{_positive_mm(bounce.predicted_apex_m)} mm"
         )
     said += f". Effective restitution {bounce.effective_restitution:.4f}"
     if bounce.correction_m_s is not None and abs(bounce.correction_m_s) >= 5e-4:
         said += f": the position correction changes the rebound by {bounce.correction_m_s:+.3f} m/s"
     if bounce.uncorrected_apex_m is not None and analysis.scenario["contact_erp"] != 0:
-        said += f"; with --contact-erp 0 it rises {bounce.uncorrected_apex_m * 1e3:.1f} mm"
+        rises = f"{_positive_mm(bounce.uncorrected_apex_m)} mm"
+        said += f"; with --contact-erp 0 --solver-residual 0 it rises {rises}"
     return said
+
+
+def _positive_mm(length_m: float) -> str:
+    """Write a length in millimetres; what rounds to nothing has no sign."""
+    return f"{round(length_m * 1e3, 1) + 0.0:.1f}"
 
 
 def _rest(analysis: Analysis) -> list[str]:
@@ -249,9 +269,13 @@ def _rest(analysis: Analysis) -> list[str]:
     terms = rest.terms_m
     return lines + _titled(
         "",
-        f"{error}: {terms.slop * 1e6:+.2f} slop, {terms.solver * 1e6:+.2f} solver stopped early, "
-        f"{terms.settling * 1e6:+.2f} not yet settled",
+        f"{error}: {_micrometres(terms.slop)} slop, {_micrometres(terms.solver)} solver stopped "
+        f"early, {_micrometres(terms.settling)} not yet settled",
     )
+
+
+def _micrometres(length_m: float) -> str:
+    return f"{round(length_m * 1e6, 2) + 0.0:+.2f}"
 
 
 def _energy(analysis: Analysis) -> list[str]:
@@ -261,6 +285,7 @@ def _energy(analysis: Analysis) -> list[str]:
         "integrator": energy.integrator_j,
         "velocity limit": energy.clamp_j,
         "rotation": energy.rotation_j,
+        "angular damping in contact": energy.spin_damping_j,
         "contact": energy.contact_j,
     }
     scale = max(abs(energy.initial_j), abs(energy.final_j))
