@@ -450,6 +450,13 @@ def extent_m(drop: Drop, orientation: Sequence[float]) -> Float64:
     return np.asarray(high - low)
 
 
+def shape_pose(drop: Drop) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return position [m] and quaternion of the base's first shape, in the body's axes."""
+    client = _scratch(body_only(replace(drop, maximal=False)))
+    shape = p.getCollisionShapeData(client.body, -1, client.id)[0]
+    return tuple(shape[5]), tuple(shape[6])
+
+
 def depth_m(drop: Drop, height_m: float, orientation: Sequence[float]) -> float | None:
     """Return how far the lowest point of a body without joints is in the floor [m]."""
     touching = touching_height(drop, orientation)

@@ -545,7 +545,19 @@ def _engine_shape(said: Said) -> None:
     hold(said.value == true, f"it is {true}")
 
 
-@checks("engine.shape_dimensions_m", "engine.shape_position_m", "engine.shape_orientation")
+@checks("engine.shape_position_m")
+def _engine_shape_position(said: Said) -> None:
+    (where, _) = oracle.shape_pose(said.drop)
+    hold(tuple(said.value) == where, f"it is at {where}")
+
+
+@checks("engine.shape_orientation")
+def _engine_shape_orientation(said: Said) -> None:
+    (_, turned) = oracle.shape_pose(said.drop)
+    hold(tuple(said.value) == turned, f"it is turned by {turned}")
+
+
+@checks("engine.shape_dimensions_m")
 def _engine_shape_numbers(said: Said) -> None:
     shapes = said.truth.facts.shapes
     hold(not said.value or len(shapes) == 1, "one shape's dimensions where there are several")
@@ -562,6 +574,8 @@ def _engine_reach(said: Said) -> None:
     hold(said.value >= float(upright.max()) / 2, "half an edge is longer")
     true = said.truth.release_height_m
     hold(true is None or said.value >= abs(true) - 1e-9, "it touches from farther away")
+    if said.whole["engine"]["shape_position_m"] == (0.0, 0.0, 0.0):
+        near(said.value, float(np.linalg.norm(upright)) / 2, 1e-9, "half the diagonal")
 
 
 @checks("engine.rest_height_m")
@@ -881,7 +895,7 @@ def _contact_deviation(said: Said) -> None:
     converged = said.truth.converged().height_m
     step = said.beside["deviation_step"]
     apart = np.abs(said.run.height_m - converged)
-    scale = 1e-9 + 1e-6 * float(apart.max())
+    scale = 1e-9 + 1e-5 * float(apart.max())
     near(said.value, float(apart[step]), scale, f"converged replay at {step}")
     until = said.truth.tumbles_at(0.999 * UNTURNED_RAD)
     hold(float(apart[:until].max()) <= said.value + scale, f"{apart[:until].max()} elsewhere")
@@ -892,7 +906,7 @@ def _contact_step(said: Said) -> None:
     hold(0 <= said.value < _tumbles_at(said.truth), "it tumbles by then")
     converged = float(said.truth.converged().height_m[said.value])
     apart = abs(float(said.run.height_m[said.value]) - converged)
-    near(apart, said.beside["max_deviation_m"], 1e-9 + 1e-6 * apart, "converged replay there")
+    near(apart, said.beside["max_deviation_m"], 1e-9 + 1e-5 * apart, "converged replay there")
 
 
 def _tumbles_at(truth: Truth) -> int:
@@ -1120,7 +1134,9 @@ def _ledger_initial(said: Said) -> None:
 
 @checks("energy.final_j")
 def _ledger_final(said: Said) -> None:
-    near(said.value, float(said.run.energy_j[-1]), 1e-9 * _joules(said), "energy of all links")
+    # Contacts of links are not the same to the bit in every process: PyBullet reads memory there.
+    slack = 1e-9 if said.truth.facts.is_rigid else 1e-2
+    near(said.value, float(said.run.energy_j[-1]), slack * _joules(said), "energy of all links")
 
 
 def _air_steps(said: Said) -> tuple[int, oracle.Replay]:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 from cli import app
+from pipeline.sweeping.engines import dismiss
 
 ROOT = Path(__file__).parents[2]
 
@@ -64,6 +65,7 @@ def run_command(command: str, folder: Path) -> tuple[int, str]:
         return _in_bash(command, folder)
     with contextlib.chdir(folder):
         done = CliRunner(env={"COLUMNS": "80", "FORCE_COLOR": None}).invoke(app, words[1:])
+        dismiss()  # they were started in this folder, which will be gone
     if done.exception is None or isinstance(done.exception, SystemExit):
         return done.exit_code, done.output
     return 1, f"{done.output}drop: {done.exception}"

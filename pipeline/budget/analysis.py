@@ -109,7 +109,7 @@ def analysis_of(
         contact=find_contact(case, found, tumbled, law),
         bounces=bounces,
         rest=rest,
-        conservation=_conservation(energies, found.airborne),
+        conservation=_conservation(case, energies, found.airborne),
         energy=ledger(case, energies, airborne=found.airborne),
         findings=findings(evidence),
         table=table,
@@ -189,7 +189,9 @@ def _airborne(parts: Decomposition) -> Airborne:
     )
 
 
-def _conservation(energies: Mechanics, airborne: int) -> Conservation:
+def _conservation(case: Case, energies: Mechanics, airborne: int) -> Conservation:
+    if case.substeps > 1 and not case.is_rigid:  # when it first touched is not known
+        return Conservation(float(energies.total_j[0]), None, None)
     free = slice(max(airborne, 1))
     return Conservation(
         energy_initial_j=float(energies.total_j[0]),

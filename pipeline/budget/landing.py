@@ -58,8 +58,8 @@ def find_landing(case: Case) -> Landing | None:
 
 def find_impact(case: Case, found: Phases, landing: Landing | None) -> Impact | None:
     """Return when the body meets the floor, or None if it never does."""
-    if found.contact_step is None:
-        return None
+    if found.contact_step is None or (case.substeps > 1 and not case.is_rigid):
+        return None  # of several substeps the first contact may not be reported
     samples, floor_m = case.samples, case.floor_height_m
     height_m, turned = samples.height_m, turned_rad(case) > FLAT_RAD
     lowest = int(np.argmin(height_m))

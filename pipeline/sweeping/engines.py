@@ -119,6 +119,12 @@ def get_ready(jobs: int | None) -> None:
     _waiting.extend(_started() for _ in range(min(jobs or most, most)))
 
 
+def dismiss() -> None:
+    """End the workers that got ready and were not needed."""
+    while _waiting:
+        _waiting.pop().close()
+
+
 def _started() -> Worker:
     worker = Worker()
     worker.load("pipeline.stages.sweep_shard")
