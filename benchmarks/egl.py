@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmarks.harness import Measured, done, paired, slow_fall
 from pipeline import Camera
-from pipeline.physics.pictures import Photographer, Poses
+from pipeline.engines.bullet.camera_frames import Photographer, Poses
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001

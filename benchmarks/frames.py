@@ -8,9 +8,9 @@ from pathlib import Path
 
 from benchmarks.harness import Measured, done, paired, slow_fall
 from pipeline import Camera, Scenario
-from pipeline.physics.pictures import Photographer, Poses
-from pipeline.physics.studio import encoded
-from pipeline.physics.visible_world import VisibleWorld
+from pipeline.engines.bullet.camera_frames import Photographer, Poses
+from pipeline.engines.bullet.pose_renderer import encoded
+from pipeline.engines.bullet.visible_world import VisibleWorld
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001

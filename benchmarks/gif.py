@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmarks.harness import PYTHON, Measured, Ran, paired, process, slow_fall
 from pipeline import Camera
-from pipeline.physics.pictures import Photographer
+from pipeline.engines.bullet.camera_frames import Photographer
 
 OURS = """
 import pickle

@@ -16,8 +16,8 @@ from importlib import metadata
 from pathlib import Path
 
 from pipeline import Scenario
-from pipeline.physics.pictures import Poses
-from pipeline.physics.world import World
+from pipeline.engines.bullet.camera_frames import Poses
+from pipeline.engines.bullet.world import World
 from pipeline.workers import cores
 
 DROP = (sys.executable, "-m", "cli")

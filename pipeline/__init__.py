@@ -15,7 +15,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pipeline.budget.results import Analysis as Analysis
+    from pipeline.analysis.drop.results import Analysis as Analysis
     from pipeline.errors import DropError as DropError
     from pipeline.figures.playback import Animation as Animation
     from pipeline.scenario import Camera as Camera
@@ -38,7 +38,7 @@ _HOMES = {
     "simulate": "pipeline.stages.simulate",
     "Simulation": "pipeline.stages.simulate",
     "analyze": "pipeline.stages.analyze",
-    "Analysis": "pipeline.budget.results",
+    "Analysis": "pipeline.analysis.drop.results",
     "check": "pipeline.stages.check",
     "Check": "pipeline.stages.check",
     "render": "pipeline.stages.render",

@@ -239,7 +239,7 @@ class Camera(Optioned):
     """How the fall is photographed: a look-at camera, up axis z; the experiment's by default.
 
     A view other than the standard one is aimed when the body is known, see
-    `pipeline.physics.visible_world.framed`.
+    `pipeline.engines.bullet.visible_world.framed`.
     """
 
     view: View = option(

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import settings
 
 from pipeline import Analysis, Scenario, simulate
-from pipeline.budget.analysis import analysis_of
+from pipeline.analysis.drop.analysis import analysis_of
 from pipeline.recording.reader import Recording, read
 from pipeline.recording.viewer import binary
 from pipeline.stages.run import Run, run

@@ -22,12 +22,12 @@ from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from pipeline import Camera, DropError, Scenario, analyze, check, run, simulate
+from pipeline.engines.bullet import probe
+from pipeline.engines.bullet.engine import find_body, p
+from pipeline.engines.bullet.urdf import check_urdf
+from pipeline.engines.bullet.world import World
 from pipeline.errors import OutputError, ScenarioError
 from pipeline.fields import Option, Optioned
-from pipeline.physics import probe
-from pipeline.physics.bullet import find_body, p
-from pipeline.physics.urdf import check_urdf
-from pipeline.physics.world import World
 from pipeline.scenario import MAX_STEPS
 from pipeline.stages.sweep import sweep
 from pipeline.sweeping.plan import plan_of

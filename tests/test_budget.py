@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from conftest import Recorder, judge
 
-from pipeline.budget.analysis import analysis_of
-from pipeline.budget.conservation import max_relative_drift, mechanics_of_part
-from pipeline.budget.decomposition import decompose
-from pipeline.budget.samples import Rigid
-from pipeline.physics.theory import Fall
-from pipeline.stages.story import events
+from pipeline.analysis.drop.analysis import analysis_of
+from pipeline.analysis.drop.decomposition import decompose
+from pipeline.analysis.general.mechanics import max_relative_drift, mechanics_of_part
+from pipeline.analysis.general.samples import Rigid
+from pipeline.laws.theory import Fall
+from pipeline.stages.narrative import events
 
 TERMS = ("timestep_m", "damping_m", "interaction_m", "rounding_m")
 

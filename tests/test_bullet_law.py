@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from engine import MODES, ROUNDS_ONCE, drive
 
-from pipeline.physics import bullet_law, theory
-from pipeline.physics.bullet_law import effective_damping
-from pipeline.physics.theory import Fall
+from pipeline.laws import bullet_air, theory
+from pipeline.laws.bullet_air import effective_damping
+from pipeline.laws.theory import Fall
 from pipeline.scenario import Scenario
 
 
@@ -67,11 +67,11 @@ def test_three_steps_by_hand() -> None:
     #   v2 = -1     - 1 + 0.1 x 0.04 x 1     x 2         z2 = 0.9    - 0.1992        = 0.7008
     #   v3 = -1.992 - 1 + 0.1 x 0.04 x 1.992 x 2.992     z3 = 0.7008 - 0.2968159744  = 0.4039840256
     fall = Fall(height_m=1.0, gravity_m_s2=-10.0, linear_damping=0.04)
-    position_m, velocity_m_s = bullet_law.airborne(fall, timestep_s=0.1, steps=3, mass_kg=0.1)
+    position_m, velocity_m_s = bullet_air.airborne(fall, timestep_s=0.1, steps=3, mass_kg=0.1)
     assert position_m[:, 2] == pytest.approx([1, 0.9, 0.7008, 0.4039840256], abs=1e-15)
     assert velocity_m_s[:, 2] == pytest.approx([0, -1, -1.992, -2.968159744], abs=1e-15)
     assert not position_m[:, :2].any()
-    exact = bullet_law.airborne_exact(fall, timestep_s=0.1, steps=3)
+    exact = bullet_air.airborne_exact(fall, timestep_s=0.1, steps=3)
     assert exact.nearest_m == pytest.approx([1, 0.9, 0.7008, 0.4039840256], abs=1e-15)
 
 
@@ -80,7 +80,7 @@ def test_three_maximal_steps_by_hand() -> None:
     fall = fall_as(
         gravity_m_s2=-1.0, linear_damping=0.5, velocity_m_s=(0, 0, 4.0), coordinates="maximal"
     )
-    position_m, velocity_m_s = bullet_law.airborne(fall, timestep_s=1.0, steps=3, mass_kg=2.0)
+    position_m, velocity_m_s = bullet_air.airborne(fall, timestep_s=1.0, steps=3, mass_kg=2.0)
     assert velocity_m_s[:, 2].tolist() == [4, 1, -0.5, -1.25]
     assert position_m[:, 2].tolist() == [1, 2, 1.5, 0.25]
 
@@ -114,16 +114,16 @@ def test_the_law_is_pybullets(coordinates: Any, linear_damping: float | None) ->
         }
         positions, velocities, mass_kg = thrown(steps=60, timestep_s=dt, mass_kg=mass, **setting)
         fall = fall_as(**setting)
-        found = bullet_law.airborne(fall, timestep_s=dt, steps=60, mass_kg=mass_kg)
+        found = bullet_air.airborne(fall, timestep_s=dt, steps=60, mass_kg=mass_kg)
         assert_same(found[0], positions)
         assert_same(found[1], velocities)
-        free = bullet_law.velocities_after_step(fall, velocities[:-1], timestep_s=dt)
-        many = bullet_law.held(fall, free)
+        free = bullet_air.velocities_after_step(fall, velocities[:-1], timestep_s=dt)
+        many = bullet_air.held(fall, free)
         # Each of its few operations rounds the largest of what it adds.
         largest = np.abs(velocities).max() + abs(gravity) * dt
         assert np.abs(many - velocities[1:]).max() <= 8 * np.spacing(largest)
-        rounding = bullet_law.difference(
-            bullet_law.airborne_exact(fall, timestep_s=dt, steps=60), positions[:, 2]
+        rounding = bullet_air.difference(
+            bullet_air.airborne_exact(fall, timestep_s=dt, steps=60), positions[:, 2]
         )
         # Each step rounds the height and the velocity once more, by half a last place at most.
         steps = np.arange(61)
@@ -142,7 +142,7 @@ def test_damping_is_taken_as_the_engine_takes_it(coordinates: Any) -> None:
         seen, _, mass_kg = thrown(steps=50, linear_damping=given, coordinates=coordinates)
         fall = fall_as(linear_damping=given, coordinates=coordinates)
         assert_same(
-            bullet_law.airborne(fall, timestep_s=1 / 240, steps=50, mass_kg=mass_kg)[0], seen
+            bullet_air.airborne(fall, timestep_s=1 / 240, steps=50, mass_kg=mass_kg)[0], seen
         )
     assert effective_damping(0.04, "reduced") != effective_damping(None, "reduced")
 
@@ -151,12 +151,12 @@ def test_damping_is_taken_as_the_engine_takes_it(coordinates: Any) -> None:
 def test_velocity_is_limited_in_reduced_coordinates_only(coordinates: Any) -> None:
     setting: Any = {"velocity_m_s": (0.0, 130.0, -99.99), "coordinates": coordinates}
     _, velocities, mass_kg = thrown(steps=3, linear_damping=0.0, **setting)
-    _, found = bullet_law.airborne(
+    _, found = bullet_air.airborne(
         fall_as(linear_damping=0.0, **setting), timestep_s=1 / 240, steps=3, mass_kg=mass_kg
     )
     assert_same(found, velocities)
     limited = coordinates == "reduced"
-    assert (np.abs(found[1:]).max() == bullet_law.MAX_COORDINATE_VELOCITY_M_S) == limited
+    assert (np.abs(found[1:]).max() == bullet_air.MAX_COORDINATE_VELOCITY_M_S) == limited
 
 
 @pytest.mark.parametrize("velocity_m_s", [(0.0, 0.0, 1e-9), (1e-9, 0.0, -1e-9), (0.0, 0.0, 2e-8)])
@@ -164,7 +164,7 @@ def test_a_body_that_barely_moves_has_no_speed(velocity_m_s: Any) -> None:
     # safeNorm takes a squared length up to 2.2e-16 for none: there the drag is linear only.
     setting: Any = {"velocity_m_s": velocity_m_s, "gravity_m_s2": 0.0, "linear_damping": 0.5}
     _, velocities, mass_kg = thrown(steps=50, **setting)
-    _, found = bullet_law.airborne(
+    _, found = bullet_air.airborne(
         fall_as(**setting), timestep_s=1 / 240, steps=50, mass_kg=mass_kg
     )
     assert_same(found, velocities)
@@ -174,7 +174,7 @@ def test_a_body_that_barely_moves_has_no_speed(velocity_m_s: Any) -> None:
 def test_spin_moves_a_fall_by_rounding_only(coordinates: Any) -> None:
     setting: Any = {"velocity_m_s": (1.0, 2.0, 3.0), "coordinates": coordinates}
     seen, _, mass_kg = thrown(steps=200, spin_rad_s=(20.0, -3.0, 7.0), **setting)
-    law, _ = bullet_law.airborne(fall_as(**setting), timestep_s=1 / 240, steps=200, mass_kg=mass_kg)
+    law, _ = bullet_air.airborne(fall_as(**setting), timestep_s=1 / 240, steps=200, mass_kg=mass_kg)
     assert np.abs(law - seen).max() <= (1e-14 if coordinates == "reduced" else 0)
 
 
@@ -196,7 +196,7 @@ def test_the_law_gives_the_golden_values_at_0_3_s(
     rate: int, linear_damping: float | None, z_m: float, v_m_s: float | None
 ) -> None:
     steps = 3 * rate // 10
-    position_m, velocity_m_s = bullet_law.airborne(
+    position_m, velocity_m_s = bullet_air.airborne(
         fall_as(linear_damping=linear_damping), timestep_s=1 / rate, steps=steps, mass_kg=0.1
     )
     assert_same(position_m[-1, 2], np.float64(z_m))
@@ -207,7 +207,7 @@ def test_the_law_gives_the_golden_values_at_0_3_s(
 def test_the_law_gives_the_golden_values_at_1_s() -> None:
     for gravity_m_s2, z_m in ((-9.81, -3.5783295613954387), (-1.62, 0.2056535771354357)):
         fall = fall_as(gravity_m_s2=gravity_m_s2)
-        position_m, _ = bullet_law.airborne(fall, timestep_s=1 / 240, steps=240, mass_kg=0.1)
+        position_m, _ = bullet_air.airborne(fall, timestep_s=1 / 240, steps=240, mass_kg=0.1)
         assert_same(position_m[-1, 2], np.float64(z_m))
 
 
@@ -222,15 +222,15 @@ def test_the_law_gives_the_golden_values_at_1_s() -> None:
 def test_the_error_budget_at_0_3_s(rate: int, total: float, interaction: float) -> None:
     fall, steps = fall_as(), 3 * rate // 10
     time_s = np.arange(steps + 1) / rate
-    exact = bullet_law.airborne_exact(fall, timestep_s=1 / rate, steps=steps)
-    simulated_m = bullet_law.airborne(fall, timestep_s=1 / rate, steps=steps, mass_kg=0.1)[0][:, 2]
+    exact = bullet_air.airborne_exact(fall, timestep_s=1 / rate, steps=steps)
+    simulated_m = bullet_air.airborne(fall, timestep_s=1 / rate, steps=steps, mass_kg=0.1)[0][:, 2]
     free_m = theory.free_fall_height(fall, time_s)
     terms = theory.timestep_displacement(fall, time_s, 1 / rate)
     terms += theory.damping_displacement(fall, time_s)
     assert (simulated_m - free_m)[-1] == pytest.approx(total, abs=1e-15)
-    left = -bullet_law.difference(exact, free_m + terms)
+    left = -bullet_air.difference(exact, free_m + terms)
     assert left[-1] == pytest.approx(interaction, abs=5e-12)
-    assert np.abs(bullet_law.difference(exact, simulated_m)).max() <= 6e-16
+    assert np.abs(bullet_air.difference(exact, simulated_m)).max() <= 6e-16
 
 
 # -- exact arithmetic ------------------------------------------------------------------------------
@@ -238,7 +238,7 @@ def test_the_error_budget_at_0_3_s(rate: int, total: float, interaction: float) 
 
 def test_exact_heights_hold_thirty_digits() -> None:
     # Without damping the law is a polynomial: z = 1 + g dt² n (n + 1)/2
-    exact = bullet_law.airborne_exact(fall_as(linear_damping=0.0), timestep_s=1 / 240, steps=100)
+    exact = bullet_air.airborne_exact(fall_as(linear_damping=0.0), timestep_s=1 / 240, steps=100)
     dt, g = map(Decimal, (1 / 240, -9.81))
     for n in (1, 50, 100):
         expected = 1 + g * dt * dt * n * (n + 1) / 2
@@ -248,8 +248,8 @@ def test_exact_heights_hold_thirty_digits() -> None:
 
 
 def test_difference_sees_less_than_the_last_place() -> None:
-    exact = bullet_law.airborne_exact(fall_as(), timestep_s=1 / 240, steps=10)
-    assert (bullet_law.difference(exact, exact.nearest_m) == -exact.left_out_m).all()
+    exact = bullet_air.airborne_exact(fall_as(), timestep_s=1 / 240, steps=10)
+    assert (bullet_air.difference(exact, exact.nearest_m) == -exact.left_out_m).all()
     assert 0 < np.abs(exact.left_out_m[1:]).min() < np.abs(exact.left_out_m).max() < 6e-17
 
 
@@ -260,7 +260,7 @@ def test_the_law_converges_to_theory(coordinates: Any, velocity_m_s: Any) -> Non
     fall = fall_as(linear_damping=0.3, velocity_m_s=velocity_m_s, coordinates=coordinates)
     errors = []
     for rate in (1000, 2000):
-        exact = bullet_law.airborne_exact(fall, timestep_s=1 / rate, steps=rate // 2)
+        exact = bullet_air.airborne_exact(fall, timestep_s=1 / rate, steps=rate // 2)
         errors.append(exact.nearest_m[-1] - theory.damped_fall_height(fall, np.array([0.5]))[0])
     assert errors[0] / errors[1] == pytest.approx(2, abs=2e-3)
 
@@ -269,7 +269,7 @@ def test_the_law_converges_to_theory(coordinates: Any, velocity_m_s: Any) -> Non
 
 
 def test_fall_of_a_scenario() -> None:
-    fall = bullet_law.fall_of(Scenario(height_m=2.0, velocity_m_s=(1.0, 0.0, 3.0)))
+    fall = bullet_air.fall_of(Scenario(height_m=2.0, velocity_m_s=(1.0, 0.0, 3.0)))
     assert fall == fall_as(height_m=2.0, velocity_m_s=(1.0, 0.0, 3.0))
-    assert bullet_law.fall_of(Scenario(gravity_set=False)).gravity_m_s2 == 0
-    assert bullet_law.fall_of(Scenario(coordinates="maximal")).linear_damping == 0
+    assert bullet_air.fall_of(Scenario(gravity_set=False)).gravity_m_s2 == 0
+    assert bullet_air.fall_of(Scenario(coordinates="maximal")).linear_damping == 0

@@ -15,7 +15,14 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from pipeline import Camera, Scenario, simulate
-from pipeline.budget.comparison import IN_CONTACT_M, Comparison, Place, Setting, Side, compare
+from pipeline.analysis.drop.comparison import (
+    IN_CONTACT_M,
+    Comparison,
+    Place,
+    Setting,
+    Side,
+    compare,
+)
 from pipeline.errors import OutputError, RecordingError
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.stages.check import check

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from engine import MODES, drive
 
-from pipeline.physics import contact_law
-from pipeline.physics.bullet_law import airborne, effective_damping
-from pipeline.physics.theory import Fall
-from pipeline.physics.world import World
+from pipeline.engines.bullet.world import World
+from pipeline.laws import bullet_contact
+from pipeline.laws.bullet_air import airborne, effective_damping
+from pipeline.laws.theory import Fall
 from pipeline.scenario import Scenario
 
 MASS_KG, REST_HEIGHT_M = 0.1, 0.025
@@ -49,7 +49,7 @@ def fall_of(
 
 
 def predicted(fall: Fall, rate: int, steps: int, **contact: Any) -> tuple[np.ndarray, np.ndarray]:
-    return contact_law.flat_drop(
+    return bullet_contact.flat_drop(
         fall,
         timestep_s=1 / rate,
         steps=steps,
@@ -74,7 +74,7 @@ def bounces_of(series: tuple[np.ndarray, np.ndarray], fall: Fall, rate: int) -> 
     found = []
     for start, end, following in zip(starts, ends, [*starts[1:], len(heights_m)], strict=False):
         if end < len(heights_m):
-            approach_m_s = -contact_law.free_velocity(
+            approach_m_s = -bullet_contact.free_velocity(
                 fall, (0, 0, velocities_m_s[start]), timestep_s=1 / rate, mass_kg=MASS_KG
             )
             rebound_m_s = velocities_m_s[start + 1 : end + 1].max()
@@ -153,7 +153,7 @@ def test_the_floor_of_our_own_worlds_is_the_laws() -> None:
 def test_contact_begins_where_the_body_just_touches(coordinates: Any) -> None:
     """At a distance of exactly 0 the engine holds the body; 1e-15 m above it lets it fall."""
     for height_m, velocity_m_s in (
-        (REST_HEIGHT_M, -contact_law.CONTACT_SLOP_M * 240),  # it may sink by the slop
+        (REST_HEIGHT_M, -bullet_contact.CONTACT_SLOP_M * 240),  # it may sink by the slop
         (REST_HEIGHT_M + 1e-15, -9.81 / 240),
     ):
         fall = replace(fall_of(coordinates=coordinates), height_m=height_m)
@@ -168,7 +168,7 @@ def test_a_body_as_fast_as_the_threshold_bounces_and_one_a_bit_slower_does_not(
     coordinates: Any,
 ) -> None:
     """Thrown down without gravity, it arrives as fast as it was thrown."""
-    threshold_m_s = contact_law.RESTITUTION_THRESHOLD_M_S
+    threshold_m_s = bullet_contact.RESTITUTION_THRESHOLD_M_S
     for speed_m_s, bounces in ((threshold_m_s, True), (np.nextafter(threshold_m_s, 0), False)):
         fall = Fall(
             height_m=0.05, velocity_m_s=(0.0, 0.0, -speed_m_s), gravity_m_s2=0.0,
@@ -178,7 +178,7 @@ def test_a_body_as_fast_as_the_threshold_bounces_and_one_a_bit_slower_does_not(
         _, law = predicted(fall, 240, 120, restitution=0.81)
         assert np.abs(law - engine).max() < 1e-13
         assert (law[-1] > 0.7 * speed_m_s) == bounces
-        assert contact_law.rebound_speed(-speed_m_s, 0.5) == (0.5 * speed_m_s if bounces else 0)
+        assert bullet_contact.rebound_speed(-speed_m_s, 0.5) == (0.5 * speed_m_s if bounces else 0)
 
 
 def test_the_lowest_points_are_the_golden_ones() -> None:
@@ -193,7 +193,7 @@ def test_the_lowest_points_are_the_golden_ones() -> None:
 def test_rest_is_the_slop_below_the_floor_and_the_solver_stops_earlier() -> None:
     # -11.98 µm at 1 s = -10.00 slop - 1.84 early exit of the solver - 0.15 not yet settled
     settled, _ = predicted(fall_of(), 240, 100_000)
-    assert settled[-1] - REST_HEIGHT_M == pytest.approx(-contact_law.CONTACT_SLOP_M, abs=1e-15)
+    assert settled[-1] - REST_HEIGHT_M == pytest.approx(-bullet_contact.CONTACT_SLOP_M, abs=1e-15)
     assert settled[240] - settled[-1] == pytest.approx(-0.15e-6, abs=0.005e-6)
     engine, _ = dropped(fall_of(), timestep_s=1 / 240, steps=240)
     assert engine[240] - settled[240] == pytest.approx(-1.84e-6, abs=0.01e-6)
@@ -222,16 +222,18 @@ def test_a_long_rest_repeats_exactly_and_costs_nothing(coordinates: Any) -> None
 
 def test_rebounds_reach_e_squared_of_the_height_each_time() -> None:
     # e² h, e⁴ h, e⁶ h
-    assert contact_law.rebound_heights(0.8, 0.5, 3) == pytest.approx([0.2, 0.05, 0.0125], rel=1e-15)
-    assert contact_law.rebound_heights(1.0, 0.0, 2).tolist() == [0, 0]
+    assert bullet_contact.rebound_heights(0.8, 0.5, 3) == pytest.approx(
+        [0.2, 0.05, 0.0125], rel=1e-15
+    )
+    assert bullet_contact.rebound_heights(1.0, 0.0, 2).tolist() == [0, 0]
 
 
 def test_no_rebound_below_the_threshold_or_upwards() -> None:
-    assert contact_law.rebound_speed(-1.0, 0.5) == 0.5
-    assert contact_law.rebound_speed(-0.1999, 0.5) == 0
-    assert contact_law.rebound_speed(1.0, 0.5) == 0
-    assert contact_law.rebound_speed(-1.0, 0.5, threshold_m_s=1.0) == 0.5
-    assert contact_law.rebound_speed(-1.0, 0.5, threshold_m_s=1.1) == 0
+    assert bullet_contact.rebound_speed(-1.0, 0.5) == 0.5
+    assert bullet_contact.rebound_speed(-0.1999, 0.5) == 0
+    assert bullet_contact.rebound_speed(1.0, 0.5) == 0
+    assert bullet_contact.rebound_speed(-1.0, 0.5, threshold_m_s=1.0) == 0.5
+    assert bullet_contact.rebound_speed(-1.0, 0.5, threshold_m_s=1.1) == 0
 
 
 @pytest.mark.parametrize("coordinates", MODES)
@@ -247,7 +249,7 @@ def test_without_position_correction_restitution_is_what_was_asked_for(coordinat
 def test_without_position_correction_bounces_converge_to_theory() -> None:
     # The step quantises the impact: first order, within v dt of the rebound height.
     fall = fall_of(linear_damping=0.0)
-    expected = contact_law.rebound_heights(fall.height_m - REST_HEIGHT_M, 0.5, 2)
+    expected = bullet_contact.rebound_heights(fall.height_m - REST_HEIGHT_M, 0.5, 2)
     for rate in (960, 96_000):
         series = predicted(fall, rate, int(1.2 * rate), restitution=0.5, contact_erp=0.0)
         found = [bounce.apex_m for bounce in bounces_of(series, fall, rate)[:2]]
@@ -259,7 +261,7 @@ def test_position_correction_inflates_restitution() -> None:
     fall = fall_of()
     for rate in (240, 960, 9600):
         first = bounces_of(predicted(fall, rate, rate, restitution=0.5), fall, rate)[0]
-        assert 0.5 < first.restitution <= 0.5 + contact_law.CONTACT_ERP
+        assert 0.5 < first.restitution <= 0.5 + bullet_contact.CONTACT_ERP
 
 
 def test_the_bounces_found_in_the_engines_heights_are_the_laws() -> None:

@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 from scipy.special import stdtrit
 
-from pipeline.budget.convergence import (
+from pipeline.analysis.drop.convergence import (
     Run,
     cancelling_timestep,
     grid_convergence_index,
@@ -19,7 +19,7 @@ from pipeline.budget.convergence import (
     solution_order,
     study_of,
 )
-from pipeline.budget.statistics import MANY, Moments, students_t, summaries
+from pipeline.analysis.general.statistics import MANY, Moments, students_t, summaries
 
 HALVED = [1 / 240, 1 / 480, 1 / 960]
 

@@ -15,7 +15,7 @@ from conftest import Drop
 from PIL import Image
 
 from pipeline import Camera, Scenario, simulate
-from pipeline.physics import pictures
+from pipeline.engines.bullet import camera_frames
 from pipeline.recording.reader import Recording, frames, read
 
 EGL = Camera(renderer="egl", capture_every=20, size_px=(160, 120))
@@ -75,7 +75,7 @@ def test_without_egl_tinyrenderer_draws_and_the_recording_says_so(
     options = ("--renderer", "egl", "--duration", "0.25", "--size", "160x120")
     done = drop("simulate", "--out", "run.rrd", *options)
     assert done.returncode == 0, done.stderr
-    assert done.stderr == f"drop: {pictures.NO_EGL}\n"
+    assert done.stderr == f"drop: {camera_frames.NO_EGL}\n"
     recording = read(tmp_path / "run.rrd")
     assert recording.camera is not None
     assert recording.camera.renderer == "tiny"

@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 from conftest import Recorder, judge
 
-from pipeline.budget.analysis import analysis_of
+from pipeline.analysis.drop.analysis import analysis_of
 
 BOUNCY = 0.7**0.5
 FAST = {"height_m": 2000.0, "linear_damping": 0.0, "duration_s": 12.0}

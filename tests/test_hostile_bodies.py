@@ -19,13 +19,13 @@ import pytest
 from conftest import Drop
 
 from pipeline import Scenario, simulate
+from pipeline.engines.bullet import probe
+from pipeline.engines.bullet.body_files import BodyFileError, check_content
+from pipeline.engines.bullet.engine import find_body
+from pipeline.engines.bullet.probe import Limits, problem_of
+from pipeline.engines.bullet.urdf import MOST_JOINTS, MOST_POSITIONS, check_urdf
+from pipeline.engines.bullet.world import World
 from pipeline.errors import ScenarioError
-from pipeline.physics import probe
-from pipeline.physics.body_files import BodyFileError, check_content
-from pipeline.physics.bullet import find_body
-from pipeline.physics.probe import Limits, problem_of
-from pipeline.physics.urdf import MOST_JOINTS, MOST_POSITIONS, check_urdf
-from pipeline.physics.world import World
 from pipeline.stages.sweep import sweep
 from pipeline.sweeping.plan import plan_of
 

@@ -18,7 +18,7 @@ from generators.typed import INSTEAD, PROGRAMS
 from regenerate import is_current
 
 from pipeline import Scenario, render, simulate
-from pipeline.physics.bullet_law import EXACT_MACHINES
+from pipeline.laws.bullet_air import EXACT_MACHINES
 
 AGAIN = "a page is stale; make it again with: python docs/regenerate.py"
 PAGES = pages.pages()

@@ -14,11 +14,11 @@ import pytest
 from PIL import Image
 
 from pipeline import Camera, DropError, Scenario, simulate
-from pipeline.physics import pictures, studio
-from pipeline.physics.pictures import Photographer
-from pipeline.physics.studio import Studio
-from pipeline.physics.visible_world import VisibleWorld, framed
-from pipeline.physics.world import World
+from pipeline.engines.bullet import camera_frames, pose_renderer
+from pipeline.engines.bullet.camera_frames import Photographer
+from pipeline.engines.bullet.pose_renderer import PoseRenderer
+from pipeline.engines.bullet.visible_world import VisibleWorld, framed
+from pipeline.engines.bullet.world import World
 from pipeline.recording import rrd, schema
 from pipeline.recording.reader import read
 from pipeline.scenario import View
@@ -51,7 +51,7 @@ def test_a_body_in_front_of_the_floor_is_what_both_together_give(body: str) -> N
     """Falling, sinking into the floor, tumbling on it, and flying out of the picture."""
     scenario = Scenario(body=body, velocity_m_s=(0.5, 0.9, 0.0), spin_rad_s=(5.0, 2.0, 1.0))
     poses = poses_of(scenario)
-    with Studio(scenario, SMALL) as at_work:
+    with PoseRenderer(scenario, SMALL) as at_work:
         for pose, whole in zip(poses, drawn_whole(scenario, SMALL, poses), strict=True):
             assert np.array_equal(decoded(at_work.png(pose)), whole)
 
@@ -62,8 +62,8 @@ def test_where_the_depths_leave_a_doubt_the_picture_is_drawn_whole(
     scenario = Scenario(duration_s=0.5)
     poses, calls = poses_of(scenario), []
     place = VisibleWorld.place
-    with Studio(scenario, SMALL) as at_work:
-        monkeypatch.setattr(studio, "DEPTH_DOUBT", 2.0)
+    with PoseRenderer(scenario, SMALL) as at_work:
+        monkeypatch.setattr(pose_renderer, "DEPTH_DOUBT", 2.0)
         monkeypatch.setattr(VisibleWorld, "place", lambda *a: (calls.append(a[0]), place(*a)))
         drawn = [decoded(at_work.png(pose)) for pose in poses]
         assert {id(world) for world in calls} == {id(at_work._alone), id(at_work._whole)}
@@ -77,20 +77,20 @@ def test_the_number_of_workers_changes_nothing(
 ) -> None:
     scenario = Scenario(duration_s=0.5)
     poses = np.repeat(poses_of(scenario), 2, axis=0)  # each twice: the second is not drawn
-    monkeypatch.setattr(pictures, "cores", lambda: workers)
+    monkeypatch.setattr(camera_frames, "cores", lambda: workers)
     with Photographer(scenario, SMALL, frames=1000) as photographer:
         assert len(photographer._workers) == workers
         drawn = list(photographer.draw(poses[:20])) + list(photographer.draw(poses[20:]))
-    with Studio(scenario, SMALL) as at_work:
+    with PoseRenderer(scenario, SMALL) as at_work:
         assert drawn == [at_work.png(pose) for pose in poses]
 
 
 def test_a_fall_of_many_steps_is_not_dropped_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its samples would take gigabytes, however few of them are photographed."""
     dropped: list[Scenario] = []
-    monkeypatch.setattr(pictures, "World", lambda scenario: dropped.append(scenario))
+    monkeypatch.setattr(camera_frames, "World", lambda scenario: dropped.append(scenario))
     long, rarely = Scenario(duration_s=50_000.0), replace(SMALL, capture_every=1_000_000)
-    assert list(pictures.draw_ahead(long, rarely)) == []
+    assert list(camera_frames.draw_ahead(long, rarely)) == []
     assert dropped == []
 
 
@@ -172,9 +172,9 @@ def test_what_follows_is_drawn_alike_by_workers_and_ahead(monkeypatch: pytest.Mo
             scenario, framed(camera, scenario).looking_at(tuple(pose[:3])), pose[None]
         )
     ]
-    list(pictures.draw_ahead(scenario, camera))
-    ahead = [pictures._ahead.pop(pose.tobytes()) for pose in poses]
-    monkeypatch.setattr(pictures, "cores", lambda: 2)
+    list(camera_frames.draw_ahead(scenario, camera))
+    ahead = [camera_frames._ahead.pop(pose.tobytes()) for pose in poses]
+    monkeypatch.setattr(camera_frames, "cores", lambda: 2)
     with Photographer(scenario, camera, frames=1000) as photographer:
         drawn = list(photographer.draw(poses))
     assert drawn == ahead

@@ -84,7 +84,7 @@ def test_the_pinhole_sees_what_pybullets_camera_saw(standard: Run) -> None:
 
     from PIL import Image
 
-    from pipeline.physics.visible_world import world_from_camera
+    from pipeline.engines.bullet.visible_world import world_from_camera
     from pipeline.recording.reader import frames
 
     recording = read(standard.simulation.recording)
@@ -146,7 +146,7 @@ def test_a_failing_run_leaves_the_part_and_no_recording(
     def broken(*_: object) -> object:
         raise RuntimeError("the camera fell over")
 
-    monkeypatch.setattr("pipeline.physics.pictures.Photographer.draw", broken)
+    monkeypatch.setattr("pipeline.engines.bullet.camera_frames.Photographer.draw", broken)
     with pytest.raises(RuntimeError, match="fell over"):
         simulate(Scenario(), tmp_path / "run.rrd")
     assert [path.name for path in tmp_path.iterdir()] == ["run.rrd.part"]

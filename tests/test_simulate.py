@@ -13,9 +13,9 @@ from conftest import Recorder
 from engine import DATA, MODES, box, lowered, shape, urdf_of
 
 from pipeline import Camera, Scenario, simulate
+from pipeline.engines.bullet.engine import p
+from pipeline.engines.bullet.world import World
 from pipeline.errors import DropError, ScenarioError
-from pipeline.physics.bullet import p
-from pipeline.physics.world import World
 from pipeline.recording.reader import frames, read
 from pipeline.stages.sweep_shard import RunShard
 from pipeline.sweeping.plan import plan_of

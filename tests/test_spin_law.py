@@ -14,11 +14,11 @@ from engine import MODES, ROUNDS_ONCE, box, drive, urdf_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipeline.physics import bullet_law, spin_law
-from pipeline.physics.bullet_law import effective_damping
-from pipeline.physics.flight import Flight, law_path
-from pipeline.physics.theory import Fall
-from pipeline.physics.world import World
+from pipeline.engines.bullet.world import World
+from pipeline.laws import bullet_air, bullet_spin
+from pipeline.laws.bullet_air import effective_damping
+from pipeline.laws.flight import Flight, law_path
+from pipeline.laws.theory import Fall
 from pipeline.scenario import Scenario
 
 STEPS, TIMESTEP_S = 200, 1 / 240
@@ -56,7 +56,7 @@ def test_the_spin_is_pybullets(coordinates: Any, damping: float | None, inertia:
                 "localInertiaDiagonal": inertia, "mass": 0.1,
             },
         )  # fmt: skip
-        found = spin_law.spin_airborne(
+        found = bullet_spin.spin_airborne(
             fall,
             spin_rad_s=spin,
             angular_damping=coefficient,
@@ -85,14 +85,14 @@ def test_without_spin_it_is_the_fall(coordinates: Any) -> None:
         coordinates=coordinates,
     )
     setting: Any = {"timestep_s": TIMESTEP_S, "steps": STEPS, "mass_kg": 0.1}
-    still = spin_law.spin_airborne(
+    still = bullet_spin.spin_airborne(
         fall,
         spin_rad_s=(0.0, 0.0, 0.0),
         angular_damping=0.04,
         inertia_kg_m2=(1e-3, 2e-3, 3e-3),
         **setting,
     )
-    position_m, velocity_m_s = bullet_law.airborne(fall, **setting)
+    position_m, velocity_m_s = bullet_air.airborne(fall, **setting)
     assert (still.position_m == position_m).all()
     assert (still.velocity_m_s == velocity_m_s).all()
 

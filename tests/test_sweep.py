@@ -26,12 +26,12 @@ import pytest
 from conftest import Drop, descendants_of
 
 from pipeline import Scenario, analyze
-from pipeline.budget.statistics import Moments
+from pipeline.analysis.general.statistics import Moments
+from pipeline.engines.bullet.lasting_world import LastingWorld, Worlds
+from pipeline.engines.bullet.world import World
 from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.figures.convergence_plot import Panel, build_figure
 from pipeline.figures.style import LIGHT
-from pipeline.physics.lasting_world import LastingWorld, Worlds
-from pipeline.physics.world import World
 from pipeline.recording.reader import read
 from pipeline.stages.sweep import Sweep, sweep
 from pipeline.stages.sweep_shard import RunShard, ShardDone

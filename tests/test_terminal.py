@@ -24,10 +24,10 @@ import typer
 from conftest import Drop
 
 from cli import app
-from pipeline.budget.comparison import Comparison, Place, Setting
-from pipeline.budget.convergence import Run as Convergence
-from pipeline.budget.convergence import study_of
-from pipeline.budget.statistics import Summary
+from pipeline.analysis.drop.comparison import Comparison, Place, Setting
+from pipeline.analysis.drop.convergence import Run as Convergence
+from pipeline.analysis.drop.convergence import study_of
+from pipeline.analysis.general.statistics import Summary
 from pipeline.console import output
 from pipeline.console.output import millimetres
 from pipeline.console.progress import rate

@@ -16,8 +16,8 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from pipeline.physics import theory
-from pipeline.physics.theory import Fall
+from pipeline.laws import theory
+from pipeline.laws.theory import Fall
 
 DEFAULT = float(np.float32(0.04))
 TIMES_S = np.array([1e-6, 1e-3, 0.01, 0.05, 0.1, 0.3, 0.5, 0.77, 1.0])

@@ -30,7 +30,7 @@ import pytest
 from oracle import Drop, Rebound, Truth
 
 from pipeline import Scenario, analyze, simulate
-from pipeline.budget.analysis import analysis_of
+from pipeline.analysis.drop.analysis import analysis_of
 from pipeline.errors import DropError, ScenarioError
 from pipeline.recording.reader import read as read_recording
 

@@ -18,9 +18,9 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hint
 
 import polars as pl
 
-from pipeline.budget.comparison import Comparison, Place, Setting
-from pipeline.budget.convergence import Study
-from pipeline.budget.results import (
+from pipeline.analysis.drop.comparison import Comparison, Place, Setting
+from pipeline.analysis.drop.convergence import Study
+from pipeline.analysis.drop.results import (
     Airborne,
     Analysis,
     Conservation,
@@ -30,9 +30,9 @@ from pipeline.budget.results import (
     Rest,
     Terms,
 )
-from pipeline.budget.statistics import Summary
-from pipeline.physics.report import EngineReport
+from pipeline.analysis.general.statistics import Summary
 from pipeline.recording import schema
+from pipeline.report import EngineReport
 from pipeline.scenario import Scenario
 from pipeline.stages.check import Check
 from pipeline.stages.render import Rendering

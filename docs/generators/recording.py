@@ -13,9 +13,9 @@ import pyarrow as pa
 
 from pipeline import Camera, Scenario, analyze, simulate
 from pipeline.fields import Option
-from pipeline.physics.report import EngineReport
 from pipeline.recording import rrd, schema
 from pipeline.recording.layer import layer_of
+from pipeline.report import EngineReport
 
 CHOSEN = Scenario(
     linear_damping=0.04, angular_damping=0.04, mass_kg=0.1, restitution=0.5, contact_erp=0.08,

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from pipeline.budget.comparison import IN_CONTACT_M
+from pipeline.analysis.drop.comparison import IN_CONTACT_M
 from pipeline.console.output import print_json, print_lines, titled
 from pipeline.scenario import Scenario
 
 if TYPE_CHECKING:
-    from pipeline.budget.comparison import Comparison, Place, Setting
+    from pipeline.analysis.drop.comparison import Comparison, Place, Setting
     from pipeline.stages.check import Check, Frames
 
 DIFFERS = 3

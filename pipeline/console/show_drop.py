@@ -11,7 +11,7 @@ from pipeline.console.output import made, millimetres, note, print_json, print_l
 from pipeline.fields import fraction
 
 if TYPE_CHECKING:
-    from pipeline.budget.results import Analysis, Bounce, Moment
+    from pipeline.analysis.drop.results import Analysis, Bounce, Moment
     from pipeline.stages.render import Rendering
     from pipeline.stages.run import Run
     from pipeline.stages.simulate import Simulation

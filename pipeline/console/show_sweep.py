@@ -14,7 +14,7 @@ from pipeline.console.output import WIDTH, made, millimetres, print_json, print_
 from pipeline.fields import fraction
 
 if TYPE_CHECKING:
-    from pipeline.budget.convergence import Study
+    from pipeline.analysis.drop.convergence import Study
     from pipeline.stages.sweep import Sweep
     from pipeline.stages.sweep_groups import Group
 

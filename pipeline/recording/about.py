@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pipeline.fields import fraction
-from pipeline.physics.report import EngineReport
+from pipeline.report import EngineReport
 from pipeline.scenario import Camera, Scenario
 
 

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.errors import RecordingError
 from pipeline.fields import shown
-from pipeline.physics.report import EngineReport
 from pipeline.recording import schema
+from pipeline.report import EngineReport
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 
 Float64 = NDArray[np.float64]

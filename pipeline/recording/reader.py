@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from pipeline.errors import RecordingError, ScenarioError
 from pipeline.fields import shown
-from pipeline.physics.report import EngineReport
 from pipeline.recording import columns, png, rrd, schema
 from pipeline.recording.checks import (
     AGAIN,
@@ -34,6 +33,7 @@ from pipeline.recording.checks import (
 from pipeline.recording.columns import Part, Properties
 from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
 from pipeline.recording.outputs import is_part
+from pipeline.report import EngineReport
 from pipeline.scenario import Camera, Scenario
 
 Float64 = NDArray[np.float64]

@@ -7,14 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.budget.analysis import analysis_of
-from pipeline.budget.results import Analysis
+from pipeline.analysis.drop.analysis import analysis_of
+from pipeline.analysis.drop.results import Analysis
 from pipeline.errors import check_suffix
 from pipeline.recording.layer import is_layer, layer_of, write_layer
 from pipeline.recording.outputs import check_apart, check_target, refused
 from pipeline.recording.reader import read
 from pipeline.recording.table import check_table, write_table
-from pipeline.stages.story import events, findings_markdown
+from pipeline.stages.narrative import events, findings_markdown
 
 if TYPE_CHECKING:
     from pipeline.stages.simulate import Progress  # its module loads the engine

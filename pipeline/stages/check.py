@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from pipeline.budget.comparison import Comparison, Place, Side, compare
+from pipeline.analysis.drop.comparison import Comparison, Place, Side, compare
 from pipeline.errors import RecordingError, ScenarioError, check_suffix
 from pipeline.figures.animation import decoded
 from pipeline.recording import files

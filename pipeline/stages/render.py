@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline.budget.analysis import analysis_of
-from pipeline.budget.results import Analysis
+from pipeline.analysis.drop.analysis import analysis_of
+from pipeline.analysis.drop.results import Analysis
 from pipeline.errors import RecordingError, check_suffix
 from pipeline.fields import fraction
 from pipeline.figures.animation import MAX_FPS, check_animation, decoded, write_animation

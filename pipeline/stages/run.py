@@ -16,7 +16,7 @@ from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 from pipeline.workers import Worker
 
 if TYPE_CHECKING:
-    from pipeline.budget.results import Analysis
+    from pipeline.analysis.drop.results import Analysis
     from pipeline.stages.render import Rendering
     from pipeline.stages.simulate import Progress, Simulation
 
@@ -58,7 +58,7 @@ def run(
     """
     with _reserved(Path(out_dir)) as path, Worker() as assistant:
         if camera is not None:
-            assistant.ask("pipeline.physics.pictures:draw_ahead", scenario, camera)
+            assistant.ask("pipeline.engines.bullet.camera_frames:draw_ahead", scenario, camera)
         assistant.load("pipeline.figures.plot", "polars")
         from pipeline.stages.analyze import analyze
         from pipeline.stages.render import render

@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import colours
+from pipeline.engines.bullet.camera_frames import Photographer
+from pipeline.engines.bullet.engine import engine_versions, find_body
+from pipeline.engines.bullet.visible_world import world_from_camera
+from pipeline.engines.bullet.world import World
 from pipeline.errors import check_suffix
-from pipeline.physics import theory
-from pipeline.physics.bullet import engine_versions, find_body
-from pipeline.physics.bullet_law import fall_of
-from pipeline.physics.pictures import Photographer
-from pipeline.physics.report import EngineReport
-from pipeline.physics.visible_world import world_from_camera
-from pipeline.physics.world import World
+from pipeline.laws import theory
+from pipeline.laws.bullet_air import fall_of
 from pipeline.recording import schema, writer
 from pipeline.recording.about import about
 from pipeline.recording.blueprint import Look, layout
@@ -32,6 +31,7 @@ from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
 from pipeline.recording.live import shown
 from pipeline.recording.outputs import check_apart, check_room, check_target
 from pipeline.recording.writer import Chunk
+from pipeline.report import EngineReport
 from pipeline.scenario import (
     ANALYSIS_BYTES_PER_SAMPLE,
     BYTES_PER_SAMPLE,

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from pipeline.budget.moment import DEFAULT_AT_S
-from pipeline.budget.statistics import Moments
+from pipeline.analysis.drop.one_sample import DEFAULT_AT_S
+from pipeline.analysis.general.statistics import Moments
+from pipeline.engines.bullet.engine import body_digest, engine_versions, find_body
+from pipeline.engines.bullet.probe import verdicts
 from pipeline.errors import DropError, ScenarioError
-from pipeline.physics.bullet import body_digest, engine_versions, find_body
-from pipeline.physics.probe import verdicts
 from pipeline.recording.files import written_whole
 from pipeline.recording.outputs import check_apart, check_target
 from pipeline.scenario import Camera, Scenario

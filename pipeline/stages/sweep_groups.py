@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from pipeline.budget.convergence import Run, Study, study_of
-from pipeline.budget.statistics import Summary, summaries
+from pipeline.analysis.drop.convergence import Run, Study, study_of
+from pipeline.analysis.general.statistics import Summary, summaries
 from pipeline.sweeping.folder import EXPLAINED, TERMS
 from pipeline.sweeping.plan import Plan, label_of
 

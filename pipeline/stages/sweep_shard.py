@@ -15,16 +15,16 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from pipeline.budget.moment import moment_in_the_air
-from pipeline.budget.results import Moment
-from pipeline.budget.statistics import Moments
+from pipeline.analysis.drop.one_sample import moment_in_the_air
+from pipeline.analysis.drop.results import Moment
+from pipeline.analysis.general.statistics import Moments
+from pipeline.engines.bullet.lasting_world import LastingWorld, Worlds
+from pipeline.engines.bullet.probe import believe
 from pipeline.errors import DropError, OutputError
-from pipeline.physics.lasting_world import LastingWorld, Worlds
-from pipeline.physics.probe import believe
-from pipeline.physics.report import EngineReport
 from pipeline.recording import schema
 from pipeline.recording.files import onto_disk
 from pipeline.recording.outputs import make_folder
+from pipeline.report import EngineReport
 from pipeline.scenario import Camera, Scenario
 from pipeline.sweeping.folder import EXPLAINED, SCHEMA, Folder, Row
 from pipeline.sweeping.plan import Plan, replay_command
@@ -156,7 +156,7 @@ class RunShard:
         with contextlib.ExitStack() as stack:
             photographer = None
             if self.camera is not None:
-                from pipeline.physics.pictures import Photographer
+                from pipeline.engines.bullet.camera_frames import Photographer
 
                 # One picture at a time: the other cores have shards of their own.
                 photographer = Photographer(world.scenario, self.camera, frames=1)
@@ -170,7 +170,7 @@ class RunShard:
         return np.concatenate(seen)
 
     def _analyzed_recording(self, path: Path) -> Moment:
-        from pipeline.budget.analysis import analysis_of
+        from pipeline.analysis.drop.analysis import analysis_of
         from pipeline.recording.reader import read
 
         recording = read(path)
@@ -179,7 +179,7 @@ class RunShard:
         ).at[0]
 
     def _analyzed(self, world: LastingWorld, rows: Float64) -> Moment:
-        from pipeline.budget.analysis import analysis_of
+        from pipeline.analysis.drop.analysis import analysis_of
         from pipeline.stages.simulate import made_with
 
         engine = made_with(world)

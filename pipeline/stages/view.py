@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.budget.moment import DEFAULT_AT_S
+from pipeline.analysis.drop.one_sample import DEFAULT_AT_S
 from pipeline.recording import viewer
 from pipeline.recording.layer import layer_of
 from pipeline.recording.reader import recording_id

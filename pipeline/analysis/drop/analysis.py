@@ -1,0 +1,205 @@
+"""The verdict on a fall: everything that its samples tell, in one typed result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.analysis.drop.case import Case, case_of
+from pipeline.analysis.drop.decomposition import Decomposition, decompose
+from pipeline.analysis.drop.energy import ledger
+from pipeline.analysis.drop.findings import Evidence, findings
+from pipeline.analysis.drop.landing import (
+    find_bounces,
+    find_contact,
+    find_impact,
+    find_landing,
+    find_rest,
+    law_path,
+)
+from pipeline.analysis.drop.mismatch import (
+    coverage_of,
+    find_mismatch,
+    law_of_flight,
+    unseen_contact,
+)
+from pipeline.analysis.drop.one_sample import DEFAULT_AT_S
+from pipeline.analysis.drop.phases import Phases, phases_of, touching
+from pipeline.analysis.drop.posture import tumbled_step, tumbles
+from pipeline.analysis.drop.results import Airborne, Analysis, Conservation, Coverage, Moment, Terms
+from pipeline.analysis.general.mechanics import Mechanics, max_relative_drift, mechanics
+from pipeline.errors import ScenarioError
+from pipeline.report import EngineReport
+from pipeline.scenario import Scenario
+
+Float64 = NDArray[np.float64]
+
+
+def analysis_of(
+    scenario: Scenario,
+    engine: EngineReport,
+    states: pl.DataFrame,
+    *,
+    at_s: Sequence[float] = (),
+) -> Analysis:
+    """Analyze the samples of a fall.
+
+    Parameters
+    ----------
+    scenario
+        What was dropped, and how.
+    engine
+        What the engine reported of the body and the floor.
+    states
+        One row per sample from the release on: `step`, and the columns of the recording's state.
+    at_s
+        Times to break the error down at [s]; without any, 0.3 s where that is in free flight.
+
+    Raises
+    ------
+    ScenarioError
+        If a time lies outside the recording.
+    """
+    case = case_of(scenario, engine, states)
+    found = phases_of(case)
+    flight = law_of_flight(case, found)
+    mismatch = find_mismatch(case, flight)
+    unseen = unseen_contact(case, mismatch)
+    if unseen is not None:
+        found, mismatch = replace(found, contact_step=unseen), None
+    coverage = coverage_of(case, found, flight, mismatch)
+    parts = decompose(
+        case.fall,
+        case.samples.height_m[: coverage.samples],
+        timestep_s=case.timestep_s,
+        substeps=case.substeps,
+    )
+    energies = mechanics(case.engine, case.samples)
+    table = _table(case, found, parts, energies)
+    at = [_moment(table, step) for step in _steps_at(at_s, scenario, coverage)]
+
+    tumbled = tumbled_step(case, touching(case.samples))
+    law = law_path(case)
+    landing = find_landing(case)
+    impact = find_impact(case, found, landing)
+    bounces = find_bounces(case, tumbled)
+    rest = find_rest(case, found, tumbled, law)
+    evidence = Evidence(
+        case=case,
+        phases=found,
+        mismatch=mismatch,
+        clamped_step=flight.clamped if flight else None,
+        moment=at[0] if at else None,
+        landing=landing,
+        impact=impact,
+        tumbled_step=tumbled,
+        bounces=bounces,
+        rest=rest,
+        law=law,
+    )
+    return Analysis(
+        scenario=asdict(scenario),
+        engine=engine,
+        at=at,
+        coverage=coverage,
+        airborne=_airborne(parts),
+        landing=landing,
+        impact=impact,
+        tumbled_step=tumbled,
+        tumbles=tumbled is not None and tumbles(case, tumbled),
+        contact=find_contact(case, found, tumbled, law),
+        bounces=bounces,
+        rest=rest,
+        conservation=_conservation(case, energies, found.airborne),
+        energy=ledger(case, energies, airborne=found.airborne),
+        findings=findings(evidence),
+        table=table,
+    )
+
+
+def _table(case: Case, found: Phases, parts: Decomposition, energies: Mechanics) -> pl.DataFrame:
+    """Return one row per sample; error terms are null where free flight is not covered."""
+
+    def explained(values: Float64) -> pl.Series:
+        return pl.Series(values, dtype=pl.Float64).extend_constant(
+            None, found.samples - len(values)
+        )
+
+    height_m = case.samples.height_m
+    return pl.DataFrame(
+        {
+            "step": np.arange(found.samples),
+            "time_s": case.time_s,
+            "phase": found.column(),
+            "simulated_m": height_m,
+            "free_fall_m": case.free_fall_m,
+            "damped_fall_m": case.damped_fall_m,
+            "error_m": height_m - case.free_fall_m,
+            "timestep_m": explained(parts.timestep_m),
+            "damping_m": explained(parts.damping_m),
+            "interaction_m": explained(parts.interaction_m),
+            "rounding_m": explained(parts.rounding_m),
+            "kinetic_linear_j": energies.kinetic_linear_j,
+            "kinetic_angular_j": energies.kinetic_angular_j,
+            "potential_j": energies.potential_j,
+            "energy_j": energies.total_j,
+        }
+    )
+
+
+def _steps_at(at_s: Sequence[float], scenario: Scenario, coverage: Coverage) -> list[int]:
+    """Return the samples nearest to the times asked for, or the default one."""
+    last, covered = coverage.of - 1, coverage.samples
+    end_s = last * scenario.timestep_s
+    for time_s in at_s:
+        if not 0 <= time_s <= end_s * (1 + 1e-12):
+            raise ScenarioError(
+                f"--at must lie within the recording, 0 to {end_s:g} s, got {time_s:g}"
+            )
+    if at_s:
+        return [min(last, round(time_s / scenario.timestep_s)) for time_s in at_s]
+    if covered < 2:  # the release alone tells nothing
+        return []
+    standard = round(DEFAULT_AT_S / scenario.timestep_s)
+    return [standard if standard < covered else (covered - 1) // 2]
+
+
+def _moment(table: pl.DataFrame, step: int) -> Moment:
+    row = table.row(step, named=True)
+    names = ("timestep", "damping", "interaction", "rounding")
+    explained = row["timestep_m"] is not None
+    return Moment(
+        time_s=row["time_s"],
+        step=step,
+        phase=row["phase"],
+        simulated_m=row["simulated_m"],
+        free_fall_m=row["free_fall_m"],
+        error_m=row["error_m"],
+        terms_m=Terms(**{name: row[f"{name}_m"] for name in names}) if explained else None,
+    )
+
+
+def _airborne(parts: Decomposition) -> Airborne:
+    if not len(parts.total_m):
+        return Airborne(0, None, None, None)
+    return Airborne(
+        samples=len(parts.total_m),
+        max_abs_error_m=float(np.abs(parts.total_m).max()),
+        rms_error_m=float(np.sqrt(np.mean(parts.total_m**2))),
+        max_abs_rounding_m=float(np.abs(parts.rounding_m).max()),
+    )
+
+
+def _conservation(case: Case, energies: Mechanics, airborne: int) -> Conservation:
+    if case.substeps > 1 and not case.is_rigid:  # when it first touched is not known
+        return Conservation(float(energies.total_j[0]), None, None)
+    free = slice(max(airborne, 1))
+    return Conservation(
+        energy_initial_j=float(energies.total_j[0]),
+        energy_max_rel_drift=max_relative_drift(energies.total_j[free]),
+        angular_momentum_max_rel_drift=max_relative_drift(energies.angular_momentum_kg_m2_s[free]),
+    )

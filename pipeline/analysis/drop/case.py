@@ -1,0 +1,117 @@
+"""What the judge looks at: one body's scenario, what the engine reported, and its samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.analysis.general.samples import Samples, samples_of
+from pipeline.laws import theory
+from pipeline.laws.bullet_air import fall_of
+from pipeline.laws.theory import Fall
+from pipeline.report import EngineReport
+from pipeline.scenario import Scenario
+
+Float64 = NDArray[np.float64]
+
+TOUCHING_M = 1e-8
+"""A body this close to the floor touches it: as well as the engine's distances are known."""
+FLOOR_REACH_M = 100.0
+"""plane.urdf ends this far from the origin, in x and in y."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One drop, handed through the judge whole; arrays have one row per sample."""
+
+    scenario: Scenario
+    engine: EngineReport
+    samples: Samples
+
+    @cached_property
+    def fall(self) -> Fall:
+        """The release and the air, as the engine has them."""
+        return fall_of(self.scenario)
+
+    @property
+    def timestep_s(self) -> float:
+        """Time between two samples [s]."""
+        return self.scenario.timestep_s
+
+    @property
+    def substeps(self) -> int:
+        """How many steps the engine makes of each timestep."""
+        return self.scenario.substeps or 1
+
+    @property
+    def substep_s(self) -> float:
+        """Timestep of the integrator [s]: a sample is several of them with `--substeps`."""
+        return self.scenario.timestep_s / self.substeps
+
+    @cached_property
+    def time_s(self) -> Float64:
+        """Time of each sample [s]."""
+        return np.arange(len(self.samples.height_m), dtype=np.float64) * self.timestep_s
+
+    @property
+    def floor_height_m(self) -> float | None:
+        """Height of the centre at which the body as released touches the floor [m]; None if never.
+
+        Theory ends there, wherever it is used: in the table, in the curves, in the plots.
+        """
+        return self.engine.rest_height_m if self.scenario.floor else None
+
+    @cached_property
+    def free_fall_m(self) -> Float64:
+        """Height by theory without air [m], no lower than the floor lets the centre get."""
+        heights_m = theory.free_fall_height(self.fall, self.time_s)
+        return theory.stopped_by_floor(heights_m, self.floor_height_m)
+
+    @cached_property
+    def damped_fall_m(self) -> Float64:
+        """The same through the engine's damping, in continuous time."""
+        heights_m = theory.damped_fall_height(self.fall, self.time_s)
+        return theory.stopped_by_floor(heights_m, self.floor_height_m)
+
+    @cached_property
+    def lands_at(self) -> int:
+        """The first sample at which free fall has come down to the floor: theory ends before it."""
+        if self.floor_height_m is None:
+            return len(self.time_s)
+        landed = np.flatnonzero(self.free_fall_m <= self.floor_height_m)
+        return int(landed[0]) if len(landed) else len(self.time_s)
+
+    @property
+    def starts_above(self) -> bool:
+        """Whether the body is released clear of the floor."""
+        floor_m = self.floor_height_m
+        return floor_m is None or self.fall.height_m > floor_m + TOUCHING_M
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether the body is one rigid link: the laws here are those of one."""
+        return self.engine.joints == 0
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether the body touches the floor alike in any orientation: a centred sphere."""
+        centred = self.engine.shape_position_m == (0.0, 0.0, 0.0)
+        return self.is_rigid and self.engine.shape == "sphere" and centred
+
+    @property
+    def is_box(self) -> bool:
+        """Whether the body is one rigid box."""
+        return self.is_rigid and self.engine.shape == "box"
+
+    def over_floor(self, position_m: Float64) -> bool:
+        """Whether positions [m], shape (n, 3), are above or below the floor, not past its edge."""
+        return bool((np.abs(position_m[:, :2]) < FLOOR_REACH_M).all())
+
+
+def case_of(scenario: Scenario, engine: EngineReport, states: pl.DataFrame) -> Case:
+    """Return the case that a recording holds."""
+    return Case(scenario, engine, samples_of(states))

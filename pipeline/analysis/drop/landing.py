@@ -1,0 +1,338 @@
+"""Impact, contact, bounces and rest: what the recording shows beside what Bullet's law predicts.
+
+Measurements are given of any body, causes only where the contact law covers it: see `covers`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.analysis.drop.case import Case
+from pipeline.analysis.drop.phases import Phases, crossing_time, touching
+from pipeline.analysis.drop.posture import FLAT_RAD, flat_height_m, tilt_rad, turned_rad
+from pipeline.analysis.drop.results import Bounce, Contact, Impact, Landing, Rest, RestTerms
+from pipeline.laws import bullet_contact, theory
+from pipeline.laws.bullet_contact import CONTACT_ERP, CONTACT_SLOP_M, RESTITUTION_THRESHOLD_M_S
+
+Float64 = NDArray[np.float64]
+
+LONGEST_THROW_S = 3600.0
+CORNERS = 4
+"""Contact points of a box that lies flat."""
+REPRODUCED = 1e-3
+"""Share of the approach by which a rebound may miss the contact law's and still be explained by it:
+ten times what the solver's early stop was seen to change."""
+AT_REST_M_S = 1e-4
+"""A predicted path that is slower than this has come to rest."""
+
+
+# -- when it lands --------------------------------------------------------------------------------
+
+
+def find_landing(case: Case) -> Landing | None:
+    """Return when theory brings the body down to the floor; None where it never does.
+
+    Only of a body that meets the floor as it was released: it does not spin, or is a ball.
+    """
+    floor_m, fall = case.floor_height_m, case.fall
+    turns = any(case.scenario.spin_rad_s) and not case.is_ball
+    if floor_m is None or turns or not case.is_rigid or not case.scenario.stepped:
+        return None
+    free_s = theory.impact_time_free(fall, floor_m)
+    if not case.starts_above or free_s is None:
+        return None
+    # An oblique throw is integrated, which is no use over days: up, in next to no gravity.
+    oblique = fall.coordinates == "reduced" and any(fall.velocity_m_s[:2])
+    endless = oblique and free_s > LONGEST_THROW_S
+    damped_s = None if endless else theory.impact_time_damped(fall, floor_m)
+    # Drag takes no body further sideways than free fall.
+    reach_m = np.array(fall.velocity_m_s) * free_s
+    if not case.over_floor(reach_m[None]):
+        return None
+    return Landing(time_free_fall_s=free_s, time_damped_s=damped_s)
+
+
+def find_impact(case: Case, found: Phases, landing: Landing | None) -> Impact | None:
+    """Return when the body meets the floor, or None if it never does."""
+    if found.contact_step is None or (case.substeps > 1 and not case.is_rigid):
+        return None  # of several substeps the first contact may not be reported
+    samples, floor_m = case.samples, case.floor_height_m
+    height_m, turned = samples.height_m, turned_rad(case) > FLAT_RAD
+    lowest = int(np.argmin(height_m))
+    before = max(found.contact_step - 1, 0)
+    crossing_s = penetration_m = None
+    if floor_m is not None and case.is_rigid:
+        # With substeps the way between two samples is not straight.
+        if case.starts_above and case.substeps == 1 and not turned[: found.contact_step + 1].any():
+            crossing_s = crossing_time(height_m[: found.contact_step], floor_m, case.timestep_s)
+        if not turned[lowest] and case.over_floor(samples.position_m[lowest : lowest + 1]):
+            penetration_m = max(0.0, floor_m - float(height_m[lowest]))
+    return Impact(
+        time_free_fall_s=landing.time_free_fall_s if landing else None,
+        time_damped_s=landing.time_damped_s if landing else None,
+        time_simulated_s=crossing_s,
+        step=found.contact_step,
+        speed_m_s=float(np.linalg.norm(samples.velocity_m_s[before])),
+        lowest_m=float(height_m[lowest]),
+        lowest_step=lowest,
+        penetration_m=penetration_m,
+    )
+
+
+# -- the contact law ------------------------------------------------------------------------------
+
+
+def covers(case: Case) -> bool:
+    """Whether the contact law is that of this drop: of one box that lands flat and stays flat.
+
+    It is released flat, above the floor, without spin or sideways velocity.
+    """
+    sideways = any((*case.scenario.velocity_m_s[:2], *case.scenario.spin_rad_s))
+    floor_m = case.floor_height_m
+    return (
+        case.is_box
+        and case.scenario.stepped
+        and floor_m is not None
+        and case.engine.pair_restitution is not None
+        and not sideways
+        and float(tilt_rad(case)[0]) < 1e-9
+        and case.starts_above
+    )
+
+
+@dataclass(frozen=True)
+class Path:
+    """Heights [m] and vertical velocities [m/s] of the contact law, shape (samples,) each."""
+
+    height_m: Float64
+    velocity_m_s: Float64
+
+
+def law_path(case: Case, *, contact_erp: float | None = None) -> Path | None:
+    """Return the path of the contact law from the release on, or None where it does not cover it.
+
+    `contact_erp` is tried instead of the scenario's.
+    """
+    if not covers(case):
+        return None
+    path = _law(case, case.fall, len(case.samples.height_m) - 1, contact_erp=contact_erp)
+    return path if float(path.height_m.min()) > _deepest_m(case) else None
+
+
+def _law(case: Case, fall: theory.Fall, steps: int, *, contact_erp: float | None = None) -> Path:
+    assert case.floor_height_m is not None
+    assert case.engine.pair_restitution is not None
+    return Path(
+        *bullet_contact.flat_drop(
+            fall,
+            timestep_s=case.timestep_s,
+            steps=steps,
+            mass_kg=case.engine.mass_kg,
+            rest_height_m=case.floor_height_m,
+            restitution=case.engine.pair_restitution,
+            contact_erp=_contact_erp(case) if contact_erp is None else contact_erp,
+            restitution_threshold_m_s=restitution_threshold_m_s(case),
+            substeps=case.substeps,
+        )
+    )
+
+
+def _deepest_m(case: Case) -> float:
+    """Return how low the centre may get [m]: from half-way down the floor pushes out below."""
+    return (case.floor_height_m or 0.0) - bullet_contact.FLOOR_HALF_THICKNESS_M
+
+
+def _contact_erp(case: Case) -> float:
+    asked = case.scenario.contact_erp
+    return CONTACT_ERP if asked is None else asked
+
+
+def restitution_threshold_m_s(case: Case) -> float:
+    """Return the speed below which no body bounces [m/s]."""
+    asked = case.scenario.restitution_threshold_m_s
+    return RESTITUTION_THRESHOLD_M_S if asked is None else asked
+
+
+def find_contact(
+    case: Case, found: Phases, tumbled_step: int | None, law: Path | None
+) -> Contact | None:
+    """Return how far the recorded heights are from the contact law's while the body is flat."""
+    if law is None or found.contact_step is None or tumbled_step == found.contact_step:
+        return None
+    deviation_m = np.abs(case.samples.height_m - law.height_m)[:tumbled_step]
+    worst = int(np.argmax(deviation_m))
+    return Contact(float(deviation_m[worst]), worst)
+
+
+# -- bounces --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A run of samples that touch the floor, between two flights or at an end of the recording."""
+
+    first: int
+    last: int
+    pushed: int
+    """The last of them that contact pushed at."""
+    approach_m_s: float
+    """Downward speed that the contact met."""
+    leaves: bool
+    """Whether the body rises from it before the recording ends."""
+
+
+def episodes(case: Case) -> Iterator[Episode]:
+    """Yield what begins in the air and touches the floor, in order.
+
+    Nothing with substeps: PyBullet reports the contact of the last of them only.
+    """
+    if case.substeps > 1:
+        return
+    touches = touching(case.samples)
+    edges = np.diff(np.concatenate(([False], touches, [False])).astype(np.int8))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    velocity_m_s = case.samples.velocity_m_s[:, 2]
+    for first, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        approach_m_s = _approach_m_s(case, first - 1)
+        if approach_m_s <= 0 or (first <= 1 and not case.starts_above):
+            continue  # it was in the floor already: nothing has arrived
+        leaves = end < len(touches) and velocity_m_s[end - 1] > 0
+        pushed = np.flatnonzero(case.samples.contact_force_n[first:end] > 0)
+        if len(pushed):
+            yield Episode(first, end - 1, first + int(pushed[-1]), approach_m_s, bool(leaves))
+
+
+def _approach_m_s(case: Case, step: int) -> float:
+    """Return the downward speed that the contact after a sample meets [m/s].
+
+    Restitution acts on what the step would have made of the velocity without a contact.
+    """
+    return -bullet_contact.free_velocity(
+        case.fall,
+        case.samples.velocity_m_s[step],
+        timestep_s=case.timestep_s,
+        mass_kg=case.engine.mass_kg,
+    )
+
+
+def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
+    """Return the rebounds that leave the floor again, beside what restitution alone would give."""
+    floor_m = case.floor_height_m
+    if not case.is_rigid or floor_m is None or case.fall.gravity_m_s2 >= 0:
+        return []
+    found = [one for one in episodes(case) if one.leaves]
+    touches, height_m = touching(case.samples), case.samples.height_m
+    following = np.append(np.flatnonzero(touches), len(touches))
+    law = law_path(case, contact_erp=0.0)
+    uncorrected_m = [] if law is None else _apexes(law.height_m, floor_m)
+    bounces = []
+    plain = True
+    for number, one in enumerate(found, start=1):
+        plain = plain and _is_plain(case, one, tumbled_step)
+        next_touch = int(following[np.searchsorted(following, one.last + 1)])
+        # Where the recording ends on the way up, the apex is not there to be compared.
+        whole = plain and (next_touch < len(touches) or case.samples.velocity_m_s[-1, 2] <= 0)
+        rebound_m_s = float(case.samples.velocity_m_s[one.pushed, 2])
+        bounces.append(
+            Bounce(
+                step=one.first - 1,
+                approach_m_s=one.approach_m_s,
+                rebound_m_s=rebound_m_s,
+                effective_restitution=rebound_m_s / one.approach_m_s if plain else None,
+                apex_m=float(height_m[one.last : next_touch].max()) - floor_m,
+                predicted_apex_m=_predicted_apex_m(case, number) if whole else None,
+                uncorrected_apex_m=uncorrected_m[number - 1]
+                if whole and number <= len(uncorrected_m)
+                else None,
+                correction_m_s=_correction_m_s(case, one) if plain else None,
+            )
+        )
+    return bounces
+
+
+def _is_plain(case: Case, episode: Episode, tumbled_step: int | None) -> bool:
+    """Whether a rebound is that of restitution: of a ball, or of a box on all four corners."""
+    if tumbled_step is not None and episode.last >= tumbled_step:
+        return False
+    points = case.samples.contact_points[episode.first : episode.last + 1]
+    return case.is_ball or (case.is_box and bool((points == CORNERS).all()))
+
+
+def _predicted_apex_m(case: Case, number: int) -> float | None:
+    """Return e^(2k) h of the k-th bounce [m]; a throw arrives like a drop from v²/2g higher."""
+    if case.engine.pair_restitution is None or case.floor_height_m is None:
+        return None
+    fall = case.fall
+    thrown_m = fall.velocity_m_s[2] ** 2 / (-2 * fall.gravity_m_s2)
+    drop_m = fall.height_m - case.floor_height_m + thrown_m
+    return float(bullet_contact.rebound_heights(drop_m, case.engine.pair_restitution, number)[-1])
+
+
+def _apexes(height_m: Float64, floor_m: float) -> list[float]:
+    """Return the highest point after each time that a path leaves the floor [m] above it."""
+    below = np.concatenate(([False], height_m <= floor_m, [False]))
+    starts, ends = np.flatnonzero(np.diff(below.astype(np.int8))).reshape(-1, 2).T
+    following = np.append(starts, len(height_m))[1:]
+    return [
+        float(height_m[end:start].max()) - floor_m
+        for end, start in zip(ends.tolist(), following.tolist(), strict=True)
+        if end < len(height_m) and height_m[end:start].argmax() < start - end - 1
+    ]
+
+
+def _correction_m_s(case: Case, episode: Episode) -> float | None:
+    """Return what the position correction adds to restitution × approach [m/s].
+
+    From the contact law, started from the recorded sample before the episode. None where contact
+    pushes for more than one step, or the law does not give the recorded rebound.
+    """
+    before, samples = episode.first - 1, case.samples
+    if not covers(case) or samples.height_m[before] <= _deepest_m(case):
+        return None
+    if episode.pushed > episode.first:
+        return None
+    release = theory.Fall(
+        height_m=float(samples.height_m[before]),
+        velocity_m_s=(0.0, 0.0, float(samples.velocity_m_s[before, 2])),
+        gravity_m_s2=case.fall.gravity_m_s2,
+        linear_damping=case.fall.linear_damping,
+        coordinates=case.fall.coordinates,
+    )
+    law = _law(case, release, episode.pushed - before)
+    rebound_m_s = float(law.velocity_m_s[-1])
+    recorded_m_s = float(samples.velocity_m_s[episode.pushed, 2])
+    if abs(recorded_m_s - rebound_m_s) > REPRODUCED * episode.approach_m_s:
+        return None
+    asked_m_s = bullet_contact.rebound_speed(
+        -episode.approach_m_s,
+        case.engine.pair_restitution or 0.0,
+        threshold_m_s=restitution_threshold_m_s(case),
+    )
+    return rebound_m_s - asked_m_s
+
+
+# -- rest -----------------------------------------------------------------------------------------
+
+
+def find_rest(case: Case, found: Phases, tumbled_step: int | None, law: Path | None) -> Rest | None:
+    """Return where the body comes to lie, and why it is not the rest height exactly."""
+    if found.rest_step is None:
+        return None
+    last_m = float(case.samples.height_m[-1])
+    expected_m = flat_height_m(case, len(case.samples.height_m) - 1)
+    if expected_m is None:
+        return Rest(last_m, None, None, found.rest_step, None)
+    terms = None
+    settles = law is not None and abs(law.velocity_m_s[-10:]).max() < AT_REST_M_S
+    if law is not None and settles and tumbled_step is None and _contact_erp(case) > 0:
+        law_end_m = float(law.height_m[-1])
+        terms = RestTerms(
+            slop=-CONTACT_SLOP_M,
+            solver=last_m - law_end_m,
+            settling=law_end_m - (expected_m - CONTACT_SLOP_M),
+        )
+    return Rest(last_m, expected_m, last_m - expected_m, found.rest_step, terms)

@@ -1,0 +1,258 @@
+"""What the judge returns: plain typed values, SI units, nothing computed here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from pipeline.analysis.drop.energy import EnergyLedger
+from pipeline.analysis.drop.phases import Phase
+from pipeline.report import EngineReport
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The four terms of an error [m]; they add up to it."""
+
+    timestep: float
+    """What semi-implicit Euler does, without damping."""
+    damping: float
+    """What damping does, in continuous time."""
+    interaction: float
+    """What the two do to each other."""
+    rounding: float
+    """What double precision leaves."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One sample, taken apart; without terms where the law of free flight does not cover it."""
+
+    time_s: float
+    """Time of the sample."""
+    step: int
+    """Its number."""
+    phase: Phase
+    """Whether the body falls, touches the floor, or has come to rest."""
+    simulated_m: float
+    """Height of the centre in the recording."""
+    free_fall_m: float
+    """Height by theory, without air; no lower than the floor lets the centre get."""
+    error_m: float
+    """Simulated minus free fall."""
+    terms_m: Terms | None
+    """What the error is made of; None where the law of free flight does not cover it."""
+
+
+@dataclass(frozen=True)
+class Airborne:
+    """The error over all samples that the law of free flight covers; None where it covers none."""
+
+    samples: int
+    """How many these are."""
+    max_abs_error_m: float | None
+    """Largest absolute error."""
+    rms_error_m: float | None
+    """Root mean square of the error."""
+    max_abs_rounding_m: float | None
+    """Largest absolute rounding term."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Which samples the law of free flight takes apart, and why no more."""
+
+    samples: int
+    """How many samples it takes apart, from the first on."""
+    of: int
+    """How many there are."""
+    why: str
+    """What ends it."""
+
+
+@dataclass(frozen=True)
+class Landing:
+    """When theory brings the centre down to where the body, as released, touches the floor."""
+
+    time_free_fall_s: float
+    """Without air."""
+    time_damped_s: float | None
+    """With Bullet's damping; None where that stops it on the way."""
+
+
+@dataclass(frozen=True)
+class Impact:
+    """When the body meets the floor, in theory and in the simulation.
+
+    The times are those at which the centre comes down to the rest height; None where the body may
+    be turned by then, so that it touches earlier.
+    """
+
+    time_free_fall_s: float | None
+    """By theory without air."""
+    time_damped_s: float | None
+    """By theory with Bullet's damping."""
+    time_simulated_s: float | None
+    """In the recording, between two samples."""
+    step: int
+    """First sample that touches the floor."""
+    speed_m_s: float
+    """Speed of the last sample before it, in whatever direction."""
+    lowest_m: float
+    """Lowest height of the centre."""
+    lowest_step: int
+    """The sample of it."""
+    penetration_m: float | None
+    """How deep it sinks; None where it is turned, so that its centre does not say so."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """How the recorded contact compares with Bullet's contact law, for a body that lands flat."""
+
+    max_deviation_m: float
+    """Largest distance between the recorded heights and the law's, while the body is flat."""
+    deviation_step: int
+    """The sample of it."""
+
+
+@dataclass(frozen=True)
+class Bounce:
+    """One rebound: measured, and explained while the body touches flat."""
+
+    step: int
+    """The last sample in free flight before it."""
+    approach_m_s: float
+    """Speed downwards that the contact met: what the step would have made of it without one."""
+    rebound_m_s: float
+    """Speed upwards after the last step in which contact pushed."""
+    effective_restitution: float | None
+    """Rebound over approach; None once the body tumbles."""
+    apex_m: float
+    """Highest point from the rest height before the next contact, or the recording's end."""
+    predicted_apex_m: float | None
+    """The same by theory: restitution to the power of twice the bounce's number, times the fall;
+    None once the body tumbles, or where the recording ends on the way up."""
+    uncorrected_apex_m: float | None
+    """The same by the contact law without position correction, i.e. with `--contact-erp 0`."""
+    correction_m_s: float | None
+    """Speed that the position correction adds to restitution × approach; None where the contact
+    law does not give the recorded rebound."""
+
+
+@dataclass(frozen=True)
+class RestTerms:
+    """Why a box at rest lies lower than it should [m]; the three add up to the error."""
+
+    slop: float
+    """Bullet leaves a penetration of 10 µm uncorrected."""
+    solver: float
+    """The solver stopped early: recorded minus the contact law."""
+    settling: float
+    """The law itself has not come to its end."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Where the body comes to lie."""
+
+    height_m: float
+    """Height of the centre in the last sample."""
+    expected_m: float | None
+    """None where nothing says how high the centre of a body lies that is turned like this."""
+    error_m: float | None
+    """Height minus what is expected."""
+    settled_step: int
+    """First sample of the rest."""
+    terms_m: RestTerms | None
+    """None where the contact law does not cover the landing."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something a recording gives away: what was seen, why, and what changes it."""
+
+    code: str
+    """A name that stays: what scripts look for."""
+    message: str
+    """What was seen, why, and the call or option that changes it."""
+
+
+@dataclass(frozen=True)
+class Conservation:
+    """How well the samples before the first contact keep energy and angular momentum."""
+
+    energy_initial_j: float
+    """Kinetic and potential energy of the first sample."""
+    energy_max_rel_drift: float | None
+    """Largest change of the energy, over its initial value; None where that is 0."""
+    angular_momentum_max_rel_drift: float | None
+    """The same of the angular momentum about the centre of mass."""
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """Everything that a recording tells."""
+
+    scenario: dict[str, Any]
+    """What was dropped, and how: the options, by field."""
+    engine: EngineReport
+    """What the engine reported: see recording.md."""
+    at: list[Moment]
+    """The samples nearest to `--at`."""
+    coverage: Coverage
+    """Which samples the law of free flight takes apart."""
+    airborne: Airborne
+    """The error over all of these."""
+    landing: Landing | None
+    """When theory brings the body down to the floor; None where it does not, or cannot say."""
+    impact: Impact | None
+    """When the body meets the floor; None where it never does."""
+    tumbled_step: int | None
+    """First sample that touches the floor tilted by more than 0.29° (a box from its faces, others
+    from their release): from there on bounces, contact and rest are measured, not explained."""
+    tumbles: bool
+    """Whether its tilt changes from there on by as much again."""
+    contact: Contact | None
+    """The contact beside Bullet's law; None where that does not cover it."""
+    bounces: list[Bounce]
+    """The rebounds, in order; of a rigid body without `--substeps`, of which PyBullet reports the
+    last one's contact only."""
+    rest: Rest | None
+    """Where the body comes to lie; None where it does not."""
+    conservation: Conservation
+    """What is kept until the first contact."""
+    energy: EnergyLedger
+    """Where the energy went."""
+    findings: list[Finding]
+    """What the recording gives away."""
+    table: pl.DataFrame
+    """One row per sample: step, time, phase, heights, error and terms, energies."""
+    recording: Path | None = None
+    """The recording that was analyzed; None where it is no file."""
+    layer: Path | None = None
+    """The recording that was analyzed and the layer that shows it, where they are files."""
+    partial: bool = False
+    """Whether the recording was never finished: this is the analysis of what there is of it."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return all but the table as the contract's JSON object; what does not exist is null."""
+        values = {name: value for name, value in vars(self).items() if name != "table"}
+        return {name: _jsonable(value) for name, value in values.items()}
+
+
+def _jsonable(value: Any) -> Any:  # noqa: ANN401
+    """Replace what JSON has no word for: nan and infinities become null."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return _jsonable(asdict(value))
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, dict):
+        return {key: _jsonable(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_jsonable(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

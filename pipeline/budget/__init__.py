@@ -1,1 +1,0 @@
-"""The judge: takes a recorded fall apart. It knows neither the engine nor the recorder."""

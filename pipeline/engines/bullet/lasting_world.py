@@ -1,0 +1,124 @@
+"""A world that serves one scenario after another: building one costs more than a fall in it.
+
+Kept if and only if no bit of the result depends on it; `tests/test_sweep.py` holds it to that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.engines.bullet.engine import p
+from pipeline.engines.bullet.world import FAR_M, World, check_numbers
+from pipeline.scenario import Scenario
+
+Float64 = NDArray[np.float64]
+
+BUILT_IN = ("body", "coordinates", "floor", "gravity_set")
+TOLD = (
+    "linear_damping",
+    "angular_damping",
+    "mass_kg",
+    "restitution",
+    "restitution_threshold_m_s",
+    "friction",
+    "contact_erp",
+    "solver_residual",
+    "solver_iterations",
+)
+
+
+class LastingWorld(World):
+    """A world that can go back to the release, of its own scenario or of another."""
+
+    watch: Callable[[Float64], object] = staticmethod(lambda _: None)
+
+    def serves(self, scenario: Scenario) -> bool:
+        """Whether after `restart` this world gives the bits that a new one would give.
+
+        It must have the same bodies, of one rigid part, because joints keep their pose. What the
+        engine was told it can be told otherwise, but not to have its own value again. A btRigidBody
+        that starts in contact remembers how it lay before: maximal coordinates never serve. Nor do
+        substeps: the engine keeps what rounding left of the time that it has stepped.
+        """
+        mine = self.scenario
+        return (
+            mine.coordinates == "reduced"
+            and mine.substeps is scenario.substeps is None
+            and all(getattr(mine, name) == getattr(scenario, name) for name in BUILT_IN)
+            and all(
+                getattr(scenario, name) is not None or getattr(mine, name) is None for name in TOLD
+            )
+            and p.getNumJoints(self._body, physicsClientId=self._client) == 0
+        )
+
+    def restart(self, scenario: Scenario) -> None:
+        """Go back to the release, of a scenario that this world `serves`."""
+        self.scenario = scenario
+        self.watch = lambda _: None
+        # Far from the floor the engine forgets the contacts of the fall before, and their impulses.
+        self.place((0.0, 0.0, FAR_M), (0.0, 0.0, 0.0, 1.0))
+        p.performCollisionDetection(physicsClientId=self._client)
+        self._set_dynamics(self._body)
+        self._configure()
+        self._release()
+
+    def samples(self, batch: int) -> Iterator[Float64]:
+        """Fall, as `World.samples` does, and let `watch` see each batch."""
+        for rows in super().samples(batch):
+            self.watch(rows)
+            yield rows
+
+    def skip(self, steps: int) -> None:
+        """Take steps whose samples nobody reads."""
+        if self.scenario.stepped:
+            step, client = p.stepSimulation, self._client
+            for _ in range(steps):
+                step(client)
+
+    def height_m(self) -> float:
+        """Return the height of the centre at the end of the fall [m].
+
+        Raises
+        ------
+        DropError
+            If it is no number.
+        """
+        position, _ = p.getBasePositionAndOrientation(self._body, self._client)
+        check_numbers(np.array([position]), self.scenario.steps)
+        return float(position[2])
+
+
+class Worlds:
+    """Hands out a world for each scenario, the last one as long as it serves; use it in `with`."""
+
+    def __init__(self) -> None:
+        self._kept: LastingWorld | None = None
+
+    def world_of(self, scenario: Scenario) -> LastingWorld:
+        """Return a world at the release of a scenario; the one returned before is no longer valid.
+
+        Raises
+        ------
+        ScenarioError
+            If the body cannot be found or loaded, or has no mass.
+        """
+        kept, self._kept = self._kept, None  # not kept if anything fails from here on
+        if kept is not None and kept.serves(scenario):
+            kept.restart(scenario)
+        else:
+            if kept is not None:
+                kept.close()
+            kept = LastingWorld(scenario)
+        self._kept = kept
+        return kept
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._kept is not None:
+            self._kept.close()

@@ -1,0 +1,159 @@
+"""A world that can be photographed, by TinyRenderer or by the EGL plugin of PyBullet's wheel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.engines.bullet.c_output import c_output_moved_aside
+from pipeline.engines.bullet.engine import p
+from pipeline.engines.bullet.world import World
+from pipeline.errors import DropError
+from pipeline.laws.bullet_air import fall_of
+from pipeline.laws.theory import impact_time_free
+from pipeline.scenario import Camera, Renderer, Scenario
+
+Float64 = NDArray[np.float64]
+
+
+class Picture(NamedTuple):
+    """What a camera sees, each part an image of shape (height, width)."""
+
+    pixels: NDArray[np.uint8]
+    """RGB, shape (height, width, 3)."""
+    depth: NDArray[np.float32]
+    """0 at the near plane, 1 at the far plane and where nothing is."""
+    drawn: NDArray[np.bool_]
+    """Where anything is."""
+
+
+class VisibleWorld(World):
+    """A world in front of a camera; use it in a `with` statement.
+
+    Parameters
+    ----------
+    scenario
+        What is in the pictures.
+    renderer
+        What draws them. Where `egl` finds no graphics, its plugin ends the whole process: only a
+        process that may end should ask for it.
+
+    Raises
+    ------
+    ScenarioError
+        If the body cannot be found or loaded, or has no mass.
+    DropError
+        If the renderer is not there.
+    """
+
+    def __init__(self, scenario: Scenario, renderer: Renderer) -> None:
+        self._renderer = renderer
+        self.gl_renderer = ""
+        """What EGL draws with, in the words of its driver."""
+        super().__init__(scenario)
+
+    def _load_body(self) -> int:
+        if self._renderer == "egl":  # a renderer knows only the bodies that are loaded after it
+            self._load_egl()
+        return super()._load_body()
+
+    def _load_egl(self) -> None:
+        plugin = find_spec("eglRenderer")
+        if plugin is None:
+            raise DropError("this build of pybullet has no EGL renderer; use --renderer tiny")
+        with c_output_moved_aside() as printed:
+            number = p.loadPlugin(plugin.origin, "_eglRendererPlugin", physicsClientId=self._client)
+        if number < 0:
+            raise DropError("PyBullet's EGL renderer does not load; use --renderer tiny")
+        self.gl_renderer = printed[0].partition("GL_RENDERER=")[2].partition("\n")[0]
+
+    def photograph(self, camera: Camera) -> Picture:
+        """Return a picture of the world as it is now."""
+        width, height = camera.size_px
+        _, _, rgba, depth, bodies = p.getCameraImage(
+            width,
+            height,
+            viewMatrix=_view_matrix(camera),
+            projectionMatrix=p.computeProjectionMatrixFOV(
+                camera.vertical_fov_deg, width / height, camera.near_m, camera.far_m
+            ),
+            renderer={"tiny": p.ER_TINY_RENDERER, "egl": p.ER_BULLET_HARDWARE_OPENGL}[
+                self._renderer
+            ],
+            physicsClientId=self._client,
+        )
+        # Built without numpy, PyBullet returns flat tuples instead of arrays.
+        pixels = np.asarray(rgba, dtype=np.uint8).reshape(height, width, 4)
+        return Picture(
+            np.ascontiguousarray(pixels[:, :, :3]),
+            np.asarray(depth, dtype=np.float32).reshape(height, width),
+            np.asarray(bodies).reshape(height, width) >= 0,
+        )
+
+
+SHARE_OF_HEIGHT = {"close": 1 / 6, "follow": 1 / 4}
+"""Of a picture, that the body takes in it."""
+
+
+def framed(camera: Camera, scenario: Scenario) -> Camera:
+    """Return a camera that stands where its view asks for, given what is dropped, and how.
+
+    The experiment's standard view is what it is. `close` looks at where the body lands, or at the
+    release if it never does; `follow` will look at wherever the body is. Framing a camera again
+    changes nothing.
+
+    Raises
+    ------
+    ScenarioError
+        If the body cannot be found or loaded, or has no mass.
+    """
+    if camera.view == "standard":
+        return camera
+    with World(scenario) as world:
+        extent_m = 2 * float(np.linalg.norm(world.half_size_m))
+        rest_m = world.rest_height_m
+    share = SHARE_OF_HEIGHT[camera.view] * camera.size_px[1]
+    distance_m = camera.focal_length_px * extent_m / share
+    return replace(
+        camera,
+        target_m=_landing_m(scenario, rest_m) if camera.view == "close" else (0.0, 0.0, 0.0),
+        distance_m=distance_m,
+        near_m=min(0.1, distance_m / 4),
+        # From above one looks down at a floor that is far away.
+        far_m=max(10.0, 4 * (scenario.height_m + distance_m)),
+    )
+
+
+def _landing_m(scenario: Scenario, rest_m: float | None) -> tuple[float, float, float]:
+    fall = fall_of(scenario)
+    if rest_m is None or not (scenario.floor and scenario.stepped):
+        return (0.0, 0.0, scenario.height_m)
+    landing_s = impact_time_free(fall, rest_m)
+    if landing_s is None:
+        return (0.0, 0.0, scenario.height_m)
+    vx, vy, _ = scenario.velocity_m_s
+    return (vx * landing_s, vy * landing_s, rest_m)
+
+
+def _view_matrix(camera: Camera) -> list[float]:
+    up_axis_z = 2
+    return list(
+        p.computeViewMatrixFromYawPitchRoll(
+            camera.target_m,
+            camera.distance_m,
+            camera.yaw_deg,
+            camera.pitch_deg,
+            camera.roll_deg,
+            up_axis_z,
+        )
+    )
+
+
+def world_from_camera(camera: Camera) -> Float64:
+    """Return the camera's pose, shape (4, 4): its x right, y up, z backwards, as in OpenGL."""
+    camera_from_world = np.array(_view_matrix(camera)).reshape(4, 4).T
+    return np.linalg.inv(camera_from_world)

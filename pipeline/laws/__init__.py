@@ -1,0 +1,1 @@
+"""What theory says of a flight, and the discrete steps that engines take."""

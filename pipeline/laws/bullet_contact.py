@@ -1,0 +1,111 @@
+"""Bullet's law of contact for a body that lands flat: impact, settling, rest, bounces.
+
+Contact acts only after the body has gone into the floor, and in one step at a time: it gives the
+body at least the velocity that restitution asks for, and a share of the penetration back per step.
+That is the law of a solver that has converged: `solverResidualThreshold=0`, and iterations enough.
+By default the solver stops micrometres earlier. A body that is no longer flat, turned over by its
+floor or thrown sideways, is not covered. The floor is a btMultiBody, so that one solver serves both
+kinds of body. File names and line numbers are bullet3's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.laws.bullet_air import velocity_law, vertical_velocity_law
+from pipeline.laws.theory import Fall
+
+Float64 = NDArray[np.float64]
+
+CONTACT_SLOP_M = 1e-5
+"""Penetration that is left alone: PhysicsServerCommandProcessor.cpp 2803, `m_linearSlop`."""
+CONTACT_ERP = 0.08
+"""Share of the penetration taken back per step: the same file, 2800, `m_erp2`."""
+RESTITUTION_THRESHOLD_M_S = float(np.float32(0.2))
+"""Slower bodies do not bounce: `btContactSolverInfo.h`, `m_restitutionVelocityThreshold`."""
+FLOOR_HALF_THICKNESS_M = 5.0
+"""plane.urdf is a box of 10 m; distances are rounded as its centre sees them, to 8.9e-16 m."""
+
+
+def flat_drop(
+    fall: Fall,
+    *,
+    timestep_s: float,
+    steps: int,
+    mass_kg: float,
+    rest_height_m: float,
+    restitution: float = 0.0,
+    contact_erp: float = CONTACT_ERP,
+    restitution_threshold_m_s: float = RESTITUTION_THRESHOLD_M_S,
+    substeps: int = 1,
+) -> tuple[Float64, Float64]:
+    """Return heights [m] and vertical velocities [m/s] before each step and after the last.
+
+    Shape (steps + 1,) each. `rest_height_m` is that of the body's centre where it just touches the
+    floor, `restitution` that of the pair: body's times floor's (`btManifoldResult.cpp` 68-71). With
+    d the distance to the floor and v' the velocity after a step in the air, the step in contact is
+    `btMultiBodyConstraintSolver.cpp` 723-836:
+
+        gap = d + slop;  v' = max(v', rebound - gap erp/dt)  or, where gap > 0, rebound - gap/dt
+
+    The engine makes `substeps` steps of each timestep, of which the last is seen.
+    """
+    timestep_s, steps = timestep_s / substeps, steps * substeps
+    free = vertical_velocity_law(fall, float, timestep_s, mass_kg)
+    z, v = fall.height_m, fall.velocity_m_s[2]
+    heights, velocities = np.full(steps + 1, z, float), np.full(steps + 1, v, float)
+    seen, seen_step = (z, v), 0
+    for step in range(1, steps + 1):
+        v = free(v)
+        distance = ((z + FLOOR_HALF_THICKNESS_M) - rest_height_m) - FLOOR_HALF_THICKNESS_M
+        if distance <= 0:
+            gap = distance + CONTACT_SLOP_M
+            bounce = rebound_speed(v, restitution, threshold_m_s=restitution_threshold_m_s)
+            v = max(v, bounce - gap * (contact_erp if gap <= 0 else 1.0) / timestep_s)
+        z = z + timestep_s * v
+        heights[step], velocities[step] = z, v
+        # Rest is a cycle of a few states, some 1e-17 m apart. A state seen before repeats what
+        # followed it, so that a long rest costs nothing (Brent's algorithm).
+        if (z, v) == seen:
+            for series in (heights, velocities):
+                series[step:] = np.resize(series[seen_step:step], steps + 1 - step)
+            break
+        if step & (step - 1) == 0:
+            seen, seen_step = (z, v), step
+    return heights[::substeps], velocities[::substeps]
+
+
+def rebound_speed(
+    approach_m_s: float,
+    restitution: float,
+    *,
+    threshold_m_s: float = RESTITUTION_THRESHOLD_M_S,
+) -> float:
+    """Return the speed that restitution gives back [m/s] to a body moving down at -`approach_m_s`.
+
+    `btSequentialImpulseConstraintSolver.cpp` 494-502, `restitutionCurve`: none below the threshold.
+    """
+    return restitution * -approach_m_s if approach_m_s <= -threshold_m_s else 0.0
+
+
+def free_velocity(
+    fall: Fall, velocity_m_s: Sequence[float], *, timestep_s: float, mass_kg: float
+) -> float:
+    """Return what a step without contact makes of the vertical velocity [m/s].
+
+    `velocity_m_s` is the whole velocity before it, x, y, z, whose speed the drag depends on.
+    """
+    after, weight = velocity_law(fall, float, timestep_s, mass_kg)
+    return after(float(velocity_m_s[2]), math.hypot(*velocity_m_s), weight)
+
+
+def rebound_heights(drop_height_m: float, restitution: float, bounces: int) -> Float64:
+    """Return e^2 h, e^4 h, ...: the apexes above the floor of a perfect bounce [m], (bounces,).
+
+    Each bounce leaves e of the speed, and so e² of the height, in free fall and without a timestep.
+    """
+    return drop_height_m * np.float64(restitution) ** (2 * np.arange(1, bounces + 1))

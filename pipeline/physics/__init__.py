@@ -1,1 +1,0 @@
-"""Physics: what theory says, what Bullet's law says, and the world itself."""

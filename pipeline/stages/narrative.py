@@ -1,0 +1,76 @@
+"""The analysis in words, for the layer: what happened when, and where the error comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+
+from pipeline.analysis.drop.results import Analysis, Moment
+
+
+def events(analysis: Analysis) -> list[tuple[int, str]]:
+    """Return what happened, as steps and lines: release, moments taken apart, impact, rest."""
+    height_m = analysis.table["simulated_m"][0]
+    found = [(0, f"release at {height_m:g} m")]
+    found += [(one.step, _sum(one)) for one in analysis.at]
+    impact, rest = analysis.impact, analysis.rest
+    if impact is not None:
+        found.append((impact.step, f"first contact, arriving at {impact.speed_m_s:.3f} m/s"))
+    if analysis.tumbled_step is not None:
+        found.append((analysis.tumbled_step, "tumbles from here on"))
+    if impact is not None and impact.penetration_m is not None:
+        depth_mm = impact.penetration_m * 1e3
+        found.append((impact.lowest_step, f"lowest point, {depth_mm:.3f} mm in the floor"))
+    found += [(one.step, f"rebound at {one.rebound_m_s:.3f} m/s") for one in analysis.bounces]
+    if rest is not None:
+        found.append((rest.settled_step, f"at rest at {rest.height_m * 1e3:.3f} mm"))
+    return sorted(found, key=lambda event: event[0])
+
+
+def _sum(moment: Moment) -> str:
+    """Write an error as a sum on one line; what rounds to nothing is left out."""
+    terms = moment.terms_m
+    said = f"{moment.error_m * 1e3:+.2f} mm off"
+    if terms is None:
+        return said
+    parts = [
+        f"{name} {value_m * 1e3:+.2f}"
+        for name, value_m in asdict(terms).items()
+        if abs(value_m) > 5e-6
+    ]
+    return f"{said}: {', '.join(parts)}" if parts else said
+
+
+def _millimetres(value_m: float) -> str:
+    """Write a length in mm; what four decimals cannot show is given in powers of ten."""
+    value = value_m * 1e3
+    return f"{value:+.4f}" if value == 0 or abs(value) >= 5e-5 else f"{value:+.1e}"
+
+
+def findings_markdown(analysis: Analysis) -> str:
+    """Return what the analysis found, as a text to read."""
+    return "\n".join([*_moments(analysis), *_findings(analysis)])
+
+
+def _moments(analysis: Analysis) -> Iterator[str]:
+    for moment in analysis.at:
+        if moment.terms_m is None:
+            continue
+        yield f"## At {moment.time_s:.4g} s"
+        yield ""
+        yield "| | mm |"
+        yield "| --- | --- |"
+        for name, value_m in asdict(moment.terms_m).items():
+            yield f"| {name} | {_millimetres(value_m)} |"
+        yield f"| **simulated − free fall** | **{_millimetres(moment.error_m)}** |"
+        yield ""
+
+
+def _findings(analysis: Analysis) -> Iterator[str]:
+    yield "## Findings"
+    yield ""
+    if not analysis.findings:
+        yield "None: nothing in this recording needs a second look."
+    for finding in analysis.findings:
+        yield f"- **{finding.code}**: {finding.message}"
+        yield ""
