@@ -25,6 +25,7 @@ from pipeline.scenario import Camera, Scenario
 app = App(
     cls=Commands,
     name="drop",
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     help="Drop a box in PyBullet, keep everything in one Rerun recording, and learn where each "
     "millimetre of the error comes from.",
@@ -37,12 +38,13 @@ Force = Annotated[bool, typer.Option("--force", help="Replace files that exist."
 At = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="SECONDS", help=r"Time to take apart \[s]; may be given again. \[default: 0.3]"
+        metavar="SECONDS",
+        help="Time at which to break the error down [s]; repeatable. [default: 0.3]",
     ),
 ]
 Fps = Annotated[
     float | None,
-    typer.Option(help=r"Pictures per second of the gif, at most 50. \[default: 20]"),
+    typer.Option(help="Pictures per second of the gif, at most 50. [default: 20]"),
 ]
 Speed = Annotated[
     float | None,
@@ -71,7 +73,10 @@ def _drop(
         print(context.get_help())
 
 
-@app.command(epilog="Example: drop simulate --out moon.rrd --gravity moon --duration 2")
+@app.command(
+    short_help="Drop the body and record it.",
+    epilog="Example: drop simulate --out moon.rrd --gravity moon --duration 2",
+)
 @takes_scenario
 def simulate(
     *,
@@ -86,7 +91,7 @@ def simulate(
     scenario: Scenario,
     camera: Camera | None,
 ) -> None:
-    """Drop the body, and put everything that happens into one recording."""
+    """Drop the body and put everything that happens into one recording."""
     from pipeline.console.show_drop import show_simulation
     from pipeline.errors import ScenarioError
     from pipeline.stages import view
@@ -103,14 +108,17 @@ def simulate(
     show_simulation(simulation, as_json=json)
 
 
-@app.command(epilog="Example: drop analyze recordings/run.rrd --at 0.1 --at 0.3 --table run.csv")
+@app.command(
+    short_help="Explain the error, millimetre by millimetre.",
+    epilog="Example: drop analyze recordings/run.rrd --at 0.1 --at 0.3 --table run.csv",
+)
 def analyze(
     run: Run,
     *,
     at: At = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="LAYER.rrd", help=r"The layer to write. \[default: RUN.analysis.rrd]"),
+        typer.Option(metavar="LAYER.rrd", help="The layer to write. [default: RUN.analysis.rrd]"),
     ] = None,
     table: Annotated[
         Path | None,
@@ -132,7 +140,8 @@ def analyze(
 
 
 @app.command(
-    epilog="Example: drop render recordings/run.rrd --with-plot --speed 0.25 --out fall.webp"
+    short_help="Make a gif of the frames, and a plot.",
+    epilog="Example: drop render recordings/run.rrd --with-plot --out fall.webp",
 )
 def render(
     run: Run,
@@ -141,7 +150,7 @@ def render(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help=r"The .gif, .webp, .apng or .mp4 to write. \[default: RUN.gif]",
+            help="The .gif, .webp, .apng or .mp4 to write. [default: RUN.gif]",
         ),
     ] = None,
     fps: Fps = None,
@@ -151,7 +160,7 @@ def render(
     dark: Dark = False,
     plot: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help=r"The plot, .png or .svg. \[default: RUN.png]"),
+        typer.Option(metavar="FILE", help="The plot, .png or .svg. [default: RUN.png]"),
     ] = None,
     force: Force = False,
     json: Json = False,
@@ -170,12 +179,15 @@ def render(
     show_rendering(rendering, as_json=json)
 
 
-@app.command(epilog="Example: drop run --timestep 1/480")
+@app.command(
+    short_help="Simulate, analyze and render: the whole story.",
+    epilog="Example: drop run --timestep 1/480",
+)
 @takes_scenario
 def run(
     *,
     out_dir: Annotated[
-        Path, typer.Option(metavar="DIR", help="Where the files go; made if missing.")
+        Path, typer.Option(metavar="DIR", help="Where the files go; created if missing.")
     ] = Path("recordings"),
     at: At = None,
     fps: Fps = None,
@@ -187,7 +199,7 @@ def run(
     scenario: Scenario,
     camera: Camera | None,
 ) -> None:
-    """Simulate, analyze and render in a row: the whole story of one drop."""
+    """Simulate, analyze and render: the whole story of one drop."""
     from pipeline.console.show_drop import show_run
     from pipeline.fields import times
     from pipeline.figures.playback import Animation
@@ -202,7 +214,10 @@ def run(
     show_run(whole, as_json=json)
 
 
-@app.command(epilog="Example: drop check run.rrd --against recordings/golden/standard.rrd")
+@app.command(
+    short_help="Compare with a golden recording.",
+    epilog="Example: drop check run.rrd --against recordings/golden/standard.rrd",
+)
 def check(
     run: Run,
     *,
@@ -213,7 +228,7 @@ def check(
         float,
         typer.Option(
             metavar="METRES",
-            help="Difference to let pass; 0 is bit for bit in the air, 1e-9 m in contact.",
+            help="Largest difference that passes; 0: bit for bit in the air, 1e-9 m in contact.",
         ),
     ] = 0.0,
     update: Annotated[
@@ -221,7 +236,7 @@ def check(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Compare a recording with a golden one: the same physics? Exit 3 where it is not."""
+    """Compare a recording with a golden one; exit 3 where the physics differs."""
     from pipeline.console.show_check import show_check
     from pipeline.stages.check import check
 
@@ -229,27 +244,32 @@ def check(
     raise typer.Exit(show_check(checked, as_json=json))
 
 
-@app.command(epilog="Example: drop sweep --timestep 1/240,1/480,1/960 --out sweep")
+@app.command(
+    short_help="Run many scenarios, and say how the error behaves.",
+    epilog="Example: drop sweep --timestep 1/240,1/480,1/960 --out sweep",
+)
 @takes_scenario_lists
 def sweep(
     *,
     out: Annotated[
         Path,
         typer.Option(
-            metavar="DIR", help="Where results and recordings go; the same command goes on there."
+            metavar="DIR", help="Where results and recordings go; run the command again to resume."
         ),
     ],
-    at: Annotated[str, typer.Option(metavar="SECONDS", help="Time to take apart.")] = "0.3",
+    at: Annotated[
+        str, typer.Option(metavar="SECONDS", help="Time at which to break the error down [s].")
+    ] = "0.3",
     samples: Annotated[
         int | None, typer.Option(metavar="N", help="Runs of each scenario, drawn with --vary.")
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="S", help="Of all random numbers.")] = 0,
+    seed: Annotated[int, typer.Option(metavar="S", help="Random seed.")] = 0,
     vary: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=DISTRIBUTION",
-            help="Draw an option, such as height=uniform:0.5:2 or velocity_z=normal:0:1; may be "
-            "given again. Also loguniform, truncnormal, lognormal, triangular, exponential, "
+            help="Draw an option, such as height=uniform:0.5:2 or velocity_z=normal:0:1; "
+            "repeatable. Also loguniform, truncnormal, lognormal, triangular, exponential, "
             "integers and choice.",
         ),
     ] = None,
@@ -262,7 +282,9 @@ def sweep(
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option(metavar="N", help="Processes; by default one per core, where it is worth it."),
+        typer.Option(
+            metavar="N", help="Worker processes; by default one per core where that pays off."
+        ),
     ] = None,
     ray: Annotated[
         str | None,
@@ -314,14 +336,19 @@ def sweep(
     show_sweep(swept, as_json=json)
 
 
-@app.command(epilog="Example: drop view recordings/run.rrd")
+@app.command(
+    short_help="Open recordings in the Rerun viewer.",
+    epilog="Example: drop view recordings/run.rrd",
+)
 def view(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN.rrd …", help="What to look at.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN.rrd …", help="The recordings to open.")
+    ],
     *,
-    web: Annotated[bool, typer.Option("--web", help="Look at it in a browser.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="Open them in a browser.")] = False,
     json: Json = False,
 ) -> None:
-    """Look at recordings in Rerun's viewer, with their analysis; ends when it is closed."""
+    """Open recordings and their analyses in the Rerun viewer; ends when it is closed."""
     from pipeline.console.show_view import show_view
     from pipeline.stages import view
 

@@ -17,7 +17,7 @@ def main() -> None:
     """Run all scripts, or those asked for, each in a folder of its own."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--only", metavar="NAME", action="append", choices=SCRIPTS,
-                        help=f"one of {', '.join(SCRIPTS)}; may be given again")  # fmt: skip
+                        help=f"one of {', '.join(SCRIPTS)}; repeatable")  # fmt: skip
     parser.add_argument("--quick", action="store_true", help="a tenth of the work: is it alive?")
     asked = parser.parse_args()
     # An installed package comes with its bytecode; so that a checkout has it, whatever

@@ -95,21 +95,20 @@ def _parameter(
     spec: Option | None = None,
 ) -> inspect.Parameter:
     """Return one option: a flag unless it has a value to read."""
-    # Typer reads help as markup, in which [m] is no unit.
-    said = help.replace("[", r"\[")
     if spec is None or spec.is_flag:
-        flag = typer.Option(option, help=said, rich_help_panel=panel, show_default=False)
-        annotation, default = Annotated[bool, flag], False
+        flag = typer.Option(option, help=help, rich_help_panel=panel, show_default=False)
+        annotation: Any = Annotated[bool, flag]
+        absent: bool | None = False
     else:
-        said += rf" \[default: {spec.left_to if spec.is_left else spec.default}]"
+        default = spec.left_to if spec.is_left else spec.default
         metavar = "|".join(spec.choices) or _METAVARS.get(spec.parse, "TEXT")
         valued = typer.Option(
-            option, help=said, rich_help_panel=panel, show_default=False, metavar=metavar,
-            autocompletion=lambda: spec.choices,
+            option, help=f"{help} [default: {default}]", rich_help_panel=panel,
+            show_default=False, metavar=metavar, autocompletion=lambda: spec.choices,
         )  # fmt: skip
-        annotation, default = Annotated[str | None, valued], None
+        annotation, absent = Annotated[str | None, valued], None
     return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+        name, inspect.Parameter.KEYWORD_ONLY, default=absent, annotation=annotation
     )
 
 

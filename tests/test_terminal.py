@@ -130,7 +130,7 @@ def test_colours_are_for_terminals_that_want_them(
     terminal: Terminal, drop: Drop, tmp_path: Path, standard: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "run.rrd").write_bytes(standard.simulation.recording.read_bytes())
-    for command in (["analyze", "run.rrd"], ["render", "run.rrd"], ["render", "--help"]):
+    for command in (["analyze", "run.rrd"], ["render", "run.rrd"]):
         assert STYLE.search(terminal(*command).raw), command
         assert not STYLE.search(terminal(*command, NO_COLOR="1").raw), command
         assert "\x1b" not in drop(*command).stdout, command
@@ -562,14 +562,14 @@ def test_drop_alone_says_what_to_type_first_and_then_lists_the_commands(drop: Dr
     alone = drop()
     assert (alone.returncode, alone.stderr) == (0, "")
     assert alone.stdout == drop("--help").stdout
-    assert alone.stdout.index("Start with: drop run") < alone.stdout.index("Commands:")
+    assert alone.stdout.rstrip().endswith("Start with: drop run")
     for name in EXAMPLES:
         assert f"\n  {name} " in alone.stdout
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_example_of_every_command_is_one_that_it_takes(drop: Drop, name: str) -> None:
-    assert f"\nExample: {EXAMPLES[name]}\n" in drop(name, "--help").stdout
+    assert f"\n  Example: {EXAMPLES[name]}\n" in drop(name, "--help").stdout
     program, command, *arguments = shlex.split(EXAMPLES[name])
     assert (program, command) == ("drop", name)
     with COMMAND.make_context("drop", [command, *arguments]) as context:
@@ -592,8 +592,8 @@ def test_the_examples_work_one_after_the_other(drop: Drop, tmp_path: Path, stand
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["foo"], "no such command 'foo'; the commands are simulate, analyze,"),
-        (["simulat"], "no such command 'simulat', did you mean 'simulate'? The commands are"),
+        (["foo"], "no such command 'foo'; see: drop --help"),
+        (["simulat"], "no such command 'simulat'. Did you mean 'simulate'?; see: drop --help"),
         (["simulate", "--out", "a.rrd", "--higth", "2"], "--height"),
         (["sweep", "--out", "s", "--samples", "2", "--vary", "hight=uniform:1:2"], "mean height?"),
         (["sweep", "--out", "s", "--samples", "2", "--vary", "zzz=uniform:1:2"], "velocity_z"),
