@@ -52,7 +52,7 @@ def run(load: Callable[[], typer.Typer]) -> int:
     try:
         _open_closed_streams()
         _keep_standard_output()
-        code = load()(standalone_mode=False)
+        code = load()(prog_name="drop", standalone_mode=False)
         sys.stdout.flush()
     except (BrokenPipeError, SystemExit) as error:
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
