@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -126,6 +127,45 @@ def test_what_a_study_says_of_damping_is_the_finest_runs() -> None:
     assert fine.discretisation_m == pytest.approx(-0.004 + 2e-4 - 3e-4)
     assert study.damped_fall_m == pytest.approx(fine.simulated_m - fine.discretisation_m)
     assert study.relative_error == pytest.approx(0.0041 / 0.501)
+
+
+@pytest.mark.parametrize(
+    ("damping_m", "matters"),
+    [(1e-12, False), (-1e-12, False), (0.99e-7, False), (1.01e-7, True), (4e-3, True)],
+)
+def test_damping_matters_where_it_shows_in_an_order(damping_m: float, matters: bool) -> None:
+    """Of an error of 1 mm, from one of 2 mm: an order of 1 is then off by at most 1e-4."""
+    runs = [
+        Run(step_s, 0.5, error_m, error_m - damping_m, damping_m, 0.0, 0.0)
+        for step_s, error_m in ((1 / 240, 2e-3), (1 / 480, 1e-3))
+    ]
+    study = study_of(runs)
+    assert study.damping_matters == matters
+    without = observed_orders(HALVED[:2], [run.timestep_m for run in runs])[0] or 0.0
+    assert matters or abs(without - 1) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("cancelling_s", "near"),
+    [(1 / 13487086115049, False), (1 / 9610, False), (1 / 9590, True), (1 / 341, True),
+     (1 / 25, True), (1 / 23, False), (None, False)],
+)  # fmt: skip
+def test_errors_that_cancel_far_from_all_that_was_tried_are_not_spoken_of(
+    cancelling_s: float | None, near: bool
+) -> None:
+    """Of 1/240 to 1/960 s, 1/9600 to 1/24 s are near; a step longer than the fall is none."""
+    plain = study_of(runs_of(lambda step_s: step_s, (240, 480, 960)))
+    study = replace(plain, cancelling_timestep_s=cancelling_s)
+    assert study.cancels_near(0.3) == near
+    assert not study.cancels_near(1e-5)
+
+
+def test_a_height_of_zero_has_no_relative_error() -> None:
+    runs = [Run(step_s, -step_s * n, step_s, step_s, 0.0, 0.0, 0.0)
+            for step_s, n in ((1 / 240, 2), (1 / 480, 1), (1 / 960, 0))]  # fmt: skip
+    study = study_of(runs)
+    assert study.order is not None
+    assert (study.relative_error, study.grid_convergence_index) == (None, None)
 
 
 @pytest.mark.parametrize(

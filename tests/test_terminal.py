@@ -446,6 +446,48 @@ def test_printed_study_without_damping_explains_no_limit(
     assert (convergence["height_m"], convergence["study"]["refining_hurts"]) == (1.0, False)
 
 
+def test_printed_study_with_damping_that_does_not_show_is_one_without(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """It cancels at a timestep that nobody can take, and leaves an error that nobody can see."""
+    damped = [replace(run, error_m=run.timestep_m + 1e-13, damping_m=1e-13) for run in RUNS]
+    study = study_of(damped)
+    assert study.cancelling_timestep_s == pytest.approx(1e-13 / 0.00613 / 240)
+    show_sweep(swept(tmp_path, studies=[Group({}, "", study)]), as_json=False)
+    told = " ".join(lines_of(capsys))
+    assert "against free fall 1.000 1.000 1.000 against" in told
+    for word in ("*", "meaningless", "cancel", "hurts"):
+        assert word not in told
+    # A thousandth of the last error is a limit, and too small for two digits.
+    small = [replace(run, error_m=run.timestep_m + 4e-7, damping_m=4e-7) for run in RUNS]
+    show_sweep(swept(tmp_path, studies=[Group({}, "", study_of(small))]), as_json=False)
+    told = " ".join(lines_of(capsys))
+    assert "does not go to 0 but to +4.0e-04 mm" in told
+    # Where nothing but rounding is left, it is not the damping that makes it grow.
+    noise = [replace(run, error_m=(-2.0) ** n * 1e-15, timestep_m=0.0, damping_m=0.0)
+             for n, run in enumerate(RUNS)]  # fmt: skip
+    assert study_of(noise).refining_hurts
+    show_sweep(swept(tmp_path, studies=[Group({}, "", study_of(noise))]), as_json=False)
+    assert "hurts" not in " ".join(lines_of(capsys))
+
+
+def test_one_of_a_thing_is_no_plural(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, drop: Drop
+) -> None:
+    total = Summary("error_m", 1, -1.5e-3, None, {}, None)
+    for group, said in (
+        (Group({}, "", statistics=(total,), samples=1), "over the 1 sample in the air;"),
+        (Group({}, "", statistics=(total,), samples=3), "over the 1 of 3 samples in the air;"),
+        (Group({}, "", statistics=(total,), samples=1, in_the_air=False), "over 1 sample; none"),
+        (Group({}, "", samples=1, in_the_air=False), "the sample failed"),
+        (Group({}, "", samples=3, in_the_air=False), "all 3 samples failed"),
+    ):
+        show_sweep(swept(tmp_path, statistics=[group]), as_json=False)
+        assert said in " ".join(lines_of(capsys))
+    done = drop("simulate", "--duration", "1/240", "--capture-every", "5", "--out", "r.rrd")
+    assert " 2 samples, 1 frame, " in done.stdout
+
+
 def test_printed_statistics_are_in_millimetres_beside_half_the_interval(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -47,6 +47,11 @@ def millimetres(value_m: float) -> str:
     return f"{text:>10} mm"
 
 
+def counted(number: int, thing: str) -> str:
+    """Return how many there are of a thing: 1 sample, 1,000 samples."""
+    return f"{number:,} {thing}{'s' * (number != 1)}"
+
+
 def beside(title: str, words: str, column: int, width: int = WIDTH) -> list[str]:
     """Return words beside a title, wrapped in a column of their own; below it where it is long."""
     lines = textwrap.wrap(words, width - column, break_on_hyphens=False, break_long_words=False)

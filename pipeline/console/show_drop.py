@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from pipeline.console.output import made, millimetres, note, print_json, print_lines, titled
+from pipeline.console.output import (
+    counted,
+    made,
+    millimetres,
+    note,
+    print_json,
+    print_lines,
+    titled,
+)
 from pipeline.fields import fraction
 
 if TYPE_CHECKING:
@@ -30,7 +38,7 @@ def show_analysis(analysis: Analysis, *, as_json: bool) -> None:
     if analysis.partial:
         note(
             f"{analysis.recording} was never finished: this is the analysis of the "
-            f"{len(analysis.table):,} samples that it holds, which are unverified"
+            f"{counted(len(analysis.table), 'sample')} that it holds, unverified"
         )
     if as_json:
         print_json(analysis.as_json())
@@ -89,7 +97,7 @@ def _rendering_json(rendering: Rendering) -> dict[str, Any]:
 
 def _simulation_lines(simulation: Simulation) -> list[str]:
     facts = (
-        f"{simulation.samples:,} samples, {simulation.frames} frames, "
+        f"{counted(simulation.samples, 'sample')}, {counted(simulation.frames, 'frame')}, "
         f"{simulation.bytes / 1e3:,.0f} kB, {simulation.wall_s:.1f} s"
     )
     return made("recording", simulation.recording, facts, column=_FILE)
@@ -98,7 +106,7 @@ def _simulation_lines(simulation: Simulation) -> list[str]:
 def _rendering_lines(rendering: Rendering) -> list[str]:
     lines = []
     if rendering.gif is not None:
-        facts = f"{rendering.frames} frames, {rendering.frames / rendering.fps:.2f} s"
+        facts = f"{counted(rendering.frames, 'frame')}, {rendering.frames / rendering.fps:.2f} s"
         if rendering.speed is not None:
             facts += f", {_speed(rendering.speed)}"
         lines += made(rendering.gif.suffix[1:], rendering.gif, facts, column=_FILE)
@@ -129,7 +137,9 @@ def _story(analysis: Analysis) -> list[str]:
         lines += ["", *_moment(moment, scenario["linear_damping"])]
     coverage = analysis.coverage
     if coverage.samples < coverage.of:
-        covered = f"samples 0 to {coverage.samples - 1}" if coverage.samples else "no sample"
+        covered = {0: "no sample", 1: "sample 0"}.get(
+            coverage.samples, f"samples 0 to {coverage.samples - 1}"
+        )
         lines += ["", *_titled("Covered", f"{covered} of {coverage.of:,}: {coverage.why}")]
     lines += ["", *_impact(analysis), *_bounces(analysis), *_rest(analysis), *_energy(analysis)]
     if analysis.findings:

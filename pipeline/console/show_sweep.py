@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from pipeline.console.output import WIDTH, made, millimetres, print_json, print_lines, titled
+from pipeline.console.output import (
+    WIDTH,
+    counted,
+    made,
+    millimetres,
+    print_json,
+    print_lines,
+    titled,
+)
 from pipeline.fields import fraction
 
 if TYPE_CHECKING:
@@ -40,7 +48,7 @@ def show_sweep(sweep: Sweep, *, as_json: bool) -> None:
         print_json(_json(sweep))
         return
     lines = [
-        f"[bold]{sweep.runs:,} run{'s' * (sweep.runs != 1)}[/], errors at {sweep.at_s:g} s in mm, "
+        f"[bold]{counted(sweep.runs, 'run')}[/], errors at {sweep.at_s:g} s in mm, "
         "simulated minus free fall"
     ]
     if sweep.statistics:
@@ -50,7 +58,7 @@ def show_sweep(sweep: Sweep, *, as_json: bool) -> None:
         lines += ["", *_rows(sweep)]
     for group in sweep.studies[:MOST_STUDIES]:
         if group.study is not None:
-            lines += ["", *_study(group, group.study)]
+            lines += ["", *_study(group, group.study, sweep.at_s)]
     more = len(sweep.studies) - MOST_STUDIES
     if more > 0:
         lines += ["", f"[dim]… and {more:,} more such sets of runs: see --json[/]"]
@@ -134,14 +142,15 @@ def _mm(value_m: float | None) -> str:
 # -- convergence ----------------------------------------------------------------------------------
 
 
-def _study(group: Group, study: Study) -> list[str]:
+def _study(group: Group, study: Study, at_s: float) -> list[str]:
     """Tell what the timestep does."""
     steps = [fraction(run.timestep_s) for run in study.runs]
     pairs = [f"{one} → {two}" for one, two in itertools.pairwise(steps)]
     width = max(map(len, pairs)) + 3
     pairs = pairs[-max(1, min(3, (WIDTH - STUDY - 2) // width)) :]
-    limit = f"{study.limit_m * 1e3:+.2f} mm"
-    damped = study.limit_m != 0
+    limit_mm = study.limit_m * 1e3
+    limit = f"{limit_mm:+.2f} mm" if abs(limit_mm) >= 5e-3 else f"{limit_mm:+.1e} mm"
+    damped = study.damping_matters
     free_fall = _orders(study.orders_free_fall, len(pairs), width, 2 if damped else 3)
     lines = [
         *_heading(group.label or "by timestep"),
@@ -156,26 +165,27 @@ def _study(group: Group, study: Study) -> list[str]:
                        "against 0.")  # fmt: skip
     for timestep_s in group.left_out_s:
         lines += _said("  left out", f"{fraction(timestep_s)} s, which has no sample at that time")
-    if study.extrapolated_m is not None and study.grid_convergence_index is not None:
+    if study.extrapolated_m is None:
+        lines += _said("  Richardson", "needs three timesteps whose heights close in on a limit")
+    else:
         lines += _said(
             "  Richardson",
             f"{study.extrapolated_m:.6f} m at order {study.order:.4f}; damped fall at "
             f"{study.damped_fall_m:.6f} m",
         )
+    if study.grid_convergence_index is not None:
         lines += _said(
             "  convergence index",
             f"{study.grid_convergence_index:.4%} of the height at {steps[-1]} s; true error "
             f"{study.relative_error:.4%}",
         )
-    else:
-        lines += _said("  Richardson", "needs three timesteps whose heights close in on a limit")
-    if study.cancelling_timestep_s is not None:
+    if study.cancelling_timestep_s is not None and study.cancels_near(at_s):
         lines += _said(
             "  errors cancel at",
             f"{readable_step(study.cancelling_timestep_s)}: there timestep and damping weigh the "
             "same",
         )
-    if study.refining_hurts:
+    if study.refining_hurts and damped:
         lines += _said(
             "  refining hurts",
             f"the total grows again, to {limit}: take it apart first",
@@ -211,17 +221,14 @@ def _statistics(group: Group) -> list[str]:
         cells = [_mm(one.mean), *widths, *map(_mm, one.quantiles.values())]
         lines.append(_cells(TERMS[one.quantity], cells))
     count = group.statistics[0].count if group.statistics else 0
-    of = "" if count == group.samples else f" of {group.samples:,}"
+    samples = counted(group.samples, "sample")
+    over = samples if count == group.samples else f"{count:,} of {samples}"
     if not count:
-        lines.append(f"all {group.samples:,} samples failed")
+        lines.append(f"all {samples} failed" if group.samples > 1 else "the sample failed")
     elif group.in_the_air:
-        lines.append(
-            f"[dim]over the {count:,}{of} samples in the air; ± 95 % is that of the mean[/]"
-        )
+        lines.append(f"[dim]over the {over} in the air; ± 95 % is that of the mean[/]")
     else:
-        lines.append(
-            f"[dim]over {count:,}{of} samples; none was in the air, so there is only the total[/]"
-        )
+        lines.append(f"[dim]over {over}; none was in the air, so there is only the total[/]")
     return lines
 
 
@@ -236,10 +243,9 @@ def _cells(name: str, cells: Sequence[str], style: str = "") -> str:
 def _failures(sweep: Sweep) -> list[str]:
     if not sweep.failed:
         return []
-    first = sweep.first_failure()
+    first, runs = sweep.first_failure(), counted(sweep.runs, "run")
     return [
-        f"[red]{sweep.failed:,} of {sweep.runs:,} runs failed[/], see the column error; run "
-        f"{first['run']}:",
+        f"[red]{sweep.failed:,} of {runs} failed[/], see the column error; run {first['run']}:",
         *titled("", first["error"], column=2),
         "",
     ]
@@ -247,7 +253,7 @@ def _failures(sweep: Sweep) -> list[str]:
 
 def _files(sweep: Sweep) -> list[str]:
     old = sweep.runs - sweep.computed
-    rows = f"{sweep.runs:,} row{'s' * (sweep.runs != 1)}"
+    rows = counted(sweep.runs, "row")
     known = f", {old:,} of them from before" if old > 0 else ""
     lines = made("results", sweep.results, rows + known, column=12)
     if sweep.plot is not None:

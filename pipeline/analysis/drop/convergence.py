@@ -16,6 +16,10 @@ SAFETY_FACTOR = 1.25
 """Roache's for three grids or more, and an observed order near the formal one."""
 LEAST_ORDER, MOST_ORDER = 1e-6, 64.0
 """Nothing outside is an order: such solutions do not close in on a limit."""
+NEGLIGIBLE = 1e-4
+"""Of the finest error: damping of a smaller share changes no shown digit of an order."""
+NEAR = 10.0
+"""Times the coarsest timestep, or a part of the finest: what lies beyond, nobody tried."""
 
 
 def observed_orders(timesteps_s: Sequence[float], errors: Sequence[float]) -> list[float | None]:
@@ -125,8 +129,8 @@ class Study:
     """Height that it should find."""
     grid_convergence_index: float | None
     """Relative error of the finest height, estimated."""
-    relative_error: float
-    """The same, known from theory."""
+    relative_error: float | None
+    """The same, known from theory; None at a height of 0."""
     cancelling_timestep_s: float | None
     """Where timestep and damping cancel."""
     limit_m: float
@@ -137,6 +141,21 @@ class Study:
         """Whether some refinement made the error against free fall grow."""
         errors = [abs(run.error_m) for run in self.runs]
         return any(fine > coarse for coarse, fine in itertools.pairwise(errors))
+
+    @property
+    def damping_matters(self) -> bool:
+        """Whether the damping's share, which no refinement removes, shows beside the error."""
+        return abs(self.limit_m) > NEGLIGIBLE * abs(self.runs[-1].error_m)
+
+    def cancels_near(self, time_s: float) -> bool:
+        """Whether the timestep at which errors cancel is near those of the runs.
+
+        It is none if it is longer than the fall until the time of the errors [s].
+        """
+        if self.cancelling_timestep_s is None or self.cancelling_timestep_s > time_s:
+            return False
+        coarsest_s, finest_s = self.runs[0].timestep_s, self.runs[-1].timestep_s
+        return finest_s / NEAR <= self.cancelling_timestep_s <= coarsest_s * NEAR
 
 
 def study_of(runs: Sequence[Run]) -> Study:
@@ -150,7 +169,8 @@ def study_of(runs: Sequence[Run]) -> Study:
     if order is not None:
         ratio = steps[-2] / steps[-1]
         extrapolated_m = richardson(*heights[-2:], ratio=ratio, order=order)
-        index = grid_convergence_index(*heights[-2:], ratio=ratio, order=order)
+        if finest.simulated_m:
+            index = grid_convergence_index(*heights[-2:], ratio=ratio, order=order)
     return Study(
         runs=ordered,
         orders_free_fall=observed_orders(steps, [run.error_m for run in ordered]),
@@ -159,7 +179,9 @@ def study_of(runs: Sequence[Run]) -> Study:
         extrapolated_m=extrapolated_m,
         damped_fall_m=damped_fall_m,
         grid_convergence_index=index,
-        relative_error=abs(finest.discretisation_m / finest.simulated_m),
+        relative_error=(
+            abs(finest.discretisation_m / finest.simulated_m) if finest.simulated_m else None
+        ),
         cancelling_timestep_s=cancelling_timestep(
             finest.timestep_s, timestep_m=finest.timestep_m, damping_m=finest.damping_m
         ),
