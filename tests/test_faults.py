@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import polars as pl
 import pytest
 from conftest import Drop, descendants_of
 
@@ -32,6 +33,8 @@ from pipeline.recording.outputs import check_room, part_of
 from pipeline.recording.reader import Recording, read
 from pipeline.stages import run as run_stage
 from pipeline.stages.simulate import BATCH
+from pipeline.stages.sweep import sweep
+from pipeline.sweeping.plan import plan_of
 from pipeline.workers import cores
 
 KILLS = 50
@@ -591,6 +594,29 @@ def test_killed_at_any_moment_it_loses_nothing_that_was_there(
         assert found.states.equals(longest.head(len(found.states)), null_equal=True)
         assert found.partial or len(found.states) == found.scenario.steps + 1
     assert len(longest) > 10_000
+
+
+def test_a_sweep_that_is_killed_again_and_again_goes_on_with_what_is_its_own(
+    tmp_path: Path,
+) -> None:
+    """What it finds then: whole parts, recordings of parts that are not, and what was begun."""
+    plan = {"samples": 130, "seed": 1, "vary": ["height=uniform:1:2"]}  # in parts of 3
+    words = ("--samples", "130", "--seed", "1", "--vary", "height=uniform:1:2", "--jobs", "2")
+    for number, least in enumerate((0, 1, 20, 40, 80, 129)):
+        process = start(("sweep", "--out", "s", *words), tmp_path)
+        wait_for(lambda n=least: len(list(tmp_path.glob("s/recordings/*.rrd"))) >= n, "no runs")
+        process.send_signal((signal.SIGKILL, signal.SIGTERM)[number % 2])
+        _, stderr = ended(process)
+        assert process.returncode in (-9, 143, 0), stderr
+    last = start(("sweep", "--out", "s", *words), tmp_path)
+    _, stderr = ended(last)
+    assert (last.returncode, stderr) == (0, "")
+    found = pl.read_parquet(tmp_path / "s" / "results.parquet")
+    alone = sweep(plan_of({}, **plan), tmp_path / "alone", record=False).table()
+    assert found.drop("recording").equals(alone.drop("recording"))
+    assert [f"recordings/run-{run}.rrd" for run in range(130)] == found["recording"].to_list()
+    for row in found.sample(20, seed=1).iter_rows(named=True):
+        assert read(tmp_path / "s" / row["recording"]).scenario.height_m == row["height_m"]
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import random
 import resource
 import shlex
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -25,7 +27,7 @@ import pybullet_data
 import pytest
 from conftest import Drop, descendants_of
 
-from pipeline import Scenario, analyze
+from pipeline import Scenario, analyze, simulate
 from pipeline.analysis.general.statistics import Moments
 from pipeline.engines.bullet.lasting_world import LastingWorld, Worlds
 from pipeline.engines.bullet.world import World
@@ -36,7 +38,7 @@ from pipeline.recording.reader import read
 from pipeline.stages.sweep import Sweep, sweep
 from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
-from pipeline.sweeping.folder import TERMS, Folder
+from pipeline.sweeping.folder import TERMS
 from pipeline.sweeping.plan import plan_of
 
 ARTICLE = ("--timestep", "1/240,1/480,1/960", "--linear-damping", "default,0")
@@ -487,23 +489,6 @@ def test_a_sweep_of_a_body_that_was_edited_is_another(tmp_path: Path) -> None:
         sweep(plan, folder, record=False)
 
 
-@pytest.mark.parametrize("name", ["../../victim", "absolute"])
-def test_names_in_a_part_are_not_followed(tmp_path: Path, name: str) -> None:
-    """Parts that are no longer needed go, with the recordings of the plan's runs only."""
-    plan = plan_of({"linear_damping": "0"}, samples=200, seed=1, vary=["gravity=normal:-9.81:1"])
-    how = {"record": False, "jobs": 1}
-    sweep(plan, tmp_path / "a" / "s", **how)
-    victim = tmp_path / "victim"
-    victim.write_text("precious")
-    last = Folder(tmp_path / "a" / "s").part(plan.shards - 1)
-    told = str(victim) if name == "absolute" else name
-    pl.read_parquet(last).with_columns(recording=pl.lit(told)).write_parquet(last)
-    swept = sweep(plan, tmp_path / "a" / "s", until_ci_m=1e-3, **how)
-    assert swept.runs < 200
-    assert not last.exists()
-    assert victim.read_text() == "precious"
-
-
 def test_recordings_of_runs_that_are_not_needed_go(tmp_path: Path) -> None:
     plan = plan_of({"linear_damping": "0"}, samples=8, seed=1, vary=["gravity=normal:-9.81:1"])
     sweep(plan, tmp_path, jobs=1)
@@ -522,19 +507,191 @@ def test_recordings_that_were_there_before_are_not_replaced(tmp_path: Path) -> N
     assert theirs.read_text() == "precious"
 
 
-@pytest.mark.parametrize("content", [b"", b"no table", None])
-def test_a_damaged_part_is_one_line(tmp_path: Path, content: bytes | None) -> None:
-    plan = plan_of({"height_m": "1,2"})
-    sweep(plan, tmp_path, record=False)
-    part = Folder(tmp_path).part(1)
-    if content is None:
-        pl.DataFrame({"run": [1]}).write_parquet(part)
+THREE = plan_of({"height_m": "1,2,3"})
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a sweep in three parts."""
+    folder = tmp_path_factory.mktemp("whole") / "s"
+    sweep(THREE, folder, record=False)
+    return folder
+
+
+@pytest.fixture
+def copied(whole: Path, tmp_path: Path) -> Path:
+    """Return a copy of it."""
+    return Path(shutil.copytree(whole, tmp_path / "s"))
+
+
+def files_in(folder: Path) -> dict[str, bytes | None]:
+    """Return all that there is, but for the lock: a file's content, None of anything else."""
+    return {
+        str(one.relative_to(folder)): one.read_bytes() if one.is_file() else None
+        for one in folder.rglob("*")
+        if one.name != ".lock"
+    }
+
+
+def edited(path: Path, *, keep: bool = False, **cells: pl.Expr) -> None:
+    """Change cells of a table, and keep the metadata that stands in the file or not."""
+    told = {"drop": pl.read_parquet_metadata(path)["drop"]} if keep else None
+    pl.read_parquet(path).with_columns(**cells).write_parquet(path, metadata=told)
+
+
+def flipped(path: Path) -> None:
+    """Change one bit in the middle."""
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3] ^= 1
+    path.write_bytes(data)
+
+
+def of_another_sweep(path: Path) -> None:
+    """Put another sweep's part there: the same but for the gravity."""
+    other = path.parents[2] / "other"
+    sweep(plan_of({"height_m": "1,2,3", "gravity_m_s2": "-5"}), other, record=False)
+    shutil.copy(other / "parts" / path.name, path)
+
+
+ALTERED = {
+    "another sweep's": of_another_sweep,
+    "another run's": lambda path: shutil.copy(path.with_name("part-000000.parquet"), path),
+    "a value": lambda path: edited(path, height_m=pl.lit(7.0)),
+    "a result": lambda path: edited(path, error_m=pl.lit(1e-3)),
+    "no number": lambda path: edited(path, error_m=pl.lit(math.nan)),
+    "another folder": lambda path: edited(path, recording=pl.lit("../../x")),
+    "an escape": lambda path: edited(path, command=pl.lit("\x1b[2J")),
+    "with the stamp": lambda path: edited(path, keep=True, error_m=pl.lit(1e-3)),
+    "a bit": flipped,
+    "the last words": lambda path: path.write_bytes(
+        path.read_bytes().replace(b"(python)", b"(Python)")
+    ),
+    "no table": lambda path: path.write_bytes(b"no table"),
+    "empty": lambda path: path.write_bytes(b""),
+    "other columns": lambda path: pl.DataFrame({"run": [1]}).write_parquet(path),
+    "nowhere": lambda path: (path.unlink(), path.symlink_to("nowhere")),
+}
+
+
+@pytest.mark.parametrize("alter", ALTERED.values(), ids=ALTERED)
+def test_a_part_that_this_sweep_did_not_write_is_not_believed(
+    copied: Path, whole: Path, alter: Callable[[Path], object]
+) -> None:
+    """Whether it is another's or was edited; nothing is rewritten, and --force makes it again."""
+    alter(copied / "parts" / "part-000001.parquet")
+    (copied / "parts" / "part-000002.parquet").unlink()
+    before = files_in(copied)
+    with pytest.raises(OutputError, match=r"part-000001\.parquet must have the stamp .*--force"):
+        sweep(THREE, copied, record=False)
+    assert files_in(copied) == before
+    swept = sweep(THREE, copied, record=False, force=True)
+    assert swept.computed == 2
+    assert files_in(copied) == files_in(whole)
+
+
+def test_a_part_that_was_doubled_is_one_line(drop: Drop, tmp_path: Path) -> None:
+    how = ("sweep", "--timestep", "1/240,1/480", "--no-record", "--out", "s")
+    assert drop(*how).returncode == 0
+    parts = tmp_path / "s" / "parts"
+    shutil.copy(parts / "part-000000.parquet", parts / "part-000001.parquet")
+    before = files_in(tmp_path / "s")
+    done = drop(*how)
+    assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (1, "", 1)
+    assert "got one of other bytes or of another sweep; move it away" in done.stderr
+    assert files_in(tmp_path / "s") == before
+    assert drop(*how, "--force").returncode == 0
+
+
+def test_a_part_that_is_too_many_is_not_deleted(copied: Path, whole: Path) -> None:
+    extra = copied / "parts" / "part-000003.parquet"
+    shutil.copy(extra.with_name("part-000000.parquet"), extra)
+    before = files_in(copied)
+    with pytest.raises(OutputError, match=r"part-000003\.parquet must have the stamp"):
+        sweep(THREE, copied, record=False)
+    assert files_in(copied) == before
+    sweep(THREE, copied, record=False, force=True)
+    assert files_in(copied) == files_in(whole)
+
+
+RESULTS = [name for name in ALTERED if name not in ("another sweep's", "another run's")]
+
+
+@pytest.mark.parametrize("how", RESULTS)
+def test_results_that_this_sweep_did_not_write_are_not_replaced(
+    copied: Path, whole: Path, how: str
+) -> None:
+    """Which is found before a run is made."""
+    ALTERED[how](copied / "results.parquet")
+    (copied / "parts" / "part-000001.parquet").unlink()
+    before = files_in(copied)
+    with pytest.raises(OutputError, match=r"results\.parquet must have the stamp .*--force"):
+        sweep(THREE, copied, record=False)
+    assert files_in(copied) == before
+    sweep(THREE, copied, record=False, force=True)
+    assert files_in(copied) == files_in(whole)
+
+
+def test_a_part_can_be_moved_away_and_is_made_again(copied: Path, whole: Path) -> None:
+    """And with it its recordings, which are this sweep's own."""
+    (copied / "parts" / "part-000001.parquet").unlink()
+    assert sweep(THREE, copied, record=False).computed == 1
+    assert files_in(copied) == files_in(whole)
+
+
+@pytest.mark.parametrize("theirs", ["text", "same scenario", "another run", "cut"])
+def test_recordings_that_this_sweep_did_not_make_are_not_replaced(
+    tmp_path: Path, theirs: str
+) -> None:
+    """Its own are: those of a part that was not finished when it was killed."""
+    folder = tmp_path / "s"
+    sweep(THREE, folder)
+    (folder / "parts" / "part-000001.parquet").unlink()
+    assert sweep(THREE, folder).computed == 1
+    (folder / "parts" / "part-000001.parquet").unlink()
+    (folder / "parts" / "part-000002.parquet").unlink()
+    path = folder / "recordings" / "run-2.rrd"
+    if theirs == "text":
+        path.write_text("precious")
+    elif theirs == "same scenario":
+        simulate(Scenario(height_m=3.0), path, camera=None, force=True)
+    elif theirs == "another run":
+        shutil.copy(path.with_name("run-0.rrd"), path)
     else:
-        part.write_bytes(content)
-    with pytest.raises(OutputError, match=r"part-000001\.parquet is damaged; delete it"):
-        sweep(plan, tmp_path, record=False)
-    part.unlink()
-    assert sweep(plan, tmp_path, record=False).computed == 1
+        path.write_bytes(path.read_bytes()[:-100])
+    before = files_in(folder)
+    with pytest.raises(OutputError, match=r"run-2\.rrd must be this sweep's recording of run 2"):
+        sweep(THREE, folder)
+    assert files_in(folder) == before
+    assert sweep(THREE, folder, force=True).computed == 2
+    assert read(path).scenario == Scenario(height_m=3.0)
+
+
+def test_what_comes_while_a_sweep_runs_is_not_replaced(tmp_path: Path) -> None:
+    theirs = tmp_path / "recordings" / "run-2.rrd"
+
+    def meanwhile(done: int, _: int, __: int) -> None:
+        if done == 1:
+            theirs.write_text("precious")
+
+    with pytest.raises(OutputError, match=r"run-2\.rrd must be this sweep's"):
+        sweep(THREE, tmp_path, jobs=1, progress=meanwhile)
+    assert theirs.read_text() == "precious"
+
+
+def test_recordings_of_others_stay_when_runs_are_not_needed(tmp_path: Path) -> None:
+    plan = plan_of({"linear_damping": "0"}, samples=8, seed=1, vary=["gravity=normal:-9.81:1"])
+    sweep(plan, tmp_path, jobs=1)
+    theirs = tmp_path / "recordings" / "run-7.rrd"
+    theirs.write_text("precious")
+    sweep(plan, tmp_path, jobs=1, until_ci_m=1.0)
+    assert {one.name for one in theirs.parent.iterdir()} == {"run-0.rrd", "run-1.rrd", "run-7.rrd"}
+    assert theirs.read_text() == "precious"
+
+
+def test_a_list_of_lists_of_lists_is_no_sweep(copied: Path) -> None:
+    (copied / "sweep.json").write_text("[" * 100_000 + "]" * 100_000)
+    with pytest.raises(OutputError, match=r"sweep\.json is damaged; choose another --out"):
+        sweep(THREE, copied, record=False)
 
 
 def test_two_sweeps_at_a_time_do_not_share_a_folder(tmp_path: Path) -> None:
@@ -563,10 +720,18 @@ def test_a_scenario_that_fails_is_a_row(drop: Drop, tmp_path: Path) -> None:
     assert [row["duration_s"] for row in rows] == [0.3, 0.3, 0.3001, 0.3001]
 
 
+def test_a_body_at_height_zero_is_swept(drop: Drop) -> None:
+    how = ("--height", "0", "--no-floor", "--gravity", "zero", "--timestep", "1/240,1/480,1/960")
+    done = drop("sweep", "--out", "s", "--no-record", "--json", *how)
+    assert (done.returncode, done.stderr) == (0, "")
+    (convergence,) = json.loads(done.stdout)["convergence"]
+    assert convergence["study"]["relative_error"] is None
+
+
 def test_if_all_fail_the_sweep_has_failed(drop: Drop, tmp_path: Path) -> None:
     done = drop("sweep", "--out", "s", "--at", "5", "--no-record")
     assert (done.returncode, done.stdout) == (1, "")
-    assert "all 1 runs failed" in done.stderr
+    assert "drop: the run failed with: --at must" in done.stderr
     assert "--at must lie within" in done.stderr
     assert pl.read_parquet(tmp_path / "s" / "results.parquet")["error"].null_count() == 0
 

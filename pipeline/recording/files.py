@@ -44,7 +44,7 @@ def unfinished(path: Path, *, force: bool) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def written_whole(path: Path, *, force: bool = True) -> Iterator[BinaryIO]:
-    """Yield a binary file that gets its name when the block ends without an error.
+    """Yield a binary file, to write and read, that has its name once the block ends without error.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def written_whole(path: Path, *, force: bool = True) -> Iterator[BinaryIO]:
         As `check_target`; if another process is writing the same file; if the disk is full. What
         was there before is untouched then.
     """
-    with replaced(path, force=force) as part, part.open("wb") as handle:
+    with replaced(path, force=force) as part, part.open("w+b") as handle:
         yield handle
 
 

@@ -6,7 +6,7 @@ import contextlib
 import math
 import platform
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,14 @@ from pipeline.analysis.drop.one_sample import DEFAULT_AT_S
 from pipeline.analysis.general.statistics import Moments
 from pipeline.engines.bullet.engine import body_digest, engine_versions, find_body
 from pipeline.engines.bullet.probe import verdicts
-from pipeline.errors import DropError, ScenarioError
+from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.recording.files import written_whole
 from pipeline.recording.outputs import check_apart, check_target
 from pipeline.scenario import Camera, Scenario
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
 from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
-from pipeline.sweeping.folder import TERMS, Folder
+from pipeline.sweeping.folder import TERMS, Folder, mark_of
 from pipeline.sweeping.plan import Plan, name_of
 from pipeline.workers import cores
 
@@ -117,7 +117,8 @@ def sweep(
     dark
         Whether the plot is for a dark page.
     force
-        Whether the plot may replace a file.
+        Whether files that this sweep did not write may be replaced: the plot, and what has the
+        name of a part, a recording or the results.
     progress
         Called while it runs.
 
@@ -126,7 +127,8 @@ def sweep(
     ScenarioError
         If the options do not go together.
     OutputError
-        If the folder holds another sweep, or cannot be written.
+        If the folder holds another sweep, or files of this one's names that it did not write, or
+        cannot be written.
     DropError
         If all runs fail, workers die again and again, or Ray does not answer.
     """
@@ -138,10 +140,14 @@ def sweep(
         check_plot(Path(plot), timesteps=len(dict(plan.lists).get("timestep_s", ())))
         check_target(Path(plot), force=force)
         check_apart([Path(plot)], inputs=bodies)
-    folder = Folder(Path(out))
-    work = RunShard(plan, folder.path.resolve(), at_s, record, camera, verdicts())
-    with folder.claimed(_identity(work)):
-        before = {shard: ShardDone.of(folder.read(shard)) for shard in sorted(folder.finished())}
+    work = RunShard(plan, Path(out).resolve(), at_s, record, camera, verdicts(), force=force)
+    identity = _identity(work)
+    work = replace(work, mark=mark_of(identity))
+    folder = Folder(Path(out), work.mark)
+    with folder.claimed(identity):
+        if not force:
+            folder.check_replaceable(plan, recorded=record)
+        before = _done(folder, force=force)
         ledger = _Ledger(plan, dict(before), until_ci_m, progress)
         todo = (shard for shard in range(plan.shards) if shard not in before)
         try:
@@ -167,7 +173,8 @@ def sweep(
         runs, failed = sum(one.runs for one in kept), sum(one.failed for one in kept)
         if failed == runs:
             first = results.select("error").first().collect().item()
-            raise DropError(f"all {runs:,} runs failed, the first with: {first}")
+            which = "the run failed" if runs == 1 else f"all {runs:,} runs failed, the first"
+            raise DropError(f"{which} with: {first}")
         studies = studies_of(plan, results)
         if plot is not None:
             _plot(Path(plot), studies, at_s, dark=dark, force=force)
@@ -195,6 +202,24 @@ def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: floa
         raise ScenarioError(f"--jobs must be at least 1, got {jobs}")
     if not 0 <= at_s < math.inf:
         raise ScenarioError(f"--at must be finite and at least 0 s, got {at_s:g}")
+
+
+def _done(folder: Folder, *, force: bool) -> dict[int, ShardDone]:
+    """Return what the parts of a folder hold; one that fails counts as none if it may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If a part is not what this sweep wrote there, and `force` is not given.
+    """
+    found = {}
+    for shard in sorted(folder.finished()):
+        try:
+            found[shard] = ShardDone.of(folder.read(shard))
+        except OutputError:
+            if not force:
+                raise
+    return found
 
 
 def _bodies(plan: Plan) -> list[Path]:

@@ -6,7 +6,6 @@ This is all that a worker does, wherever it runs. It keeps its world from shard 
 from __future__ import annotations
 
 import contextlib
-import uuid
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -73,6 +72,10 @@ class RunShard:
     camera: Camera | None
     tried: Mapping[str, str] = field(default_factory=dict)
     """What is known of the plan's bodies, so that they are not tried in every process."""
+    mark: str = ""
+    """What this sweep's own files are known by."""
+    force: bool = False
+    """Whether recordings that are not this sweep's may be replaced."""
 
     def __call__(self, shard: int) -> ShardDone:
         """Run a shard and write its part.
@@ -86,7 +89,7 @@ class RunShard:
         rows = [self.row(run) for run in self.plan.runs_of(shard)]
         # A part is there once its recordings are on the disk.
         onto_disk(self.folder / row["recording"] for row in rows if row["recording"])
-        return ShardDone.of(Folder(self.folder).write(shard, rows))
+        return ShardDone.of(self._home.write(shard, rows))
 
     def row(self, run: int) -> Row:
         """Run one scenario, and return its row; one that fails is a row too."""
@@ -101,7 +104,7 @@ class RunShard:
         try:
             scenario = Scenario(**values)
             path = self._recording(run) if self.recorded else None
-            moment, end_m = self._fall(scenario, path)
+            moment, end_m = self._fall(scenario, run, path)
         except OutputError:
             raise
         except Exception as error:  # noqa: BLE001 - whatever it is, the others go on
@@ -123,18 +126,24 @@ class RunShard:
             "recording": path and str(path.relative_to(self.folder)),
         }
 
+    @property
+    def _home(self) -> Folder:
+        return Folder(self.folder, self.mark)
+
     def _recording(self, run: int) -> Path:
-        path = Folder(self.folder).recording(self.plan, run)
+        path = self._home.recording(self.plan, run)
         make_folder(path.parent, "--out")
+        if not self.force:
+            self._home.check_recording(self.plan, run)
         return path
 
-    def _fall(self, scenario: Scenario, path: Path | None) -> tuple[Moment, float]:
+    def _fall(self, scenario: Scenario, run: int, path: Path | None) -> tuple[Moment, float]:
         """Return the sample nearest to `at_s`, taken apart, and the height at the end [m]."""
         step = round(self.at_s / scenario.timestep_s)
         world = _worlds.world_of(scenario)
         engine = world.report()
         if path is not None:
-            rows = self._record(world, path, step)
+            rows = self._record(world, run, path, step)
             moment = _in_the_air(scenario, engine, rows, step)
             return moment or self._analyzed_recording(path), world.height_m()
         samples = world.samples(step + 1)
@@ -146,7 +155,7 @@ class RunShard:
         world.skip(scenario.steps - step)
         return moment, world.height_m()
 
-    def _record(self, world: LastingWorld, path: Path, step: int) -> Float64:
+    def _record(self, world: LastingWorld, run: int, path: Path, step: int) -> Float64:
         """Record a fall as `drop simulate` does, and return its samples up to `step` at least."""
         from pipeline.recording import writer
         from pipeline.stages.simulate import BATCH, chunks_of
@@ -166,7 +175,8 @@ class RunShard:
                 # Rerun's writer asks for chunks from a thread of its own. Ready ones cost it no
                 # waiting for Python's lock: a tenth of a short run's time.
                 chunks = list(chunks)
-            writer.record(path, chunks, recording_id=uuid.uuid4().hex, blueprint=None, force=True)
+            recording_id = self._home.recording_id(run)
+            writer.record(path, chunks, recording_id=recording_id, blueprint=None, force=True)
         return np.concatenate(seen)
 
     def _analyzed_recording(self, path: Path) -> Moment:

@@ -4,26 +4,31 @@ sweep.json              the sweep that lives here; another one is rejected
 parts/part-000003.parquet   one per shard, written whole or not at all
 results.parquet         all parts in one, in the order of the runs
 recordings/run-12.rrd   one per run, unless they were not to be kept
+
+Every table is stamped with the sweep and its name, and every recording has an id made of the sweep
+and its run. What lacks them is not this sweep's: it is not believed, replaced or deleted.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import polars as pl
 
-from pipeline.errors import OutputError
+from pipeline.errors import OutputError, RecordingError
 from pipeline.fields import integer, number, orientation, vector
 from pipeline.recording.files import lock, opened, written_whole
 from pipeline.recording.outputs import make_folder
 from pipeline.recording.table import written_by_polars
 from pipeline.scenario import Scenario, gravity
 from pipeline.sweeping.plan import Plan
+from pipeline.sweeping.stamp import UNSTAMPED, fault_of, stamp
 
 Row = dict[str, Any]
 
@@ -70,11 +75,17 @@ FLAT_RECORDINGS = 1000
 """Up to so many recordings lie side by side; more are put into folders of so many."""
 
 
-class Folder:
-    """A sweep's folder."""
+def mark_of(identity: Mapping[str, Any]) -> str:
+    """Return what a sweep's own files are known by: a digest of all that decides its rows."""
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
-    def __init__(self, path: Path) -> None:
+
+class Folder:
+    """A sweep's folder; `mark` is what its own files are known by."""
+
+    def __init__(self, path: Path, mark: str = "") -> None:
         self.path = path
+        self.mark = mark
         self.results = path / "results.parquet"
         self.recordings = path / "recordings"
         self._parts = path / "parts"
@@ -118,7 +129,7 @@ class Folder:
         try:
             known = json.loads(self._identity.read_bytes())
             differs = [key for key in identity if identity[key] != known.get(key)]
-        except (ValueError, AttributeError):
+        except (ValueError, AttributeError, RecursionError):
             raise OutputError(f"{self._identity} is damaged; choose another --out") from None
         if differs:
             raise OutputError(
@@ -131,11 +142,28 @@ class Folder:
         return self._parts / f"part-{shard:06d}.parquet"
 
     def finished(self) -> set[int]:
-        """Return the shards that have been written."""
-        names = {path.name for path in self._parts.glob("part-*.parquet") if path.is_file()}
+        """Return the shards whose part has a file, whatever it is."""
+        names = {path.name for path in self._parts.glob("part-*.parquet")}
         found = {name[5:-8] for name in names}
         shards = {int(one) for one in found if one.isdecimal()}
         return {shard for shard in shards if self.part(shard).name in names}
+
+    def check_replaceable(self, plan: Plan, *, recorded: bool) -> None:
+        """Make sure that what a sweep will write replaces nothing but what it wrote itself.
+
+        Raises
+        ------
+        OutputError
+            If there is something else.
+        """
+        if os.path.lexists(self.results):
+            with self._own(self.results):
+                pass
+        if not (recorded and self.recordings.exists()):
+            return
+        for shard in sorted(set(range(plan.shards)) - self.finished()):
+            for run in plan.runs_of(shard):
+                self.check_recording(plan, run)
 
     def write(self, shard: int, rows: Sequence[Row]) -> pl.DataFrame:
         """Write the part of a shard, and return it.
@@ -146,8 +174,8 @@ class Folder:
             If it cannot be written.
         """
         part = pl.DataFrame(rows, schema=SCHEMA)
-        with written_by_polars(self.part(shard)) as file:
-            part.write_parquet(file)
+        with self._stamped(self.part(shard)) as file:
+            part.write_parquet(file, metadata=UNSTAMPED)
         return part
 
     def read(self, shard: int) -> pl.DataFrame:
@@ -156,15 +184,35 @@ class Folder:
         Raises
         ------
         OutputError
-            If it is not one.
+            If it is not to the last bit what this sweep wrote there.
         """
-        try:
-            part = pl.read_parquet(self.part(shard))
-        except pl.exceptions.PolarsError:
-            part = pl.DataFrame()
-        if part.schema != pl.Schema(SCHEMA):
-            raise OutputError(f"{self.part(shard)} is damaged; delete it, and repeat the command")
-        return part
+        with self._own(self.part(shard)) as file:
+            return pl.read_parquet(file)
+
+    @contextlib.contextmanager
+    def _stamped(self, path: Path) -> Iterator[BinaryIO]:
+        with written_by_polars(path) as file:
+            yield file
+            stamp(file, self._owner(path))
+
+    @contextlib.contextmanager
+    def _own(self, path: Path) -> Iterator[BinaryIO]:
+        """Open a table of this sweep; of anything else nothing is parsed."""
+        fault: str | None = "no file"
+        if path.is_file():
+            with path.open("rb") as file:
+                fault = fault_of(file, self._owner(path))
+                if fault is None:
+                    file.seek(0)
+                    yield file
+        if fault is not None:
+            raise OutputError(
+                f"{path} must have the stamp that this sweep gave it, got {fault}; move it away "
+                "and repeat the command, or replace it with --force"
+            )
+
+    def _owner(self, path: Path) -> str:
+        return f"{self.mark} {path.name}"
 
     def recording(self, plan: Plan, run: int) -> Path:
         """Return the file of a run's recording."""
@@ -172,13 +220,42 @@ class Folder:
         folder = self.recordings / f"{run // FLAT_RECORDINGS:06d}" if many else self.recordings
         return folder / f"run-{run}.rrd"
 
+    def recording_id(self, run: int) -> str:
+        """Return the id of a run's recording: the same whenever this sweep makes it."""
+        return hashlib.sha256(f"{self.mark} {run}".encode()).hexdigest()[:32]
+
+    def check_recording(self, plan: Plan, run: int) -> None:
+        """Make sure that there is no recording of a run but one that this sweep made.
+
+        Raises
+        ------
+        OutputError
+            If there is.
+        """
+        path = self.recording(plan, run)
+        if os.path.lexists(path) and not self._is_own(path, run):
+            raise OutputError(
+                f"{path} must be this sweep's recording of run {run}, and is something else; move "
+                "it away and repeat the command, or replace it with --force"
+            )
+
+    def _is_own(self, path: Path, run: int) -> bool:
+        from pipeline.recording.reader import read  # a sweep without recordings needs none of it
+
+        try:
+            return read(path).recording_id == self.recording_id(run)
+        except RecordingError:
+            return False
+
     def discard(self, plan: Plan, shard: int) -> None:
-        """Remove the part of a shard, and the recordings of its runs.
+        """Remove the part of a shard, and this sweep's own recordings of its runs.
 
         Which they are is known from the plan: a name that is read from a file might be any.
         """
         for run in plan.runs_of(shard):
-            self.recording(plan, run).unlink(missing_ok=True)
+            path = self.recording(plan, run)
+            if os.path.lexists(path) and self._is_own(path, run):
+                path.unlink()
         self.part(shard).unlink()
 
     def merge(self, shards: int) -> pl.LazyFrame:
@@ -189,6 +266,7 @@ class Folder:
         OutputError
             If they cannot be written.
         """
-        with written_by_polars(self.results) as file:
-            pl.scan_parquet([self.part(shard) for shard in range(shards)]).sink_parquet(file)
+        with self._stamped(self.results) as file:
+            parts = pl.scan_parquet([self.part(shard) for shard in range(shards)])
+            parts.sink_parquet(file, metadata=UNSTAMPED)
         return pl.scan_parquet(self.results)
