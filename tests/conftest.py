@@ -7,9 +7,11 @@ import subprocess
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
+from command import drop_alone, drop_here
 from hypothesis import settings
 
 from pipeline import Analysis, Scenario, simulate
@@ -83,21 +85,14 @@ def descendants_of(pid: int | str) -> list[str]:
 
 @pytest.fixture
 def drop(tmp_path: Path) -> Drop:
-    """Return the command line as a process of its own, its streams being pipes."""
+    """Return the command line, run in this process."""
+    return partial(drop_here, folder=tmp_path)
 
-    def call(*arguments: object, **how: object) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "cli", *map(str, arguments)],
-            capture_output=True,
-            text=True,
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "COLUMNS": "80"},
-            timeout=120,
-            check=False,
-            **how,  # type: ignore[call-overload]
-        )
 
-    return call
+@pytest.fixture
+def drop_process(tmp_path: Path) -> Drop:
+    """Return the command line as a process of its own; takes what `subprocess.run` does."""
+    return partial(drop_alone, folder=tmp_path)
 
 
 PLANTED = (

@@ -364,13 +364,13 @@ def test_workers_use_no_semaphore_that_outlives_a_kill(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("most", [10, 12, 14, 16, 20])
-def test_too_few_open_files_are_one_line(drop: Drop, most: int) -> None:
+def test_too_few_open_files_are_one_line(drop_process: Drop, most: int) -> None:
     """No matter where they are used up; or they are enough."""
 
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
-    done = drop(
+    done = drop_process(
         "sweep", "--out", "s", "--samples", "8", "--vary", "height=uniform:1:2", "--no-record",
         "--jobs", "2", preexec_fn=limited,
     )  # fmt: skip
