@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -99,25 +100,44 @@ def _signal_handlers() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def drop_here(*arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run the command in this process, its streams going into files."""
+def drop_here(
+    *arguments: object, folder: Path, stdin: int | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run the command in this process; its output goes into files, and its input is empty."""
     with (
         tempfile.TemporaryFile("w+b") as out,
         tempfile.TemporaryFile("w+b") as err,
         Path(os.devnull).open("rb") as nothing,
     ):
         code = run_here(
-            arguments, folder,
-            streams=(nothing.fileno(), out.fileno(), err.fileno()), environment=environment(),
+            arguments, folder, environment=environment(),
+            streams=(nothing.fileno() if stdin is None else stdin, out.fileno(), err.fileno()),
         )  # fmt: skip
         out.seek(0)
         err.seek(0)
-        return subprocess.CompletedProcess(arguments, code, out.read().decode(), err.read().decode())
+        return subprocess.CompletedProcess(
+            arguments, code, out.read().decode(), err.read().decode()
+        )
 
 
-def drop_alone(
-    *arguments: object, folder: Path, **how: object
-) -> subprocess.CompletedProcess[str]:
+def measured(
+    arguments: list[str], folder: Path, seconds: int
+) -> tuple[subprocess.CompletedProcess[str], float]:
+    """Run the command in this process, a worker's, which ends where that takes too long.
+
+    Returns
+    -------
+    What it said, and the most memory [MB] that this process had meanwhile.
+    """
+    Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here on
+    signal.alarm(seconds)
+    done = drop_here(*arguments, folder=folder, stdin=0)  # where the worker is asked
+    signal.alarm(0)
+    (peak_kb,) = re.findall(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
+    return done, int(peak_kb) / 1024
+
+
+def drop_alone(*arguments: object, folder: Path, **how: object) -> subprocess.CompletedProcess[str]:
     """Run the command as a process of its own, its streams being pipes."""
     return subprocess.run(
         [sys.executable, "-m", "cli", *map(str, arguments)],
