@@ -26,23 +26,42 @@ ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 def test_the_readmes_two_commands_are_what_ci_runs() -> None:
     assert "pip install . && drop run" in README
     assert "pip install '.[test]' && pytest" in README
-    assert "pip install '.[test]' && pytest" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    everything = [line for line in ci.splitlines() if line.startswith(("pip", "pytest"))]
+    assert everything == ["pip install '.[test]' && pytest", "pip install '.[dev]'",
+                          "pytest -m needs"]  # fmt: skip
 
 
-@pytest.mark.parametrize("how", ["@pytest.mark.skipif(True, reason='no')", "@pytest.mark.skip"])
-@pytest.mark.parametrize(("ci", "code"), [("", 0), ("true", 1)])
-def test_in_ci_nothing_is_skipped(tmp_path: Path, how: str, ci: str, code: int) -> None:
+@pytest.mark.parametrize(
+    ("how", "ci", "options", "fails"),
+    [
+        *(
+            (skip, ci, [], bool(ci))
+            for skip in ("skipif(True, reason='no')", "skip")
+            for ci in ("", "true")
+        ),
+        ("needs('not_there')", "", [], False),
+        ("needs('not_there')", "true", [], False),  # CI runs it once more, with the extras
+        ("needs('not_there')", "true", ["-m", "needs"], True),
+        ("needs('json')", "true", ["-m", "needs"], False),
+    ],
+)
+def test_in_ci_nothing_is_skipped(
+    tmp_path: Path, how: str, ci: str, options: list[str], fails: bool
+) -> None:
     (tmp_path / "conftest.py").write_bytes((ROOT / "tests" / "conftest.py").read_bytes())
-    (tmp_path / "test_it.py").write_text(f"import pytest\n{how}\ndef test_it(): pass\n")
+    (tmp_path / "test_it.py").write_text(
+        f"import pytest\n@pytest.mark.{how}\ndef test_it(): pass\n"
+    )
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", tmp_path],
-        env=os.environ | {"CI": ci, "PYTHONPATH": str(ROOT)},
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, tmp_path],
+        env=os.environ | {"CI": ci, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == code, done.stdout + done.stderr
-    assert ("nothing is skipped" in done.stdout) == bool(ci)
+    assert done.returncode == fails, done.stdout + done.stderr
+    assert ("nothing is skipped" in done.stdout) == fails
 
 
 def test_the_readme_names_every_option() -> None:

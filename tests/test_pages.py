@@ -22,6 +22,7 @@ from pipeline.laws.bullet_air import EXACT_MACHINES
 
 AGAIN = "a page is stale; make it again with: python docs/regenerate.py"
 PAGES = pages.pages()
+NEEDS = {"catalog.md": [pytest.mark.needs("datafusion")]}
 TRANSLATED = [page for page in PAGES if pages.translations(page)]
 
 
@@ -38,7 +39,13 @@ def text_of(page: Path) -> str:
 @pytest.mark.skipif(
     platform.machine() not in EXACT_MACHINES, reason="the rounding shown is that of x86-64"
 )
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=page.relative_to(ROOT).as_posix(), marks=NEEDS.get(page.name, []))
+        for page in PAGES
+    ],
+)
 def test_what_a_page_says_to_type_works_and_prints_what_it_shows(
     page: Path, played: Callable[[Path], dict[Path, bytes]]
 ) -> None:

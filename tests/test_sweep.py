@@ -271,6 +271,7 @@ def test_processes_give_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -
     assert reports[-1] == (40, 0, 40)
 
 
+@pytest.mark.needs("ray")
 @pytest.mark.filterwarnings("ignore:.*:ResourceWarning", "ignore:.*:DeprecationWarning:ray")
 @pytest.mark.filterwarnings("ignore:Tip. In future versions of Ray:FutureWarning")
 def test_ray_gives_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -> None:
@@ -290,12 +291,14 @@ def test_ray_gives_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -> Non
     assert swept.table().equals(reference)
 
 
+@pytest.mark.needs("ray")
 def test_a_ray_that_does_not_answer_gets_one_line(drop: Drop) -> None:
     done = drop("sweep", "--out", "s", "--ray", "127.0.0.1:9")
     assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
     assert "ray start --head" in done.stderr
 
 
+@pytest.mark.needs("ray")
 @pytest.mark.parametrize("said", [b"", b"220 mail.example ESMTP\r\n"])
 def test_what_listens_but_is_no_ray_gets_one_line(
     said: bytes, monkeypatch: pytest.MonkeyPatch
