@@ -28,6 +28,11 @@ settings.load_profile("drop")
 Drop = Callable[..., subprocess.CompletedProcess[str]]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest tests, so that none is left when the others are done."""
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip a test that needs what only `[dev]` brings, where that is not installed."""
     for mark in item.iter_markers("needs"):

@@ -565,6 +565,7 @@ def killed(folder: Path, number: int, precious: bytes) -> tuple[int, str, str]:
     return process.returncode, stdout, stderr
 
 
+@pytest.mark.long
 def test_killed_at_any_moment_it_loses_nothing_that_was_there(
     tmp_path: Path, precious: bytes
 ) -> None:
