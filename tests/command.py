@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
 import os
 import re
 import signal
@@ -40,7 +41,8 @@ def run_here(
     """Run the command in this process, and return its exit code.
 
     What the command takes for its own, because the process is, is afterwards as it was before:
-    streams, file descriptors, signal handlers, arguments, environment, working directory.
+    streams, file descriptors, signal handlers, arguments, environment, working directory, the
+    garbage collector's threshold.
 
     Parameters
     ----------
@@ -56,6 +58,7 @@ def run_here(
     with contextlib.ExitStack() as stack:
         stack.enter_context(_standard_streams(streams))
         stack.enter_context(_signal_handlers())
+        stack.callback(gc.set_threshold, *gc.get_threshold())
         stack.enter_context(patch.dict(os.environ, environment, clear=True))
         stack.enter_context(patch.object(sys, "argv", ["drop", *map(str, arguments)]))
         stack.enter_context(contextlib.chdir(folder))

@@ -51,12 +51,10 @@ def main() -> None:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
-    before = gc.get_threshold()
     gc.set_threshold(COLLECTED_EVERY)
     try:
         code = run(load, received)
     finally:
-        gc.set_threshold(*before)
         for number in (signal.SIGINT, signal.SIGTERM):  # done: Python is only tidying up
             signal.signal(number, signal.SIG_IGN)
     _give_up_standard_output()
