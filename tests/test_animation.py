@@ -176,8 +176,12 @@ def test_no_frames_make_no_animation(suffix: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "fastest"), [("a.gif", 50.0), ("a.webp", 1000.0), ("a.apng", 1000.0), ("a.mp4", 240.0)]
-)
+    ("name", "fastest"),
+    [
+        ("a.gif", 50.0), ("a.webp", 1000.0), ("a.apng", 1000.0),
+        pytest.param("a.mp4", 240.0, marks=pytest.mark.needs("av")),
+    ],
+)  # fmt: skip
 def test_a_format_goes_as_fast_as_it_can_and_no_faster(name: str, fastest: float) -> None:
     check_animation(Path(name), fastest)
     with pytest.raises(ScenarioError, match=f"at most {fastest:g} in a {Path(name).suffix}"):
