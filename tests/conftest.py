@@ -7,9 +7,12 @@ import subprocess
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from command import drop_alone, drop_here
 from hypothesis import settings
 
 from pipeline import Analysis, Scenario, simulate
@@ -25,11 +28,30 @@ settings.load_profile("drop")
 Drop = Callable[..., subprocess.CompletedProcess[str]]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest tests, so that none is left when the others are done."""
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test that needs what only `[dev]` brings, where that is not installed."""
+    for mark in item.iter_markers("needs"):
+        (module,) = mark.args
+        if find_spec(module) is None:
+            pytest.skip(f"{module} is not installed; try: pip install '.[dev]'")
+
+
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Let a test that skips fail in CI, whatever its reason: what it needs is there."""
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Let a test that skips fail in CI, whatever its reason: what it needs is there.
+
+    But CI runs all tests with `[test]` first, and then, with `[dev]`, `pytest -m needs`.
+    """
     report = yield
-    if report.skipped and os.environ.get("CI"):
+    later = item.get_closest_marker("needs") is not None and not item.config.option.markexpr
+    if report.skipped and os.environ.get("CI") and not later:
         report.outcome = "failed"
         report.longrepr = f"in CI nothing is skipped: {report.longrepr}"
     return report
@@ -83,21 +105,14 @@ def descendants_of(pid: int | str) -> list[str]:
 
 @pytest.fixture
 def drop(tmp_path: Path) -> Drop:
-    """Return the command line as a process of its own, its streams being pipes."""
+    """Return the command line, run in this process."""
+    return partial(drop_here, folder=tmp_path)
 
-    def call(*arguments: object, **how: object) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "cli", *map(str, arguments)],
-            capture_output=True,
-            text=True,
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "COLUMNS": "80"},
-            timeout=120,
-            check=False,
-            **how,  # type: ignore[call-overload]
-        )
 
-    return call
+@pytest.fixture
+def drop_process(tmp_path: Path) -> Drop:
+    """Return the command line as a process of its own; takes what `subprocess.run` does."""
+    return partial(drop_alone, folder=tmp_path)
 
 
 PLANTED = (

@@ -137,6 +137,7 @@ def test_every_picture_begins_to_the_millisecond(tmp_path: Path, suffix: str) ->
     assert begins == pytest.approx([round(1000 * number / 30) / 1000 for number in range(32)])
 
 
+@pytest.mark.needs("av")
 def test_a_film_has_every_frame_in_nearly_its_colours(
     standard: Run, recorded: list[Pixels], tmp_path: Path
 ) -> None:
@@ -154,6 +155,7 @@ def test_a_film_has_every_frame_in_nearly_its_colours(
         assert np.abs(picture.astype(int) - own).mean() < 4  # of 255
 
 
+@pytest.mark.needs("av")
 def test_a_film_of_odd_size_is_padded() -> None:
     stream = io.BytesIO()
     write_animation([Image.new("RGB", (33, 21), "red")] * 3, stream, suffix=".mp4", fps=10)
@@ -165,15 +167,21 @@ def test_a_film_of_odd_size_is_padded() -> None:
     assert (first.width, first.height, len(others)) == (34, 22, 2)
 
 
-@pytest.mark.parametrize("suffix", [".gif", ".webp", ".apng", ".mp4"])
+@pytest.mark.parametrize(
+    "suffix", [".gif", ".webp", ".apng", pytest.param(".mp4", marks=pytest.mark.needs("av"))]
+)
 def test_no_frames_make_no_animation(suffix: str) -> None:
     with pytest.raises(ValueError, match="at least one frame"):
         write_animation([], io.BytesIO(), suffix=suffix, fps=20)
 
 
 @pytest.mark.parametrize(
-    ("name", "fastest"), [("a.gif", 50.0), ("a.webp", 1000.0), ("a.apng", 1000.0), ("a.mp4", 240.0)]
-)
+    ("name", "fastest"),
+    [
+        ("a.gif", 50.0), ("a.webp", 1000.0), ("a.apng", 1000.0),
+        pytest.param("a.mp4", 240.0, marks=pytest.mark.needs("av")),
+    ],
+)  # fmt: skip
 def test_a_format_goes_as_fast_as_it_can_and_no_faster(name: str, fastest: float) -> None:
     check_animation(Path(name), fastest)
     with pytest.raises(ScenarioError, match=f"at most {fastest:g} in a {Path(name).suffix}"):

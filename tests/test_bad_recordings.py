@@ -11,10 +11,7 @@ from __future__ import annotations
 import io
 import os
 import random
-import resource
 import struct
-import subprocess
-import sys
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -34,6 +31,7 @@ from pipeline.errors import RecordingError
 from pipeline.recording import columns, reader, rrd, schema, writer
 from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
 from pipeline.recording.reader import frames, read
+from pipeline.workers import Worker
 
 FLIPS = 300
 """Flipped bits, each in a file of its own; far more were tried by hand, see docs/reliability.md."""
@@ -868,12 +866,20 @@ def test_what_unpacks_to_far_more_than_it_is_is_refused(
     assert verdict(path, sound) == "refused"
 
 
-def test_a_bomb_takes_little_memory(sound: Sound, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def worker() -> Iterator[Worker]:
+    """Return a process that runs the command within limits."""
+    with Worker() as worker:
+        yield worker
+
+
+def test_a_bomb_takes_little_memory(sound: Sound, tmp_path: Path, worker: Worker) -> None:
     """More than the interpreter with its libraries, which take 150 MB, but far from 1 GB."""
     for kind in ("a property of 250 MB", "zeros for a state", "zeros that nobody asked for"):
         path = with_bomb(sound, tmp_path / "run.rrd", kind)
-        code, _, stderr, peak_mb = measured(["analyze", path], tmp_path)
-        assert (code, len(stderr.splitlines())) == (1, 1)
+        worker.ask("command:measured", ["analyze", path], tmp_path, SECONDS)
+        done, peak_mb = worker.answer()
+        assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
         assert peak_mb < MEMORY_MB
 
 
@@ -916,7 +922,7 @@ SAMPLE = (
 
 @pytest.mark.parametrize("kind", SAMPLE)
 def test_the_command_says_one_line_soon_and_in_little_memory(
-    sound: Sound, tmp_path: Path, kind: str
+    sound: Sound, tmp_path: Path, worker: Worker, kind: str
 ) -> None:
     path = tmp_path / "run.rrd"
     name, _, number = kind.partition(" ")
@@ -936,33 +942,12 @@ def test_the_command_says_one_line_soon_and_in_little_memory(
         ["render", path],
         ["check", path, "--against", sound.path],
     ):
-        code, stdout, stderr, peak_mb = measured(arguments, tmp_path)
+        worker.ask("command:measured", arguments, tmp_path, SECONDS)
+        done, peak_mb = worker.answer()
         refused = "all" in why or ("frames" in why and arguments[0] != "analyze")
-        assert code == (1 if refused else 0), stderr
+        assert done.returncode == (1 if refused else 0), done.stderr
         assert peak_mb < MEMORY_MB
         if refused:
-            assert stdout == ""
-            assert len(stderr.splitlines()) == 1
-            assert stderr.startswith(f"drop: {path}")
-
-
-def measured(arguments: list[Any], folder: Path) -> tuple[int, str, str, float]:
-    """Run a command within the time limit; return its exit code, streams, and peak memory [MB]."""
-    with (folder / "out").open("w+") as out, (folder / "err").open("w+") as err:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "cli", *map(str, arguments)],
-            stdout=out, stderr=err, cwd=Path(__file__).parents[1],
-        )  # fmt: skip
-        try:
-            process.wait(SECONDS)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            raise
-        finally:
-            peak_kb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-        out.seek(0)
-        err.seek(0)
-        texts = out.read(), err.read()
-    for name in ("out", "err"):
-        (folder / name).unlink()
-    return process.returncode, *texts, peak_kb / 1024
+            assert done.stdout == ""
+            assert len(done.stderr.splitlines()) == 1
+            assert done.stderr.startswith(f"drop: {path}")

@@ -11,6 +11,7 @@ import pytest
 from pipeline import Analysis, Scenario, analyze, simulate
 
 PAGE = Path(__file__).parents[1] / "docs/catalog.md"
+pytestmark = pytest.mark.needs("datafusion")
 HERTZ = (960, 480, 240)
 
 

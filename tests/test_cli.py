@@ -100,19 +100,19 @@ def test_table_holds_every_sample(drop: Drop, tmp_path: Path, standard: Run, suf
 # -- streams --------------------------------------------------------------------------------------
 
 
-def test_standard_output_carries_the_result_and_nothing_else(drop: Drop) -> None:
+def test_standard_output_carries_the_result_and_nothing_else(drop_process: Drop) -> None:
     """Bullet's banner comes from C, at exit where stdout is a pipe; Rerun logs when told to."""
-    done = drop("simulate", "--out", "run.rrd", "--no-camera", "--json")
+    done = drop_process("simulate", "--out", "run.rrd", "--no-camera", "--json")
     assert isinstance(json.loads(done.stdout), dict)
     assert done.stderr == ""
 
 
 @pytest.mark.parametrize("variable", ["RERUN", "RUST_LOG"])
 def test_rerun_cannot_be_switched_off_or_made_to_talk_on_stdout(
-    drop: Drop, tmp_path: Path, variable: str, monkeypatch: pytest.MonkeyPatch
+    drop_process: Drop, tmp_path: Path, variable: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(variable, {"RERUN": "off", "RUST_LOG": "debug"}[variable])
-    done = drop("simulate", "--out", "run.rrd", "--no-camera", "--json")
+    done = drop_process("simulate", "--out", "run.rrd", "--no-camera", "--json")
     assert json.loads(done.stdout)["bytes"] == (tmp_path / "run.rrd").stat().st_size > 10_000
 
 
@@ -211,11 +211,11 @@ def test_a_time_outside_the_recording_is_wrong_usage(
 
 
 def test_a_traceback_only_where_it_is_asked_for(
-    drop: Drop, monkeypatch: pytest.MonkeyPatch
+    drop_process: Drop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert "Traceback" not in drop("analyze", "no.rrd").stderr
+    assert "Traceback" not in drop_process("analyze", "no.rrd").stderr
     monkeypatch.setenv("DROP_DEBUG", "1")
-    assert "Traceback" in drop("analyze", "no.rrd").stderr
+    assert "Traceback" in drop_process("analyze", "no.rrd").stderr
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

@@ -26,23 +26,50 @@ ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 def test_the_readmes_two_commands_are_what_ci_runs() -> None:
     assert "pip install . && drop run" in README
     assert "pip install '.[test]' && pytest" in README
-    assert "pip install '.[test]' && pytest" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    everything = [line for line in ci.splitlines() if line.startswith(("pip", "pytest"))]
+    assert everything == ["pip install '.[test]' && pytest", "pip install '.[dev]'",
+                          "pytest -m needs"]  # fmt: skip
 
 
-@pytest.mark.parametrize("how", ["@pytest.mark.skipif(True, reason='no')", "@pytest.mark.skip"])
-@pytest.mark.parametrize(("ci", "code"), [("", 0), ("true", 1)])
-def test_in_ci_nothing_is_skipped(tmp_path: Path, how: str, ci: str, code: int) -> None:
+SKIPPING = """
+import pytest
+@pytest.mark.skip
+def test_skip(): pass
+@pytest.mark.skipif(True, reason="no")
+def test_skipif(): pass
+@pytest.mark.needs("not_there")
+def test_without(): pass
+@pytest.mark.needs("json")
+def test_with(): pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("ci", "options", "failed", "passed"),
+    [
+        ("", [], set(), {"with"}),
+        ("true", [], {"skip", "skipif"}, {"with"}),  # CI runs once more, with the extras:
+        ("true", ["-m", "needs"], {"without"}, {"with"}),
+    ],
+)
+def test_in_ci_nothing_is_skipped(
+    tmp_path: Path, ci: str, options: list[str], failed: set[str], passed: set[str]
+) -> None:
     (tmp_path / "conftest.py").write_bytes((ROOT / "tests" / "conftest.py").read_bytes())
-    (tmp_path / "test_it.py").write_text(f"import pytest\n{how}\ndef test_it(): pass\n")
+    (tmp_path / "test_it.py").write_text(SKIPPING)
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", tmp_path],
-        env=os.environ | {"CI": ci, "PYTHONPATH": str(ROOT)},
+        [sys.executable, "-m", "pytest", "-rA", "-p", "no:cacheprovider", *options, tmp_path],
+        env=os.environ | {"CI": ci, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == code, done.stdout + done.stderr
-    assert ("nothing is skipped" in done.stdout) == bool(ci)
+    assert done.returncode == bool(failed), done.stdout + done.stderr
+    ended = re.findall(r"^(ERROR|PASSED) .*::test_(\w+)", done.stdout, re.MULTILINE)
+    assert {name for how, name in ended if how == "ERROR"} == failed
+    assert {name for how, name in ended if how == "PASSED"} == passed
+    assert ("nothing is skipped" in done.stdout) == bool(failed)
 
 
 def test_the_readme_names_every_option() -> None:

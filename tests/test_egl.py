@@ -67,13 +67,13 @@ def test_the_fall_is_the_same_whatever_draws_it(by_egl: Recording, tmp_path: Pat
 
 
 def test_without_egl_tinyrenderer_draws_and_the_recording_says_so(
-    drop: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    drop_process: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The plugin ends its process where there is no device; that must not be ours."""
     monkeypatch.setenv("EGL_VISIBLE_DEVICES", "99")
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_DIRS", "/nowhere")
     options = ("--renderer", "egl", "--duration", "0.25", "--size", "160x120")
-    done = drop("simulate", "--out", "run.rrd", *options)
+    done = drop_process("simulate", "--out", "run.rrd", *options)
     assert done.returncode == 0, done.stderr
     assert done.stderr == f"drop: {camera_frames.NO_EGL}\n"
     recording = read(tmp_path / "run.rrd")

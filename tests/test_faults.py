@@ -24,6 +24,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from command import drop_here, environment
 from conftest import Drop, descendants_of
 
 from pipeline import Scenario, analyze, check, render, simulate
@@ -56,13 +57,19 @@ def start(arguments: tuple[str, ...], folder: Path, **how: object) -> subprocess
     return subprocess.Popen(
         [sys.executable, "-m", "cli", *arguments],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
+        env=environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
         **how,  # type: ignore[call-overload]
     )
+
+
+def told(arguments: tuple[str, ...], folder: Path) -> tuple[int, str, str]:
+    """Run the command in this process; return its exit code, and what it said."""
+    done = drop_here(*arguments, folder=folder)
+    return done.returncode, done.stdout, done.stderr
 
 
 def ended(process: subprocess.Popen[str]) -> tuple[str, str]:
@@ -127,25 +134,25 @@ def precious(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 @contextlib.contextmanager
-def small_disk(folder: Path, kilobytes: int) -> Iterator[dict[str, object]]:
+def small_disk(folder: Path, kilobytes: int) -> Iterator[None]:
     """Mount a small disk on a folder; where that is not allowed, limit the size of files instead.
 
-    Yields how to start a process there.
+    The limit is that of this process, and of those that it starts.
     """
     options = f"size={kilobytes}k"
     mount = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
     if os.geteuid() == 0 and subprocess.run(mount, capture_output=True).returncode == 0:
         try:
-            yield {}
+            yield
         finally:
             subprocess.run(["umount", "-l", str(folder)], check=True)
         return
-    limit = kilobytes * 1024
-
-    def limited() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-    yield {"preexec_fn": limited, "restore_signals": False}
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (kilobytes * 1024, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.mark.parametrize(
@@ -163,11 +170,10 @@ def test_a_full_disk_costs_neither_the_old_recording_nor_the_samples_that_fitted
 ) -> None:
     disk, old_kb = tmp_path / "disk", len(precious) // 1024 + 4
     disk.mkdir()
-    with small_disk(disk, old_kb + room_kb) as how:
+    with small_disk(disk, old_kb + room_kb):
         (disk / "run.rrd").write_bytes(precious)
-        process = start(arguments, disk, **how)
-        said = ended(process)
-        assert process.returncode == 1
+        code, *said = told(arguments, disk)
+        assert code == 1
         assert_one_line(*said, "run.rrd", "make room")
         assert (disk / "run.rrd").read_bytes() == precious
         part = disk / "run.rrd.part"
@@ -197,11 +203,10 @@ def test_a_full_disk_leaves_nothing_half_of_anything_else(
     disk.mkdir()
     simulate(Scenario(), tmp_path / "run.rrd", camera=None)
     data = (tmp_path / "run.rrd").read_bytes()
-    with small_disk(disk, len(data) // 1024 + 12) as how:
+    with small_disk(disk, len(data) // 1024 + 12):
         (disk / "run.rrd").write_bytes(data)
-        process = start(arguments, disk, **how)
-        said = ended(process)
-        assert process.returncode == 1, said
+        code, *said = told(arguments, disk)
+        assert code == 1, said
         assert_one_line(*said, "cannot be written")
         assert (disk / "run.rrd").read_bytes() == data
         # A layer is a recording, and leaves its `.part`; nothing else leaves anything.
@@ -214,10 +219,9 @@ def test_a_full_disk_in_a_sweep_is_one_line(tmp_path: Path, room_kb: int) -> Non
     disk = tmp_path / "disk"
     disk.mkdir()
     arguments = ("--samples", "200", "--vary", "height=uniform:1:2", "--no-record", "--jobs", "1")
-    with small_disk(disk, room_kb) as how:
-        process = start(("sweep", "--out", "s", *arguments), disk, **how)
-        said = ended(process)
-        assert process.returncode == 1
+    with small_disk(disk, room_kb):
+        code, *said = told(("sweep", "--out", "s", *arguments), disk)
+        assert code == 1
         assert_one_line(*said, ".parquet cannot be written: ", "goes on from there")
         assert "No space left" in said[1] or "File too large" in said[1]
         assert not list(disk.rglob("*.part"))
@@ -264,9 +268,8 @@ def test_a_folder_that_is_read_only_gets_one_line_and_nothing_new(
             stack.callback(disk.chmod, 0o755)
         for arguments in (TINY, ("analyze", "run.rrd"), ("render", "run.rrd"),
                           ("check", "run.rrd", "--against", "golden.rrd", "--update")):  # fmt: skip
-            process = start(arguments, disk)
-            said = ended(process)
-            assert process.returncode == 1
+            code, *said = told(arguments, disk)
+            assert code == 1
             assert_one_line(*said, "cannot be written")
         assert [one.name for one in disk.iterdir()] == ["run.rrd"]
 
@@ -292,9 +295,9 @@ def test_targets_that_are_no_files_are_left_as_they_are(tmp_path: Path) -> None:
         (tmp_path / "pipe.rrd", "not a regular file"),
         (tmp_path / ("x" * 300 + ".rrd"), "too long"),
     ):
-        process = start(("simulate", "--out", str(target), "--force"), tmp_path)
-        assert_one_line(*ended(process), words)
-        assert process.returncode == 1
+        code, *said = told(("simulate", "--out", str(target), "--force"), tmp_path)
+        assert_one_line(*said, words)
+        assert code == 1
     assert {one.name for one in tmp_path.iterdir()} == {"a file", "pipe.rrd"}
     assert (tmp_path / "a file").read_text() == "precious"
 
@@ -562,6 +565,7 @@ def killed(folder: Path, number: int, precious: bytes) -> tuple[int, str, str]:
     return process.returncode, stdout, stderr
 
 
+@pytest.mark.long
 def test_killed_at_any_moment_it_loses_nothing_that_was_there(
     tmp_path: Path, precious: bytes
 ) -> None:
@@ -761,14 +765,16 @@ def test_frame_workers_end_with_their_parent(tmp_path: Path, how: signal.Signals
 def test_only_python_writes_to_standard_output() -> None:
     """Bullet prints from C, in a buffer that is emptied when the process ends."""
     code = """
-import ctypes, typer
-from pipeline.console import running
+import ctypes, sys, types, typer
+from pipeline.console.running import main
 app = typer.Typer()
+sys.modules["cli"] = types.SimpleNamespace(app=app)
+sys.argv = ["drop"]
 @app.command()
 def speak():
     ctypes.CDLL(None).puts(b"from C")
     print("from Python")
-raise SystemExit(running.run(lambda: app))
+main()
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "from Python\n", "")
@@ -805,7 +811,7 @@ def test_standard_output_that_is_closed_or_full_ends_in_its_exit_code(
     done = subprocess.run(
         ["bash", "-c", f'"{sys.executable}" -m cli {command}; exit ${{PIPESTATUS[0]}}'],
         cwd=short,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
+        env=environment(),
         capture_output=True,
         text=True,
         timeout=3 * LIMIT_S,

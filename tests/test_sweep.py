@@ -26,6 +26,7 @@ import polars as pl
 import pybullet_data
 import pytest
 from conftest import Drop, descendants_of
+from shards import always_dies, double, first_is_quick, nap
 
 from pipeline import Scenario, analyze, simulate
 from pipeline.analysis.general.statistics import Moments
@@ -40,6 +41,7 @@ from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
 from pipeline.sweeping.folder import TERMS
 from pipeline.sweeping.plan import plan_of
+from pipeline.workers import Worker
 
 ARTICLE = ("--timestep", "1/240,1/480,1/960", "--linear-damping", "default,0")
 HEIGHTS = {"samples": 40, "seed": 5, "vary": ["height=uniform:0.6:2"]}
@@ -271,6 +273,7 @@ def test_processes_give_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -
     assert reports[-1] == (40, 0, 40)
 
 
+@pytest.mark.needs("ray")
 @pytest.mark.filterwarnings("ignore:.*:ResourceWarning", "ignore:.*:DeprecationWarning:ray")
 @pytest.mark.filterwarnings("ignore:Tip. In future versions of Ray:FutureWarning")
 def test_ray_gives_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -> None:
@@ -290,12 +293,14 @@ def test_ray_gives_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -> Non
     assert swept.table().equals(reference)
 
 
+@pytest.mark.needs("ray")
 def test_a_ray_that_does_not_answer_gets_one_line(drop: Drop) -> None:
     done = drop("sweep", "--out", "s", "--ray", "127.0.0.1:9")
     assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
     assert "ray start --head" in done.stderr
 
 
+@pytest.mark.needs("ray")
 @pytest.mark.parametrize("said", [b"", b"220 mail.example ESMTP\r\n"])
 def test_what_listens_but_is_no_ray_gets_one_line(
     said: bytes, monkeypatch: pytest.MonkeyPatch
@@ -347,12 +352,13 @@ def test_a_killed_workers_shard_is_run_again(tmp_path: Path) -> None:
     assert parts["run"].sort().to_list() == list(range(40))
 
 
-def double(shard: int) -> int:
-    if shard == 3:
-        raise OutputError("three")
-    return 2 * shard
+@pytest.fixture
+def idle_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let workers not load what a sweep needs: here they do nothing of a sweep."""
+    monkeypatch.setattr(engines, "_started", Worker)
 
 
+@pytest.mark.usefixtures("idle_workers")
 def test_workers_use_no_semaphore_that_outlives_a_kill(monkeypatch: pytest.MonkeyPatch) -> None:
     def semaphore(*_: object, **__: object) -> None:
         raise AssertionError
@@ -364,13 +370,13 @@ def test_workers_use_no_semaphore_that_outlives_a_kill(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("most", [10, 12, 14, 16, 20])
-def test_too_few_open_files_are_one_line(drop: Drop, most: int) -> None:
+def test_too_few_open_files_are_one_line(drop_process: Drop, most: int) -> None:
     """No matter where they are used up; or they are enough."""
 
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
-    done = drop(
+    done = drop_process(
         "sweep", "--out", "s", "--samples", "8", "--vary", "height=uniform:1:2", "--no-record",
         "--jobs", "2", preexec_fn=limited,
     )  # fmt: skip
@@ -382,11 +388,7 @@ def test_too_few_open_files_are_one_line(drop: Drop, most: int) -> None:
     assert "Too many open files" in done.stderr
 
 
-def nap(shard: int) -> int:
-    time.sleep(0.02)
-    return shard
-
-
+@pytest.mark.usefixtures("idle_workers")
 def test_stopping_in_the_middle_waits_for_nobody() -> None:
     """However the workers and those who wait for them stand just then."""
     for _ in range(6):
@@ -399,11 +401,7 @@ def test_stopping_in_the_middle_waits_for_nobody() -> None:
         assert not closing.is_alive()
 
 
-def first_is_quick(shard: int) -> int:
-    time.sleep(600 if shard else 0)
-    return shard
-
-
+@pytest.mark.usefixtures("idle_workers")
 def test_who_wants_no_more_results_waits_for_no_shard() -> None:
     results = engines.in_processes(first_is_quick, range(100), jobs=2)
     assert next(results) == (0, 0)
@@ -412,10 +410,7 @@ def test_who_wants_no_more_results_waits_for_no_shard() -> None:
     assert time.monotonic() - began < 300, "it waits for the shards that are under way"
 
 
-def always_dies(_: int) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
+@pytest.mark.usefixtures("idle_workers")
 def test_a_shard_that_kills_every_worker_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engines, "MOST_DEATHS", 2)
     with pytest.raises(DropError, match="shard 0"):

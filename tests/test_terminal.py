@@ -14,6 +14,7 @@ import subprocess
 import sys
 import termios
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +22,7 @@ from typing import Any, NamedTuple
 import polars as pl
 import pytest
 import typer
+from command import ROOT, environment, run_here
 from conftest import Drop
 
 from cli import app
@@ -46,7 +48,6 @@ from pipeline.stages.view import View
 from pipeline.sweeping.folder import TERMS
 from pipeline.sweeping.plan import plan_of
 
-ROOT = Path(__file__).parents[1]
 COMMAND: Any = typer.main.get_command(app)
 EXAMPLES = {name: one.epilog.removeprefix("Example: ") for name, one in COMMAND.commands.items()}
 STYLE = re.compile(r"\x1b\[[\d;]*m")
@@ -71,27 +72,34 @@ Terminal = Callable[..., Seen]
 
 @pytest.fixture
 def terminal(tmp_path: Path) -> Terminal:
-    """Return the command line as a process in a terminal of 80 columns."""
+    """Return the command line, run in this process, in a terminal of 80 columns."""
 
-    def call(*arguments: object, **environment: str) -> Seen:
+    def call(*arguments: object, **more: str) -> Seen:
         ours, theirs = pty.openpty()
         fcntl.ioctl(ours, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
-        inherited = {name: text for name, text in os.environ.items()
+        inherited = {name: text for name, text in environment().items()
                      if name not in ("COLUMNS", "NO_COLOR", "FORCE_COLOR")}  # fmt: skip
-        process = subprocess.Popen(
-            [sys.executable, "-m", "cli", *map(str, arguments)],
-            stdin=theirs, stdout=theirs, stderr=theirs, cwd=tmp_path,
-            env=inherited | {"PYTHONPATH": str(ROOT), "TERM": "xterm-256color"} | environment,
-        )  # fmt: skip
-        os.close(theirs)
-        received = b""
-        with contextlib.suppress(OSError):  # how Linux says that nobody writes there any more
-            while more := os.read(ours, 65536):
-                received += more
+        with ThreadPoolExecutor(1) as reader:
+            received = reader.submit(_all_of, ours)
+            code = run_here(
+                arguments, tmp_path, streams=(theirs, theirs, theirs),
+                environment=inherited | {"TERM": "xterm-256color"} | more,
+            )  # fmt: skip
+            os.close(theirs)
+            raw = received.result()
         os.close(ours)
-        return Seen(received.decode(), process.wait(timeout=60))
+        return Seen(raw.decode(), code)
 
     return call
+
+
+def _all_of(terminal: int) -> bytes:
+    """Return what a terminal is sent until nobody has it open any more."""
+    received = b""
+    with contextlib.suppress(OSError):  # how Linux says that nobody writes there any more
+        while more := os.read(terminal, 65536):
+            received += more
+    return received
 
 
 # -- width and colours ----------------------------------------------------------------------------

@@ -449,11 +449,13 @@ def test_a_viewer_that_goes_away_or_hangs_costs_the_recording_nothing(
 
 
 def test_a_hanging_viewer_does_not_keep_the_command_from_ending(
-    drop: Drop, tmp_path: Path, receiver: Receiver
+    drop_process: Drop, tmp_path: Path, receiver: Receiver
 ) -> None:
     receiver.process.send_signal(signal.SIGSTOP)
     began = time.monotonic()
-    done = drop("simulate", "--out", "run.rrd", "--no-camera", "--connect", receiver.url, "--json")
+    done = drop_process(
+        "simulate", "--out", "run.rrd", "--no-camera", "--connect", receiver.url, "--json"
+    )
     assert done.returncode == 0
     assert len(done.stderr.splitlines()) == 1
     assert "the viewer has gone" in done.stderr

@@ -1,0 +1,149 @@
+"""The command line as a user has it: in this process, where that will do, or in one of its own.
+
+A process of its own takes a second for its imports alone. It is needed where signals, limits, the
+module path, what is read at import, or the end of the process itself are tested.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import gc
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from unittest.mock import patch
+
+from pipeline.console.running import main
+from pipeline.sweeping.engines import dismiss
+
+ROOT = Path(__file__).parents[1]
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def environment(**more: str) -> dict[str, str]:
+    """Return what a process of the command is given; it finds this checkout."""
+    return {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "80"} | more
+
+
+def run_here(
+    arguments: tuple[object, ...],
+    folder: Path,
+    *,
+    streams: tuple[int, int, int],
+    environment: Mapping[str, str],
+) -> int:
+    """Run the command in this process, and return its exit code.
+
+    What the command takes for its own, because the process is, is afterwards as it was before:
+    streams, file descriptors, signal handlers, arguments, environment, working directory, the
+    garbage collector's threshold.
+
+    Parameters
+    ----------
+    arguments
+        What is typed behind `drop`.
+    folder
+        Where it is typed.
+    streams
+        File descriptors of standard input, output and error.
+    environment
+        All variables.
+    """
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_standard_streams(streams))
+        stack.enter_context(_signal_handlers())
+        stack.callback(gc.set_threshold, *gc.get_threshold())
+        stack.enter_context(patch.dict(os.environ, environment, clear=True))
+        stack.enter_context(patch.object(sys, "argv", ["drop", *map(str, arguments)]))
+        stack.enter_context(contextlib.chdir(folder))
+        stack.callback(dismiss)  # workers that got ready, and end with the process
+        try:
+            main()
+        except SystemExit as ended:
+            return int(ended.code or 0)
+    raise AssertionError("it did not end")
+
+
+@contextlib.contextmanager
+def _standard_streams(streams: tuple[int, int, int]) -> Iterator[None]:
+    kept = [os.dup(number) for number in range(3)]
+    before = sys.stdin, sys.stdout, sys.stderr
+    for number, stream in enumerate(streams):
+        os.dup2(stream, number)
+    stdin = open(0, closefd=False)  # noqa: SIM115
+    stdout = open(1, "w", closefd=False, encoding="utf-8")  # noqa: SIM115
+    stderr = open(2, "w", 1, closefd=False, encoding="utf-8", errors="backslashreplace")  # noqa: SIM115
+    sys.stdin, sys.stdout, sys.stderr = stdin, stdout, stderr
+    try:
+        yield
+    finally:
+        for stream in {sys.stdout, stdout, stderr, stdin}:
+            with contextlib.suppress(OSError):
+                stream.close()
+        sys.stdin, sys.stdout, sys.stderr = before
+        ctypes.CDLL(None).fflush(None)  # what C has printed and not yet written
+        for number, copy in enumerate(kept):
+            os.dup2(copy, number)
+            os.close(copy)
+
+
+@contextlib.contextmanager
+def _signal_handlers() -> Iterator[None]:
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def drop_here(
+    *arguments: object, folder: Path, stdin: int | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run the command in this process; its output goes into files, and its input is empty."""
+    with (
+        tempfile.TemporaryFile("w+b") as out,
+        tempfile.TemporaryFile("w+b") as err,
+        Path(os.devnull).open("rb") as nothing,
+    ):
+        code = run_here(
+            arguments, folder, environment=environment(),
+            streams=(nothing.fileno() if stdin is None else stdin, out.fileno(), err.fileno()),
+        )  # fmt: skip
+        out.seek(0)
+        err.seek(0)
+        return subprocess.CompletedProcess(
+            arguments, code, out.read().decode(), err.read().decode()
+        )
+
+
+def measured(
+    arguments: list[str], folder: Path, seconds: int
+) -> tuple[subprocess.CompletedProcess[str], float]:
+    """Run the command in this process, a worker's, which ends where that takes too long.
+
+    Returns
+    -------
+    What it said, and the most memory [MB] that this process had meanwhile.
+    """
+    Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here on
+    signal.alarm(seconds)
+    done = drop_here(*arguments, folder=folder, stdin=0)  # where the worker is asked
+    signal.alarm(0)
+    (peak_kb,) = re.findall(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
+    return done, int(peak_kb) / 1024
+
+
+def drop_alone(*arguments: object, folder: Path, **how: object) -> subprocess.CompletedProcess[str]:
+    """Run the command as a process of its own, its streams being pipes."""
+    return subprocess.run(
+        [sys.executable, "-m", "cli", *map(str, arguments)],
+        capture_output=True, text=True, cwd=folder, env=environment(), timeout=120, check=False,
+        **how,  # type: ignore[call-overload]
+    )  # fmt: skip
