@@ -103,9 +103,9 @@ def test_the_timestep_term_is_signed_and_exact_without_damping(recorded: Recorde
 def test_four_recordings_give_the_same_budget_without_any_theory(recorded: Recorder) -> None:
     """Damping on and off, at dt and dt/2, extrapolated to dt = 0 (Richardson, first order)."""
     at, fine = 72, 144
-    on, off = recorded().column("z_m")[at], recorded(linear_damping=0.0).column("z_m")[at]
-    on2 = recorded(timestep_s=1 / 480).column("z_m")[fine]
-    off2 = recorded(timestep_s=1 / 480, linear_damping=0.0).column("z_m")[fine]
+    on, off = recorded().states["z_m"][at], recorded(linear_damping=0.0).states["z_m"][at]
+    on2 = recorded(timestep_s=1 / 480).states["z_m"][fine]
+    off2 = recorded(timestep_s=1 / 480, linear_damping=0.0).states["z_m"][fine]
     limit_on, limit_off = 2 * on2 - on, 2 * off2 - off
     timestep, damping = off - limit_off, limit_on - limit_off
     interaction = (on - limit_on) - (off - limit_off)
@@ -180,7 +180,7 @@ def test_a_box_that_fell_over_is_expected_on_the_face_it_lies_on(recorded: Recor
 
 
 def test_samples_from_the_middle_are_taken_apart_as_in_the_whole_fall(recorded: Recorder) -> None:
-    heights_m = recorded().column("z_m")[:100]
+    heights_m = recorded().states["z_m"][:100]
     fall = Fall(height_m=1.0, gravity_m_s2=-9.81, linear_damping=float(np.float32(0.04)))
     whole = decompose(fall, heights_m, timestep_s=1 / 240)
     later = decompose(fall, heights_m[40:], timestep_s=1 / 240, first=40)
@@ -197,7 +197,7 @@ def test_the_impact_is_where_theory_and_samples_have_it(recorded: Recorder) -> N
     assert impact.time_free_fall_s == pytest.approx(math.sqrt(2 * 0.975 / 9.81), abs=1e-15)
     assert impact.time_free_fall_s == pytest.approx(0.4458438722, abs=1e-10)
     assert impact.time_damped_s == pytest.approx(0.4500868681, abs=1e-10)
-    z = recorded().column("z_m")
+    z = recorded().states["z_m"]
     crossing = (107 + (z[107] - 0.025) / (z[107] - z[108])) / 240
     assert impact.time_simulated_s == pytest.approx(crossing, abs=1e-15)
     assert (impact.lowest_step, impact.step) == (108, 109)
@@ -318,7 +318,7 @@ def test_undamped_energy_less_its_integrator_term_is_conserved(recorded: Recorde
     """In the air without damping E - m g dt v / 2 keeps its value, g = 9.81 and v downwards < 0."""
     recording = recorded(linear_damping=0.0)
     table = judge(recording).table.head(100)
-    shadow = table["energy_j"].to_numpy() - 0.1 * 9.81 / 240 * recording.column("vz_m_s")[:100] / 2
+    shadow = table["energy_j"].to_numpy() - 0.1 * 9.81 / 240 * recording.states["vz_m_s"][:100] / 2
     assert np.abs(shadow - shadow[0]).max() < 5e-15
 
 

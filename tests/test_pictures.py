@@ -199,7 +199,7 @@ def test_a_recording_holds_where_a_following_camera_stood(tmp_path: Path) -> Non
     for step, place, turn in zip(
         range(0, 61, 6), places.reshape(-1, 3), turns.reshape(-1, 3, 3), strict=True
     ):
-        body = recording.columns("x_m", "y_m", "z_m")[step]
+        body = recording.states.select("x_m", "y_m", "z_m").to_numpy()[step]
         # Columns of the matrix are the camera's right, up and backwards in world axes.
         right, up, back = turn @ (body - place)
         assert (right, up) == (pytest.approx(0, abs=1e-5), pytest.approx(0, abs=1e-5))

@@ -215,7 +215,7 @@ def test_what_the_engine_does_not_report_shows_in_the_fall(
 ) -> None:
     left = ("spin_rad_s", "velocity_m_s", *(["restitution"] if len(change) > 1 else []))
     plain = {key: value for key, value in change.items() if key in left}
-    assert not np.array_equal(recorded(**change).column(column), recorded(**plain).column(column))
+    assert not np.array_equal(recorded(**change).states[column], recorded(**plain).states[column])
 
 
 def test_iterations_of_the_solver_show_where_the_residual_does_not_stop_it(
@@ -223,7 +223,7 @@ def test_iterations_of_the_solver_show_where_the_residual_does_not_stop_it(
 ) -> None:
     few = recorded(solver_residual=0.0, solver_iterations=1)
     many = recorded(solver_residual=0.0, solver_iterations=50)
-    assert not np.array_equal(few.column("z_m"), many.column("z_m"))
+    assert not np.array_equal(few.states["z_m"], many.states["z_m"])
 
 
 @pytest.mark.parametrize(
@@ -250,7 +250,7 @@ def test_any_body_of_pybullet_data_can_be_dropped(
 ) -> None:
     recording = recorded(body=body, duration_s=0.5)
     assert recording.engine.shape == shape
-    assert recording.column("z_m")[0] == 1.0
+    assert recording.states["z_m"][0] == 1.0
     if rest_height_m is not None:
         assert recording.engine.rest_height_m == pytest.approx(rest_height_m, abs=1e-15)
 
@@ -340,12 +340,12 @@ def lose_numbers(
 
 def test_contact_is_recorded_where_it_acts(recorded: Recorder) -> None:
     recording = recorded()
-    points = recording.column("contact_points")
+    points = recording.states["contact_points"]
     assert points[:109].max() == 0
     assert points[109] == 4
-    assert recording.column("contact_distance_m")[109] == pytest.approx(0.01618091982485528 - 0.025)
+    assert recording.states["contact_distance_m"][109] == pytest.approx(0.01618091982485528 - 0.025)
     # At rest the floor carries the box's weight.
-    assert recording.column("contact_force_n")[-1] == pytest.approx(0.981, rel=1e-3)
+    assert recording.states["contact_force_n"][-1] == pytest.approx(0.981, rel=1e-3)
 
 
 def test_camera_options_decide_the_frames(tmp_path: Path) -> None:

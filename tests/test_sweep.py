@@ -163,7 +163,7 @@ def test_a_row_has_the_numbers_of_drop_analyze(tmp_path: Path, recorded: bool) -
             if terms is None
             else [terms.timestep, terms.damping, terms.interaction, terms.rounding]
         ), kind
-        assert row["end_m"] == read(path).column("z_m")[-1]
+        assert row["end_m"] == read(path).states["z_m"][-1]
 
 
 def test_a_row_can_be_replayed_alone_to_the_last_bit(tmp_path: Path, drop: Drop) -> None:

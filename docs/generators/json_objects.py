@@ -18,6 +18,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hint
 
 import polars as pl
 
+from generators.recording import TABLE_SAYS
 from pipeline.analysis.drop.comparison import Comparison, Place, Setting
 from pipeline.analysis.drop.convergence import Study
 from pipeline.analysis.drop.results import (
@@ -31,7 +32,6 @@ from pipeline.analysis.drop.results import (
     Terms,
 )
 from pipeline.analysis.general.statistics import Summary
-from pipeline.recording import schema
 from pipeline.report import EngineReport
 from pipeline.scenario import Scenario
 from pipeline.stages.check import Check
@@ -142,7 +142,7 @@ ROW = Object(
     {name: COLUMNS.get(kind, list[float]) | None
      for name, kind in SWEEP_COLUMNS.items()},
     {
-        **_said(Scenario), **_sentences(schema.TABLE_SAYS),
+        **_said(Scenario), **_sentences(TABLE_SAYS),
         "run": "Number of the run, from 0.", "sample": "Number of the sample, with `--samples`.",
         "error": "Why a run failed.", "command": "Makes this run again.",
         "recording": "The run's recording, in the folder.", "end_m": "Height in the last sample.",

@@ -43,6 +43,7 @@ def analysis_of(
     scenario: Scenario,
     engine: EngineReport,
     states: pl.DataFrame,
+    contacts: pl.DataFrame,
     *,
     at_s: Sequence[float] = (),
 ) -> Analysis:
@@ -55,7 +56,9 @@ def analysis_of(
     engine
         What the engine reported of the body and the floor.
     states
-        One row per sample from the release on: `step`, and the columns of the recording's state.
+        The recording's table: one row per sample and part, from the release on.
+    contacts
+        The recording's table: one row per contact point.
     at_s
         Times to break the error down at [s]; without any, 0.3 s where that is in free flight.
 
@@ -64,7 +67,7 @@ def analysis_of(
     ScenarioError
         If a time lies outside the recording.
     """
-    case = case_of(scenario, engine, states)
+    case = case_of(scenario, engine, states, contacts)
     found = phases_of(case)
     flight = law_of_flight(case, found)
     mismatch = find_mismatch(case, flight)

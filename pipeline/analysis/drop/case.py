@@ -112,6 +112,8 @@ class Case:
         return bool((np.abs(position_m[:, :2]) < FLOOR_REACH_M).all())
 
 
-def case_of(scenario: Scenario, engine: EngineReport, states: pl.DataFrame) -> Case:
+def case_of(
+    scenario: Scenario, engine: EngineReport, states: pl.DataFrame, contacts: pl.DataFrame
+) -> Case:
     """Return the case that a recording holds."""
-    return Case(scenario, engine, samples_of(states))
+    return Case(scenario, engine, samples_of(states, contacts))

@@ -26,7 +26,8 @@ def moment_in_the_air(
     engine: EngineReport,
     position_m: Float64,
     velocity_m_s: Float64,
-    contact_points: Float64,
+    *,
+    touched: bool,
 ) -> Moment | None:
     """Take the last of these samples apart; None where that needs the whole analysis.
 
@@ -41,13 +42,13 @@ def moment_in_the_air(
         What the engine reported of the body: mass and joints.
     position_m, velocity_m_s
         Samples from the release on [m], [m/s], shape (n, 3).
-    contact_points
-        Number of contact points, shape (n,).
+    touched
+        Whether there was a contact in them.
     """
     sideways = any((*scenario.velocity_m_s[:2], *scenario.spin_rad_s))
     if sideways or is_turned(scenario) or (scenario.substeps or 1) > 1:
         return None
-    if not scenario.stepped or engine.joints or contact_points.any():
+    if not scenario.stepped or engine.joints or touched:
         return None
     if np.abs(velocity_m_s).max() >= bullet_air.MAX_COORDINATE_VELOCITY_M_S:
         return None
