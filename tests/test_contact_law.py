@@ -143,10 +143,10 @@ def test_the_floor_of_our_own_worlds_is_the_laws() -> None:
         coordinates="maximal", restitution=0.9, solver_residual=0.0, timestep_s=1 / 60
     )
     with World(scenario) as world:
-        (rows,) = world.samples(1000)
+        (batch,) = world.samples(1000)
     fall = fall_of(coordinates="maximal")
     heights, _ = predicted(fall, 60, 60, restitution=0.9**2)
-    assert np.abs(heights - rows[:, 2]).max() <= 1e-13 + 2**-50 * 60
+    assert np.abs(heights - batch.base["position_m"][:, 2]).max() <= 1e-13 + 2**-50 * 60
 
 
 @pytest.mark.parametrize("coordinates", MODES)

@@ -1516,7 +1516,7 @@ def walk(
 def judge(recording: Path) -> dict[str, Any]:
     """Return what `analyze` says, without the layer that it writes beside the recording."""
     run = read_recording(recording)
-    return analysis_of(run.scenario, run.engine, run.states).as_json()
+    return analysis_of(run.scenario, run.engine, run.states, run.contacts).as_json()
 
 
 def what_is_wrong(path: str, said: Said) -> str | None:
