@@ -9,9 +9,18 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from pipeline.analysis.general.contacts import Touches
 from pipeline.analysis.general.samples import Samples, samples_of
+from pipeline.analysis.general.segments import (
+    Segments,
+    jointed_segments,
+    segments_of,
+    still_segments,
+)
 from pipeline.laws import theory
-from pipeline.laws.bullet_air import fall_of
+from pipeline.laws.base import EXACT_MACHINES, Motion
+from pipeline.laws.bullet import BulletLaw
+from pipeline.laws.lookup import fall_of, law_for
 from pipeline.laws.theory import Fall
 from pipeline.report import EngineReport
 from pipeline.scenario import Scenario
@@ -36,6 +45,35 @@ class Case:
     def fall(self) -> Fall:
         """The release and the air, as the engine has them."""
         return fall_of(self.scenario)
+
+    @cached_property
+    def law(self) -> BulletLaw:
+        """The law of the body as long as nothing touches it; of one rigid body."""
+        return law_for(self.scenario, self.engine)
+
+    @cached_property
+    def segments(self) -> Segments:
+        """What each sample is; the first is `set` if it is the release."""
+        if not self.scenario.stepped:
+            return still_segments(self.samples)
+        if not self.is_rigid:
+            return jointed_segments(len(self.samples))
+        exact = self.engine.machine in EXACT_MACHINES
+        segments = segments_of(self.samples, self.law, self.touches, exact=exact)
+        return segments.placed_at(self.samples, self._release)
+
+    @property
+    def _release(self) -> Motion:
+        scenario = self.scenario
+        vectors = (self.fall.position_m, scenario.orientation_xyzw)
+        velocities = (scenario.velocity_m_s, scenario.spin_rad_s)
+        return Motion(*(np.array([each]) for each in (*vectors, *velocities)))
+
+    @cached_property
+    def touches(self) -> Touches:
+        """What touches the body."""
+        nothing = np.zeros((0, 3))
+        return Touches(np.zeros(0, np.int64), nothing, nothing, np.zeros(0))
 
     @property
     def timestep_s(self) -> float:
