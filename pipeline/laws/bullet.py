@@ -42,8 +42,8 @@ class BulletLaw(BulletBody):
     On x86-64 the velocities of a btRigidBody are the engine's to the last bit, and so are those of
     a btMultiBody that neither spins nor is turned. Where one is, the engine turns them into the
     body's frame and back, by an orientation that is recorded only as it is read back, through a
-    matrix: then they are within 4 units of 2^-52 of the velocities before and after the step
-    together (`tests/test_law.py`). A position is the engine's where the velocity is.
+    matrix: then they are within 8 units of 2^-52 of the velocities before and after the step
+    together (`tests/test_segments.py`). A position is the engine's where the velocity is.
     """
 
     @property

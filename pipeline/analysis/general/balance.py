@@ -14,7 +14,7 @@ J = dt F a step changes m v²/2 + ω·Iω/2 from what the law alone leaves of it
 point by point, since a² - b² = (a - b)·(a + b); I stays that of the step's start. Not in the
 balance: rolling and spinning friction, which PyBullet does not report, and steps that are made of
 several.
-Source: Newton and Euler; checked against PyBullet in `tests/test_balance.py`.
+Source: Newton and Euler; checked against PyBullet in `tests/test_segments.py`.
 """
 
 from __future__ import annotations

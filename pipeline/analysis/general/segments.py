@@ -30,7 +30,7 @@ FLIGHT, CONTACT, PUSHED, SET, JOINTED, STILL, UNEXPLAINED = range(len(SEGMENTS))
 EXPLAINED = (FLIGHT, CONTACT, PUSHED, SET, STILL)
 
 ULPS = 16 * 2.0**-52
-"""Share of the velocities that may be off in flight while a body turns; seen: 2 and 3.5 of 16."""
+"""Share of the velocities that may be off in flight while a body turns; seen: 5 of the 16."""
 ORIENTED = 4e-15
 """By how much components of an orientation may be off: it is read back through a matrix, and sin
 and cos are not the engine's; seen: 7e-16."""
