@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import random
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -343,7 +343,7 @@ def test_every_flight_is_taken_apart_along_three_axes(tmp_path: Path) -> None:
             assert flight.error_m == pytest.approx(error_m, abs=1e-14 * (1 + abs(free_m).max()))
             terms = flight.terms_m
             assert terms is not None
-            parts = np.array(terms)
+            parts = np.array(astuple(terms))
             left = np.abs(parts.sum(axis=0) - flight.error_m)
             largest = np.maximum(np.abs(parts).max(axis=0), np.abs(motion.position_m[last]))
             assert (left <= 4 * np.spacing(largest)).all()

@@ -22,14 +22,24 @@ from pipeline.analysis.drop.landing import (
 )
 from pipeline.analysis.drop.mismatch import (
     clamped_step,
+    contact_phases,
     coverage_of,
+    explained_of,
     find_mismatch,
     unseen_contact,
 )
 from pipeline.analysis.drop.one_sample import DEFAULT_AT_S
 from pipeline.analysis.drop.phases import Phases, phases_of, touching
 from pipeline.analysis.drop.posture import tumbled_step, tumbles
-from pipeline.analysis.drop.results import Airborne, Analysis, Conservation, Coverage, Moment, Terms
+from pipeline.analysis.drop.results import (
+    Airborne,
+    Analysis,
+    Conservation,
+    Coverage,
+    Moment,
+    SegmentCounts,
+    Terms,
+)
 from pipeline.analysis.general.decomposition import TERMS, Decomposition
 from pipeline.analysis.general.flights import decomposed
 from pipeline.analysis.general.mechanics import Mechanics, max_relative_drift, mechanics
@@ -116,6 +126,10 @@ def analysis_of(
         rest=rest,
         conservation=_conservation(case, energies, found.airborne),
         energy=ledger(case, energies, airborne=found.airborne),
+        segments=SegmentCounts(**case.segments.counts()),
+        flights=flights,
+        explained=explained_of(case, mismatch),
+        contact_phases=contact_phases(case),
         findings=findings(evidence),
         table=table,
     )

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from pipeline.analysis.general.contacts import Touches
+from pipeline.analysis.general.contacts import Contacts, Touches, contacts_of
 from pipeline.analysis.general.samples import Samples, samples_of
 from pipeline.analysis.general.segments import (
     Segments,
@@ -24,6 +24,7 @@ from pipeline.laws.lookup import fall_of, law_for
 from pipeline.laws.theory import Fall
 from pipeline.report import EngineReport
 from pipeline.scenario import Scenario
+from pipeline.states import BODY
 
 Float64 = NDArray[np.float64]
 
@@ -40,6 +41,7 @@ class Case:
     scenario: Scenario
     engine: EngineReport
     samples: Samples
+    contacts: Contacts
 
     @cached_property
     def fall(self) -> Fall:
@@ -71,9 +73,8 @@ class Case:
 
     @cached_property
     def touches(self) -> Touches:
-        """What touches the body."""
-        nothing = np.zeros((0, 3))
-        return Touches(np.zeros(0, np.int64), nothing, nothing, np.zeros(0))
+        """What touches the body; of one with joints, its base."""
+        return self.contacts.of(BODY)
 
     @property
     def timestep_s(self) -> float:
@@ -154,4 +155,4 @@ def case_of(
     scenario: Scenario, engine: EngineReport, states: pl.DataFrame, contacts: pl.DataFrame
 ) -> Case:
     """Return the case that a recording holds."""
-    return Case(scenario, engine, samples_of(states, contacts))
+    return Case(scenario, engine, samples_of(states, contacts), contacts_of(contacts))

@@ -8,12 +8,13 @@ import numpy as np
 
 from pipeline.analysis.drop.case import Case
 from pipeline.analysis.drop.phases import Phases
-from pipeline.analysis.drop.results import Coverage
+from pipeline.analysis.drop.results import ContactPhase, Coverage, Explained
+from pipeline.analysis.general.segments import CONTACT
 
 
 @dataclass(frozen=True)
 class Mismatch:
-    """The first sample in the air that does not follow Bullet's law."""
+    """The first sample that does not follow Bullet's law although that covers it."""
 
     step: int
     deviation: float
@@ -21,13 +22,14 @@ class Mismatch:
 
 
 def find_mismatch(case: Case, found: Phases) -> Mismatch | None:
-    """Return the first sample in the air that does not follow Bullet's law, and by how much.
+    """Return the first sample that does not follow Bullet's law, and by how much, or None.
 
     The release is in the air, whatever is recorded of contact.
     """
     step = case.segments.first_unexplained
-    in_air = max(1, found.airborne) if case.scenario.stepped else found.samples
-    if not case.is_rigid or step is None or step >= in_air:
+    if step is None or (case.scenario.stepped and not case.is_rigid):
+        return None
+    if step >= max(1, found.airborne) and _uncovered(case, step) is not None:
         return None
     return Mismatch(step, float(case.segments.deviation[step]))
 
@@ -52,6 +54,54 @@ def unseen_contact(case: Case, mismatch: Mismatch | None) -> int | None:
     way_m = np.abs(case.samples.velocity_m_s[max(mismatch.step - 1, 0)]).max() * case.timestep_s
     within = float(around_m[:, 2].min()) <= case.engine.reach_m + way_m
     return mismatch.step if within else None
+
+
+def _uncovered(case: Case, step: int) -> str | None:
+    """Return why neither law nor contact forces cover a sample after a contact; None if they do."""
+    if not case.is_rigid:
+        why = "the laws here are those of one rigid body"
+        return f"the body has {joints_of(case.engine.joints)}, and {why}"
+    if not case.scenario.stepped:
+        return None
+    if case.substeps > 1:
+        return "it may have touched: of several substeps PyBullet reports the last one's contact"
+    balance = case.segments.balance
+    touched = balance is not None and bool(balance.touched[step])
+    if touched and (case.engine.rolling_friction or case.engine.spinning_friction):
+        return "rolling or spinning friction acts, which PyBullet does not report"
+    if touched and step == 1 and case.scenario.coordinates == "maximal":
+        return "a btRigidBody is pushed in its first step with the inertia of how it was loaded"
+    return None
+
+
+def explained_of(case: Case, mismatch: Mismatch | None) -> Explained:
+    """Say how much of a recording is explained step by step, and what ends it."""
+    segments, of = case.segments, len(case.samples)
+    samples, step = int(segments.explained.sum()), segments.first_unexplained
+    if step is None:
+        return Explained(samples, of, (of - 1) * case.timestep_s, None)
+    why = None if mismatch is not None else _uncovered(case, step)
+    return Explained(
+        samples,
+        of,
+        (step - 1) * case.timestep_s if step else None,
+        f"at sample {step} {why or 'the state does not follow what the engine makes of samples'}",
+    )
+
+
+def contact_phases(case: Case) -> list[ContactPhase]:
+    """Return what each unbroken contact gave to the body, in order."""
+    balance = case.segments.balance
+    if balance is None:
+        return []
+    found = []
+    for first, last in case.segments.runs(CONTACT):
+        impulses = balance.impulse_n_s[first : last + 1]
+        x, y, z = impulses.sum(axis=0).tolist()
+        largest_n = float(np.linalg.norm(impulses, axis=1).max()) / case.timestep_s
+        energy_j = float(balance.energy_j[first : last + 1].sum())
+        found.append(ContactPhase(first, last, (x, y, z), largest_n, energy_j))
+    return found
 
 
 def joints_of(count: int) -> str:

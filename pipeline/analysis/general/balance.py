@@ -48,8 +48,6 @@ class Balance:
     """About the centre of mass."""
     touched: NDArray[np.bool_]
     """Whether a force acted."""
-    largest_force_n: Float64
-    """Largest normal force of a point, shape (samples,)."""
     velocity_m_s: Float64
     """What law and impulses make of the velocity."""
     spin_rad_s: Float64
@@ -100,8 +98,6 @@ def balance_of(
     sizes = [np.linalg.norm(each, axis=1) for each in (impulse, arm_m)]
     np.add.at(scales, touches.step, np.stack((sizes[0], sizes[0] * sizes[1]), axis=1))
     touched = scales[:, 0] > 0
-    largest_n = np.zeros(samples)
-    np.maximum.at(largest_n, touches.step, touches.normal_force_n)
     impulse_n_s, turn_n_m_s = forces[:, :3], forces[:, 3:]
     given, turned = impulse_n_s, turn_n_m_s
     if pushed is not None:
@@ -123,7 +119,6 @@ def balance_of(
         impulse_n_s=impulse_n_s,
         angular_impulse_n_m_s=turn_n_m_s,
         touched=touched,
-        largest_force_n=largest_n,
         velocity_m_s=velocity_m_s,
         spin_rad_s=spin_rad_s,
         velocity_scale_m_s=scales[:, 0] / law.mass_kg + fastest,

@@ -51,7 +51,7 @@ class Contacts:
             + self.friction_2_direction * self.friction_2_n[:, None]
         )
         position_m = np.where(sign > 0, self.position_a_m[rows], self.position_b_m[rows])
-        return Touches(self.step[rows], position_m, sign * force_n[rows], self.normal_force_n[rows])
+        return Touches(self.step[rows], position_m, sign * force_n[rows])
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,6 @@ class Touches:
     """Where on this part."""
     force_n: Float64
     """Normal force and both frictions, on this part."""
-    normal_force_n: Float64
 
 
 _VECTORS = {

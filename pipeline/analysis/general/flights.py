@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +16,18 @@ Float64 = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 
-class VectorTerms(NamedTuple):
+@dataclass(frozen=True)
+class VectorTerms:
     """The four terms of an error along x, y and z [m]; they add up to it."""
 
     timestep: Vector
+    """What semi-implicit Euler does, without damping."""
     damping: Vector
+    """What damping does, in continuous time."""
     interaction: Vector
+    """What the two do to each other."""
     rounding: Vector
+    """What double precision leaves."""
 
 
 @dataclass(frozen=True)
