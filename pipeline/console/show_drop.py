@@ -315,7 +315,7 @@ def _flights(analysis: Analysis) -> list[str]:
     header = f"{'from':>9} {'to':>9}   {'x off':>12} {'y off':>12} {'z off':>12}"
     rows = [
         f"{one.start_s:7.4f} s {one.end_s:7.4f} s  "
-        + " ".join(f"{length_m * 1e3 + 0.0:+9.4f} mm" for length_m in one.error_m)
+        + " ".join(f"{round(length_m * 1e3, 4) + 0.0:+9.4f} mm" for length_m in one.error_m)
         for one in analysis.flights[:_MOST_FLIGHTS]
     ]
     return _listed("Flights", header, rows, len(analysis.flights), "flight")
