@@ -18,6 +18,7 @@ from pathlib import Path
 from pipeline import Scenario
 from pipeline.engines.bullet.camera_frames import Poses
 from pipeline.engines.bullet.world import World
+from pipeline.states import poses_of
 from pipeline.workers import cores
 
 DROP = (sys.executable, "-m", "cli")
@@ -151,7 +152,7 @@ def slow_fall(count: int) -> tuple[Scenario, Poses]:
     """Return a fall and its first poses, shape (count, 7), each of them another picture."""
     scenario = Scenario(timestep_s=1 / 2400)
     with World(scenario) as world:
-        return scenario, next(world.samples(count))[:, :7].copy()
+        return scenario, poses_of(next(world.samples(count)).base)
 
 
 def machine() -> str:

@@ -86,7 +86,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorder:
 
 def judge(recording: Recording, at_s: Sequence[float] = ()) -> Analysis:
     """Analyze a recording that was read."""
-    return analysis_of(recording.scenario, recording.engine, recording.states, at_s=at_s)
+    return analysis_of(
+        recording.scenario, recording.engine, recording.states, recording.contacts, at_s=at_s
+    )
 
 
 def rerun_rrd(*arguments: object) -> str:

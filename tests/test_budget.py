@@ -7,14 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 from conftest import Recorder, judge
+from iterated import law_of, thrown_as
 
 from pipeline.analysis.drop.analysis import analysis_of
-from pipeline.analysis.drop.decomposition import decompose
+from pipeline.analysis.general.decomposition import decompose
 from pipeline.analysis.general.mechanics import max_relative_drift, mechanics_of_part
-from pipeline.analysis.general.samples import Rigid
-from pipeline.laws.theory import Fall
+from pipeline.laws.base import Motion
 from pipeline.stages.narrative import events
 
 TERMS = ("timestep_m", "damping_m", "interaction_m", "rounding_m")
@@ -103,9 +104,9 @@ def test_the_timestep_term_is_signed_and_exact_without_damping(recorded: Recorde
 def test_four_recordings_give_the_same_budget_without_any_theory(recorded: Recorder) -> None:
     """Damping on and off, at dt and dt/2, extrapolated to dt = 0 (Richardson, first order)."""
     at, fine = 72, 144
-    on, off = recorded().column("z_m")[at], recorded(linear_damping=0.0).column("z_m")[at]
-    on2 = recorded(timestep_s=1 / 480).column("z_m")[fine]
-    off2 = recorded(timestep_s=1 / 480, linear_damping=0.0).column("z_m")[fine]
+    on, off = recorded().states["z_m"][at], recorded(linear_damping=0.0).states["z_m"][at]
+    on2 = recorded(timestep_s=1 / 480).states["z_m"][fine]
+    off2 = recorded(timestep_s=1 / 480, linear_damping=0.0).states["z_m"][fine]
     limit_on, limit_off = 2 * on2 - on, 2 * off2 - off
     timestep, damping = off - limit_off, limit_on - limit_off
     interaction = (on - limit_on) - (off - limit_off)
@@ -180,10 +181,10 @@ def test_a_box_that_fell_over_is_expected_on_the_face_it_lies_on(recorded: Recor
 
 
 def test_samples_from_the_middle_are_taken_apart_as_in_the_whole_fall(recorded: Recorder) -> None:
-    heights_m = recorded().column("z_m")[:100]
-    fall = Fall(height_m=1.0, gravity_m_s2=-9.81, linear_damping=float(np.float32(0.04)))
-    whole = decompose(fall, heights_m, timestep_s=1 / 240)
-    later = decompose(fall, heights_m[40:], timestep_s=1 / 240, first=40)
+    recording, law = recorded(), law_of()
+    position_m = recording.states.select("x_m", "y_m", "z_m").to_numpy()[:100]
+    whole = decompose(law, thrown_as(law), position_m)
+    later = decompose(law, thrown_as(law), position_m[40:], first=40)
     for name, values in vars(whole).items():
         assert np.array_equal(vars(later)[name], values[40:]), name
 
@@ -197,7 +198,7 @@ def test_the_impact_is_where_theory_and_samples_have_it(recorded: Recorder) -> N
     assert impact.time_free_fall_s == pytest.approx(math.sqrt(2 * 0.975 / 9.81), abs=1e-15)
     assert impact.time_free_fall_s == pytest.approx(0.4458438722, abs=1e-10)
     assert impact.time_damped_s == pytest.approx(0.4500868681, abs=1e-10)
-    z = recorded().column("z_m")
+    z = recorded().states["z_m"]
     crossing = (107 + (z[107] - 0.025) / (z[107] - z[108])) / 240
     assert impact.time_simulated_s == pytest.approx(crossing, abs=1e-15)
     assert (impact.lowest_step, impact.step) == (108, 109)
@@ -318,7 +319,7 @@ def test_undamped_energy_less_its_integrator_term_is_conserved(recorded: Recorde
     """In the air without damping E - m g dt v / 2 keeps its value, g = 9.81 and v downwards < 0."""
     recording = recorded(linear_damping=0.0)
     table = judge(recording).table.head(100)
-    shadow = table["energy_j"].to_numpy() - 0.1 * 9.81 / 240 * recording.column("vz_m_s")[:100] / 2
+    shadow = table["energy_j"].to_numpy() - 0.1 * 9.81 / 240 * recording.states["vz_m_s"][:100] / 2
     assert np.abs(shadow - shadow[0]).max() < 5e-15
 
 
@@ -349,7 +350,7 @@ def test_floating_and_spinning_bodies_conserve_what_they_should(
 def test_energy_and_momentum_of_a_turned_body_are_those_of_its_principal_axes() -> None:
     """A body turned by 90° about x, spinning about world z, spins about its own y."""
     half = math.sqrt(0.5)
-    sample = Rigid(
+    sample = Motion(
         position_m=np.array([[0.0, 0.0, 2.0]]), orientation=np.array([[half, 0.0, 0.0, half]]),
         velocity_m_s=np.zeros((1, 3)), spin_rad_s=np.array([[0.0, 0.0, 3.0]]),
     )  # fmt: skip
@@ -386,7 +387,11 @@ def test_a_body_rests_only_after_a_tenth_of_a_second(recorded: Recorder) -> None
     lasts = {}
     for samples in range(150, 242):
         scenario = replace(recording.scenario, duration_s=(samples - 1) / 240)
-        rest = analysis_of(scenario, recording.engine, recording.states.head(samples)).rest
+        states, contacts = (
+            table.filter(pl.col("step") < samples)
+            for table in (recording.states, recording.contacts)
+        )
+        rest = analysis_of(scenario, recording.engine, states, contacts).rest
         if rest is not None:
             lasts[samples] = samples - 1 - rest.settled_step
     assert min(lasts.values()) == 24

@@ -32,7 +32,7 @@ GOLDEN = Path(__file__).parents[1] / "recordings/golden/standard.rrd"
 
 
 def side(recording: Recording) -> Side:
-    return Side(recording.scenario, recording.engine, recording.states)
+    return Side(recording.scenario, recording.engine, recording.states, recording.contacts)
 
 
 def compared(recorded: Recorder, **change: object) -> Comparison:
@@ -45,6 +45,13 @@ def altered(golden: Side, column: str, step: int, by: float) -> Side:
     values = golden.states[column].to_numpy().copy()
     values[step] += by
     return replace(golden, states=golden.states.with_columns(pl.Series(column, values)))
+
+
+def touched(golden: Side, column: str, step: int, by: float) -> Side:
+    """Alter a number of the last contact point of a step."""
+    values = golden.contacts[column].to_numpy().copy()
+    values[np.flatnonzero(golden.contacts["step"] == step)[-1]] += by
+    return replace(golden, contacts=golden.contacts.with_columns(pl.Series(column, values)))
 
 
 # -- the golden recording -------------------------------------------------------------------------
@@ -154,7 +161,7 @@ def test_what_the_engine_reports_is_compared_where_the_scenario_leaves_it(
     assert [(one.name, one.value) for one in found.differences] == [(f"engine.{name}", value)]
 
 
-@pytest.mark.parametrize("column", ["x_m", "z_m", "qw", "vz_m_s", "wy_rad_s", "contact_force_n"])
+@pytest.mark.parametrize("column", ["x_m", "z_m", "qw", "vz_m_s", "wy_rad_s"])
 def test_one_bit_in_the_air_is_found_and_named(recorded: Recorder, column: str) -> None:
     golden = side(recorded())
     one_bit = float(np.spacing(golden.states[column][50])) or 5e-324
@@ -176,7 +183,6 @@ def test_in_contact_a_nanometre_is_let_pass_and_not_more(recorded: Recorder) -> 
     fast = IN_CONTACT_M * 240
     assert compare(altered(golden, "vz_m_s", 200, 0.5 * fast), golden).same
     assert not compare(altered(golden, "vz_m_s", 200, 2 * fast), golden).same
-    assert not compare(altered(golden, "contact_points", 200, 1), golden, tolerance_m=1.0).same
 
 
 def test_what_is_let_pass_in_a_column_is_what_moves_the_body_a_nanometre(
@@ -186,16 +192,50 @@ def test_what_is_let_pass_in_a_column_is_what_moves_the_body_a_nanometre(
     golden = side(recorded())
     for column, allowed in (
         ("y_m", 1e-9),
-        ("contact_distance_m", 1e-9),
         ("qx", 1e-9 / 0.025),
         ("vy_m_s", 1e-9 * 240),
         ("wz_rad_s", 1e-9 / 0.025 * 240),
-        ("contact_force_n", 1e-9 * 0.1 * 240**2),
     ):
         assert compare(altered(golden, column, 200, 0.9 * allowed), golden).same, column
         beyond = compare(altered(golden, column, 200, 1.1 * allowed), golden)
         assert beyond.first is not None, column
         assert (beyond.first.step, beyond.first.column) == (200, column)
+    for column, allowed in (
+        ("ax_m", 1e-9),
+        ("bz_m", 1e-9),
+        ("distance_m", 1e-9),
+        ("nz", 1e-9 / 0.025),
+        ("normal_force_n", 1e-9 * 0.1 * 240**2),
+    ):
+        assert compare(touched(golden, column, 200, 0.9 * allowed), golden).same, column
+        beyond = compare(touched(golden, column, 200, 1.1 * allowed), golden)
+        assert beyond.first is not None, column
+        assert (beyond.first.step, beyond.first.column) == (200, f"contact_{column}")
+        assert "then other contact" in str(beyond.looks_like)
+
+
+def test_friction_is_compared_as_one_force(recorded: Recorder) -> None:
+    """Its directions turn freely where it is small; the force is what moves the body."""
+    golden = side(recorded())
+    turned = golden.contacts.with_columns(
+        friction_1_n=-pl.col("friction_1_n"), f1x=-pl.col("f1x"), f1y=-pl.col("f1y"),
+        f1z=-pl.col("f1z"),
+    )  # fmt: skip
+    assert compare(replace(golden, contacts=turned), golden).same
+    allowed_n, (x, y) = 1e-9 * 0.1 * 240**2, golden.contacts.select("f1x", "f1y").row(-1)
+    axis = "x" if abs(x) > abs(y) else "y"
+    assert compare(touched(golden, "friction_1_n", 240, 0.9 * allowed_n), golden).same
+    beyond = compare(touched(golden, "friction_1_n", 240, 1.1 * allowed_n), golden)
+    assert beyond.first is not None
+    assert (beyond.first.step, beyond.first.column) == (240, f"contact_friction_{axis}_n")
+
+
+@pytest.mark.parametrize("column", ["body_a", "link_b"])
+def test_which_parts_touch_is_compared_with_no_tolerance(recorded: Recorder, column: str) -> None:
+    golden = side(recorded())
+    found = compare(touched(golden, column, 200, 1), golden, tolerance_m=1e3)
+    assert found.first is not None
+    assert (found.first.step, found.first.column) == (200, f"contact_{column}")
 
 
 def test_the_largest_difference_is_that_of_any_axis_and_either_sign(recorded: Recorder) -> None:
@@ -218,14 +258,40 @@ def test_what_differs_is_given_as_it_is_here_and_as_it_is_in_the_golden_one(
 
 
 def test_a_contact_that_only_one_of_them_has_differs(recorded: Recorder) -> None:
-    """Without contact there is no distance, which is nan: equal to itself, and to no number."""
     golden = side(recorded())
-    assert np.isnan(golden.states["contact_distance_m"][50])
-    touching = golden.states.with_columns(
-        contact_distance_m=pl.when(pl.col("step") == 50).then(0.0).otherwise("contact_distance_m")
-    )
-    found = compare(replace(golden, states=touching), golden, tolerance_m=1.0)
-    assert found.first == Place(50, "contact_distance_m", 0.0, None)
+    early = golden.contacts.head(1).with_columns(step=pl.lit(50, pl.Int64))
+    touching = replace(golden, contacts=pl.concat([early, golden.contacts]))
+    for one, other, value, there in (
+        (touching, golden, 1.0, 0.0), (golden, touching, 0.0, 1.0),
+    ):  # fmt: skip
+        found = compare(one, other, tolerance_m=1.0)
+        assert found.first == Place(50, "contact_points", value, there)
+    less = replace(golden, contacts=golden.contacts.head(-1))
+    assert compare(less, golden, tolerance_m=1.0).first == Place(240, "contact_points", 3.0, 4.0)
+    assert not compare(replace(golden, contacts=golden.contacts.clear()), golden).same
+
+
+def test_what_differs_first_comes_first(recorded: Recorder) -> None:
+    """Points after a step that has more of them do not face each other any more."""
+    golden = side(recorded())
+    less = replace(golden, contacts=golden.contacts.filter(pl.col("step") != 150))
+    assert compare(less, golden).first == Place(150, "contact_points", 0.0, 4.0)
+    for step, column in ((149, "contact_distance_m"), (151, "contact_points")):
+        found = compare(touched(less, "distance_m", step, 1e-3), golden).first
+        assert found is not None
+        assert (found.step, found.column) == (min(step, 150), column)
+    found = compare(touched(altered(golden, "z_m", 150, 1e-3), "distance_m", 150, 1), golden).first
+    assert found is not None
+    assert (found.step, found.column) == (150, "z_m")
+
+
+def test_a_link_that_differs_is_named(recorded: Recorder) -> None:
+    golden = side(recorded(body="r2d2.urdf", height_m=0.5, duration_s=0.25))
+    (row,) = np.flatnonzero((golden.states["step"] == 20) & (golden.states["link"] == 3))
+    found = compare(altered(golden, "y_m", int(row), 1e-3), golden)
+    assert found.first is not None
+    assert (found.first.step, found.first.column) == (20, "link3_y_m")
+    assert found.largest_difference_m == 0.0  # between the bases
 
 
 def test_a_tolerance_is_a_length(recorded: Recorder) -> None:

@@ -96,7 +96,7 @@ def test_an_altered_state_does_not_follow_the_law(
         pl.when(pl.col("step") == step).then(pl.col(column) + by).otherwise(pl.col(column))
         .alias(column)
     )  # fmt: skip
-    analysis = analysis_of(recording.scenario, recording.engine, altered)
+    analysis = analysis_of(recording.scenario, recording.engine, altered, recording.contacts)
     (message,) = [one.message for one in analysis.findings if one.code == "law-mismatch"]
     assert f"sample {step} " in message
     assert analysis.coverage.samples == step
@@ -107,7 +107,7 @@ def test_an_engine_with_another_law_is_noticed(recorded: Recorder) -> None:
     """A recording that names the default damping, made with another."""
     other = recorded(linear_damping=0.05)
     named = recorded()
-    analysis = analysis_of(named.scenario, named.engine, other.states)
+    analysis = analysis_of(named.scenario, named.engine, other.states, other.contacts)
     assert "law-mismatch" in [one.code for one in analysis.findings]
 
 

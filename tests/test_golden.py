@@ -75,10 +75,10 @@ def test_speed_lowest_point_and_rest_are_the_engines(
     recording = recorded(linear_damping=linear_damping)
     impact = judge(recording).impact
     assert impact is not None
-    assert recording.column("vz_m_s")[72] == exactly(v_03)
+    assert recording.states["vz_m_s"][72] == exactly(v_03)
     assert impact.lowest_m == exactly(lowest_m)
     assert impact.lowest_step == lowest_step
-    assert recording.column("z_m")[-1] == exactly(z_1, AT_REST)
+    assert recording.states["z_m"][-1] == exactly(z_1, AT_REST)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_rest_at_finer_timesteps_is_the_engines(
     recorded: Recorder, timestep_s: float, linear_damping: float | None, z_1: float
 ) -> None:
     recording = recorded(timestep_s=timestep_s, linear_damping=linear_damping)
-    assert recording.column("z_m")[-1] == exactly(z_1, AT_REST)
+    assert recording.states["z_m"][-1] == exactly(z_1, AT_REST)
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_rest_at_finer_timesteps_is_the_engines(
 def test_the_articles_mistakes_and_the_moon_end_where_it_says(
     recorded: Recorder, mistake: dict[str, float], z_1: float
 ) -> None:
-    heights_m = recorded(**mistake).column("z_m")
+    heights_m = recorded(**mistake).states["z_m"]
     assert heights_m[-1] == exactly(z_1)
     if z_1 == 1.0:
         assert set(heights_m) == {1.0}
@@ -127,8 +127,10 @@ def test_every_sample_is_what_pybullet_gives_a_plain_script(
         samples=len(recording.states),
         dynamics={} if linear_damping is None else {"linearDamping": linear_damping},
     )
-    assert np.array_equal(recording.columns("x_m", "y_m", "z_m"), expected.position_m)
-    velocity_m_s = recording.columns("vx_m_s", "vy_m_s", "vz_m_s")
+    assert np.array_equal(
+        recording.states.select("x_m", "y_m", "z_m").to_numpy(), expected.position_m
+    )
+    velocity_m_s = recording.states.select("vx_m_s", "vy_m_s", "vz_m_s").to_numpy()
     assert np.array_equal(velocity_m_s, expected.velocity_m_s)
 
 

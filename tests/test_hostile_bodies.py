@@ -27,6 +27,7 @@ from pipeline.engines.bullet.urdf import MOST_JOINTS, MOST_POSITIONS, check_urdf
 from pipeline.engines.bullet.world import World
 from pipeline.errors import ScenarioError
 from pipeline.stages.sweep import sweep
+from pipeline.states import Batch
 from pipeline.sweeping.plan import plan_of
 
 DATA = Path(pybullet_data.getDataPath())
@@ -217,8 +218,10 @@ def test_the_limits_of_joints_are_those_of_pybullet(
             refused(written(tmp_path, linked(most + 1, kind, star=star), "more.urdf"), "joints")
         scenario = Scenario(body=str(path), duration_s=0.1, linear_damping=0.0)
         with World(scenario) as world:
-            rows = np.concatenate(list(world.samples(64)))
-        np.testing.assert_allclose(rows[-1, 9], scenario.gravity_m_s2 * 0.1, rtol=1e-9)
+            base = Batch.joined(world.samples(64)).base
+        np.testing.assert_allclose(
+            base["velocity_m_s"][-1, 2], scenario.gravity_m_s2 * 0.1, rtol=1e-9
+        )
 
 
 @pytest.mark.parametrize("star", [True, False])
@@ -475,4 +478,4 @@ def test_mutations_of_pybullets_own_files_are_loaded_or_refused(tmp_path: Path, 
         one_line(error)
         return
     with World(Scenario(body=str(urdf), height_m=0.1, duration_s=0.1)) as world:
-        assert len(np.concatenate(list(world.samples(64)))) == 25
+        assert len(Batch.joined(world.samples(64)).base) == 25

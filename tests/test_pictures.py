@@ -22,13 +22,15 @@ from pipeline.engines.bullet.world import World
 from pipeline.recording import rrd, schema
 from pipeline.recording.reader import read
 from pipeline.scenario import View
+from pipeline.states import poses_of
 
 SMALL = Camera(size_px=(160, 120))
 
 
-def poses_of(scenario: Scenario) -> np.ndarray:
+def poses_in(scenario: Scenario) -> np.ndarray:
     with World(scenario) as world:
-        return np.concatenate(list(world.samples(1000)))[::7, :7]
+        (fall,) = world.samples(1000)
+        return poses_of(fall.base)[::7]
 
 
 def drawn_whole(scenario: Scenario, camera: Camera, poses: np.ndarray) -> list[np.ndarray]:
@@ -50,7 +52,7 @@ def decoded(png: bytes) -> np.ndarray:
 def test_a_body_in_front_of_the_floor_is_what_both_together_give(body: str) -> None:
     """Falling, sinking into the floor, tumbling on it, and flying out of the picture."""
     scenario = Scenario(body=body, velocity_m_s=(0.5, 0.9, 0.0), spin_rad_s=(5.0, 2.0, 1.0))
-    poses = poses_of(scenario)
+    poses = poses_in(scenario)
     with PoseRenderer(scenario, SMALL) as at_work:
         for pose, whole in zip(poses, drawn_whole(scenario, SMALL, poses), strict=True):
             assert np.array_equal(decoded(at_work.png(pose)), whole)
@@ -60,7 +62,7 @@ def test_where_the_depths_leave_a_doubt_the_picture_is_drawn_whole(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     scenario = Scenario(duration_s=0.5)
-    poses, calls = poses_of(scenario), []
+    poses, calls = poses_in(scenario), []
     place = VisibleWorld.place
     with PoseRenderer(scenario, SMALL) as at_work:
         monkeypatch.setattr(pose_renderer, "DEPTH_DOUBT", 2.0)
@@ -76,7 +78,7 @@ def test_the_number_of_workers_changes_nothing(
     workers: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scenario = Scenario(duration_s=0.5)
-    poses = np.repeat(poses_of(scenario), 2, axis=0)  # each twice: the second is not drawn
+    poses = np.repeat(poses_in(scenario), 2, axis=0)  # each twice: the second is not drawn
     monkeypatch.setattr(camera_frames, "cores", lambda: workers)
     with Photographer(scenario, SMALL, frames=1000) as photographer:
         assert len(photographer._workers) == workers
@@ -99,7 +101,7 @@ def test_a_worker_that_is_killed_is_an_error_and_no_wait() -> None:
     with Photographer(scenario, SMALL, frames=64) as photographer:
         os.kill(photographer._workers[0]._process.pid, signal.SIGKILL)
         with pytest.raises(DropError, match="signal 9"):
-            list(photographer.draw(poses_of(scenario)))
+            list(photographer.draw(poses_in(scenario)))
 
 
 def test_what_a_worker_cannot_do_is_raised_here() -> None:
@@ -107,7 +109,7 @@ def test_what_a_worker_cannot_do_is_raised_here() -> None:
         Photographer(Scenario(body="no.urdf"), SMALL, frames=64) as photographer,
         pytest.raises(DropError, match=r"no\.urdf"),
     ):
-        list(photographer.draw(poses_of(Scenario(duration_s=0.5))))
+        list(photographer.draw(poses_in(Scenario(duration_s=0.5))))
 
 
 # -- cameras that come nearer ---------------------------------------------------------------------
@@ -127,7 +129,7 @@ def seen(scenario: Scenario, camera: Camera, pose: np.ndarray) -> tuple[float, f
 def test_a_following_camera_keeps_the_body_large_and_in_the_middle(body: str) -> None:
     scenario = Scenario(body=body, height_m=2.0, velocity_m_s=(0.5, -0.3, 0.0))
     camera = framed(Camera(view="follow"), scenario)
-    for pose in poses_of(scenario)[::8]:
+    for pose in poses_in(scenario)[::8]:
         row, column, width = seen(scenario, camera, pose)
         assert (row, column) == (pytest.approx(180, abs=14), pytest.approx(240, abs=14))
         assert 45 <= width <= 110
@@ -137,12 +139,12 @@ def test_the_close_camera_sees_the_body_where_it_lies() -> None:
     scenario = Scenario(velocity_m_s=(0.4, 0.2, 0.0), linear_damping=0.0)
     camera = framed(Camera(view="close"), scenario)
     with World(scenario) as world:
-        (rows,) = world.samples(1000)
-    landed = rows[rows[:, 13] > 0][0]
-    row, column, width = seen(scenario, camera, landed[:7])
+        (fall,) = world.samples(1000)
+    landed = poses_of(fall.base)[fall.contacts["step"][0]]
+    row, column, width = seen(scenario, camera, landed)
     assert (row, column) == (pytest.approx(180, abs=20), pytest.approx(240, abs=20))
     assert width > 40
-    *_, standard = seen(scenario, Camera(), landed[:7])
+    *_, standard = seen(scenario, Camera(), landed)
     assert standard < 16
 
 
@@ -164,7 +166,7 @@ def test_framing_again_changes_nothing(view: View) -> None:
 
 def test_what_follows_is_drawn_alike_by_workers_and_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario, camera = Scenario(duration_s=0.25), replace(SMALL, view="follow", capture_every=7)
-    poses = poses_of(scenario)
+    poses = poses_in(scenario)
     whole = [
         pixels
         for pose in poses
@@ -199,7 +201,7 @@ def test_a_recording_holds_where_a_following_camera_stood(tmp_path: Path) -> Non
     for step, place, turn in zip(
         range(0, 61, 6), places.reshape(-1, 3), turns.reshape(-1, 3, 3), strict=True
     ):
-        body = recording.columns("x_m", "y_m", "z_m")[step]
+        body = recording.states.select("x_m", "y_m", "z_m").to_numpy()[step]
         # Columns of the matrix are the camera's right, up and backwards in world axes.
         right, up, back = turn @ (body - place)
         assert (right, up) == (pytest.approx(0, abs=1e-5), pytest.approx(0, abs=1e-5))

@@ -30,18 +30,73 @@ def table(path: Path, entity: str) -> pl.DataFrame:
 
 
 def test_state_is_float64_on_an_integer_step(standard: Run) -> None:
-    for entity, columns in schema.STATE.items():
-        rows = table(standard.simulation.recording, entity)
-        assert rows.schema["Scalars:scalars"] == pl.List(pl.Float64)
-        assert rows.schema["sim_step"] == pl.Int64
-        assert rows["sim_step"].to_list() == list(range(241))
-        assert set(rows["Scalars:scalars"].list.len()) == {len(columns)}
+    rows = table(standard.simulation.recording, "state")
+    assert rows.schema["sim_step"] == pl.Int64
+    assert rows["sim_step"].to_list() == list(range(241))
+    widths = {"body": 1, "link": 1, "position_m": 3, "orientation": 4, "velocity_m_s": 3,
+              "spin_rad_s": 3}  # fmt: skip
+    for component, width in widths.items():
+        whole = component in ("body", "link")
+        assert rows.schema[component] == pl.List(pl.Int64 if whole else pl.Float64)
+        assert set(rows[component].list.len()) == {width}
+    assert rows["body"].explode().unique().to_list() == [0]
+    assert rows["link"].explode().unique().to_list() == [-1]
+
+
+def test_only_steps_with_contact_points_have_contacts(standard: Run) -> None:
+    rows = table(standard.simulation.recording, "contacts")
+    assert rows["sim_step"].to_list() == list(range(109, 241))
+    points = rows["distance_m"].list.len()
+    assert points[0] == 4
+    for component, columns in schema.CONTACTS.columns.items():
+        whole = component.startswith(("body", "link"))
+        assert rows.schema[component] == pl.List(pl.Int64 if whole else pl.Float64)
+        assert rows[component].list.len().equals(points * len(columns))
+
+
+def test_a_recording_without_contact_has_no_contacts(tmp_path: Path) -> None:
+    simulate(Scenario(floor=False, duration_s=0.1), tmp_path / "run.rrd", camera=None)
+    assert "/contacts" not in {chunk.entity_path for chunk in chunks_of(tmp_path / "run.rrd")}
+    contacts = read(tmp_path / "run.rrd").contacts
+    assert len(contacts) == 0
+    assert contacts.schema["body_a"] == pl.Int64
+    assert contacts.schema["normal_force_n"] == pl.Float64
+
+
+def test_a_table_has_the_components_of_its_rows() -> None:
+    for one in schema.TABLES.values():
+        assert one.kind.names == ("step", *one.columns)
+        for component, columns in one.columns.items():
+            assert len(columns) == int(np.prod(one.kind[component].shape))
+
+
+def test_each_link_of_a_body_with_joints_is_a_part(tmp_path: Path) -> None:
+    path = tmp_path / "run.rrd"
+    simulate(Scenario(body="r2d2.urdf", duration_s=0.1), path, camera=None)
+    recording, rows = read(path), table(path, "state")
+    links = list(range(-1, recording.engine.joints))
+    assert all(one == links for one in rows["link"].to_list())
+    positions = np.array(rows["position_m"].to_list()).reshape(25, len(links), 3)
+    read_back = recording.states.select("x_m", "y_m", "z_m").to_numpy()
+    assert np.array_equal(positions.reshape(-1, 3), read_back)
+    assert recording.states["step"].to_list() == [step for step in range(25) for _ in links]
+
+
+@pytest.mark.parametrize("batch", [1, 7, 240])
+def test_batches_of_any_size_are_the_same_recording(
+    tmp_path: Path, standard: Run, monkeypatch: pytest.MonkeyPatch, batch: int
+) -> None:
+    monkeypatch.setattr("pipeline.stages.simulate.BATCH", batch)
+    simulate(Scenario(), tmp_path / "run.rrd", camera=None)
+    mine, theirs = read(tmp_path / "run.rrd"), read(standard.simulation.recording)
+    assert mine.states.equals(theirs.states)
+    assert mine.contacts.equals(theirs.contacts)
 
 
 def test_timelines_are_step_and_time_and_nothing_else(standard: Run) -> None:
     found = {name for c in chunks_of(standard.simulation.recording) for name in c.timeline_names}
     assert found == {"sim_step", "sim_time"}
-    rows = table(standard.simulation.recording, "state/position")
+    rows = table(standard.simulation.recording, "state")
     assert rows["sim_time"].dtype == pl.Duration("ns")
     assert rows["sim_time"].cast(pl.Int64)[240] == 1_000_000_000
 
@@ -57,9 +112,9 @@ def test_theory_stops_at_the_floor_and_stays(standard: Run) -> None:
 
 def test_the_pose_to_look_at_is_the_state_rounded_to_float32(standard: Run) -> None:
     poses = table(standard.simulation.recording, schema.BOX)
-    positions = table(standard.simulation.recording, "state/position")
+    states = table(standard.simulation.recording, "state")
     shown = np.array([row[0] for row in poses["Transform3D:translation"].to_list()])
-    measured = np.array(positions["Scalars:scalars"].to_list())
+    measured = np.array(states["position_m"].to_list())
     steps = poses["sim_step"].to_numpy()
     assert np.array_equal(shown, measured[steps].astype(np.float32))
     # A pose is shown until the next one, and where none is the box has not visibly moved.
@@ -187,7 +242,7 @@ def test_rows_that_went_missing_are_noticed_before_the_name_is_given(
     part, path = tmp_path / "run.rrd.part", tmp_path / "run.rrd"
     part.write_bytes(standard.simulation.recording.read_bytes())
     with pytest.raises(OutputError, match="lacks rows"):
-        files.seal(part, path, blueprint=None, rows={"/state/position": 242}, force=False)
+        files.seal(part, path, blueprint=None, rows={"/state": 242}, force=False)
     assert not path.exists()
 
 
@@ -204,14 +259,23 @@ def rewritten(source: Path, path: Path, change: object, *, application_id: str =
     return path
 
 
-def test_a_bit_changed_in_the_state_is_noticed(tmp_path: Path, standard: Run) -> None:
+@pytest.mark.parametrize(
+    ("entity", "component", "said"),
+    [
+        ("/state", "spin_rad_s", "its state fails its checksum"),
+        ("/contacts", "friction_2_direction", "its contacts fail their checksum"),
+    ],
+)
+def test_a_bit_changed_in_state_or_contacts_is_noticed(
+    tmp_path: Path, standard: Run, entity: str, component: str, said: str
+) -> None:
     def nudge(chunk: Chunk) -> Chunk:
-        if chunk.entity_path != "/state/angular_velocity":
+        if chunk.entity_path != entity:
             return chunk
         import pyarrow as pa
 
         batch = chunk.to_record_batch()
-        index = batch.schema.get_field_index("Scalars:scalars")
+        index = batch.schema.get_field_index(component)
         rows = batch.column(index).to_pylist()
         rows[7][1] = float(np.nextafter(rows[7][1], 1))
         changed = pa.array(rows, type=batch.schema.field(index).type)
@@ -221,7 +285,7 @@ def test_a_bit_changed_in_the_state_is_noticed(tmp_path: Path, standard: Run) ->
         return one
 
     path = rewritten(standard.simulation.recording, tmp_path / "nudged.rrd", nudge)
-    with pytest.raises(RecordingError, match="its state fails its checksum"):
+    with pytest.raises(RecordingError, match=said):
         read(path)
 
 
@@ -229,10 +293,12 @@ def test_without_a_change_the_rewritten_recording_reads_the_same(
     tmp_path: Path, standard: Run
 ) -> None:
     path = rewritten(standard.simulation.recording, tmp_path / "same.rrd", lambda chunk: chunk)
-    assert read(path).states.equals(read(standard.simulation.recording).states)
+    mine, theirs = read(path), read(standard.simulation.recording)
+    assert mine.states.equals(theirs.states)
+    assert mine.contacts.equals(theirs.contacts)
 
 
-@pytest.mark.parametrize("entity", ["/state/contact", "/__properties/scenario"])
+@pytest.mark.parametrize("entity", ["/state", "/contacts", "/__properties/scenario"])
 def test_a_missing_part_is_named(tmp_path: Path, standard: Run, entity: str) -> None:
     path = rewritten(
         standard.simulation.recording,
@@ -249,3 +315,25 @@ def test_a_recording_of_another_application_is_refused(tmp_path: Path, standard:
     )
     with pytest.raises(RecordingError, match="'other'"):
         read(path)
+
+
+def test_a_recording_of_the_first_schema_is_to_be_made_again(tmp_path: Path, standard: Run) -> None:
+    import pyarrow as pa
+
+    def older(chunk: Chunk) -> Chunk | None:
+        if chunk.entity_path in ("/state", "/contacts"):
+            return None
+        if chunk.entity_path != "/__properties/recording":
+            return chunk
+        batch = chunk.to_record_batch()
+        index = batch.schema.get_field_index("schema_version")
+        (one,) = Chunk.from_record_batch(
+            batch.set_column(index, batch.schema.field(index), pa.array([[1]]))
+        )
+        return one
+
+    path = rewritten(standard.simulation.recording, tmp_path / "old.rrd", older)
+    with pytest.raises(RecordingError) as raised:
+        read(path)
+    again = "record it again with: drop simulate"
+    assert str(raised.value) == f"{path} was made by an earlier version of drop; {again}"

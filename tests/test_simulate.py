@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 from conftest import Recorder
 from engine import DATA, MODES, box, lowered, shape, urdf_of
@@ -18,6 +19,7 @@ from pipeline.engines.bullet.world import World
 from pipeline.errors import DropError, ScenarioError
 from pipeline.recording.reader import frames, read
 from pipeline.stages.sweep_shard import RunShard
+from pipeline.states import BODY, FLOOR, Batch
 from pipeline.sweeping.plan import plan_of
 
 
@@ -65,11 +67,11 @@ def test_the_urdfs_own_mass_changes_nothing(
     found = []
     for scenario in (plain, replace(plain, mass_kg=own_kg)):
         with World(scenario) as world:
-            found.append((world.report(), np.concatenate(list(world.samples(1000)))))
-    (report, rows), (same_report, same_rows) = found
+            found.append((world.report(), next(world.samples(1000))))
+    (report, fall), (same_report, same_fall) = found
     assert report == same_report
     assert report.mass_kg == own_kg
-    np.testing.assert_array_equal(rows, same_rows)
+    assert_the_same(fall, same_fall)
 
 
 # -- what the engine reports of a body -------------------------------------------------------------
@@ -87,20 +89,27 @@ def test_a_btrigidbody_bounces_with_the_restitution_that_is_reported(
     with World(scenario) as world:
         if told is None:  # plane.urdf has none, and the pair's is the product
             p.changeDynamics(world._floor, -1, restitution=1.0, physicsClientId=world._client)
-        report, (rows,) = world.report(), world.samples(1000)
+        report, (fall,) = world.report(), world.samples(1000)
     assert report.restitution == (told or 0.75)
     assert report.pair_restitution is not None
-    up = int(np.argmax(rows[:, 9] > 0))
-    approach_m_s = rows[up - 1, 9] - 9.81 / 240
-    assert rows[up, 9] == pytest.approx(report.pair_restitution * -approach_m_s, rel=1e-12)
+    upwards_m_s = fall.base["velocity_m_s"][:, 2]
+    up = int(np.argmax(upwards_m_s > 0))
+    approach_m_s = upwards_m_s[up - 1] - 9.81 / 240
+    assert upwards_m_s[up] == pytest.approx(report.pair_restitution * -approach_m_s, rel=1e-12)
 
 
 @pytest.mark.parametrize("coordinates", MODES)
 def test_one_substep_is_none(coordinates: Any) -> None:
     how: Any = {"coordinates": coordinates, "spin_rad_s": (1.0, 2.0, 3.0)}
     with World(Scenario(**how)) as plain, World(Scenario(**how, substeps=1)) as one:
-        for rows, same in zip(plain.samples(1000), one.samples(1000), strict=True):
-            np.testing.assert_array_equal(rows, same)
+        for fall, same in zip(plain.samples(1000), one.samples(1000), strict=True):
+            assert_the_same(fall, same)
+
+
+def assert_the_same(fall: Batch, other: Batch) -> None:
+    for rows, others in zip(fall, other, strict=True):
+        assert len(rows) > 0
+        np.testing.assert_array_equal(rows, others)
 
 
 def test_what_an_engine_does_not_report_is_none(recorded: Recorder) -> None:
@@ -215,7 +224,7 @@ def test_what_the_engine_does_not_report_shows_in_the_fall(
 ) -> None:
     left = ("spin_rad_s", "velocity_m_s", *(["restitution"] if len(change) > 1 else []))
     plain = {key: value for key, value in change.items() if key in left}
-    assert not np.array_equal(recorded(**change).column(column), recorded(**plain).column(column))
+    assert not np.array_equal(recorded(**change).states[column], recorded(**plain).states[column])
 
 
 def test_iterations_of_the_solver_show_where_the_residual_does_not_stop_it(
@@ -223,7 +232,7 @@ def test_iterations_of_the_solver_show_where_the_residual_does_not_stop_it(
 ) -> None:
     few = recorded(solver_residual=0.0, solver_iterations=1)
     many = recorded(solver_residual=0.0, solver_iterations=50)
-    assert not np.array_equal(few.column("z_m"), many.column("z_m"))
+    assert not np.array_equal(few.states["z_m"], many.states["z_m"])
 
 
 @pytest.mark.parametrize(
@@ -250,7 +259,7 @@ def test_any_body_of_pybullet_data_can_be_dropped(
 ) -> None:
     recording = recorded(body=body, duration_s=0.5)
     assert recording.engine.shape == shape
-    assert recording.column("z_m")[0] == 1.0
+    assert recording.states["z_m"][0] == 1.0
     if rest_height_m is not None:
         assert recording.engine.rest_height_m == pytest.approx(rest_height_m, abs=1e-15)
 
@@ -300,7 +309,12 @@ def test_nor_may_the_state_of_a_link_be_no_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = World._link_states
-    monkeypatch.setattr(World, "_link_states", lambda self: [*told(self)[:-1], math.nan])
+
+    def asked(self: World) -> list[Any]:
+        *others, last = told(self)
+        return [*others, (*last[:7], (0.0, 0.0, math.nan))]
+
+    monkeypatch.setattr(World, "_link_states", asked)
     with pytest.raises(DropError, match="no number any more from step 0 on"):
         simulate(Scenario(body="r2d2.urdf", duration_s=0.1), tmp_path / "run.rrd", camera=None)
 
@@ -340,12 +354,59 @@ def lose_numbers(
 
 def test_contact_is_recorded_where_it_acts(recorded: Recorder) -> None:
     recording = recorded()
-    points = recording.column("contact_points")
-    assert points[:109].max() == 0
-    assert points[109] == 4
-    assert recording.column("contact_distance_m")[109] == pytest.approx(0.01618091982485528 - 0.025)
+    contacts = recording.contacts
+    assert contacts["step"].min() == 109
+    first, last = (contacts.filter(pl.col("step") == step) for step in (109, 240))
+    assert len(first) == 4
+    for point in first.iter_rows(named=True):
+        bodies = {point["body_a"]: "a", point["body_b"]: "b"}
+        assert sorted(bodies) == [BODY, FLOOR]
+        assert point["distance_m"] == pytest.approx(0.01618091982485528 - 0.025)
+        assert point[f"{bodies[FLOOR]}z_m"] == 0.0
+        assert point[f"{bodies[BODY]}z_m"] == pytest.approx(0.01618091982485528 - 0.025)
+        assert point["nz"] == (1.0 if bodies[BODY] == "a" else -1.0)  # from b to a
+    corners = set(zip(first["ax_m"].round(12), first["ay_m"].round(12), strict=True))
+    assert corners == {(x, y) for x in (-0.025, 0.025) for y in (-0.025, 0.025)}
     # At rest the floor carries the box's weight.
-    assert recording.column("contact_force_n")[-1] == pytest.approx(0.981, rel=1e-3)
+    assert last["normal_force_n"].sum() == pytest.approx(0.981, rel=1e-3)
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+def test_the_forces_of_all_contact_points_are_what_moves_the_body(
+    recorded: Recorder, coordinates: Any
+) -> None:
+    """Its momentum changes by dt times normal and friction forces, in their recorded directions."""
+    recording = recorded(
+        coordinates=coordinates, velocity_m_s=(2.0, 0.5, 0.0), friction=0.5, duration_s=1.5,
+        linear_damping=0.0, angular_damping=0.0,
+    )  # fmt: skip
+    on_a = [
+        sum(pl.col(force) * pl.col(along) for force, along in (
+            ("normal_force_n", f"n{axis}"), ("friction_1_n", f"f1{axis}"),
+            ("friction_2_n", f"f2{axis}"),
+        ))
+        for axis in "xyz"
+    ]  # fmt: skip
+    sign = pl.when(pl.col("body_a") == BODY).then(1).otherwise(-1)
+    forces = recording.contacts.select(
+        "step", *((force * sign).alias(axis) for force, axis in zip(on_a, "xyz", strict=True))
+    ).group_by("step", maintain_order=True).sum()  # fmt: skip
+    force_n = np.zeros((len(recording.states), 3))
+    force_n[forces["step"]] = forces.select(*"xyz").to_numpy()
+    velocity_m_s = recording.states.select("vx_m_s", "vy_m_s", "vz_m_s").to_numpy()
+    pushed_m_s = np.diff(velocity_m_s, axis=0) - np.array([0, 0, -9.81 / 240])
+    assert np.abs(force_n[:, :2]).max() > 1.0
+    assert np.abs(pushed_m_s - force_n[1:] / 240 / 0.1).max() < 1e-15
+
+
+def test_every_contact_point_of_a_body_with_joints_names_its_link(recorded: Recorder) -> None:
+    recording = recorded(body="r2d2.urdf", height_m=0.5, duration_s=0.5)
+    sides = recording.contacts.select("body_a", "link_a", "body_b", "link_b").rows()
+    links = {b if one == FLOOR else a for one, a, _, b in sides}
+    assert len(links) > 1
+    assert links <= set(range(-1, recording.engine.joints))
+    parts = recording.states.filter(pl.col("step") == 7)
+    assert parts["link"].to_list() == list(range(-1, recording.engine.joints))
 
 
 def test_camera_options_decide_the_frames(tmp_path: Path) -> None:
@@ -359,8 +420,8 @@ def test_camera_options_decide_the_frames(tmp_path: Path) -> None:
 
 
 def test_a_simulation_is_the_same_every_time() -> None:
-    def fall() -> np.ndarray:
+    def fall() -> Batch:
         with World(Scenario(spin_rad_s=(1.0, 2.0, 3.0))) as world:
-            return np.concatenate(list(world.samples(100)))
+            return Batch.joined(world.samples(100))
 
-    assert np.array_equal(fall(), fall(), equal_nan=True)
+    assert_the_same(fall(), fall())

@@ -32,12 +32,29 @@ TYPES = {"double": "float64", "float": "float32"}
 PROPERTIES = [f"__properties/{name}" for name in schema.PROPERTIES]
 
 MEASURED = {
-    "state/position": "of the body's centre, world axes",
-    "state/orientation": "a quaternion: x, y, z, w",
-    "state/linear_velocity": "world axes",
-    "state/angular_velocity": "world axes",
-    "state/contact": "of the step that led here: number of points, smallest distance (nan without "
-    "contact), total normal force",
+    "state": {
+        "body": "number of the body: 0, the one that is dropped",
+        "link": "number of its link; -1 is the base",
+        "position_m": "of the part's centre of mass, world axes",
+        "orientation": "a quaternion: x, y, z, w",
+        "velocity_m_s": "world axes",
+        "spin_rad_s": "angular velocity, world axes",
+    },
+    "contacts": {
+        "body_a": "number of the one body: 0 is dropped, 1 the floor",
+        "link_a": "number of its link",
+        "body_b": "number of the other body",
+        "link_b": "number of its link",
+        "position_a_m": "the point on a, world axes",
+        "position_b_m": "the point on b",
+        "normal": "from b to a",
+        "distance_m": "between the two points; negative where a and b are in each other",
+        "normal_force_n": "on a, along the normal",
+        "friction_1_n": "on a, along the first direction",
+        "friction_1_direction": "world axes",
+        "friction_2_n": "on a, along the second direction",
+        "friction_2_direction": "world axes",
+    },
 }
 CURVES = {
     schema.HEIGHT_SIMULATED: "height of the body's centre",
@@ -69,10 +86,42 @@ CLOSING = {
     "schema_version": "of this page; another one has other names",
     "samples": "how many samples there must be",
     "frames": "how many frames there must be",
-    "state_sha256": "digest of everything under `state/`",
+    "state_sha256": "digest of the states",
+    "contacts_sha256": "digest of the contacts",
     "frames_sha256": "digest of the frames",
     "inputs_sha256": "digest of scenario, engine and camera",
 }
+
+CAMERA_SAYS = {
+    "distance_m": "from the camera to its target",
+    "far_m": "nothing farther away is drawn",
+    "near_m": "nothing nearer is drawn",
+    "pitch_deg": "angle above (positive) or below the horizontal plane that it looks along",
+    "roll_deg": "turn about its own axis",
+    "target_m": "what it looks at: x, y, z",
+    "vertical_fov_deg": "vertical field of view",
+    "yaw_deg": "turn about the vertical",
+}
+"""What no option says of the camera."""
+TABLE_SAYS = {
+    "step": "number of the sample",
+    "time_s": "step × timestep",
+    "phase": "falling, contact or rest",
+    "simulated_m": "height of the centre in the recording",
+    "free_fall_m": "the same by theory, without air; from the first contact on at least the rest "
+    "height",
+    "damped_fall_m": "the same through Bullet's damping, in continuous time",
+    "error_m": "simulated minus free fall; the next four add up to it",
+    "timestep_m": "what semi-implicit Euler does, without damping",
+    "damping_m": "what damping does, in continuous time",
+    "interaction_m": "what the two do to each other",
+    "rounding_m": "what double precision leaves",
+    "kinetic_linear_j": "energy of the motion",
+    "kinetic_angular_j": "energy of the rotation",
+    "potential_j": "energy of the height above z = 0",
+    "energy_j": "their sum",
+}
+"""The columns of the table that `analyze` makes, a row per sample."""
 
 _HEAD = f"""# What is in a recording
 
@@ -89,6 +138,21 @@ z up, and every sample is the state *before* a step, so that sample 0 is the rel
 | --- | --- | --- |
 | `{schema.STEP_TIMELINE}` | sequence, int64 | number of the step: what samples are joined on |
 | `{schema.TIME_TIMELINE}` | duration, int64 ns | step × timestep, in whole nanoseconds |
+"""
+
+
+_STATE = f"""## State
+
+Entity `{schema.STATES.entity}`, a row per step; every number is computed from these and the
+contacts. A component is a list: one after the other, what each part has of it. A part is a link of
+a body, in world axes; a rigid body has one, its base. Read back, a part is a row of the table
+`states` with the columns named here.
+"""
+_CONTACTS = f"""## Contacts
+
+Entity `{schema.CONTACTS.entity}`, a row per step that has any: what `getContactPoints` says after
+the step that led here. A component is a list: one after the other, what each contact point has of
+it. Read back, a point is a row of the table `contacts`.
 """
 
 
@@ -112,8 +176,10 @@ def made() -> dict[str, str]:
         run, layer = _entities(path), _entities(layer_of(path))
     parts = [
         _HEAD,
-        "## State\n\nEvery sample; every number is computed from these.\n",
-        _state(run),
+        _STATE,
+        _measured(run, schema.STATES),
+        _CONTACTS,
+        _measured(run, schema.CONTACTS),
         "## Curves\n\nOne scalar per sample, with a colour and a name for the viewer.\n",
         _curves(run),
         "## To look at\n",
@@ -154,14 +220,13 @@ def _element(kind: pa.DataType) -> str:
 # -- tables ---------------------------------------------------------------------------------------
 
 
-def _state(run: Mapping[str, Entity]) -> str:
+def _measured(run: Mapping[str, Entity], table: schema.Table) -> str:
     rows = []
-    for entity, columns in schema.STATE.items():
-        dtype = run[entity].types["Scalars:scalars"]
-        names = ", ".join(f"`{one}`" for one in columns)
-        units = ", ".join(dict.fromkeys(_unit(one) or "1" for one in columns))
-        rows.append([f"`{entity}`", names, dtype, units, MEASURED[entity]])
-    return _rows(["entity", "columns", "type", "unit", "what it is"], rows)
+    for component, columns in table.columns.items():
+        dtype, names = run[table.entity].types[component], ", ".join(f"`{one}`" for one in columns)
+        unit, said = _unit(component) or "", MEASURED[table.entity][component]
+        rows.append([f"`{component}`", dtype, unit, names, said])
+    return _rows(["component", "type", "unit", "columns", "what it is"], rows)
 
 
 def _curves(entities: Mapping[str, Entity]) -> str:
@@ -176,7 +241,7 @@ def _curves(entities: Mapping[str, Entity]) -> str:
 def _drawn(entities: Mapping[str, Entity]) -> str:
     rows = []
     for name, one in entities.items():
-        if name.startswith("__") or name in schema.STATE or one.label:
+        if name.startswith("__") or name in schema.TABLES or one.label:
             continue
         archetypes = dict.fromkeys(component.partition(":")[0] for component in one.types)
         when = "over time" if one.timed else "once"
@@ -190,7 +255,7 @@ def _property(run: Mapping[str, Entity], entity: str) -> str:
     # The engine's report has names of its own: what is said of a scenario is not said of it.
     said = {
         schema.SCENARIO_PROPERTY: {key: _said(option) for key, option in options.items()},
-        schema.CAMERA_PROPERTY: schema.CAMERA_SAYS
+        schema.CAMERA_PROPERTY: CAMERA_SAYS
         | {key: _said(option) for key, option in options.items()},
         schema.ENGINE_PROPERTY: EngineReport.says(),
         schema.RECORDING_PROPERTY: CLOSING,
@@ -206,7 +271,7 @@ def _said(option: Option) -> str:
 
 def _table(table: pl.DataFrame) -> str:
     rows = [
-        [f"`{name}`", str(dtype).lower(), _unit(name) or "", schema.TABLE_SAYS[name]]
+        [f"`{name}`", str(dtype).lower(), _unit(name) or "", TABLE_SAYS[name]]
         for name, dtype in table.schema.items()
     ]
     return _rows(["column", "type", "unit", "what it is"], rows)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.errors import RecordingError
@@ -14,8 +15,7 @@ from pipeline.fields import shown
 from pipeline.recording import schema
 from pipeline.report import EngineReport
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
-
-Float64 = NDArray[np.float64]
+from pipeline.states import BASE, BODY, FLOOR
 
 AGAIN = "record it again with: drop simulate"
 LARGEST = 1e60
@@ -78,7 +78,7 @@ def check_settings(engine: EngineReport, scenario: Scenario, path: Path) -> None
 
 def check_camera(camera: Camera, path: Path) -> None:
     """Check what no option says of the camera, which `Camera` does not."""
-    for name in schema.CAMERA_SAYS:
+    for name in {one.name for one in fields(Camera)} - Camera.options().keys():
         value, standard = (np.asarray(getattr(one, name)) for one in (camera, STANDARD_CAMERA))
         if value.dtype.kind not in "if" or value.shape != standard.shape:
             raise damaged(path, f"its camera says that {name} is {shown(getattr(camera, name))}")
@@ -86,9 +86,8 @@ def check_camera(camera: Camera, path: Path) -> None:
 
 # -- states ---------------------------------------------------------------------------------------
 
-_COLUMN = {name: number for number, name in enumerate(schema.state_columns(0))}
-_ORIENTATION = slice(_COLUMN["qx"], _COLUMN["qw"] + 1)
-_MOTION = slice(0, _COLUMN["contact_points"])
+_COLUMNS = schema.STATES.columns
+_MOTION = tuple(name for names in _COLUMNS.values() if len(names) > 1 for name in names)
 
 ROUNDING = 1e-12
 """Of a release, which is recorded as it was given."""
@@ -96,44 +95,81 @@ UNIT = 1e-6
 """How far an orientation may be from a quaternion of length 1, which Bullet makes it each step."""
 
 
-def check_states(rows: Float64, scenario: Scenario, path: Path) -> None:
-    """Check that samples are numbers, and those of a body that was released as the scenario says.
-
-    `rows` have the columns of `schema.state_columns`.
-    """
-    is_number = np.abs(rows) <= LARGEST
-    points, force_n = (rows[:, _COLUMN[name]] for name in ("contact_points", "contact_force_n"))
-    distance, touches = _COLUMN["contact_distance_m"], points > 0
-    # The distance to the floor is nan where there is no contact, and only there.
-    is_number[:, distance] = np.where(touches, is_number[:, distance], np.isnan(rows[:, distance]))
-    _refuse(path, (~is_number).any(axis=1), f"is not a number up to {LARGEST:g}")
-    none, whole = (points == 0) & (force_n == 0), points == np.round(points)
-    _refuse(path, ~(none | (touches & whole)), "has a contact that cannot be")
-    _refuse(path, touches[:1], "has a contact, and no step led to it")
-    if not scenario.floor:
-        _refuse(path, touches, "has a contact, and its scenario no floor")
-    length = np.linalg.norm(rows[:, _ORIENTATION], axis=1)
-    _refuse(path, ~(np.abs(length - 1) <= UNIT), "has an orientation that cannot be")
-
-    release = np.array(
-        (
-            *(0, 0, scenario.height_m),
-            *scenario.orientation_xyzw,
-            *scenario.velocity_m_s,
-            *scenario.spin_rad_s,
+def check_parts(states: pl.DataFrame, engine: EngineReport, path: Path) -> None:
+    """Check that every sample from the first on is there, with each part of the body once."""
+    parts = 1 + engine.joints
+    samples, rest = divmod(len(states), parts)
+    due = {
+        "step": np.repeat(np.arange(samples), parts),
+        "body": np.full(samples * parts, BODY),
+        "link": np.tile(np.arange(BASE, engine.joints), samples),
+    }
+    if rest or not all(np.array_equal(states[name].to_numpy(), all_) for name, all_ in due.items()):
+        raise damaged(
+            path,
+            f"it must hold steps 0, 1, 2, … once each, of the body's {parts} parts, and does not",
         )
-    )
-    first = rows[:1, _MOTION].copy()
-    if first[0, _ORIENTATION] @ release[_ORIENTATION] < 0:  # its negative is the same orientation
-        first[0, _ORIENTATION] *= -1
-    off = ~(np.abs(first - release) <= ROUNDING * np.maximum(1, np.abs(release)))
-    _refuse(path, off.any(axis=1), "is not the release that its scenario says")
+
+
+def check_states(states: pl.DataFrame, scenario: Scenario, path: Path) -> None:
+    """Check that states are numbers, and those of a body that was released as the scenario says."""
+    steps = states["step"].to_numpy()
+    _refuse(path, "state", steps, _no_number(states), f"is not a number up to {LARGEST:g}")
+    length = np.linalg.norm(states.select(_COLUMNS["orientation"]).to_numpy(), axis=1)
+    no_turn = ~(np.abs(length - 1) <= UNIT)
+    _refuse(path, "state", steps, no_turn, "has an orientation that cannot be")
+
+    release = {
+        "position_m": (0, 0, scenario.height_m),
+        "orientation": scenario.orientation_xyzw,
+        "velocity_m_s": scenario.velocity_m_s,
+        "spin_rad_s": scenario.spin_rad_s,
+    }
+    for component, value in release.items():
+        given, found = np.array(value), np.array(states.select(_COLUMNS[component]).row(0))
+        if component == "orientation" and found @ given < 0:  # its negative is the same orientation
+            found = -found
+        off = ~(np.abs(found - given) <= ROUNDING * np.maximum(1, np.abs(given)))
+        _refuse(path, "state", steps[:1], [off.any()], "is not the release that its scenario says")
     if not scenario.stepped:
-        moves = ~((rows == rows[0]) | (np.isnan(rows) & np.isnan(rows[0]))).all(axis=1)
-        _refuse(path, moves, "differs from the first, and its scenario takes no step")
+        parts = states.filter(pl.col("step") == 0).select(_MOTION).to_numpy()
+        motion = states.select(_MOTION).to_numpy().reshape(-1, *parts.shape)
+        moves = (motion != parts).any(axis=2).ravel()
+        _refuse(
+            path, "state", steps, moves, "differs from the first, and its scenario takes no step"
+        )
 
 
-def _refuse(path: Path, wrong: ArrayLike, why: str) -> None:
-    steps = np.flatnonzero(np.asarray(wrong))
-    if len(steps):
-        raise damaged(path, f"its state at step {steps[0]} {why}")
+def check_contacts(
+    contacts: pl.DataFrame, scenario: Scenario, engine: EngineReport, samples: int, path: Path
+) -> None:
+    """Check that contacts are numbers, of parts that there are, and of steps that were taken."""
+    steps = contacts["step"].to_numpy()
+    _refuse(path, "contact", steps, _no_number(contacts), f"is not a number up to {LARGEST:g}")
+    sides = [
+        (contacts[f"body_{side}"].to_numpy(), contacts[f"link_{side}"].to_numpy()) for side in "ab"
+    ]
+    known = np.ones(len(steps), dtype=bool)
+    for body, link in sides:
+        of_floor = (body == FLOOR) & (link == BASE) & scenario.floor
+        known &= ((body == BODY) & (link >= BASE) & (link < engine.joints)) | of_floor
+    (body_a, link_a), (body_b, link_b) = sides
+    known &= (body_a != body_b) | (link_a != link_b)
+    _refuse(path, "contact", steps, ~known, "is not one of two parts that its scenario has")
+    taken = (steps > 0) & (steps < samples) & scenario.stepped
+    _refuse(path, "contact", steps, ~taken, "is there, and no step led to it")
+
+
+def _no_number(table: pl.DataFrame) -> NDArray[np.bool_]:
+    """Return which rows have a number that is none, or is too large."""
+    wrong = np.zeros(len(table), dtype=bool)
+    for column in table.iter_columns():
+        if column.dtype == pl.Float64:
+            wrong |= ~(np.abs(column.to_numpy()) <= LARGEST)
+    return wrong
+
+
+def _refuse(path: Path, what: str, steps: NDArray[np.int64], wrong: ArrayLike, why: str) -> None:
+    rows = np.flatnonzero(np.asarray(wrong))
+    if len(rows):
+        raise damaged(path, f"its {what} at step {steps[rows[0]]} {why}")

@@ -7,16 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from pipeline.fields import shown
 from pipeline.recording import schema
 from pipeline.recording.checks import LARGEST, damaged
+from pipeline.recording.rows import named
 from pipeline.recording.rrd import Chunk
+from pipeline.recording.schema import Table
 
-Part = tuple[NDArray[np.int64], NDArray[np.float64]]
-"""Steps, shape (n,), and some columns of the state at them, shape (n, columns)."""
 Properties = dict[str, Any]
 
 PROPERTY_BYTES = 1 << 16
@@ -25,22 +26,32 @@ LONGEST_TEXT = 4096
 """Characters in a property: as many as a path may have."""
 
 
-def scalars(chunk: Chunk, path: Path) -> Part:
-    """Return the samples of a chunk of `state/…`.
+def rows(chunk: Chunk, table: Table, path: Path) -> pl.DataFrame:
+    """Return the rows of a table that a chunk of it holds.
 
     Raises
     ------
     RecordingError
-        If it holds something else.
+        If it holds something else than lists of the table's numbers.
     """
-    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
-    lists = _column(chunk, "Scalars:scalars", _is_list_of(pa.types.is_float64), path)
-    width = len(schema.STATE.get(chunk.entity, ())) or _width(lists)
-    flat = _flat(lists, width)
-    if flat is None or flat.null_count or not width:
-        raise damaged(path, f"{chunk.entity} must hold {width} numbers per step")
-    # Copied, so that nothing else of the chunk stays in memory.
-    return steps.to_numpy().copy(), flat.to_numpy().reshape(-1, width).copy()
+    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
+    found: dict[str, NDArray[Any]] = {}
+    counts = np.empty(0, np.int64)
+    for component, names in table.columns.items():
+        whole, width = table.kind[component].base.kind == "i", len(names)
+        is_right = _is_list_of(pa.types.is_int64 if whole else pa.types.is_float64)
+        lists = _column(chunk, component, is_right, path)
+        lengths, flat = np.diff(lists.offsets.to_numpy()), _between(lists)
+        if not found:
+            counts = lengths // width
+            found["step"] = np.repeat(steps, counts)
+        if flat.null_count or not counts.all() or not np.array_equal(lengths, counts * width):
+            raise damaged(path, f"{chunk.entity} must hold {width} numbers for each {component}")
+        # Copied, so that nothing else of the chunk stays in memory.
+        found |= named(flat.to_numpy().reshape(-1, width), names)
+    if len(np.unique(steps)) < len(steps):
+        raise damaged(path, f"its {chunk.entity} has a step twice")
+    return pl.DataFrame(found)
 
 
 def images(chunk: Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
@@ -113,18 +124,18 @@ def _column(chunk: Chunk, name: str, is_right: Callable[[Any], bool], path: Path
     return column
 
 
-def _width(lists: pa.Array) -> int:
-    """Return how many elements the first list has: how many links it is of, the engine reports."""
-    return len(lists[0]) if len(lists) else 1
-
-
 def _flat(lists: pa.Array, width: int) -> pa.Array | None:
     """Return what lists hold, one after the other; None where one has not `width` elements."""
+    return None if (np.diff(lists.offsets.to_numpy()) != width).any() else _between(lists)
+
+
+def _between(lists: pa.Array) -> pa.Array:
+    """Return what lists hold, one after the other."""
     # What `flatten` does, which loads Arrow's library of computations for it.
+    if not len(lists):
+        return lists.values[:0]
     offsets = lists.offsets.to_numpy()
-    if (np.diff(offsets) != width).any():
-        return None
-    return lists.values.slice(offsets[0], width * len(lists)) if len(lists) else lists.values[:0]
+    return lists.values.slice(offsets[0], offsets[-1] - offsets[0])
 
 
 def _is_list_of(is_right: Callable[[Any], bool]) -> Callable[[Any], bool]:

@@ -12,18 +12,19 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pipeline.states import Rows
 
 
-class StateDigest:
-    """SHA-256 over the state rows in step order: the same however the rows were chunked."""
+class RowsDigest:
+    """SHA-256 over rows of states or contacts in step order: the same however they were chunked."""
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
 
-    def update(self, rows: NDArray[np.float64]) -> None:
-        """Take in rows of state, shape (n, 16)."""
-        self._hash.update(np.ascontiguousarray(rows, dtype="<f8").data)
+    def update(self, rows: Rows) -> None:
+        """Take in rows, whose numbers are little-endian by their dtype."""
+        self._hash.update(np.ascontiguousarray(rows).view(np.uint8).data)
 
     def hexdigest(self) -> str:
         """Return the digest of all rows so far."""

@@ -15,28 +15,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from pipeline.errors import RecordingError, ScenarioError
 from pipeline.fields import shown
-from pipeline.recording import columns, png, rrd, schema
+from pipeline.recording import columns, png, rows, rrd, schema
 from pipeline.recording.checks import (
     AGAIN,
     check_camera,
+    check_contacts,
     check_engine,
+    check_parts,
     check_settings,
     check_states,
     damaged,
 )
-from pipeline.recording.columns import Part, Properties
-from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
+from pipeline.recording.columns import Properties
+from pipeline.recording.digest import FrameDigest, inputs_digest
 from pipeline.recording.outputs import is_part
 from pipeline.report import EngineReport
 from pipeline.scenario import Camera, Scenario
 
-Float64 = NDArray[np.float64]
 T = TypeVar("T")
 
 MOST_HELD = 4
@@ -57,17 +56,12 @@ class Recording:
     engine: EngineReport
     camera: Camera | None
     states: pl.DataFrame
-    """One row per sample in step order: `step` and the columns of `schema.state_columns`."""
+    """One row per sample and part, in the order of step, body and link: `step` and the columns of
+    `schema.STATES`."""
+    contacts: pl.DataFrame
+    """One row per contact point, in step order: `step` and the columns of `schema.CONTACTS`."""
     partial: bool
     """Whether the recording was never finished: it holds what was written before it stopped."""
-
-    def column(self, name: str) -> Float64:
-        """Return one column of the states, shape (samples,)."""
-        return self.states[name].to_numpy()
-
-    def columns(self, *names: str) -> Float64:
-        """Return several columns of the states, shape (samples, columns)."""
-        return self.states.select(names).to_numpy()
 
 
 def read(path: Path) -> Recording:
@@ -78,14 +72,14 @@ def read(path: Path) -> Recording:
     RecordingError
         If it is missing, damaged, not a recording of ours, or not what was written.
     """
-    state: dict[str, list[Part]] = {entity: [] for entity in schema.state_entities(1)}
+    parts: dict[str, list[pl.DataFrame]] = {entity: [] for entity in schema.TABLES}
     properties: dict[str, Properties] = {}
     recording_id, pictured = "", False
     for chunk in _chunks(path):
         recording_id = chunk.recording_id
         pictured |= chunk.entity == schema.IMAGE
-        if chunk.entity in state:
-            state[chunk.entity].append(columns.scalars(chunk, path))
+        if chunk.entity in parts:
+            parts[chunk.entity].append(columns.rows(chunk, schema.TABLES[chunk.entity], path))
         elif chunk.entity.startswith("__properties/"):
             _gather(properties, chunk, path)
 
@@ -96,17 +90,22 @@ def read(path: Path) -> Recording:
     engine = _engine(properties[schema.ENGINE_PROPERTY], path)
     check_engine(engine, scenario, path)
     check_settings(engine, scenario, path)
-    names = schema.state_columns(engine.joints)
-    if not engine.joints and not state[schema.LINKS]:
-        del state[schema.LINKS]
-    rows = _joined(state, path)
-    if rows.shape[1] != len(names):
-        raise damaged(path, f"{schema.LINKS} is not of {engine.joints} links")
-    _check_written(rows, scenario, closing, path)
-    check_states(rows, scenario, path)
-    named = dict(zip(names, rows.T, strict=True))
-    states = pl.DataFrame({"step": np.arange(len(rows))} | named)
-    return Recording(path, recording_id, scenario, engine, camera, states, partial=closing is None)
+    if not parts[schema.STATES.entity]:
+        raise damaged(path, "it has no state")
+    states, contacts = (
+        rows.joined(parts[entity], table, path) for entity, table in schema.TABLES.items()
+    )
+    check_parts(states, engine, path)
+    samples = len(states) // (1 + engine.joints)
+    _check_written(samples, states, contacts, scenario, closing, path)
+    if closing is None:  # a batch's contacts come before its states
+        contacts = contacts.filter(pl.col("step") < samples)
+    check_states(states, scenario, path)
+    check_contacts(contacts, scenario, engine, samples, path)
+    partial = closing is None
+    return Recording(
+        path, recording_id, scenario, engine, camera, states, contacts, partial=partial
+    )
 
 
 def recording_id(path: Path) -> str:
@@ -250,6 +249,8 @@ def _closing(properties: Mapping[str, Properties], path: Path) -> Properties | N
             return None
         raise _unfinished(path, "it lacks the property that is written last")
     version = closing.get("schema_version")
+    if version == 1:
+        raise RecordingError(f"{path} was made by an earlier version of drop; {AGAIN}")
     if version != schema.SCHEMA_VERSION:
         raise RecordingError(
             f"{path} must be of schema {schema.SCHEMA_VERSION}, got {shown(version)}; read it "
@@ -298,51 +299,22 @@ def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
 # -- states ---------------------------------------------------------------------------------------
 
 
-def _joined(state: dict[str, list[Part]], path: Path) -> Float64:
-    """Return the samples that are there in all their parts, in step order: see `state_columns`.
-
-    Takes the parts out of `state`: a long recording is not held twice.
-    """
-    missing = [entity for entity, parts in state.items() if not _length(parts)]
-    if missing:
-        raise RecordingError(f"{path} holds no {', '.join(missing)}; {AGAIN}")
-    # An unfinished recording may end within a sample, so that the shortest part decides.
-    samples = min(map(_length, state.values()))
-    widths = [parts[0][1].shape[1] for parts in state.values()]
-    rows = np.empty((samples, sum(widths)))
-    first = 0
-    for width, parts in zip(widths, state.values(), strict=True):
-        last = first + width
-        rows[:, first:last] = _in_step_order(parts, path)[:samples]
-        parts.clear()
-        first = last
-    return rows
-
-
-def _length(parts: list[Part]) -> int:
-    return sum(len(steps) for steps, _ in parts)
-
-
-def _in_step_order(parts: list[Part], path: Path) -> Float64:
-    steps, rows = (np.concatenate(both) for both in zip(*parts, strict=True))
-    if (np.diff(steps) < 0).any():
-        order = np.argsort(steps)
-        steps, rows = steps[order], rows[order]
-    if not np.array_equal(steps, np.arange(len(steps))):
-        raise RecordingError(f"{path} must hold steps 0, 1, 2, … once each, and does not; {AGAIN}")
-    return rows
-
-
 def _check_written(
-    rows: Float64, scenario: Scenario, closing: Properties | None, path: Path
+    samples: int,
+    states: pl.DataFrame,
+    contacts: pl.DataFrame,
+    scenario: Scenario,
+    closing: Properties | None,
+    path: Path,
 ) -> None:
-    samples = scenario.steps + 1
-    if closing is not None and not len(rows) == samples == closing.get("samples"):
-        raise damaged(path, f"it must hold {samples:,} samples, got {len(rows):,}")
-    if len(rows) > samples:
-        raise damaged(path, f"it must hold at most {samples:,} samples, got {len(rows):,}")
-    if closing is not None:
-        digest = StateDigest()
-        digest.update(rows)
-        if digest.hexdigest() != closing.get("state_sha256"):
-            raise damaged(path, "its state fails its checksum")
+    due = scenario.steps + 1
+    if closing is not None and not samples == due == closing.get("samples"):
+        raise damaged(path, f"it must hold {due:,} samples, got {samples:,}")
+    if samples > due:
+        raise damaged(path, f"it must hold at most {due:,} samples, got {samples:,}")
+    if closing is None:
+        return
+    if rows.digest_of(states, schema.STATES) != closing.get("state_sha256"):
+        raise damaged(path, "its state fails its checksum")
+    if rows.digest_of(contacts, schema.CONTACTS) != closing.get("contacts_sha256"):
+        raise damaged(path, "its contacts fail their checksum")

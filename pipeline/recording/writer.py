@@ -25,6 +25,7 @@ from pipeline import colours
 from pipeline.recording import schema
 from pipeline.recording.files import seal, unfinished
 from pipeline.scenario import Camera
+from pipeline.states import Rows, base_of, poses_of
 
 Float64 = NDArray[np.float64]
 Steps = NDArray[np.int64]
@@ -200,36 +201,55 @@ def _rgba(colour: str) -> int:
     return int(colour.removeprefix("#") + "ff", 16)
 
 
-def state_chunks(steps: Steps, timestep_s: float, rows: Float64) -> Iterator[Chunk]:
-    """Yield samples of state: float64 scalars to measure by, and the box's pose to look at.
+def state_chunks(states: Rows, timestep_s: float) -> Iterator[Chunk]:
+    """Yield states, of dtype `STATE`: numbers to measure by, and the base's pose to look at.
 
     Parameters
     ----------
-    steps
-        Step numbers, shape (n,).
+    states
+        Consecutive samples, a row per step and part.
     timestep_s
         Timestep [s].
-    rows
-        State, shape (n, 16 + 13 for each further link), in the order of `schema.state_columns`.
     """
-    times = _times(steps, timestep_s)
-    first = 0
-    links = (rows.shape[1] - len(schema.state_columns(0))) // len(schema.LINK_STATE)
-    for entity, columns in schema.state_entities(links).items():
-        width = len(columns)
-        values = rows[:, first : first + width]
-        yield Chunk.from_columns(
-            entity,
-            times,
-            rr.Scalars.columns(scalars=values.ravel()).partition([width] * len(steps)),
-        )
-        first += width
-    seen = _noticed(rows[:, :7], schema.POSE_RESOLUTION)
+    yield _rows_chunk(schema.STATES, states, timestep_s)
+    base = base_of(states)
+    base = base[_noticed(poses_of(base), schema.POSE_RESOLUTION)]
     yield Chunk.from_columns(
         schema.BOX,
-        _times(steps[seen], timestep_s),
-        rr.Transform3D.columns(translation=rows[seen, 0:3], quaternion=rows[seen, 3:7]),
+        _times(base["step"], timestep_s),
+        rr.Transform3D.columns(translation=base["position_m"], quaternion=base["orientation"]),
     )
+
+
+def contacts_chunk(contacts: Rows, timestep_s: float) -> Chunk:
+    """Return contact points, at least one, of dtype `CONTACT`: a row per step and point."""
+    return _rows_chunk(schema.CONTACTS, contacts, timestep_s)
+
+
+def _rows_chunk(table: schema.Table, rows: Rows, timestep_s: float) -> Chunk:
+    """Return rows as lists, a list per step and component."""
+    steps, first = np.unique(rows["step"], return_index=True)
+    bounds = np.append(first, len(rows))
+    columns = [_list_column(name, rows[name], bounds) for name in table.columns]
+    return Chunk.from_columns(table.entity, _times(steps, timestep_s), columns)
+
+
+def _list_column(component: str, values: NDArray[Any], bounds: Steps) -> rr.ComponentColumn:
+    """Return values, shape (n,) or (n, k), as lists that begin and end at `bounds` of the rows."""
+    # Arrow keeps the memory that it is given; this is of one component, and used for nothing else.
+    flat = pa.array(np.ascontiguousarray(values).reshape(-1))
+    offsets = (bounds * (values.size // len(values))).astype(np.int32)
+    return rr.ComponentColumn(component, _Arrow(flat), offsets=offsets)
+
+
+class _Arrow:
+    """An array as a component of our own: Rerun's would be of one type by name, in any entity."""
+
+    def __init__(self, values: pa.Array) -> None:
+        self._values = values
+
+    def as_arrow_array(self) -> pa.Array:
+        return self._values
 
 
 def numbers_chunk(entity: str, steps: Steps, timestep_s: float, values: Float64) -> Chunk:

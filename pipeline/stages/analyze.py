@@ -17,7 +17,7 @@ from pipeline.recording.table import check_table, write_table
 from pipeline.stages.narrative import events, findings_markdown
 
 if TYPE_CHECKING:
-    from pipeline.stages.simulate import Progress  # its module loads the engine
+    from pipeline.recording.drop import Progress  # its module loads Rerun
 
 _PARTS = 3
 """Reading the recording, taking the error apart, writing what was found."""
@@ -71,7 +71,9 @@ def analyze(
     progress("analyzing", 0, _PARTS)
     read_back = read(path)
     progress("analyzing", 1, _PARTS)
-    analysis = analysis_of(read_back.scenario, read_back.engine, read_back.states, at_s=at_s)
+    analysis = analysis_of(
+        read_back.scenario, read_back.engine, read_back.states, read_back.contacts, at_s=at_s
+    )
     progress("analyzing", 2, _PARTS)
     write_layer(
         layer,

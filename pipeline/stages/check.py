@@ -13,6 +13,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.drop.comparison import Comparison, Place, Side, compare
+from pipeline.analysis.general.samples import base_of
 from pipeline.errors import RecordingError, ScenarioError, check_suffix
 from pipeline.figures.animation import decoded
 from pipeline.recording import files
@@ -133,7 +134,7 @@ def _whole(path: Path) -> Recording:
 
 
 def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
-    sides = [Side(one.scenario, one.engine, one.states) for one in (run, golden)]
+    sides = [Side(one.scenario, one.engine, one.states, one.contacts) for one in (run, golden)]
     comparison = compare(*sides, tolerance_m=tolerance_m)
     comparable = comparison.largest_difference_m is not None
     pictures = _compare_frames(run, golden) if comparable else None
@@ -145,7 +146,7 @@ def _make_golden(run: Recording, golden: Path) -> None:
     with files.replaced(golden) as part:
         files.pack(run.path, part)
         packed = _whole(part)
-        if not packed.states.equals(run.states, null_equal=True):
+        if not (packed.states.equals(run.states) and packed.contacts.equals(run.contacts)):
             raise RecordingError(f"{golden} was not written: packing {run.path} changed its state")
         if [step for step, _ in frames(part)] != [step for step, _ in frames(run.path)]:
             raise RecordingError(f"{golden} was not written: packing {run.path} lost frames")
@@ -165,8 +166,9 @@ def _compare_frames(run: Recording, golden: Recording) -> Frames:
         return Frames(0, 0, None, f"the cameras differ: {_camera_differences(run, golden)}")
     if run.engine.machine != golden.engine.machine:
         return Frames(0, 0, None, "they were drawn on different kinds of machine")
-    same_pose = run.states.select(
-        pl.all_horizontal(pl.col(name) == golden.states[name] for name in POSE)
+    poses, others = base_of(run.states), base_of(golden.states)
+    same_pose = poses.select(
+        pl.all_horizontal(pl.col(name) == others[name] for name in POSE)
     ).to_series()
     steps = [step for step in sorted(mine.keys() & theirs.keys()) if same_pose[step]]
     differing = [

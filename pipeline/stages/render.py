@@ -21,12 +21,13 @@ from pipeline.recording.files import written_whole
 from pipeline.recording.outputs import check_apart, check_kind, check_target
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
-from pipeline.stages.simulate import Progress
 from pipeline.sweeping.plan import label_of
 from pipeline.workers import Worker
 
 if TYPE_CHECKING:
     from PIL import Image
+
+    from pipeline.recording.drop import Progress  # its module loads Rerun
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,9 @@ def render(
             check_kind(target, beginning)
 
     read_back = read(path)
-    analysis = analysis_of(read_back.scenario, read_back.engine, read_back.states)
+    analysis = analysis_of(
+        read_back.scenario, read_back.engine, read_back.states, read_back.contacts
+    )
     drawing = (analysis.table, plotted.suffix[1:], _facts(read_back.scenario, analysis), dark)
     if assistant is not None:
         assistant.ask("pipeline.figures.plot:plotted", *drawing)

@@ -17,8 +17,9 @@ from pipeline.workers import Worker
 
 if TYPE_CHECKING:
     from pipeline.analysis.drop.results import Analysis
+    from pipeline.recording.drop import Progress
     from pipeline.stages.render import Rendering
-    from pipeline.stages.simulate import Progress, Simulation
+    from pipeline.stages.simulate import Simulation
 
 _DERIVED = (".analysis.rrd", ".gif", ".png")
 """How the files end that analyze and render put beside a recording."""

@@ -10,9 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from pipeline.analysis.drop.one_sample import moment_in_the_air
 from pipeline.analysis.drop.results import Moment
@@ -20,15 +18,16 @@ from pipeline.analysis.general.statistics import Moments
 from pipeline.engines.bullet.lasting_world import LastingWorld, Worlds
 from pipeline.engines.bullet.probe import believe
 from pipeline.errors import DropError, OutputError
-from pipeline.recording import schema
 from pipeline.recording.files import onto_disk
 from pipeline.recording.outputs import make_folder
 from pipeline.report import EngineReport
 from pipeline.scenario import Camera, Scenario
+from pipeline.states import Batch
 from pipeline.sweeping.folder import EXPLAINED, SCHEMA, Folder, Row
 from pipeline.sweeping.plan import Plan, replay_command
 
-Float64 = NDArray[np.float64]
+SHORT = 16_384
+"""Samples: a shorter recording is made whole before it is written."""
 
 _EMPTY: Row = dict.fromkeys(SCHEMA) | asdict(Scenario())
 """The row of a run of which nothing is known yet: the scenario's defaults."""
@@ -143,25 +142,24 @@ class RunShard:
         world = _worlds.world_of(scenario)
         engine = world.report()
         if path is not None:
-            rows = self._record(world, run, path, step)
-            moment = _in_the_air(scenario, engine, rows, step)
+            fall = self._record(world, run, path, step)
+            moment = _in_the_air(scenario, engine, fall, step)
             return moment or self._analyzed_recording(path), world.height_m()
-        samples = world.samples(step + 1)
-        rows = next(samples)
-        moment = _in_the_air(scenario, engine, rows, step)
+        batches = world.samples(step + 1)
+        fall = next(batches)
+        moment = _in_the_air(scenario, engine, fall, step)
         if moment is None:
-            rows = np.concatenate([rows, *samples])
-            return self._analyzed(world, rows), world.height_m()
+            return self._analyzed(world, Batch.joined([fall, *batches])), world.height_m()
         world.skip(scenario.steps - step)
         return moment, world.height_m()
 
-    def _record(self, world: LastingWorld, run: int, path: Path, step: int) -> Float64:
+    def _record(self, world: LastingWorld, run: int, path: Path, step: int) -> Batch:
         """Record a fall as `drop simulate` does, and return its samples up to `step` at least."""
         from pipeline.recording import writer
-        from pipeline.stages.simulate import BATCH, chunks_of
+        from pipeline.stages.recorded import BATCH, recorded
 
-        seen: list[Float64] = []
-        world.watch = lambda rows: seen.append(rows) if len(seen) * BATCH <= step else None
+        seen: list[Batch] = []
+        world.watch = lambda batch: seen.append(batch) if len(seen) * BATCH <= step else None
         with contextlib.ExitStack() as stack:
             photographer = None
             if self.camera is not None:
@@ -170,14 +168,14 @@ class RunShard:
                 # One picture at a time: the other cores have shards of their own.
                 photographer = Photographer(world.scenario, self.camera, frames=1)
                 stack.enter_context(photographer)
-            chunks: Iterable[writer.Chunk] = chunks_of(world, photographer, BATCH, lambda *_: None)
-            if world.scenario.steps < BATCH:
+            chunks: Iterable[writer.Chunk] = recorded(world, photographer, BATCH, lambda *_: None)
+            if world.scenario.steps < SHORT:
                 # Rerun's writer asks for chunks from a thread of its own. Ready ones cost it no
                 # waiting for Python's lock: a tenth of a short run's time.
                 chunks = list(chunks)
             recording_id = self._home.recording_id(run)
             writer.record(path, chunks, recording_id=recording_id, blueprint=None, force=True)
-        return np.concatenate(seen)
+        return Batch.joined(seen)
 
     def _analyzed_recording(self, path: Path) -> Moment:
         from pipeline.analysis.drop.analysis import analysis_of
@@ -185,24 +183,27 @@ class RunShard:
 
         recording = read(path)
         return analysis_of(
-            recording.scenario, recording.engine, recording.states, at_s=[self.at_s]
+            recording.scenario,
+            recording.engine,
+            recording.states,
+            recording.contacts,
+            at_s=[self.at_s],
         ).at[0]
 
-    def _analyzed(self, world: LastingWorld, rows: Float64) -> Moment:
+    def _analyzed(self, world: LastingWorld, fall: Batch) -> Moment:
         from pipeline.analysis.drop.analysis import analysis_of
-        from pipeline.stages.simulate import made_with
+        from pipeline.recording.rows import tables_of
+        from pipeline.stages.recorded import made_with
 
-        engine = made_with(world)
-        names = schema.state_columns(engine.joints)
-        columns = dict(zip(names, rows.T, strict=True))
-        states = pl.DataFrame({"step": np.arange(len(rows))} | columns)
-        return analysis_of(world.scenario, engine, states, at_s=[self.at_s]).at[0]
+        engine, (states, contacts) = made_with(world), tables_of(fall)
+        return analysis_of(world.scenario, engine, states, contacts, at_s=[self.at_s]).at[0]
 
 
-def _in_the_air(
-    scenario: Scenario, engine: EngineReport, rows: Float64, step: int
-) -> Moment | None:
-    if len(rows) <= step:
+def _in_the_air(scenario: Scenario, engine: EngineReport, fall: Batch, step: int) -> Moment | None:
+    base = fall.base[: step + 1]
+    if len(base) <= step:
         return None
-    rows = rows[: step + 1]
-    return moment_in_the_air(scenario, engine, rows[:, 0:3], rows[:, 7:10], rows[:, 13])
+    touched = bool((fall.contacts["step"] <= step).any())
+    return moment_in_the_air(
+        scenario, engine, base["position_m"], base["velocity_m_s"], touched=touched
+    )

@@ -8,7 +8,6 @@ may be wrong by what moves the body so far in one step, an angle by what moves i
 
 from __future__ import annotations
 
-import re
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -17,7 +16,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.drop.fitted_law import POSITION, likeness
-from pipeline.laws.bullet_air import EXACT_MACHINES, FUSED
+from pipeline.analysis.general.samples import base_of
+from pipeline.laws.base import EXACT_MACHINES, FUSED
 from pipeline.report import EngineReport
 from pipeline.scenario import Scenario
 
@@ -33,7 +33,9 @@ class Side:
     scenario: Scenario
     engine: EngineReport
     states: pl.DataFrame
-    """One row per sample: `step`, and the columns of the recording's state."""
+    """The recording's table: one row per sample and part."""
+    contacts: pl.DataFrame
+    """The recording's table: one row per contact point."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,8 @@ class Place:
     step: int
     """The sample."""
     column: str
-    """The column, or `frame`."""
+    """The column, or `frame`; of a further link it begins with `link0_`, of a contact point with
+    `contact_`, and `contact_points` is how many there are."""
     value: float | None = None
     """What stands there in the recording that was checked."""
     golden: float | None = None
@@ -101,9 +104,8 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
         or run.scenario.timestep_s != golden.scenario.timestep_s
     ):
         return Comparison(differences, versions, None, None, None, None)
-    distance_m = np.abs(
-        run.states.select(POSITION).to_numpy() - golden.states.select(POSITION).to_numpy()
-    ).max(axis=1)
+    mine_m, theirs_m = (base_of(side.states).select(POSITION).to_numpy() for side in (run, golden))
+    distance_m = np.abs(mine_m - theirs_m).max(axis=1)
     farthest = int(np.argmax(distance_m))
     first = _first_difference(run, golden, tolerance_m)
     return Comparison(
@@ -171,50 +173,118 @@ def _is_version(name: str) -> bool:
 
 
 def _first_difference(run: Side, golden: Side, tolerance_m: float) -> Place | None:
-    mine, theirs = run.states.drop("step"), golden.states.drop("step")
-    x, y = mine.to_numpy(), theirs.to_numpy()
-    with np.errstate(invalid="ignore"):
-        off = ~(np.abs(x - y) <= _allowed(run, golden, theirs, tolerance_m))
-    off &= ~(np.isnan(x) & np.isnan(y))  # no contact, no distance
-    steps = np.flatnonzero(off.any(axis=1))
-    if not len(steps):
+    """Return what differs first; in one step the states come before the contacts."""
+    found = [
+        _first_state(run, golden, tolerance_m),
+        _first_count(run, golden),
+        _first_contact(run, golden, max(IN_CONTACT_M, tolerance_m)),
+    ]
+    return min((one for one in found if one is not None), key=lambda one: one.step, default=None)
+
+
+def _first_state(run: Side, golden: Side, tolerance_m: float) -> Place | None:
+    names = list(_per_metre(golden))
+    mine, theirs = (side.states.select(names).to_numpy() for side in (run, golden))
+    steps, links = golden.states["step"].to_numpy(), golden.states["link"].to_numpy()
+    allowed = _allowed(run, golden, steps, theirs, tolerance_m)
+    place = _first_off(mine, theirs, allowed)
+    if place is None:
         return None
-    step = int(steps[0])
-    column = int(np.argmax(off[step]))
-    return Place(step, mine.columns[column], _number(x[step, column]), _number(y[step, column]))
+    row, column = place
+    prefix = "" if links[row] < 0 else f"link{links[row]}_"
+    return Place(int(steps[row]), prefix + names[column], float(mine[place]), float(theirs[place]))
 
 
-def _number(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)
+def _first_count(run: Side, golden: Side) -> Place | None:
+    """Return the first step with another number of contact points."""
+    samples = len(base_of(golden.states))
+    mine, theirs = (
+        np.bincount(side.contacts["step"].to_numpy(), minlength=samples) for side in (run, golden)
+    )
+    differing = np.flatnonzero(mine != theirs)
+    if not len(differing):
+        return None
+    step = int(differing[0])
+    return Place(step, "contact_points", float(mine[step]), float(theirs[step]))
+
+
+def _first_contact(run: Side, golden: Side, tolerance_m: float) -> Place | None:
+    """Return the first contact point that is another one, among those that both have."""
+    mine, theirs = (_points(side.contacts) for side in (run, golden))
+    both = min(len(mine), len(theirs))
+    # From the first step on that has more points here or there, rows do not face each other.
+    facing = mine["step"].head(both) == theirs["step"].head(both)
+    rows = both if facing.all() else facing.arg_min() or 0
+    names = [name for name in theirs.columns if name != "step"]
+    x, y = (side.head(rows).select(names).to_numpy() for side in (mine, theirs))
+    place = _first_off(
+        x, y, tolerance_m * np.array([_per_metre_of_contact(golden, n) for n in names])
+    )
+    if place is None:
+        return None
+    row, column = place
+    return Place(
+        int(theirs["step"][row]), f"contact_{names[column]}", float(x[place]), float(y[place])
+    )
+
+
+def _points(contacts: pl.DataFrame) -> pl.DataFrame:
+    """Return contact points, with friction as one force: where it is small, its parts are not."""
+    friction = {
+        f"friction_{axis}_n": pl.col("friction_1_n") * pl.col(f"f1{axis}")
+        + pl.col("friction_2_n") * pl.col(f"f2{axis}")
+        for axis in "xyz"
+    }
+    parts = pl.exclude("friction_1_n", "f1x", "f1y", "f1z", "friction_2_n", "f2x", "f2y", "f2z")
+    return contacts.select(parts, **friction)
+
+
+def _first_off(mine: Float64, theirs: Float64, allowed: Float64) -> tuple[int, int] | None:
+    """Return row and column of the first number that differs by more than is allowed."""
+    off = ~(np.abs(mine - theirs) <= allowed)
+    rows = np.flatnonzero(off.any(axis=1))
+    return None if not len(rows) else (int(rows[0]), int(np.argmax(off[rows[0]])))
 
 
 def _airborne(run: Side, golden: Side) -> int:
     """Return how many samples there are before the first contact of either."""
-    touching = [np.flatnonzero(side.states["contact_points"].to_numpy()) for side in (run, golden)]
-    return int(min((steps[0] for steps in touching if len(steps)), default=len(run.states)))
+    touching = [side.contacts["step"][0] for side in (run, golden) if len(side.contacts)]
+    return min(touching, default=len(base_of(golden.states)))
 
 
-def _allowed(run: Side, golden: Side, states: pl.DataFrame, tolerance_m: float) -> Float64:
-    """Return the difference that is let pass in each number, shape (samples, columns)."""
-    scale = [_per_metre(golden)[re.sub(r"^link\d+_", "", name)] for name in states.columns]
-    contact = np.arange(len(states)) >= _airborne(run, golden)
+def _allowed(
+    run: Side, golden: Side, steps: NDArray[np.int64], numbers: Float64, tolerance_m: float
+) -> Float64:
+    """Return the difference that is let pass in each number of the states."""
+    contact = steps >= _airborne(run, golden)
     length_m = np.where(contact, max(IN_CONTACT_M, tolerance_m), tolerance_m)
-    allowed = np.outer(length_m, scale)
+    allowed = np.outer(length_m, list(_per_metre(golden).values()))
     machines = [side.engine.machine for side in (run, golden)]
     if any(machine not in EXACT_MACHINES for machine in machines):
-        fused = FUSED * np.maximum(1.0, np.abs(np.nan_to_num(states.to_numpy())))
+        fused = FUSED * np.maximum(1.0, np.abs(numbers))
         allowed = np.where(contact[:, None], allowed, np.maximum(allowed, fused))
     return allowed
 
 
 def _per_metre(golden: Side) -> dict[str, float]:
-    """Return what a metre of tolerance allows in each column, in that column's unit."""
-    step_s, length_m = golden.scenario.timestep_s, max(golden.engine.rest_height_m or 0.0, 1e-3)
+    """Return what a metre of tolerance allows in each column of a state, in that column's unit."""
+    step_s, length_m = golden.scenario.timestep_s, _length_m(golden)
     return {
-        **dict.fromkeys(("x_m", "y_m", "z_m", "contact_distance_m"), 1.0),
+        **dict.fromkeys(("x_m", "y_m", "z_m"), 1.0),
         **dict.fromkeys(("qx", "qy", "qz", "qw"), 1 / length_m),
         **dict.fromkeys(("vx_m_s", "vy_m_s", "vz_m_s"), 1 / step_s),
         **dict.fromkeys(("wx_rad_s", "wy_rad_s", "wz_rad_s"), 1 / (length_m * step_s)),
-        "contact_points": 0.0,
-        "contact_force_n": golden.engine.mass_kg / step_s**2,
     }
+
+
+def _per_metre_of_contact(golden: Side, column: str) -> float:
+    """Return the same of a column of the contact points; nothing of which parts they are."""
+    if column.endswith("_n"):
+        return golden.engine.mass_kg / golden.scenario.timestep_s**2
+    if column.endswith("_m"):
+        return 1.0
+    return 1 / _length_m(golden) if column in ("nx", "ny", "nz") else 0.0
+
+
+def _length_m(golden: Side) -> float:
+    return max(golden.engine.rest_height_m or 0.0, 1e-3)

@@ -357,7 +357,7 @@ def _still_airborne(e: Evidence) -> Iterator[Finding]:
     if e.landing is not None:
         times = [f"free fall lands at {e.landing.time_free_fall_s:.4g} s"]
         damped_s = e.landing.time_damped_s
-        if damped_s is not None and case.fall.linear_damping and e.clamped_step is None:
+        if damped_s is not None and any(case.fall.drag) and e.clamped_step is None:
             times.append(f"damped fall at {e.landing.time_damped_s:.4g} s")
         lands = f" ({', '.join(times)})"
     yield Finding(

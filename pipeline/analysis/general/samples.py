@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from pipeline.laws.base import Motion
+from pipeline.states import BASE, BODY, FLOOR
+
 Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Rigid:
-    """The motion of one rigid part, one row per sample; vectors in world axes, (samples, 3)."""
-
-    position_m: Float64
-    """Of its centre of mass."""
-    orientation: Float64
-    """World from its own axes: unit quaternions x, y, z, w, shape (samples, 4)."""
-    velocity_m_s: Float64
-    spin_rad_s: Float64
-
-
-@dataclass(frozen=True)
-class Samples(Rigid):
+class Samples(Motion):
     """The recorded state: the motion of the body, or of its base, and what touches it."""
 
     contact_points: Float64
@@ -33,7 +25,7 @@ class Samples(Rigid):
     """Smallest distance to the floor at which they were found [m], (samples,); nan without any."""
     contact_force_n: Float64
     """Normal forces together [N], shape (samples,)."""
-    links: tuple[Rigid, ...] = ()
+    links: tuple[Motion, ...] = ()
     """The further links of a body with joints, as far as they are recorded."""
 
     @property
@@ -42,29 +34,68 @@ class Samples(Rigid):
         return self.position_m[:, 2]
 
 
-def samples_of(states: pl.DataFrame) -> Samples:
-    """Return the columns of a recording's state as arrays."""
-    links = sum(name.startswith("link") for name in states.columns) // len(_MOTION)
-    base = _rigid(states)
+def samples_of(states: pl.DataFrame, contacts: pl.DataFrame) -> Samples:
+    """Return a recording's tables as arrays: the body's motion, and how it touches the floor.
+
+    Parameters
+    ----------
+    states
+        One row per sample and part.
+    contacts
+        One row per contact point.
+    """
+    body = states.filter(pl.col("body") == BODY)
+    base = _rigid(base_of(states))
+    links = sorted(set(body["link"].unique()) - {BASE})
+    points, distance_m, force_n = _contact(contacts, samples=len(base.position_m))
     return Samples(
         position_m=base.position_m,
         orientation=base.orientation,
         velocity_m_s=base.velocity_m_s,
         spin_rad_s=base.spin_rad_s,
-        contact_points=states["contact_points"].to_numpy(),
-        contact_distance_m=states["contact_distance_m"].to_numpy(),
-        contact_force_n=states["contact_force_n"].to_numpy(),
-        links=tuple(_rigid(states, f"link{number}_") for number in range(links)),
+        contact_points=points,
+        contact_distance_m=distance_m,
+        contact_force_n=force_n,
+        links=tuple(_rigid(body.filter(pl.col("link") == link)) for link in links),
     )
+
+
+def base_of(states: pl.DataFrame) -> pl.DataFrame:
+    """Return the rows of the body's base, one per sample."""
+    return states.filter((pl.col("body") == BODY) & (pl.col("link") == BASE))
+
+
+def _contact(contacts: pl.DataFrame, samples: int) -> tuple[Float64, Float64, Float64]:
+    """Return number, smallest distance [m] and normal forces [N] of the points on the floor."""
+    needed = contacts.select("step", "body_a", "body_b", "distance_m", "normal_force_n")
+    pair = [BODY, FLOOR]
+    touching = needed.filter(
+        pl.col("body_a").is_in(pair),
+        pl.col("body_b").is_in(pair),
+        pl.col("body_a") != pl.col("body_b"),
+    )
+    points, distance_m, force_n = np.zeros(samples), np.full(samples, np.nan), np.zeros(samples)
+    steps, first, count = np.unique(
+        touching["step"].to_numpy(), return_index=True, return_counts=True
+    )
+    if len(steps):
+        points[steps] = count
+        distance_m[steps] = np.minimum.reduceat(touching["distance_m"].to_numpy(), first)
+        forces_n = touching["normal_force_n"].to_list()
+        ends = (first + count).tolist()
+        # Rounded once: the order of the points, which is the engine's, leaves no trace.
+        force_n[steps] = [
+            math.fsum(forces_n[start:end]) for start, end in zip(first.tolist(), ends, strict=True)
+        ]
+    return points, distance_m, force_n
 
 
 _POSITION, _ORIENTATION = ("x_m", "y_m", "z_m"), ("qx", "qy", "qz", "qw")
 _VELOCITY, _SPIN = ("vx_m_s", "vy_m_s", "vz_m_s"), ("wx_rad_s", "wy_rad_s", "wz_rad_s")
-_MOTION = (*_POSITION, *_ORIENTATION, *_VELOCITY, *_SPIN)
 
 
-def _rigid(states: pl.DataFrame, prefix: str = "") -> Rigid:
+def _rigid(states: pl.DataFrame) -> Motion:
     def columns(names: tuple[str, ...]) -> Float64:
-        return states.select(prefix + name for name in names).to_numpy()
+        return states.select(names).to_numpy()
 
-    return Rigid(columns(_POSITION), columns(_ORIENTATION), columns(_VELOCITY), columns(_SPIN))
+    return Motion(columns(_POSITION), columns(_ORIENTATION), columns(_VELOCITY), columns(_SPIN))

@@ -20,6 +20,7 @@ from pipeline.engines.bullet.probe import believe, verdicts
 from pipeline.engines.bullet.visible_world import framed
 from pipeline.engines.bullet.world import World
 from pipeline.scenario import Camera, Scenario
+from pipeline.states import poses_of
 from pipeline.workers import Worker, WorkerDiedError, cores
 
 Poses = NDArray[np.float64]
@@ -156,8 +157,8 @@ def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:
     few = camera.frames_of(scenario.steps) <= MOST_AHEAD and scenario.steps <= MOST_STEPS_AHEAD
     if camera.renderer == "tiny" and few:
         with World(scenario) as world:
-            (rows,) = world.samples(scenario.steps + 1)
-        for pose in rows[:: camera.capture_every, :7]:
+            (fall,) = world.samples(scenario.steps + 1)
+        for pose in poses_of(fall.base[:: camera.capture_every]):
             _ahead[pose.tobytes()] = _renderer(scenario, camera).png(pose)
     return iter(())
 

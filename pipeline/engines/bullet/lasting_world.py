@@ -5,17 +5,14 @@ Kept if and only if no bit of the result depends on it; `tests/test_sweep.py` ho
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pipeline.engines.bullet.engine import p
-from pipeline.engines.bullet.world import FAR_M, World, check_numbers
+from pipeline.engines.bullet.world import FAR_M, World, no_number
 from pipeline.scenario import Scenario
-
-Float64 = NDArray[np.float64]
+from pipeline.states import Batch
 
 BUILT_IN = ("body", "coordinates", "floor", "gravity_set")
 TOLD = (
@@ -34,7 +31,7 @@ TOLD = (
 class LastingWorld(World):
     """A world that can go back to the release, of its own scenario or of another."""
 
-    watch: Callable[[Float64], object] = staticmethod(lambda _: None)
+    watch: Callable[[Batch], object] = staticmethod(lambda _: None)
 
     def serves(self, scenario: Scenario) -> bool:
         """Whether after `restart` this world gives the bits that a new one would give.
@@ -66,11 +63,11 @@ class LastingWorld(World):
         self._configure()
         self._release()
 
-    def samples(self, batch: int) -> Iterator[Float64]:
+    def samples(self, batch: int) -> Iterator[Batch]:
         """Fall, as `World.samples` does, and let `watch` see each batch."""
-        for rows in super().samples(batch):
-            self.watch(rows)
-            yield rows
+        for one in super().samples(batch):
+            self.watch(one)
+            yield one
 
     def skip(self, steps: int) -> None:
         """Take steps whose samples nobody reads."""
@@ -88,7 +85,8 @@ class LastingWorld(World):
             If it is no number.
         """
         position, _ = p.getBasePositionAndOrientation(self._body, self._client)
-        check_numbers(np.array([position]), self.scenario.steps)
+        if not all(map(math.isfinite, position)):
+            raise no_number(self.scenario.steps)
         return float(position[2])
 
 

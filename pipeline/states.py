@@ -1,0 +1,87 @@
+"""What an engine hands on of its steps: the states of what can move, and the contact points.
+
+Rows of named numbers. A *part* is a body's link; link -1 is its base. World axes throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Rows = NDArray[np.void]
+"""Rows of `STATE` or of `CONTACT`, in the order of their steps."""
+
+BODY, FLOOR = 0, 1
+"""Numbers of the two bodies of a drop."""
+BASE = -1
+"""The link that every body has."""
+
+STATE = np.dtype(
+    [
+        ("step", "<i8"),
+        ("body", "<i8"),
+        ("link", "<i8"),
+        ("position_m", "<f8", (3,)),
+        ("orientation", "<f8", (4,)),
+        ("velocity_m_s", "<f8", (3,)),
+        ("spin_rad_s", "<f8", (3,)),
+    ]
+)
+"""One part before a step: its centre of mass, and its axes as a quaternion x, y, z, w. The parts of
+a step stand in the order of body and link."""
+
+CONTACT = np.dtype(
+    [
+        ("step", "<i8"),
+        ("body_a", "<i8"),
+        ("link_a", "<i8"),
+        ("body_b", "<i8"),
+        ("link_b", "<i8"),
+        ("position_a_m", "<f8", (3,)),
+        ("position_b_m", "<f8", (3,)),
+        ("normal", "<f8", (3,)),
+        ("distance_m", "<f8"),
+        ("normal_force_n", "<f8"),
+        ("friction_1_n", "<f8"),
+        ("friction_1_direction", "<f8", (3,)),
+        ("friction_2_n", "<f8"),
+        ("friction_2_direction", "<f8", (3,)),
+    ]
+)
+"""One contact point of the step that led to sample `step`: two parts, the point on each, the normal
+from b to a, the distance (negative: as deep as they are in each other), and the forces on a. The
+points of a step stand in the engine's order."""
+
+
+class Batch(NamedTuple):
+    """Consecutive samples of everything."""
+
+    states: Rows
+    """Of dtype `STATE`: as many rows per step as there are parts."""
+    contacts: Rows
+    """Of dtype `CONTACT`: as many rows per step as there are points."""
+
+    @property
+    def base(self) -> Rows:
+        """Return the states of the body's base, a row per sample."""
+        return base_of(self.states)
+
+    @classmethod
+    def joined(cls, batches: Iterable[Batch]) -> Batch:
+        """Return several batches as one."""
+        states, contacts = zip(*batches, strict=True)
+        return cls(np.concatenate(states), np.concatenate(contacts))
+
+
+def base_of(states: Rows) -> Rows:
+    """Return the states of the body's base, a row per sample."""
+    found: Rows = states[(states["body"] == BODY) & (states["link"] == BASE)]
+    return found
+
+
+def poses_of(states: Rows) -> NDArray[np.float64]:
+    """Return position [m] and orientation (quaternion x, y, z, w) of states, shape (n, 7)."""
+    return np.hstack((states["position_m"], states["orientation"]))
