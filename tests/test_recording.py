@@ -337,3 +337,15 @@ def test_a_recording_of_the_first_schema_is_to_be_made_again(tmp_path: Path, sta
         read(path)
     again = "record it again with: drop simulate"
     assert str(raised.value) == f"{path} was made by an earlier version of drop; {again}"
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="/proc is missing")
+def test_writing_leaves_no_thread_behind(tmp_path: Path) -> None:
+    """Rerun keeps those of a layout that it saved, which wake up all the time."""
+
+    def threads_after_a_recording() -> int:
+        simulate(Scenario(duration_s=0.1), tmp_path / "run.rrd", camera=None, force=True)
+        return len(list(Path("/proc/self/task").iterdir()))
+
+    first = threads_after_a_recording()
+    assert [threads_after_a_recording() for _ in range(3)] == [first] * 3

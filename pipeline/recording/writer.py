@@ -19,6 +19,7 @@ import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
+from rerun import bindings
 from rerun.chunk import Chunk, LazyChunkStream
 
 from pipeline import colours
@@ -90,6 +91,8 @@ def record(
         with tempfile.TemporaryDirectory() as folder:
             layout = Path(folder, "layout.rbl")
             blueprint.save(schema.APPLICATION_ID, str(layout))
+            # Rerun keeps the stream that it saved through, with two threads that wake all the time.
+            bindings.flush_and_cleanup_orphaned_recordings()
             seal(part, path, blueprint=layout, rows=rows, force=force)
 
 
