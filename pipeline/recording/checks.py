@@ -98,17 +98,18 @@ UNIT = 1e-6
 def check_parts(states: pl.DataFrame, engine: EngineReport, path: Path) -> None:
     """Check that every sample from the first on is there, with each part of the body once."""
     parts = 1 + engine.joints
+    if not 1 <= parts <= len(states):
+        raise damaged(path, f"its engine reports {engine.joints:,} joints")
     samples, rest = divmod(len(states), parts)
     due = {
         "step": np.repeat(np.arange(samples), parts),
         "body": np.full(samples * parts, BODY),
         "link": np.tile(np.arange(BASE, engine.joints), samples),
     }
-    if rest or not all(np.array_equal(states[name].to_numpy(), all_) for name, all_ in due.items()):
-        raise damaged(
-            path,
-            f"it must hold steps 0, 1, 2, … once each, of the body's {parts} parts, and does not",
-        )
+    same = (np.array_equal(states[name].to_numpy(), column) for name, column in due.items())
+    if rest or not all(same):
+        said = "steps 0, 1, 2, … once each" + (f", {parts} parts in each" if parts > 1 else "")
+        raise damaged(path, f"it must hold {said}, and does not")
 
 
 def check_states(states: pl.DataFrame, scenario: Scenario, path: Path) -> None:

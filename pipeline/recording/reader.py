@@ -90,11 +90,11 @@ def read(path: Path) -> Recording:
     engine = _engine(properties[schema.ENGINE_PROPERTY], path)
     check_engine(engine, scenario, path)
     check_settings(engine, scenario, path)
-    if not parts[schema.STATES.entity]:
-        raise damaged(path, "it has no state")
     states, contacts = (
         rows.joined(parts[entity], table, path) for entity, table in schema.TABLES.items()
     )
+    if states.is_empty():
+        raise damaged(path, "it has no state")
     check_parts(states, engine, path)
     samples = len(states) // (1 + engine.joints)
     _check_written(samples, states, contacts, scenario, closing, path)
