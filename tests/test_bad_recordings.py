@@ -12,7 +12,6 @@ import io
 import os
 import random
 import re
-import resource
 import struct
 import zlib
 from collections import Counter

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from pipeline.fields import shown
 from pipeline.recording import schema
-from pipeline.recording.checks import LARGEST, damaged
+from pipeline.recording.checks import damaged
 from pipeline.recording.rows import named
 from pipeline.recording.rrd import Chunk
 from pipeline.recording.schema import Table
+from pipeline.report import LARGEST
 
 Properties = dict[str, Any]
 

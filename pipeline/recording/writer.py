@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
-from rerun import bindings
+from rerun import bindings  # type: ignore[attr-defined]
 from rerun.chunk import Chunk, LazyChunkStream
 
 from pipeline import colours
@@ -45,6 +45,9 @@ def record(
     recording_id: str,
     blueprint: rrb.Blueprint | None,
     force: bool = False,
+    ours: bool = False,
+    salvage: bool = True,
+    note: Callable[[str], None] = lambda _: None,
 ) -> None:
     """Write chunks to a recording that has its name only when it is whole and verified.
 
@@ -58,13 +61,13 @@ def record(
         Files of one id open as one recording.
     blueprint
         The viewer's layout; None leaves it out, and the file is verified without another program.
-    force
-        Whether an existing file may be replaced.
+    force, ours, salvage, note
+        As for `unfinished`.
 
     Raises
     ------
     OutputError
-        If the file exists and `force` is not given, cannot be written, or fails verification.
+        As for `unfinished`; if the file fails verification.
     """
     rows: dict[str, int] = {}
     failures: list[BaseException] = []
@@ -79,21 +82,22 @@ def record(
         except BaseException as failure:  # noqa: BLE001 - raised again below
             failures.append(failure)
 
-    with unfinished(path, force=force) as part, _strict():
+    kept = unfinished(path, force=force, ours=ours, salvage=salvage, note=note)
+    with kept as part, _strict():
         LazyChunkStream.from_iter(counted()).write_rrd(
             part, application_id=schema.APPLICATION_ID, recording_id=recording_id
         )
         if failures:
             raise failures[0]
         if blueprint is None:
-            seal(part, path, blueprint=None, rows=rows, force=force)
+            seal(part, path, blueprint=None, rows=rows, force=force or ours)
             return
         with tempfile.TemporaryDirectory() as folder:
             layout = Path(folder, "layout.rbl")
             blueprint.save(schema.APPLICATION_ID, str(layout))
             # Rerun keeps the stream that it saved through, with two threads that wake all the time.
             bindings.flush_and_cleanup_orphaned_recordings()
-            seal(part, path, blueprint=layout, rows=rows, force=force)
+            seal(part, path, blueprint=layout, rows=rows, force=force or ours)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from pipeline.engines.bullet.engine import data_folder, find_body, p
 from pipeline.engines.bullet.touching import ROUNDING_M, touching_height
 from pipeline.errors import DropError, ScenarioError
 from pipeline.fields import Quaternion
-from pipeline.report import EngineReport
+from pipeline.report import LARGEST, EngineReport
 from pipeline.scenario import Scenario
 from pipeline.states import BASE, CONTACT, STATE, Batch, Rows
 
@@ -292,7 +292,7 @@ class World:
         Raises
         ------
         DropError
-            If a state or a contact is no number any more.
+            If a state or a contact is no number any more that a recording holds.
         """
         pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
         touching, body, client = p.getContactPoints, self._body, self._client
@@ -353,12 +353,12 @@ def check_numbers(rows: Rows) -> None:
     Raises
     ------
     DropError
-        If a number of a state or a contact is nan or infinite.
+        If a number of a state or a contact is nan, or larger than what a recording holds.
     """
     lost = np.zeros(len(rows), dtype=bool)
     for name in rows.dtype.names or ():
         values = rows[name]
-        lost |= ~np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+        lost |= ~(np.abs(values) <= LARGEST).all(axis=tuple(range(1, values.ndim)))
     if lost.any():
         raise no_number(rows["step"][lost][0])
 
@@ -366,8 +366,8 @@ def check_numbers(rows: Rows) -> None:
 def no_number(step: int) -> DropError:
     """Return the error for an engine that was given more than it can compute."""
     return DropError(
-        f"the engine's state is no number any more from step {step} on; try a shorter --timestep, "
-        "less --spin or --velocity, or another --body"
+        f"the engine's state is no number any more from step {step} on (or over {LARGEST:g}); try "
+        "a shorter --timestep, less --spin or --velocity, or another --body"
     )
 
 
