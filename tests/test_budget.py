@@ -10,12 +10,12 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import Recorder, judge
+from iterated import law_of, thrown_as
 
 from pipeline.analysis.drop.analysis import analysis_of
-from pipeline.analysis.drop.decomposition import decompose
+from pipeline.analysis.general.decomposition import decompose
 from pipeline.analysis.general.mechanics import max_relative_drift, mechanics_of_part
-from pipeline.analysis.general.samples import Rigid
-from pipeline.laws.theory import Fall
+from pipeline.laws.base import Motion
 from pipeline.stages.narrative import events
 
 TERMS = ("timestep_m", "damping_m", "interaction_m", "rounding_m")
@@ -181,10 +181,10 @@ def test_a_box_that_fell_over_is_expected_on_the_face_it_lies_on(recorded: Recor
 
 
 def test_samples_from_the_middle_are_taken_apart_as_in_the_whole_fall(recorded: Recorder) -> None:
-    heights_m = recorded().states["z_m"][:100]
-    fall = Fall(height_m=1.0, gravity_m_s2=-9.81, linear_damping=float(np.float32(0.04)))
-    whole = decompose(fall, heights_m, timestep_s=1 / 240)
-    later = decompose(fall, heights_m[40:], timestep_s=1 / 240, first=40)
+    recording, law = recorded(), law_of()
+    position_m = recording.states.select("x_m", "y_m", "z_m").to_numpy()[:100]
+    whole = decompose(law, thrown_as(law), position_m)
+    later = decompose(law, thrown_as(law), position_m[40:], first=40)
     for name, values in vars(whole).items():
         assert np.array_equal(vars(later)[name], values[40:]), name
 
@@ -350,7 +350,7 @@ def test_floating_and_spinning_bodies_conserve_what_they_should(
 def test_energy_and_momentum_of_a_turned_body_are_those_of_its_principal_axes() -> None:
     """A body turned by 90° about x, spinning about world z, spins about its own y."""
     half = math.sqrt(0.5)
-    sample = Rigid(
+    sample = Motion(
         position_m=np.array([[0.0, 0.0, 2.0]]), orientation=np.array([[half, 0.0, 0.0, half]]),
         velocity_m_s=np.zeros((1, 3)), spin_rad_s=np.array([[0.0, 0.0, 3.0]]),
     )  # fmt: skip

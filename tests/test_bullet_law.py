@@ -13,10 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 from engine import MODES, ROUNDS_ONCE, drive
+from iterated import airborne, law_of, thrown_as
 
 from pipeline.laws import bullet_air, theory
+from pipeline.laws.base import ExactPath
+from pipeline.laws.bullet import BulletLaw
 from pipeline.laws.bullet_air import effective_damping
-from pipeline.laws.theory import Fall
+from pipeline.laws.lookup import fall_of
 from pipeline.scenario import Scenario
 
 
@@ -34,21 +37,8 @@ def thrown(
     return seen.position_m, seen.velocity_m_s, seen.mass_kg
 
 
-def fall_as(
-    *,
-    gravity_m_s2: float = -9.81,
-    linear_damping: float | None = None,
-    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    height_m: float = 1.0,
-    coordinates: Any = "reduced",
-) -> Fall:
-    return Fall(
-        height_m=height_m,
-        velocity_m_s=velocity_m_s,
-        gravity_m_s2=gravity_m_s2,
-        linear_damping=effective_damping(linear_damping, coordinates),
-        coordinates=coordinates,
-    )
+def exact_path(law: BulletLaw, *, steps: int, velocity_m_s: Any = (0.0, 0.0, 0.0)) -> ExactPath:
+    return law.exact_path((0.0, 0.0, 1.0), velocity_m_s, steps=steps)
 
 
 def assert_same(found: np.ndarray, expected: np.ndarray) -> None:
@@ -66,21 +56,20 @@ def test_three_steps_by_hand() -> None:
     #   v1 = -1                                          z1 = 1      - 0.1           = 0.9
     #   v2 = -1     - 1 + 0.1 x 0.04 x 1     x 2         z2 = 0.9    - 0.1992        = 0.7008
     #   v3 = -1.992 - 1 + 0.1 x 0.04 x 1.992 x 2.992     z3 = 0.7008 - 0.2968159744  = 0.4039840256
-    fall = Fall(height_m=1.0, gravity_m_s2=-10.0, linear_damping=0.04)
-    position_m, velocity_m_s = bullet_air.airborne(fall, timestep_s=0.1, steps=3, mass_kg=0.1)
+    law = law_of(timestep_s=0.1, gravity_m_s2=-10.0, linear_damping=0.04)
+    position_m, velocity_m_s = airborne(law, 3)
     assert position_m[:, 2] == pytest.approx([1, 0.9, 0.7008, 0.4039840256], abs=1e-15)
     assert velocity_m_s[:, 2] == pytest.approx([0, -1, -1.992, -2.968159744], abs=1e-15)
     assert not position_m[:, :2].any()
-    exact = bullet_air.airborne_exact(fall, timestep_s=0.1, steps=3)
-    assert exact.nearest_m == pytest.approx([1, 0.9, 0.7008, 0.4039840256], abs=1e-15)
+    exact = exact_path(law, steps=3)
+    assert exact.nearest_m[:, 2] == pytest.approx([1, 0.9, 0.7008, 0.4039840256], abs=1e-15)
 
 
 def test_three_maximal_steps_by_hand() -> None:
     # dt = 1, k = 0.5, g = -1, from 4 m/s: v halves, then falls by 1: 4, 1, -0.5, -1.25
-    fall = fall_as(
-        gravity_m_s2=-1.0, linear_damping=0.5, velocity_m_s=(0, 0, 4.0), coordinates="maximal"
-    )
-    position_m, velocity_m_s = bullet_air.airborne(fall, timestep_s=1.0, steps=3, mass_kg=2.0)
+    how: Any = {"timestep_s": 1.0, "mass_kg": 2.0, "coordinates": "maximal"}
+    law = law_of(gravity_m_s2=-1.0, linear_damping=0.5, **how)
+    position_m, velocity_m_s = airborne(law, 3, velocity_m_s=(0, 0, 4.0))
     assert velocity_m_s[:, 2].tolist() == [4, 1, -0.5, -1.25]
     assert position_m[:, 2].tolist() == [1, 2, 1.5, 0.25]
 
@@ -109,25 +98,25 @@ def test_the_law_is_pybullets(coordinates: Any, linear_damping: float | None) ->
         setting: Any = {
             "gravity_m_s2": gravity,
             "linear_damping": linear_damping,
-            "velocity_m_s": velocity,
             "coordinates": coordinates,
+            "timestep_s": dt,
         }
-        positions, velocities, mass_kg = thrown(steps=60, timestep_s=dt, mass_kg=mass, **setting)
-        fall = fall_as(**setting)
-        found = bullet_air.airborne(fall, timestep_s=dt, steps=60, mass_kg=mass_kg)
+        positions, velocities, mass_kg = thrown(
+            steps=60, mass_kg=mass, velocity_m_s=velocity, **setting
+        )
+        law = law_of(mass_kg=mass_kg, **setting)
+        found = airborne(law, 60, velocity_m_s=velocity)
         assert_same(found[0], positions)
         assert_same(found[1], velocities)
-        free = bullet_air.velocities_after_step(fall, velocities[:-1], timestep_s=dt)
-        many = bullet_air.held(fall, free)
+        many = law.held(law.free_velocities(velocities[:-1]))
         # Each of its few operations rounds the largest of what it adds.
         largest = np.abs(velocities).max() + abs(gravity) * dt
         assert np.abs(many - velocities[1:]).max() <= 8 * np.spacing(largest)
-        rounding = bullet_air.difference(
-            bullet_air.airborne_exact(fall, timestep_s=dt, steps=60), positions[:, 2]
-        )
+        exact = exact_path(law, steps=60, velocity_m_s=velocity)
+        rounding = exact.difference(positions)
         # Each step rounds the height and the velocity once more, by half a last place at most.
-        steps = np.arange(61)
-        in_height = np.spacing(np.abs(positions[:, 2]).max())
+        steps = np.arange(61)[:, None]
+        in_height = np.spacing(np.abs(positions).max())
         in_velocity = np.spacing(np.abs(velocities).max()) * steps * dt
         assert (np.abs(rounding) <= steps * (in_height + 2 * in_velocity)).all()
 
@@ -140,20 +129,17 @@ def test_damping_is_taken_as_the_engine_takes_it(coordinates: Any) -> None:
     assert effective_damping(3.0, coordinates) == {"reduced": 3.0, "maximal": 1.0}[coordinates]
     for given in (-0.3, 0.04, 3.0):
         seen, _, mass_kg = thrown(steps=50, linear_damping=given, coordinates=coordinates)
-        fall = fall_as(linear_damping=given, coordinates=coordinates)
-        assert_same(
-            bullet_air.airborne(fall, timestep_s=1 / 240, steps=50, mass_kg=mass_kg)[0], seen
-        )
+        law = law_of(linear_damping=given, coordinates=coordinates, mass_kg=mass_kg)
+        assert_same(airborne(law, 50)[0], seen)
     assert effective_damping(0.04, "reduced") != effective_damping(None, "reduced")
 
 
 @pytest.mark.parametrize("coordinates", MODES)
 def test_velocity_is_limited_in_reduced_coordinates_only(coordinates: Any) -> None:
-    setting: Any = {"velocity_m_s": (0.0, 130.0, -99.99), "coordinates": coordinates}
-    _, velocities, mass_kg = thrown(steps=3, linear_damping=0.0, **setting)
-    _, found = bullet_air.airborne(
-        fall_as(linear_damping=0.0, **setting), timestep_s=1 / 240, steps=3, mass_kg=mass_kg
-    )
+    setting: Any = {"linear_damping": 0.0, "coordinates": coordinates}
+    fast: Any = {"velocity_m_s": (0.0, 130.0, -99.99)}
+    _, velocities, mass_kg = thrown(steps=3, **fast, **setting)
+    _, found = airborne(law_of(mass_kg=mass_kg, **setting), 3, **fast)
     assert_same(found, velocities)
     limited = coordinates == "reduced"
     assert (np.abs(found[1:]).max() == bullet_air.MAX_COORDINATE_VELOCITY_M_S) == limited
@@ -162,20 +148,20 @@ def test_velocity_is_limited_in_reduced_coordinates_only(coordinates: Any) -> No
 @pytest.mark.parametrize("velocity_m_s", [(0.0, 0.0, 1e-9), (1e-9, 0.0, -1e-9), (0.0, 0.0, 2e-8)])
 def test_a_body_that_barely_moves_has_no_speed(velocity_m_s: Any) -> None:
     # safeNorm takes a squared length up to 2.2e-16 for none: there the drag is linear only.
-    setting: Any = {"velocity_m_s": velocity_m_s, "gravity_m_s2": 0.0, "linear_damping": 0.5}
-    _, velocities, mass_kg = thrown(steps=50, **setting)
-    _, found = bullet_air.airborne(
-        fall_as(**setting), timestep_s=1 / 240, steps=50, mass_kg=mass_kg
-    )
+    setting: Any = {"gravity_m_s2": 0.0, "linear_damping": 0.5}
+    _, velocities, mass_kg = thrown(steps=50, velocity_m_s=velocity_m_s, **setting)
+    _, found = airborne(law_of(mass_kg=mass_kg, **setting), 50, velocity_m_s=velocity_m_s)
     assert_same(found, velocities)
 
 
 @pytest.mark.parametrize("coordinates", MODES)
 def test_spin_moves_a_fall_by_rounding_only(coordinates: Any) -> None:
-    setting: Any = {"velocity_m_s": (1.0, 2.0, 3.0), "coordinates": coordinates}
-    seen, _, mass_kg = thrown(steps=200, spin_rad_s=(20.0, -3.0, 7.0), **setting)
-    law, _ = bullet_air.airborne(fall_as(**setting), timestep_s=1 / 240, steps=200, mass_kg=mass_kg)
-    assert np.abs(law - seen).max() <= (1e-14 if coordinates == "reduced" else 0)
+    how: Any = {"velocity_m_s": (1.0, 2.0, 3.0)}
+    seen, _, mass_kg = thrown(
+        steps=200, spin_rad_s=(20.0, -3.0, 7.0), coordinates=coordinates, **how
+    )
+    unspun, _ = airborne(law_of(coordinates=coordinates, mass_kg=mass_kg), 200, **how)
+    assert np.abs(unspun - seen).max() <= (1e-14 if coordinates == "reduced" else 0)
 
 
 # -- golden values ---------------------------------------------------------------------------------
@@ -196,9 +182,8 @@ def test_the_law_gives_the_golden_values_at_0_3_s(
     rate: int, linear_damping: float | None, z_m: float, v_m_s: float | None
 ) -> None:
     steps = 3 * rate // 10
-    position_m, velocity_m_s = bullet_air.airborne(
-        fall_as(linear_damping=linear_damping), timestep_s=1 / rate, steps=steps, mass_kg=0.1
-    )
+    law = law_of(linear_damping=linear_damping, timestep_s=1 / rate)
+    position_m, velocity_m_s = airborne(law, steps)
     assert_same(position_m[-1, 2], np.float64(z_m))
     if v_m_s is not None:
         assert_same(velocity_m_s[-1, 2], np.float64(v_m_s))
@@ -206,8 +191,7 @@ def test_the_law_gives_the_golden_values_at_0_3_s(
 
 def test_the_law_gives_the_golden_values_at_1_s() -> None:
     for gravity_m_s2, z_m in ((-9.81, -3.5783295613954387), (-1.62, 0.2056535771354357)):
-        fall = fall_as(gravity_m_s2=gravity_m_s2)
-        position_m, _ = bullet_air.airborne(fall, timestep_s=1 / 240, steps=240, mass_kg=0.1)
+        position_m, _ = airborne(law_of(gravity_m_s2=gravity_m_s2), 240)
         assert_same(position_m[-1, 2], np.float64(z_m))
 
 
@@ -220,17 +204,17 @@ def test_the_law_gives_the_golden_values_at_1_s() -> None:
     ],
 )
 def test_the_error_budget_at_0_3_s(rate: int, total: float, interaction: float) -> None:
-    fall, steps = fall_as(), 3 * rate // 10
-    time_s = np.arange(steps + 1) / rate
-    exact = bullet_air.airborne_exact(fall, timestep_s=1 / rate, steps=steps)
-    simulated_m = bullet_air.airborne(fall, timestep_s=1 / rate, steps=steps, mass_kg=0.1)[0][:, 2]
-    free_m = theory.free_fall_height(fall, time_s)
+    law, steps = law_of(timestep_s=1 / rate), 3 * rate // 10
+    fall, time_s = thrown_as(law), np.arange(steps + 1) / rate
+    exact = exact_path(law, steps=steps)
+    simulated_m = airborne(law, steps)[0]
+    free_m = theory.free_fall_position(fall, time_s)
     terms = theory.timestep_displacement(fall, time_s, 1 / rate)
     terms += theory.damping_displacement(fall, time_s)
-    assert (simulated_m - free_m)[-1] == pytest.approx(total, abs=1e-15)
-    left = -bullet_air.difference(exact, free_m + terms)
-    assert left[-1] == pytest.approx(interaction, abs=5e-12)
-    assert np.abs(bullet_air.difference(exact, simulated_m)).max() <= 6e-16
+    assert (simulated_m - free_m)[-1, 2] == pytest.approx(total, abs=1e-15)
+    left = -exact.difference(free_m + terms)
+    assert left[-1, 2] == pytest.approx(interaction, abs=5e-12)
+    assert np.abs(exact.difference(simulated_m)).max() <= 6e-16
 
 
 # -- exact arithmetic ------------------------------------------------------------------------------
@@ -238,38 +222,51 @@ def test_the_error_budget_at_0_3_s(rate: int, total: float, interaction: float) 
 
 def test_exact_heights_hold_thirty_digits() -> None:
     # Without damping the law is a polynomial: z = 1 + g dt² n (n + 1)/2
-    exact = bullet_air.airborne_exact(fall_as(linear_damping=0.0), timestep_s=1 / 240, steps=100)
+    exact = exact_path(law_of(linear_damping=0.0), steps=100)
     dt, g = map(Decimal, (1 / 240, -9.81))
     for n in (1, 50, 100):
         expected = 1 + g * dt * dt * n * (n + 1) / 2
-        held = Decimal(exact.nearest_m[n]) + Decimal(exact.left_out_m[n])
+        held = Decimal(exact.nearest_m[n, 2]) + Decimal(exact.left_out_m[n, 2])
         assert abs(held - expected) < Decimal("1e-26")  # 28 digits is Decimal's default
-        assert exact.nearest_m[n] == float(expected)
+        assert exact.nearest_m[n, 2] == float(expected)
+
+
+def test_exact_paths_go_sideways_too() -> None:
+    # Maximal coordinates have no drag by default: x = x0 + v t, from wherever it starts.
+    law = law_of(coordinates="maximal")
+    exact = law.exact_path((1.0, -2.0, 3.0), (0.1, 0.3, 0.0), steps=100, first=100)
+    dt = Decimal(1 / 240)
+    for axis, start, speed in ((0, 1.0, 0.1), (1, -2.0, 0.3)):
+        held = Decimal(exact.nearest_m[0, axis]) + Decimal(exact.left_out_m[0, axis])
+        assert abs(held - (Decimal(start) + 100 * dt * Decimal(speed))) < Decimal("1e-26")
 
 
 def test_difference_sees_less_than_the_last_place() -> None:
-    exact = bullet_air.airborne_exact(fall_as(), timestep_s=1 / 240, steps=10)
-    assert (bullet_air.difference(exact, exact.nearest_m) == -exact.left_out_m).all()
-    assert 0 < np.abs(exact.left_out_m[1:]).min() < np.abs(exact.left_out_m).max() < 6e-17
+    exact = exact_path(law_of(), steps=10)
+    assert (exact.difference(exact.nearest_m) == -exact.left_out_m).all()
+    left_m = np.abs(exact.left_out_m[:, 2])
+    assert 0 < left_m[1:].min() < left_m.max() < 6e-17
 
 
 @pytest.mark.parametrize("coordinates", MODES)
 @pytest.mark.parametrize("velocity_m_s", [(0.0, 0.0, 2.0), (3.0, -1.0, 2.0)])
 def test_the_law_converges_to_theory(coordinates: Any, velocity_m_s: Any) -> None:
-    # First order: halving the timestep halves the distance to the damped fall.
-    fall = fall_as(linear_damping=0.3, velocity_m_s=velocity_m_s, coordinates=coordinates)
+    # First order: halving the timestep halves the distance to the damped fall, along every axis.
     errors = []
     for rate in (1000, 2000):
-        exact = bullet_air.airborne_exact(fall, timestep_s=1 / rate, steps=rate // 2)
-        errors.append(exact.nearest_m[-1] - theory.damped_fall_height(fall, np.array([0.5]))[0])
-    assert errors[0] / errors[1] == pytest.approx(2, abs=2e-3)
+        law = law_of(linear_damping=0.3, coordinates=coordinates, timestep_s=1 / rate)
+        exact = exact_path(law, steps=rate // 2, velocity_m_s=velocity_m_s)
+        fall, at = thrown_as(law, velocity_m_s), np.array([0.5])
+        damped_m = theory.free_fall_position(fall, at) + theory.damping_displacement(fall, at)
+        errors.append((exact.nearest_m[-1] - damped_m[0])[np.array(velocity_m_s) != 0])
+    assert errors[0] / errors[1] == pytest.approx(2, abs=5e-3)
 
 
 # -- from a scenario -------------------------------------------------------------------------------
 
 
 def test_fall_of_a_scenario() -> None:
-    fall = bullet_air.fall_of(Scenario(height_m=2.0, velocity_m_s=(1.0, 0.0, 3.0)))
-    assert fall == fall_as(height_m=2.0, velocity_m_s=(1.0, 0.0, 3.0))
-    assert bullet_air.fall_of(Scenario(gravity_set=False)).gravity_m_s2 == 0
-    assert bullet_air.fall_of(Scenario(coordinates="maximal")).linear_damping == 0
+    fall = fall_of(Scenario(height_m=2.0, velocity_m_s=(1.0, 0.0, 3.0)))
+    assert fall == thrown_as(law_of(), (1.0, 0.0, 3.0), 2.0)
+    assert fall_of(Scenario(gravity_set=False)).gravity_m_s2 == 0
+    assert not any(fall_of(Scenario(coordinates="maximal")).drag)

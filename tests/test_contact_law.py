@@ -8,52 +8,76 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from engine import MODES, drive
+from iterated import airborne, law_of
 
 from pipeline.engines.bullet.world import World
 from pipeline.laws import bullet_contact
-from pipeline.laws.bullet_air import airborne, effective_damping
-from pipeline.laws.theory import Fall
+from pipeline.laws.bullet import BulletLaw
+from pipeline.laws.bullet_air import effective_damping
 from pipeline.scenario import Scenario
 
 MASS_KG, REST_HEIGHT_M = 0.1, 0.025
 CONVERGED = {"solverResidualThreshold": 0}
 
 
+@dataclass(frozen=True)
+class Dropped:
+    """A box, and how it is dropped."""
+
+    height_m: float
+    gravity_m_s2: float
+    linear_damping: float | None
+    coordinates: Any
+    velocity_m_s: float = 0.0
+
+    def law(self, rate: float, substeps: int = 1) -> BulletLaw:
+        """Return its law at so many steps a second."""
+        return law_of(
+            timestep_s=1 / rate, substeps=substeps, gravity_m_s2=self.gravity_m_s2,
+            mass_kg=MASS_KG, linear_damping=self.linear_damping, coordinates=self.coordinates,
+        )  # fmt: skip
+
+
 def dropped(
-    fall: Fall, *, timestep_s: float, steps: int, restitution: float | None = None, **engine: float
+    fall: Dropped,
+    *,
+    timestep_s: float,
+    steps: int,
+    restitution: float | None = None,
+    **engine: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return heights and vertical velocities of cube_small.urdf above plane.urdf."""
+    damping = effective_damping(fall.linear_damping, fall.coordinates)
     seen = drive(
         timestep_s=timestep_s, samples=steps + 1, gravity_m_s2=fall.gravity_m_s2,
-        height_m=fall.height_m, velocity_m_s=fall.velocity_m_s, coordinates=fall.coordinates,
-        restitution=restitution, dynamics={"linearDamping": fall.linear_damping}, engine=engine,
+        height_m=fall.height_m, velocity_m_s=(0.0, 0.0, fall.velocity_m_s),
+        coordinates=fall.coordinates, restitution=restitution,
+        dynamics={"linearDamping": damping}, engine=engine,
     )  # fmt: skip
     return seen.position_m[:, 2], seen.velocity_m_s[:, 2]
 
 
 def fall_of(
     gravity_m_s2: float = -9.81, linear_damping: float | None = None, coordinates: Any = "reduced"
-) -> Fall:
-    return Fall(
-        height_m=1.0 if gravity_m_s2 < -5 else 0.5,
-        gravity_m_s2=gravity_m_s2,
-        linear_damping=effective_damping(linear_damping, coordinates),
-        coordinates=coordinates,
-    )
+) -> Dropped:
+    height_m = 1.0 if gravity_m_s2 < -5 else 0.5
+    return Dropped(height_m, gravity_m_s2, linear_damping, coordinates)
 
 
-def predicted(fall: Fall, rate: int, steps: int, **contact: Any) -> tuple[np.ndarray, np.ndarray]:
+def predicted(
+    fall: Dropped, rate: float, steps: int, *, substeps: int = 1, **contact: Any
+) -> tuple[np.ndarray, np.ndarray]:
     return bullet_contact.flat_drop(
-        fall,
-        timestep_s=1 / rate,
+        fall.law(rate, substeps),
+        height_m=fall.height_m,
+        velocity_m_s=fall.velocity_m_s,
         steps=steps,
-        mass_kg=MASS_KG,
         rest_height_m=REST_HEIGHT_M,
         **contact,
     )
@@ -67,16 +91,15 @@ class Bounce(NamedTuple):
     apex_m: float
 
 
-def bounces_of(series: tuple[np.ndarray, np.ndarray], fall: Fall, rate: int) -> list[Bounce]:
+def bounces_of(series: tuple[np.ndarray, np.ndarray], fall: Dropped, rate: int) -> list[Bounce]:
     heights_m, velocities_m_s = series
     below = np.concatenate(([False], heights_m <= REST_HEIGHT_M, [False]))
     starts, ends = np.flatnonzero(np.diff(below.astype(np.int8))).reshape(-1, 2).T
     found = []
     for start, end, following in zip(starts, ends, [*starts[1:], len(heights_m)], strict=False):
         if end < len(heights_m):
-            approach_m_s = -bullet_contact.free_velocity(
-                fall, (0, 0, velocities_m_s[start]), timestep_s=1 / rate, mass_kg=MASS_KG
-            )
+            falling = (0, 0, velocities_m_s[start])
+            approach_m_s = -bullet_contact.free_velocity(fall.law(rate), falling)
             rebound_m_s = velocities_m_s[start + 1 : end + 1].max()
             apex_m = heights_m[end:following].max() - REST_HEIGHT_M
             found.append(Bounce(int(start), rebound_m_s / approach_m_s, apex_m))
@@ -170,10 +193,7 @@ def test_a_body_as_fast_as_the_threshold_bounces_and_one_a_bit_slower_does_not(
     """Thrown down without gravity, it arrives as fast as it was thrown."""
     threshold_m_s = bullet_contact.RESTITUTION_THRESHOLD_M_S
     for speed_m_s, bounces in ((threshold_m_s, True), (np.nextafter(threshold_m_s, 0), False)):
-        fall = Fall(
-            height_m=0.05, velocity_m_s=(0.0, 0.0, -speed_m_s), gravity_m_s2=0.0,
-            linear_damping=0.0, coordinates=coordinates,
-        )  # fmt: skip
+        fall = Dropped(0.05, 0.0, 0.0, coordinates, velocity_m_s=-speed_m_s)
         _, engine = dropped(fall, timestep_s=1 / 240, steps=120, restitution=0.9, **CONVERGED)
         _, law = predicted(fall, 240, 120, restitution=0.81)
         assert np.abs(law - engine).max() < 1e-13
@@ -203,7 +223,7 @@ def test_rest_is_the_slop_below_the_floor_and_the_solver_stops_earlier() -> None
 def test_the_air_is_the_law_of_the_air(coordinates: Any) -> None:
     fall = fall_of(coordinates=coordinates)
     heights, velocities = predicted(fall, 240, 100)
-    position_m, velocity_m_s = airborne(fall, timestep_s=1 / 240, steps=100, mass_kg=MASS_KG)
+    position_m, velocity_m_s = airborne(fall.law(240), 100)
     assert (heights == position_m[:, 2]).all()
     assert (velocities == velocity_m_s[:, 2]).all()
 

@@ -13,12 +13,13 @@ import pytest
 from engine import MODES, ROUNDS_ONCE, box, drive, urdf_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from iterated import airborne, law_of, tumbling
 
 from pipeline.engines.bullet.world import World
-from pipeline.laws import bullet_air, bullet_spin
+from pipeline.laws.base import Motion
+from pipeline.laws.bullet import BulletLaw
 from pipeline.laws.bullet_air import effective_damping
-from pipeline.laws.flight import Flight, law_path
-from pipeline.laws.theory import Fall
+from pipeline.laws.lookup import law_for
 from pipeline.scenario import Scenario
 
 STEPS, TIMESTEP_S = 200, 1 / 240
@@ -40,13 +41,6 @@ def test_the_spin_is_pybullets(coordinates: Any, damping: float | None, inertia:
             (300.0, 1.0, 0.0),
         ),
     ):
-        fall = Fall(
-            height_m=1.0,
-            velocity_m_s=velocity,
-            gravity_m_s2=-9.81,
-            linear_damping=coefficient,
-            coordinates=coordinates,
-        )
         seen = drive(
             samples=STEPS + 1, floor=False, velocity_m_s=velocity, spin_rad_s=spin,
             coordinates=coordinates, dynamics={
@@ -56,43 +50,26 @@ def test_the_spin_is_pybullets(coordinates: Any, damping: float | None, inertia:
                 "localInertiaDiagonal": inertia, "mass": 0.1,
             },
         )  # fmt: skip
-        found = bullet_spin.spin_airborne(
-            fall,
-            spin_rad_s=spin,
-            angular_damping=coefficient,
-            inertia_kg_m2=inertia,
-            timestep_s=TIMESTEP_S,
-            steps=STEPS,
-            mass_kg=seen.mass_kg,
-        )
+        law = law_of(
+            mass_kg=seen.mass_kg, inertia_kg_m2=inertia, linear_damping=coefficient,
+            angular_damping=coefficient, coordinates=coordinates,
+        )  # fmt: skip
+        found = tumbling(law, STEPS, spin_rad_s=spin, velocity_m_s=velocity)
         for name in ("position_m", "velocity_m_s", "spin_rad_s"):
-            law, engine = getattr(found, name), getattr(seen, name)
+            expected, engine = getattr(found, name), getattr(seen, name)
             if ROUNDS_ONCE:
-                np.testing.assert_array_equal(law, engine)
+                np.testing.assert_array_equal(expected, engine)
             else:
-                np.testing.assert_allclose(law, engine, rtol=1e-9, atol=1e-9)
-        same_way = np.sum(found.orientation_xyzw * seen.orientation_xyzw, axis=1)
+                np.testing.assert_allclose(expected, engine, rtol=1e-9, atol=1e-9)
+        same_way = np.sum(found.orientation * seen.orientation_xyzw, axis=1)
         assert np.abs(same_way) == pytest.approx(1, abs=1e-14 if ROUNDS_ONCE else 1e-9)
 
 
 @pytest.mark.parametrize("coordinates", MODES)
 def test_without_spin_it_is_the_fall(coordinates: Any) -> None:
-    fall = Fall(
-        height_m=1.0,
-        velocity_m_s=(1.0, 2.0, 3.0),
-        gravity_m_s2=-9.81,
-        linear_damping=0.04,
-        coordinates=coordinates,
-    )
-    setting: Any = {"timestep_s": TIMESTEP_S, "steps": STEPS, "mass_kg": 0.1}
-    still = bullet_spin.spin_airborne(
-        fall,
-        spin_rad_s=(0.0, 0.0, 0.0),
-        angular_damping=0.04,
-        inertia_kg_m2=(1e-3, 2e-3, 3e-3),
-        **setting,
-    )
-    position_m, velocity_m_s = bullet_air.airborne(fall, **setting)
+    law, velocity = law_of(linear_damping=0.04, coordinates=coordinates), (1.0, 2.0, 3.0)
+    still = tumbling(law, STEPS, spin_rad_s=(0.0, 0.0, 0.0), velocity_m_s=velocity)
+    position_m, velocity_m_s = airborne(law, STEPS, velocity_m_s=velocity)
     assert (still.position_m == position_m).all()
     assert (still.velocity_m_s == velocity_m_s).all()
 
@@ -148,9 +125,17 @@ def driven(scenario: Scenario) -> Any:
     )  # fmt: skip
 
 
-def flight_of(scenario: Scenario) -> Flight:
+def law_for_world(scenario: Scenario) -> BulletLaw:
     with World(scenario) as world:
-        return law_path(scenario, world.report(), STEPS_OF_ANY)
+        return law_for(scenario, world.report())
+
+
+def flight_of(scenario: Scenario) -> Motion:
+    return tumbling(
+        law_for_world(scenario), STEPS_OF_ANY, spin_rad_s=scenario.spin_rad_s,
+        velocity_m_s=scenario.velocity_m_s, height_m=scenario.height_m,
+        orientation=scenario.orientation_xyzw,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -168,8 +153,8 @@ def test_the_law_of_any_scenario_is_pybullets(brick: str, how: dict[str, Any]) -
             np.testing.assert_array_equal(getattr(law, name), getattr(engine, name))
         else:
             np.testing.assert_allclose(getattr(law, name), getattr(engine, name), rtol=1e-9)
-    same_way = np.sum(law.orientation_xyzw * engine.orientation_xyzw, axis=1, keepdims=True)
-    turned = np.where(same_way < 0, -law.orientation_xyzw, law.orientation_xyzw)
+    same_way = np.sum(law.orientation * engine.orientation_xyzw, axis=1, keepdims=True)
+    turned = np.where(same_way < 0, -law.orientation, law.orientation)
     atol = 0 if ROUNDS_ONCE else 1e-9
     np.testing.assert_allclose(turned, engine.orientation_xyzw, rtol=0, atol=atol)
 
@@ -197,4 +182,6 @@ FAST: Any = {"linear_damping": 0.0, "angular_damping": 0.0, "floor": False}
     ],
 )
 def test_the_first_sample_that_the_limit_acts_on_is_known(how: Any, first: int | None) -> None:
-    assert flight_of(Scenario(**(FAST | how))).clamped == first
+    scenario = Scenario(**(FAST | how))
+    held = np.flatnonzero(law_for_world(scenario).limited(flight_of(scenario)))
+    assert (int(held[0]) + 1 if len(held) else None) == first

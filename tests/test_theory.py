@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 
 from pipeline.laws import theory
+from pipeline.laws.base import Drag
+from pipeline.laws.bullet import drag_of
 from pipeline.laws.theory import Fall
 
 DEFAULT = float(np.float32(0.04))
@@ -33,8 +35,13 @@ def _sixty_digits() -> Any:
 def fall(k: float = DEFAULT, g: float = -9.81, v: Any = 0.0, mode: Any = "reduced") -> Fall:
     velocity = (0.0, 0.0, float(v)) if np.isscalar(v) else tuple(v)
     return Fall(
-        height_m=1.0, velocity_m_s=velocity, gravity_m_s2=g, linear_damping=k, coordinates=mode
+        position_m=(0.0, 0.0, 1.0), velocity_m_s=velocity, gravity_m_s2=g, drag=drag_of(k, mode)
     )
+
+
+def damping_m(thrown: Fall, time_s: Any) -> Any:
+    """Return the height's part of the displacement."""
+    return theory.damping_displacement(thrown, time_s)[:, 2]
 
 
 def exact(k: float, g: float, v0: float, t: float) -> tuple[Any, Any]:
@@ -56,10 +63,15 @@ def exact(k: float, g: float, v0: float, t: float) -> tuple[Any, Any]:
 
 
 def equation_solved(
-    k: float, g: float, velocity: tuple[float, float, float], until_s: float
+    k: float,
+    g: float,
+    velocity: tuple[float, float, float],
+    until_s: float,
+    quadratic: float | None = None,
 ) -> tuple[list[Any], list[Any]]:
-    """Return δ and δ' of δ'' = -k v (1 + |v|), v = v_free + δ', by 40 Taylor terms per step."""
-    k, g, order = mp.mpf(k), mp.mpf(g), 40
+    """Return δ and δ' of δ'' = -v (a + b |v|), v = v_free + δ', by 40 Taylor terms per step."""
+    a, b = mp.mpf(k), mp.mpf(k if quadratic is None else quadratic)
+    g, order = mp.mpf(g), 40
     steps = math.ceil(until_s * (3 + math.hypot(*velocity)) / 0.5)  # well within convergence
     h = mp.mpf(until_s) / steps
     change, rate = [mp.mpf(0)] * 3, [mp.mpf(0)] * 3
@@ -73,7 +85,7 @@ def equation_solved(
             speed.append((square - known) / (2 * speed[0]) if n else mp.sqrt(square))
             for i in range(3):
                 product = sum(v[i][j] * speed[n - j] for j in range(n + 1))
-                w[i].append(-k * (v[i][n] + product) / (n + 1))
+                w[i].append(-(a * v[i][n] + b * product) / (n + 1))
                 v[i].append(w[i][-1] + (g if (i, n) == (2, 0) else 0))
         change = [
             c + sum(w[i][n] * h ** (n + 1) / (n + 1) for n in range(order))
@@ -99,7 +111,7 @@ def test_the_reference_solves_the_equation(g: float, v0: float) -> None:
 def test_the_closed_forms_give_the_figures_of_the_experiment() -> None:
     at = np.array([0.3])
     assert theory.free_fall_height(fall(), at) == pytest.approx(0.55855, abs=1e-15)
-    assert theory.damping_displacement(fall(), at) == pytest.approx(0.004310219835131, abs=5e-16)
+    assert damping_m(fall(), at) == pytest.approx(0.004310219835131, abs=5e-16)
     assert theory.impact_time_free(fall(), 0.025) == pytest.approx(0.4458438722, abs=5e-11)
     damped_s = theory.impact_time_damped(fall(), 0.025)
     assert damped_s == pytest.approx(0.4500868681, abs=5e-11)
@@ -119,7 +131,7 @@ def test_timestep_term_is_exact_and_signed(g: float, v0: float, dt: float) -> No
         z += v * Fraction(dt)
         t = step * Fraction(dt)
         off = z - (1 + Fraction(v0) * t + Fraction(g) * t * t / 2)
-        term = theory.timestep_displacement(fall(0, g, v0), np.array([float(t)]), dt)[0]
+        term = theory.timestep_displacement(fall(0, g, v0), np.array([float(t)]), dt)[0, 2]
         assert abs(term - float(off)) <= 4 * math.ulp(float(off))
 
 
@@ -142,7 +154,7 @@ SPEEDS_M_S = (0.0, -3.0, 5.0, 40.0, -120.0, -1e-7, 1e-3)
 def test_damping_displacement_keeps_its_digits_in_reduced_coordinates(k: float, g: float) -> None:
     # k = 39.24 = 4 g: there ω = 0 on the way up. g > 0 mirrors all of it.
     for v0 in SPEEDS_M_S:
-        change_m = theory.damping_displacement(fall(k, g, v0), np.append(TIMES_S, LATE_S))
+        change_m = damping_m(fall(k, g, v0), np.append(TIMES_S, LATE_S))
         height_m = theory.damped_fall_height(fall(k, g, v0), np.append(TIMES_S, LATE_S))
         for t, change, height in zip((*TIMES_S, *LATE_S), change_m, height_m, strict=True):
             way, reference = exact(k, g, v0, t) if v0 or g else (mp.mpf(0), mp.mpf(0))
@@ -155,7 +167,7 @@ def test_damping_displacement_keeps_its_digits_in_reduced_coordinates(k: float, 
 @pytest.mark.parametrize("k", [1e-12, 1e-6, DEFAULT, 0.5, 1 - 2**-53])
 def test_damping_displacement_in_maximal_coordinates(k: float) -> None:
     for g, v0 in itertools.product((-9.81, 0.0, 3.7), (0.0, 5.0, -40.0)):
-        change_m = theory.damping_displacement(fall(k, g, (2, 0, v0), "maximal"), TIMES_S)
+        change_m = damping_m(fall(k, g, (2, 0, v0), "maximal"), TIMES_S)
         for t, change in zip(TIMES_S, change_m, strict=True):
             rate, t = -mp.log1p(-mp.mpf(k)), mp.mpf(float(t))
             q = -mp.expm1(-rate * t) / rate
@@ -183,17 +195,17 @@ def test_long_falls_reach_terminal_speed_without_overflow() -> None:
 @pytest.mark.parametrize("mode", ["reduced", "maximal"])
 def test_upward_gravity_mirrors_the_fall(v: Any, mode: Any) -> None:
     down, up = fall(0.3, -9.81, v, mode), fall(0.3, 9.81, np.multiply(v, -1.0), mode)
-    change = theory.damping_displacement(down, TIMES_S)
-    assert theory.damping_displacement(up, TIMES_S) == pytest.approx(-change, rel=1e-13)
+    change = damping_m(down, TIMES_S)
+    assert damping_m(up, TIMES_S) == pytest.approx(-change, rel=1e-13)
 
 
 @pytest.mark.parametrize("v", [5.0, (3.0, -2.0, 4.0)])
 def test_times_come_in_any_order_or_not_at_all(v: Any) -> None:
     mixed = np.array([0.9, 0.0, 0.3, 0.9, 1e-6])
     ordered, back = np.unique(mixed, return_inverse=True)
-    change = theory.damping_displacement(fall(v=v), ordered)
-    assert theory.damping_displacement(fall(v=v), mixed) == pytest.approx(change[back], rel=1e-12)
-    assert theory.damping_displacement(fall(v=v), np.array([])).shape == (0,)
+    change = damping_m(fall(v=v), ordered)
+    assert damping_m(fall(v=v), mixed) == pytest.approx(change[back], rel=1e-12)
+    assert damping_m(fall(v=v), np.array([])).shape == (0,)
     assert theory.damped_fall_velocity(fall(v=v), np.array([])).shape == (0, 3)
 
 
@@ -210,16 +222,37 @@ def test_an_oblique_throw_solves_its_equation(
     velocity_m_s = theory.damped_fall_velocity(fall(k, g, v), times_s)
     for t, change, velocity in zip(times_s, change_m, velocity_m_s, strict=True):
         delta, rate = equation_solved(k, g, v, float(t))
-        assert error(change, delta[2]) <= 1e-12 * abs(float(delta[2]))
         for axis in range(3):
+            assert error(change[axis], delta[axis]) <= 1e-12 * abs(float(delta[axis]))
             free = v[axis] + (mp.mpf(g) * float(t) if axis == 2 else 0)
             assert error(velocity[axis], free + rate[axis]) <= 1e-12
 
 
 def test_oblique_without_gravity_keeps_its_line() -> None:
-    change = theory.damping_displacement(fall(0.3, 0.0, (3.0, 0.0, 4.0)), TIMES_S)
-    along = theory.damping_displacement(fall(0.3, 0.0, 5.0), TIMES_S)
+    change = damping_m(fall(0.3, 0.0, (3.0, 0.0, 4.0)), TIMES_S)
+    along = damping_m(fall(0.3, 0.0, 5.0), TIMES_S)
     assert change == pytest.approx(0.8 * along, rel=1e-14)
+
+
+def _drags(a: float, b: float, v: Any, g: float = -9.81) -> Fall:
+    return Fall(position_m=(1.0, 2.0, 3.0), velocity_m_s=v, gravity_m_s2=g, drag=Drag(a, b))
+
+
+@pytest.mark.parametrize(("a", "b"), [(0.0, 0.3), (0.2, 0.5), (1.0, 1e-3)])
+def test_the_two_drags_need_not_be_one_coefficient(a: float, b: float) -> None:
+    # Rising straight, a body has no speed at its apex, where the Taylor terms of the speed end.
+    cases = ((2.0, 0.0, 3.0), -9.81), ((0.0, 0.0, -3.0), -9.81), ((0.0, 0.0, 7.0), -9.81)
+    for v, g in (*cases, ((1.0, 2.0, -2.0), 0.0)):
+        reference, _ = equation_solved(a, g, v, 0.4, quadratic=b)
+        (found,) = theory.damping_displacement(_drags(a, b, v, g), np.array([0.4]))
+        for axis in range(3):
+            assert error(found[axis], reference[axis]) <= 1e-12 * abs(float(reference[axis]))
+
+
+def test_quadratic_drag_alone_lets_a_body_arrive() -> None:
+    # Without gravity its way is ln(1 + b v t)/b: 2.975 m take (e^(b d) - 1)/(b v).
+    time_s = theory.impact_time_damped(_drags(0.0, 0.5, (0.0, 0.0, -4.0), 0.0), 0.025)
+    assert time_s == pytest.approx(math.expm1(0.5 * 2.975) / (0.5 * 4.0), rel=1e-13)
 
 
 def test_almost_vertical_is_vertical() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,6 +134,7 @@ def _story(analysis: Analysis) -> list[str]:
         covered = f"samples 0 to {coverage.samples - 1}" if coverage.samples else "no sample"
         lines += ["", *_titled("Covered", f"{covered} of {coverage.of:,}: {coverage.why}")]
     lines += ["", *_impact(analysis), *_bounces(analysis), *_rest(analysis), *_energy(analysis)]
+    lines += ["", *_explained(analysis), *_flights(analysis), *_contacts(analysis)]
     if analysis.findings:
         lines.append("")
     for finding in analysis.findings:
@@ -221,7 +224,7 @@ def _bounces(analysis: Analysis) -> list[str]:
     if analysis.tumbled_step is not None:
         time_s = analysis.table["time_s"][analysis.tumbled_step]
         words = f"from t = {time_s:.4g} s (step {analysis.tumbled_step}) on: "
-        words += "measured, not explained"
+        words += "measured, not predicted"
         tumbling = len(analysis.bounces) - len(explained)
         if tumbling:
             highest_mm = max(one.apex_m for one in analysis.bounces[len(explained) :]) * 1e3
@@ -296,7 +299,52 @@ def _energy(analysis: Analysis) -> list[str]:
     return _titled("Energy", f"{sum_up}: {', '.join(causes)}" if causes else sum_up)
 
 
+def _explained(analysis: Analysis) -> list[str]:
+    explained, counts = analysis.explained, asdict(analysis.segments)
+    kinds = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count)
+    if explained.why is None:
+        return _titled("Explained", f"all {explained.of:,} samples, step by step: {kinds}")
+    words = f"{explained.samples:,} of {explained.of:,} samples, step by step: {kinds}; "
+    return _titled("Explained", words + explained.why)
+
+
+def _flights(analysis: Analysis) -> list[str]:
+    """Return a table of what each flight is off free fall at its end, from its first sample on."""
+    if not analysis.flights:
+        return []
+    header = f"{'from':>9} {'to':>9}   {'x off':>12} {'y off':>12} {'z off':>12}"
+    rows = [
+        f"{one.start_s:7.4f} s {one.end_s:7.4f} s  "
+        + " ".join(f"{round(length_m * 1e3, 4) + 0.0:+9.4f} mm" for length_m in one.error_m)
+        for one in analysis.flights[:_MOST_FLIGHTS]
+    ]
+    return _listed("Flights", header, rows, len(analysis.flights), "flight")
+
+
+def _contacts(analysis: Analysis) -> list[str]:
+    """Return a table of what each contact gave to the body."""
+    phases, dt = analysis.contact_phases, analysis.scenario["timestep_s"]
+    if not phases:
+        return []
+    header = f"{'from':>9} {'to':>9}   {'impulse':>12} {'largest':>12} {'kinetic':>12}"
+    rows = [
+        f"{one.first_step * dt:7.4f} s {one.last_step * dt:7.4f} s  "
+        f"{math.hypot(*one.impulse_n_s):9.4g} Ns {one.largest_force_n:10.4g} N "
+        f"{one.kinetic_j + 0.0:+10.3g} J"
+        for one in phases[:_MOST_FLIGHTS]
+    ]
+    return _listed("Contacts", header, rows, len(phases), "contact")
+
+
+def _listed(title: str, header: str, rows: list[str], count: int, name: str) -> list[str]:
+    more = count - len(rows)
+    indent = " " * _TITLE
+    lines = [f"[bold]{title:<{_TITLE}}[/][dim]{header}[/]", *(indent + row for row in rows)]
+    return [*lines, f"{indent}and {more} more {name}{'s' * (more > 1)}"] if more else lines
+
+
 _TITLE = 12
 """Columns that a title takes."""
 _FILE = 17
 _MOST_BOUNCES = 5
+_MOST_FLIGHTS = 5

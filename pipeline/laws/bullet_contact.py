@@ -16,8 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.laws.bullet_air import velocity_law, vertical_velocity_law
-from pipeline.laws.theory import Fall
+from pipeline.laws.bullet_air import BulletBody, velocity_law, vertical_velocity_law
 
 Float64 = NDArray[np.float64]
 
@@ -32,31 +31,30 @@ FLOOR_HALF_THICKNESS_M = 5.0
 
 
 def flat_drop(
-    fall: Fall,
+    body: BulletBody,
     *,
-    timestep_s: float,
+    height_m: float,
+    velocity_m_s: float,
     steps: int,
-    mass_kg: float,
     rest_height_m: float,
     restitution: float = 0.0,
     contact_erp: float = CONTACT_ERP,
     restitution_threshold_m_s: float = RESTITUTION_THRESHOLD_M_S,
-    substeps: int = 1,
 ) -> tuple[Float64, Float64]:
     """Return heights [m] and vertical velocities [m/s] before each step and after the last.
 
-    Shape (steps + 1,) each. `rest_height_m` is that of the body's centre where it just touches the
-    floor, `restitution` that of the pair: body's times floor's (`btManifoldResult.cpp` 68-71). With
-    d the distance to the floor and v' the velocity after a step in the air, the step in contact is
-    `btMultiBodyConstraintSolver.cpp` 723-836:
+    Shape (steps + 1,) each, from a height and a vertical velocity on. `rest_height_m` is that of
+    the body's centre where it just touches the floor, `restitution` that of the pair: body's times
+    floor's (`btManifoldResult.cpp` 68-71). With d the distance to the floor and v' the velocity
+    after a step in the air, the step in contact is `btMultiBodyConstraintSolver.cpp` 723-836:
 
         gap = d + slop;  v' = max(v', rebound - gap erp/dt)  or, where gap > 0, rebound - gap/dt
 
-    The engine makes `substeps` steps of each timestep, of which the last is seen.
+    Of the steps that the engine makes of each timestep the last is seen.
     """
-    timestep_s, steps = timestep_s / substeps, steps * substeps
-    free = vertical_velocity_law(fall, float, timestep_s, mass_kg)
-    z, v = fall.height_m, fall.velocity_m_s[2]
+    timestep_s, steps = body.step_s, steps * body.substeps
+    free = vertical_velocity_law(body, float)
+    z, v = height_m, velocity_m_s
     heights, velocities = np.full(steps + 1, z, float), np.full(steps + 1, v, float)
     seen, seen_step = (z, v), 0
     for step in range(1, steps + 1):
@@ -76,7 +74,7 @@ def flat_drop(
             break
         if step & (step - 1) == 0:
             seen, seen_step = (z, v), step
-    return heights[::substeps], velocities[::substeps]
+    return heights[:: body.substeps], velocities[:: body.substeps]
 
 
 def rebound_speed(
@@ -92,14 +90,12 @@ def rebound_speed(
     return restitution * -approach_m_s if approach_m_s <= -threshold_m_s else 0.0
 
 
-def free_velocity(
-    fall: Fall, velocity_m_s: Sequence[float], *, timestep_s: float, mass_kg: float
-) -> float:
+def free_velocity(body: BulletBody, velocity_m_s: Sequence[float]) -> float:
     """Return what a step without contact makes of the vertical velocity [m/s].
 
     `velocity_m_s` is the whole velocity before it, x, y, z, whose speed the drag depends on.
     """
-    after, weight = velocity_law(fall, float, timestep_s, mass_kg)
+    after, (_, _, weight) = velocity_law(body, float)
     return after(float(velocity_m_s[2]), math.hypot(*velocity_m_s), weight)
 
 

@@ -1,13 +1,9 @@
 """Closed forms of a body in the air: the judge, which knows nothing of timesteps or engines.
 
-Where a body moves along one line, both of Bullet's dampings read, with the velocity v along it,
+    v' = g - a v - b |v| v
 
-    v' = g - a v - b v²
-
-* reduced coordinates: a = k, b = ±k, the sign that of v: the drag -k v (1 + |v|)
-  (bullet3 `btMultiBody.cpp` 754-758, 841-843);
-* maximal coordinates: a = -ln(1 - k), b = 0: what v *= (1 - k)^dt does in a second, for any dt
-  (bullet3 `btRigidBody.cpp`, `applyDamping`).
+is the equation. Where a body moves along one line, with the velocity v along it, and b given the
+sign of v, it reads v' = g - a v - b v².
 
 With x = ln(ψ)/b this Riccati equation becomes ψ'' + a ψ' = b g ψ, a linear one, with the solution
 ψ = e^(-at/2) [cosh ωt + (a/2 + b v0) sinh(ωt)/ω], where ω² = a²/4 + b g. All closed forms below are
@@ -29,7 +25,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyint, polyval
 from numpy.typing import NDArray
 
-from pipeline.scenario import Coordinates
+from pipeline.laws.base import Drag, Vector
 
 Float64 = NDArray[np.float64]
 
@@ -44,23 +40,31 @@ class Fall:
     """How a body leaves our hand, and the air it falls through.
 
     `gravity_m_s2` is the signed z component: negative pulls down; 0 and upward are allowed.
-    `linear_damping` is the engine's own coefficient, never None: `bullet_air.effective_damping`.
     """
 
-    height_m: float
-    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position_m: Vector
+    velocity_m_s: Vector = (0.0, 0.0, 0.0)
     gravity_m_s2: float
-    linear_damping: float
-    coordinates: Coordinates = "reduced"
+    drag: Drag
+
+    @property
+    def height_m(self) -> float:
+        """Where it starts, along z [m]."""
+        return self.position_m[2]
 
 
 # -- without drag ---------------------------------------------------------------------------------
 
 
+def free_fall_position(fall: Fall, time_s: Float64) -> Float64:
+    """Return x0 + v0 t + g t²/2 [m], shape (n, 3). Source: any textbook."""
+    g = np.multiply.outer(time_s, (0.0, 0.0, fall.gravity_m_s2))
+    return np.array(fall.position_m) + (np.array(fall.velocity_m_s) + g / 2) * time_s[:, None]
+
+
 def free_fall_height(fall: Fall, time_s: Float64) -> Float64:
-    """Return z0 + v0 t + g t²/2 [m], of the shape of `time_s`. Source: any textbook."""
-    v0, g = fall.velocity_m_s[2], fall.gravity_m_s2
-    return fall.height_m + (v0 + g * time_s / 2) * time_s
+    """Return the height of it [m], of the shape of `time_s`."""
+    return free_fall_position(fall, time_s)[:, 2]
 
 
 def free_fall_velocity(fall: Fall, time_s: Float64) -> Float64:
@@ -70,12 +74,12 @@ def free_fall_velocity(fall: Fall, time_s: Float64) -> Float64:
 
 
 def timestep_displacement(fall: Fall, time_s: Float64, timestep_s: float) -> Float64:
-    """Return g t dt/2 [m], by which semi-implicit Euler leaves free fall; the shape of `time_s`.
+    """Return g t dt/2 [m], by which semi-implicit Euler leaves free fall, shape (n, 3).
 
     Not a leading term but all of it: after step i the velocity is v0 + i g dt, and n of these
     make v0 t + g dt² n (n + 1)/2 = v0 t + g t²/2 + g t dt/2.
     """
-    return fall.gravity_m_s2 * timestep_s / 2 * time_s
+    return np.multiply.outer(time_s, (0.0, 0.0, fall.gravity_m_s2 * timestep_s / 2))
 
 
 def impact_time_free(fall: Fall, floor_height_m: float) -> float | None:
@@ -107,12 +111,12 @@ def stopped_by_floor(heights_m: Float64, floor_height_m: float | None) -> Float6
 
 
 def damping_displacement(fall: Fall, time_s: Float64) -> Float64:
-    """Return z_damped - z_free [m], how far the drag moves the body; the shape of `time_s`.
+    """Return x_damped - x_free [m], how far the drag moves the body, shape (n, 3).
 
     Computed as the small number it is. Times are not negative, in any order [s]. An oblique throw
-    in reduced coordinates is integrated, to 1e-12 m over the first metres.
+    through quadratic drag is integrated, to 1e-12 m over the first metres.
     """
-    return _motion(fall, time_s).change[:, 2]
+    return _motion(fall, time_s).change
 
 
 def damped_fall_height(fall: Fall, time_s: Float64) -> Float64:
@@ -128,10 +132,10 @@ def damped_fall_velocity(fall: Fall, time_s: Float64) -> Float64:
 def impact_time_damped(fall: Fall, floor_height_m: float) -> float | None:
     """Return when the damped fall brings the body down to `floor_height_m` [s]; None if never."""
     free_s = impact_time_free(fall, floor_height_m)
-    if not free_s or fall.linear_damping == 0:
+    if not free_s or not any(fall.drag):
         return free_s  # drag takes no body further than free fall
-    v0, g, k = fall.velocity_m_s[2], fall.gravity_m_s2, fall.linear_damping
-    if fall.coordinates == "maximal" and k == 1:
+    v0, g, (a, b) = fall.velocity_m_s[2], fall.gravity_m_s2, fall.drag
+    if math.isinf(a):
         return None  # the air is solid
 
     def state(time: float) -> tuple[float, float]:
@@ -145,8 +149,18 @@ def impact_time_damped(fall: Fall, floor_height_m: float) -> float | None:
     if g > 0:  # it turns back up, sooner than in free fall
         latest = _time_of_zero(lambda time: (-state(time)[1], math.nan), -v0 / g)
     if g == 0:  # it only slows down; e^-60 of its speed takes it nowhere
-        latest = 60 / k
+        latest = 60 / a if a else _time_of_quadratic_drag(b, fall, floor_height_m)
     return _time_of_zero(state, latest) if state(latest)[0] <= 0 else None
+
+
+def _time_of_quadratic_drag(b: float, fall: Fall, floor_height_m: float) -> float:
+    """Return when a body that nothing pulls arrives [s]: ln(1 + b v t)/b is its way, without end.
+
+    The way is along its velocity, of which the vertical part is the share that comes down.
+    """
+    speed = math.hypot(*fall.velocity_m_s)
+    way_m = (fall.height_m - floor_height_m) * speed / -fall.velocity_m_s[2]
+    return 1.01 * math.expm1(min(b * way_m, 700.0)) / (b * speed)
 
 
 def _time_of_zero(function: Callable[[float], tuple[float, float]], latest: float) -> float:
@@ -179,19 +193,18 @@ class _Motion(NamedTuple):
 
 def _motion(fall: Fall, time: Float64) -> _Motion:
     time = np.asarray(time, dtype=np.float64)
-    (vx, vy, vz), g, k = fall.velocity_m_s, fall.gravity_m_s2, fall.linear_damping
-    if k < 1e-100:  # it moves no double, and its rate squared is none
+    (vx, vy, vz), g, (a, b) = fall.velocity_m_s, fall.gravity_m_s2, fall.drag
+    if max(a, b) < 1e-100:  # it moves no double, and its rate squared is none
         v0, velocity = np.array(fall.velocity_m_s), free_fall_velocity(fall, time)
         return _Motion((v0 + velocity) / 2 * time[:, None], np.zeros_like(velocity), velocity)
-    if fall.coordinates == "maximal":  # each axis for itself
-        a = -math.log1p(-k) if k < 1 else math.inf  # v *= 0 stops it at once
+    if b == 0:  # each axis for itself
         axes = [_leg(_Leg(a, 0.0, *axis), time) for axis in ((vx, 0.0), (vy, 0.0), (vz, g))]
         return _Motion(*(np.stack(each, axis=1) for each in zip(*axes, strict=True)))
     if vx == vy == 0:
-        line, direction = _there_and_back(k, vz, g, time), np.array((0.0, 0.0, 1.0))
+        line, direction = _there_and_back(fall.drag, vz, g, time), np.array((0.0, 0.0, 1.0))
     elif g == 0:
         speed = math.hypot(vx, vy, vz)
-        line, direction = _leg(_Leg(k, k, speed, 0.0), time), np.array((vx, vy, vz)) / speed
+        line, direction = _leg(_Leg(a, b, speed, 0.0), time), np.array((vx, vy, vz)) / speed
     else:
         return _oblique(fall, time)
     return _Motion(*(np.multiply.outer(each, direction) for each in line))
@@ -210,17 +223,18 @@ class _Leg(NamedTuple):
         return self.a * self.a / 4 + self.b * self.g
 
 
-def _there_and_back(k: float, v0: float, g: float, time: Float64) -> _Motion:
+def _there_and_back(drag: Drag, v0: float, g: float, time: Float64) -> _Motion:
     """Return a vertical motion: to its apex if it has one, and back.
 
     At the apex free fall still moves: from there on that velocity, the slip, adds to the change.
     """
     sign = math.copysign(1.0, v0 or g)
-    there = _Leg(k, sign * k, v0, g)
+    a, b = drag
+    there = _Leg(a, sign * b, v0, g)
     if v0 * g >= 0:
         return _leg(there, time)
     apex_s = _turning_time(there)
-    back = _Leg(k, -sign * k, 0.0, g)
+    back = _Leg(a, -sign * b, 0.0, g)
     after = np.maximum(time - apex_s, 0.0)
     up, down = _leg(there, np.minimum(time, apex_s)), _leg(back, after)
     slip = _velocity_change(there, apex_s)
@@ -231,7 +245,7 @@ def _there_and_back(k: float, v0: float, g: float, time: Float64) -> _Motion:
 
 def _leg(leg: _Leg, time: Float64) -> _Motion:
     free = (leg.v0 + leg.g * time / 2) * time
-    if math.isinf(leg.a):
+    if math.isinf(leg.a):  # it stops at once
         return _Motion(0 * time, -free, np.where(time > 0, 0.0, leg.v0))
     near = _rate(leg) * time <= SERIES_REACH
     series = polyint(_velocity_series(leg)) / _rate(leg)
@@ -242,7 +256,7 @@ def _leg(leg: _Leg, time: Float64) -> _Motion:
 
 def _rate(leg: _Leg) -> float:
     """Return how fast the drag has its say [1/s]: no zero of ψ e^(at/2) lies within ln 2 of it."""
-    return math.sqrt(abs(leg.omega_squared)) + leg.a / 2 + leg.b * leg.v0
+    return math.sqrt(abs(leg.omega_squared)) + leg.a / 2 + leg.b * leg.v0 or 1.0
 
 
 @functools.lru_cache(maxsize=64)
@@ -275,7 +289,7 @@ def _travel(leg: _Leg, time: Float64) -> Float64:
         swing = beta / nu * np.sin(nu * time) - 2 * np.sin(nu * time / 2) ** 2
         return np.asarray((np.log1p(swing) - leg.a / 2 * time) / leg.b)
     omega = math.sqrt(leg.omega_squared)
-    terminal = leg.g / (omega + leg.a / 2)
+    terminal = leg.g / (omega + leg.a / 2) if leg.g else 0.0
     decayed = -np.expm1(-2 * omega * time) / (2 * omega) if omega else time
     transient = (leg.v0 - terminal) * decayed
     return terminal * time + (np.log1p(leg.b * transient) / leg.b if leg.b else transient)
@@ -318,16 +332,18 @@ STRAIGHT = 1e-9
 
 
 def _oblique(fall: Fall, time: Float64) -> _Motion:
-    """Integrate an oblique throw: δ'' = -k v (1 + |v|) with v = v_free + δ', δ the change.
+    """Integrate an oblique throw: δ'' = -v (a + b |v|) with v = v_free + δ', δ the change.
 
-    No closed form is known: |v| couples the directions. δ/k is integrated, which does not shrink
-    with k, so that the relative accuracy survives small damping. DOP853 is Hairer's, in scipy.
-    Once the drag has taken the sideways speed the motion is vertical, and the closed form goes on
-    from there; sideways the body has then arrived, but for `STRAIGHT`/k.
+    No closed form is known: |v| couples the directions. δ/k is integrated, with k the larger of a
+    and b: it does not shrink with them, so that the relative accuracy survives small damping.
+    DOP853 is Hairer's, in scipy. Once the drag has taken the sideways speed the motion is vertical,
+    and the closed form goes on from there; sideways the body has then arrived, but for
+    `STRAIGHT`/k.
     """
     from scipy.integrate import solve_ivp  # slow to import, and needed here only
 
-    (vx, vy, vz), g, k = fall.velocity_m_s, fall.gravity_m_s2, fall.linear_damping
+    (vx, vy, vz), g, k = fall.velocity_m_s, fall.gravity_m_s2, max(fall.drag)
+    linear, quadratic = fall.drag.linear_per_s / k, fall.drag.quadratic_per_m / k
 
     def velocity(t: float, y: Float64) -> tuple[float, float, float]:
         _, _, _, wx, wy, wz = y.tolist()
@@ -335,7 +351,7 @@ def _oblique(fall: Fall, time: Float64) -> _Motion:
 
     def derivative(t: float, y: Float64) -> tuple[float, ...]:
         ux, uy, uz = velocity(t, y)
-        drag = -1 - math.sqrt(ux * ux + uy * uy + uz * uz)
+        drag = -linear - quadratic * math.sqrt(ux * ux + uy * uy + uz * uz)
         return *y[3:].tolist(), drag * ux, drag * uy, drag * uz
 
     def sideways(t: float, y: Float64) -> float:
@@ -357,7 +373,9 @@ def _oblique(fall: Fall, time: Float64) -> _Motion:
         begins, state = float(solution.t_events[0][0]), solution.y_events[0][0]
         at = np.array((vx, vy, vz)) * begins + k * state[:3]
         at[2] += g * begins**2 / 2
-        line = _there_and_back(k, velocity(begins, state)[2], g, moments[len(change) :] - begins)
+        line = _there_and_back(
+            fall.drag, velocity(begins, state)[2], g, moments[len(change) :] - begins
+        )
         later = np.zeros((len(moments) - len(change), 6))
         later[:, :3] = at - free_m[len(change) :]
         later[:, 3:] = -free_m_s[len(change) :]

@@ -17,7 +17,7 @@ from pipeline.engines.bullet.engine import engine_versions
 from pipeline.engines.bullet.visible_world import world_from_camera
 from pipeline.engines.bullet.world import World
 from pipeline.laws import theory
-from pipeline.laws.bullet_air import fall_of
+from pipeline.laws.lookup import fall_of
 from pipeline.recording import drop
 from pipeline.recording.drop import Photography, Progress
 from pipeline.recording.writer import Chunk

@@ -10,7 +10,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.drop.case import Case, case_of
-from pipeline.analysis.drop.decomposition import Decomposition, decompose
 from pipeline.analysis.drop.energy import ledger
 from pipeline.analysis.drop.findings import Evidence, findings
 from pipeline.analysis.drop.landing import (
@@ -22,15 +21,27 @@ from pipeline.analysis.drop.landing import (
     law_path,
 )
 from pipeline.analysis.drop.mismatch import (
+    clamped_step,
+    contact_phases,
     coverage_of,
+    explained_of,
     find_mismatch,
-    law_of_flight,
     unseen_contact,
 )
 from pipeline.analysis.drop.one_sample import DEFAULT_AT_S
 from pipeline.analysis.drop.phases import Phases, phases_of, touching
 from pipeline.analysis.drop.posture import tumbled_step, tumbles
-from pipeline.analysis.drop.results import Airborne, Analysis, Conservation, Coverage, Moment, Terms
+from pipeline.analysis.drop.results import (
+    Airborne,
+    Analysis,
+    Conservation,
+    Coverage,
+    Moment,
+    SegmentCounts,
+    Terms,
+)
+from pipeline.analysis.general.decomposition import TERMS, Decomposition
+from pipeline.analysis.general.flights import decomposed
 from pipeline.analysis.general.mechanics import Mechanics, max_relative_drift, mechanics
 from pipeline.errors import ScenarioError
 from pipeline.report import EngineReport
@@ -69,18 +80,14 @@ def analysis_of(
     """
     case = case_of(scenario, engine, states, contacts)
     found = phases_of(case)
-    flight = law_of_flight(case, found)
-    mismatch = find_mismatch(case, flight)
+    mismatch = find_mismatch(case, found)
     unseen = unseen_contact(case, mismatch)
     if unseen is not None:
         found, mismatch = replace(found, contact_step=unseen), None
-    coverage = coverage_of(case, found, flight, mismatch)
-    parts = decompose(
-        case.fall,
-        case.samples.height_m[: coverage.samples],
-        timestep_s=case.timestep_s,
-        substeps=case.substeps,
-    )
+    clamped = clamped_step(case, found)
+    coverage = coverage_of(case, found, mismatch, clamped)
+    flights, parts = decomposed(case.samples, case.law, case.segments, at_least=coverage.samples)
+    parts = parts.first(coverage.samples)
     energies = mechanics(case.engine, case.samples)
     table = _table(case, found, parts, energies)
     at = [_moment(table, step) for step in _steps_at(at_s, scenario, coverage)]
@@ -95,7 +102,7 @@ def analysis_of(
         case=case,
         phases=found,
         mismatch=mismatch,
-        clamped_step=flight.clamped if flight else None,
+        clamped_step=clamped,
         moment=at[0] if at else None,
         landing=landing,
         impact=impact,
@@ -119,6 +126,10 @@ def analysis_of(
         rest=rest,
         conservation=_conservation(case, energies, found.airborne),
         energy=ledger(case, energies, airborne=found.airborne),
+        segments=SegmentCounts(**case.segments.counts()),
+        flights=flights,
+        explained=explained_of(case, mismatch),
+        contact_phases=contact_phases(case),
         findings=findings(evidence),
         table=table,
     )
@@ -142,10 +153,7 @@ def _table(case: Case, found: Phases, parts: Decomposition, energies: Mechanics)
             "free_fall_m": case.free_fall_m,
             "damped_fall_m": case.damped_fall_m,
             "error_m": height_m - case.free_fall_m,
-            "timestep_m": explained(parts.timestep_m),
-            "damping_m": explained(parts.damping_m),
-            "interaction_m": explained(parts.interaction_m),
-            "rounding_m": explained(parts.rounding_m),
+            **{f"{name}_m": explained(getattr(parts, f"{name}_m")[:, 2]) for name in TERMS},
             "kinetic_linear_j": energies.kinetic_linear_j,
             "kinetic_angular_j": energies.kinetic_angular_j,
             "potential_j": energies.potential_j,
@@ -173,7 +181,6 @@ def _steps_at(at_s: Sequence[float], scenario: Scenario, coverage: Coverage) -> 
 
 def _moment(table: pl.DataFrame, step: int) -> Moment:
     row = table.row(step, named=True)
-    names = ("timestep", "damping", "interaction", "rounding")
     explained = row["timestep_m"] is not None
     return Moment(
         time_s=row["time_s"],
@@ -182,18 +189,19 @@ def _moment(table: pl.DataFrame, step: int) -> Moment:
         simulated_m=row["simulated_m"],
         free_fall_m=row["free_fall_m"],
         error_m=row["error_m"],
-        terms_m=Terms(**{name: row[f"{name}_m"] for name in names}) if explained else None,
+        terms_m=Terms(**{name: row[f"{name}_m"] for name in TERMS}) if explained else None,
     )
 
 
 def _airborne(parts: Decomposition) -> Airborne:
-    if not len(parts.total_m):
+    error_m = parts.total_m[:, 2]
+    if not len(error_m):
         return Airborne(0, None, None, None)
     return Airborne(
-        samples=len(parts.total_m),
-        max_abs_error_m=float(np.abs(parts.total_m).max()),
-        rms_error_m=float(np.sqrt(np.mean(parts.total_m**2))),
-        max_abs_rounding_m=float(np.abs(parts.rounding_m).max()),
+        samples=len(error_m),
+        max_abs_error_m=float(np.abs(error_m).max()),
+        rms_error_m=float(np.sqrt(np.mean(error_m**2))),
+        max_abs_rounding_m=float(np.abs(parts.rounding_m[:, 2]).max()),
     )
 
 

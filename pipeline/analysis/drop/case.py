@@ -9,12 +9,22 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from pipeline.analysis.general.contacts import Contacts, Touches, contacts_of
 from pipeline.analysis.general.samples import Samples, samples_of
+from pipeline.analysis.general.segments import (
+    Segments,
+    jointed_segments,
+    segments_of,
+    still_segments,
+)
 from pipeline.laws import theory
-from pipeline.laws.bullet_air import fall_of
+from pipeline.laws.base import EXACT_MACHINES, Motion
+from pipeline.laws.bullet import BulletLaw
+from pipeline.laws.lookup import fall_of, law_for
 from pipeline.laws.theory import Fall
 from pipeline.report import EngineReport
 from pipeline.scenario import Scenario
+from pipeline.states import BODY
 
 Float64 = NDArray[np.float64]
 
@@ -31,11 +41,40 @@ class Case:
     scenario: Scenario
     engine: EngineReport
     samples: Samples
+    contacts: Contacts
 
     @cached_property
     def fall(self) -> Fall:
         """The release and the air, as the engine has them."""
         return fall_of(self.scenario)
+
+    @cached_property
+    def law(self) -> BulletLaw:
+        """The law of the body as long as nothing touches it; of one rigid body."""
+        return law_for(self.scenario, self.engine)
+
+    @cached_property
+    def segments(self) -> Segments:
+        """What each sample is; the first is `set` if it is the release."""
+        if not self.scenario.stepped:
+            return still_segments(self.samples)
+        if not self.is_rigid:
+            return jointed_segments(len(self.samples))
+        exact = self.engine.machine in EXACT_MACHINES
+        segments = segments_of(self.samples, self.law, self.touches, exact=exact)
+        return segments.placed_at(self.samples, self._release)
+
+    @property
+    def _release(self) -> Motion:
+        scenario = self.scenario
+        vectors = (self.fall.position_m, scenario.orientation_xyzw)
+        velocities = (scenario.velocity_m_s, scenario.spin_rad_s)
+        return Motion(*(np.array([each]) for each in (*vectors, *velocities)))
+
+    @cached_property
+    def touches(self) -> Touches:
+        """What touches the body; of one with joints, its base."""
+        return self.contacts.of(BODY)
 
     @property
     def timestep_s(self) -> float:
@@ -116,4 +155,4 @@ def case_of(
     scenario: Scenario, engine: EngineReport, states: pl.DataFrame, contacts: pl.DataFrame
 ) -> Case:
     """Return the case that a recording holds."""
-    return Case(scenario, engine, samples_of(states, contacts))
+    return Case(scenario, engine, samples_of(states, contacts), contacts_of(contacts))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pipeline.analysis.drop.fitted_law import POSITION, likeness
 from pipeline.analysis.general.samples import base_of
-from pipeline.laws.bullet_air import EXACT_MACHINES, FUSED
+from pipeline.laws.base import EXACT_MACHINES, FUSED
 from pipeline.report import EngineReport
 from pipeline.scenario import Scenario
 

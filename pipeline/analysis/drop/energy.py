@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from pipeline.analysis.drop.case import Case
 from pipeline.analysis.general.mechanics import Mechanics
-from pipeline.laws.bullet_air import effective_damping, held, velocities_after_step
 
 Float64 = NDArray[np.float64]
 
@@ -93,15 +92,15 @@ def ledger(case: Case, energies: Mechanics, *, airborne: int) -> EnergyLedger:
 
 def _work(case: Case) -> tuple[Float64, Float64, Float64]:
     """Return the work of damping and clamp, and what the integrator loses, in each step [J]."""
-    fall, mass_kg, dt = case.fall, case.engine.mass_kg, case.substep_s
+    law, mass_kg, dt = case.law, case.engine.mass_kg, case.substep_s
     before = case.samples.velocity_m_s[:-1]
     damping_j, clamp_j, integrator_j = np.zeros((3, len(before)))
     if not case.scenario.stepped:  # nothing works, and nothing is lost
         return damping_j, clamp_j, integrator_j
-    gravity = np.array([0.0, 0.0, fall.gravity_m_s2])
+    gravity = np.array(law.gravity_m_s2)
     for _ in range(case.substeps):
-        free = velocities_after_step(fall, before, timestep_s=dt)
-        after = held(fall, free)
+        free = law.free_velocities(before)
+        after = law.held(free)
         drag = free - before - dt * gravity
         damping_j += mass_kg / 2 * np.sum(drag * (before + after), axis=1)
         clamp_j += mass_kg / 2 * np.sum((after - free) * (before + after), axis=1)
@@ -113,17 +112,10 @@ def _work(case: Case) -> tuple[Float64, Float64, Float64]:
 def _spin_damping(case: Case, spin_j: Float64) -> float:
     """Return the work of the angular damping in steps that begin with these energies of spin [J].
 
-    A step leaves 1 - dt k (1 + |ω|) of the spin (`btMultiBody.cpp` 754), or (1 - k)^dt of it
-    (`btRigidBody::applyDamping`). What is a millionth of all energy is left to contact.
+    What is a millionth of all energy is left to contact.
     """
-    scenario = case.scenario
-    if case.substeps > 1 or not scenario.stepped or not len(spin_j):
+    if case.substeps > 1 or not case.scenario.stepped or not len(spin_j):
         return 0.0
-    k = effective_damping(scenario.angular_damping, scenario.coordinates)
-    if scenario.coordinates == "maximal":
-        kept: Float64 | float = (1 - k) ** case.timestep_s
-    else:
-        rate_rad_s = np.linalg.norm(case.samples.spin_rad_s[-1 - len(spin_j) : -1], axis=1)
-        kept = 1 - case.timestep_s * k * (1 + rate_rad_s)
+    kept = case.law.spin_kept(case.samples.spin_rad_s[-1 - len(spin_j) : -1])
     work_j = float(np.sum(spin_j * (np.square(kept) - 1)))
     return work_j if abs(work_j) > 1e-6 * float(np.abs(spin_j).max() + case.engine.mass_kg) else 0.0

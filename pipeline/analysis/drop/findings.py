@@ -273,7 +273,7 @@ def _tumbled(e: Evidence) -> Iterator[Finding]:
         f"from {e.case.time_s[e.tumbled_step]:.4g} s (step {e.tumbled_step}) on it "
         f"{'tumbles' if tumbles(e.case, e.tumbled_step) else 'is not flat'}: it touches the floor "
         f"tilted by {tilt_deg:.2g}°{since}, so bounces, contact and rest are measured from there "
-        f"on, not explained; {advice}",
+        f"on, not predicted; {advice}",
     )
 
 
@@ -357,7 +357,7 @@ def _still_airborne(e: Evidence) -> Iterator[Finding]:
     if e.landing is not None:
         times = [f"free fall lands at {e.landing.time_free_fall_s:.4g} s"]
         damped_s = e.landing.time_damped_s
-        if damped_s is not None and case.fall.linear_damping and e.clamped_step is None:
+        if damped_s is not None and any(case.fall.drag) and e.clamped_step is None:
             times.append(f"damped fall at {e.landing.time_damped_s:.4g} s")
         lands = f" ({', '.join(times)})"
     yield Finding(

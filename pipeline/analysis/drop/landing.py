@@ -46,7 +46,7 @@ def find_landing(case: Case) -> Landing | None:
     if not case.starts_above or free_s is None:
         return None
     # An oblique throw is integrated, which is no use over days: up, in next to no gravity.
-    oblique = fall.coordinates == "reduced" and any(fall.velocity_m_s[:2])
+    oblique = fall.drag.quadratic_per_m > 0 and any(fall.velocity_m_s[:2])
     endless = oblique and free_s > LONGEST_THROW_S
     damped_s = None if endless else theory.impact_time_damped(fall, floor_m)
     # Drag takes no body further sideways than free fall.
@@ -119,24 +119,31 @@ def law_path(case: Case, *, contact_erp: float | None = None) -> Path | None:
     """
     if not covers(case):
         return None
-    path = _law(case, case.fall, len(case.samples.height_m) - 1, contact_erp=contact_erp)
+    fall, steps = case.fall, len(case.samples.height_m) - 1
+    path = _law(case, fall.height_m, fall.velocity_m_s[2], steps, contact_erp=contact_erp)
     return path if float(path.height_m.min()) > _deepest_m(case) else None
 
 
-def _law(case: Case, fall: theory.Fall, steps: int, *, contact_erp: float | None = None) -> Path:
+def _law(
+    case: Case,
+    height_m: float,
+    velocity_m_s: float,
+    steps: int,
+    *,
+    contact_erp: float | None = None,
+) -> Path:
     assert case.floor_height_m is not None
     assert case.engine.pair_restitution is not None
     return Path(
         *bullet_contact.flat_drop(
-            fall,
-            timestep_s=case.timestep_s,
+            case.law,
+            height_m=height_m,
+            velocity_m_s=velocity_m_s,
             steps=steps,
-            mass_kg=case.engine.mass_kg,
             rest_height_m=case.floor_height_m,
             restitution=case.engine.pair_restitution,
             contact_erp=_contact_erp(case) if contact_erp is None else contact_erp,
             restitution_threshold_m_s=restitution_threshold_m_s(case),
-            substeps=case.substeps,
         )
     )
 
@@ -211,12 +218,7 @@ def _approach_m_s(case: Case, step: int) -> float:
 
     Restitution acts on what the step would have made of the velocity without a contact.
     """
-    return -bullet_contact.free_velocity(
-        case.fall,
-        case.samples.velocity_m_s[step],
-        timestep_s=case.timestep_s,
-        mass_kg=case.engine.mass_kg,
-    )
+    return -bullet_contact.free_velocity(case.law, case.samples.velocity_m_s[step])
 
 
 def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
@@ -295,14 +297,8 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
         return None
     if episode.pushed > episode.first:
         return None
-    release = theory.Fall(
-        height_m=float(samples.height_m[before]),
-        velocity_m_s=(0.0, 0.0, float(samples.velocity_m_s[before, 2])),
-        gravity_m_s2=case.fall.gravity_m_s2,
-        linear_damping=case.fall.linear_damping,
-        coordinates=case.fall.coordinates,
-    )
-    law = _law(case, release, episode.pushed - before)
+    height_m, velocity_m_s = samples.height_m[before], samples.velocity_m_s[before, 2]
+    law = _law(case, float(height_m), float(velocity_m_s), episode.pushed - before)
     rebound_m_s = float(law.velocity_m_s[-1])
     recorded_m_s = float(samples.velocity_m_s[episode.pushed, 2])
     if abs(recorded_m_s - rebound_m_s) > REPRODUCED * episode.approach_m_s:

@@ -8,51 +8,36 @@ import numpy as np
 
 from pipeline.analysis.drop.case import Case
 from pipeline.analysis.drop.phases import Phases
-from pipeline.analysis.drop.results import Coverage
-from pipeline.laws import bullet_air
-from pipeline.laws.flight import Flight, is_turned, law_path
+from pipeline.analysis.drop.results import ContactPhase, Coverage, Explained
+from pipeline.analysis.general.segments import CONTACT
 
 
 @dataclass(frozen=True)
 class Mismatch:
-    """The first sample in the air that does not follow Bullet's law."""
+    """The first sample that does not follow Bullet's law although that covers it."""
 
     step: int
     deviation: float
     """By how much, in the worst of its numbers [m, m/s or rad/s]."""
 
 
-def law_of_flight(case: Case, found: Phases) -> Flight | None:
-    """Return the path of Bullet's law until the first contact; None where it covers nothing.
+def find_mismatch(case: Case, found: Phases) -> Mismatch | None:
+    """Return the first sample that does not follow Bullet's law, and by how much, or None.
 
     The release is in the air, whatever is recorded of contact.
     """
-    if not case.scenario.stepped or not case.is_rigid:
+    step = case.segments.first_unexplained
+    if step is None or (case.scenario.stepped and not case.is_rigid):
         return None
-    return law_path(case.scenario, case.engine, max(1, found.airborne) - 1)
+    if step >= max(1, found.airborne) and _uncovered(case, step) is not None:
+        return None
+    return Mismatch(step, float(case.segments.deviation[step]))
 
 
-def find_mismatch(case: Case, flight: Flight | None) -> Mismatch | None:
-    """Return the first sample in the air that does not follow Bullet's law, and by how much."""
-    samples = case.samples
-    if not case.scenario.stepped:
-        state = np.hstack((samples.position_m, samples.orientation, samples.velocity_m_s))
-        deviation = np.abs(state - state[0]).max(axis=1)
-        return _first(deviation, deviation > 0)
-    if flight is None:
-        return None
-    steps = len(flight.position_m)
-    recorded = (samples.position_m, samples.velocity_m_s, samples.spin_rad_s, samples.orientation)
-    # A quaternion and its negative are the same orientation.
-    agree = np.sum(flight.orientation_xyzw * samples.orientation[:steps], axis=1, keepdims=True)
-    turned = np.where(agree < 0, -flight.orientation_xyzw, flight.orientation_xyzw)
-    law = np.hstack((flight.position_m, flight.velocity_m_s, flight.spin_rad_s, turned))
-    deviation = np.abs(np.hstack([part[:steps] for part in recorded]) - law).max(axis=1)
-    # Spin goes through sin and cos, which differ between C libraries, and tumbling amplifies that.
-    exact = case.engine.machine in bullet_air.EXACT_MACHINES
-    tolerance = 1e-9 if is_turned(case.scenario) else 0.0 if exact else bullet_air.FUSED
-    allowed = tolerance * np.maximum(1.0, np.abs(law).max(axis=1))
-    return _first(deviation, ~(deviation <= allowed))
+def clamped_step(case: Case, found: Phases) -> int | None:
+    """Return the first sample in the air that the limit of ±100 m/s or rad/s acted on, or None."""
+    held = np.flatnonzero(case.segments.held[1 : max(1, found.airborne)])
+    return int(held[0]) + 1 if len(held) else None
 
 
 def unseen_contact(case: Case, mismatch: Mismatch | None) -> int | None:
@@ -69,9 +54,52 @@ def unseen_contact(case: Case, mismatch: Mismatch | None) -> int | None:
     return mismatch.step if within else None
 
 
-def _first(deviation: np.ndarray, off: np.ndarray) -> Mismatch | None:
-    steps = np.flatnonzero(off)
-    return Mismatch(int(steps[0]), float(deviation[steps[0]])) if len(steps) else None
+def _uncovered(case: Case, step: int) -> str | None:
+    """Return why neither law nor contact forces cover a sample after a contact; None if they do."""
+    if not case.is_rigid:
+        why = "the laws here are those of one rigid body"
+        return f"the body has {joints_of(case.engine.joints)}, and {why}"
+    if not case.scenario.stepped:
+        return None
+    if case.substeps > 1:
+        return "it may have touched: of several substeps PyBullet reports the last one's contact"
+    balance = case.segments.balance
+    touched = balance is not None and bool(balance.touched[step])
+    if touched and (case.engine.rolling_friction or case.engine.spinning_friction):
+        return "rolling or spinning friction acts, which PyBullet does not report"
+    if touched and step == 1 and case.scenario.coordinates == "maximal":
+        return "a btRigidBody is pushed in its first step with the inertia of how it was loaded"
+    return None
+
+
+def explained_of(case: Case, mismatch: Mismatch | None) -> Explained:
+    """Say how much of a recording is explained step by step, and what ends it."""
+    segments, of = case.segments, len(case.samples)
+    samples, step = int(segments.explained.sum()), segments.first_unexplained
+    if step is None:
+        return Explained(samples, of, (of - 1) * case.timestep_s, None)
+    why = None if mismatch is not None else _uncovered(case, step)
+    return Explained(
+        samples,
+        of,
+        (step - 1) * case.timestep_s if step else None,
+        f"at sample {step} {why or 'the state does not follow what the engine makes of samples'}",
+    )
+
+
+def contact_phases(case: Case) -> list[ContactPhase]:
+    """Return what each unbroken contact gave to the body, in order."""
+    balance = case.segments.balance
+    if balance is None:
+        return []
+    found = []
+    for first, last in case.segments.runs(CONTACT):
+        impulses = balance.impulse_n_s[first : last + 1]
+        x, y, z = impulses.sum(axis=0).tolist()
+        largest_n = float(np.linalg.norm(impulses, axis=1).max()) / case.timestep_s
+        kinetic_j = float(balance.energy_j[first : last + 1].sum())
+        found.append(ContactPhase(first, last, (x, y, z), largest_n, kinetic_j))
+    return found
 
 
 def joints_of(count: int) -> str:
@@ -80,7 +108,7 @@ def joints_of(count: int) -> str:
 
 
 def coverage_of(
-    case: Case, found: Phases, flight: Flight | None, mismatch: Mismatch | None
+    case: Case, found: Phases, mismatch: Mismatch | None, clamped: int | None
 ) -> Coverage:
     """Say which samples are taken apart: those in free flight, by the law and in theory."""
     of = found.samples
@@ -92,8 +120,8 @@ def coverage_of(
     ends: list[tuple[int, str]] = [(of, "the whole recording is in free flight")]
     if mismatch is not None:
         ends.append((mismatch.step, "the state does not follow Bullet's law"))
-    if flight is not None and flight.clamped is not None:
-        ends.append((flight.clamped, "a velocity is held at Bullet's limit of 100"))
+    if clamped is not None:
+        ends.append((clamped, "a velocity is held at Bullet's limit of 100"))
     ends.append((case.lands_at, "free fall has reached the floor, and there is no theory"))
     ends.append((found.airborne, "the body is, or has been, in contact"))
     samples, why = min(ends, key=lambda end: end[0])

@@ -8,15 +8,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.analysis.drop.decomposition import decompose
 from pipeline.analysis.drop.results import Moment, Terms
-from pipeline.laws import bullet_air
-from pipeline.laws.flight import is_turned
+from pipeline.analysis.general.decomposition import TERMS, decompose
+from pipeline.laws.base import Motion
+from pipeline.laws.lookup import fall_of, law_for
 from pipeline.report import EngineReport
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
 
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 DEFAULT_AT_S = 0.3
 """The experiment's moment: time to take apart where none is asked for."""
 
@@ -46,34 +47,34 @@ def moment_in_the_air(
         Whether there was a contact in them.
     """
     sideways = any((*scenario.velocity_m_s[:2], *scenario.spin_rad_s))
-    if sideways or is_turned(scenario) or (scenario.substeps or 1) > 1:
+    if sideways or scenario.orientation_xyzw != UPRIGHT or (scenario.substeps or 1) > 1:
         return None
     if not scenario.stepped or engine.joints or touched:
         return None
-    if np.abs(velocity_m_s).max() >= bullet_air.MAX_COORDINATE_VELOCITY_M_S:
+    fall, law, step = fall_of(scenario), law_for(scenario, engine), len(position_m) - 1
+    unspun = np.zeros_like(position_m)
+    motion = Motion(position_m, np.tile(UPRIGHT, (step + 1, 1)), velocity_m_s, unspun)
+    before = motion.at(slice(step))
+    after, released = law.step(before), np.array([fall.position_m, fall.velocity_m_s])
+    if not np.array_equal((position_m[0], velocity_m_s[0]), released):
         return None
-    fall, timestep_s = bullet_air.fall_of(scenario), scenario.timestep_s
-    step = len(position_m) - 1
-    law_m, law_m_s = bullet_air.airborne(
-        fall, timestep_s=timestep_s, steps=step, mass_kg=engine.mass_kg
-    )
-    if not (np.array_equal(position_m, law_m) and np.array_equal(velocity_m_s, law_m_s)):
+    if not np.array_equal(motion.position_m[1:], after.position_m):
         return None
-    parts = decompose(fall, position_m[-1:, 2], timestep_s=timestep_s, first=step)
+    if not np.array_equal(motion.velocity_m_s[1:], after.velocity_m_s):
+        return None
+    if law.limited(before).any():
+        return None
+    parts = decompose(law, fall, position_m[-1:], first=step)
     lowest_m = engine.rest_height_m if scenario.floor else None
-    if lowest_m is not None and parts.free_fall_m[-1] <= lowest_m:
+    free_fall_m = float(parts.free_fall_m[-1, 2])
+    if lowest_m is not None and free_fall_m <= lowest_m:
         return None  # theory has landed
     return Moment(
-        time_s=step * timestep_s,
+        time_s=step * law.timestep_s,
         step=step,
         phase="falling",
         simulated_m=float(position_m[-1, 2]),
-        free_fall_m=float(parts.free_fall_m[-1]),
-        error_m=float(parts.total_m[-1]),
-        terms_m=Terms(
-            timestep=float(parts.timestep_m[-1]),
-            damping=float(parts.damping_m[-1]),
-            interaction=float(parts.interaction_m[-1]),
-            rounding=float(parts.rounding_m[-1]),
-        ),
+        free_fall_m=free_fall_m,
+        error_m=float(parts.total_m[-1, 2]),
+        terms_m=Terms(**{name: float(getattr(parts, f"{name}_m")[-1, 2]) for name in TERMS}),
     )

@@ -11,6 +11,7 @@ import polars as pl
 
 from pipeline.analysis.drop.energy import EnergyLedger
 from pipeline.analysis.drop.phases import Phase
+from pipeline.analysis.general.flights import Flight
 from pipeline.report import EngineReport
 
 
@@ -195,6 +196,57 @@ class Conservation:
 
 
 @dataclass(frozen=True)
+class SegmentCounts:
+    """How many samples there are of each kind; that of a sample is that of the step before it."""
+
+    flight: int
+    """Position and velocities are the law's, and nothing touches."""
+    contact: int
+    """They are the law's and the reported contact forces', to 1e-12 of what is added up."""
+    pushed: int
+    """The same with recorded external forces; a drop has none."""
+    set: int
+    """Put there by a call: the release."""
+    jointed: int
+    """Of a body with joints, which the laws here do not cover."""
+    still: int
+    """Nothing changes, as no step is taken."""
+    unexplained: int
+    """Not explained: see `explained.why`."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """How much of the recording is explained, step by step, also while the body tumbles."""
+
+    samples: int
+    """How many samples are, anywhere in the recording."""
+    of: int
+    """How many there are."""
+    until_s: float | None
+    """Time of the last sample before the first that is not; None where the release is not."""
+    why: str | None
+    """What ends it; None where all are explained."""
+
+
+@dataclass(frozen=True)
+class ContactPhase:
+    """An unbroken run of samples that contact led to: what it gave to the body."""
+
+    first_step: int
+    """The first of these samples."""
+    last_step: int
+    """The last of them."""
+    impulse_n_s: tuple[float, float, float]
+    """Of all contact forces on the body together: x, y, z."""
+    largest_force_n: float
+    """The greatest force of a step, all its contact points together."""
+    kinetic_j: float
+    """What contact gave to the body's kinetic energy, or took from it. The ledger's contact is
+    that and what Euler's step loses to the weight of a body that does not fall freely."""
+
+
+@dataclass(frozen=True)
 class Analysis:
     """Everything that a recording tells."""
 
@@ -214,7 +266,7 @@ class Analysis:
     """When the body meets the floor; None where it never does."""
     tumbled_step: int | None
     """First sample that touches the floor tilted by more than 0.29° (a box from its faces, others
-    from their release): from there on bounces, contact and rest are measured, not explained."""
+    from their release): from there on bounces, contact and rest are measured, not predicted."""
     tumbles: bool
     """Whether its tilt changes from there on by as much again."""
     contact: Contact | None
@@ -228,6 +280,14 @@ class Analysis:
     """What is kept until the first contact."""
     energy: EnergyLedger
     """Where the energy went."""
+    segments: SegmentCounts
+    """What the samples are: what the step was that led to each."""
+    flights: list[Flight]
+    """Each flight as a drop of its own: the fall, and one after each bounce."""
+    explained: Explained
+    """How much of the recording is explained."""
+    contact_phases: list[ContactPhase]
+    """What each contact gave; not in the JSON."""
     findings: list[Finding]
     """What the recording gives away."""
     table: pl.DataFrame
@@ -240,8 +300,9 @@ class Analysis:
     """Whether the recording was never finished: this is the analysis of what there is of it."""
 
     def as_json(self) -> dict[str, Any]:
-        """Return all but the table as the contract's JSON object; what does not exist is null."""
-        values = {name: value for name, value in vars(self).items() if name != "table"}
+        """Return the contract's JSON object; what does not exist is null."""
+        left_out = ("table", "contact_phases")
+        values = {name: value for name, value in vars(self).items() if name not in left_out}
         return {name: _jsonable(value) for name, value in values.items()}
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.analysis.general.samples import Rigid, Samples
+from pipeline.analysis.general.samples import Samples
+from pipeline.laws.base import Motion
 from pipeline.report import EngineReport
 
 Float64 = NDArray[np.float64]
@@ -57,7 +58,7 @@ def mechanics(engine: EngineReport, samples: Samples) -> Mechanics:
 
 
 def mechanics_of_part(
-    part: Rigid, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float
+    part: Motion, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float
 ) -> Mechanics:
     """Return energies and angular momentum of one link; its moments of inertia have shape (3,)."""
     spin_body = rotate_inverse(part.orientation, part.spin_rad_s)

@@ -9,25 +9,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from pipeline.laws.base import Motion
 from pipeline.states import BASE, BODY, FLOOR
 
 Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Rigid:
-    """The motion of one rigid part, one row per sample; vectors in world axes, (samples, 3)."""
-
-    position_m: Float64
-    """Of its centre of mass."""
-    orientation: Float64
-    """World from its own axes: unit quaternions x, y, z, w, shape (samples, 4)."""
-    velocity_m_s: Float64
-    spin_rad_s: Float64
-
-
-@dataclass(frozen=True)
-class Samples(Rigid):
+class Samples(Motion):
     """The recorded state: the motion of the body, or of its base, and what touches it."""
 
     contact_points: Float64
@@ -36,7 +25,7 @@ class Samples(Rigid):
     """Smallest distance to the floor at which they were found [m], (samples,); nan without any."""
     contact_force_n: Float64
     """Normal forces together [N], shape (samples,)."""
-    links: tuple[Rigid, ...] = ()
+    links: tuple[Motion, ...] = ()
     """The further links of a body with joints, as far as they are recorded."""
 
     @property
@@ -105,8 +94,8 @@ _POSITION, _ORIENTATION = ("x_m", "y_m", "z_m"), ("qx", "qy", "qz", "qw")
 _VELOCITY, _SPIN = ("vx_m_s", "vy_m_s", "vz_m_s"), ("wx_rad_s", "wy_rad_s", "wz_rad_s")
 
 
-def _rigid(states: pl.DataFrame) -> Rigid:
+def _rigid(states: pl.DataFrame) -> Motion:
     def columns(names: tuple[str, ...]) -> Float64:
         return states.select(names).to_numpy()
 
-    return Rigid(columns(_POSITION), columns(_ORIENTATION), columns(_VELOCITY), columns(_SPIN))
+    return Motion(columns(_POSITION), columns(_ORIENTATION), columns(_VELOCITY), columns(_SPIN))

@@ -13,7 +13,7 @@ from pipeline.engines.bullet.c_output import c_output_moved_aside
 from pipeline.engines.bullet.engine import p
 from pipeline.engines.bullet.world import World
 from pipeline.errors import DropError
-from pipeline.laws.bullet_air import fall_of
+from pipeline.laws.lookup import fall_of
 from pipeline.laws.theory import impact_time_free
 from pipeline.scenario import Camera, Renderer, Scenario
 

@@ -1,0 +1,113 @@
+"""Every flight of a body is a drop of its own: from its first sample on it has a theory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.analysis.general.decomposition import TERMS, Decomposition, decompose
+from pipeline.analysis.general.segments import FLIGHT, Segments
+from pipeline.laws.base import Law, Motion
+from pipeline.laws.theory import Fall
+
+Float64 = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class VectorTerms:
+    """The four terms of an error along x, y and z [m]; they add up to it."""
+
+    timestep: Vector
+    """What semi-implicit Euler does, without damping."""
+    damping: Vector
+    """What damping does, in continuous time."""
+    interaction: Vector
+    """What the two do to each other."""
+    rounding: Vector
+    """What double precision leaves."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """From a sample on a body meets nothing, and follows the law: a fall, or a way after a bounce.
+
+    Its theory starts at its first sample, with the position and the velocity that it has there, and
+    knows no floor.
+    """
+
+    first_step: int
+    """The sample that it starts from: a release, or the last that something else led to."""
+    last_step: int
+    """The last sample that the law of flight led to."""
+    start_s: float
+    """Time of the first sample."""
+    end_s: float
+    """Time of the last sample."""
+    error_m: Vector
+    """Simulated minus free fall at the last sample: x, y, z."""
+    terms_m: VectorTerms | None
+    """What that is made of; None from the first sample on at which a velocity was held at the
+    engine's limit, which neither theory knows."""
+
+
+def start_of(motion: Motion, sample: int, law: Law) -> Fall:
+    """Return the fall that begins at a sample."""
+    return Fall(
+        position_m=_vector(motion.position_m[sample]),
+        velocity_m_s=_vector(motion.velocity_m_s[sample]),
+        gravity_m_s2=law.gravity_m_s2[2],
+        drag=law.drag,
+    )
+
+
+def decomposed(
+    motion: Motion, law: Law, segments: Segments, *, at_least: int = 0
+) -> tuple[list[Flight], Decomposition]:
+    """Return all flights, and the first samples taken apart as the start of one.
+
+    The latter are `at_least` so many, or, where the body begins in flight, all samples of that: so
+    that the long way of exact arithmetic is gone once.
+    """
+    runs = [(first - 1, last) for first, last in segments.runs(FLIGHT) if first]
+    begins = bool(runs) and runs[0][0] == 0
+    samples = max(at_least, runs[0][1] + 1) if begins else at_least
+    parts = decompose(law, start_of(motion, 0, law), motion.position_m[:samples])
+    flights = [
+        _flight(
+            motion,
+            law,
+            first,
+            last,
+            parts=parts if first == 0 else None,
+            held=bool(segments.held[first + 1 : last + 1].any()),
+        )
+        for first, last in runs
+    ]
+    return flights, parts
+
+
+def _flight(
+    motion: Motion, law: Law, first: int, last: int, *, parts: Decomposition | None, held: bool
+) -> Flight:
+    row, steps = last, last - first
+    if parts is None:
+        fall, row = start_of(motion, first, law), 0
+        parts = decompose(law, fall, motion.position_m[last : last + 1], first=steps)
+    return Flight(
+        first_step=first,
+        last_step=last,
+        start_s=first * law.timestep_s,
+        end_s=last * law.timestep_s,
+        error_m=_vector(parts.total_m[row]),
+        terms_m=None
+        if held
+        else VectorTerms(*(_vector(getattr(parts, f"{name}_m")[row]) for name in TERMS)),
+    )
+
+
+def _vector(values: Float64) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z
