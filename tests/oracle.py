@@ -491,18 +491,20 @@ def free_fall_m(drop: Drop, time_s: float) -> float:
     return drop.height_m + (drop.velocity_m_s[2] + drop.gravity * time_s / 2) * time_s
 
 
-def damping_m(drop: Drop, time_s: float) -> float:
-    """Return how far drag moves the body away from free fall by a time [m], by its own ODE.
+def damping_m(drop: Drop, time_s: float) -> Float64:
+    """Return how far drag moves the body from free fall by a time [m]: x, y, z, by its own ODE.
 
     What is integrated is the difference from free fall over the coefficient, which is no
     difference of large numbers.
     """
     if drop.damping == 0 or time_s == 0:
-        return 0.0
+        return np.zeros(3)
     if drop.maximal and drop.damping == 1:  # it stops at once
-        return drop.height_m - free_fall_m(drop, time_s)
+        way = np.array(drop.velocity_m_s) * time_s
+        way[2] = free_fall_m(drop, time_s) - drop.height_m
+        return -way
     solution = _drag_ode(drop, time_s)
-    return float(drop.damping * solution.y[2, -1])
+    return np.asarray(drop.damping * solution.y[:3, -1])
 
 
 def _drag_ode(drop: Drop, time_s: float, event: Any = None) -> Any:
@@ -542,8 +544,10 @@ def falls_to_s(drop: Drop, floor_m: float, *, damped: bool, latest_s: float) -> 
     return float(times[0]) if len(times) else None
 
 
-def exact_law_m(drop: Drop, steps: int) -> tuple[list[Decimal], bool]:
-    """Return the heights of the discrete step in 40 digits, and whether it was clamped.
+def exact_law_m(
+    drop: Drop, steps: int, sideways_m: tuple[float, float] = (0.0, 0.0)
+) -> tuple[list[tuple[Decimal, Decimal, Decimal]], bool]:
+    """Return the positions of the discrete step in 40 digits, and whether it was clamped.
 
     Semi-implicit Euler: v' = v + h (g - k v (1 + |v|)) of a btMultiBody, v' = v (1 - k)^h + h g of
     a btRigidBody, and x' = x + h v'. `steps` counts samples, of which each is of `substeps`.
@@ -552,21 +556,24 @@ def exact_law_m(drop: Drop, steps: int) -> tuple[list[Decimal], bool]:
     with localcontext(Context(prec=40)):
         kept = Decimal(math.pow(1.0 - drop.damping, drop.step_s))
         v = [Decimal(one) for one in drop.velocity_m_s]
-        z, clamped, limit = Decimal(drop.height_m), False, Decimal(CLAMP)
-        heights = [z]
+        x = [Decimal(one) for one in (*sideways_m, drop.height_m)]
+        clamped, limit = False, Decimal(CLAMP)
+        none = Decimal(2.0**-52)  # `btVector3::safeNorm` takes a squared length up to this for none
+        places = [(x[0], x[1], x[2])]
         for _ in range(steps):
             for _ in range(max(1, drop.substeps or 1)):
                 if drop.maximal:
                     v = [one * kept for one in v]
                 else:
-                    drag = k * (1 + (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt())
+                    squared = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+                    drag = k * (1 + (squared.sqrt() if squared > none else 0))
                     v = [one - h * drag * one for one in v]
                 v[2] += h * g
                 if not drop.maximal and max(map(abs, v)) > limit:
                     v, clamped = [max(-limit, min(limit, one)) for one in v], True
-                z += h * v[2]
-            heights.append(z)
-        return heights, clamped
+                x = [one + h * speed for one, speed in zip(x, v, strict=True)]
+            places.append((x[0], x[1], x[2]))
+        return places, clamped
 
 
 # -- what is true of a drop ------------------------------------------------------------------------
@@ -616,6 +623,11 @@ class Truth:
         alone = self.again(floor=False)
         other = np.flatnonzero((alone.state != self.run.state).any(axis=1))
         return int(other[0]) if len(other) else None
+
+    @functools.cached_property
+    def pushed_steps(self) -> NDArray[np.int64]:
+        """Samples whose step reports a contact point that pushed."""
+        return np.flatnonzero([any(one.force_n > 0 for one in each) for each in self.run.touches])
 
     @functools.cached_property
     def touching_steps(self) -> NDArray[np.int64]:

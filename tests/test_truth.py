@@ -678,7 +678,7 @@ def _term_timestep(said: Said) -> None:
 @checks("at[].terms_m.damping")
 def _term_damping(said: Said) -> None:
     moment = said.whole["at"][said.place]
-    true = oracle.damping_m(said.drop, moment["time_s"])
+    true = float(oracle.damping_m(said.drop, moment["time_s"])[2])
     near(said.value, true, 1e-9 * abs(true) + 1e-18, "ODE of the drag")
 
 
@@ -688,7 +688,7 @@ def _term_interaction(said: Said) -> None:
     law, clamped = oracle.exact_law_m(said.drop, moment["step"])
     hold(not clamped, "it includes a clamp of the velocity")
     free = oracle.free_fall_m(said.drop, moment["time_s"])
-    true = float(law[-1]) - free - terms["timestep"] - terms["damping"]
+    true = float(law[-1][2]) - free - terms["timestep"] - terms["damping"]
     rounded = 4e-16 * max(1.0, said.drop.height_m)
     slack = 1e-14 * _far(said) + rounded + 1e-9 * abs(terms["damping"])
     near(said.value, true, slack, "what is left")
@@ -698,7 +698,7 @@ def _term_interaction(said: Said) -> None:
 def _term_rounding(said: Said) -> None:
     moment = said.whole["at"][said.place]
     law, _ = oracle.exact_law_m(said.drop, moment["step"])
-    true = float(Decimal(moment["simulated_m"]) - law[-1])
+    true = float(Decimal(moment["simulated_m"]) - law[-1][2])
     near(said.value, true, 1e-3 * abs(true) + 1e-19 * _far(said), "simulated - exact law")
     total = math.fsum(said.beside.values())
     hold(abs(total - moment["error_m"]) <= 1e-14 * _far(said), "the terms do not add up")
@@ -767,7 +767,7 @@ def _airborne_rounding(said: Said) -> None:
     samples = said.beside["samples"]
     law, _ = oracle.exact_law_m(said.drop, samples - 1)
     heights = map(float, said.run.height_m[:samples])
-    true = max(abs(float(Decimal(z) - x)) for z, x in zip(heights, law, strict=True))
+    true = max(abs(float(Decimal(z) - x[2])) for z, x in zip(heights, law, strict=True))
     near(said.value, true, 1e-3 * true + 1e-19 * _far(said), "largest rounding")
 
 
@@ -1320,7 +1320,7 @@ def _find_refining(said: Said, message: str) -> None:
     exact_s = step * said.drop.timestep_s
     free = oracle.free_fall_m(said.drop, exact_s)
     near(error_mm, 1e3 * float(said.run.height_m[step] - free), 0.0051, "error")
-    near(limit_mm, 1e3 * oracle.damping_m(said.drop, exact_s), 0.0051, "its limit")
+    near(limit_mm, 1e3 * float(oracle.damping_m(said.drop, exact_s)[2]), 0.0051, "its limit")
     hold(rate > 0, "no timestep")
     steps = max(1, round(exact_s * rate))
     if steps > 20_000:
@@ -1455,6 +1455,215 @@ def _finding(said: Said) -> None:
 def _finding_message(said: Said) -> None:
     """Hold that it says anything; what it says is held with its code."""
     hold(said.value.strip() and "nan" not in said.value.split(), "an empty message")
+
+
+# segments: what the step was that led to each sample; flights: each as a drop of its own
+
+
+def _uncovered(said: Said, step: int) -> str | None:
+    """Return what of a step in contact nobody reports: a word that its reason must have."""
+    if not said.truth.facts.is_rigid:
+        return "joint"
+    if max(1, said.drop.substeps or 1) > 1:
+        acted = said.truth.acted_step
+        return "substeps" if acted is not None and step >= acted else None
+    if step not in said.truth.pushed_steps:
+        return None
+    if any(said.truth.facts.friction[1:]):
+        return "rolling"
+    turned = said.drop.orientation != oracle.AS_LOADED
+    return "first step" if said.drop.maximal and step == 1 and turned else None
+
+
+@checks("segments.flight")
+def _segment_flight(said: Said) -> None:
+    steps, truth = said.drop.steps, said.truth
+    if not (said.drop.stepped and truth.facts.is_rigid):
+        hold(said.value == 0, "nothing flies, or nothing tells")
+    elif max(1, said.drop.substeps or 1) == 1:
+        hold(said.value == steps - len(truth.pushed_steps), f"{len(truth.pushed_steps)} pushed")
+    else:
+        alone = steps if truth.acted_step is None else truth.acted_step - 1
+        hold(alone <= said.value <= steps - len(truth.pushed_steps), f"{alone} before a contact")
+
+
+@checks("segments.contact")
+def _segment_contact(said: Said) -> None:
+    truth = said.truth
+    covered = [] if not said.drop.stepped else truth.pushed_steps
+    known = [one for one in covered if _uncovered(said, int(one)) is None]
+    # Where friction that is not reported does nothing in a step, that one balances all the same.
+    hold(len(known) <= said.value <= len(covered), f"{len(known)} of {len(covered)}")
+
+
+@checks("segments.unexplained")
+def _segment_unexplained(said: Said) -> None:
+    hold(sum(said.beside.values()) == said.drop.steps + 1, "they are not all samples")
+    if said.value:
+        steps = range(1, said.drop.steps + 1)
+        hold(sum(_uncovered(said, one) is not None for one in steps) >= said.value, "covered")
+
+
+@checks("segments.pushed")
+def _segment_pushed(said: Said) -> None:
+    hold(said.value == 0, "nobody pushes")
+
+
+@checks("segments.set")
+def _segment_set(said: Said) -> None:
+    hold(said.value == said.drop.stepped, "it is released once")
+
+
+@checks("segments.jointed")
+def _segment_jointed(said: Said) -> None:
+    jointed = said.drop.stepped and not said.truth.facts.is_rigid
+    hold(said.value == (said.drop.steps if jointed else 0), "joints or none")
+
+
+@checks("segments.still")
+def _segment_still(said: Said) -> None:
+    hold(said.value == (0 if said.drop.stepped else said.drop.steps + 1), "steps or none")
+
+
+@checks("explained.samples")
+def _explained_samples(said: Said) -> None:
+    counts = said.whole["segments"]
+    named = counts["flight"] + counts["contact"] + counts["set"] + counts["still"]
+    hold(said.value == named, "not those of the segments")
+
+
+@checks("explained.of")
+def _explained_of(said: Said) -> None:
+    hold(said.value == said.drop.steps + 1, "another number of samples")
+
+
+@checks("explained.until_s")
+def _explained_until(said: Said) -> None:
+    until = round(said.value / said.drop.timestep_s)
+    near(said.value, until * said.drop.timestep_s, 1e-12 * said.value, "no sample's time")
+    if said.beside["why"] is None:
+        hold(until == said.drop.steps, "it does not last")
+    else:
+        hold(_uncovered(said, until + 1) is not None, "the next sample is covered")
+        steps = range(1, until + 1)
+        surely = [one for one in steps if _uncovered(said, one) in ("joint", "first step")]
+        hold(not surely, f"sample {surely[:1]} is not")
+
+
+@checks("explained.why")
+def _explained_why(said: Said) -> None:
+    step = round(said.beside["until_s"] / said.drop.timestep_s) + 1
+    hold(read(r"at sample (\d+) ", said.value) == [step], f"it ends at {step}")
+    word = _uncovered(said, step)
+    hold(word is not None and word in said.value, f"{word}")
+
+
+def _flight_of(said: Said) -> tuple[Mapping[str, Any], Drop]:
+    """Return a flight, and the drop that begins where it does."""
+    flight = said.whole["flights"][said.place]
+    first, run = flight["first_step"], said.run
+    begins = {"height_m": float(run.height_m[first]), "velocity_m_s": _of(run.velocity_m_s[first])}
+    return flight, replace(said.drop, **begins)
+
+
+def _of(values: oracle.Float64) -> oracle.Vector:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+@checks("flights[].first_step", "flights[].last_step")
+def _flight_steps(said: Said) -> None:
+    first, last = said.beside["first_step"], said.beside["last_step"]
+    hold(0 <= first < last <= said.drop.steps, "no way in time")
+    pushed = {*map(int, said.truth.pushed_steps)}
+    hold(not pushed & set(range(first + 1, last + 1)), "it was pushed on the way")
+    if max(1, said.drop.substeps or 1) == 1:
+        hold(first == 0 or first in pushed, "it flew before")
+        hold(last == said.drop.steps or last + 1 in pushed, "it flies on")
+
+
+@checks("flights[].start_s")
+def _flight_start(said: Said) -> None:
+    near(said.value, said.beside["first_step"] * said.drop.timestep_s, 1e-12 * said.value, "time")
+
+
+@checks("flights[].end_s")
+def _flight_end(said: Said) -> None:
+    near(said.value, said.beside["last_step"] * said.drop.timestep_s, 1e-12 * said.value, "time")
+
+
+@checks("flights[].error_m")
+def _flight_error(said: Said) -> None:
+    flight, drop = _flight_of(said)
+    first, last = flight["first_step"], flight["last_step"]
+    time_s = (last - first) * drop.timestep_s
+    free_m = said.run.position_m[first] + np.array(drop.velocity_m_s) * time_s
+    free_m[2] = oracle.free_fall_m(drop, time_s)
+    for value, true in zip(said.value, said.run.position_m[last] - free_m, strict=True):
+        near(value, float(true), 1e-14 * _flown_m(said), "error")
+
+
+def _flown_m(said: Said) -> float:
+    """Return the length that rounding in a flight is relative to, theory's included."""
+    flight, drop = _flight_of(said)
+    time_s = flight["end_s"] - flight["start_s"]
+    speed = float(np.linalg.norm(drop.velocity_m_s)) + abs(drop.gravity) * time_s
+    return _scale_m(said) + speed * time_s
+
+
+def _exact_end(said: Said) -> tuple[Decimal, ...]:
+    flight, drop = _flight_of(said)
+    first, last = flight["first_step"], flight["last_step"]
+    x, y, _ = said.run.position_m[first].tolist()
+    law, clamped = oracle.exact_law_m(drop, last - first, (x, y))
+    hold(not clamped, "it includes a clamp of the velocity")
+    return law[-1]
+
+
+@checks("flights[].terms_m.timestep")
+def _flight_timestep(said: Said) -> None:
+    flight, drop = _flight_of(said)
+    time_s = (flight["last_step"] - flight["first_step"]) * drop.timestep_s
+    for value, g in zip(said.value, (0.0, 0.0, drop.gravity), strict=True):
+        near(value, g * time_s * drop.step_s / 2, 1e-14 * abs(value), "g t dt/2")
+
+
+@checks("flights[].terms_m.damping")
+def _flight_damping(said: Said) -> None:
+    flight, drop = _flight_of(said)
+    if said.place > 3 and flight["last_step"] - flight["first_step"] > 3:
+        return  # an ODE takes long; the interaction is what is left of it
+    time_s = (flight["last_step"] - flight["first_step"]) * drop.timestep_s
+    true = oracle.damping_m(drop, time_s)
+    size = float(np.abs(true).max())
+    for value, one in zip(said.value, true.tolist(), strict=True):
+        near(value, one, 1e-9 * abs(one) + 1e-12 * size + 1e-18, "ODE of the drag")
+
+
+@checks("flights[].terms_m.interaction")
+def _flight_interaction(said: Said) -> None:
+    flight, drop = _flight_of(said)
+    time_s = (flight["last_step"] - flight["first_step"]) * drop.timestep_s
+    start = said.run.position_m[flight["first_step"]].tolist()
+    for axis, exact in enumerate(_exact_end(said)):
+        g = Decimal(drop.gravity) if axis == 2 else Decimal(0)
+        t = Decimal(time_s)
+        free = Decimal(start[axis]) + (Decimal(drop.velocity_m_s[axis]) + g * t / 2) * t
+        terms = (said.beside["timestep"][axis], said.beside["damping"][axis])
+        true = float(exact - free - sum(map(Decimal, terms)))
+        near(said.value[axis], true, 1e-14 * _flown_m(said), "what is left")
+
+
+@checks("flights[].terms_m.rounding")
+def _flight_rounding(said: Said) -> None:
+    flight, _ = _flight_of(said)
+    end = said.run.position_m[flight["last_step"]].tolist()
+    for axis, exact in enumerate(_exact_end(said)):
+        true = float(Decimal(end[axis]) - exact)
+        near(said.value[axis], true, 1e-3 * abs(true) + 1e-19 * _flown_m(said), "rounding")
+        total = math.fsum(part[axis] for part in said.beside.values())
+        off = abs(total - flight["error_m"][axis])
+        hold(off <= 1e-14 * _flown_m(said), "the terms do not add up")
 
 
 # -- holding a whole analysis ----------------------------------------------------------------------
