@@ -25,12 +25,15 @@ from pipeline.analysis.drop.results import (
     Airborne,
     Analysis,
     Conservation,
+    Explained,
     Finding,
     Impact,
     Moment,
     Rest,
+    SegmentCounts,
     Terms,
 )
+from pipeline.analysis.general.flights import Flight, VectorTerms
 from pipeline.analysis.general.statistics import Summary
 from pipeline.report import EngineReport
 from pipeline.scenario import Scenario
@@ -57,7 +60,9 @@ CONTRACT: dict[type, set[str]] = {
     Conservation: {
         "energy_initial_j", "energy_max_rel_drift", "angular_momentum_max_rel_drift",
     },
+    Explained: {"samples", "of", "until_s", "why"},
     Finding: {"code", "message"},
+    Flight: {"first_step", "last_step", "start_s", "end_s", "error_m", "terms_m"},
     Impact: {
         "time_free_fall_s", "time_damped_s", "time_simulated_s", "step", "lowest_m", "lowest_step",
         "penetration_m",
@@ -67,8 +72,10 @@ CONTRACT: dict[type, set[str]] = {
     Rendering: {"gif", "frames", "fps", "plot"},
     Rest: {"height_m", "expected_m", "error_m", "settled_step"},
     Scenario: {one.name for one in fields(Scenario)},
+    SegmentCounts: {one.name for one in fields(SegmentCounts)},
     Simulation: {"recording", "recording_id", "samples", "frames", "bytes", "wall_s"},
     Terms: {"timestep", "damping", "interaction", "rounding"},
+    VectorTerms: {"timestep", "damping", "interaction", "rounding"},
 }  # fmt: skip
 """Keys that stay, by what they are made of; `COMMANDS` has those of a whole command."""
 
@@ -134,8 +141,8 @@ def _sentences(said: Mapping[str, str]) -> dict[str, str]:
 ANALYSIS = _object(
     Analysis,
     {"recording", "scenario", "engine", "at", "airborne", "impact", "rest", "conservation",
-     "findings"},
-    scenario=Scenario, table=None,
+     "findings", "segments", "flights", "explained"},
+    scenario=Scenario, table=None, contact_phases=None,
 )  # fmt: skip
 RENDERING = _object(Rendering, plot=Path | None, speed=None)
 ROW = Object(
