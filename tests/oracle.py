@@ -558,13 +558,15 @@ def exact_law_m(
         v = [Decimal(one) for one in drop.velocity_m_s]
         x = [Decimal(one) for one in (*sideways_m, drop.height_m)]
         clamped, limit = False, Decimal(CLAMP)
+        none = Decimal(2.0**-52)  # `btVector3::safeNorm` takes a squared length up to this for none
         places = [(x[0], x[1], x[2])]
         for _ in range(steps):
             for _ in range(max(1, drop.substeps or 1)):
                 if drop.maximal:
                     v = [one * kept for one in v]
                 else:
-                    drag = k * (1 + (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt())
+                    squared = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+                    drag = k * (1 + (squared.sqrt() if squared > none else 0))
                     v = [one - h * drag * one for one in v]
                 v[2] += h * g
                 if not drop.maximal and max(map(abs, v)) > limit:

@@ -234,7 +234,7 @@ def _bounces(analysis: Analysis) -> list[str]:
     if analysis.tumbled_step is not None:
         time_s = analysis.table["time_s"][analysis.tumbled_step]
         words = f"from t = {time_s:.4g} s (step {analysis.tumbled_step}) on: "
-        words += "measured, not explained"
+        words += "measured, not predicted"
         tumbling = len(analysis.bounces) - len(explained)
         if tumbling:
             highest_mm = max(one.apex_m for one in analysis.bounces[len(explained) :]) * 1e3
@@ -349,11 +349,11 @@ def _contacts(analysis: Analysis) -> list[str]:
     phases, dt = analysis.contact_phases, analysis.scenario["timestep_s"]
     if not phases:
         return []
-    header = f"{'from':>9} {'to':>9}   {'impulse':>12} {'largest':>12} {'energy':>12}"
+    header = f"{'from':>9} {'to':>9}   {'impulse':>12} {'largest':>12} {'kinetic':>12}"
     rows = [
         f"{one.first_step * dt:7.4f} s {one.last_step * dt:7.4f} s  "
         f"{math.hypot(*one.impulse_n_s):9.4g} Ns {one.largest_force_n:10.4g} N "
-        f"{one.energy_j + 0.0:+10.3g} J"
+        f"{one.kinetic_j + 0.0:+10.3g} J"
         for one in phases[:_MOST_FLIGHTS]
     ]
     return _listed("Contacts", header, rows, len(phases), "contact")

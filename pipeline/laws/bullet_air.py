@@ -126,20 +126,22 @@ def exact_path(
     From sample `first` on, shape (steps + 1 - first, 3). Timestep, gravity, damping and start are
     the doubles they are, taken for exact; so is the timestep over its substeps.
     """
-    nearest, left_out = np.zeros((2, steps + 1 - first, 3))
-    nearest[:] = position_m
+    samples = steps + 1 - first
     body = replace(body, mass_kg=1.0)
     vertical = not any((*velocity_m_s[:2], *body.gravity_m_s2[:2]))
-    axes = (2,) if vertical else (0, 1, 2)
+    axes = slice(2, 3) if vertical else slice(3)
+    nearest, left_out = np.empty((2, samples * (1 if vertical else 3)))
     with localcontext(Context(prec=40)):
         path = (_vertical if vertical else _in_space)(body, position_m, velocity_m_s)
         last = steps * body.substeps
         seen = itertools.islice(path, first * body.substeps, last + 1, body.substeps)
-        for row, exact in enumerate(seen):
-            for axis, coordinate in zip(axes, exact, strict=True):
-                nearest[row, axis] = near = float(coordinate)
-                left_out[row, axis] = float(coordinate - Decimal(near))
-    return ExactPath(nearest, left_out)
+        for place, coordinate in enumerate(itertools.chain.from_iterable(seen)):
+            nearest[place] = near = float(coordinate)
+            left_out[place] = float(coordinate - Decimal(near))
+    path_m = ExactPath(np.tile(np.array(position_m, float), (samples, 1)), np.zeros((samples, 3)))
+    path_m.nearest_m[:, axes] = nearest.reshape(samples, -1)
+    path_m.left_out_m[:, axes] = left_out.reshape(samples, -1)
+    return path_m
 
 
 def _vertical(

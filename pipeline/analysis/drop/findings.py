@@ -275,7 +275,7 @@ def _tumbled(e: Evidence) -> Iterator[Finding]:
         f"from {e.case.time_s[e.tumbled_step]:.4g} s (step {e.tumbled_step}) on it "
         f"{'tumbles' if tumbles(e.case, e.tumbled_step) else 'is not flat'}: it touches the floor "
         f"tilted by {tilt_deg:.2g}°{since}, so bounces, contact and rest are measured from there "
-        f"on, not explained; {advice}",
+        f"on, not predicted; {advice}",
     )
 
 

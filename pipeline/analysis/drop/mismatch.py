@@ -36,9 +36,7 @@ def find_mismatch(case: Case, found: Phases) -> Mismatch | None:
 
 def clamped_step(case: Case, found: Phases) -> int | None:
     """Return the first sample in the air that the limit of ±100 m/s or rad/s acted on, or None."""
-    if not case.is_rigid or not case.scenario.stepped:
-        return None
-    held = np.flatnonzero(case.law.limited(case.samples.at(slice(max(0, found.airborne - 1)))))
+    held = np.flatnonzero(case.segments.held[1 : max(1, found.airborne)])
     return int(held[0]) + 1 if len(held) else None
 
 
@@ -99,8 +97,8 @@ def contact_phases(case: Case) -> list[ContactPhase]:
         impulses = balance.impulse_n_s[first : last + 1]
         x, y, z = impulses.sum(axis=0).tolist()
         largest_n = float(np.linalg.norm(impulses, axis=1).max()) / case.timestep_s
-        energy_j = float(balance.energy_j[first : last + 1].sum())
-        found.append(ContactPhase(first, last, (x, y, z), largest_n, energy_j))
+        kinetic_j = float(balance.energy_j[first : last + 1].sum())
+        found.append(ContactPhase(first, last, (x, y, z), largest_n, kinetic_j))
     return found
 
 

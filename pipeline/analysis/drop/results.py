@@ -212,7 +212,7 @@ class SegmentCounts:
     still: int
     """Nothing changes, as no step is taken."""
     unexplained: int
-    """None of these: see `explained.why`."""
+    """Not explained: see `explained.why`."""
 
 
 @dataclass(frozen=True)
@@ -241,8 +241,9 @@ class ContactPhase:
     """Of all contact forces on the body together: x, y, z."""
     largest_force_n: float
     """The greatest force of a step, all its contact points together."""
-    energy_j: float
-    """What contact gave to the body, or took from it."""
+    kinetic_j: float
+    """What contact gave to the body's kinetic energy, or took from it. The ledger's contact is
+    that and what Euler's step loses to the weight of a body that does not fall freely."""
 
 
 @dataclass(frozen=True)
@@ -265,7 +266,7 @@ class Analysis:
     """When the body meets the floor; None where it never does."""
     tumbled_step: int | None
     """First sample that touches the floor tilted by more than 0.29° (a box from its faces, others
-    from their release): from there on bounces, contact and rest are measured, not explained."""
+    from their release): from there on bounces, contact and rest are measured, not predicted."""
     tumbles: bool
     """Whether its tilt changes from there on by as much again."""
     contact: Contact | None

@@ -76,17 +76,26 @@ def decomposed(
     samples = max(at_least, runs[0][1] + 1) if begins else at_least
     parts = decompose(law, start_of(motion, 0, law), motion.position_m[:samples])
     flights = [
-        _flight(motion, law, first, last, parts if first == 0 else None) for first, last in runs
+        _flight(
+            motion,
+            law,
+            first,
+            last,
+            parts=parts if first == 0 else None,
+            held=bool(segments.held[first + 1 : last + 1].any()),
+        )
+        for first, last in runs
     ]
     return flights, parts
 
 
-def _flight(motion: Motion, law: Law, first: int, last: int, parts: Decomposition | None) -> Flight:
+def _flight(
+    motion: Motion, law: Law, first: int, last: int, *, parts: Decomposition | None, held: bool
+) -> Flight:
     row, steps = last, last - first
     if parts is None:
         fall, row = start_of(motion, first, law), 0
         parts = decompose(law, fall, motion.position_m[last : last + 1], first=steps)
-    held = law.limited(motion.at(slice(first, last))).any()
     return Flight(
         first_step=first,
         last_step=last,

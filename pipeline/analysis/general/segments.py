@@ -46,6 +46,8 @@ class Segments:
     """By how much the sample is off its law, in the worst of its numbers [m, m/s, rad/s, 1]."""
     balance: Balance | None
     """What contact did; None without a law."""
+    held: NDArray[np.bool_]
+    """Whether the engine held a velocity at its limit in the law's step to each sample."""
 
     def placed_at(self, motion: Motion, start: Motion) -> Segments:
         """Return the same where the first sample is held against a start that is known."""
@@ -140,7 +142,10 @@ def segments_of(
     off_rad_s = np.where(
         balance.touched | forced, _off(motion.spin_rad_s, balance.spin_rad_s), fall_rad_s
     )
-    return Segments(code, np.max([place_m, turn, off_m_s, off_rad_s], axis=0), balance)
+    deviation = np.max([place_m, turn, off_m_s, off_rad_s], axis=0)
+    held = law.limited(before)
+    held[0] = False
+    return Segments(code, deviation, balance, held)
 
 
 def still_segments(motion: Motion) -> Segments:
@@ -150,14 +155,14 @@ def still_segments(motion: Motion) -> Segments:
     )
     deviation = np.abs(state - state[0]).max(axis=1)
     code = np.where(deviation == 0, STILL, UNEXPLAINED).astype(np.int8)
-    return Segments(code, deviation, None)
+    return Segments(code, deviation, None, np.zeros(len(motion), dtype=bool))
 
 
 def jointed_segments(samples: int) -> Segments:
     """Return the segments of a body with joints, of which only the release is known."""
     code = np.full(samples, JOINTED, np.int8)
     code[0] = SET
-    return Segments(code, np.zeros(samples), None)
+    return Segments(code, np.zeros(samples), None, np.zeros(samples, dtype=bool))
 
 
 _VECTORS = ("position_m", "velocity_m_s", "spin_rad_s")
