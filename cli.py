@@ -19,7 +19,7 @@ from pipeline.console import output
 from pipeline.console.help import App, Commands
 from pipeline.console.progress import progress, sweep_progress
 from pipeline.console.running import main as main
-from pipeline.options import takes_scenario, takes_scenario_lists
+from pipeline.options import a_number, an_integer, takes_scenario, takes_scenario_lists
 from pipeline.scenario import Camera, Scenario
 
 app = App(
@@ -44,11 +44,19 @@ At = Annotated[
 ]
 Fps = Annotated[
     float | None,
-    typer.Option(help="Pictures per second of the gif, at most 50. [default: 20]"),
+    typer.Option(
+        parser=a_number,
+        metavar="NUMBER",
+        help="Pictures per second of the gif, at most 50. [default: 20]",
+    ),
 ]
 Speed = Annotated[
     float | None,
-    typer.Option(help="Simulated seconds per second: 1 is real time, 0.25 slow motion."),
+    typer.Option(
+        parser=a_number,
+        metavar="NUMBER",
+        help="Simulated seconds per second: 1 is real time, 0.25 slow motion.",
+    ),
 ]
 Caption = Annotated[
     bool, typer.Option("--caption", help="Write time, height and error below each frame.")
@@ -227,6 +235,7 @@ def check(
     tolerance: Annotated[
         float,
         typer.Option(
+            parser=a_number,
             metavar="METRES",
             help="Largest difference that passes; 0: bit for bit in the air, 1e-9 m in contact.",
         ),
@@ -261,9 +270,12 @@ def sweep(
         str, typer.Option(metavar="SECONDS", help="Time at which to break the error down [s].")
     ] = "0.3",
     samples: Annotated[
-        int | None, typer.Option(metavar="N", help="Runs of each scenario, drawn with --vary.")
+        int | None,
+        typer.Option(
+            parser=an_integer, metavar="N", help="Runs of each scenario, drawn with --vary."
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="S", help="Random seed.")] = 0,
+    seed: Annotated[int, typer.Option(parser=an_integer, metavar="S", help="Random seed.")] = 0,
     vary: Annotated[
         list[str] | None,
         typer.Option(
@@ -276,6 +288,7 @@ def sweep(
     until_ci: Annotated[
         float | None,
         typer.Option(
+            parser=a_number,
             metavar="METRES",
             help="Stop when the 95 % confidence interval of the mean error is this narrow.",
         ),
@@ -283,7 +296,9 @@ def sweep(
     jobs: Annotated[
         int | None,
         typer.Option(
-            metavar="N", help="Worker processes; by default one per core where that pays off."
+            parser=an_integer,
+            metavar="N",
+            help="Worker processes; by default one per core where that pays off.",
         ),
     ] = None,
     ray: Annotated[

@@ -27,9 +27,23 @@ Quaternion = tuple[float, float, float, float]
 def number(text: str) -> float:
     """Read a number or a fraction such as `1/480`; nothing is evaluated."""
     try:
-        return float(Fraction(text)) if "/" in text else float(text)
+        digits = _digits(text)
+        return float(Fraction(digits)) if "/" in digits else float(digits)
     except (ValueError, ZeroDivisionError, OverflowError):
         raise ScenarioError("a number or a fraction such as 1/480") from None
+
+
+def _digits(text: str) -> str:
+    """Return a text that is a number to others too: Python alone takes `1_0`, and `١` for 1.
+
+    Raises
+    ------
+    ValueError
+        If it has such.
+    """
+    if "_" in text or not text.isascii():
+        raise ValueError
+    return text
 
 
 def fraction(value: float) -> str:
@@ -41,10 +55,29 @@ def fraction(value: float) -> str:
     return f"{value:.9g}"
 
 
+LARGE = 1e6
+"""From here on a number is written in powers of ten."""
+
+
+def decimals(value: float, places: int, sign: str = "") -> str:
+    """Write a number with so many decimals; a large one as engineers do: 9.81e9, -12.5e6.
+
+    `sign` is that of Python's formats: `+` writes one before every number.
+    """
+    return f"{value:{sign}.{places}f}" if abs(value) < LARGE else engineering(value, sign)
+
+
+def engineering(value: float, sign: str = "") -> str:
+    """Write a number in six digits and powers of 1000: 9.81e9, 12.5e3, 0."""
+    rounded = float(f"{value:.6g}")
+    power = 3 * math.floor(math.log10(abs(rounded)) / 3) if rounded else 0
+    return f"{rounded / 10.0**power:{sign}.6g}" + (f"e{power}" if power else "")
+
+
 def integer(text: str) -> int:
     """Read a whole number."""
     try:
-        return int(text)
+        return int(_digits(text))
     except ValueError:
         raise ScenarioError("a whole number") from None
 
@@ -78,7 +111,7 @@ COMPONENTS: dict[Callable[[str], Any], tuple[str, ...]] = {
 def size(text: str) -> tuple[int, int]:
     """Read `WIDTHxHEIGHT` in pixels."""
     try:
-        width, height = map(int, text.lower().split("x"))
+        width, height = map(integer, text.lower().split("x"))
     except ValueError:
         raise ScenarioError("WIDTHxHEIGHT in pixels, such as 480x360") from None
     return width, height
@@ -172,7 +205,8 @@ class Option:
             If one of them cannot be read, or lies outside the domain.
         """
         by_semicolon = self.parse in COMPONENTS or ";" in raw
-        values = tuple(self.read(one.strip()) for one in raw.split(";" if by_semicolon else ","))
+        parts = raw.split(";" if by_semicolon else ",")
+        values = tuple(self.read(one.strip(" \t")) for one in parts)
         for value in values:
             self.check(value)
         return values

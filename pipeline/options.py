@@ -24,6 +24,16 @@ _METAVARS: dict[Callable[[str], Any], str] = {
 }
 
 
+def a_number(given: Any) -> Any:  # noqa: ANN401
+    """Read a number as every option does; Typer hands a default through, too."""
+    return number(given) if isinstance(given, str) else given
+
+
+def an_integer(given: Any) -> Any:  # noqa: ANN401
+    """Read a whole number as every option does; Typer hands a default through, too."""
+    return integer(given) if isinstance(given, str) else given
+
+
 def takes_scenario(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options of `Scenario` and `Camera`.
 

@@ -19,6 +19,10 @@ from pipeline.errors import RecordingError
 
 Vector = tuple[float, float, float]
 
+LARGEST = 1e60
+"""Beyond anything that falls, in whatever unit; energies and their sums of squares stay finite. No
+recording holds more: neither is it written, nor is it read."""
+
 
 def _reported(says: str, *, default: Any = ...) -> Any:  # noqa: ANN401 - as dataclasses.field
     metadata = {"says": says}

@@ -106,6 +106,18 @@ def test_a_speed_is_above_zero(speed: float) -> None:
         Animation(speed=speed)
 
 
+@pytest.mark.parametrize(("speed", "fps"), [(1e-9, 50.0), (1e-300, 1.0), (5e-324, 20.0)])
+def test_no_film_is_endless(speed: float, fps: float) -> None:
+    with pytest.raises(ScenarioError, match="at most 100,000 pictures"):
+        playback(Animation(speed=speed, fps=fps), 41, 6 / 240, most_fps=50)
+
+
+def test_a_long_recording_is_shown_whole_however_long_it_is() -> None:
+    assert len(playback(Animation(speed=1.0, fps=40.0), 200_001, 1 / 40, most_fps=50).frames) == (
+        200_001
+    )
+
+
 # -- formats --------------------------------------------------------------------------------------
 
 

@@ -17,11 +17,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import typer
 from conftest import Drop
 from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
+from cli import app
 from pipeline import Camera, DropError, Scenario, analyze, check, run, simulate
+from pipeline.console import running
 from pipeline.engines.bullet import probe
 from pipeline.engines.bullet.engine import find_body, p
 from pipeline.engines.bullet.urdf import check_urdf
@@ -99,6 +102,57 @@ def test_any_text_for_any_option_is_taken_or_refused_in_one_line(data: st.DataOb
     kind: type[Optioned] = Scenario if name in Scenario.options() else Camera
     text = data.draw(TEXTS)
     refused_or(lambda: kind.from_text({name: text}), options[name])
+
+
+COMMANDS: Any = typer.main.get_command(app).commands
+NUMERIC = {
+    (command, option.opts[0]): option.metavar
+    for command, one in COMMANDS.items()
+    for option in one.params
+    if option.metavar in (
+        "NUMBER", "N", "S", "METRES", "SECONDS", "X,Y,Z", "R,P,Y|X,Y,Z,W", "NUMBER|NAME",
+        "WIDTHxHEIGHT",
+    )
+}  # fmt: skip
+GIVEN = {
+    "simulate": ["--out", "a.rrd"], "analyze": ["a.rrd"], "render": ["a.rrd"], "run": [],
+    "check": ["a.rrd", "--against", "b.rrd"], "sweep": ["--out", "s"],
+}  # fmt: skip
+ONES = {"X,Y,Z": "0,0,{}", "R,P,Y|X,Y,Z,W": "0,{},0", "WIDTHxHEIGHT": "{}x480"}
+
+
+@pytest.mark.parametrize("number", ["3_2", "1__0", "٣٢", "３２", "³²", "\u2003 32", "32\u00a0"])
+@pytest.mark.parametrize(("command", "option"), NUMERIC)
+def test_a_number_is_what_every_program_takes_for_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: str, option: str, number: str
+) -> None:
+    """Python alone reads underscores, digits of all scripts, and spaces of all kinds."""
+    monkeypatch.chdir(tmp_path)
+    text = ONES.get(NUMERIC[command, option], "{}").format(number)
+    with pytest.raises((ScenarioError, typer.BadParameter)) as raised:
+        app([command, *GIVEN[command], option, text], standalone_mode=False)
+    said, code = running._verdict(raised.value)
+    assert code == 2
+    assert said.startswith(f"{option} takes ")
+    assert f"got {text!r}" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_option_that_becomes_a_number_is_read_like_that() -> None:
+    held = {
+        (command, option.opts[0])
+        for command, one in COMMANDS.items()
+        for option in one.params
+        if option.type_descriptor.annotation in (int, float)
+    }
+    assert held
+    assert held <= set(NUMERIC)
+
+
+@pytest.mark.parametrize("values", ["uniform:1:1_0", "choice:1:1_0", "uniform:1:١٠"])
+def test_nor_is_another_number_drawn(values: str) -> None:
+    with pytest.raises(ScenarioError, match="--vary"):
+        plan_of({}, samples=2, vary=[f"height={values}"])
 
 
 def edges(spec: Option) -> list[tuple[float, bool]]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from conftest import Drop, Recorder
+from conftest import Drop, Recorder, rerun_rrd
 from PIL import Image
 from rerun.chunk import RrdReader
 
@@ -384,6 +384,45 @@ def test_update_writes_the_golden_anew_and_whole(drop: Drop, tmp_path: Path) -> 
     assert drop("check", "new.rrd", "--against", "golden.rrd").returncode == 0
     assert {one.name for one in tmp_path.iterdir()} == {"old.rrd", "new.rrd", "golden.rrd"}
     assert read(tmp_path / "golden.rrd").states.equals(read(tmp_path / "new.rrd").states)
+
+
+@pytest.mark.parametrize("kind", ["text", "nothing", "picture", "layer", "merged", "a link"])
+def test_update_replaces_recordings_only(
+    tmp_path: Path, recorded: Recorder, standard: Run, kind: str
+) -> None:
+    """Whatever else is called .rrd stays as it is; of a layer, a recording is not made again."""
+    run, golden = recorded().path, tmp_path / "golden.rrd"
+    if kind == "layer":
+        golden.write_bytes(standard.analysis.layer.read_bytes())
+    elif kind == "merged":
+        rerun_rrd("merge", run, recorded(duration_s=0.5).path, "-o", golden)
+    elif kind == "a link":
+        golden.symlink_to(tmp_path / "nowhere")
+    else:
+        golden.write_bytes({"text": b"my notes", "nothing": b"", "picture": b"\x89PNG"}[kind])
+    before = golden.lstat()
+    with pytest.raises(OutputError, match=r"golden\.rrd is not a recording that drop made"):
+        check(run, golden, update=True)
+    after = golden.lstat()
+    assert (before.st_ino, before.st_mtime_ns) == (after.st_ino, after.st_mtime_ns)
+    assert [one.name for one in tmp_path.iterdir()] == ["golden.rrd"]
+
+
+@pytest.mark.parametrize("kind", ["whole", "packed", "unfinished", "another schema"])
+def test_update_replaces_a_recording_that_need_not_be_one_to_compare_with(
+    tmp_path: Path, recorded: Recorder, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    run, golden = recorded().path, tmp_path / "golden.rrd"
+    if kind == "packed":
+        golden.write_bytes(GOLDEN.read_bytes())
+    elif kind == "another schema":
+        with monkeypatch.context() as other:
+            other.setattr("pipeline.recording.schema.SCHEMA_VERSION", 0)
+            simulate(Scenario(), golden, camera=None)
+    else:
+        golden.write_bytes(run.read_bytes()[: None if kind == "whole" else -5000])
+    assert check(run, golden, update=True).updated
+    assert check(run, golden).same
 
 
 def test_update_keeps_the_golden_where_the_new_one_cannot_be_written(

@@ -29,7 +29,7 @@ from conftest import Drop, descendants_of
 from pipeline import Scenario, analyze, check, render, simulate
 from pipeline.errors import OutputError, RecordingError, ScenarioError
 from pipeline.recording import files
-from pipeline.recording.outputs import check_room, part_of
+from pipeline.recording.outputs import MOST_PARTS, check_room, part_of
 from pipeline.recording.reader import Recording, read
 from pipeline.stages import run as run_stage
 from pipeline.stages.simulate import BATCH
@@ -204,9 +204,8 @@ def test_a_full_disk_leaves_nothing_half_of_anything_else(
         assert process.returncode == 1, said
         assert_one_line(*said, "cannot be written")
         assert (disk / "run.rrd").read_bytes() == data
-        # A layer is a recording, and leaves its `.part`; nothing else leaves anything.
-        left = {one.name for one in disk.iterdir()} - {"run.rrd.analysis.rrd.part"}
-        assert left - {"run.analysis.rrd.part"} == {"run.rrd"}
+        assert [one.name for one in disk.iterdir()] == ["run.rrd"]
+        assert "what was recorded" not in said[1]
 
 
 @pytest.mark.parametrize("room_kb", [12, 40, 60, 90, 150])
@@ -322,6 +321,14 @@ def run_rrd(tmp_path: Path, precious: bytes) -> Path:
     """Return a recording in a folder of its own."""
     path = tmp_path / "run.rrd"
     path.write_bytes(precious)
+    return path
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a recording with frames."""
+    path = tmp_path_factory.mktemp("filmed") / "run.rrd"
+    simulate(Scenario(duration_s=0.1), path)
     return path
 
 
@@ -447,9 +454,124 @@ def test_a_part_that_is_a_link_is_not_followed(run_rrd: Path, precious: bytes) -
         part.rmdir() if part.is_dir() and not part.is_symlink() else part.unlink()
     sealed = run_rrd.with_name("new.rrd.part.sealed")
     sealed.symlink_to(run_rrd)
-    simulate(Scenario(duration_s=0.1), part.with_suffix(""), camera=None)
+    with pytest.raises(OutputError, match=r"new\.rrd\.part\.sealed is in the way"):
+        simulate(Scenario(duration_s=0.1), part.with_suffix(""), camera=None)
+    assert sealed.is_symlink()
+    assert not part.exists()
+    simulate(Scenario(duration_s=0.1), part.with_suffix(""), camera=None, force=True)
     assert not sealed.is_symlink()
     assert run_rrd.read_bytes() == precious
+
+
+WRITERS: dict[str, Callable[[Path, Path, bool], object]] = {
+    "new.rrd": lambda _, out, force: simulate(
+        Scenario(duration_s=0.1), out, camera=None, force=force
+    ),
+    "run.analysis.rrd": lambda run, _, force: analyze(run, force=force),
+    "layer.rrd": lambda run, out, force: analyze(run, out=out, force=force),
+    "t.csv": lambda run, out, force: analyze(run, table=out, force=force),
+    "t.parquet": lambda run, out, force: analyze(run, table=out, force=force),
+    "run.gif": lambda run, _, force: render(run, force=force),
+    "run.png": lambda run, _, force: render(run, force=force),
+    "a.webp": lambda run, out, force: render(run, out=out, force=force),
+    "p.svg": lambda run, out, force: render(run, plot=out, force=force),
+    "s.png": lambda run, out, force: sweep(
+        plan_of({"timestep_s": "1/240,1/480"}), run.with_name("s"), record=False, plot=out,
+        force=force,
+    ),
+    "golden.rrd": lambda run, out, _: check(run, out, update=True),
+}  # fmt: skip
+"""By the name of what is written: how, from a recording `run.rrd` with frames."""
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_part_that_is_there_is_left_as_it_is(tmp_path: Path, filmed: Path, name: str) -> None:
+    """It may be anybody's, whole or unfinished; with --force it goes."""
+    run, out = tmp_path / "run.rrd", tmp_path / name
+    run.write_bytes(filmed.read_bytes())
+    part = part_of(out)
+    part.write_bytes(b"precious")
+    inode = part.stat().st_ino
+    WRITERS[name](run, out, False)
+    assert out.stat().st_size > 0
+    assert (part.read_bytes(), part.stat().st_ino) == (b"precious", inode)
+    assert list(tmp_path.rglob("*.part")) == [part]
+    if name != "golden.rrd":  # drop check has no --force
+        WRITERS[name](run, out, True)
+        assert list(tmp_path.rglob("*.part*")) == []
+
+
+def stop(*_: object) -> None:
+    """Be told of the progress, and end as Ctrl-C does it."""
+    raise KeyboardInterrupt
+
+
+def test_a_run_that_was_stopped_can_be_repeated_and_what_it_left_stays(tmp_path: Path) -> None:
+    """Until too much of that is there: then a line says so."""
+    run, notes = tmp_path / "run.rrd", list[str]()
+    left: dict[Path, bytes] = {}
+    for number in range(1, MOST_PARTS + 1):
+        part = tmp_path / (f"run.rrd.{number}.part" if number > 1 else "run.rrd.part")
+        with pytest.raises(KeyboardInterrupt) as raised:
+            simulate(Scenario(duration_s=0.1), run, camera=None, progress=stop, note=notes.append)
+        assert raised.value.__notes__ == [f"what was recorded until then is in {part}"]
+        assert len(notes) == number - 1
+        assert not notes or f"this recording grows as {part}" in notes[-1]
+        left[part] = part.read_bytes()
+    with pytest.raises(OutputError, match=r"run\.rrd\.part and 8 more unfinished files"):
+        simulate(Scenario(duration_s=0.1), run, camera=None)
+    assert {one: one.read_bytes() for one in tmp_path.iterdir()} == left
+    part.unlink()
+    simulate(Scenario(duration_s=0.1), run, camera=None)
+    assert not read(run).partial
+    del left[part]
+    assert {one: one.read_bytes() for one in tmp_path.iterdir() if one != run} == left
+
+
+def test_with_force_a_stopped_run_leaves_one_part_however_often(tmp_path: Path) -> None:
+    for _ in range(3):
+        with pytest.raises(KeyboardInterrupt):
+            simulate(
+                Scenario(duration_s=0.1), tmp_path / "run.rrd", camera=None, force=True,
+                progress=stop,
+            )  # fmt: skip
+    assert [one.name for one in tmp_path.iterdir()] == ["run.rrd.part"]
+
+
+def test_beside_a_part_that_is_there_a_second_writer_is_turned_away_too(tmp_path: Path) -> None:
+    run = tmp_path / "run.rrd"
+    part_of(run).write_bytes(b"precious")
+    with files.unfinished(run, force=False) as part:
+        assert part.name == "run.rrd.2.part"
+        for force in (False, True):
+            with pytest.raises(OutputError, match="another process is writing"):
+                simulate(Scenario(duration_s=0.1), run, camera=None, force=force)
+        part.write_bytes(b"mine")
+        part.rename(run)
+    assert part_of(run).read_bytes() == b"precious"
+    assert run.read_bytes() == b"mine"
+
+
+def test_what_is_in_a_forced_part_is_of_this_run(tmp_path: Path) -> None:
+    """What fails before it has written anything does not say that something is in there."""
+    run = tmp_path / "run.rrd"
+    with pytest.raises(KeyboardInterrupt):
+        simulate(Scenario(duration_s=0.1), run, camera=None, progress=stop)
+    with pytest.raises(KeyboardInterrupt) as raised, files.unfinished(run, force=True):
+        raise KeyboardInterrupt
+    assert not getattr(raised.value, "__notes__", [])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_damaged_recording_is_read_under_a_name_that_is_free(
+    run_rrd: Path, precious: bytes
+) -> None:
+    """The line that says how to read what was cut does not say to replace what is there."""
+    part_of(run_rrd).write_bytes(b"theirs")
+    run_rrd.write_bytes(precious[:-2000])
+    with pytest.raises(RecordingError) as raised:
+        read(run_rrd)
+    assert f"mv {run_rrd} {run_rrd}.2.part" in str(raised.value)
 
 
 def test_a_part_that_is_also_a_whole_recording_is_not_written_into(

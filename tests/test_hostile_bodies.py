@@ -251,7 +251,10 @@ MESHES: dict[str, tuple[str | bytes, str]] = {
     },
     **{
         f"vertex {vertex}": (f"v {vertex}\n{TETRAHEDRON}", "obj")
-        for vertex in ("nan 0 0", "0 inf 0", "0 0 1e999", "0 0", "", "a b c", "1e308 1e308 1e308")
+        for vertex in (
+            "nan 0 0", "0 inf 0", "0 0 1e999", "0 0", "", "a b c", "1e308 1e308 1e308", "0 1_0 0",
+            "0 ١ 0",
+        )
     },
     "before its vertices": ("f -1 -2 -3\n" + TETRAHEDRON, "obj"),
     "a long line": (TETRAHEDRON + "f" + " 1 2 3" * 200 + "\n", "obj"),
@@ -273,6 +276,24 @@ def test_a_mesh_that_bullet_would_misread_is_refused(tmp_path: Path, kind: str) 
     content, suffix = MESHES[kind]
     written(tmp_path, content, f"m.{suffix}")
     refused(written(tmp_path, mesh(f"m.{suffix}")), "m.(obj|stl)")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("v 1 2 x", "'v 1 2 x' are no three finite numbers"),
+        ("v 0 0 é'", '"v 0 0 é\'" are no three finite numbers'),
+        ("f 1 2 x", "'x' is no corner of a face"),
+        ("f 1 2 -9", "'-9' is a vertex before the first"),
+    ],
+)
+def test_a_mesh_is_quoted_as_it_is_written(tmp_path: Path, line: str, said: str) -> None:
+    """And not as Python writes bytes."""
+    written(tmp_path, f"{TETRAHEDRON}{line}\n", "m.obj")
+    with pytest.raises(BodyFileError) as raised:
+        read_before_bullet(written(tmp_path, mesh("m.obj")))
+    assert said in str(raised.value)
+    assert "b'" not in str(raised.value)
 
 
 def test_good_meshes_are_taken(tmp_path: Path) -> None:

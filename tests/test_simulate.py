@@ -17,6 +17,7 @@ from pipeline.engines.bullet.engine import p
 from pipeline.engines.bullet.world import World
 from pipeline.errors import DropError, ScenarioError
 from pipeline.recording.reader import frames, read
+from pipeline.report import LARGEST
 from pipeline.stages.sweep_shard import RunShard
 from pipeline.sweeping.plan import plan_of
 
@@ -283,7 +284,7 @@ STATE = [(call, place) for call in ("getBasePositionAndOrientation", "getBaseVel
          for place in (0, 1)]  # fmt: skip
 
 
-@pytest.mark.parametrize("number", [math.nan, math.inf])
+@pytest.mark.parametrize("number", [math.nan, math.inf, 1.01e60])
 @pytest.mark.parametrize(("call", "place"), STATE)
 def test_a_state_that_is_no_number_any_more_is_an_error_and_no_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, place: int, number: float
@@ -291,7 +292,32 @@ def test_a_state_that_is_no_number_any_more_is_an_error_and_no_recording(
     """The engine's position, orientation, velocity or spin from step 50 on, in the second batch."""
     lose_numbers(monkeypatch, call, place, number, step=50)
     monkeypatch.setattr("pipeline.stages.simulate.BATCH", 40)
-    with pytest.raises(DropError, match=r"no number any more from step 50 on; try .*--timestep"):
+    with pytest.raises(DropError, match=r"no number any more from step 50 on .*; try .*--timestep"):
+        simulate(Scenario(), tmp_path / "run.rrd", camera=None)
+    assert not (tmp_path / "run.rrd").exists()
+
+
+def test_the_largest_number_that_is_recorded_is_the_largest_that_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lose_numbers(monkeypatch, "getBaseVelocity", 0, LARGEST, step=50)
+    simulate(Scenario(), tmp_path / "run.rrd", camera=None)
+    assert read(tmp_path / "run.rrd").states["vz_m_s"][50] == LARGEST
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, 1.01e60])
+@pytest.mark.parametrize("place", [8, 9])
+def test_nor_may_a_contact_be_no_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: int, number: float
+) -> None:
+    """Its distance or its force."""
+    told = p.getContactPoints
+
+    def lost(*which: object) -> list[tuple[object, ...]]:
+        return [(*one[:place], number, *one[place + 1 :]) for one in told(*which)]
+
+    monkeypatch.setattr(p, "getContactPoints", lost)
+    with pytest.raises(DropError, match="no number any more from step 10"):
         simulate(Scenario(), tmp_path / "run.rrd", camera=None)
     assert not (tmp_path / "run.rrd").exists()
 

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import polars as pl
 import pytest
 import typer
-from conftest import Drop
+from conftest import Drop, Recorder, judge
 
 from cli import app
 from pipeline.analysis.drop.comparison import Comparison, Place, Setting
@@ -32,9 +32,10 @@ from pipeline.console import output
 from pipeline.console.output import millimetres
 from pipeline.console.progress import rate
 from pipeline.console.show_check import DIFFERS, show_check
-from pipeline.console.show_drop import show_rendering, show_simulation
+from pipeline.console.show_drop import show_analysis, show_rendering, show_simulation
 from pipeline.console.show_sweep import readable_step, show_sweep
 from pipeline.console.show_view import show_view
+from pipeline.fields import decimals, engineering
 from pipeline.recording.viewer import Viewer
 from pipeline.stages.check import Check, Frames
 from pipeline.stages.render import Rendering
@@ -541,7 +542,7 @@ def test_printed_timesteps_that_no_one_chose_are_rounded(timestep_s: float, said
     ("value_m", "said"),
     [(0.00431, "+4.3100 mm"), (-6.13125e-3, "-6.1313 mm"), (6.8e-7, "+0.0007 mm"),
      (5.1e-8, "+0.0001 mm"), (4.9e-8, "+4.9e-05 mm"), (-2.8e-16, "-2.8e-13 mm"),
-     (0.0, "+0.0000 mm"), (-0.0, "+0.0000 mm")],
+     (0.0, "+0.0000 mm"), (-0.0, "+0.0000 mm"), (-4905.0, "-4.905e6 mm")],
 )  # fmt: skip
 def test_printed_millimetres_are_signed_and_never_a_false_zero(value_m: float, said: str) -> None:
     assert millimetres(value_m) == f"{said:>13}"
@@ -551,7 +552,8 @@ def test_printed_millimetres_are_signed_and_never_a_false_zero(value_m: float, s
     ("frames", "fps", "speed", "facts"),
     [(41, 20.0, 0.5, "41 frames, 2.05 s, 2 times slower"),
      (41, 40.0, 1.0, "41 frames, 1.02 s, in real time"),
-     (30, 10.0, 3.0, "30 frames, 3.00 s, 3 times faster"), (2, 20.0, None, "2 frames, 0.10 s")],
+     (30, 10.0, 3.0, "30 frames, 3.00 s, 3 times faster"), (2, 20.0, None, "2 frames, 0.10 s"),
+     (1, 20.0, None, "1 frame, 0.05 s")],
 )  # fmt: skip
 def test_printed_rendering_says_how_it_plays(
     capsys: pytest.CaptureFixture[str], frames: int, fps: float, speed: float | None, facts: str
@@ -574,6 +576,39 @@ def test_printed_simulation_says_what_was_recorded(capsys: pytest.CaptureFixture
         "recording": "run.rrd", "recording_id": "an id", "samples": 12_001, "frames": 41,
         "bytes": 345_678, "wall_s": 1.26,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("value", "places", "said"),
+    [(0.025, 4, "0.0250"), (-4.905, 4, "-4.9050"), (999_999.0, 1, "999999.0"),
+     (1e6, 4, "1e6"), (-9.81e9, 4, "-9.81e9"), (123_456_789.0, 1, "123.457e6"),
+     (999_999_999.0, 4, "1e9"), (1e60, 2, "1e60")],
+)  # fmt: skip
+def test_printed_large_numbers_are_in_powers_of_a_thousand(
+    value: float, places: int, said: str
+) -> None:
+    assert decimals(value, places) == said
+
+
+def test_printed_small_numbers_among_large_ones_are_so_too() -> None:
+    assert [engineering(one, "+") for one in (0.0, 0.25, -1234.5, 9.81e9)] == [
+        "+0", "+250e-3", "-1.2345e3", "+9.81e9",
+    ]  # fmt: skip
+
+
+def test_printed_story_of_a_heavy_body_has_no_digits_that_mean_nothing(
+    capsys: pytest.CaptureFixture[str], recorded: Recorder
+) -> None:
+    """1,000 kg from a height of 1,000 km, and what is in a recording that was cut early."""
+    analysis = judge(recorded(height_m=1e6, mass_kg=1000.0, linear_damping=0.0, duration_s=0.5))
+    show_analysis(analysis, as_json=False)
+    told = capsys.readouterr().out
+    assert "dropped from 1e6 m" in told
+    assert "9.81e9 J at release, 9.81e9 J at the end" in told
+    assert not re.search(r"\d{7}\.", told), told
+    one = replace(analysis, partial=True, recording=RUN, table=analysis.table.head(1))
+    show_analysis(one, as_json=True)
+    assert "the analysis of the 1 sample that it holds" in capsys.readouterr().err
 
 
 def test_printed_view_names_files_and_where_they_are_seen(
@@ -639,7 +674,10 @@ def test_the_examples_work_one_after_the_other(drop: Drop, tmp_path: Path, stand
         (["simulate", "--out", "a.rrd", "--higth", "2"], "--height"),
         (["sweep", "--out", "s", "--samples", "2", "--vary", "hight=uniform:1:2"], "mean height?"),
         (["sweep", "--out", "s", "--samples", "2", "--vary", "zzz=uniform:1:2"], "velocity_z"),
-        (["render", "run.rrd", "--fps", "fast"], "--fps takes a number, got 'fast'"),
+        (
+            ["render", "run.rrd", "--fps", "fast"],
+            "--fps takes a number or a fraction such as 1/480, got 'fast'",
+        ),
         (["sweep", "--out", "s", "--jobs", "1.5"], "--jobs takes a whole number, got '1.5'"),
         (["--show-completion", "tcsh"], "takes bash, zsh, fish, got 'tcsh'"),
     ],

@@ -10,6 +10,8 @@ import textwrap
 import unicodedata
 from typing import Any, TextIO
 
+from pipeline.fields import decimals
+
 WIDTH = 80
 """Columns that a line of ours takes at most, where no name in it is longer."""
 
@@ -43,7 +45,8 @@ def wants_colour(stream: TextIO) -> bool:
 def millimetres(value_m: float) -> str:
     """Right-align a length in mm; what four decimals cannot show is given in powers of ten."""
     value = value_m * 1e3 + 0.0  # no minus before a zero
-    text = f"{value:+.4f}" if value == 0 or abs(value) >= 5e-5 else f"{value:+.1e}"
+    small = 0 < abs(value) < 5e-5
+    text = f"{value:+.1e}" if small else decimals(value, 4, "+")
     return f"{text:>10} mm"
 
 

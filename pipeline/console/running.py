@@ -129,16 +129,18 @@ def _verdict(error: BaseException) -> tuple[str, int]:
     if isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)
         command = "drop" if context is None else context.command_path
-        said = _not_a_number(error) or error.format_message().rstrip(".")
+        said = _unreadable(error) or error.format_message().rstrip(".")
         return f"{said[:1].lower()}{said[1:]}; see: {command} --help", error.exit_code
     return f"{type(error).__name__}: {error}; DROP_DEBUG=1 shows where", 1
 
 
-def _not_a_number(error: BaseException) -> str | None:
+def _unreadable(error: BaseException) -> str | None:
     """Return what to say of a text that is no number: Typer leaves the text out."""
-    kinds = {"float_parsing": "a number", "int_parsing": "a whole number"}
+    from pipeline.fields import shown
+
     for one in getattr(error.__cause__, "errors", list)():
-        if one["type"] in kinds:
+        wanted = one.get("ctx", {}).get("error")
+        if isinstance(wanted, DropError):
             option = getattr(error, "param").opts[0]  # noqa: B009 - of some errors only
-            return f"{option} takes {kinds[one['type']]}, got {one['input']!r}"
+            return f"{option} takes {wanted}, got {shown(one['input'])}"
     return None

@@ -16,7 +16,7 @@ from pipeline.console.output import (
     print_lines,
     titled,
 )
-from pipeline.fields import fraction
+from pipeline.fields import LARGE, decimals, engineering, fraction
 
 if TYPE_CHECKING:
     from pipeline.analysis.drop.results import Analysis, Bounce, Moment
@@ -129,9 +129,9 @@ def _story(analysis: Analysis) -> list[str]:
     damping = "default" if scenario["linear_damping"] is None else f"{scenario['linear_damping']:g}"
     body = escape(Path(scenario["body"]).name)
     lines = [
-        f"[bold]{body}[/] dropped from {first['simulated_m']:.4f} m, "
+        f"[bold]{body}[/] dropped from {decimals(first['simulated_m'], 4)} m, "
         f"timestep {fraction(scenario['timestep_s'])} s, damping {damping}",
-        f"after {last['time_s']:.4g} s its centre is at {last['simulated_m']:.4f} m",
+        f"after {last['time_s']:.4g} s its centre is at {decimals(last['simulated_m'], 4)} m",
     ]
     for moment in analysis.at:
         lines += ["", *_moment(moment, scenario["linear_damping"])]
@@ -156,9 +156,9 @@ def _titled(title: str, words: str) -> list[str]:
 def _moment(moment: Moment, linear_damping: float | None) -> list[str]:
     lines = [
         f"[bold]At {moment.time_s:.4g} s[/] (step {moment.step})",
-        f"  simulated      {moment.simulated_m:10.4f} m",
-        f"  free fall      {moment.free_fall_m:10.4f} m",
-        f"  difference     {moment.error_m:+10.4f} m",
+        f"  simulated      {decimals(moment.simulated_m, 4):>10} m",
+        f"  free fall      {decimals(moment.free_fall_m, 4):>10} m",
+        f"  difference     {decimals(moment.error_m, 4, '+'):>10} m",
     ]
     terms = moment.terms_m
     if terms is None:
@@ -189,7 +189,7 @@ def _impact(analysis: Analysis) -> list[str]:
         words = f"none in {end_s:.4g} s"
         inside_m = (analysis.engine.rest_height_m or 0.0) - analysis.table["simulated_m"][-1]
         if landing is not None and inside_m > 0:
-            words += f", and {inside_m * 1e3:.1f} mm inside the floor at the end"
+            words += f", and {decimals(inside_m * 1e3, 1)} mm inside the floor at the end"
         if landing is not None:
             words += f"; {_times(None, landing.time_free_fall_s, landing.time_damped_s)}"
         return _titled("Impact", words)
@@ -198,15 +198,15 @@ def _impact(analysis: Analysis) -> list[str]:
     step_mm /= analysis.scenario["substeps"] or 1
     depth = ""
     if impact.penetration_m is not None:
-        depth = f", {impact.penetration_m * 1e3:.1f} mm deep"
+        depth = f", {decimals(impact.penetration_m * 1e3, 1)} mm deep"
         if impact.lowest_step > impact.step:
             depth += f" at most (step {impact.lowest_step})"
     return [
         *_titled("Impact", predicted or "theory does not say when: it is turned, or did not fall"),
         *_titled(
             "",
-            f"arrives at {impact.speed_m_s:.3f} m/s, {step_mm:.1f} mm a step; first contact at "
-            f"step {impact.step}{depth}",
+            f"arrives at {decimals(impact.speed_m_s, 3)} m/s, {decimals(step_mm, 1)} mm a step; "
+            f"first contact at step {impact.step}{depth}",
         ),
     ]
 
@@ -235,7 +235,10 @@ def _bounces(analysis: Analysis) -> list[str]:
         tumbling = len(analysis.bounces) - len(explained)
         if tumbling:
             highest_mm = max(one.apex_m for one in analysis.bounces[len(explained) :]) * 1e3
-            words += f"; {tumbling} more bounce{'s' * (tumbling > 1)}, up to {highest_mm:.1f} mm"
+            words += (
+                f"; {tumbling} more bounce{'s' * (tumbling > 1)}, up to "
+                f"{decimals(highest_mm, 1)} mm"
+            )
         lines += _titled("Tumbles" if analysis.tumbles else "Not flat", words)
     return lines
 
@@ -261,7 +264,7 @@ def _bounce(analysis: Analysis, bounce: Bounce) -> str:
 
 def _positive_mm(length_m: float) -> str:
     """Write a length in millimetres; what rounds to nothing has no sign."""
-    return f"{round(length_m * 1e3, 1) + 0.0:.1f}"
+    return decimals(round(length_m * 1e3, 1) + 0.0, 1)
 
 
 def _rest(analysis: Analysis) -> list[str]:
@@ -269,11 +272,14 @@ def _rest(analysis: Analysis) -> list[str]:
     if rest is None:
         return []
     lines = _titled(
-        "Rest", f"{rest.height_m:.4f} m: the position is the body's centre, not its underside"
+        "Rest",
+        f"{decimals(rest.height_m, 4)} m: the position is the body's centre, not its underside",
     )
+    if rest.settled_step is None:
+        lines += _titled("", "it goes on creeping or turning to the end of the recording")
     if rest.expected_m is None or rest.error_m is None:
         return lines + _titled("", "nothing says how high a body lies that is turned like this")
-    error = f"{rest.error_m * 1e6:+.2f} µm off {rest.expected_m:g} m"
+    error = f"{decimals(rest.error_m * 1e6, 2, '+')} µm off {rest.expected_m:g} m"
     if rest.terms_m is None:
         return lines + _titled("", f"{error}; the contact law does not cover this landing")
     terms = rest.terms_m
@@ -285,7 +291,7 @@ def _rest(analysis: Analysis) -> list[str]:
 
 
 def _micrometres(length_m: float) -> str:
-    return f"{round(length_m * 1e6, 2) + 0.0:+.2f}"
+    return decimals(round(length_m * 1e6, 2) + 0.0, 2, "+")
 
 
 def _energy(analysis: Analysis) -> list[str]:
@@ -299,10 +305,17 @@ def _energy(analysis: Analysis) -> list[str]:
         "contact": energy.contact_j,
     }
     scale = max(abs(energy.initial_j), abs(energy.final_j))
-    form = ".4f" if scale >= 0.01 else ".3e"
+
+    def joules(j: float, sign: str = "") -> str:
+        if scale >= LARGE:
+            return engineering(j, sign)
+        return f"{j:{sign}.4f}" if scale >= 0.01 else f"{j:{sign}.3e}"
+
     # What is a millionth of the whole is rounding, and no cause.
-    causes = [f"{j:+{form}} {cause}" for cause, j in lost.items() if j and abs(j) > 1e-6 * scale]
-    sum_up = f"{energy.initial_j:{form}} J at release, {energy.final_j:{form}} J at the end"
+    causes = [
+        f"{joules(j, '+')} {cause}" for cause, j in lost.items() if j and abs(j) > 1e-6 * scale
+    ]
+    sum_up = f"{joules(energy.initial_j)} J at release, {joules(energy.final_j)} J at the end"
     return _titled("Energy", f"{sum_up}: {', '.join(causes)}" if causes else sum_up)
 
 

@@ -19,7 +19,7 @@ from pipeline.console.output import (
     print_lines,
     titled,
 )
-from pipeline.fields import fraction
+from pipeline.fields import decimals, fraction
 
 if TYPE_CHECKING:
     from pipeline.analysis.drop.convergence import Study
@@ -149,7 +149,8 @@ def _study(group: Group, study: Study, at_s: float) -> list[str]:
     width = max(map(len, pairs)) + 3
     pairs = pairs[-max(1, min(3, (WIDTH - STUDY - 2) // width)) :]
     limit_mm = study.limit_m * 1e3
-    limit = f"{limit_mm:+.2f} mm" if abs(limit_mm) >= 5e-3 else f"{limit_mm:+.1e} mm"
+    large = abs(limit_mm) >= 5e-3
+    limit = f"{decimals(limit_mm, 2, '+') if large else f'{limit_mm:+.1e}'} mm"
     damped = study.damping_matters
     free_fall = _orders(study.orders_free_fall, len(pairs), width, 2 if damped else 3)
     lines = [
@@ -170,8 +171,8 @@ def _study(group: Group, study: Study, at_s: float) -> list[str]:
     else:
         lines += _said(
             "  Richardson",
-            f"{study.extrapolated_m:.6f} m at order {study.order:.4f}; damped fall at "
-            f"{study.damped_fall_m:.6f} m",
+            f"{decimals(study.extrapolated_m, 6)} m at order {study.order:.4f}; damped fall at "
+            f"{decimals(study.damped_fall_m, 6)} m",
         )
     if study.grid_convergence_index is not None:
         lines += _said(

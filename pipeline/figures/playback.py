@@ -52,6 +52,10 @@ class Playback:
     """Number of the recorded frame in each picture, ascending; one may come again."""
 
 
+MOST_PICTURES = 100_000
+"""Of an animation that shows frames more than once: over an hour of them."""
+
+
 def playback(animation: Animation, count: int, interval_s: float, *, most_fps: float) -> Playback:
     """Decide what is shown.
 
@@ -65,6 +69,11 @@ def playback(animation: Animation, count: int, interval_s: float, *, most_fps: f
         Simulated time from one to the next [s].
     most_fps
         Most pictures per second that the format can show.
+
+    Raises
+    ------
+    ScenarioError
+        If that would be more than `MOST_PICTURES`.
     """
     fps, speed = animation.fps, animation.speed
     if speed is None:
@@ -73,6 +82,11 @@ def playback(animation: Animation, count: int, interval_s: float, *, most_fps: f
     own_fps = speed / interval_s
     if fps is None:
         fps = min(own_fps, most_fps)
+    if (count - 1) * interval_s * fps > max(count, MOST_PICTURES) * speed:
+        raise ScenarioError(
+            f"--speed and --fps must make at most {MOST_PICTURES:,} pictures, got {speed:g} and "
+            f"{fps:g} for {(count - 1) * interval_s:g} s; give a lower --fps"
+        )
     # The nearest recorded frame to each picture's time. 1e-9: the last one is not lost to rounding.
     pictures = math.floor((count - 1) * fps / own_fps * (1 + 1e-9)) + 1
     frames = [min(round(number * own_fps / fps), count - 1) for number in range(pictures)]

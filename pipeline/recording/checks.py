@@ -12,14 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from pipeline.errors import RecordingError
 from pipeline.fields import shown
 from pipeline.recording import schema
-from pipeline.report import EngineReport
+from pipeline.report import LARGEST, EngineReport
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 
 Float64 = NDArray[np.float64]
 
 AGAIN = "record it again with: drop simulate"
-LARGEST = 1e60
-"""Beyond anything that falls; energies and their sums of squares stay finite."""
 
 
 def damaged(path: Path, what: str) -> RecordingError:

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from pipeline.fields import shown
 from pipeline.recording import schema
-from pipeline.recording.checks import LARGEST, damaged
+from pipeline.recording.checks import damaged
 from pipeline.recording.rrd import Chunk
+from pipeline.report import LARGEST
 
 Part = tuple[NDArray[np.int64], NDArray[np.float64]]
 """Steps, shape (n,), and some columns of the state at them, shape (n, columns)."""

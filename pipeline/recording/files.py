@@ -1,7 +1,8 @@
 """Files that are whole or not there: `.part`, verify, rename.
 
 Nothing here knows physics. A recording grows as `RUN.rrd.part`; every other output is written the
-same way through `written_whole`.
+same way through `written_whole`. A `.part` that was there before stays as it is: the next name is
+taken, `RUN.rrd.2.part`.
 """
 
 from __future__ import annotations
@@ -9,71 +10,125 @@ from __future__ import annotations
 import contextlib
 import os
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
 from pipeline.errors import OutputError
-from pipeline.recording.outputs import check_regular, check_target, part_of, sealed_of, translated
+from pipeline.recording import rrd
+from pipeline.recording.outputs import (
+    check_regular,
+    check_target,
+    free_part_of,
+    part_of,
+    sealed_of,
+    translated,
+)
 from pipeline.recording.viewer import binary
 
 
 @contextlib.contextmanager
-def unfinished(path: Path, *, force: bool) -> Iterator[Path]:
+def unfinished(
+    path: Path,
+    *,
+    force: bool,
+    ours: bool = False,
+    salvage: bool = True,
+    note: Callable[[str], None] = lambda _: None,
+) -> Iterator[Path]:
     """Yield the `.part` file of a recording, locked against a second writer.
+
+    Parameters
+    ----------
+    path, force, ours
+        As for `replaced`.
+    salvage
+        Whether what was written until an error is kept.
+    note
+        Told in a sentence if the file has another name than usual until it is whole.
 
     Raises
     ------
     OutputError
-        As `check_target`; if another process is writing the same file; if the disk is full.
+        As for `replaced`; if something is where the viewer's layout is to be added.
     """
-    check_target(path, force=force)
-    part = part_of(path)
-    with translated(path), _locked(part, path):
+    check_target(path, force=force or ours)
+    with translated(path), _part(path, force=force) as part:
+        if part != part_of(path):
+            note(f"{part_of(path)} was there and is left as it is; this recording grows as {part}")
         try:
+            _make_way(sealed_of(part), force=force)
             with translated(path):
                 yield part
         except BaseException as failure:
-            with contextlib.suppress(FileNotFoundError):  # its folder may be gone
-                if part.stat().st_size:
+            with contextlib.suppress(OSError):  # its folder may be gone
+                if salvage and _holds_something(part):
                     failure.add_note(f"what was recorded until then is in {part}")
                 else:
                     part.unlink()
             raise
 
 
+def _make_way(sealed: Path, *, force: bool) -> None:
+    if os.path.lexists(sealed) and not force:
+        raise OutputError(f"{sealed} is in the way, and is left as it is; move it, or --force")
+    sealed.unlink(missing_ok=True)
+
+
+def _holds_something(part: Path) -> bool:
+    """Whether at least one chunk of a recording was written whole."""
+    try:
+        return any(True for _ in rrd.chunks(part, unfinished=True))
+    except rrd.DamagedError:
+        return False
+
+
 @contextlib.contextmanager
-def written_whole(path: Path, *, force: bool = True) -> Iterator[BinaryIO]:
+def written_whole(path: Path, *, force: bool, ours: bool = False) -> Iterator[BinaryIO]:
     """Yield a binary file, to write and read, that has its name once the block ends without error.
+
+    Parameters
+    ----------
+    path, force, ours
+        As for `replaced`.
 
     Raises
     ------
     OutputError
-        As `check_target`; if another process is writing the same file; if the disk is full. What
-        was there before is untouched then.
+        As for `replaced`. What was there before is untouched then.
     """
-    with replaced(path, force=force) as part, part.open("w+b") as handle:
+    with replaced(path, force=force, ours=ours) as part, part.open("w+b") as handle:
         yield handle
 
 
 @contextlib.contextmanager
-def replaced(path: Path, *, force: bool = True) -> Iterator[Path]:
+def replaced(path: Path, *, force: bool, ours: bool = False) -> Iterator[Path]:
     """Yield a `.part` file, for another program to write; it gets its name when the block ends.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    force
+        Whether what is there may be replaced, under the file's own name and as its `.part`.
+    ours
+        Whether what has the file's own name is known to be ours, and may be replaced without that.
 
     Raises
     ------
     OutputError
-        As for `written_whole`.
+        As `check_target`; if another process is writing the same file; if too many unfinished
+        ones are there; if the disk is full.
     """
-    check_target(path, force=force)
-    part = part_of(path)
-    with translated(path), _locked(part, path):
+    check_target(path, force=force or ours)
+    with translated(path), _part(path, force=force) as part:
         try:
             yield part
             onto_disk([part])
-            _rename(part, path, force=force)
-        finally:
+            _rename(part, path, force=force or ours)
+        except BaseException:
             part.unlink(missing_ok=True)
+            raise
 
 
 def pack(recording: Path, path: Path) -> None:
@@ -114,7 +169,7 @@ def seal(
         _rename(part, path, force=force)
         return
     whole = sealed_of(part)
-    whole.unlink(missing_ok=True)  # of a run that was killed, or a link that would be followed
+    whole.touch(exist_ok=False)  # whatever came there meanwhile is not written into
     try:
         # `route` copies messages without decoding them: 0.1 s and flat memory for 300 MB, where
         # `merge` loads everything.
@@ -187,19 +242,34 @@ def _rename(part: Path, path: Path, *, force: bool) -> None:
 
 
 @contextlib.contextmanager
-def _locked(part: Path, path: Path) -> Iterator[None]:
-    """Hold the `.part` file against other processes."""
+def _part(path: Path, *, force: bool) -> Iterator[Path]:
+    """Yield an empty file of our own, for a file that is not whole yet.
+
+    Whoever writes a file holds the first of its `.part` names, whatever is there, and writes to the
+    first at which nothing was. An empty one is nothing: `reserved` takes a name with it.
+    """
+    first = part_of(path)
     while True:
-        with opened(part) as handle:
+        with opened(first) as handle:
             lock(handle, f"another process is writing {path}; wait, or give another name")
+            there = os.fstat(handle.fileno())
             # Between our opening it and locking it, its writer may have finished and renamed it.
-            if part.exists() and os.path.samestat(part.stat(), os.fstat(handle.fileno())):
-                if part.stat().st_nlink == 1:
-                    yield
-                    return
+            if not (first.exists() and os.path.samestat(first.stat(), there)):
+                continue
+            if force and there.st_nlink > 1:
                 # It is a whole file by another name, as where a run was killed while it gave its
                 # recording the final one. What we write must not go in there.
-                part.unlink()
+                first.unlink()
+                continue
+            if force:
+                handle.truncate(0)
+            elif there.st_size or there.st_nlink > 1:
+                free = free_part_of(path)
+                free.touch(exist_ok=False)
+                yield free
+                return
+            yield first
+            return
 
 
 def opened(path: Path) -> BinaryIO:

@@ -56,8 +56,9 @@ def write_layer(
     events: Sequence[tuple[int, str]],
     findings: str,
     force: bool,
+    ours: bool,
 ) -> None:
-    """Write the layer: error terms, energies, events and findings.
+    """Write the layer, or nothing of it: error terms, energies, events and findings.
 
     Parameters
     ----------
@@ -71,8 +72,8 @@ def write_layer(
         What happened: steps in order, and a line each.
     findings
         What the recording gives away, as Markdown.
-    force
-        Whether an existing file may be replaced.
+    force, ours
+        As for `files.replaced`.
 
     Raises
     ------
@@ -88,6 +89,8 @@ def write_layer(
             height_m=scenario.height_m, camera=camera.view if camera else None, analysis=True
         ),
         force=force,
+        ours=ours,
+        salvage=False,
     )
 
 

@@ -1,6 +1,7 @@
 """Where outputs may go: checked before any work is done for them.
 
-An output is not an input, is not written through a link, and replaces only what it may.
+An output is not an input, is not written through a link, and replaces only what it may. Nor does
+the name that it has until it is whole: what is there already stays, and the next one is taken.
 """
 
 from __future__ import annotations
@@ -15,10 +16,31 @@ from pathlib import Path
 
 from pipeline.errors import OutputError
 
+MOST_PARTS = 9
+"""Names that an unfinished file may have: what killed runs leave does not grow for ever."""
+
 
 def part_of(path: Path) -> Path:
     """Return the name a file has until it is whole."""
     return path.with_name(path.name + ".part")
+
+
+def free_part_of(path: Path) -> Path:
+    """Return the first of `.part`, `.2.part` and so on at which nothing is.
+
+    Raises
+    ------
+    OutputError
+        If there are `MOST_PARTS` already.
+    """
+    others = (path.with_name(f"{path.name}.{number}.part") for number in range(2, MOST_PARTS + 1))
+    for part in (part_of(path), *others):
+        if not any(map(os.path.lexists, (part, sealed_of(part)))):
+            return part
+    raise OutputError(
+        f"{part_of(path)} and {MOST_PARTS - 1} more unfinished files beside it are left as they "
+        "are; remove those that nobody needs"
+    )
 
 
 def sealed_of(part: Path) -> Path:

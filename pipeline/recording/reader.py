@@ -32,7 +32,7 @@ from pipeline.recording.checks import (
 )
 from pipeline.recording.columns import Part, Properties
 from pipeline.recording.digest import FrameDigest, StateDigest, inputs_digest
-from pipeline.recording.outputs import is_part
+from pipeline.recording.outputs import free_part_of, is_part
 from pipeline.report import EngineReport
 from pipeline.scenario import Camera, Scenario
 
@@ -122,6 +122,20 @@ def recording_id(path: Path) -> str:
     raise damaged(path, "it is empty")
 
 
+def is_recording(path: Path) -> bool:
+    """Whether a file is one recording of ours: finished or not, of this schema or an older one."""
+    found, ids = False, set()
+    try:
+        for chunk in rrd.chunks(path, unfinished=True):
+            if chunk.application_id != schema.APPLICATION_ID:
+                return False
+            ids.add(chunk.recording_id)
+            found |= chunk.entity == f"__properties/{schema.SCENARIO_PROPERTY}"
+    except (rrd.DamagedError, OSError):
+        return False
+    return found and len(ids) == 1
+
+
 def entities(path: Path) -> Iterator[str]:
     """Yield the entity of each chunk in a recording or layer of ours.
 
@@ -192,7 +206,7 @@ def _check_frames(
 
 
 def _unfinished(path: Path, what: str) -> RecordingError:
-    rename = shlex.join(["mv", str(path), f"{path}.part"])
+    rename = shlex.join(["mv", str(path), str(free_part_of(path))])
     return RecordingError(f"{path} is damaged: {what}; to read what it holds, rename it: {rename}")
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -43,6 +43,9 @@ def record(
     recording_id: str,
     blueprint: rrb.Blueprint | None,
     force: bool = False,
+    ours: bool = False,
+    salvage: bool = True,
+    note: Callable[[str], None] = lambda _: None,
 ) -> None:
     """Write chunks to a recording that has its name only when it is whole and verified.
 
@@ -56,13 +59,13 @@ def record(
         Files of one id open as one recording.
     blueprint
         The viewer's layout; None leaves it out, and the file is verified without another program.
-    force
-        Whether an existing file may be replaced.
+    force, ours, salvage, note
+        As for `unfinished`.
 
     Raises
     ------
     OutputError
-        If the file exists and `force` is not given, cannot be written, or fails verification.
+        As for `unfinished`; if the file fails verification.
     """
     rows: dict[str, int] = {}
     failures: list[BaseException] = []
@@ -77,19 +80,20 @@ def record(
         except BaseException as failure:  # noqa: BLE001 - raised again below
             failures.append(failure)
 
-    with unfinished(path, force=force) as part, _strict():
+    kept = unfinished(path, force=force, ours=ours, salvage=salvage, note=note)
+    with kept as part, _strict():
         LazyChunkStream.from_iter(counted()).write_rrd(
             part, application_id=schema.APPLICATION_ID, recording_id=recording_id
         )
         if failures:
             raise failures[0]
         if blueprint is None:
-            seal(part, path, blueprint=None, rows=rows, force=force)
+            seal(part, path, blueprint=None, rows=rows, force=force or ours)
             return
         with tempfile.TemporaryDirectory() as folder:
             layout = Path(folder, "layout.rbl")
             blueprint.save(schema.APPLICATION_ID, str(layout))
-            seal(part, path, blueprint=layout, rows=rows, force=force)
+            seal(part, path, blueprint=layout, rows=rows, force=force or ours)
 
 
 @contextmanager

@@ -79,7 +79,8 @@ def analyze(
         samples=analysis.table,
         events=events(analysis),
         findings=findings_markdown(analysis),
-        force=force or out is None,
+        force=force,
+        ours=out is None,
     )
     for one in tables:
         write_table(one, analysis.table, force=force)

@@ -13,12 +13,12 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.drop.comparison import Comparison, Place, Side, compare
-from pipeline.errors import RecordingError, ScenarioError, check_suffix
+from pipeline.errors import OutputError, RecordingError, ScenarioError, check_suffix
 from pipeline.figures.animation import decoded
 from pipeline.recording import files
 from pipeline.recording.checks import AGAIN
 from pipeline.recording.outputs import check_apart, check_target
-from pipeline.recording.reader import Recording, frames, read
+from pipeline.recording.reader import Recording, frames, is_recording, read
 from pipeline.scenario import Camera
 
 POSE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
@@ -88,7 +88,7 @@ def check(
     tolerance_m
         Difference that is let pass [m]; 0 is bit for bit in the air and 1e-9 m in contact.
     update
-        Whether to make the recording the golden one, whatever was golden before.
+        Whether to make the recording the golden one; what was golden before is replaced.
 
     Raises
     ------
@@ -98,7 +98,8 @@ def check(
         If the tolerance is not a length, or a golden recording is to be written under a name that
         does not end in .rrd.
     OutputError
-        If the golden recording is to be written and cannot be, or is the recording itself.
+        If the golden recording is to be written and cannot be, is the recording itself, or has the
+        name of a file that is no recording.
     """
     path, golden = Path(recording), Path(against)
     if not (math.isfinite(tolerance_m) and tolerance_m >= 0):
@@ -114,6 +115,11 @@ def check(
     check_target(golden, force=True)
     check_apart([golden], inputs=[path])
     check_suffix("--against", golden, (".rrd",))
+    if os.path.lexists(golden) and not is_recording(golden):
+        raise OutputError(
+            f"{golden} is not a recording that drop made, or is damaged, and is left as it is; "
+            "remove it, or give --against another name"
+        )
     try:
         before = _checked(run, _whole(golden), tolerance_m)
     except RecordingError:  # there is none yet, or none that can be read
@@ -142,7 +148,7 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
 
 def _make_golden(run: Recording, golden: Path) -> None:
     """Write a recording under the golden name, packed, if it reads back the same."""
-    with files.replaced(golden) as part:
+    with files.replaced(golden, force=False, ours=True) as part:
         files.pack(run.path, part)
         packed = _whole(part)
         if not packed.states.equals(run.states, null_equal=True):

@@ -116,13 +116,13 @@ def render(
         played = _played(read_back, len(recorded), animation, gif)
         report = functools.partial(progress, f"writing {gif.suffix[1:]}")
         pictures = _pictures(recorded, played, animation, analysis, dark, report)
-        with written_whole(gif, force=force or out is None) as file, _refused(path):
+        with written_whole(gif, force=force, ours=out is None) as file, _refused(path):
             count = write_animation(pictures, file, suffix=gif.suffix, fps=played.fps)
     elif out is not None:
         raise RecordingError(
             f"{path} has no frames to make {gif} of; record it without --no-camera"
         )
-    with written_whole(plotted, force=force or plot is None) as file:
+    with written_whole(plotted, force=force, ours=plot is None) as file:
         file.write(_plot(*drawing) if assistant is None else assistant.answer())
     return Rendering(
         gif=gif if count else None,

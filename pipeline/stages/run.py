@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.figures.playback import EVERY_FRAME, Animation
-from pipeline.recording.outputs import make_folder, part_of, reserved
+from pipeline.recording.outputs import make_folder, part_of, reserved, sealed_of
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 from pipeline.workers import Worker
 
@@ -85,7 +85,7 @@ def _reserved(folder: Path) -> Iterator[Path]:
         stem = "run" if number == 1 else f"run-{number}"
         path = folder / f"{stem}.rrd"
         part, made = part_of(path), (path, *(folder / f"{stem}{end}" for end in _DERIVED))
-        if not any(map(os.path.lexists, (part, *made))) and reserved(path):
+        if not any(map(os.path.lexists, (part, sealed_of(part), *made))) and reserved(path):
             if not any(map(os.path.lexists, made)):
                 break
             part.unlink()  # another process has finished that number just now

@@ -194,8 +194,8 @@ def sweep(
 
 def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: float) -> None:
     if until_ci_m is not None:
-        if not until_ci_m > 0:
-            raise ScenarioError(f"--until-ci must be above 0 m, got {until_ci_m:g}")
+        if not 0 < until_ci_m < math.inf:
+            raise ScenarioError(f"--until-ci must be finite and above 0 m, got {until_ci_m:g}")
         if plan.samples is None or plan.axes:
             raise ScenarioError("--until-ci takes one scenario with --samples, and no lists")
     if jobs is not None and jobs < 1:

@@ -135,6 +135,7 @@ class RunShard:
         make_folder(path.parent, "--out")
         if not self.force:
             self._home.check_recording(self.plan, run)
+        self._home.discard_unfinished(self.plan, run)
         return path
 
     def _fall(self, scenario: Scenario, run: int, path: Path | None) -> tuple[Moment, float]:
@@ -176,7 +177,9 @@ class RunShard:
                 # waiting for Python's lock: a tenth of a short run's time.
                 chunks = list(chunks)
             recording_id = self._home.recording_id(run)
-            writer.record(path, chunks, recording_id=recording_id, blueprint=None, force=True)
+            writer.record(
+                path, chunks, recording_id=recording_id, blueprint=None, force=self.force, ours=True
+            )
         return np.concatenate(seen)
 
     def _analyzed_recording(self, path: Path) -> Moment:

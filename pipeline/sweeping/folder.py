@@ -24,7 +24,7 @@ import polars as pl
 from pipeline.errors import OutputError, RecordingError
 from pipeline.fields import integer, number, orientation, vector
 from pipeline.recording.files import lock, opened, written_whole
-from pipeline.recording.outputs import make_folder
+from pipeline.recording.outputs import make_folder, part_of
 from pipeline.recording.table import written_by_polars
 from pipeline.scenario import Scenario, gravity
 from pipeline.sweeping.plan import Plan
@@ -191,7 +191,7 @@ class Folder:
 
     @contextlib.contextmanager
     def _stamped(self, path: Path) -> Iterator[BinaryIO]:
-        with written_by_polars(path) as file:
+        with written_by_polars(path, force=False, ours=True) as file:
             yield file
             stamp(file, self._owner(path))
 
@@ -238,6 +238,17 @@ class Folder:
                 f"{path} must be this sweep's recording of run {run}, and is something else; move "
                 "it away and repeat the command, or replace it with --force"
             )
+
+    def discard_unfinished(self, plan: Plan, run: int) -> None:
+        """Remove what a worker of this sweep that was killed left of a run's recording."""
+        part = part_of(self.recording(plan, run))
+        if not part.is_file() or part.is_symlink():
+            return
+        from pipeline.recording.reader import recording_id
+
+        with contextlib.suppress(RecordingError):  # somebody else's
+            if recording_id(part) == self.recording_id(run):
+                part.unlink()
 
     def _is_own(self, path: Path, run: int) -> bool:
         from pipeline.recording.reader import read  # a sweep without recordings needs none of it

@@ -19,6 +19,7 @@ from pipeline.analysis.drop.mismatch import Mismatch, joints_of
 from pipeline.analysis.drop.phases import Phases
 from pipeline.analysis.drop.posture import extent_m, tilt_rad, tumbles
 from pipeline.analysis.drop.results import Bounce, Finding, Impact, Landing, Moment, Rest
+from pipeline.fields import decimals
 
 DEEP_PENETRATION = 0.1
 """Share of the body's height that it may sink into the floor before it is worth reporting."""
@@ -79,15 +80,16 @@ def _never_moved(e: Evidence) -> Iterator[Finding]:
     if not scenario.gravity_set:
         yield Finding(
             "no-gravity",
-            f"the engine's gravity is 0 m/s² and the centre is at {heights_m[-1]:.4f} m at the "
-            "end: PyBullet starts without gravity; call p.setGravity(0, 0, -9.81), i.e. omit "
-            "--no-gravity",
+            f"the engine's gravity is 0 m/s² and the centre is at {decimals(heights_m[-1], 4)} m "
+            "at the end: PyBullet starts without gravity; call p.setGravity(0, 0, -9.81), i.e. "
+            "omit --no-gravity",
         )
     if not scenario.stepped and e.mismatch is None:
         yield Finding(
             "not-stepped",
-            f"all {len(heights_m)} samples are the same to the last bit, at {heights_m[0]:.4f} m: "
-            "time passes only in p.stepSimulation(); call it once per sample, i.e. omit --no-step",
+            f"all {len(heights_m)} samples are the same to the last bit, at "
+            f"{decimals(heights_m[0], 4)} m: time passes only in p.stepSimulation(); call it once "
+            "per sample, i.e. omit --no-step",
         )
 
 
@@ -109,15 +111,15 @@ def _no_floor(e: Evidence) -> Iterator[Finding]:
     if not e.case.scenario.floor and lowest_m < floor_m <= e.case.fall.height_m:
         yield Finding(
             "no-floor",
-            f"the centre went down to {lowest_m:.4f} m without a contact: there is nothing to land "
-            'on; call p.loadURDF("plane.urdf"), i.e. omit --no-floor',
+            f"the centre went down to {decimals(lowest_m, 4)} m without a contact: there is "
+            'nothing to land on; call p.loadURDF("plane.urdf"), i.e. omit --no-floor',
         )
     low = position_m[:, 2] + e.case.engine.reach_m < 0
     if e.case.scenario.floor and low.any() and not e.case.over_floor(position_m[low][:1]):
         yield Finding(
             "no-floor",
-            f"the centre went down to {lowest_m:.4f} m past the floor's edge: plane.urdf ends "
-            f"{FLOOR_REACH_M:g} m from the origin; throw less far with --velocity",
+            f"the centre went down to {decimals(lowest_m, 4)} m past the floor's edge: plane.urdf "
+            f"ends {FLOOR_REACH_M:g} m from the origin; throw less far with --velocity",
         )
 
 
@@ -132,7 +134,7 @@ def _tunnelled(e: Evidence) -> Iterator[Finding]:
         return
     step = int(below[0])
     where = f"at {e.case.time_s[step]:.4g} s (step {step}) the body is below the floor, its centre "
-    where += f"at {position_m[step, 2]:.4f} m, and nothing has touched"
+    where += f"at {decimals(position_m[step, 2], 4)} m, and nothing has touched"
     if e.case.engine.shape == "none":
         reason = "the body has no collision shape; add a <collision> to the URDF of --body"
     elif _overlapped(e.case, step):
@@ -194,7 +196,7 @@ def _damping(e: Evidence) -> Iterator[Finding]:
     elif e.moment is not None and e.moment.terms_m is not None and e.moment.terms_m.damping:
         yield Finding(
             "default-damping",
-            f"damping moves the body by {e.moment.terms_m.damping * 1e3:+.2f} mm at "
+            f"damping moves the body by {decimals(e.moment.terms_m.damping * 1e3, 2, '+')} mm at "
             f"{e.moment.time_s:.4g} s: PyBullet damps every body with 0.04 by default; "
             "call p.changeDynamics(body, -1, linearDamping=0), i.e. --linear-damping 0",
         )
@@ -227,10 +229,10 @@ def _refining_hurts(e: Evidence) -> Iterator[Finding]:
     if grows and abs(left_m) <= CANCELS * abs(terms.damping):
         yield Finding(
             "refining-hurts",
-            f"at {e.moment.time_s:.4g} s the error is {e.moment.error_m * 1e3:+.2f} mm and goes to "
-            f"{terms.damping * 1e3:+.2f} mm as the timestep shrinks: the timestep's share and the "
-            f"damping's cancel at {_rate(cancel_s)} s; take the error apart before refining, or "
-            "switch the damping off with --linear-damping 0",
+            f"at {e.moment.time_s:.4g} s the error is {decimals(e.moment.error_m * 1e3, 2, '+')} "
+            f"mm and goes to {decimals(terms.damping * 1e3, 2, '+')} mm as the timestep shrinks: "
+            f"the timestep's share and the damping's cancel at {_rate(cancel_s)} s; take the error "
+            "apart before refining, or switch the damping off with --linear-damping 0",
         )
 
 
@@ -251,10 +253,10 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
         per_step_m *= e.case.substep_s
         yield Finding(
             "deep-penetration",
-            f"the body sinks {depth_m * 1e3:.1f} mm into the floor, {depth_m / tall_m:.0%} of "
-            "its height: contact acts only once it is inside, and it moves "
-            f"{per_step_m * 1e3:.1f} mm down in a step; shorten the step with p.setTimeStep, i.e. "
-            "--timestep",
+            f"the body sinks {decimals(depth_m * 1e3, 1)} mm into the floor, "
+            f"{depth_m / tall_m:.0%} of its height: contact acts only once it is inside, and it "
+            f"moves {decimals(per_step_m * 1e3, 1)} mm down in a step; shorten the step with "
+            "p.setTimeStep, i.e. --timestep",
         )
 
 
@@ -325,7 +327,7 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
     rest = e.rest
     if rest is None or rest.error_m is None or rest.error_m >= -REST_BELOW_M:
         return
-    lower = f"the body lies {-rest.error_m * 1e6:.2f} µm lower than {rest.expected_m:g} m"
+    lower = f"the body lies {decimals(-rest.error_m * 1e6, 2)} µm lower than {rest.expected_m:g} m"
     if rest.terms_m is not None:
         causes = "Bullet leaves a slop of 10 µm uncorrected"
         if abs(rest.terms_m.solver) > SOLVER_M and e.case.scenario.solver_residual != 0:
@@ -362,6 +364,6 @@ def _still_airborne(e: Evidence) -> Iterator[Finding]:
         lands = f" ({', '.join(times)})"
     yield Finding(
         "still-airborne",
-        f"after {case.time_s[-1]:.4g} s the centre is still at {height_m:.4f} m: the recording "
-        f"ends before the impact{lands}; let it go on with --duration",
+        f"after {case.time_s[-1]:.4g} s the centre is still at {decimals(height_m, 4)} m: the "
+        f"recording ends before the impact{lands}; let it go on with --duration",
     )

@@ -320,7 +320,7 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
 
 def find_rest(case: Case, found: Phases, tumbled_step: int | None, law: Path | None) -> Rest | None:
     """Return where the body comes to lie, and why it is not the rest height exactly."""
-    if found.rest_step is None:
+    if not found.lies:
         return None
     last_m = float(case.samples.height_m[-1])
     expected_m = flat_height_m(case, len(case.samples.height_m) - 1)

@@ -166,8 +166,8 @@ class Rest:
     """None where nothing says how high the centre of a body lies that is turned like this."""
     error_m: float | None
     """Height minus what is expected."""
-    settled_step: int
-    """First sample of the rest."""
+    settled_step: int | None
+    """First sample of the rest; None where the body goes on creeping or turning."""
     terms_m: RestTerms | None
     """None where the contact law does not cover the landing."""
 

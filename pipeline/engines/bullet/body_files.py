@@ -22,6 +22,8 @@ FORMATS = (".obj", ".stl", ".dae", ".cdf", ".vtk")
 """Suffixes, of any case, of what Bullet takes for a mesh."""
 LONGEST_LINE = 1022
 """Bytes in a .obj or .mtl, of which Bullet reads lines of 1,023, their end included."""
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+"""What C and Python read alike; Python alone takes 1_000."""
 LARGEST_INDEX = 100_000_000
 """Of a normal or texture in a .obj: three times that is still an int."""
 PREFIXES = ("./", "./data/", "../data/", "../../data/", "../../../data/", "../../../../data/")
@@ -172,24 +174,26 @@ def _obj_problem(data: bytes) -> str:
     for line in data.split(b"\n"):
         kind, *parts = line.split() or [b""]
         if kind == b"v":
-            try:
-                finite = math.isfinite(sum(map(float, parts[:3])))
-            except ValueError:
-                finite = False
-            if not finite or len(parts) < 3:
-                return f"{line[:40]!r} are no three finite numbers"
+            numbers = [part.decode(errors="replace") for part in parts[:3]]
+            read = len(numbers) == 3 and all(map(NUMBER.fullmatch, numbers))
+            if not (read and math.isfinite(sum(map(float, numbers)))):
+                return f"{_quoted(line)} are no three finite numbers"
             vertices += 1
         elif kind == b"f":
             for part in parts:
                 indices = _indices(part)
                 if not indices or 0 in indices or max(map(abs, indices)) > LARGEST_INDEX:
-                    return f"{part[:40]!r} is no corner of a face"
+                    return f"{_quoted(part)} is no corner of a face"
                 if indices[0] < -vertices:
-                    return f"{part[:40]!r} is a vertex before the first"
+                    return f"{_quoted(part)} is a vertex before the first"
                 highest = max(highest, indices[0])
     if highest > vertices:
         return f"a face has vertex {highest:,}, and there are {vertices:,}"
     return ""
+
+
+def _quoted(text: bytes) -> str:
+    return repr(text[:40].decode(errors="replace"))
 
 
 _CORNER = re.compile(rb"(-?\d{1,10})(?:/(-?\d{1,10})?(?:/(-?\d{1,10}))?)?")

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree as Xml
 from xml.parsers import expat
 
-from pipeline.engines.bullet.body_files import BodyFileError, cut_lines, files_behind, read
+from pipeline.engines.bullet.body_files import NUMBER, BodyFileError, cut_lines, files_behind, read
 from pipeline.errors import ScenarioError
 
 MOST_BYTES = 10_000_000
@@ -74,8 +74,6 @@ NUMBERS: dict[str, dict[str, Numbers]] = {
     **{name: {"value": _ONE} for name in CONTACT},
 }
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
-"""What C and Python read alike; Python alone takes 1_000."""
 _START_TAG = re.compile(rb"""<[^\s/>]+(?:\s+[^\s=]+\s*=\s*(?:"[^"]*"|'[^']*'))*""")
 _ATTRIBUTE = re.compile(rb"""\s([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
 
@@ -209,7 +207,7 @@ def _number_problems(name: str, text: str, rule: Numbers) -> Iterator[str]:
         if rule.counts == (1,)
         else f"{counts} finite numbers with spaces between,"
     )
-    if not all(map(_NUMBER.fullmatch, parts)) or len(parts) not in rule.counts:
+    if not all(map(NUMBER.fullmatch, parts)) or len(parts) not in rule.counts:
         yield f"{name} must be {wanted} got {text[:40]!r}"
         return
     numbers = [float(part) for part in parts]

@@ -24,13 +24,15 @@ from pipeline.engines.bullet.engine import data_folder, find_body, p
 from pipeline.engines.bullet.touching import ROUNDING_M, touching_height
 from pipeline.errors import DropError, ScenarioError
 from pipeline.fields import Quaternion
-from pipeline.report import EngineReport
+from pipeline.report import LARGEST, EngineReport
 from pipeline.scenario import Scenario
 
 Float64 = NDArray[np.float64]
 
 STATE_WIDTH = 16
 """Numbers in one row of state: position 3, orientation 4, velocities 3 + 3, contact 3."""
+_CONTACT_POINTS = 13
+"""The column with their number; behind it the distance, which is nan without one, and the force."""
 LINK_WIDTH = 13
 """Numbers that a further link adds: position 3, orientation 4, velocities 3 + 3."""
 
@@ -304,7 +306,7 @@ class World:
         Raises
         ------
         DropError
-            If position, orientation or velocity are no numbers any more.
+            If they are no numbers any more that a recording holds.
         """
         pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
         body, client, contact = self._body, self._client, self._contact
@@ -324,7 +326,7 @@ class World:
                 )
                 if self._links:
                     links[row] = self._link_states()
-            check_numbers(rows[:, :13], start)
+            check_numbers(_without_gaps(rows), start)
             check_numbers(links, start)
             yield np.hstack((rows, links)) if self._links else rows
 
@@ -357,14 +359,21 @@ def check_numbers(rows: Float64, first: int) -> None:
     Raises
     ------
     DropError
-        If one of them is nan or infinite.
+        If one of them is nan, or larger than what a recording holds.
     """
-    lost = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    lost = np.flatnonzero(~(np.abs(rows) <= LARGEST).all(axis=1))
     if len(lost):
         raise DropError(
-            f"the engine's state is no number any more from step {first + lost[0]} on; try a "
-            "shorter --timestep, less --spin or --velocity, or another --body"
+            f"the engine's state is no number any more from step {first + lost[0]} on (or over "
+            f"{LARGEST:g}); try a shorter --timestep, less --spin or --velocity, or another --body"
         )
+
+
+def _without_gaps(rows: Float64) -> Float64:
+    """Return samples with 0 for the distance to the floor where no contact has one."""
+    filled = rows.copy()
+    filled[rows[:, _CONTACT_POINTS] == 0, _CONTACT_POINTS + 1] = 0.0
+    return filled
 
 
 _ROW = struct.Struct(f"={STATE_WIDTH}d")
