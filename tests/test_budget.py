@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -378,6 +379,28 @@ def test_what_slides_or_spins_is_not_at_rest(recorded: Recorder) -> None:
     )  # fmt: skip
     assert judge(slides).rest is None
     assert judge(spins).rest is None
+
+
+SLOW: dict[str, dict[str, Any]] = {
+    "spins": {"body": "sphere_small.urdf", "height_m": 0.0301, "spin_rad_s": (0.0, 0.0, 0.005)},
+    "slides": {"height_m": 0.0251, "velocity_m_s": (2e-5, 0.0, 0.0)},
+    "is slowed down": {"height_m": 0.0251, "spin_rad_s": (0.0, 0.0, 0.005), "angular_damping": 0.9,
+                       "duration_s": 8.0},
+}  # fmt: skip
+"""On a floor without friction, for 3 s."""
+
+
+@pytest.mark.parametrize("kind", SLOW)
+def test_what_goes_on_slowly_has_no_first_sample_of_its_rest(recorded: Recorder, kind: str) -> None:
+    """It would be another in each longer recording, and the body moved before as it does after."""
+    made = recorded(**{"duration_s": 3.0, "friction": 0.0} | SLOW[kind])
+    analysis = judge(made)
+    rest, stops = analysis.rest, kind == "is slowed down"
+    assert rest is not None
+    assert rest.height_m == made.column("z_m")[-1]
+    assert ("rest" in analysis.table["phase"]) == stops
+    assert (rest.settled_step is not None) == stops
+    assert ("at rest" in events(analysis)[-1][1]) == stops
 
 
 def test_a_body_rests_only_after_a_tenth_of_a_second(recorded: Recorder) -> None:
