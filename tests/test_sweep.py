@@ -34,11 +34,12 @@ from pipeline.engines.bullet.world import World
 from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.figures.convergence_plot import Panel, build_figure
 from pipeline.figures.style import LIGHT
+from pipeline.recording.outputs import part_of
 from pipeline.recording.reader import read
 from pipeline.stages.sweep import Sweep, sweep
 from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
-from pipeline.sweeping.folder import TERMS
+from pipeline.sweeping.folder import TERMS, Folder
 from pipeline.sweeping.plan import plan_of
 
 ARTICLE = ("--timestep", "1/240,1/480,1/960", "--linear-damping", "default,0")
@@ -692,6 +693,26 @@ def test_a_list_of_lists_of_lists_is_no_sweep(copied: Path) -> None:
     (copied / "sweep.json").write_text("[" * 100_000 + "]" * 100_000)
     with pytest.raises(OutputError, match=r"sweep\.json is damaged; choose another --out"):
         sweep(THREE, copied, record=False)
+
+
+def test_what_a_killed_worker_left_goes_and_what_others_put_there_stays(tmp_path: Path) -> None:
+    """Its unfinished recording has this sweep's id; any other file under such a name stays."""
+    plan = plan_of({"height_m": "1,2,3"})
+    sweep(plan, tmp_path, jobs=1)
+    home = Folder(tmp_path)
+    runs = [home.recording(plan, run) for run in range(3)]
+    left, of_another, theirs = (part_of(run) for run in runs)
+    left.write_bytes(runs[0].read_bytes()[:-5000])
+    of_another.write_bytes(runs[2].read_bytes())
+    theirs.write_bytes(b"precious")
+    for shard, run in enumerate(runs):
+        home.part(shard).unlink()
+        run.unlink()
+    part_of(home.part(0)).write_bytes(b"precious")
+    assert sweep(plan, tmp_path, jobs=1).computed == 3
+    assert not left.exists()
+    assert set(tmp_path.rglob("*.part")) == {of_another, theirs, part_of(home.part(0))}
+    assert theirs.read_bytes() == part_of(home.part(0)).read_bytes() == b"precious"
 
 
 def test_two_sweeps_at_a_time_do_not_share_a_folder(tmp_path: Path) -> None:

@@ -54,9 +54,9 @@ def unfinished(
     """
     check_target(path, force=force or ours)
     with translated(path), _part(path, force=force) as part:
-        if part != part_of(path):
-            note(f"{part_of(path)} was there and is left as it is; this recording grows as {part}")
         try:
+            if part != (first := part_of(path)):
+                note(f"{first} was there and is left as it is; this recording grows as {part}")
             _make_way(sealed_of(part), force=force)
             with translated(path):
                 yield part
