@@ -398,7 +398,7 @@ def test_what_goes_on_slowly_has_no_first_sample_of_its_rest(recorded: Recorder,
     analysis = judge(made)
     rest, stops = analysis.rest, kind == "is slowed down"
     assert rest is not None
-    assert rest.height_m == made.column("z_m")[-1]
+    assert rest.height_m == made.states["z_m"][-1]
     assert ("rest" in analysis.table["phase"]) == stops
     assert (rest.settled_step is not None) == stops
     assert ("at rest" in events(analysis)[-1][1]) == stops
