@@ -59,7 +59,10 @@ def _section(call: str, command: Any, shared: dict[str, list[str]]) -> str:  # n
     ]
     links = [f"[{title}](#{title.lower().replace(' ', '-')})" for title in found if title in shared]
     paragraphs = [textwrap.fill(one, 100) for one in command.help.split("\n\n")]
-    called = usage(call, command.params, "" if shared else "COMMAND").removeprefix("Usage: ")
+    ours_first = not command.context_settings.get("allow_interspersed_args", True)
+    called = usage(
+        call, command.params, "" if shared else "COMMAND", options_first=ours_first
+    ).removeprefix("Usage: ")
     paragraphs.append(_text([called, "", *own]).rstrip())
     if links:
         paragraphs.append(f"And the {' and '.join(links)}.")

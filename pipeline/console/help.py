@@ -95,7 +95,11 @@ _COMPLETION: dict[str, Callable[..., Any]] = {
 def _page(command: Any, ctx: Any, first: Iterable[str] = ()) -> Iterator[str]:  # noqa: ANN401
     """Yield the lines of a command's help; a group says its epilog first, a command last."""
     params, width = command.get_params(ctx), _width()
-    yield from [usage(ctx.command_path, params, sub="COMMAND" if first else ""), ""]
+    ours_first = not ctx.allow_interspersed_args and not first
+    called = usage(
+        ctx.command_path, params, sub="COMMAND" if first else "", options_first=ours_first
+    )
+    yield from [called, ""]
     for paragraph in command.help.split("\n\n"):
         yield from [textwrap.fill(" ".join(paragraph.split()), width), ""]
     yield from first
@@ -118,9 +122,13 @@ def _heading(title: str) -> str:
 # -- one option -----------------------------------------------------------------------------------
 
 
-def usage(command: str, params: Iterable[Any], sub: str = "") -> str:
+def usage(
+    command: str, params: Iterable[Any], sub: str = "", *, options_first: bool = False
+) -> str:
     """Return how a command is called: what it must be given, then what it may."""
     wanted = [call_of(one) for one in params if _is_argument(one) or one.required]
+    if options_first:
+        return " ".join(["Usage:", command, "[OPTIONS]", *wanted])
     return " ".join(["Usage:", command, *wanted, *([sub] if sub else []), "[OPTIONS]"])
 
 
