@@ -34,15 +34,18 @@ class App(typer.Typer):
 
 
 class Command(TyperCommand):
-    """A command whose help lists its own options first, then those of each `rich_help_panel`."""
+    """A command whose help lists arguments, its own options, then each `rich_help_panel`."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
         """Write a section for each group of options."""
-        sections: dict[str, list[tuple[str, str]]] = {"Options": []}
-        for param in self.get_params(ctx):
-            title = getattr(param, "rich_help_panel", None) or "Options"
-            record = param.get_help_record(ctx)
-            sections.setdefault(title, []).extend([record] if record else [])
+        sections: dict[str, list[tuple[str, str]]] = {}
+        params: list[Any] = self.get_params(ctx)  # options and arguments, which share few types
+        for param in params:
+            is_argument = param.param_type_name == "argument"
+            title = "Arguments" if is_argument else param.rich_help_panel or "Options"
+            called, said = param.get_help_record(ctx)
+            record = (param.metavar, param.help) if is_argument else (called, said)
+            sections.setdefault(title, []).append(record)
         for title, records in sections.items():
             with formatter.section(title):
                 formatter.write_dl(records)

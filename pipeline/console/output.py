@@ -92,6 +92,14 @@ def print_json(value: dict[str, Any]) -> None:
     print("\n".join(map(harmless, lines)), flush=True)
 
 
+def descriptor(stream: TextIO) -> int:
+    """Return a stream's file descriptor, for another process to write to."""
+    try:
+        return stream.fileno()
+    except OSError:  # somebody has put a stream in memory in its place
+        return 2 if stream is sys.stderr else 1
+
+
 def note(sentence: str) -> None:
     """Say something that is worth knowing but no error, on standard error."""
     print(one_line(f"drop: {sentence}"), file=sys.stderr)
@@ -108,13 +116,13 @@ def one_line(sentence: str) -> str:
     )
 
 
-def print_lines(*lines: str) -> None:
+def print_lines(*lines: str, stream: TextIO | None = None) -> None:
     """Print lines with Rich's markup: coloured on a terminal, plain in a pipe, never wrapped."""
     from rich.console import Console
 
-    coloured = wants_colour(sys.stdout)
+    coloured = wants_colour(stream or sys.stdout)
     console = Console(
-        highlight=False, emoji=False, soft_wrap=True, force_terminal=coloured,
+        file=stream, highlight=False, emoji=False, soft_wrap=True, force_terminal=coloured,
         color_system="auto" if coloured else None,
     )  # fmt: skip
     for line in lines:

@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -43,7 +43,7 @@ def record(
     chunks: Iterable[Chunk],
     *,
     recording_id: str,
-    blueprint: rrb.Blueprint | None,
+    blueprint: rrb.Blueprint | Callable[[], rrb.Blueprint] | None,
     force: bool = False,
     ours: bool = False,
     salvage: bool = True,
@@ -60,7 +60,8 @@ def record(
     recording_id
         Files of one id open as one recording.
     blueprint
-        The viewer's layout; None leaves it out, and the file is verified without another program.
+        The viewer's layout, or what returns it when the chunks are over; None leaves it out, and
+        the file is verified without another program.
     force, ours, salvage, note
         As for `unfinished`.
 
@@ -94,7 +95,8 @@ def record(
             return
         with tempfile.TemporaryDirectory() as folder:
             layout = Path(folder, "layout.rbl")
-            blueprint.save(schema.APPLICATION_ID, str(layout))
+            layout_of = blueprint if isinstance(blueprint, rrb.Blueprint) else blueprint()
+            layout_of.save(schema.APPLICATION_ID, str(layout))
             # Rerun keeps the stream that it saved through, with two threads that wake all the time.
             bindings.flush_and_cleanup_orphaned_recordings()
             seal(part, path, blueprint=layout, rows=rows, force=force or ours)
@@ -218,7 +220,7 @@ def state_chunks(states: Rows, timestep_s: float) -> Iterator[Chunk]:
     timestep_s
         Timestep [s].
     """
-    yield _rows_chunk(schema.STATES, states, timestep_s)
+    yield rows_chunk(schema.STATES, states, _every(states, timestep_s))
     base = base_of(states)
     base = base[_noticed(poses_of(base), schema.POSE_RESOLUTION)]
     yield Chunk.from_columns(
@@ -228,17 +230,74 @@ def state_chunks(states: Rows, timestep_s: float) -> Iterator[Chunk]:
     )
 
 
+class Times(NamedTuple):
+    """When the rows of a chunk were."""
+
+    steps: Steps
+    """Shape (n,)."""
+    times_s: Float64
+    """Shape (n,)."""
+    calls: Steps | None = None
+    """How many calls of the script were before, where that is worth a timeline."""
+
+
+def times(at: Times) -> list[rr.TimeColumn]:
+    """Return the timelines of rows."""
+    found = [
+        rr.TimeColumn(schema.STEP_TIMELINE, sequence=at.steps),
+        rr.TimeColumn(schema.TIME_TIMELINE, duration=at.times_s),
+    ]
+    if at.calls is not None:
+        found.append(rr.TimeColumn(schema.CALL_TIMELINE, sequence=at.calls))
+    return found
+
+
+def numbers_of_steps_chunk(entity: str, at: Times, values: Mapping[str, Float64]) -> Chunk:
+    """Return arrays of shape (n, k) as lists, one of k per time."""
+    bounds = np.arange(len(at.steps) + 1)
+    columns = [_list_column(name, one, bounds) for name, one in values.items()]
+    return Chunk.from_columns(entity, times(at), columns)
+
+
+def table_chunk(entity: str, at: Times, rows: Sequence[Mapping[str, Any]]) -> Chunk:
+    """Return rows of the same names, a row per time: numbers, texts or arrays, each as a list."""
+    columns = []
+    for name in rows[0]:
+        held = [_flat(row[name]) for row in rows]
+        offsets = np.cumsum([0, *map(len, held)]).astype(np.int32)
+        columns.append(rr.ComponentColumn(name, _Arrow(pa.concat_arrays(held)), offsets=offsets))
+    return Chunk.from_columns(entity, times(at), columns)
+
+
+def _flat(value: Any) -> pa.Array:  # noqa: ANN401 - what a row may hold
+    if isinstance(value, np.ndarray):
+        return pa.array(np.ascontiguousarray(value).reshape(-1))
+    held = list(value) if isinstance(value, list | tuple) else [value]
+    if held and all(isinstance(one, int | float) and type(one) is not bool for one in held):
+        whole = all(isinstance(one, int) for one in held)
+        return pa.array(held, type=pa.int64() if whole else pa.float64())
+    return pa.array(held, type=pa.bool_() if held and type(held[0]) is bool else pa.string())
+
+
 def contacts_chunk(contacts: Rows, timestep_s: float) -> Chunk:
     """Return contact points, at least one, of dtype `CONTACT`: a row per step and point."""
-    return _rows_chunk(schema.CONTACTS, contacts, timestep_s)
+    return rows_chunk(schema.CONTACTS, contacts, _every(contacts, timestep_s))
 
 
-def _rows_chunk(table: schema.Table, rows: Rows, timestep_s: float) -> Chunk:
-    """Return rows as lists, a list per step and component."""
-    steps, first = np.unique(rows["step"], return_index=True)
+def _every(rows: Rows, timestep_s: float) -> Times:
+    return _at(np.unique(rows["step"]), timestep_s)
+
+
+def _at(steps: Steps, timestep_s: float) -> Times:
+    return Times(steps, np.asarray(steps * timestep_s, dtype=np.float64))
+
+
+def rows_chunk(table: schema.Table, rows: Rows, at: Times) -> Chunk:
+    """Return rows as lists, a list per step and component; `at` has their steps, each once."""
+    first = np.unique(rows["step"], return_index=True)[1]
     bounds = np.append(first, len(rows))
     columns = [_list_column(name, rows[name], bounds) for name in table.columns]
-    return Chunk.from_columns(table.entity, _times(steps, timestep_s), columns)
+    return Chunk.from_columns(table.entity, times(at), columns)
 
 
 def _list_column(component: str, values: NDArray[Any], bounds: Steps) -> rr.ComponentColumn:
@@ -322,7 +381,4 @@ def _static(entity: str, columns: rr.ComponentColumnList) -> Chunk:
 
 
 def _times(steps: Steps, timestep_s: float) -> list[rr.TimeColumn]:
-    return [
-        rr.TimeColumn(schema.STEP_TIMELINE, sequence=steps),
-        rr.TimeColumn(schema.TIME_TIMELINE, duration=steps * timestep_s),
-    ]
+    return times(_at(steps, timestep_s))

@@ -1,0 +1,88 @@
+"""Begin to watch: from now on what the script does with pybullet is told."""
+
+from __future__ import annotations
+
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import sys
+from collections.abc import Callable, Sequence
+from types import ModuleType
+from typing import Any
+
+from .clock import Clock
+from .draws import Draws
+from .hooks import Watch
+from .pipe import Pipe
+
+
+def watch(
+    pipe: int,
+    block: int,
+    *,
+    steps: int | None,
+    duration_s: float | None,
+    keep_sleeping: bool,
+    seed: int | None,
+) -> Watch:
+    """Watch pybullet, as soon as it is imported.
+
+    Parameters
+    ----------
+    pipe, block
+        File descriptors of the pipe, and of the memory shared with who reads it.
+    steps, duration_s
+        When the script is to be stopped; None for never.
+    keep_sleeping
+        Whether the script's clock is the real one.
+    seed
+        Of all random numbers, or None.
+    """
+    started = Watch(
+        Pipe(pipe, block), Clock(real=keep_sleeping), steps=steps, duration_s=duration_s
+    )
+    version = ".".join(map(str, sys.version_info[:3]))
+    started.pipe.note("python", version=version, virtual_time=not keep_sleeping)
+    started.clock.install()
+    started.lock.install()
+    draws = Draws(seed, started.tell_draw)
+    draws.begin()
+    started.on_removal(draws.remove)
+    for name, then in (("pybullet", started.install), ("numpy.random", draws.on_numpy)):
+        if name in sys.modules:
+            then(sys.modules[name])
+        else:
+            finder = _OnImport(name, then)
+            sys.meta_path.insert(0, finder)
+            started.on_removal(finder.remove)
+    return started
+
+
+class _OnImport(importlib.abc.MetaPathFinder):
+    """Calls a function with a module once it is imported: by a script, when and if it does."""
+
+    def __init__(self, name: str, then: Callable[[ModuleType], None]) -> None:
+        self._name, self._then = name, then
+
+    def remove(self) -> None:
+        """Wait no longer."""
+        if self in sys.meta_path:
+            sys.meta_path.remove(self)
+
+    def find_spec(
+        self, fullname: str, _path: Sequence[str] | None, _target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        if fullname != self._name:
+            return None
+        self.remove()
+        spec = importlib.util.find_spec(fullname)
+        if spec is not None and spec.loader is not None:
+            then, execute = self._then, spec.loader.exec_module
+
+            def exec_module(module: ModuleType) -> None:
+                execute(module)
+                then(module)
+
+            loader: Any = spec.loader
+            loader.exec_module = exec_module
+        return spec

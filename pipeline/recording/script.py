@@ -1,0 +1,362 @@
+"""What the recording of somebody's script holds, and in which order.
+
+Numbers go into `state`, `contacts` and what stands beside them, as float64; what is drawn of them
+is thinned to what a viewer shows.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.recording import pictures, schema, writer
+from pipeline.recording.digest import FrameDigest, RowsDigest, inputs_digest
+from pipeline.recording.gathering import Gathering
+from pipeline.recording.writer import Chunk, Times
+from pipeline.seen import (
+    Appearance,
+    At,
+    Body,
+    Call,
+    Dynamics,
+    Ending,
+    Event,
+    Given,
+    Image,
+    Joints,
+    Push,
+    Put,
+    Samples,
+    Settings,
+)
+from pipeline.states import Rows
+
+ROWS_TOGETHER, POSES_TOGETHER, IMAGES_TOGETHER = 1024, 1 << 18, 32
+"""What is held until it becomes chunks."""
+SHOWN_PER_S = 60
+"""Poses in a second of simulated time that are drawn."""
+
+
+class Script:
+    """A script's recording while it is made.
+
+    Parameters
+    ----------
+    origin
+        What was run: see `schema.ORIGIN_PROPERTY`.
+    """
+
+    def __init__(self, origin: Mapping[str, Any]) -> None:
+        self.origin = origin
+        self.samples = self.frames = 0
+        self.bodies: dict[int, Body] = {}
+        """All that were ever there, by number."""
+        self.cameras: dict[str, int] = {}
+        self.free: set[int] = set()
+        self.jointed: set[int] = set()
+        self.stepped = False
+        self.centre_m, self.reach_m = [0.0, 0.0, 0.0], 1.0
+        """Where what moves was at first, and how far from there it reached [m]."""
+        self._states: dict[int, RowsDigest] = {}
+        self._contacts: dict[int, RowsDigest] = {}
+        self._pictures, self._others = FrameDigest(), hashlib.sha256()
+        self._rows = Gathering(writer.table_chunk, most=ROWS_TOGETHER)
+        self._poses = Gathering(pictures.poses, most=POSES_TOGETHER)
+        self._curves = Gathering(pictures.curves, most=POSES_TOGETHER)
+        self._images = Gathering(pictures.images, most=IMAGES_TOGETHER)
+        self._log = Gathering(pictures.log, most=ROWS_TOGETHER)
+        self._lenses: dict[int, object] = {}
+        self._shown_at: dict[tuple[int, int], int] = {}
+        self._marks: list[tuple[int, int, bytes]] = []
+        self._drawn: dict[int, tuple[Any, ...]] = {}
+
+    def chunks(self, events: Iterable[Event], ending: Callable[[], Ending]) -> Iterator[Chunk]:
+        """Yield the whole recording; how it ended is asked for when the events are over."""
+        yield writer.property_chunk(schema.ORIGIN_PROPERTY, self.origin)
+        yield from pictures.scene()
+        for event in events:
+            yield from self._on(event)
+        for gathered in (self._rows, self._log, self._poses, self._curves, self._images):
+            yield from gathered.flush()
+        how = ending()
+        yield writer.document_chunk(schema.ABOUT, about(self, how))
+        yield writer.property_chunk(schema.RECORDING_PROPERTY, self._closing(how))
+
+    def _closing(self, ending: Ending) -> dict[str, Any]:
+        clients = sorted(self._states)
+        return {
+            "schema_version": schema.SCHEMA_VERSION,
+            "samples": self.samples,
+            "bodies": len(self.bodies),
+            "frames": self.frames,
+            "ended": ending.how,
+            "error": ending.error or None,
+            "notes": ending.notes or None,
+            "state_sha256": [self._states[one].hexdigest() for one in clients] or None,
+            "contacts_sha256": [self._contacts[one].hexdigest() for one in clients] or None,
+            "frames_sha256": self._pictures.hexdigest(),
+            "others_sha256": self._others.hexdigest(),
+            "inputs_sha256": inputs_digest({schema.ORIGIN_PROPERTY: self.origin}),
+            **{f"made_with_{name}": value for name, value in ending.made_with.items()},
+        }
+
+    def _on(self, event: Event) -> Iterator[Chunk]:
+        match event:
+            case Samples():
+                yield from self._on_samples(event)
+            case Put():
+                yield from self._on_put(event)
+            case Appearance():
+                yield from self._on_appearance(event)
+            case Call(at):
+                yield from self._on_call(event)
+            case Dynamics(at, body, reported):
+                yield from self._told(schema.DYNAMICS, at, {"body": body.number, **reported})
+            case Given(at, body, values):
+                yield from self._told(schema.GIVEN, at, {"body": body.number, **_floats(values)})
+            case Settings(at, client, values):
+                yield from self._told(schema.SETTINGS, at, {"client": client, **_floats(values)})
+            case Push(at, body):
+                told = {one.name: getattr(event, one.name) for one in fields(event)}
+                del told["at"]
+                yield from self._told(schema.PUSHES, at, told | {"body": body.number})
+            case Image():
+                yield from self._on_image(event)
+
+    def _told(self, entity: str, at: At, values: Mapping[str, Any]) -> Iterator[Chunk]:
+        """Yield a row of numbers and texts, when there are enough of them."""
+        self._take_in(entity, at, values)
+        yield from self._rows.add(entity, _at(at), values)
+
+    def take_in(self, event: Event) -> None:
+        """Remember a mark of each state, by which another run can be compared."""
+        if isinstance(event, Samples) and len(event.steps):
+            for step, rows in zip(
+                event.steps.tolist(), event.states.reshape(len(event.steps), -1), strict=True
+            ):
+                mark = hashlib.blake2b(rows.tobytes(), digest_size=8).digest()
+                self._marks.append((event.client, step, mark))
+
+    def first_difference(self, other: Script) -> int | None:
+        """Return the first step at which another run has another state, or none or one more."""
+        for mine, theirs in itertools.zip_longest(self._marks, other._marks):
+            if mine != theirs:
+                return int((mine or theirs)[1])
+        return None
+
+    def _on_samples(self, seen: Samples) -> Iterator[Chunk]:
+        self.take_in(seen)
+        self._states.setdefault(seen.client, RowsDigest()).update(seen.states)
+        self._contacts.setdefault(seen.client, RowsDigest()).update(seen.contacts)
+        if not self.samples and len(seen.states):
+            parts_m = seen.states["position_m"][seen.states["step"] == seen.steps[0]]
+            centre_m = np.median(parts_m, axis=0)
+            far_m = np.linalg.norm(parts_m - centre_m, axis=1).max()
+            if np.isfinite(far_m):
+                self.centre_m, self.reach_m = centre_m.tolist(), float(np.clip(far_m, 0.5, 10.0))
+        self.samples += len(seen.steps)
+        self.stepped |= bool(len(seen.steps)) and bool(seen.steps[-1] > 0)
+        if len(seen.contacts):
+            which = np.unique(seen.contacts["step"])
+            times = dict(zip(seen.steps.tolist(), seen.times_s.tolist(), strict=True))
+            at = Times(which, np.array([times[one] for one in which.tolist()]))
+            yield writer.rows_chunk(schema.CONTACTS, seen.contacts, at)
+        if len(seen.states):
+            at = Times(seen.steps, seen.times_s)
+            yield writer.rows_chunk(schema.STATES, seen.states, at)
+        for number, joints in seen.joints.items():
+            label = self.bodies[number].label
+            self._take_in_joints(label, joints)
+            at = Times(joints.steps, joints.times_s)
+            yield writer.numbers_of_steps_chunk(
+                f"{schema.STATES.entity}/{label}/joints", at,
+                {"position": joints.position, "velocity": joints.velocity,
+                    "torque": joints.torque},
+            )  # fmt: skip
+        yield from self._drawn_poses(seen)
+
+    def _drawn_poses(self, seen: Samples) -> Iterator[Chunk]:
+        """Yield poses to look at, each when it is time to show another, and the last."""
+        if not len(seen.steps):
+            return
+        due = np.floor(seen.times_s * SHOWN_PER_S + 1e-9).astype(np.int64)
+        for number, states in seen.bases.items():
+            body = self.bodies[number]
+            parts = states.reshape(len(seen.steps), -1)
+            for column in range(parts.shape[1]):
+                link, rows = column - 1, parts[:, column]
+                before = self._shown_at.get((number, link), -1)
+                shown = np.diff(due, prepend=before) > 0
+                shown[-1] = True
+                self._shown_at[number, link] = int(due[-1])
+                at = Times(seen.steps[shown], seen.times_s[shown], np.full(shown.sum(), seen.call))
+                yield from self._poses.add(_path(body, link), at, rows[shown])
+            yield from self._plotted(body, seen, parts)
+
+    def _plotted(self, body: Body, seen: Samples, parts: Rows) -> Iterator[Chunk]:
+        """Yield what is plotted: the height of what is free, the joints of what has joints."""
+        shown = np.zeros(len(seen.steps), bool)
+        due = np.floor(seen.times_s * SHOWN_PER_S + 1e-9).astype(np.int64)
+        shown[np.diff(due, prepend=-1) > 0] = True
+        shown[-1] = True
+        at = Times(seen.steps[shown], seen.times_s[shown])
+        if not body.joints:
+            if body.number not in self.free:
+                self.free.add(body.number)
+                yield pictures.curve_names(f"{schema.HEIGHT}/{body.label}", [body.label])
+            heights = parts["position_m"][shown, 0, 2]
+            yield from self._curves.add(f"{schema.HEIGHT}/{body.label}", at, heights[:, None])
+        elif body.number in seen.joints:
+            joints = seen.joints[body.number]
+            curves = {
+                f"{schema.JOINT_POSITIONS}/{body.label}": joints.position,
+                f"{schema.JOINT_TORQUES}/{body.label}": joints.torque,
+            }
+            for entity, values in curves.items():
+                if body.number not in self.jointed:
+                    yield pictures.curve_names(entity, _joint_names(body, values.shape[1]))
+                yield from self._curves.add(entity, at, values[shown])
+            self.jointed.add(body.number)
+
+    def _on_put(self, put: Put) -> Iterator[Chunk]:
+        body, at = put.body, put.at
+        told: dict[str, Any] = {name: put.states[name] for name in schema.STATES.columns}
+        told |= {
+            "joint_position": put.joints.position, "joint_velocity": put.joints.velocity,
+            "joint_torque": put.joints.torque,
+        }  # fmt: skip
+        yield from self._told(schema.SET, at, told)
+        for number in range(len(put.states)):
+            row = put.states[number : number + 1]
+            yield from self._poses.add(_path(body, number - 1), _at(at), row)
+
+    def _on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
+        at, body = seen.at, seen.body
+        self.bodies[body.number] = body
+        told: dict[str, Any] = {
+            "body": body.number, "there": seen.there, "engine_id": body.engine_id,
+            "client": body.client, "name": body.name, "label": body.label,
+            "links": list(body.links), "joints": [one.name for one in body.joints],
+            "joint_kinds": [one.kind for one in body.joints],
+            "joint_parents": np.array([one.parent for one in body.joints], np.int64),
+            "moving": np.array(body.moving, np.int64), "soft": body.soft,
+        }  # fmt: skip
+        yield from self._told(schema.BODIES, at, told)
+        if not seen.there:
+            # Of what is at one time the later row counts: its last pose must not come after this.
+            yield from self._poses.flush()
+            yield pictures.cleared(f"{schema.WORLD}/{body.label}", _at(at))
+            self._drawn.pop(body.number, None)
+            for key in [one for one in self._shown_at if one[0] == body.number]:
+                del self._shown_at[key]
+        elif self._drawn.get(body.number) != body.shapes:
+            self._drawn[body.number] = body.shapes
+            counts: dict[int, int] = {}
+            for shape in body.shapes:
+                number = counts[shape.link] = counts.get(shape.link, -1) + 1
+                yield from pictures.shape(f"{_path(body, shape.link)}/{number}", _at(at), shape)
+
+    def _on_image(self, image: Image) -> Iterator[Chunk]:
+        number = self.cameras.setdefault(image.camera, len(self.cameras))
+        png = pictures.png(image.rgba)
+        self._pictures.update(image.at.step, png)
+        self.frames += 1
+        lens = (image.view, image.projection, image.rgba.shape)
+        if self._lenses.get(number) != lens:
+            self._lenses[number] = lens
+            yield from pictures.camera(f"camera/{number}", _at(image.at), image)
+        yield from self._images.add(f"camera/{number}/image", _at(image.at), png)
+
+    def _on_call(self, call: Call) -> Iterator[Chunk]:
+        told = {one.name: getattr(call, one.name) for one in fields(call)}
+        del told["at"]
+        yield from self._told(schema.CALLS, call.at, told)
+        said = f"{call.function}({call.arguments})"
+        if call.raised:
+            said += f" raised {call.raised}"
+        yield from self._log.add(
+            schema.CALLS, _at(call.at), (f"{said}   {call.file}:{call.line}", bool(call.raised))
+        )
+
+    # -- digests ----------------------------------------------------------------------------------
+
+    def _take_in(self, what: str, at: At, *values: object) -> None:
+        told = [what, at.step, at.time_s, at.call, *map(_hashable, values)]
+        self._others.update(json.dumps(told).encode())
+
+    def _take_in_joints(self, label: str, joints: Joints) -> None:
+        self._others.update(label.encode())
+        for values in (joints.position, joints.velocity, joints.torque):
+            self._others.update(np.ascontiguousarray(values).data)
+
+
+def _hashable(value: object) -> object:
+    if isinstance(value, np.ndarray):
+        return [None if isinstance(one, float) and math.isnan(one) else one
+            for one in value.ravel().tolist()]  # fmt: skip
+    if isinstance(value, Mapping):
+        return {name: _hashable(one) for name, one in value.items()}
+    return value
+
+
+def _at(at: At) -> Times:
+    return Times(np.array([at.step]), np.array([at.time_s]), np.array([at.call]))
+
+
+def _floats(values: Mapping[str, float | Sequence[float]]) -> dict[str, NDArray[np.float64]]:
+    return {name: np.atleast_1d(np.asarray(one, np.float64)) for name, one in values.items()}
+
+
+def _path(body: Body, link: int) -> str:
+    name = "base" if link < 0 else f"{link}_{body.links[link + 1]}"
+    plain = "".join(
+        one if one.isascii() and (one.isalnum() or one in "_-") else "_" for one in name
+    )
+    return f"{schema.WORLD}/{body.label}/{plain}"
+
+
+def _joint_names(body: Body, count: int) -> list[str]:
+    names = [one.name for one in body.joints if any(one.widths)]
+    return names if len(names) == count else [f"{number}" for number in range(count)]
+
+
+def about(script: Script, ending: Ending) -> str:
+    """Return the recording's description as Markdown."""
+    origin = script.origin
+    call = " ".join([origin["script"], *(origin.get("arguments") or [])])
+    rows = {
+        "ended": f"{ending.how}{f': {ending.error}' if ending.error else ''}",
+        "samples": f"{script.samples:,}",
+        "bodies": ", ".join(body.label for body in list(script.bodies.values())[:30]) or "none",
+        "camera frames": f"{script.frames:,}",
+        "time": "virtual: sleeping passed at once" if ending.made_with.get("virtual_time")
+        else "the script's own",
+    }  # fmt: skip
+    table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
+    notes = "".join(f"\n- {one}" for one in ending.notes)
+    return f"""# A script that uses PyBullet
+
+`{call}`, recorded by drop: everything that happened in its simulations.
+
+| | |
+| --- | --- |
+{table}
+{notes}
+
+## How to read it
+
+- **World**: bodies as they were drawn; z up, metres.
+- `state`: position, orientation and velocities of every part that time can move, before each step
+  and after the last, float64. `contacts`: the points that the step which led there found.
+- `set/BODY`: where a call has put a body between two steps. `calls`: what the script did to the
+  world, in order, with file and line.
+- `sim_step` is the key; `sim_time` adds up the timesteps; `call` counts calls.
+"""
