@@ -31,12 +31,13 @@ Renderer = Literal["tiny", "egl"]
 View = Literal["standard", "close", "follow"]
 
 GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.0}
-BYTES_PER_SAMPLE = 310
-"""What a sample takes in a recording without frames, however long it is."""
-ANALYSIS_BYTES_PER_SAMPLE = 1200
-"""What it takes of memory to analyze one, at most: in a long flight with spin."""
+BYTES_PER_SAMPLE = 480
+"""What a sample takes in a recording without frames, however long it is: of a box that lies on its
+four corners, which creep. In flight it is half of that."""
+ANALYSIS_BYTES_PER_SAMPLE = 1500
+"""What it takes of memory to analyze one, at most: of a box that slides or turns as it lies."""
 MAX_STEPS = 1_000_000_000
-"""Beyond this a recording would take some 300 GB; ask for several shorter ones."""
+"""Beyond this a recording would take some 500 GB; ask for several shorter ones."""
 
 
 def gravity(text: str) -> float:

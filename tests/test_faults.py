@@ -33,7 +33,8 @@ from pipeline.recording import files
 from pipeline.recording.outputs import MOST_PARTS, check_room, part_of
 from pipeline.recording.reader import Recording, read
 from pipeline.stages import run as run_stage
-from pipeline.stages.simulate import BATCH
+from pipeline.scenario import BYTES_PER_SAMPLE
+from pipeline.stages.recorded import BATCH
 from pipeline.stages.sweep import sweep
 from pipeline.sweeping.plan import plan_of
 from pipeline.workers import cores
@@ -41,8 +42,8 @@ from pipeline.workers import cores
 KILLS = 50
 """Runs that are killed, each at a moment of its own."""
 SEED = 6
-ONE_BATCH = BATCH * 310
-"""About how many bytes are handed over at once."""
+ONE_BATCH = BATCH * BYTES_PER_SAMPLE
+"""At most so many bytes are handed over at once."""
 LIMIT_S = 10
 """Nothing hangs longer than this."""
 
@@ -717,7 +718,7 @@ def test_killed_at_any_moment_it_loses_nothing_that_was_there(
     # One scenario falls one way: every part is the beginning of the longest.
     longest = max((found.states for found in parts), key=len)
     for found in parts:
-        assert found.states.equals(longest.head(len(found.states)), null_equal=True)
+        assert found.states.equals(longest.head(len(found.states)))
         assert found.partial or len(found.states) == found.scenario.steps + 1
     assert len(longest) > 10_000
 
@@ -755,8 +756,8 @@ def test_what_a_killed_run_left_is_analyzed_and_said_to_be_partial(
     process.send_signal(how)
     ended(process)
     samples = len(read(part).states)
-    # A sample takes at most 310 bytes, and only a batch that is not whole yet may be missing.
-    assert samples > size(part) / 310 - BATCH
+    # Only a batch that is not whole yet may be missing.
+    assert samples > size(part) / BYTES_PER_SAMPLE - BATCH
     done = drop("analyze", "run.rrd.part", "--json")
     told = json.loads(done.stdout)
     assert (done.returncode, told["partial"]) == (0, True)
@@ -780,7 +781,7 @@ def test_a_part_that_is_cut_within_a_message_gives_all_messages_before_it(tmp_pa
         part.write_bytes(data[:-less])
         found = read(part)
         assert len(found.states) >= len(whole.states) - BATCH
-        assert found.states.equals(whole.states.head(len(found.states)), null_equal=True)
+        assert found.states.equals(whole.states.head(len(found.states)))
 
 
 def test_a_recording_can_be_read_while_it_grows(tmp_path: Path) -> None:

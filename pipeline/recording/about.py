@@ -48,8 +48,8 @@ sample 0 is the release.
 - **World**: the body, the trail it leaves, the floor and the camera; z up, metres.
 - **Height of the centre**: simulated, beside free fall (no air) and damped fall (Bullet's damping
   in continuous time). Theory stops where the body would lie on the floor.
-- `state/…`: position, orientation, velocities and contact as float64. Every number is computed
-  from these; the 3-D view is rounded to float32.
+- `state`: position, orientation and velocities of each part as float64; `contacts`: every contact
+  point, with its forces. Every number is computed from these; the 3-D view is rounded to float32.
 - `sim_step` is the key; `sim_time` is step × timestep, in whole nanoseconds.
 
 `drop analyze` says where each millimetre between the curves comes from.

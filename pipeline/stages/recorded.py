@@ -25,9 +25,9 @@ from pipeline.report import EngineReport
 
 Float64 = NDArray[np.float64]
 
-BATCH = 1024
-"""Samples in one chunk of a recording: what a killed run loses at most. LZ4 finds what repeats
-within 64 kB, so that longer chunks take more bytes per sample."""
+BATCH = 8192
+"""Samples in one chunk of a recording: what a killed run loses at most. Longer ones take memory
+while they are packed, shorter ones for the index at the end of the file."""
 
 
 def recorded(

@@ -26,9 +26,6 @@ from pipeline.states import Batch
 from pipeline.sweeping.folder import EXPLAINED, SCHEMA, Folder, Row
 from pipeline.sweeping.plan import Plan, replay_command
 
-SHORT = 16_384
-"""Samples: a shorter recording is made whole before it is written."""
-
 _EMPTY: Row = dict.fromkeys(SCHEMA) | asdict(Scenario())
 """The row of a run of which nothing is known yet: the scenario's defaults."""
 
@@ -170,7 +167,7 @@ class RunShard:
                 photographer = Photographer(world.scenario, self.camera, frames=1)
                 stack.enter_context(photographer)
             chunks: Iterable[writer.Chunk] = recorded(world, photographer, BATCH, lambda *_: None)
-            if world.scenario.steps < SHORT:
+            if world.scenario.steps < BATCH:
                 # Rerun's writer asks for chunks from a thread of its own. Ready ones cost it no
                 # waiting for Python's lock: a tenth of a short run's time.
                 chunks = list(chunks)
