@@ -32,8 +32,8 @@ from pipeline.errors import OutputError, RecordingError, ScenarioError
 from pipeline.recording import files
 from pipeline.recording.outputs import MOST_PARTS, check_room, part_of
 from pipeline.recording.reader import Recording, read
-from pipeline.stages import run as run_stage
 from pipeline.scenario import BYTES_PER_SAMPLE
+from pipeline.stages import run as run_stage
 from pipeline.stages.recorded import BATCH
 from pipeline.stages.sweep import sweep
 from pipeline.sweeping.plan import plan_of
