@@ -18,7 +18,7 @@ import pybullet as p
 import pytest
 from engine import MODES, ROUNDS_ONCE
 from iterated import law_of
-from watched import BODY, Watched, random_throw, thrown
+from watched import Watched, random_throw, thrown
 
 from pipeline.analysis.general.balance import Balance, balance_of
 from pipeline.analysis.general.contacts import Contacts
@@ -77,7 +77,7 @@ def contacts_in(watched: Watched) -> Contacts:
 
 def segments_in(watched: Watched, motion: Motion | None = None, **how: Any) -> Segments:
     motion = motion_of(watched) if motion is None else motion
-    touches = contacts_in(watched).of(BODY)
+    touches = contacts_in(watched).of(watched.body)
     return segments_of(motion, law_behind(watched), touches, exact=ROUNDS_ONCE, **how)
 
 
@@ -128,16 +128,19 @@ def test_several_samples_are_stepped_as_each_alone(tmp_path: Path) -> None:
 
 def test_every_sample_of_a_thrown_body_is_explained(tmp_path: Path) -> None:
     seen = dict.fromkeys(SEGMENTS, 0)
+    sides = set()
     for watched in throws(tmp_path, 2):
         segments = segments_in(watched)
+        sides |= {point[1] == watched.body for _, point in watched.points}
         assert segments.first_unexplained is None, watched.how
         assert segments.code[0] == SET
         for name, count in segments.counts().items():
             seen[name] += count
         forced = {step for step, point in watched.points if point[9] or point[10] or point[12]}
         assert set(np.flatnonzero(segments.code == CONTACT)) == forced
+    assert sides == {True, False}  # it is the one body of a pair, and the other
     assert seen["flight"] > 2000
-    assert seen["contact"] > 2000
+    assert seen["contact"] > 1000
     assert sum(seen.values()) == seen["flight"] + seen["contact"] + THROWS
 
 
@@ -279,7 +282,7 @@ def test_contact_energies_add_up_to_the_change_by_contact(tmp_path: Path) -> Non
     given = taken = 0
     for watched in throws(tmp_path, 8):
         motion, law = motion_of(watched), law_behind(watched)
-        touches = contacts_in(watched).of(BODY)
+        touches = contacts_in(watched).of(watched.body)
         balance = balance_of(motion, law, touches)
         turned = np.vstack((motion.orientation[:1], motion.orientation[:-1]))
         after = kinetic_j(watched, turned, motion.velocity_m_s, motion.spin_rad_s)
@@ -310,16 +313,19 @@ def test_the_impulse_of_a_drop_is_what_it_takes(tmp_path: Path) -> None:
 
 
 def balance_in(watched: Watched) -> Balance:
-    return balance_of(motion_of(watched), law_behind(watched), contacts_in(watched).of(BODY))
+    return balance_of(
+        motion_of(watched), law_behind(watched), contacts_in(watched).of(watched.body)
+    )
 
 
 def test_the_part_that_pushes_has_the_opposite_force(tmp_path: Path) -> None:
-    contacts = contacts_in(thrown(tmp_path, spin_rad_s=(2.0, 0.0, 1.0)))
-    on_body, on_floor = contacts.of(BODY), contacts.of(0)
+    watched = thrown(tmp_path, spin_rad_s=(2.0, 0.0, 1.0))
+    contacts = contacts_in(watched)
+    on_body, on_floor = contacts.of(watched.body), contacts.of(0)
     assert len(on_body.step) == len(on_floor.step) > 0
     assert (on_body.force_n == -on_floor.force_n).all()
     assert on_body.force_n[:, 2].max() > 0
-    assert not len(contacts.of(BODY, link=3).step)
+    assert not len(contacts.of(watched.body, link=3).step)
 
 
 # -- flights ---------------------------------------------------------------------------------------
@@ -342,7 +348,10 @@ def test_every_flight_is_taken_apart_along_three_axes(tmp_path: Path) -> None:
             error_m = motion.position_m[last] - free_m
             assert flight.error_m == pytest.approx(error_m, abs=1e-14 * (1 + abs(free_m).max()))
             terms = flight.terms_m
-            assert terms is not None
+            if terms is None:
+                flown = np.hstack((motion.velocity_m_s, motion.spin_rad_s))[first + 1 : last + 1]
+                assert np.abs(flown).max() == 100
+                continue
             parts = np.array(astuple(terms))
             left = np.abs(parts.sum(axis=0) - flight.error_m)
             largest = np.maximum(np.abs(parts).max(axis=0), np.abs(motion.position_m[last]))

@@ -24,8 +24,6 @@ BODIES: dict[str, tuple[str, str]] = {
     "compound": ("", "0 0 0"),
 }
 INERTIA = (0.004, 0.005, 0.006)
-BODY = 1
-"""Its number; that of the floor, which is loaded first, is 0."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +39,8 @@ class Watched:
     mass_kg: float
     inertia_kg_m2: tuple[float, float, float]
     how: dict[str, Any]
+    body: int
+    """Its number; the floor has the other one, 0 or 1."""
 
 
 def random_throw(rng: random.Random, folder: Path, **fixed: Any) -> Watched:
@@ -57,6 +57,7 @@ def random_throw(rng: random.Random, folder: Path, **fixed: Any) -> Watched:
         "gravity_m_s2": rng.choice((-9.81, -9.81, -1.62, 0.0, 3.0)),
         "linear_damping": rng.choice((None, None, 0.0, 0.5)),
         "angular_damping": rng.choice((None, None, 0.0, 0.5)),
+        "floor_first": rng.random() < 0.5,
     }
     return thrown(folder, **(how | fixed))
 
@@ -86,6 +87,7 @@ def thrown(
     angular_damping: float | None = None,
     rolling_friction: float = 0.0,
     residual: float | None = None,
+    floor_first: bool = True,
     before_step: Callable[[int, int, int], None] = lambda *_: None,
 ) -> Watched:
     """Return what becomes of a body; `before_step` is called with client, body and step."""
@@ -98,11 +100,13 @@ def thrown(
             if value is not None:
                 p.setPhysicsEngineParameter(**{name: value}, physicsClientId=client)
         p.setGravity(0, 0, gravity_m_s2, physicsClientId=client)
-        p.loadURDF(str(DATA / "plane.urdf"), physicsClientId=client)
+        if floor_first:
+            p.loadURDF(str(DATA / "plane.urdf"), physicsClientId=client)
         maximal = coordinates == "maximal"
         one = p.loadURDF(_urdf(folder, body), useMaximalCoordinates=maximal, physicsClientId=client)
-        assert one == BODY
-        for each in (0, one):
+        if not floor_first:
+            p.loadURDF(str(DATA / "plane.urdf"), physicsClientId=client)
+        for each in (0, 1):
             p.changeDynamics(each, -1, restitution=restitution, physicsClientId=client)
         damping = {"linearDamping": linear_damping, "angularDamping": angular_damping}
         damping["rollingFriction"] = rolling_friction or None
@@ -129,7 +133,7 @@ def thrown(
         # A btRigidBody keeps inverses of mass and inertia, and reports those of them.
         twin = p.loadURDF(_urdf(folder, body), physicsClientId=client)
         mass_kg, _, inertia, *_ = p.getDynamicsInfo(twin, -1, physicsClientId=client)
-        return Watched(*parts, points, mass_kg, inertia, told)
+        return Watched(*parts, points, mass_kg, inertia, told, one)
     finally:
         p.disconnect(client)
 
