@@ -450,6 +450,13 @@ def extent_m(drop: Drop, orientation: Sequence[float]) -> Float64:
     return np.asarray(high - low)
 
 
+def reach_m(drop: Drop) -> float:
+    """Return how far the body reaches from its centre of mass at most [m]."""
+    client = _scratch(body_only(drop))
+    client.place(0.0, AS_LOADED)
+    return float(np.linalg.norm(np.abs(client.box_m()).max(axis=0)))
+
+
 def shape_pose(drop: Drop) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return position [m] and quaternion of the base's first shape, in the body's axes."""
     client = _scratch(body_only(replace(drop, maximal=False)))

@@ -28,8 +28,10 @@ from pipeline.states import BODY
 
 Float64 = NDArray[np.float64]
 
-TOUCHING_M = 1e-8
-"""A body this close to the floor touches it: as well as the engine's distances are known."""
+TOUCHING_M = 5e-10
+"""A body this close to the floor touches it: as well as the engine's distances are known. Of 136
+bodies drawn as in `tests/test_truth.py` a bisection with the engine's own collision detection found
+the rest height to 5e-15 m, that of a mesh to 1e-10 m."""
 FLOOR_REACH_M = 100.0
 """plane.urdf ends this far from the origin, in x and in y."""
 

@@ -26,6 +26,8 @@ CORNERS = 4
 REPRODUCED = 1e-3
 """Share of the approach by which a rebound may miss the contact law's and still be explained by it:
 ten times what the solver's early stop was seen to change."""
+ROUNDED = 1e-9
+"""Share of the approach by which two ways to compute a rebound may differ."""
 AT_REST_M_S = 1e-4
 """A predicted path that is slower than this has come to rest."""
 
@@ -290,7 +292,9 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
     """Return what the position correction adds to restitution × approach [m/s].
 
     From the contact law, started from the recorded sample before the episode. None where contact
-    pushes for more than one step, or the law does not give the recorded rebound.
+    pushes for more than one step, the law does not give the recorded rebound, or without a position
+    correction it gives another one than restitution × approach: a body that is not yet in the floor
+    by the slop is slowed by what is left of that.
     """
     before, samples = episode.first - 1, case.samples
     if not covers(case) or samples.height_m[before] <= _deepest_m(case):
@@ -298,8 +302,9 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
     if episode.pushed > episode.first:
         return None
     height_m, velocity_m_s = samples.height_m[before], samples.velocity_m_s[before, 2]
-    law = _law(case, float(height_m), float(velocity_m_s), episode.pushed - before)
-    rebound_m_s = float(law.velocity_m_s[-1])
+    start, steps = (float(height_m), float(velocity_m_s)), episode.pushed - before
+    rebound_m_s = float(_law(case, *start, steps).velocity_m_s[-1])
+    plain_m_s = float(_law(case, *start, steps, contact_erp=0.0).velocity_m_s[-1])
     recorded_m_s = float(samples.velocity_m_s[episode.pushed, 2])
     if abs(recorded_m_s - rebound_m_s) > REPRODUCED * episode.approach_m_s:
         return None
@@ -308,6 +313,8 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
         case.engine.pair_restitution or 0.0,
         threshold_m_s=restitution_threshold_m_s(case),
     )
+    if abs(plain_m_s - asked_m_s) > ROUNDED * episode.approach_m_s:
+        return None
     return rebound_m_s - asked_m_s
 
 
@@ -324,7 +331,8 @@ def find_rest(case: Case, found: Phases, tumbled_step: int | None, law: Path | N
         return Rest(last_m, None, None, found.rest_step, None)
     terms = None
     settles = law is not None and abs(law.velocity_m_s[-10:]).max() < AT_REST_M_S
-    if law is not None and settles and tumbled_step is None and _contact_erp(case) > 0:
+    sinks = not _bounces_on(case) and _contact_erp(case) > 0
+    if law is not None and settles and sinks and tumbled_step is None:
         law_end_m = float(law.height_m[-1])
         terms = RestTerms(
             slop=-CONTACT_SLOP_M,
@@ -332,3 +340,14 @@ def find_rest(case: Case, found: Phases, tumbled_step: int | None, law: Path | N
             settling=law_end_m - (expected_m - CONTACT_SLOP_M),
         )
     return Rest(last_m, expected_m, last_m - expected_m, found.rest_step, terms)
+
+
+def _bounces_on(case: Case) -> bool:
+    """Whether restitution acts on what gravity gives a body at rest in a step.
+
+    Then it comes to rest above the slop, where what it bounces up with just takes it there.
+    """
+    falls_m_s = bullet_contact.free_velocity(case.law, (0.0, 0.0, 0.0))
+    threshold_m_s = restitution_threshold_m_s(case)
+    restitution = case.engine.pair_restitution or 0.0
+    return bullet_contact.rebound_speed(falls_m_s, restitution, threshold_m_s=threshold_m_s) != 0

@@ -72,11 +72,10 @@ def flat_height_m(case: Case, step: int) -> float | None:
 
     None where the body is tilted, or nothing says how high.
     """
-    if tilt_rad(case)[step] > FLAT_RAD:
+    if tilt_rad(case)[step] > SMALL_RAD:
         return None
     if not case.is_box:
-        turned = turned_rad(case)[step] > SMALL_RAD
-        return None if turned else case.engine.rest_height_m
+        return case.engine.rest_height_m
     if not _has_sharp_faces(case):
         return case.engine.rest_height_m if turned_rad(case)[step] <= SMALL_RAD else None
     axis, sign = _face_up(case, step)

@@ -25,7 +25,7 @@ from pipeline.engines.bullet.touching import ROUNDING_M, touching_height
 from pipeline.errors import DropError, ScenarioError
 from pipeline.fields import Quaternion
 from pipeline.report import LARGEST, EngineReport
-from pipeline.scenario import Scenario
+from pipeline.scenario import Coordinates, Scenario
 from pipeline.states import BASE, CONTACT, STATE, Batch, Rows
 
 Float64 = NDArray[np.float64]
@@ -55,7 +55,6 @@ class World:
             self._body = self._load_body()
             self._links = list(range(p.getNumJoints(self._body, physicsClientId=self._client)))
             self._body_sha256 = hashlib.sha256(self._urdf.read_bytes()).hexdigest()
-            self.half_size_m, self.reach_m = self._size()
             self._floor = self._load("plane.urdf") if scenario.floor else None
             self._configure()
             self._release()
@@ -136,14 +135,30 @@ class World:
         """Return the same world in reduced coordinates, of which the engine reports more."""
         return World(replace(self.scenario, coordinates="reduced"))
 
-    def _size(self) -> tuple[Float64, float]:
-        """Return half the extent of the base along its own axes, and its farthest reach [m].
+    @property
+    def half_size_m(self) -> Float64:
+        """Half the extent of the base along its own axes [m], shape (3,)."""
+        lowest, highest = self._extent()
+        return (highest - lowest) / 2
 
-        Measured at the origin, where the bounding box is exact to the last bit.
+    @property
+    def reach_m(self) -> float:
+        """How far the base reaches from its centre of mass [m]."""
+        lowest, highest = self._extent()
+        return float(np.linalg.norm(np.maximum(-lowest, highest)))
+
+    def _extent(self) -> tuple[Float64, Float64]:
+        body, sha256 = str(self._urdf), self._body_sha256
+        return _extent(body, sha256, self.scenario.coordinates)
+
+    def _box_at_origin(self) -> tuple[Float64, Float64]:
+        """Measure the bounding box, in a world that nobody falls in.
+
+        At the origin, where it is exact to the last bit. A body with joints that has been placed
+        there before its release lands otherwise than one that has not.
         """
         self.place((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-        lowest, highest = self._box()
-        return (highest - lowest) / 2, float(np.linalg.norm(np.maximum(-lowest, highest)))
+        return self._box()
 
     def _box(self) -> tuple[Float64, Float64]:
         lowest, highest = map(np.array, p.getAABB(self._body, -1, physicsClientId=self._client))
@@ -376,6 +391,14 @@ _put_state, _STATE_BYTES = struct.Struct("<3q13d").pack_into, STATE.itemsize
 _packed_contact = struct.Struct("<5q19d").pack
 _DISTANCE = itemgetter(8)
 """Of what `getContactPoints` says of a point."""
+
+
+@functools.lru_cache(maxsize=1024)
+def _extent(body: str, _sha256: str, coordinates: Coordinates) -> tuple[Float64, Float64]:
+    """Return `World._box_at_origin`, measured once for a URDF of this digest."""
+    scenario = Scenario(body=body, mass_kg=1.0, coordinates=coordinates, floor=False)
+    with World(scenario) as world:
+        return world._box_at_origin()
 
 
 @functools.lru_cache(maxsize=1024)
