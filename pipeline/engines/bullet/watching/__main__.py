@@ -1,0 +1,73 @@
+"""Run a script as Python would, watched: `python PATH-OF-THIS-FOLDER OPTIONS [-m] SCRIPT [ARG …]`.
+
+`OPTIONS` is JSON: the arguments of `start.watch`, and whether it is a module.
+"""
+
+from __future__ import annotations
+
+import builtins
+import importlib.util
+import json
+import os
+import runpy
+import sys
+from types import ModuleType
+from typing import Any
+
+_HERE = os.path.dirname(os.path.abspath(__file__))
+_PACKAGE = "_drop_watching"
+
+
+def _load() -> Any:  # noqa: ANN401
+    """Import our own modules under a name that no script uses, and leave the script's path alone."""
+    if sys.path and os.path.abspath(sys.path[0]) == _HERE:
+        del sys.path[0]
+    spec = importlib.util.spec_from_file_location(
+        _PACKAGE, os.path.join(_HERE, "__init__.py"), submodule_search_locations=[_HERE]
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    package = importlib.util.module_from_spec(spec)
+    sys.modules[_PACKAGE] = package
+    spec.loader.exec_module(package)
+    return importlib.import_module(f"{_PACKAGE}.start"), importlib.import_module(f"{_PACKAGE}.ending")
+
+
+def _run_file(name: str) -> None:
+    path = os.path.abspath(name)
+    if not getattr(sys.flags, "safe_path", False):
+        sys.path.insert(0, os.path.dirname(os.path.realpath(path)))
+    module = _new_main()
+    module.__file__ = path
+    with open(path, "rb") as file:
+        code = compile(file.read(), path, "exec", dont_inherit=True)
+    exec(code, vars(module))
+
+
+def _run_module(name: str) -> None:
+    if not getattr(sys.flags, "safe_path", False):
+        sys.path.insert(0, os.getcwd())
+    _new_main()
+    # What `python -m` does: with the module's own `__main__`, and not with a copy of it.
+    runpy._run_module_as_main(name)  # type: ignore[attr-defined]
+
+
+def _new_main() -> ModuleType:
+    module = ModuleType("__main__")
+    vars(module).update(__builtins__=builtins, __spec__=None, __cached__=None)
+    sys.modules["__main__"] = module
+    return module
+
+
+def main() -> None:
+    options, *rest = sys.argv[1:]
+    given = json.loads(options)
+    start, ending = _load()
+    is_module = given.pop("module")
+    sys.argv = rest
+    watch = start.watch(**given)
+    ending.run(watch, lambda: (_run_module if is_module else _run_file)(rest[0]), os.path.abspath(__file__))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,129 @@
+"""The script's clock: simulated time, or the time it has slept where that is more.
+
+Sleeping passes at once. A script that waits for the time to come, by sleeping or by asking again
+and again, finds that it has come; one that steps and sleeps in turn goes on at the pace it was
+written for. The same script sees the same times again.
+
+The standard library, and threads other than the main one, keep the real clock: they wait for things
+that really happen.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from typing import Any, Callable
+
+CALL_S = 1e-4
+"""What a call takes of the clock while a simulation runs in real time [s]."""
+ASK_S, LONGEST_ASK_S = 1e-6, 1e-3
+"""What asking for the time or for input takes [s]: more each time, until something happens."""
+NAMES = ("time", "monotonic", "perf_counter")
+
+_LIBRARY = os.path.dirname(os.__file__) + os.sep
+_OTHERS = _LIBRARY + "site-packages" + os.sep
+
+
+class Clock:
+    """A virtual clock. With `real` it only looks at the real one."""
+
+    def __init__(self, *, real: bool) -> None:
+        self.real = real
+        self.asked = False
+        """Whether the script ever saw a time or slept."""
+        self.simulated_s = 0.0
+        self.waited_s = 0.0
+        self.idle_s = 0.0
+        """Time that has passed since something was stepped [s]."""
+        self.passed: Callable[[], None] = lambda: None
+        """Called when time has passed."""
+        self._asks = 0
+        self._began = time.monotonic()
+        self._theirs: dict[str, Any] = {}
+        self._library: dict[str, bool] = {}
+
+    def now_s(self) -> float:
+        """Return the time since the script began [s]."""
+        if self.real:
+            return _real_monotonic() - self._began
+        return max(self.simulated_s, self.waited_s)
+
+    def step(self, simulated_s: float) -> None:
+        """Take note that so much has been simulated in all [s]."""
+        self.simulated_s = max(self.simulated_s, simulated_s)
+        self.idle_s, self._asks = 0.0, 0
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        if self.real:
+            self.passed()
+            return
+        self.waited_s += seconds
+        self.idle_s += seconds
+        self.passed()
+
+    def ask(self) -> None:
+        """Let the time pass that asking takes."""
+        self._asks += 1
+        self.wait(min(ASK_S * self._asks, LONGEST_ASK_S))
+
+    def install(self) -> None:
+        """Put this clock in place of the one in the module `time`."""
+        if self.real:
+            return
+        self._theirs = {name: getattr(time, name) for name in (*NAMES, "sleep")}
+        self._theirs |= {f"{name}_ns": getattr(time, f"{name}_ns") for name in NAMES}
+        for name in NAMES:
+            began = self._theirs[name]()
+            setattr(time, name, self._reading(self._theirs[name], began, 1.0))
+            setattr(time, f"{name}_ns", self._reading(self._theirs[f"{name}_ns"], began, 1e9))
+        time.sleep = self._sleeping(self._theirs["sleep"])
+
+    def remove(self) -> None:
+        """Put the module `time` back as it was."""
+        for name, function in self._theirs.items():
+            setattr(time, name, function)
+        self._theirs = {}
+
+    def _reading(self, real: Any, began: float, unit: float) -> Any:  # noqa: ANN401
+        def read() -> Any:  # noqa: ANN401
+            if self._is_real():
+                return real()
+            self.asked = True
+            self.ask()
+            now = began + self.now_s()
+            return now if unit == 1.0 else int(now * unit)
+
+        read.__name__ = real.__name__
+        return read
+
+    def _sleeping(self, real: Any) -> Any:  # noqa: ANN401
+        def sleep(seconds: float) -> None:
+            # What is no time to sleep gets Python's own error.
+            if self._is_real() or not hasattr(seconds, "__float__") or not seconds >= 0:
+                real(seconds)
+                return
+            self.asked = True
+            self._asks = 0
+            self.wait(float(seconds))
+
+        return sleep
+
+    def _is_real(self) -> bool:
+        """Whether the caller of our caller keeps the real clock."""
+        if not self._theirs or threading.get_ident() != _MAIN:
+            return True
+        name = sys._getframe(2).f_code.co_filename
+        known = self._library.get(name)
+        if known is None:
+            known = name.startswith("<frozen") or (
+                name.startswith(_LIBRARY) and not name.startswith(_OTHERS)
+            )
+            self._library[name] = known
+        return known
+
+
+_MAIN = threading.main_thread().ident
+_real_monotonic = time.monotonic

@@ -1,0 +1,68 @@
+"""How a script ends: as it would without us, and the recorder is told."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+import traceback
+from types import TracebackType
+from typing import Callable
+
+from .hooks import Stop, Watch
+
+PR_SET_PDEATHSIG, SIGKILL = 1, 9
+"""From Linux's `sys/prctl.h` and `signal.h`."""
+
+
+def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
+    """Run a script to its end, and end the process as it asks for.
+
+    Parameters
+    ----------
+    ours
+        The file whose frames are left out of a traceback.
+    """
+    _end_with_the_recorder()
+    code: object = 0
+    try:
+        script()
+        _end(watch, "finished")
+    except Stop:
+        _end(watch, "stopped")
+    except SystemExit as error:
+        code = error.code
+        failed = code is not None and code != 0
+        _end(watch, "failed" if failed else "finished", f"sys.exit({code!r})" if failed else "")
+    except KeyboardInterrupt:
+        _end(watch, "interrupted")
+        code = 130
+    except BaseException as error:  # noqa: BLE001 - the script's own
+        watch.clock.remove()
+        _end(watch, "failed", _in_one_line(error))
+        seen = error.__traceback__
+        while seen is not None and seen.tb_next and _is_ours(seen, ours):
+            seen = seen.tb_next
+        sys.excepthook(type(error), error.with_traceback(seen), seen)
+        code = 1
+    sys.exit(code)  # type: ignore[arg-type]
+
+
+def _end(watch: Watch, how: str, error: str = "") -> None:
+    watch.finish()
+    watch.pipe.note("end", how=how, error=error)
+    watch.pipe.flush()
+
+
+def _is_ours(seen: TracebackType, ours: str) -> bool:
+    name = seen.tb_frame.f_code.co_filename
+    return name in (ours, __file__) or "runpy" in name
+
+
+def _in_one_line(error: BaseException) -> str:
+    return " ".join("".join(traceback.format_exception_only(type(error), error)).split())
+
+
+def _end_with_the_recorder() -> None:
+    """Have the system end this process when the recorder is killed: nobody else could stop it."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, SIGKILL)

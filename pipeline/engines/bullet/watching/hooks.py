@@ -1,0 +1,587 @@
+"""The functions of pybullet, each replaced by one that calls it and tells the recorder.
+
+A script's calls mean the same as without: what they return is the engine's own answer, but where a
+window would have to be open (`quiet`), and where time would have to pass (`clock`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+from pathlib import Path
+from types import BuiltinFunctionType, ModuleType, SimpleNamespace
+from typing import Any, Callable
+
+from . import pipe as protocol
+from .clock import CALL_S, Clock
+from .pipe import GoneError, Pipe
+from .quiet import Window
+from .worlds import ALL, World
+
+ARGUMENTS: dict[str, list[str]] = json.loads(
+    Path(__file__).with_name("arguments.json").read_text(encoding="utf-8")
+)
+"""The names of every function's arguments, in order, as PyBullet 3.2.7 has them."""
+
+IDLE_S = 60.0
+"""A script that waits for so long [s] without a step waits for somebody who is not there."""
+
+# -- what calls do --------------------------------------------------------------------------------
+
+MAKES_BODIES = {
+    "loadURDF", "loadSDF", "loadMJCF", "loadBullet", "loadSoftBody", "createMultiBody",
+    "unsupportedChangeScaling",
+}  # fmt: skip
+REMOVES_BODIES = {"removeBody", "executePluginCommand", "unloadPlugin", "loadPlugin"}
+MOVES_ONE = {
+    "resetBasePositionAndOrientation", "resetBaseVelocity", "resetJointState",
+    "resetJointStateMultiDof", "resetJointStatesMultiDof", "changeDynamics",
+}  # fmt: skip
+MOVES_ALL = {"restoreState", "executePluginCommand"}
+RECOLOURS = {"changeVisualShape", "resetVisualShapeData"}
+SETS_ENGINE = {
+    "setGravity", "setTimeStep", "setPhysicsEngineParameter", "setDefaultContactERP",
+    "setRealTimeSimulation", "setInternalSimFlags", "loadBullet", "loadSDF", "loadMJCF",
+}  # fmt: skip
+PUSHES = {"applyExternalForce", "applyExternalTorque"}
+
+POLLS = {
+    "getKeyboardEvents", "getMouseEvents", "getVREvents", "readUserDebugParameter", "isConnected",
+    "getDebugVisualizerCamera",
+}  # fmt: skip
+"""Where a script asks whether somebody has done something."""
+LOOKS_ON = {
+    "addUserDebugLine", "addUserDebugPoints", "addUserDebugText", "addUserDebugParameter",
+    "removeUserDebugItem", "removeAllUserDebugItems", "removeAllUserParameters",
+    "setDebugObjectColor", "configureDebugVisualizer", "resetDebugVisualizerCamera",
+    "setVRCameraState", "setAdditionalSearchPath", "setTimeOut", "submitProfileTiming",
+    "startStateLogging", "stopStateLogging", "multiplyTransforms", "invertTransform",
+    "rotateVector", "vhacd", "syncBodyInfo", "syncUserData", "addUserData", "removeUserData",
+    "renderImage", "saveWorld", "saveBullet",
+}  # fmt: skip
+READS = ("get", "is", "compute", "calculate", "rayTest")
+"""How the names of functions begin that change nothing."""
+
+BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
+
+
+class Stop(SystemExit):
+    """The script has run for as long as it was to; few scripts catch this, and threads are mute."""
+
+
+class Hook:
+    """A function of pybullet, watched.
+
+    Wrappers such as `BulletClient` bind the client's number only to what `inspect.isbuiltin` takes
+    for a builtin function.
+    """
+
+    def __init__(self, original: Any) -> None:  # noqa: ANN401
+        self.__name__ = self.__qualname__ = original.__name__
+        self.__doc__ = original.__doc__
+        self.__module__ = "pybullet"
+        self.__text_signature__ = None
+
+    @property
+    def __class__(self) -> Any:  # type: ignore[override]  # noqa: ANN401
+        return BuiltinFunctionType
+
+    @__class__.setter
+    def __class__(self, _: Any) -> None:  # noqa: ANN401
+        raise TypeError("a builtin function has the class that it has")
+
+    def __reduce__(self) -> str:
+        return str(self.__name__)
+
+    def __repr__(self) -> str:
+        return f"<built-in function {self.__name__}>"
+
+
+class Watch:
+    """What is known of a script while it runs.
+
+    Parameters
+    ----------
+    steps
+        After how many steps it is stopped, or None.
+    duration_s
+        After how much time on its clock [s], or None.
+    """
+
+    def __init__(
+        self, pipe: Pipe, clock: Clock, *, steps: int | None, duration_s: float | None
+    ) -> None:
+        self.pipe, self.clock = pipe, clock
+        self.on = True
+        self.lock = threading.RLock()
+        self.stopped: str | None = None
+        self._limit_steps, self._limit_s = steps, duration_s
+        self._steps = self._worlds_made = 0
+        self._worlds: dict[int, World] = {}
+        self._windows: dict[int, Window] = {}
+        self._real_time_since: dict[int, tuple[float, float]] = {}
+        self._last_end = (0, 0.0)
+        self._modules: list[tuple[ModuleType, dict[str, Any]]] = []
+        self._shown: dict[str, str] = {}
+        self._p = SimpleNamespace()
+        self._process = os.getpid()
+        clock.passed = self._time_has_passed
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=self._forked)
+
+    # -- in place of pybullet's functions ---------------------------------------------------------
+
+    def install(self, module: ModuleType) -> None:
+        """Replace the functions of pybullet, in place."""
+        originals = {
+            name: one for name, one in vars(module).items() if isinstance(one, BuiltinFunctionType)
+        }
+        self._p = SimpleNamespace(**{**vars(module), **originals})
+        self._modules.append((module, originals))
+        for name, original in originals.items():
+            handler = self._handler(name, original)
+            kind = type("Hook", (Hook,), {"__call__": staticmethod(handler)})
+            setattr(module, name, kind(original))
+        self.pipe.note("pybullet", version=module.getAPIVersion(), file=module.__file__)
+        for client in range(MOST_CLIENTS):  # of a program that was there before us
+            if self._p.isConnected(client):
+                self._begin(client, "before")
+
+    def remove(self) -> None:
+        """Put the functions back; those that a script has kept call the engine and tell nobody."""
+        self.on = False
+        for module, originals in self._modules:
+            vars(module).update(originals)
+        self.clock.remove()
+
+    def _handler(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
+        special = {
+            "connect": self._connecting, "disconnect": self._disconnecting,
+            "stepSimulation": self._stepping, "resetSimulation": self._resetting,
+            "getCameraImage": self._photographing,
+        }.get(name)  # fmt: skip
+        if special is None:
+            looks_on = name in LOOKS_ON or name.startswith(READS)
+            special = self._looking_on if looks_on else self._changing
+        return special(name, original)
+
+    def _looking_on(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
+        polls, clock = name in POLLS, self.clock
+        answered = name in _ANSWERED
+
+        def look_on(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+            if not self.on:
+                return original(*args, **kwargs)
+            if self.stopped or self._real_time_since or polls:
+                with self.lock:
+                    self.check()
+                    if self._real_time_since:
+                        clock.wait(CALL_S)
+                    if polls:
+                        clock.ask()
+            if answered and self._windows:
+                client = _client(name, args, kwargs)
+                if client in self._windows:
+                    return self._answer(client, name, original, args, kwargs)
+            return original(*args, **kwargs)
+
+        return look_on
+
+    def _answer(
+        self, client: int, name: str, original: Any, args: Any, kwargs: Any  # noqa: ANN401
+    ) -> Any:  # noqa: ANN401
+        arguments = _named(name, args, kwargs)
+        answered = None
+        if name == "getConnectionInfo" or not set(arguments) <= {*ARGUMENTS[name]}:
+            answered = original(*args, **kwargs)  # or its own error
+        return self._windows[client].answers()[name](arguments, answered)
+
+    def _changing(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
+        def change(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+            if not self.on:
+                return original(*args, **kwargs)
+            with self.lock:
+                self.check()
+                if self._real_time_since:
+                    self.clock.wait(CALL_S)
+                world = self._worlds.get(_client(name, args, kwargs))
+                if world is None:
+                    return original(*args, **kwargs)
+                arguments = _named(name, args, kwargs)
+                self._guarded(world, lambda: self._before_change(world, name, arguments))
+                self._tell(world, name, args, kwargs, sys._getframe(1))
+                try:
+                    result = original(*args, **kwargs)
+                except Exception as error:
+                    self.pipe.note("raised", error=f"{type(error).__name__}: {error}")
+                    raise
+                self._after_change(world, name, arguments, result)
+                return result
+
+        return change
+
+    def _before_change(self, world: World, name: str, arguments: dict[str, Any]) -> None:
+        """Send a body's state before a call changes it again: it was that, if only for a moment."""
+        if name in MOVES_ONE and name != "changeDynamics":
+            which = (name, _text(arguments.get("jointIndex")))
+            if which in world.moved.get(_body(arguments), ()):
+                world.sync()
+        elif name in MOVES_ALL and world.moved:
+            world.sync()
+
+    def _after_change(
+        self, world: World, name: str, arguments: dict[str, Any], result: Any  # noqa: ANN401
+    ) -> None:
+        body = _body(arguments)
+        if name in MAKES_BODIES:
+            world.stale_bodies = True
+            made = result if isinstance(result, tuple) else (result,)
+            world.fresh.update(one for one in made if isinstance(one, int) and one >= 0)
+            if name == "unsupportedChangeScaling" and body is not None:
+                world.fresh.add(body)
+        if name in REMOVES_BODIES:
+            world.stale_bodies = True
+        if name in MOVES_ONE:
+            which = (name, _text(arguments.get("jointIndex")))
+            world.moved.setdefault(body, set()).add(which)
+        if name in MOVES_ALL:
+            world.moved[ALL] = set()
+        if name == "changeDynamics":
+            world.changed.add(body)
+            self.pipe.note("given", world=world.number, id=body, step=world.step,
+                values=_values(arguments, but=BODY_NAMES))  # fmt: skip
+        if name in RECOLOURS and body is not None:
+            world.recoloured.add(body)
+        if name in SETS_ENGINE:
+            world.stale_engine = True
+            if name == "setPhysicsEngineParameter":
+                world.given.update(_values(arguments))
+            elif name == "setDefaultContactERP":
+                world.given.update(_values(arguments))
+        if name == "setRealTimeSimulation":
+            self._set_real_time(world, bool(arguments.get("enableRealTimeSimulation", 0)))
+        elif name in PUSHES:
+            self.pipe.note(
+                "push", world=world.number, id=body, step=world.step,
+                link=_number(arguments.get("linkIndex", -1)), torque=name.endswith("Torque"),
+                vector=_vector(arguments.get("forceObj", arguments.get("torqueObj"))),
+                position=_vector(arguments.get("posObj")),
+                flags=_number(arguments.get("flags", 0)),
+            )  # fmt: skip
+
+    def _connecting(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
+        def connect(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+            if not self.on:
+                return original(*args, **kwargs)
+            with self.lock:
+                self.check()
+                p = self._p
+                method = args[0] if args else kwargs.get("method")
+                windows = {getattr(p, one, None) for one in ("GUI", "GUI_SERVER")}
+                if method in windows:
+                    client = original(p.DIRECT)
+                    self._windows[client] = Window(p, method)
+                    said = "GUI"
+                elif method == p.SHARED_MEMORY:
+                    return -1  # what is there to connect to is not the script's
+                else:
+                    client = original(*args, **kwargs)
+                    said = "DIRECT" if method == p.DIRECT else f"method {method}"
+                if client >= 0:
+                    self._begin(client, said)
+                return client
+
+        return connect
+
+    def _begin(self, client: int, method: str) -> None:
+        step, time_s = self._last_end
+        world = World(self.pipe, self._p, client=client, number=self._worlds_made, method=method,
+            first_step=step, first_time_s=time_s)  # fmt: skip
+        self._worlds[client] = world
+        self._worlds_made += 1
+
+    def _disconnecting(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
+        def disconnect(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+            if self.on:  # and no Stop: this is asked for where a script cleans up
+                with self.lock:
+                    self._end(_client(name, args, kwargs))
+            return original(*args, **kwargs)
+
+        return disconnect
+
+    def _end(self, client: int) -> None:
+        world = self._worlds.get(client)
+        if world is None:
+            return
+        self._guarded(world, world.end)
+        self._last_end = max(self._last_end, (world.step, world.time_s))
+        self._worlds.pop(client, None)
+        self._windows.pop(client, None)
+        self._real_time_since.pop(client, None)
+
+    def _resetting(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
+        def reset(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+            if not self.on:
+                return original(*args, **kwargs)
+            with self.lock:
+                self.check()
+                world = self._worlds.get(_client(name, args, kwargs))
+                if world is None:
+                    return original(*args, **kwargs)
+                self._guarded(world, world.sync)
+                self._tell(world, name, args, kwargs, sys._getframe(1))
+                result = original(*args, **kwargs)
+                world.forget()
+                return result
+
+        return reset
+
+    def _photographing(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
+        def photograph(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+            if not self.on:
+                return original(*args, **kwargs)
+            with self.lock:
+                self.check()
+                if self._real_time_since:
+                    self.clock.wait(CALL_S)
+                world = self._worlds.get(_client(name, args, kwargs))
+                result = original(*args, **kwargs)
+                if world is not None:
+                    frame = sys._getframe(1)
+                    self._guarded(world, lambda: self._send_image(
+                        world, _named(name, args, kwargs), result, frame))  # fmt: skip
+                return result
+
+        return photograph
+
+    def _send_image(
+        self, world: World, arguments: dict[str, Any], result: Any, frame: Any  # noqa: ANN401
+    ) -> None:
+        width, height, pixels = result[:3]
+        data = pixels.tobytes() if hasattr(pixels, "tobytes") else bytes(pixels)
+        if len(data) != 4 * width * height:
+            return
+        world.before_step()
+        file, line = self._place(frame)
+        said = {
+            "world": world.number, "step": world.step, "width": width, "height": height,
+            "view": _vector(arguments.get("viewMatrix")),
+            "projection": _vector(arguments.get("projectionMatrix")), "file": file, "line": line,
+        }  # fmt: skip
+        head = json.dumps(said).encode()
+        self.pipe.send(protocol.IMAGE, protocol.IMAGE_HEAD.pack(len(head)) + head + data)
+
+    def _stepping(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
+        worlds, lock = self._worlds, self.lock
+
+        def step(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+            if not self.on:
+                return original(*args, **kwargs)
+            with lock:
+                if self.stopped:
+                    self.check()
+                world = worlds.get(_client(name, args, kwargs))
+                if world is None:
+                    return original(*args, **kwargs)
+                return self._step(world, original, args, kwargs)
+
+        return step
+
+    # -- steps and time ---------------------------------------------------------------------------
+
+    def _step(self, world: World, original: Any, args: Any, kwargs: Any) -> Any:  # noqa: ANN401
+        self._guarded(world, world.before_step)
+        result = original(*args, **kwargs)
+        if self._guarded(world, world.after_step):
+            self._steps += 1
+            self.clock.step(world.time_s)
+            if self._steps == self._limit_steps:
+                self.stop("steps")
+            self._check_time()
+        return result
+
+    def _set_real_time(self, world: World, on: bool) -> None:
+        """Let a simulation run by itself, as it does in a window; without one it never does."""
+        self._real_time_since.pop(world.client, None)
+        if on and world.client in self._windows:
+            self._real_time_since[world.client] = (self.clock.now_s(), world.time_s)
+            self.pipe.note("real_time", world=world.number, step=world.step)
+
+    def _time_has_passed(self) -> None:
+        if not self.on:
+            return
+        with self.lock:
+            self.check()
+            for client, (since_s, from_s) in list(self._real_time_since.items()):
+                world = self._worlds[client]
+                if world.stale_engine:
+                    self._guarded(world, world.before_step)
+                while (
+                    client in self._worlds
+                    and world.time_s + world.timestep_s - from_s <= self.clock.now_s() - since_s
+                ):
+                    self._step(world, self._p.stepSimulation, (client,), {})
+            self._check_time()
+
+    def _check_time(self) -> None:
+        now_s = max(self.clock.simulated_s, self.clock.waited_s)
+        if self._limit_s is not None and now_s >= self._limit_s * (1 - 1e-12):
+            self.stop("duration")
+        elif self.clock.idle_s >= IDLE_S:
+            self.stop("idle")
+
+    def stop(self, why: str) -> None:
+        """End the script: here, and wherever it calls pybullet again."""
+        self.stopped = why
+        self.pipe.note("stop", why=why)
+        self.pipe.flush()
+        raise Stop(0)
+
+    def check(self) -> None:
+        """Raise again where a script has caught the end."""
+        if self.stopped:
+            raise Stop(0)
+
+    def finish(self) -> None:
+        """Send what is left of all simulations; the script is over."""
+        with self.lock:
+            for client in list(self._worlds):
+                self._end(client)
+            self.on = False
+
+    # -- what is told -----------------------------------------------------------------------------
+
+    def _tell(
+        self, world: World, name: str, args: Any, kwargs: Any, frame: Any  # noqa: ANN401
+    ) -> None:
+        texts = [_text(one) for one in args]
+        texts += [f"{key}={_text(one)}" for key, one in kwargs.items() if key != "physicsClientId"]
+        file, line = self._place(frame)
+        self.pipe.note(
+            "call", world=world.number, step=world.step, name=name, arguments=", ".join(texts),
+            file=file, line=line,
+        )  # fmt: skip
+
+    def _place(self, frame: Any) -> tuple[str, int]:  # noqa: ANN401
+        """Return file and line of a frame, the file without what only this machine has."""
+        name = frame.f_code.co_filename
+        shown = self._shown.get(name)
+        if shown is None:
+            shown = self._shown[name] = _shown(name)
+        return shown, frame.f_lineno
+
+    def _guarded(self, world: World, read: Callable[[], None]) -> bool:
+        """Read something; a simulation that cannot be read is left alone, and the script goes on."""
+        try:
+            read()
+        except GoneError:
+            self.on = False
+            os._exit(1)
+        except Exception as error:  # noqa: BLE001 - nothing of ours may reach the script
+            if world.client in self._worlds:
+                self.pipe.note("fault", world=world.number, step=world.step,
+                    error=f"{type(error).__name__}: {error}")  # fmt: skip
+            self._worlds.pop(world.client, None)
+            self._real_time_since.pop(world.client, None)
+            return False
+        return True
+
+    def _forked(self) -> None:
+        if self.on and os.getpid() != self._process:
+            self.on = False
+            self.clock.remove()
+            self.pipe.leave()
+
+
+MOST_CLIENTS = 64
+
+_ANSWERED = set(Window(SimpleNamespace(), 0).answers())
+
+_CLIENT_AT = {
+    name: names.index("physicsClientId") if "physicsClientId" in names else None
+    for name, names in ARGUMENTS.items()
+}
+
+
+def _client(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> int:
+    """Return the client that a call is for: the last argument, or 0."""
+    if kwargs:
+        client = kwargs.get("physicsClientId")
+        if client is not None:
+            return _number(client) or 0
+    at = _CLIENT_AT.get(name)
+    return _number(args[at]) or 0 if at is not None and len(args) > at else 0
+
+
+def _named(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str, Any]:
+    return {**dict(zip(ARGUMENTS.get(name, ()), args)), **kwargs}
+
+
+def _body(arguments: dict[str, Any]) -> int | None:
+    for name in BODY_NAMES:
+        if name in arguments:
+            return _number(arguments[name])
+    return None
+
+
+def _number(value: Any) -> int | None:  # noqa: ANN401
+    try:
+        return int(value)
+    except (TypeError, ValueError):
+        return None
+
+
+def _vector(value: Any) -> list[float] | None:  # noqa: ANN401
+    try:
+        return [float(one) for one in value]
+    except (TypeError, ValueError):
+        return None
+
+
+def _values(arguments: dict[str, Any], but: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return the arguments that are numbers or vectors of numbers."""
+    found: dict[str, Any] = {}
+    for name, value in arguments.items():
+        if name in but or name == "physicsClientId":
+            continue
+        if isinstance(value, int):
+            found[name] = int(value)
+        else:
+            try:
+                found[name] = float(value)
+            except (TypeError, ValueError):
+                vector = _vector(value)
+                if vector is not None:
+                    found[name] = vector
+    return found
+
+
+LONGEST = 32
+"""Values of a list that are told; of a longer one its first, and how many there are."""
+
+
+def _text(value: Any, depth: int = 0) -> str:  # noqa: ANN401
+    """Return a value as a script would write it; nothing of the script's own is called for it."""
+    kind = type(value)
+    if kind in (int, float, bool, type(None)):
+        return repr(value)
+    if kind in (str, bytes):
+        return repr(value if len(value) <= 300 else value[:300])
+    if kind in (list, tuple) and depth < 4:
+        told = [_text(one, depth + 1) for one in value[:LONGEST]]
+        if len(value) > LONGEST:
+            told.append(f"… {len(value)} values")
+        return f"({', '.join(told)})" if kind is tuple else f"[{', '.join(told)}]"
+    if kind.__module__.partition(".")[0] == "numpy" and hasattr(value, "tolist"):
+        return _text(value.tolist() if value.size <= 1024 else value.ravel()[:1024].tolist(), depth)
+    return f"<{kind.__name__}>"
+
+
+def _shown(name: str) -> str:
+    """Return a file's name: below the working directory, or below where its packages lie."""
+    for folder in (os.getcwd(), *sorted(sys.path, key=len, reverse=True)):
+        if folder and name.startswith(os.path.join(folder, "")):
+            return os.path.relpath(name, folder)
+    return os.path.basename(name) or name

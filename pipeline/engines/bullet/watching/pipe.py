@@ -1,0 +1,121 @@
+"""What goes from the script's process to the recorder: frames, down a pipe.
+
+A stream begins with `MAGIC`. Each frame is a kind (one letter), the length of its payload (uint32,
+little-endian), and the payload. A stream may end at any byte: what is not a whole frame is dropped.
+
+Frames collect in a block of memory that both processes see, and leave it in large writes. So a
+process that crashes, or is killed, takes nothing with it: the recorder reads the rest of the block.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import os
+import struct
+import time
+from typing import Any
+
+MAGIC = b"DROPREC\x01"
+"""The last byte is the version: both halves are of one drop, unless somebody mixes them."""
+HEADER = struct.Struct("<cI")
+"""Of a frame: kind and length."""
+
+NOTE, SAMPLE, CONTACTS, SET, IMAGE = b"J", b"S", b"C", b"P", b"I"
+"""Kinds: a note is JSON, the others are numbers behind a small head."""
+HEAD = struct.Struct("<iq")
+"""Of samples, contacts and what was set: number of the world or body, and step."""
+IMAGE_HEAD = struct.Struct("<I")
+"""Of an image: how long the JSON is that stands before its pixels."""
+
+BLOCK = struct.Struct("<QQ")
+"""At the block's start: bytes that left it before, and bytes that are in it now."""
+BLOCK_BYTES = 1 << 20
+FLUSH_BYTES = 1 << 16
+FLUSH_S = 0.25
+
+
+class Pipe:
+    """The sending end. Not for two threads at once: whoever sends holds `Watch.lock`."""
+
+    def __init__(self, pipe: int, block: int) -> None:
+        self._pipe = pipe
+        self._inode = os.fstat(pipe).st_ino
+        self._memory = mmap.mmap(block, BLOCK_BYTES)
+        os.set_inheritable(pipe, False)
+        os.close(block)
+        self._before = self._used = 0
+        self._flushed_at = _now()
+        self.open = True
+        self.write(MAGIC)
+
+    def note(self, what: str, **values: Any) -> None:  # noqa: ANN401 - anything that JSON takes
+        """Send a JSON object."""
+        self.send(NOTE, json.dumps({"what": what, **values}).encode())
+
+    def send(self, kind: bytes, payload: bytes) -> None:
+        """Send a frame."""
+        self.write(HEADER.pack(kind, len(payload)) + payload)
+
+    def write(self, data: bytes) -> None:
+        """Put bytes into the block, and empty it when there is enough in it."""
+        if not self.open:
+            return
+        if BLOCK.size + self._used + len(data) > BLOCK_BYTES:
+            self.flush()
+            if BLOCK.size + len(data) > BLOCK_BYTES:
+                self._hand_over(data)
+                return
+        start = BLOCK.size + self._used
+        self._memory[start : start + len(data)] = data
+        self._used += len(data)
+        BLOCK.pack_into(self._memory, 0, self._before, self._used)
+        if self._used > FLUSH_BYTES or _now() - self._flushed_at > FLUSH_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Send what is in the block."""
+        if self.open and self._used:
+            self._hand_over(self._memory[BLOCK.size : BLOCK.size + self._used])
+
+    def close(self) -> None:
+        """Send what is left, and let the pipe go: nothing is sent after that."""
+        self.flush()
+        self.leave()
+
+    def leave(self) -> None:
+        """Let the pipe go and send nothing: what a forked child does, which shares the block."""
+        if self.open:
+            self.open = False
+            if self._is_ours():
+                os.close(self._pipe)
+
+    def _hand_over(self, data: bytes) -> None:
+        # A script may close all files and open its own: never write into one of those.
+        if not self._is_ours():
+            self.open = False
+            return
+        rest = memoryview(data)
+        try:
+            while rest:
+                rest = rest[os.write(self._pipe, rest) :]
+        except BrokenPipeError:  # the recorder is gone
+            self.leave()
+            raise GoneError from None
+        self._before += len(data)
+        self._used = 0
+        BLOCK.pack_into(self._memory, 0, self._before, 0)
+        self._flushed_at = _now()
+
+    def _is_ours(self) -> bool:
+        try:
+            return os.fstat(self._pipe).st_ino == self._inode
+        except OSError:
+            return False
+
+
+class GoneError(Exception):
+    """Nobody reads any more."""
+
+
+_now = time.perf_counter  # the real one: it is taken before the clock is replaced

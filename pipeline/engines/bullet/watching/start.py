@@ -1,0 +1,66 @@
+"""Begin to watch: from now on what the script does with pybullet is told."""
+
+from __future__ import annotations
+
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import sys
+from types import ModuleType
+from typing import Any, Callable, Sequence
+
+from .clock import Clock
+from .hooks import Watch
+from .pipe import Pipe
+
+
+def watch(
+    pipe: int, block: int, *, steps: int | None, duration_s: float | None, keep_sleeping: bool
+) -> Watch:
+    """Watch pybullet, as soon as it is imported.
+
+    Parameters
+    ----------
+    pipe, block
+        File descriptors of the pipe, and of the memory shared with who reads it.
+    steps, duration_s
+        When the script is to be stopped; None for never.
+    keep_sleeping
+        Whether the script's clock is the real one.
+    """
+    started = Watch(
+        Pipe(pipe, block), Clock(real=keep_sleeping), steps=steps, duration_s=duration_s
+    )
+    version = ".".join(map(str, sys.version_info[:3]))
+    started.pipe.note("python", version=version, virtual_time=not keep_sleeping)
+    started.clock.install()
+    if "pybullet" in sys.modules:
+        started.install(sys.modules["pybullet"])
+    else:
+        sys.meta_path.insert(0, _OnImport("pybullet", started.install))
+    return started
+
+
+class _OnImport(importlib.abc.MetaPathFinder):
+    """Calls a function with a module once it is imported: by a script, when and if it does."""
+
+    def __init__(self, name: str, then: Callable[[ModuleType], None]) -> None:
+        self._name, self._then = name, then
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        if fullname != self._name:
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(fullname)
+        if spec is not None and spec.loader is not None:
+            then, execute = self._then, spec.loader.exec_module
+
+            def exec_module(module: ModuleType) -> None:
+                execute(module)
+                then(module)
+
+            loader: Any = spec.loader
+            loader.exec_module = exec_module
+        return spec

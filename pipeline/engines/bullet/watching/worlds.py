@@ -1,0 +1,304 @@
+"""One simulation, as its engine has it: its bodies, and their state when it is asked for.
+
+Everything is read with PyBullet's own functions, and nothing here changes a number in it: that is
+what `tests/test_record.py` holds, over many scripts.
+"""
+
+from __future__ import annotations
+
+import struct
+from types import SimpleNamespace
+from typing import Any, Iterable, Sequence
+
+from . import pipe as protocol
+from .pipe import Pipe
+
+FIXED, SPHERICAL = 4, 2
+"""Kinds of joint, as `getJointInfo` numbers them."""
+SOFT = 3
+"""Kind of body, as `getDynamicsInfo` numbers them."""
+ALL = None
+"""Said of bodies: a call may have moved any of them."""
+
+
+class Body:
+    """What has to be known of a body to read it.
+
+    Parameters
+    ----------
+    number
+        Of this body in this stream: never used again, unlike the engine's id.
+    """
+
+    def __init__(self, number: int, engine_id: int, client: int, p: SimpleNamespace) -> None:
+        self.number, self.id, self._client, self._p = number, engine_id, client, p
+        self.links = list(range(p.getNumJoints(engine_id, client)))
+        self.joint_infos = [p.getJointInfo(engine_id, link, client) for link in self.links]
+        self.joints = [info[0] for info in self.joint_infos if info[2] != FIXED]
+        self.spherical = any(info[2] == SPHERICAL for info in self.joint_infos)
+        self.dynamics = self.read_dynamics()
+        self.soft = self.dynamics[0][10] == SOFT
+
+    @property
+    def moves(self) -> bool:
+        """Whether time moves it, and not only calls."""
+        return not self.soft and (self.dynamics[0][0] != 0 or bool(self.joints))
+
+    def read_dynamics(self) -> list[Any]:
+        """Return what the engine says of base and links, in this order."""
+        return [
+            self._p.getDynamicsInfo(self.id, link, self._client) for link in (-1, *self.links)
+        ]
+
+    def read(self) -> list[float]:
+        """Return the state: 13 numbers for base and links, then those of the joints that move."""
+        p, client = self._p, self._client
+        position, orientation = p.getBasePositionAndOrientation(self.id, client)
+        linear, angular = p.getBaseVelocity(self.id, client)
+        values = [*position, *orientation, *linear, *angular]
+        if self.links:
+            states = p.getLinkStates(
+                self.id, self.links, computeLinkVelocity=1, physicsClientId=client
+            )
+            for one in states:
+                values += one[0]
+                values += one[1]
+                values += one[6]
+                values += one[7]
+        if self.spherical:
+            for one in p.getJointStatesMultiDof(self.id, self.joints, client):
+                values += one[0]
+                values += one[1]
+                values += one[3]
+        elif self.joints:
+            for one in p.getJointStates(self.id, self.joints, client):
+                values += (one[0], one[1], one[3])
+        return values
+
+    def joint_widths(self) -> list[tuple[int, int, int]]:
+        """Return how many positions, velocities and torques each joint that moves has."""
+        if not self.spherical:
+            return [(1, 1, 1)] * len(self.joints)
+        states = self._p.getJointStatesMultiDof(self.id, self.joints, self._client)
+        return [(len(one[0]), len(one[1]), len(one[3])) for one in states]
+
+    def looks(self) -> list[Any]:
+        """Return its visual shapes, as `getVisualShapeData` lists them."""
+        return [] if self.soft else _plain(self._p.getVisualShapeData(self.id, 0, self._client))
+
+    def collision_shapes(self) -> list[Any]:
+        """Return its collision shapes, as `getCollisionShapeData` lists them."""
+        if self.soft:
+            return []
+        shapes: list[Any] = []
+        for link in (-1, *self.links):
+            shapes += self._p.getCollisionShapeData(self.id, link, self._client) or ()
+        return _plain(shapes)
+
+
+class World:
+    """One client's simulation.
+
+    Parameters
+    ----------
+    number
+        Of this simulation in this stream; the engine uses its client ids again.
+    first_step, first_time_s
+        Where its steps and its time begin.
+    """
+
+    bodies_made = 0
+    """In all simulations of this process."""
+
+    def __init__(
+        self, pipe: Pipe, p: SimpleNamespace, *, client: int, number: int, method: str,
+        first_step: int, first_time_s: float,
+    ) -> None:  # fmt: skip
+        self._pipe, self._p = pipe, p
+        self.client, self.number, self.method = client, number, method
+        self.step, self.time_s = first_step, first_time_s
+        self.given: dict[str, Any] = {}
+        """Settings of the engine that it does not report, as calls gave them."""
+        self.fresh: set[int] = set()
+        """Bodies that a call has made: their ids may have been others' before."""
+        self.moved: dict[int | None, set[Any]] = {}
+        """Bodies that calls may have moved since they were read, and by which calls."""
+        self.changed: set[int | None] = set()
+        """Bodies whose dynamics calls may have changed."""
+        self.recoloured: set[int] = set()
+        self.stale_bodies = self.stale_engine = True
+        self.real_time = False
+        self.bodies: dict[int, Body] = {}
+        self.timestep_s = 0.0
+        self._sampled = False
+        self._since, self._steps_since = first_time_s, 0
+        self._engine: dict[str, Any] | None = None
+        self._moving: list[Body] = []
+        self._last: dict[int, bytes] = {}
+        pipe.note("world", world=number, client=client, method=method,
+            first_step=first_step, first_time_s=first_time_s)  # fmt: skip
+
+    # -- what calls have changed ------------------------------------------------------------------
+
+    def sync(self) -> None:
+        """Send what calls have changed since this was last called."""
+        if self.stale_engine:
+            self._read_engine()
+        if self.stale_bodies or self.fresh:
+            self._list_bodies()
+        if self.changed:
+            self._read_dynamics()
+        for body in [self.bodies[one] for one in self.recoloured if one in self.bodies]:
+            self._pipe.note("look", body=body.number, visual=body.looks())
+        self.recoloured = set()
+        if self.moved:
+            moved = self.bodies.values() if ALL in self.moved else map(self.bodies.get, self.moved)
+            for one in list(moved):
+                if one is not None:
+                    self._send_if_set(one)
+            self.moved = {}
+
+    def forget(self) -> None:
+        """Take note that a reset has removed all bodies."""
+        for body in self.bodies.values():
+            self._pipe.note("gone", body=body.number)
+        self.bodies, self._moving, self._last = {}, [], {}
+        self.fresh, self.moved, self.changed, self.recoloured = set(), {}, set(), set()
+        self.stale_bodies = self.stale_engine = True
+        self.given = {}
+
+    def _list_bodies(self) -> None:
+        p, client = self._p, self.client
+        ids = [p.getBodyUniqueId(one, client) for one in range(p.getNumBodies(client))]
+        there = set(ids)
+        for one in [known for known in self.bodies if known not in there or known in self.fresh]:
+            self._pipe.note("gone", body=self.bodies.pop(one).number)
+            self._last.pop(one, None)
+        for one in ids:
+            if one not in self.bodies:
+                self.bodies[one] = self._describe(one)
+                if not self.bodies[one].soft:
+                    self.moved.setdefault(one, set())
+        self.fresh, self.stale_bodies = set(), False
+        self._lay_out()
+
+    def _describe(self, engine_id: int) -> Body:
+        body = Body(World.bodies_made, engine_id, self.client, self._p)
+        World.bodies_made += 1
+        base, name = self._p.getBodyInfo(engine_id, self.client)
+        self._pipe.note(
+            "body", world=self.number, body=body.number, id=engine_id, name=_plain(name),
+            base=_plain(base), soft=body.soft, dynamics=_plain(body.dynamics),
+            joints=_plain(body.joint_infos), joint_widths=body.joint_widths(),
+            visual=body.looks(), collision=body.collision_shapes(),
+        )  # fmt: skip
+        return body
+
+    def _read_dynamics(self) -> None:
+        all_changed = ALL in self.changed
+        for body in [one for one in self.bodies.values() if all_changed or one.id in self.changed]:
+            dynamics = body.read_dynamics()
+            if dynamics != body.dynamics:
+                body.dynamics = dynamics
+                self._pipe.note("dynamics", body=body.number, dynamics=_plain(dynamics))
+        self.changed = set()
+        self._lay_out()
+
+    def _read_engine(self) -> None:
+        reported = self._p.getPhysicsEngineParameters(self.client)
+        if reported["fixedTimeStep"] != self.timestep_s:
+            self._since, self._steps_since = self.time_s, 0
+            self.timestep_s = reported["fixedTimeStep"]
+        now = {**reported, **{f"set_{name}": value for name, value in self.given.items()}}
+        if now != self._engine:
+            self._engine = now
+            self._pipe.note("engine", world=self.number, step=self.step, time_s=self.time_s,
+                settings=_plain(now))  # fmt: skip
+        self.stale_engine = False
+
+    def _lay_out(self) -> None:
+        moving = [body for body in self.bodies.values() if body.moves]
+        if moving != self._moving:
+            self._moving = moving
+            self._pipe.note(
+                "layout", world=self.number, bodies=[body.number for body in moving]
+            )
+
+    def _send_if_set(self, body: Body) -> None:
+        if body.soft or (body.moves and not self._sampled):  # the first sample says it
+            return
+        values = _packed(body.read())
+        if values != self._last.get(body.id):
+            self._last[body.id] = values
+            self._pipe.send(protocol.SET, protocol.HEAD.pack(body.number, self.step) + values)
+
+    # -- what time changes ------------------------------------------------------------------------
+
+    def sample(self) -> None:
+        """Send the state and the contacts as they are now."""
+        payload = b""
+        for body in self._moving:
+            values = self._last[body.id] = _packed(body.read())
+            payload += values
+        head = protocol.HEAD.pack(self.number, self.step)
+        self._pipe.send(protocol.SAMPLE, head + payload)
+        if self._sampled:  # before the first step no step has led here
+            found: list[float] = []
+            for one in self._p.getContactPoints(physicsClientId=self.client) or ():
+                found += one[1:5]
+                found += one[5]
+                found += one[6]
+                found += one[7]
+                found += one[8:11]
+                found += one[11]
+                found.append(one[12])
+                found += one[13]
+            if found:
+                self._pipe.send(protocol.CONTACTS, head + _packed(found))
+        self._sampled = True
+
+    def before_step(self) -> None:
+        """Send what calls have changed, and where nothing was ever stepped the first sample."""
+        if (
+            self.stale_engine or self.stale_bodies or self.fresh or self.changed or self.moved
+            or self.recoloured
+        ):  # fmt: skip
+            self.sync()
+        if not self._sampled:
+            self.sample()
+
+    def after_step(self) -> None:
+        """Send the sample that a step has led to."""
+        self.step += 1
+        self._steps_since += 1
+        self.time_s = self._since + self._steps_since * self.timestep_s
+        self.sample()
+
+    def end(self) -> None:
+        """Send what there is to say of a simulation that is over."""
+        self.sync()
+        if not self._sampled and self.bodies:
+            self.sample()
+        self._pipe.note("over", world=self.number, step=self.step)
+
+
+_STRUCTS: dict[int, struct.Struct] = {}
+
+
+def _packed(values: Sequence[float]) -> bytes:
+    count = len(values)
+    found = _STRUCTS.get(count)
+    if found is None:
+        found = _STRUCTS[count] = struct.Struct(f"<{count}d")
+    return found.pack(*values)
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401
+    """Return what JSON can say of something that PyBullet returned."""
+    if isinstance(value, bytes):
+        return value.decode(errors="replace")
+    if isinstance(value, dict):
+        return {name: _plain(one) for name, one in value.items()}
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return [_plain(one) for one in value]
+    return value if isinstance(value, (int, float, str, type(None))) else float(value)
