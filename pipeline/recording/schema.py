@@ -19,6 +19,8 @@ SCHEMA_VERSION = 2
 
 STEP_TIMELINE = "sim_step"
 TIME_TIMELINE = "sim_time"
+CALL_TIMELINE = "call"
+"""In a script's recording: how many of its calls were before."""
 
 # -- what is measured -----------------------------------------------------------------------------
 
@@ -71,6 +73,22 @@ CONTACTS = Table(
 
 TABLES = {table.entity: table for table in (STATES, CONTACTS)}
 
+# -- what a script did, and what it had ------------------------------------------------------------
+
+BODIES = "bodies"
+"""A row when a body comes, goes or looks different: what it is."""
+SET = "set"
+"""A row when calls have moved a body: its state before time goes on."""
+DYNAMICS = "dynamics"
+"""A row when they change: mass, inertia, friction … of base and links. Below it, `given`: what
+calls have set, some of which the engine never reports."""
+SETTINGS = "engine"
+"""A row when they change: timestep, gravity … of the engine."""
+PUSHES = "pushes"
+"""A row per force or torque from outside."""
+CALLS = "calls"
+"""A row per call: function, arguments, file, line."""
+
 # -- what is drawn --------------------------------------------------------------------------------
 
 WORLD = "world"
@@ -87,6 +105,10 @@ POSE_RESOLUTION = 1e-4
 HEIGHT_RESOLUTION_M = 1e-9
 """A height curve that stays within this [m] is level."""
 
+JOINT_POSITIONS = "joint_positions"
+JOINT_TORQUES = "joint_torques"
+"""Curves of a script's recording, thinned; the numbers are those of `state/BODY/joints`."""
+
 HEIGHT = "height"
 HEIGHT_SIMULATED = "height/simulated"
 HEIGHT_FREE_FALL = "height/free_fall"
@@ -95,6 +117,8 @@ HEIGHT_DAMPED_FALL = "height/damped_fall"
 # -- what it was made with: properties ------------------------------------------------------------
 
 SCENARIO_PROPERTY = "scenario"
+ORIGIN_PROPERTY = "origin"
+"""Of a script's recording: the script, the digest of its text, its arguments."""
 ENGINE_PROPERTY = "engine"
 CAMERA_PROPERTY = "camera"
 RECORDING_PROPERTY = "recording"

@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -43,7 +43,7 @@ def record(
     chunks: Iterable[Chunk],
     *,
     recording_id: str,
-    blueprint: rrb.Blueprint | None,
+    blueprint: rrb.Blueprint | Callable[[], rrb.Blueprint] | None,
     force: bool = False,
     ours: bool = False,
     salvage: bool = True,
@@ -60,7 +60,8 @@ def record(
     recording_id
         Files of one id open as one recording.
     blueprint
-        The viewer's layout; None leaves it out, and the file is verified without another program.
+        The viewer's layout, or what returns it when the chunks are over;
+        None leaves it out, and the file is verified without another program.
     force, ours, salvage, note
         As for `unfinished`.
 
@@ -94,7 +95,8 @@ def record(
             return
         with tempfile.TemporaryDirectory() as folder:
             layout = Path(folder, "layout.rbl")
-            blueprint.save(schema.APPLICATION_ID, str(layout))
+            layout_of = blueprint if isinstance(blueprint, rrb.Blueprint) else blueprint()
+            layout_of.save(schema.APPLICATION_ID, str(layout))
             # Rerun keeps the stream that it saved through, with two threads that wake all the time.
             bindings.flush_and_cleanup_orphaned_recordings()
             seal(part, path, blueprint=layout, rows=rows, force=force or ours)
@@ -226,6 +228,72 @@ def state_chunks(states: Rows, timestep_s: float) -> Iterator[Chunk]:
         _times(base["step"], timestep_s),
         rr.Transform3D.columns(translation=base["position_m"], quaternion=base["orientation"]),
     )
+
+
+class Times(NamedTuple):
+    """When the rows of a chunk were."""
+
+    steps: Steps
+    """Shape (n,)."""
+    times_s: Float64
+    """Shape (n,)."""
+    calls: Steps | None = None
+    """How many calls of the script were before, where that is worth a timeline."""
+
+
+def times(at: Times) -> list[rr.TimeColumn]:
+    """Return the timelines of rows."""
+    found = [
+        rr.TimeColumn(schema.STEP_TIMELINE, sequence=at.steps),
+        rr.TimeColumn(schema.TIME_TIMELINE, duration=at.times_s),
+    ]
+    if at.calls is not None:
+        found.append(rr.TimeColumn(schema.CALL_TIMELINE, sequence=at.calls))
+    return found
+
+
+def rows_chunk(entity: str, rows: Rows, at: Times, components: Iterable[str]) -> Chunk:
+    """Return rows of some steps, as many of each as there are, as lists: one per step."""
+    steps, first = np.unique(rows["step"], return_index=True)
+    assert np.array_equal(steps, at.steps)
+    bounds = np.append(first, len(rows))
+    columns = [_list_column(name, rows[name], bounds) for name in components]
+    return Chunk.from_columns(entity, times(at), columns)
+
+
+def numbers_of_steps_chunk(entity: str, at: Times, values: Mapping[str, Float64]) -> Chunk:
+    """Return arrays of shape (n, k) as lists, one of k per time."""
+    bounds = np.arange(len(at.steps) + 1)
+    columns = [_list_column(name, one, bounds) for name, one in values.items()]
+    return Chunk.from_columns(entity, times(at), columns)
+
+
+def row_chunk(entity: str, at: Times, values: Mapping[str, Any]) -> Chunk:
+    """Return one row: numbers, texts or arrays by name, each a list."""
+    columns = []
+    for name, value in values.items():
+        if isinstance(value, np.ndarray):
+            flat = pa.array(np.ascontiguousarray(value).reshape(-1))
+        else:
+            held = list(value) if isinstance(value, list | tuple) else [value]
+            kind = pa.string() if not held else None
+            flat = pa.array(held, type=kind)
+        offsets = np.array([0, len(flat)], dtype=np.int32)
+        columns.append(rr.ComponentColumn(name, _Arrow(flat), offsets=offsets))
+    return Chunk.from_columns(entity, times(at), columns)
+
+
+def texts_chunk(
+    entity: str, at: Times, texts: Mapping[str, list[str]], numbers: Mapping[str, list[int]]
+) -> Chunk:
+    """Return one text or number of each name per time."""
+    offsets = np.arange(len(at.steps) + 1, dtype=np.int32)
+    held = {name: pa.array(one, type=pa.string()) for name, one in texts.items()}
+    held |= {name: pa.array(one, type=pa.int64()) for name, one in numbers.items()}
+    columns = [
+        rr.ComponentColumn(name, _Arrow(one), offsets=offsets) for name, one in held.items()
+    ]
+    return Chunk.from_columns(entity, times(at), columns)
 
 
 def contacts_chunk(contacts: Rows, timestep_s: float) -> Chunk:

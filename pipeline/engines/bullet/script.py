@@ -1,0 +1,180 @@
+"""Run a script of somebody's in an interpreter of its own, with its calls of PyBullet watched."""
+
+from __future__ import annotations
+
+import json
+import mmap
+import os
+import select
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.engines.bullet.watched import Decoder
+from pipeline.engines.bullet.watching import pipe
+from pipeline.errors import DropError
+from pipeline.seen import Ending, Event
+
+WATCHING = Path(__file__).with_name("watching")
+
+PERTURB = "85"
+"""What fresh memory is filled with (`MALLOC_PERTURB_`): PyBullet reads some before it writes it."""
+
+STOPS_WITHIN_S = 5.0
+"""How long a script may clean up that is to stop."""
+TOLD_AGAIN_S = 1.0
+"""A terminal tells the script of Ctrl-C too; one that has not heard by then is told again."""
+TICK_S = 0.1
+
+
+@dataclass(frozen=True)
+class Program:
+    """What is run, and for how long.
+
+    Parameters
+    ----------
+    target
+        The script's path, or a module's name.
+    arguments
+        Its own arguments.
+    python
+        The interpreter.
+    """
+
+    target: str
+    arguments: Sequence[str]
+    python: str
+    is_module: bool = False
+    steps: int | None = None
+    duration_s: float | None = None
+    keep_sleeping: bool = False
+    perturb: str = PERTURB
+
+
+class Script:
+    """A script that runs; use it in a `with` statement, and take its `events` to the end.
+
+    Raises
+    ------
+    DropError
+        If the interpreter cannot be started.
+    """
+
+    def __init__(self, program: Program, *, stdout: int) -> None:
+        self.decoder = Decoder()
+        self._interrupted_at: float | None = None
+        self._interrupts = 0
+        self._heard = 0.0
+        self._killed = False
+        self._received = 0
+        self._block = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `close`
+        self._block.truncate(pipe.BLOCK_BYTES)
+        self._reading, writing = os.pipe()
+        options = {
+            "pipe": writing, "block": self._block.fileno(), "module": program.is_module,
+            "steps": program.steps, "duration_s": program.duration_s,
+            "keep_sleeping": program.keep_sleeping,
+        }  # fmt: skip
+        try:
+            self._process = subprocess.Popen(
+                [program.python, str(WATCHING), json.dumps(options), program.target,
+                    *program.arguments],
+                stdout=stdout,
+                pass_fds=(writing, self._block.fileno()),
+                env={"MALLOC_PERTURB_": program.perturb, **os.environ},
+            )  # fmt: skip
+        except OSError as error:
+            raise DropError(
+                f"{program.python} cannot be started: {error.strerror}; --python takes the path "
+                "of a Python interpreter"
+            ) from None
+        finally:
+            os.close(writing)
+
+    def __enter__(self) -> Script:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+        os.close(self._reading)
+        self._block.close()
+
+    def interrupt(self) -> None:
+        """Take note of a Ctrl-C, which a terminal has told the script as well."""
+        self._interrupts += 1
+        if self._interrupted_at is None:
+            self._interrupted_at = time.monotonic()
+        else:
+            self._kill()
+
+    def events(self) -> Iterator[Event]:
+        """Yield what is seen, until the script's process has ended."""
+        while True:
+            self._press()
+            ready, _, _ = select.select([self._reading], [], [], TICK_S)
+            if ready:
+                data = os.read(self._reading, 1 << 18)
+                if not data:
+                    break
+                self._received += len(data)
+                yield from self.decoder.feed(data)
+            elif self._process.poll() is not None:
+                break  # a process that it has left behind holds the pipe open
+        while self._process.poll() is None:
+            self._press()
+            time.sleep(TICK_S / 10)
+        yield from self.decoder.feed(self._left_behind())
+        yield from self.decoder.rest()
+
+    def _left_behind(self) -> bytes:
+        """Return what the script had not sent when it ended, however that was."""
+        with mmap.mmap(self._block.fileno(), pipe.BLOCK_BYTES, access=mmap.ACCESS_READ) as memory:
+            before, used = pipe.BLOCK.unpack_from(memory)
+            start = pipe.BLOCK.size + max(0, self._received - before)
+            return memory[start : pipe.BLOCK.size + used]
+
+    def _press(self) -> None:
+        """End a script that was to stop and does not."""
+        now = time.monotonic()
+        if self.decoder.stopped and not self._heard:
+            self._heard = now
+        if self._heard and now - self._heard > STOPS_WITHIN_S:
+            self._kill()
+        if self._interrupted_at is not None:
+            waited = now - self._interrupted_at
+            if waited > STOPS_WITHIN_S:
+                self._kill()
+            elif waited > TOLD_AGAIN_S and self._interrupts == 1:
+                self._interrupts += 1
+                self._process.send_signal(signal.SIGINT)
+
+    def _kill(self) -> None:
+        self._killed = True
+        self._process.kill()
+
+    def ending(self) -> Ending:
+        """Return how the script ended, once its events are over."""
+        decoder, code = self.decoder, self._process.returncode
+        ending = Ending(notes=list(decoder.faults), made_with=dict(decoder.python))
+        ended = decoder.ended or {}
+        if self._interrupted_at is not None:
+            ending.how = "interrupted"
+        elif decoder.stopped:
+            ending.how = "steps" if decoder.stopped == "steps" else "duration"
+        elif ended:
+            ending.how, ending.error = ended["how"], ended["error"]
+        elif code == 0:
+            ending.how = "finished"
+        else:
+            ending.how = "failed"
+            ending.error = (
+                f"it was ended by {signal.Signals(-code).name}" if code < 0
+                else f"it ended with exit code {code}"
+            )  # fmt: skip
+        return ending

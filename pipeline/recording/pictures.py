@@ -1,0 +1,181 @@
+"""What a script's recording shows: shapes, poses, cameras, curves and logs, in Rerun's own types."""
+
+from __future__ import annotations
+
+import functools
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+from rerun.chunk import Chunk
+
+from pipeline.recording import schema
+from pipeline.recording.writer import Times, times
+from pipeline.seen import Image, Shape
+from pipeline.states import Rows
+
+Float64 = NDArray[np.float64]
+
+PLANE_M = 50.0
+"""How wide an infinite plane is drawn."""
+MESH_SUFFIXES = (".obj", ".stl", ".dae", ".gltf", ".glb")
+LARGEST_MESH_BYTES = 1 << 26
+
+
+def scene() -> Iterator[Chunk]:
+    """Yield what never changes: which way is up."""
+    z_up = rr.ViewCoordinates.RIGHT_HAND_Z_UP
+    yield Chunk.from_columns(
+        schema.WORLD, [], rr.ViewCoordinates.columns(xyz=[z_up.coordinates])
+    )
+
+
+def poses(entity: str, at: Times, rows: Rows) -> Chunk:
+    """Return where a part is, of dtype `STATE`, a row per time."""
+    return Chunk.from_columns(
+        entity,
+        times(at),
+        rr.Transform3D.columns(translation=rows["position_m"], quaternion=rows["orientation"]),
+    )
+
+
+def cleared(entity: str, at: Times) -> Chunk:
+    """Return that a body has gone."""
+    return Chunk.from_columns(entity, times(at), rr.Clear.columns(recursive=[True]))
+
+
+def shape(entity: str, at: Times, one: Shape) -> Iterator[Chunk]:
+    """Yield a shape and where it is on its link; what cannot be drawn is left out."""
+    rgba = [int(255 * min(1.0, max(0.0, value))) for value in one.rgba]
+    colour = int.from_bytes(bytes(rgba or [200, 200, 200, 255]), "big")
+    solid = [rr.components.FillMode.Solid]
+    a, b, *_ = (*one.size_m, 0.0, 0.0)
+    offset, scale = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+    if one.kind == "box":
+        half = [[side / 2 for side in one.size_m]]
+        drawn = rr.Boxes3D.columns(half_sizes=half, colors=[colour], fill_mode=solid)
+    elif one.kind == "sphere":
+        drawn = rr.Ellipsoids3D.columns(half_sizes=[[a, a, a]], colors=[colour], fill_mode=solid)
+    elif one.kind == "cylinder":
+        drawn = rr.Cylinders3D.columns(lengths=[a], radii=[b], colors=[colour], fill_mode=solid)
+    elif one.kind == "capsule":
+        drawn = rr.Capsules3D.columns(lengths=[a], radii=[b], colors=[colour], fill_mode=solid)
+        offset = (0.0, 0.0, -a / 2)  # Rerun's begins at the origin
+    elif one.kind == "plane":
+        half = [[PLANE_M / 2, PLANE_M / 2, 0.001]]
+        drawn = rr.Boxes3D.columns(half_sizes=half, colors=[colour], fill_mode=solid)
+    else:
+        mesh = _mesh(one.file) if one.kind == "mesh" else None
+        if mesh is None:
+            return
+        blob, media_type = mesh
+        drawn = rr.Asset3D.columns(blob=[blob], media_type=[media_type], albedo_factor=[colour])
+        scale = (one.size_m[0], one.size_m[1], one.size_m[2])
+    yield Chunk.from_columns(entity, times(at), drawn)
+    yield Chunk.from_columns(
+        entity,
+        times(at),
+        rr.Transform3D.columns(
+            translation=[_moved(one, offset)], quaternion=[one.orientation], scale=[scale]
+        ),
+    )
+
+
+def _moved(one: Shape, offset: Sequence[float]) -> list[float]:
+    """Return a shape's position, moved in its own axes."""
+    x, y, z, w = one.orientation
+    vector, axis = np.asarray(offset), np.array([x, y, z])
+    turned = vector + 2 * np.cross(axis, np.cross(axis, vector) + w * vector)
+    return list(np.asarray(one.position_m) + turned)
+
+
+@functools.lru_cache(maxsize=64)
+def _mesh(file: str) -> tuple[bytes, str] | None:
+    """Return what a file of a mesh holds, and its type; None where it cannot be shown."""
+    path = Path(file)
+    suffix = path.suffix.lower()
+    try:
+        if suffix not in MESH_SUFFIXES or path.stat().st_size > LARGEST_MESH_BYTES:
+            return None
+        blob = path.read_bytes()
+    except OSError:
+        return None
+    kinds = {
+        ".obj": "model/obj", ".stl": "model/stl", ".dae": "model/vnd.collada+xml",
+        ".gltf": "model/gltf+json", ".glb": "model/gltf-binary",
+    }  # fmt: skip
+    return blob, kinds[suffix]
+
+
+def png(rgba: NDArray[np.uint8]) -> bytes:
+    """Return pixels, shape (height, width, 4), as a PNG without the alpha, which is 255."""
+    from PIL import Image as Pillow
+
+    buffer = io.BytesIO()
+    Pillow.fromarray(np.ascontiguousarray(rgba[:, :, :3])).save(
+        buffer, format="png", compress_level=1
+    )
+    return buffer.getvalue()
+
+
+def image(entity: str, at: Times, blob: bytes) -> Chunk:
+    """Return what a camera saw."""
+    return Chunk.from_columns(
+        entity, times(at), rr.EncodedImage.columns(blob=[blob], media_type=["image/png"])
+    )
+
+
+def camera(entity: str, at: Times, seen: Image) -> Iterator[Chunk]:
+    """Yield where a camera stands and its lens, if the script has said so."""
+    if len(seen.view) != 16 or len(seen.projection) != 16:
+        return
+    height, width = seen.rgba.shape[:2]
+    camera_from_world = np.array(seen.view).reshape(4, 4).T
+    lens = np.array(seen.projection).reshape(4, 4).T
+    try:
+        world_from_camera = np.linalg.inv(camera_from_world)
+    except np.linalg.LinAlgError:
+        return
+    focal = [lens[0, 0] * width / 2, lens[1, 1] * height / 2]
+    if lens[3, 2] != -1 or not np.isfinite([*focal, *world_from_camera.ravel()]).all():
+        return  # a camera without perspective
+    image_from_camera = [[focal[0], 0, width / 2], [0, focal[1], height / 2], [0, 0, 1]]
+    yield Chunk.from_columns(
+        entity,
+        times(at),
+        rr.Transform3D.columns(
+            translation=[world_from_camera[:3, 3]], mat3x3=[world_from_camera[:3, :3]]
+        ),
+    )
+    yield Chunk.from_columns(
+        f"{entity}/image",
+        times(at),
+        rr.Pinhole.columns(
+            image_from_camera=[np.array(image_from_camera)],
+            resolution=[[width, height]],
+            camera_xyz=[rr.ViewCoordinates.RUB.coordinates],
+        ),
+    )
+
+
+def curve_names(entity: str, names: Sequence[str]) -> Chunk:
+    """Return what the curves of an entity are called."""
+    columns = rr.SeriesLines.columns(names=list(names))
+    return Chunk.from_columns(entity, [], columns.partition([len(names)]))
+
+
+def curves(entity: str, at: Times, values: Float64) -> Chunk:
+    """Return points of curves, shape (n, curves)."""
+    count, width = values.shape
+    columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).ravel())
+    return Chunk.from_columns(entity, times(at), columns.partition([width] * count))
+
+
+def log(entity: str, at: Times, texts: Sequence[str], levels: Sequence[str]) -> Chunk:
+    """Return lines of a log."""
+    return Chunk.from_columns(
+        entity, times(at), rr.TextLog.columns(text=list(texts), level=list(levels))
+    )

@@ -1,0 +1,352 @@
+"""What the recording of somebody's script holds, and in which order.
+
+Numbers go into `state`, `contacts` and what stands beside them, as float64; what is drawn of them
+is thinned to what a viewer shows.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from pipeline.recording import pictures, schema, writer
+from pipeline.recording.digest import FrameDigest, RowsDigest, inputs_digest
+from pipeline.recording.writer import Chunk, Times
+from pipeline.seen import (
+    Appearance,
+    At,
+    Body,
+    Call,
+    Dynamics,
+    Ending,
+    Event,
+    Given,
+    Image,
+    Joints,
+    Push,
+    Put,
+    Samples,
+    Settings,
+)
+from pipeline.states import Rows
+
+CALLS_TOGETHER = 512
+"""Calls in one chunk."""
+SHOWN_PER_S = 60
+"""Poses in a second of simulated time that are drawn."""
+
+
+class Script:
+    """A script's recording while it is made.
+
+    Parameters
+    ----------
+    origin
+        What was run: see `schema.ORIGIN_PROPERTY`.
+    """
+
+    def __init__(self, origin: Mapping[str, Any]) -> None:
+        self.origin = origin
+        self.samples = self.frames = 0
+        self.bodies: dict[int, Body] = {}
+        """All that were ever there, by number."""
+        self.cameras: dict[str, int] = {}
+        self.free: set[int] = set()
+        self.jointed: set[int] = set()
+        self.stepped = False
+        self._states: dict[int, RowsDigest] = {}
+        self._contacts: dict[int, RowsDigest] = {}
+        self._images, self._others = FrameDigest(), hashlib.sha256()
+        self._calls: list[Call] = []
+        self._shown_at: dict[tuple[int, int], int] = {}
+        self._drawn: dict[int, tuple[Any, ...]] = {}
+
+    def chunks(self, events: Iterable[Event], ending: Callable[[], Ending]) -> Iterator[Chunk]:
+        """Yield the whole recording; how it ended is asked for when the events are over."""
+        yield writer.property_chunk(schema.ORIGIN_PROPERTY, self.origin)
+        yield from pictures.scene()
+        for event in events:
+            if isinstance(event, Call):
+                self._calls.append(event)
+                if len(self._calls) < CALLS_TOGETHER:
+                    continue
+            if isinstance(event, (Samples, Call)):
+                yield from self._told_calls()
+            if not isinstance(event, Call):
+                yield from self._on(event)
+        yield from self._told_calls()
+        how = ending()
+        yield writer.document_chunk(schema.ABOUT, about(self, how))
+        yield writer.property_chunk(schema.RECORDING_PROPERTY, self._closing(how))
+
+    def _closing(self, ending: Ending) -> dict[str, Any]:
+        clients = sorted(self._states)
+        return {
+            "schema_version": schema.SCHEMA_VERSION,
+            "samples": self.samples,
+            "bodies": len(self.bodies),
+            "frames": self.frames,
+            "ended": ending.how,
+            "error": ending.error or None,
+            "notes": ending.notes or None,
+            "state_sha256": [self._states[one].hexdigest() for one in clients] or None,
+            "contacts_sha256": [self._contacts[one].hexdigest() for one in clients] or None,
+            "frames_sha256": self._images.hexdigest(),
+            "others_sha256": self._others.hexdigest(),
+            "inputs_sha256": inputs_digest({schema.ORIGIN_PROPERTY: self.origin}),
+            **{f"made_with_{name}": value for name, value in ending.made_with.items()},
+        }
+
+    def _on(self, event: Event) -> Iterator[Chunk]:
+        match event:
+            case Samples():
+                yield from self._on_samples(event)
+            case Put():
+                yield from self._on_put(event)
+            case Appearance():
+                yield from self._on_appearance(event)
+            case Dynamics(at, body, reported):
+                self._take_in("dynamics", at, body.number, reported)
+                entity = f"{schema.DYNAMICS}/{body.label}"
+                yield writer.row_chunk(entity, _at(at), reported)
+            case Given(at, body, values):
+                self._take_in("given", at, body.number, values)
+                yield writer.row_chunk(f"{schema.DYNAMICS}/{body.label}/given", _at(at), values)
+            case Settings(at, client, values):
+                self._take_in("settings", at, client, values)
+                told = {"client": client, **{k: v for k, v in values.items() if _is_number(v)}}
+                yield writer.row_chunk(schema.SETTINGS, _at(at), told)
+            case Push(at, body):
+                told = asdict(event) | {"body": body.number}
+                del told["at"]
+                self._take_in("push", at, told)
+                yield writer.row_chunk(schema.PUSHES, _at(at), told)
+            case Image():
+                yield from self._on_image(event)
+
+    def _on_samples(self, seen: Samples) -> Iterator[Chunk]:
+        self._states.setdefault(seen.client, RowsDigest()).update(seen.states)
+        self._contacts.setdefault(seen.client, RowsDigest()).update(seen.contacts)
+        self.samples += len(seen.steps)
+        self.stepped |= bool(len(seen.steps)) and bool(seen.steps[-1] > 0)
+        if len(seen.contacts):
+            which = np.unique(seen.contacts["step"])
+            times = dict(zip(seen.steps.tolist(), seen.times_s.tolist(), strict=True))
+            at = Times(which, np.array([times[one] for one in which.tolist()]))
+            yield writer.rows_chunk(schema.CONTACTS_ENTITY, seen.contacts, at, schema.CONTACT)
+        if len(seen.states):
+            at = Times(seen.steps, seen.times_s)
+            yield writer.rows_chunk(schema.STATE_ENTITY, seen.states, at, schema.STATE)
+        for number, joints in seen.joints.items():
+            label = self.bodies[number].label
+            self._take_in_joints(label, joints)
+            at = Times(joints.steps, joints.times_s)
+            yield writer.numbers_of_steps_chunk(
+                f"{schema.STATE_ENTITY}/{label}/joints", at,
+                {"position": joints.position, "velocity": joints.velocity,
+                    "torque": joints.torque},
+            )  # fmt: skip
+        yield from self._poses(seen)
+
+    def _poses(self, seen: Samples) -> Iterator[Chunk]:
+        """Yield poses to look at, each when it is time to show another, and the last."""
+        if not len(seen.steps):
+            return
+        due = np.floor(seen.times_s * SHOWN_PER_S + 1e-9).astype(np.int64)
+        for number, states in seen.bases.items():
+            body = self.bodies[number]
+            parts = states.reshape(len(seen.steps), -1)
+            for column in range(parts.shape[1]):
+                link, rows = column - 1, parts[:, column]
+                before = self._shown_at.get((number, link), -1)
+                shown = np.diff(due, prepend=before) > 0
+                shown[-1] = True
+                self._shown_at[number, link] = int(due[-1])
+                at = Times(seen.steps[shown], seen.times_s[shown], np.full(shown.sum(), seen.call))
+                yield pictures.poses(_path(body, link), at, rows[shown])
+            yield from self._curves(body, seen, parts)
+
+    def _curves(self, body: Body, seen: Samples, parts: Rows) -> Iterator[Chunk]:
+        """Yield what is plotted: the height of what is free, the joints of what has joints."""
+        shown = np.zeros(len(seen.steps), bool)
+        due = np.floor(seen.times_s * SHOWN_PER_S + 1e-9).astype(np.int64)
+        shown[np.diff(due, prepend=-1) > 0] = True
+        shown[-1] = True
+        at = Times(seen.steps[shown], seen.times_s[shown])
+        if not body.joints:
+            if body.number not in self.free:
+                self.free.add(body.number)
+                yield pictures.curve_names(f"{schema.HEIGHT}/{body.label}", [body.label])
+            heights = parts["position_m"][shown, 0, 2]
+            yield pictures.curves(f"{schema.HEIGHT}/{body.label}", at, heights[:, None])
+        elif body.number in seen.joints:
+            joints = seen.joints[body.number]
+            curves = {
+                f"{schema.JOINT_POSITIONS}/{body.label}": joints.position,
+                f"{schema.JOINT_TORQUES}/{body.label}": joints.torque,
+            }
+            for entity, values in curves.items():
+                if body.number not in self.jointed:
+                    yield pictures.curve_names(entity, _joint_names(body, values.shape[1]))
+                yield pictures.curves(entity, at, values[shown])
+            self.jointed.add(body.number)
+
+    def _on_put(self, put: Put) -> Iterator[Chunk]:
+        body, at = put.body, put.at
+        self._others.update(put.states.tobytes())
+        self._take_in_joints(body.label, put.joints)
+        told = {name: put.states[name] for name in schema.STATE}
+        told |= {
+            "joint_position": put.joints.position, "joint_velocity": put.joints.velocity,
+            "joint_torque": put.joints.torque,
+        }  # fmt: skip
+        yield writer.row_chunk(f"{schema.SET}/{body.label}", _at(at), told)
+        for number in range(len(put.states)):
+            yield pictures.poses(_path(body, number - 1), _at(at), put.states[number : number + 1])
+
+    def _on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
+        at, body = seen.at, seen.body
+        self._take_in("body", at, body.number, seen.there, body.name)
+        self.bodies[body.number] = body
+        told: dict[str, Any] = {
+            "body": body.number, "there": seen.there, "engine_id": body.engine_id,
+            "client": body.client, "name": body.name, "links": list(body.links),
+            "joints": [one.name for one in body.joints],
+            "joint_kinds": [one.kind for one in body.joints],
+            "joint_parents": [one.parent for one in body.joints],
+            "moving": list(body.moving), "soft": body.soft,
+        }  # fmt: skip
+        yield writer.row_chunk(f"{schema.BODIES}/{body.label}", _at(at), told)
+        if not seen.there:
+            yield pictures.cleared(f"{schema.WORLD}/{body.label}", _at(at))
+            self._drawn.pop(body.number, None)
+            for key in [one for one in self._shown_at if one[0] == body.number]:
+                del self._shown_at[key]
+        elif self._drawn.get(body.number) != body.shapes:
+            self._drawn[body.number] = body.shapes
+            counts: dict[int, int] = {}
+            for shape in body.shapes:
+                number = counts[shape.link] = counts.get(shape.link, -1) + 1
+                yield from pictures.shape(f"{_path(body, shape.link)}/{number}", _at(at), shape)
+
+    def _on_image(self, image: Image) -> Iterator[Chunk]:
+        number = self.cameras.setdefault(image.camera, len(self.cameras))
+        png = pictures.png(image.rgba)
+        self._images.update(image.at.step, png)
+        self.frames += 1
+        entity = f"camera/{number}"
+        yield from pictures.camera(entity, _at(image.at), image)
+        yield pictures.image(f"{entity}/image", _at(image.at), png)
+
+    def _told_calls(self) -> Iterator[Chunk]:
+        calls, self._calls = self._calls, []
+        if not calls:
+            return
+        for one in calls:
+            self._take_in("call", one.at, one.client, one.function, one.arguments, one.file,
+                one.line, one.raised)  # fmt: skip
+        at = Times(
+            np.array([one.at.step for one in calls]),
+            np.array([one.at.time_s for one in calls]),
+            np.array([one.at.call for one in calls]),
+        )
+        yield pictures.log(
+            schema.CALLS, at,
+            [f"{one.function}({one.arguments})"
+                + (f" raised {one.raised}" if one.raised else "")
+                + f"   {one.file}:{one.line}" for one in calls],
+            ["ERROR" if one.raised else "INFO" for one in calls],
+        )  # fmt: skip
+        yield writer.texts_chunk(
+            schema.CALLS, at,
+            {
+                "function": [one.function for one in calls],
+                "arguments": [one.arguments for one in calls],
+                "file": [one.file for one in calls],
+                "raised": [one.raised for one in calls],
+            },
+            {"line": [one.line for one in calls], "client": [one.client for one in calls]},
+        )  # fmt: skip
+
+    # -- digests ----------------------------------------------------------------------------------
+
+    def _take_in(self, what: str, at: At, *values: object) -> None:
+        told = [what, at.step, at.time_s, at.call, *map(_hashable, values)]
+        self._others.update(json.dumps(told).encode())
+
+    def _take_in_joints(self, label: str, joints: Joints) -> None:
+        self._others.update(label.encode())
+        for values in (joints.position, joints.velocity, joints.torque):
+            self._others.update(np.ascontiguousarray(values).data)
+
+
+def _hashable(value: object) -> object:
+    if isinstance(value, np.ndarray):
+        return [None if isinstance(one, float) and math.isnan(one) else one
+            for one in value.ravel().tolist()]  # fmt: skip
+    if isinstance(value, Mapping):
+        return {name: _hashable(one) for name, one in value.items()}
+    return value
+
+
+def _at(at: At) -> Times:
+    return Times(np.array([at.step]), np.array([at.time_s]), np.array([at.call]))
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) or (
+        isinstance(value, Sequence) and all(isinstance(one, int | float) for one in value)
+    )
+
+
+def _path(body: Body, link: int) -> str:
+    name = "base" if link < 0 else f"{link}_{body.links[link + 1]}"
+    plain = "".join(one if one.isascii() and (one.isalnum() or one in "_-") else "_" for one in name)
+    return f"{schema.WORLD}/{body.label}/{plain}"
+
+
+def _joint_names(body: Body, count: int) -> list[str]:
+    names = [one.name for one in body.joints if any(one.widths)]
+    return names if len(names) == count else [f"{number}" for number in range(count)]
+
+
+def about(script: Script, ending: Ending) -> str:
+    """Return the recording's description as Markdown."""
+    origin = script.origin
+    call = " ".join([origin["script"], *(origin.get("arguments") or [])])
+    rows = {
+        "ended": f"{ending.how}{f': {ending.error}' if ending.error else ''}",
+        "samples": f"{script.samples:,}",
+        "bodies": ", ".join(body.label for body in list(script.bodies.values())[:30]) or "none",
+        "camera frames": f"{script.frames:,}",
+        "time": "virtual: sleeping passed at once" if ending.made_with.get("virtual_time")
+        else "the script's own",
+    }  # fmt: skip
+    table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
+    notes = "".join(f"\n- {one}" for one in ending.notes)
+    return f"""# A script that uses PyBullet
+
+`{call}`, recorded by drop: everything that happened in its simulations.
+
+| | |
+| --- | --- |
+{table}
+{notes}
+
+## How to read it
+
+- **World**: bodies as they were drawn; z up, metres.
+- `state`: position, orientation and velocities of every part that time can move, before each step
+  and after the last, float64. `contacts`: the points that the step which led there found.
+- `set/BODY`: where a call has put a body between two steps. `calls`: what the script did to the
+  world, in order, with file and line.
+- `sim_step` is the key; `sim_time` adds up the timesteps; `call` counts calls.
+"""
+
+

@@ -1,0 +1,50 @@
+"""The viewer's layout of a script's recording: by what is there."""
+
+from __future__ import annotations
+
+import rerun.blueprint as rrb
+
+from pipeline.recording import schema
+from pipeline.recording.script import Script
+
+MOST_CAMERAS = 4
+
+
+def layout(script: Script) -> rrb.Blueprint:
+    """Return the layout: the scene, its cameras, curves of what is free and of what has joints."""
+    world = rrb.Spatial3DView(
+        origin=schema.WORLD, name="World", line_grid=rrb.LineGrid3D(visible=False)
+    )
+    cameras = [
+        rrb.Spatial2DView(origin=f"camera/{number}/image", name=f"Camera {name}")
+        for name, number in list(script.cameras.items())[:MOST_CAMERAS]
+    ]
+    left = world
+    if cameras:
+        left = rrb.Vertical(world, rrb.Horizontal(*cameras), row_shares=[3, 2])
+    curves = []
+    if script.free:
+        curves.append(_curves(schema.HEIGHT, "Heights of free bodies [m]"))
+    if script.jointed:
+        curves.append(_curves(schema.JOINT_POSITIONS, "Joint positions [rad, m]"))
+        curves.append(_curves(schema.JOINT_TORQUES, "Motor torques [Nm, N]"))
+    calls = rrb.TextLogView(
+        origin=schema.CALLS,
+        name="Calls",
+        columns=rrb.TextLogColumns(
+            timeline_columns=[schema.TIME_TIMELINE], text_log_columns=["body"]
+        ),
+    )
+    about = rrb.TextDocumentView(origin=schema.ABOUT, name="About")
+    right = rrb.Vertical(*curves, rrb.Tabs(calls, about))
+    timeline = schema.TIME_TIMELINE if script.stepped else schema.CALL_TIMELINE
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[3, 2]),
+        rrb.TimePanel(timeline=timeline, state="collapsed", loop_mode="all", play_state="playing"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+    )
+
+
+def _curves(origin: str, name: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(origin=origin, name=name)

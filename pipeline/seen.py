@@ -1,0 +1,224 @@
+"""What was seen of a simulation that somebody else's program runs, whatever its engine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.states import Rows
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class At:
+    """When something was seen."""
+
+    step: int
+    """Steps made before it, by its simulation."""
+    time_s: float
+    """Simulated time: the timesteps of these steps added up."""
+    call: int
+    """Calls of the script before it."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What is drawn of a link."""
+
+    link: int
+    kind: str
+    """`box`, `sphere`, `cylinder`, `capsule`, `mesh`, `plane`, or the engine's number."""
+    size_m: tuple[float, ...]
+    """Whole lengths of a box; radius of a sphere; length and radius; the scale of a mesh."""
+    file: str
+    """Of a mesh; empty where it has none."""
+    position_m: tuple[float, ...]
+    """Of its centre from the link's centre of mass, in the axes of the link's inertia."""
+    orientation: tuple[float, ...]
+    """Quaternion x, y, z, w, in the same axes."""
+    rgba: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """What holds a link to the one before it."""
+
+    link: int
+    name: str
+    kind: str
+    """`revolute`, `prismatic`, `spherical`, `planar`, `fixed`, or the engine's number."""
+    parent: int
+    """The link before it; -1 is the base."""
+    widths: tuple[int, int, int]
+    """How many positions, velocities and torques it has; none where it is fixed."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body as it came into the simulation."""
+
+    number: int
+    """In the recording: the engine's own id, unless another body had it before."""
+    label: str
+    """Name and number, as a part of an entity's path."""
+    name: str
+    engine_id: int
+    client: int
+    links: tuple[str, ...]
+    """Names of base and links, in this order: link -1 is the first."""
+    joints: tuple[Joint, ...]
+    moving: tuple[int, ...]
+    """The links that time can move; -1 is the base."""
+    soft: bool
+    shapes: tuple[Shape, ...]
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """A body came, went, or got other shapes or colours."""
+
+    at: At
+    body: Body
+    there: bool
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """What the engine reports of a body, and what it never reports but was told."""
+
+    at: At
+    body: Body
+    reported: Mapping[str, Float64]
+    """Of base and links, shape (links + 1,) or (links + 1, k)."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the engine reports of itself, and what it never reports but was told."""
+
+    at: At
+    client: int
+    values: Mapping[str, float | Sequence[float]]
+
+
+@dataclass(frozen=True)
+class Given:
+    """Properties of a body that a call has set, some of which no engine reports."""
+
+    at: At
+    body: Body
+    values: Mapping[str, float | Sequence[float]]
+
+
+@dataclass(frozen=True)
+class Call:
+    """What the script did to the world."""
+
+    at: At
+    client: int
+    function: str
+    arguments: str
+    """As the script might have written them; long ones shortened."""
+    file: str
+    line: int
+    raised: str = ""
+    """What it raised."""
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force or torque from outside, for one step."""
+
+    at: At
+    body: Body
+    link: int
+    torque: bool
+    vector: tuple[float, ...]
+    """Force [N] or torque [Nm]."""
+    position_m: tuple[float, ...]
+    """Where the force acts; nan for a torque."""
+    in_world_axes: bool
+
+
+@dataclass(frozen=True)
+class Put:
+    """The state of a body that calls have moved, before time goes on."""
+
+    at: At
+    body: Body
+    states: Rows
+    """Of dtype `STATE`, a row for base and each link."""
+    joints: Joints
+
+
+@dataclass(frozen=True)
+class Joints:
+    """The joints of a body that move, at n samples."""
+
+    steps: Int64
+    times_s: Float64
+    position: Float64
+    """[rad] or [m], shape (n, positions)."""
+    velocity: Float64
+    """[rad/s] or [m/s], shape (n, velocities)."""
+    torque: Float64
+    """Of the motors: [Nm] or [N], shape (n, torques)."""
+
+
+@dataclass(frozen=True)
+class Image:
+    """What the script's camera saw."""
+
+    at: At
+    client: int
+    camera: str
+    """File and line that asked for it, and its size: images of one camera follow each other."""
+    rgba: NDArray[np.uint8]
+    """Shape (height, width, 4)."""
+    view: tuple[float, ...]
+    """Column by column, 16 numbers; empty where none was given."""
+    projection: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Consecutive samples of one simulation, in which the same bodies move."""
+
+    client: int
+    steps: Int64
+    """Shape (n,)."""
+    times_s: Float64
+    """Shape (n,)."""
+    call: int
+    """Calls before the last of them."""
+    states: Rows
+    """Of dtype `STATE`: as many rows per step as there are parts that move."""
+    contacts: Rows
+    """Of dtype `CONTACT`."""
+    bases: Mapping[int, Rows]
+    """By body number, all parts of the bodies that move, of dtype `STATE`: for drawing."""
+    joints: Mapping[int, Joints]
+    """By body number."""
+
+
+Event = Appearance | Dynamics | Settings | Given | Call | Push | Put | Image | Samples
+
+
+@dataclass
+class Ending:
+    """How it ended."""
+
+    how: str = ""
+    """`finished`, `steps`, `duration`, `interrupted` or `failed`."""
+    error: str = ""
+    """What failed, in a line."""
+    notes: list[str] = field(default_factory=list)
+    """What is worth knowing of the recording."""
+    made_with: dict[str, Any] = field(default_factory=dict)
+    """Versions, and whether time was virtual."""

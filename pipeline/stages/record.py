@@ -1,0 +1,219 @@
+"""Run somebody's script, and put everything that happens in its simulations into one recording."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import itertools
+import os
+import signal
+import sys
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from pipeline.engines.bullet import script as running
+from pipeline.engines.bullet.script import Program
+from pipeline.errors import ScenarioError, check_suffix
+from pipeline.recording import writer
+from pipeline.recording.outputs import check_apart, check_target, make_folder, part_of, reserved
+from pipeline.recording.script import Script
+from pipeline.recording.script_layout import layout
+from pipeline.seen import Ending
+
+FOLDER = Path("recordings")
+DURATION_S = 60.0
+"""Simulated time after which a script is stopped that was given no end."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a script's recording is."""
+
+    recording: Path
+    recording_id: str
+    script: str
+    """The script, or the module's name."""
+    ended: str
+    """`finished`, `steps`, `duration`, `interrupted` or `failed`."""
+    error: str
+    """What failed, in a line; empty where nothing did."""
+    samples: int
+    """States of a simulation: one more than its steps."""
+    bodies: int
+    frames: int
+    """Images that the script took."""
+    bytes: int
+    wall_s: float
+
+
+def record_script(
+    target: str,
+    arguments: Sequence[str] = (),
+    *,
+    is_module: bool = False,
+    out: Path | str | None = None,
+    steps: int | None = None,
+    duration_s: float | None = None,
+    python: str | None = None,
+    keep_sleeping: bool = False,
+    force: bool = False,
+    stdout: int = 1,
+    note: Callable[[str], None] = lambda _: None,
+) -> Recorded:
+    """Run a script, unchanged and without a window, and record it.
+
+    Parameters
+    ----------
+    target
+        The script's path, or a module's name.
+    arguments
+        Its own arguments.
+    is_module
+        Whether it is run as `python -m` does.
+    out
+        The recording to write; None puts it into `recordings`, under the script's name.
+    steps, duration_s
+        After how many steps, and how much simulated time [s], it is stopped; without either,
+        after a minute.
+    python
+        The interpreter that runs it; None for our own.
+    keep_sleeping
+        Whether it sleeps when it asks to.
+    force
+        Whether an existing recording may be replaced.
+    stdout
+        File descriptor of its standard output.
+    note
+        Told in a sentence what is worth knowing but no reason to stop.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such script, or a limit that none can reach.
+    OutputError
+        If the recording cannot be written.
+    DropError
+        If the interpreter cannot be started.
+    """
+    began = time.perf_counter()
+    digest = _checked(target, is_module)
+    if steps is not None and steps < 1:
+        raise ScenarioError(f"--steps must be at least 1, got {steps}")
+    if duration_s is not None and not 0 < duration_s < float("inf"):
+        raise ScenarioError(f"--duration must be above 0 s, got {duration_s:g}")
+    if steps is None and duration_s is None:
+        duration_s = DURATION_S
+    interpreter = python or sys.executable
+    program = Program(
+        target, arguments, interpreter, is_module, steps, duration_s, keep_sleeping
+    )
+    origin: dict[str, Any] = {
+        "kind": "script",
+        "script": f"-m {target}" if is_module else Path(target).name,
+        "script_sha256": digest,
+        "arguments": list(arguments) or None,
+        "drop_version": metadata.version("drop-physics"),
+    }
+    recording_id, script = uuid.uuid4().hex, Script(origin)
+    with _target(target, out, force=force) as path:
+        if not is_module:
+            check_apart([path], inputs=[Path(target)])
+        endings: list[Ending] = []
+        with running.Script(program, stdout=stdout) as process, _interrupts(process.interrupt):
+
+            def ending() -> Ending:
+                endings.append(process.ending())
+                return endings[-1]
+
+            writer.record(
+                path,
+                script.chunks(process.events(), ending),
+                recording_id=recording_id,
+                blueprint=lambda: layout(script),
+                force=force,
+            )
+    (ended,) = endings
+    if not script.samples:
+        note("nothing was simulated: the script never connected to PyBullet, or loaded nothing")
+    if process.decoder.real_time and not keep_sleeping:
+        note(
+            "the script asked for real-time simulation, which needs a window: it was stepped by "
+            "a virtual clock"
+        )
+    if ended.how == "duration" and duration_s == DURATION_S:
+        note(f"stopped after {duration_s:g} s on the script's clock; --duration takes another limit")
+    for one in ended.notes:
+        note(one)
+    return Recorded(
+        recording=path,
+        recording_id=recording_id,
+        script=target,
+        ended=ended.how,
+        error=ended.error,
+        samples=script.samples,
+        bodies=len(script.bodies),
+        frames=script.frames,
+        bytes=path.stat().st_size,
+        wall_s=time.perf_counter() - began,
+    )
+
+
+def _checked(target: str, is_module: bool) -> str | None:
+    """Return the digest of a script's text; None of a module, which is not looked for here."""
+    if is_module:
+        return None
+    try:
+        return hashlib.sha256(Path(target).read_bytes()).hexdigest()
+    except OSError as error:
+        raise ScenarioError(
+            f"the script must be a Python file, got {target!r}: {error.strerror}; a module is run "
+            "with -m"
+        ) from None
+
+
+@contextlib.contextmanager
+def _target(target: str, out: Path | str | None, *, force: bool) -> Iterator[Path]:
+    """Yield the recording to write: the one asked for, or the first of the script's free names."""
+    if out is not None:
+        path = Path(out)
+        check_target(path, force=force)
+        check_suffix("--out", path, (".rrd",))
+        yield path
+        return
+    make_folder(FOLDER, "--out")
+    stem = Path(target).stem if target.endswith(".py") else Path(target).name
+    for number in itertools.count(1):
+        path = FOLDER / (f"{stem}.rrd" if number == 1 else f"{stem}-{number}.rrd")
+        part = part_of(path)
+        if not os.path.lexists(path) and not os.path.lexists(part) and reserved(path):
+            if not os.path.lexists(path):
+                break
+            part.unlink()  # another process has finished that number just now
+    try:
+        yield path
+    except BaseException:
+        with contextlib.suppress(OSError):
+            if not part.stat().st_size:
+                part.unlink()
+        raise
+
+
+@contextlib.contextmanager
+def _interrupts(then: Callable[[], None]) -> Iterator[None]:
+    """Have Ctrl-C end the script and not us: what was recorded until then is made whole."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, lambda *_: then())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
