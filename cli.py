@@ -352,6 +352,70 @@ def sweep(
 
 
 @app.command(
+    short_help="Record somebody's PyBullet script.",
+    epilog="Example: drop record --duration 10 my_script.py --its-own option",
+    context_settings={"allow_interspersed_args": False},
+)
+def record(
+    program: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SCRIPT.py [ARG …]", help="The script to run, and all that it is given."
+        ),
+    ],
+    *,
+    module: Annotated[
+        bool, typer.Option("-m", help="Run a module of that name, as python -m does.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN.rrd",
+            help=r"The recording to write. \[default: recordings/SCRIPT.rrd, numbered]",
+        ),
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option(metavar="N", help="Stop it after so many steps.")
+    ] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help=r"Stop it after so much simulated time \[s]. \[default: 60, without --steps]",
+        ),
+    ] = None,
+    python: Annotated[
+        str | None,
+        typer.Option(metavar="PATH", help="The interpreter to run it with; 3.9 or later."),
+    ] = None,
+    keep_sleeping: Annotated[
+        bool,
+        typer.Option("--keep-sleeping", help="Let it sleep when it asks to; else time is virtual."),
+    ] = False,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Run somebody's PyBullet script, and put everything that happens into one recording.
+
+    Options of drop stand before the script; all that follows it is the script's own. Standard
+    output is the script's alone.
+    """
+    import sys
+
+    from pipeline.console.show_record import show_record
+    from pipeline.stages.record import record_script
+
+    target, *arguments = program
+    sys.stdout.flush()
+    recorded = record_script(
+        target, arguments, is_module=module, out=out, steps=steps, duration_s=duration,
+        python=python, keep_sleeping=keep_sleeping, force=force,
+        stdout=sys.stderr.fileno() if json else sys.stdout.fileno(), note=output.note,
+    )  # fmt: skip
+    raise typer.Exit(show_record(recorded, as_json=json))
+
+
+@app.command(
     short_help="Open recordings in the Rerun viewer.",
     epilog="Example: drop view recordings/run.rrd",
 )

@@ -108,13 +108,13 @@ def one_line(sentence: str) -> str:
     )
 
 
-def print_lines(*lines: str) -> None:
+def print_lines(*lines: str, stream: TextIO | None = None) -> None:
     """Print lines with Rich's markup: coloured on a terminal, plain in a pipe, never wrapped."""
     from rich.console import Console
 
-    coloured = wants_colour(sys.stdout)
+    coloured = wants_colour(stream or sys.stdout)
     console = Console(
-        highlight=False, emoji=False, soft_wrap=True, force_terminal=coloured,
+        file=stream, highlight=False, emoji=False, soft_wrap=True, force_terminal=coloured,
         color_system="auto" if coloured else None,
     )  # fmt: skip
     for line in lines:
