@@ -1,0 +1,668 @@
+"""`drop record`: somebody's script runs as it would, and everything that happens is recorded.
+
+Verification: what a script prints, its final state to the last bit included, is the same with and
+without recording; what is in the recording is what the script itself reads from the engine.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scripts
+from rerun.chunk import RrdReader
+
+from pipeline.errors import OutputError, ScenarioError
+from pipeline.recording import schema
+from pipeline.stages.record import Recorded, record_script
+
+BANNER = "pybullet build time"
+
+
+class Bench:
+    """A folder with scripts in it, and what runs them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.joinpath("show.py").write_text(scripts.SHOW)
+
+    def script(self, text: str, name: str = "script.py") -> str:
+        self.folder.joinpath(name).write_text(text)
+        return name
+
+    def bare(self, name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, name, *arguments], cwd=self.folder, capture_output=True, text=True,
+            check=False,
+        )  # fmt: skip
+
+    def drop(self, *arguments: str, **how: Any) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [*COMMAND, *arguments], cwd=self.folder, capture_output=True, text=True, check=False,
+            **how,
+        )  # fmt: skip
+
+    def record(self, name: str, *arguments: str, **how: Any) -> tuple[Recorded, str]:
+        """Record a script here, and return what came of it and its standard output."""
+        printed = self.folder / "printed.txt"
+        back = os.getcwd()
+        os.chdir(self.folder)
+        try:
+            with printed.open("wb") as file:
+                recorded = record_script(
+                    name, arguments, out="out.rrd", force=True, stdout=file.fileno(), **how
+                )
+        finally:
+            os.chdir(back)
+        return recorded, printed.read_text()
+
+    @property
+    def out(self) -> Path:
+        return self.folder / "out.rrd"
+
+
+COMMAND = [sys.executable, "-P", "-c", "from pipeline.console.running import main; main()"]
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    return Bench(tmp_path)
+
+
+def rows(path: Path, entity: str) -> Iterator[dict[str, Any]]:
+    """Yield the rows of an entity, each as lists by column, in the order they were written."""
+    for chunk in RrdReader(path).stream():
+        if chunk.entity_path != f"/{entity}" or chunk.is_static:
+            continue
+        batch = chunk.to_record_batch()
+        for row in batch.to_pylist():
+            yield row
+
+
+def closing(path: Path) -> dict[str, Any]:
+    for chunk in RrdReader(path).stream():
+        if chunk.entity_path == f"/__properties/{schema.RECORDING_PROPERTY}":
+            (row,) = chunk.to_record_batch().to_pylist()
+            return {key: value for key, value in row.items() if isinstance(value, list)}
+    raise AssertionError("there is no closing property")
+
+
+def states(path: Path) -> dict[tuple[int, int, int], list[float]]:
+    """Return the 13 numbers of each step, body and link."""
+    found = {}
+    for row in rows(path, "state"):
+        numbers = [np.reshape(row[name], (len(row["body"]), -1)) for name in STATE]
+        for part, (body, link) in enumerate(zip(row["body"], row["link"], strict=True)):
+            key = (row["sim_step"], body, link)
+            assert key not in found, "a part has two states at one step"
+            found[key] = [float(one) for values in numbers for one in values[part]]
+    return found
+
+
+STATE = ("position_m", "orientation", "velocity_m_s", "spin_rad_s")
+CONTACT = (
+    "body_a", "link_a", "body_b", "link_b", "position_a_m", "position_b_m", "normal", "distance_m",
+    "normal_force_n", "friction_1_n", "friction_1_direction", "friction_2_n",
+    "friction_2_direction",
+)  # fmt: skip
+
+
+def contacts(path: Path) -> dict[int, list[list[float]]]:
+    """Return the points of each step, each as one list of numbers."""
+    found = {}
+    for row in rows(path, "contacts"):
+        count = len(row["body_a"])
+        columns = [np.reshape(row[name], (count, -1)) for name in CONTACT]
+        found[row["sim_step"]] = np.hstack(columns).tolist()
+    return found
+
+
+# -- it changes nothing ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", scripts.PLAIN)
+def test_a_script_prints_the_same_to_the_last_bit(bench: Bench, name: str) -> None:
+    for own in ("pipeline", "cli", "tests"):
+        bench.folder.joinpath(f"{own}.py").write_text(f"MINE = {own!r}")
+    script = bench.script(scripts.PLAIN[name])
+    arguments = scripts.ARGUMENTS.get(name, [])
+    bare = bench.bare(script, *arguments)
+    assert bare.returncode == 0, bare.stderr
+    recorded, printed = bench.record(script, *arguments)
+    assert printed == bare.stdout
+    assert recorded.ended == "finished"
+    assert recorded.error == ""
+    assert closing(bench.out)["ended"] == ["finished"]
+    assert "notes" not in closing(bench.out)
+
+
+# -- what is recorded is what the engine had ------------------------------------------------------
+
+WITNESS = """
+import json
+class Witness:
+    def __init__(self, p):
+        self.p, self.seen, self.steps = p, [], 0
+    def look(self, stepped=True):
+        p = self.p
+        bodies = {}
+        for i in range(p.getNumBodies()):
+            b = p.getBodyUniqueId(i)
+            parts = [[*p.getBasePositionAndOrientation(b), *p.getBaseVelocity(b)]]
+            for j in range(p.getNumJoints(b)):
+                s = p.getLinkState(b, j, computeLinkVelocity=1)
+                parts.append([s[0], s[1], s[6], s[7]])
+            bodies[b] = [[x for one in part for x in one] for part in parts]
+            bodies[b].append([[s[0], s[1], s[3]] for s in
+                p.getJointStates(b, list(range(p.getNumJoints(b)))) or ()])
+        points = [[*c[1:5], *c[5], *c[6], *c[7], *c[8:11], *c[11], c[12], *c[13]]
+            for c in p.getContactPoints()] if stepped else []
+        self.seen.append([bodies, points])
+    def save(self):
+        json.dump(self.seen, open("witness.json", "w"))
+"""
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        """p.loadURDF("plane.urdf")
+b = p.loadURDF("cube_small.urdf", [0, 0, 0.2], [0.1, 0.2, 0, 1])
+c = p.loadURDF("cube_small.urdf", [0.02, 0, 0.4], useMaximalCoordinates=True)""",
+        """p.loadURDF("plane.urdf")
+k = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)
+r = p.loadURDF("r2d2.urdf", [2, 0, 0.6])""",
+        """p.loadMJCF("mjcf/humanoid_symmetric.xml")
+p.loadURDF("cube_small.urdf", [0, 0, 3])""",
+    ],
+)
+def test_state_contacts_and_joints_are_what_the_engine_had(bench: Bench, scene: str) -> None:
+    bench.folder.joinpath("witness.py").write_text(WITNESS)
+    script = bench.script(
+        scripts.HEAD + scene + """
+from witness import Witness
+w = Witness(p)
+w.look(stepped=False)
+for i in range(150):
+    p.stepSimulation()
+    w.look()
+w.save()
+"""
+    )
+    bench.record(script)
+    seen = json.loads(bench.folder.joinpath("witness.json").read_text())
+    found, points = states(bench.out), contacts(bench.out)
+    moving = {(body, link) for _, body, link in found}
+    assert moving
+    assert any(points for _, points in seen)
+    for step, (bodies, touching) in enumerate(seen):
+        assert points.get(step, []) == touching
+        for body, link in moving:
+            assert found[step, body, link] == bodies[str(body)][link + 1]
+    assert len(found) == len(moving) * len(seen)
+    jointed = [one for one in entities(bench.out) if one.endswith("/joints")]
+    for entity in jointed:
+        body = int(entity.split("/")[1].split("_")[0])
+        which = [row for row in rows(bench.out, entity)]
+        assert [row["sim_step"] for row in which] == list(range(len(seen)))
+        movable = free_joints(bench.out, body)
+        for row, (bodies, _) in zip(which, seen, strict=True):
+            theirs = np.array(bodies[str(body)][-1])[movable]
+            mine = np.array([row["position"], row["velocity"], row["torque"]]).T
+            assert np.array_equal(mine, theirs)
+
+
+def entities(path: Path) -> set[str]:
+    return {chunk.entity_path[1:] for chunk in RrdReader(path).stream()}
+
+
+def free_joints(path: Path, body: int) -> list[int]:
+    for entity in entities(path):
+        if entity.startswith(f"bodies/{body}_"):
+            row = next(rows(path, entity))
+            kinds = row["joint_kinds"]
+            return [number for number, kind in enumerate(kinds) if kind != "fixed"]
+    raise AssertionError(f"body {body} is not there")
+
+
+def test_what_cannot_move_has_no_state_but_where_it_was_put(bench: Bench) -> None:
+    bench.record(bench.script(scripts.PLAIN["box"]))
+    assert {body for _, body, _ in states(bench.out)} == {1}
+    (floor,) = rows(bench.out, "set/0_plane")
+    assert floor["position_m"] == [0.0, 0.0, 0.0]
+
+
+def test_a_body_that_a_call_has_moved_is_recorded_before_time_goes_on(bench: Bench) -> None:
+    bench.record(bench.script(scripts.PLAIN["moved"]))
+    put = [(row["sim_step"], row["position_m"], row["velocity_m_s"])
+        for row in rows(bench.out, "set/0_cube")]  # fmt: skip
+    assert put == [(i, [0.0, 0.0, float(i)], [float(i), 0.0, 0.0]) for i in (10, 30, 50)]
+    kinds = [row["mass_kg"] for row in rows(bench.out, "dynamics/0_cube")]
+    assert kinds == [[0.1], [2.5]]
+    (given,) = rows(bench.out, "dynamics/0_cube/given")
+    assert given["linearDamping"] == [0.0]
+    engine = list(rows(bench.out, "engine"))
+    assert [row["fixedTimeStep"] for row in engine] == [[1 / 240], [1 / 100]]
+    assert engine[1]["set_erp"] == [0.3]
+    last = list(rows(bench.out, "state"))[-1]
+    assert last["sim_step"] == 80
+    # 60 steps of 1/240 s and 20 of 1/100 s, in whole nanoseconds.
+    assert last["sim_time"].value == pytest.approx(0.45e9, abs=1)
+
+
+def test_every_pose_of_a_script_that_never_steps_is_there(bench: Bench) -> None:
+    recorded, _ = bench.record(bench.script(scripts.PLAIN["posed"]))
+    assert recorded.samples == 1
+    put = [row["position_m"][0] for row in rows(bench.out, "set/0_r2d2")]
+    final = states(bench.out)[0, 0, -1][0]
+    assert [*put, final] == pytest.approx([0.1 * i for i in range(10)])
+
+
+def test_calls_are_told_in_order_with_file_and_line(bench: Bench) -> None:
+    script = bench.script(scripts.PLAIN["moved"])
+    bench.record(script)
+    told = [row for row in rows(bench.out, "calls") if row.get("function")]
+    source = bench.folder.joinpath(script).read_text().splitlines()
+    for row in told:
+        assert row["file"] == ["script.py"]
+        assert row["function"][0] in source[row["line"][0] - 1]
+    assert [row["call"] for row in told] == list(range(1, len(told) + 1))
+    assert [row["function"][0] for row in told][:4] == [
+        "setGravity", "loadURDF", "resetBasePositionAndOrientation", "resetBaseVelocity",
+    ]  # fmt: skip
+    assert told[2]["arguments"] == ["0, [0, 0, 10], [0, 0, 0, 1]"]
+    assert told[2]["sim_step"] == 10
+
+
+def test_a_call_that_raised_is_told_so(bench: Bench) -> None:
+    bench.record(bench.script(scripts.PLAIN["errors"]))
+    told = [row for row in rows(bench.out, "calls") if row.get("function")]
+    raised = {row["function"][0]: row["raised"][0] for row in told if row["raised"][0]}
+    assert raised["loadURDF"] == "error: Cannot load URDF file."
+
+
+def test_forces_from_outside_are_recorded_as_given(bench: Bench) -> None:
+    bench.record(bench.script(scripts.PLAIN["numpy"]))
+    (push,) = rows(bench.out, "pushes")
+    assert push["vector"] == [1.0, 0.0, 0.0]
+    assert push["in_world_axes"] == [True]
+    assert (push["body"], push["link"], push["torque"]) == ([0], [-1], [False])
+
+
+def test_step_and_time_go_on_over_a_reset(bench: Bench) -> None:
+    bench.record(bench.script(scripts.PLAIN["reset"]))
+    steps = sorted({step for step, _, _ in states(bench.out)})
+    assert steps == list(range(121))
+    # The same body again is the same entity: three episodes are no six bodies.
+    assert {body for _, body, _ in states(bench.out)} == {1}
+    put = [row["sim_step"] for row in rows(bench.out, "set/1_cube")]
+    assert put == [40, 80]
+
+
+def test_clients_one_after_the_other_go_on(bench: Bench) -> None:
+    bench.record(bench.script(scripts.PLAIN["disconnects"]))
+    steps = [step for step, _, _ in states(bench.out)]
+    assert steps == sorted(set(steps))
+    assert len(steps) == 3 * 21
+
+
+def test_clients_side_by_side_have_bodies_and_steps_of_their_own(bench: Bench) -> None:
+    bench.record(bench.script(scripts.PLAIN["client"]))
+    found = states(bench.out)
+    assert {body for _, body, _ in found} == {1, 3}
+    assert max(step for step, body, _ in found if body == 1) == 100
+    assert max(step for step, body, _ in found if body == 3) == 50
+
+
+def test_bodies_come_and_go_and_ids_are_used_again(bench: Bench) -> None:
+    bench.record(bench.script(scripts.PLAIN["come_and_go"]))
+    found = states(bench.out)
+    named = {one for one in entities(bench.out) if one.startswith("bodies/")}
+    assert "bodies/1_cube" in named
+    assert any(one.endswith("sphere_small") or "sphere" in one for one in named)
+    last = max(step for step, _, _ in found)
+    assert last == 80
+    gone = [row["sim_step"] for one in sorted(named) for row in rows(bench.out, one)
+        if row["there"] == [False]]  # fmt: skip
+    assert sorted(gone) == [20, 40, 60]
+
+
+def test_images_are_recorded_as_the_script_got_them(bench: Bench) -> None:
+    script = bench.script(
+        scripts.PLAIN["camera"].replace("print(total)", "picture[2].tofile('last.bin')")
+    )
+    recorded, _ = bench.record(script)
+    assert recorded.frames == 6
+    images = [row for row in rows(bench.out, "camera/0/image") if row.get("EncodedImage:blob")]
+    assert [row["sim_step"] for row in images] == [1, 21, 41]
+    import io
+
+    from PIL import Image
+
+    blob = images[-1]["EncodedImage:blob"][0]
+    pixels = np.asarray(Image.open(io.BytesIO(bytes(blob))))
+    theirs = np.fromfile(bench.folder / "last.bin", np.uint8).reshape(48, 64, 4)
+    assert np.array_equal(pixels, theirs[:, :, :3])
+
+
+# -- windows, sleeping, real time -----------------------------------------------------------------
+
+
+def test_a_window_is_not_opened_and_answers_as_if_nobody_touched_it(bench: Bench) -> None:
+    script = bench.script(
+        scripts.WINDOW + """
+slider = p.addUserDebugParameter("gain", 0, 10, 2.5)
+button = p.addUserDebugParameter("press", 1, 0, 0)
+print(p.readUserDebugParameter(slider), p.readUserDebugParameter(button))
+line = p.addUserDebugLine([0, 0, 0], [1, 1, 1])
+text = p.addUserDebugText("hello", [0, 0, 0])
+print(line >= 0, text > line, p.addUserDebugText("again", [0, 0, 0], replaceItemUniqueId=text) == text)
+p.removeUserDebugItem(line)
+p.resetDebugVisualizerCamera(3, 45, -30, [0, 0, 1])
+camera = p.getDebugVisualizerCamera()
+print(camera[0] > 0, camera[8:12], len(camera[2]), camera[2][15])
+print(p.getKeyboardEvents(), p.getMouseEvents(), p.isConnected())
+print(p.getConnectionInfo()["connectionMethod"] == p.GUI, p.connect(p.SHARED_MEMORY))
+"""
+    )
+    recorded, printed = bench.record(script)
+    assert recorded.ended == "finished", recorded.error
+    assert printed.splitlines()[:6] == [
+        "2.5 0.0",
+        "True True True",
+        "True (45, -30, 3, (0, 0, 1)) 16 1.0",
+        "{} () 1",
+        "True -1",
+    ] + printed.splitlines()[5:6]
+
+
+def test_sleeping_passes_at_once(bench: Bench) -> None:
+    script = bench.script(
+        scripts.WINDOW + """
+began = time.time()
+for i in range(240):
+    p.stepSimulation()
+    time.sleep(1 / 240)
+print(round(time.time() - began, 2))
+while time.monotonic() - 0 < 0:
+    pass
+end = time.perf_counter() + 5
+while time.perf_counter() < end:
+    pass
+time.sleep(20)
+"""
+    )
+    before = time.monotonic()
+    recorded, printed = bench.record(script)
+    assert time.monotonic() - before < 20
+    assert printed.splitlines()[0] == "1.0"
+    assert recorded.samples == 241
+
+
+def test_the_standard_library_keeps_the_real_clock(bench: Bench) -> None:
+    script = bench.script(
+        scripts.WINDOW + """
+import queue, threading, subprocess, sys
+began = time.process_time()
+try:
+    queue.Queue().get(timeout=0.2)
+except queue.Empty:
+    print("empty")
+done = threading.Event()
+threading.Timer(0.1, done.set).start()
+print(done.wait(5))
+print(subprocess.run([sys.executable, "-c", "print(1)"], timeout=30, capture_output=True).stdout)
+"""
+    )
+    _, printed = bench.record(script)
+    assert printed.splitlines()[:3] == ["empty", "True", "b'1\\n'"]
+
+
+def test_real_time_is_stepped_by_a_virtual_clock(bench: Bench) -> None:
+    notes: list[str] = []
+    script = bench.script(
+        scripts.WINDOW + """
+p.setRealTimeSimulation(1)
+for i in range(100):
+    time.sleep(0.01)
+print(p.getBasePositionAndOrientation(b)[0][2] < 0.9)
+"""
+    )
+    recorded, printed = bench.record(script, note=notes.append)
+    assert printed.splitlines()[0] == "True"
+    assert recorded.samples == 241  # a second, and nothing else
+    assert any("real-time" in one for one in notes)
+
+
+def test_real_time_without_a_window_never_steps_as_it_never_does(bench: Bench) -> None:
+    text = scripts.WINDOW.replace("p.GUI", "p.DIRECT") + """
+p.setRealTimeSimulation(1)
+for i in range(10):
+    time.sleep(0.01)
+show(p)
+"""
+    script = bench.script(text)
+    recorded, printed = bench.record(script)
+    assert printed == bench.bare(script).stdout
+    assert recorded.samples == 1
+
+
+@pytest.mark.parametrize(
+    "loop",
+    [
+        "while True:\n    p.stepSimulation()",
+        "while True:\n    p.stepSimulation()\n    time.sleep(1 / 240)",
+        "while p.isConnected():\n    time.sleep(1)",
+        "while True:\n    p.getKeyboardEvents()",
+        "p.setRealTimeSimulation(1)\nwhile 1:\n    p.setGravity(0, 0, -10)",
+        "p.setRealTimeSimulation(1)\nwhile 1:\n    p.getBasePositionAndOrientation(b)",
+        "began = time.time()\nwhile time.time() < began + 1e9:\n    pass",
+        "while True:\n    try:\n        p.stepSimulation()\n    except:\n        pass",
+    ],
+)
+def test_a_loop_without_an_end_is_ended(bench: Bench, loop: str) -> None:
+    recorded, _ = bench.record(bench.script(scripts.WINDOW + loop), duration_s=3.0)
+    assert recorded.ended == "duration"
+    assert closing(bench.out)["ended"] == ["duration"]
+
+
+def test_steps_end_it_at_that_step(bench: Bench) -> None:
+    loop = "while True:\n    p.stepSimulation()"
+    recorded, _ = bench.record(bench.script(scripts.WINDOW + loop), steps=17)
+    assert (recorded.ended, recorded.samples) == ("steps", 18)
+    assert max(step for step, _, _ in states(bench.out)) == 17
+
+
+# -- endings --------------------------------------------------------------------------------------
+
+STEPS = scripts.HEAD + """
+import os, sys, signal, ctypes
+b = p.loadURDF("cube_small.urdf", [0, 0, 1])
+for i in range(100):
+    p.stepSimulation()
+"""
+
+ENDINGS = {
+    "raise": ("raise ValueError('on purpose')", "failed", "ValueError: on purpose"),
+    "exit": ("sys.exit(3)", "failed", "sys.exit(3)"),
+    "exit text": ("sys.exit('bad luck')", "failed", "sys.exit('bad luck')"),
+    "exit well": ("sys.exit(0)", "finished", ""),
+    "_exit": ("os._exit(4)", "failed", "it ended with exit code 4"),
+    "_exit well": ("os._exit(0)", "finished", ""),
+    "crash": ("ctypes.string_at(0)", "failed", "it was ended by SIGSEGV"),
+    "abort": ("os.abort()", "failed", "it was ended by SIGABRT"),
+    "kill": ("os.kill(os.getpid(), signal.SIGKILL)", "failed", "it was ended by SIGKILL"),
+    "close": ("os.close(1); os.closerange(3, 4096)", "finished", ""),
+    "exec": ("os.execv(sys.executable, [sys.executable, '-c', ''])", "finished", ""),
+    "fork": (
+        "pid = os.fork()\nif pid == 0:\n    p.stepSimulation()\n    os._exit(0)\nos.waitpid(pid, 0)",
+        "finished", "",
+    ),
+    "orphan": ("if os.fork() == 0:\n    import time\n    p.stepSimulation(); os.close(1)\n"
+        "    os.close(2)\n    os.execv('/bin/sleep', ['sleep', '20'])", "finished", ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ENDINGS)
+def test_whatever_ends_a_script_the_recording_is_whole(bench: Bench, name: str) -> None:
+    text, ended, error = ENDINGS[name]
+    recorded, _ = bench.record(bench.script(STEPS + text))
+    assert (recorded.ended, recorded.error) == (ended, error)
+    assert recorded.samples == 101
+    assert sorted(step for step, _, _ in states(bench.out)) == list(range(101))
+    assert not bench.folder.joinpath("out.rrd.part").exists()
+
+
+def test_a_script_that_fails_shows_its_own_traceback_and_exits_1(bench: Bench) -> None:
+    script = bench.script(STEPS + "def f():\n    raise ValueError('on purpose')\nf()\n")
+    bare, mine = bench.bare(script), bench.drop("record", script)
+    assert mine.returncode == 1
+    assert mine.stdout == bare.stdout
+    assert bare.stderr.strip() in mine.stderr
+    assert mine.stderr.splitlines()[-1].startswith("drop: the script failed: ValueError")
+
+
+@pytest.mark.parametrize("to_the_group", [True, False])
+def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool) -> None:
+    script = bench.script(
+        STEPS + "open('there', 'w').close()\nwhile True:\n    p.stepSimulation()"
+    )
+    process = subprocess.Popen(
+        [*COMMAND, "record", "--duration", "1e9", "--json", script], cwd=bench.folder,
+        stdout=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    while not bench.folder.joinpath("there").exists():
+        time.sleep(0.01)
+    if to_the_group:
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        process.send_signal(signal.SIGINT)
+    printed, _ = process.communicate()
+    assert process.returncode == 0
+    said = json.loads(printed)
+    assert said["ended"] == "interrupted"
+    steps = sorted(step for step, _, _ in states(bench.folder / said["recording"]))
+    assert steps == list(range(said["samples"]))
+
+
+def test_a_script_that_ignores_ctrl_c_is_killed(bench: Bench) -> None:
+    script = bench.script(
+        STEPS + "signal.signal(signal.SIGINT, signal.SIG_IGN)\nopen('there', 'w').close()\n"
+        "while True:\n    pass"
+    )
+    process = subprocess.Popen(
+        [*COMMAND, "record", "--json", script], cwd=bench.folder, stdout=subprocess.PIPE, text=True
+    )
+    while not bench.folder.joinpath("there").exists():
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGINT)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    printed, _ = process.communicate()
+    assert json.loads(printed)["ended"] == "interrupted"
+    assert json.loads(printed)["samples"] == 101
+
+
+def test_a_killed_recorder_takes_the_script_with_it_and_leaves_what_was_written(
+    bench: Bench,
+) -> None:
+    script = bench.script(
+        STEPS + "open('there', 'w').write(str(os.getpid()))\nn = 0\nwhile True:\n"
+        "    p.stepSimulation(); n += 1\n    if n == 5000: open('far', 'w').close()"
+    )
+    process = subprocess.Popen(
+        [*COMMAND, "record", "--duration", "1e9", "--out", "out.rrd", script], cwd=bench.folder
+    )
+    while not bench.folder.joinpath("far").exists():
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    pid = int(bench.folder.joinpath("there").read_text())
+    while os.path.exists(f"/proc/{pid}") and "zombie" not in Path(f"/proc/{pid}/status").read_text():
+        time.sleep(0.01)
+    assert not bench.out.exists()
+    part = bench.folder / "out.rrd.part"
+    found = states(part)
+    assert len(found) > 1000
+
+
+def test_a_full_disk_is_one_line_and_ends_the_script(bench: Bench, tmp_path: Path) -> None:
+    script = bench.script(STEPS)
+    done = bench.drop("record", "--out", "/dev/full", script)
+    assert done.returncode == 1
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+# -- the command ----------------------------------------------------------------------------------
+
+
+def test_standard_output_is_the_scripts_alone(bench: Bench) -> None:
+    script = bench.script(scripts.PLAIN["box"])
+    bare, mine = bench.bare(script), bench.drop("record", script)
+    assert mine.stdout == bare.stdout
+    assert "recorded" in mine.stderr
+    other = bench.drop("record", "--json", script)
+    said = json.loads(other.stdout)
+    assert said["recording"] == "recordings/script-2.rrd"
+    assert list(said) == ["recording", "recording_id", "script", "ended", "samples", "bodies",
+        "frames", "bytes", "wall_s"]  # fmt: skip
+    assert bare.stdout.splitlines()[0] in other.stderr
+
+
+def test_a_module_runs_as_python_m_runs_it(bench: Bench) -> None:
+    package = bench.folder / "mine"
+    package.mkdir()
+    package.joinpath("__init__.py").write_text("")
+    package.joinpath("other.py").write_text("X = 5")
+    package.joinpath("run.py").write_text(
+        "import sys\nfrom . import other\nfrom show import show\nimport pybullet as p\n"
+        "p.connect(p.DIRECT)\nprint(__name__, __package__, __file__, sys.argv, other.X, sys.path[0])"
+    )
+    bare = subprocess.run(
+        [sys.executable, "-m", "mine.run", "-x"], cwd=bench.folder, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    mine = bench.drop("record", "-m", "mine.run", "-x")
+    assert mine.stdout == bare.stdout
+    assert bench.folder.joinpath("recordings/mine.run.rrd").is_file()
+
+
+def test_what_is_no_script_is_one_line(bench: Bench) -> None:
+    done = bench.drop("record", "nothing.py")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "nothing.py" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    script = bench.script("pass")
+    with pytest.raises(ScenarioError, match="--steps must be at least 1"):
+        bench.record(script, steps=0)
+    with pytest.raises(ScenarioError, match="--duration must be above 0"):
+        bench.record(script, duration_s=0.0)
+    bench.out.write_text("mine")
+    done = bench.drop("record", "--out", "out.rrd", script)
+    assert (done.returncode, bench.out.read_text()) == (1, "mine")
+    done = bench.drop("record", "--python", "./no-such", script)
+    assert "--python" in done.stderr
+
+
+def test_a_recording_of_a_script_is_not_analyzed_yet(bench: Bench) -> None:
+    bench.record(bench.script(scripts.PLAIN["box"]))
+    done = bench.drop("analyze", "out.rrd")
+    assert done.returncode == 1
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "script" in done.stderr
+
+
+def test_a_script_may_not_be_overwritten_by_its_recording(bench: Bench) -> None:
+    script = bench.script("pass", "mine.rrd")
+    with pytest.raises(OutputError, match="would replace"):
+        record_script(str(bench.folder / script), out=bench.folder / "mine.rrd", force=True)
