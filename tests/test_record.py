@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -80,7 +81,10 @@ def bench(tmp_path: Path) -> Bench:
 
 def rows(path: Path, entity: str) -> Iterator[dict[str, Any]]:
     """Yield the rows of an entity, each as lists by column, in the order they were written."""
-    for chunk in RrdReader(path).stream():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # an unfinished recording has no footer
+        reader = RrdReader(path)
+    for chunk in reader.stream():
         if chunk.entity_path != f"/{entity}" or chunk.is_static:
             continue
         batch = chunk.to_record_batch()
@@ -376,13 +380,13 @@ print(p.getConnectionInfo()["connectionMethod"] == p.GUI, p.connect(p.SHARED_MEM
     )
     recorded, printed = bench.record(script)
     assert recorded.ended == "finished", recorded.error
-    assert printed.splitlines()[:6] == [
+    assert printed.splitlines()[:5] == [
         "2.5 0.0",
         "True True True",
         "True (45, -30, 3, (0, 0, 1)) 16 1.0",
         "{} () 1",
         "True -1",
-    ] + printed.splitlines()[5:6]
+    ]
 
 
 def test_sleeping_passes_at_once(bench: Bench) -> None:

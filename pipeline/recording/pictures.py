@@ -44,7 +44,7 @@ def poses(entity: str, at: Times, rows: Rows) -> Chunk:
 
 def cleared(entity: str, at: Times) -> Chunk:
     """Return that a body has gone."""
-    return Chunk.from_columns(entity, times(at), rr.Clear.columns(recursive=[True]))
+    return Chunk.from_columns(entity, times(at), rr.Clear.columns(is_recursive=[True]))
 
 
 def shape(entity: str, at: Times, one: Shape) -> Iterator[Chunk]:

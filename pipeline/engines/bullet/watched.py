@@ -317,11 +317,10 @@ class Decoder:
         yield from self._tell_call()
         yield Dynamics(self._at(known.world), known.body, _reported(dynamics))
 
-    def _on_given(self, world: int, id: int, step: int, values: dict[str, Any]) -> Iterator[Event]:  # noqa: A002
-        known = self._worlds[world].ids.get(id)
+    def _on_given(self, body: int, step: int, values: dict[str, Any]) -> Iterator[Event]:
+        known = self._bodies[body]
         yield from self._tell_call()
-        if known is not None:
-            yield Given(self._at(known.world, step), known.body, values)
+        yield Given(self._at(known.world, step), known.body, values)
 
     def _on_layout(self, world: int, bodies: list[int]) -> Iterator[Event]:
         its = self._worlds[world]
@@ -355,15 +354,14 @@ class Decoder:
             self._last_call = None
 
     def _on_push(
-        self, world: int, id: int, step: int, link: int, torque: bool, flags: int,  # noqa: A002
+        self, body: int, step: int, link: int, torque: bool, flags: int,
         vector: list[float] | None, position: list[float] | None,
     ) -> Iterator[Event]:  # fmt: skip
-        its = self._worlds[world]
-        known = its.ids.get(id)
+        known = self._bodies[body]
         yield from self._tell_call()
-        if known is not None and vector is not None:
+        if vector is not None:
             where = tuple(position) if position and not torque else (math.nan,) * 3
-            yield Push(self._at(its, step), known.body, link, torque, tuple(vector), where,
+            yield Push(self._at(known.world, step), known.body, link, torque, tuple(vector), where,
                 in_world_axes=flags == WORLD_FRAME)  # fmt: skip
 
     def _on_real_time(self, **_: object) -> Iterator[Event]:

@@ -49,6 +49,7 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
 
 def _end(watch: Watch, how: str, error: str = "") -> None:
     watch.finish()
+    watch.lock.remove()
     watch.pipe.note("end", how=how, error=error)
     watch.pipe.flush()
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-import threading
 from pathlib import Path
 from types import BuiltinFunctionType, ModuleType, SimpleNamespace
 from typing import Any, Callable
@@ -18,6 +17,7 @@ from . import pipe as protocol
 from .clock import CALL_S, Clock
 from .pipe import GoneError, Pipe
 from .quiet import Window
+from .turns import Turn
 from .worlds import ALL, World
 
 ARGUMENTS: dict[str, list[str]] = json.loads(
@@ -59,7 +59,7 @@ LOOKS_ON = {
     "setVRCameraState", "setAdditionalSearchPath", "setTimeOut", "submitProfileTiming",
     "startStateLogging", "stopStateLogging", "multiplyTransforms", "invertTransform",
     "rotateVector", "vhacd", "syncBodyInfo", "syncUserData", "addUserData", "removeUserData",
-    "renderImage", "saveWorld", "saveBullet",
+    "renderImage", "saveWorld", "saveBullet", "readUserDebugParameter",
 }  # fmt: skip
 READS = ("get", "is", "compute", "calculate", "rayTest")
 """How the names of functions begin that change nothing."""
@@ -115,7 +115,7 @@ class Watch:
     ) -> None:
         self.pipe, self.clock = pipe, clock
         self.on = True
-        self.lock = threading.RLock()
+        self.lock = Turn()
         self.stopped: str | None = None
         self._limit_steps, self._limit_s = steps, duration_s
         self._steps = self._worlds_made = 0
@@ -155,6 +155,7 @@ class Watch:
         for module, originals in self._modules:
             vars(module).update(originals)
         self.clock.remove()
+        self.lock.remove()
 
     def _handler(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
         special = {
@@ -250,8 +251,7 @@ class Watch:
             world.moved[ALL] = set()
         if name == "changeDynamics":
             world.changed.add(body)
-            self.pipe.note("given", world=world.number, id=body, step=world.step,
-                values=_values(arguments, but=BODY_NAMES))  # fmt: skip
+            world.tell_later(body, "given", values=_values(arguments, but=BODY_NAMES))
         if name in RECOLOURS and body is not None:
             world.recoloured.add(body)
         if name in SETS_ENGINE:
@@ -263,8 +263,8 @@ class Watch:
         if name == "setRealTimeSimulation":
             self._set_real_time(world, bool(arguments.get("enableRealTimeSimulation", 0)))
         elif name in PUSHES:
-            self.pipe.note(
-                "push", world=world.number, id=body, step=world.step,
+            world.tell_later(
+                body, "push",
                 link=_number(arguments.get("linkIndex", -1)), torque=name.endswith("Torque"),
                 vector=_vector(arguments.get("forceObj", arguments.get("torqueObj"))),
                 position=_vector(arguments.get("posObj")),
@@ -316,7 +316,7 @@ class Watch:
         if world is None:
             return
         self._guarded(world, world.end)
-        self._last_end = max(self._last_end, (world.step, world.time_s))
+        self._last_end = max(self._last_end, (world.step + 1, world.time_s))
         self._worlds.pop(client, None)
         self._windows.pop(client, None)
         self._real_time_since.pop(client, None)
@@ -490,8 +490,7 @@ class Watch:
 
     def _forked(self) -> None:
         if self.on and os.getpid() != self._process:
-            self.on = False
-            self.clock.remove()
+            self.remove()
             self.pipe.leave()
 
 

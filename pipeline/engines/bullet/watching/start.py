@@ -34,6 +34,7 @@ def watch(
     version = ".".join(map(str, sys.version_info[:3]))
     started.pipe.note("python", version=version, virtual_time=not keep_sleeping)
     started.clock.install()
+    started.lock.install()
     if "pybullet" in sys.modules:
         started.install(sys.modules["pybullet"])
     else:

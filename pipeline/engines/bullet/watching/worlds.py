@@ -86,15 +86,6 @@ class Body:
         """Return its visual shapes, as `getVisualShapeData` lists them."""
         return [] if self.soft else _plain(self._p.getVisualShapeData(self.id, 0, self._client))
 
-    def collision_shapes(self) -> list[Any]:
-        """Return its collision shapes, as `getCollisionShapeData` lists them."""
-        if self.soft:
-            return []
-        shapes: list[Any] = []
-        for link in (-1, *self.links):
-            shapes += self._p.getCollisionShapeData(self.id, link, self._client) or ()
-        return _plain(shapes)
-
 
 class World:
     """One client's simulation.
@@ -127,7 +118,7 @@ class World:
         """Bodies whose dynamics calls may have changed."""
         self.recoloured: set[int] = set()
         self.stale_bodies = self.stale_engine = True
-        self.real_time = False
+        self._later: list[tuple[int | None, str, dict[str, Any]]] = []
         self.bodies: dict[int, Body] = {}
         self.timestep_s = 0.0
         self._sampled = False
@@ -140,8 +131,11 @@ class World:
 
     # -- what calls have changed ------------------------------------------------------------------
 
-    def sync(self) -> None:
-        """Send what calls have changed since this was last called."""
+    def sync(self, *, sample_follows: bool = False) -> None:
+        """Send what calls have changed since this was last called.
+
+        What a sample will say that follows at once is left to it.
+        """
         if self.stale_engine:
             self._read_engine()
         if self.stale_bodies or self.fresh:
@@ -154,9 +148,17 @@ class World:
         if self.moved:
             moved = self.bodies.values() if ALL in self.moved else map(self.bodies.get, self.moved)
             for one in list(moved):
-                if one is not None:
+                if one is not None and not (sample_follows and one.moves):
                     self._send_if_set(one)
             self.moved = {}
+        for engine_id, what, told in self._later:
+            if engine_id in self.bodies:
+                self._pipe.note(what, body=self.bodies[engine_id].number, step=self.step, **told)
+        self._later = []
+
+    def tell_later(self, engine_id: int | None, what: str, **told: Any) -> None:  # noqa: ANN401
+        """Have something told of a body with the next `sync`, when it is known which it is."""
+        self._later.append((engine_id, what, told))
 
     def forget(self) -> None:
         """Take note that a reset has removed all bodies."""
@@ -165,7 +167,7 @@ class World:
         self.bodies, self._moving, self._last = {}, [], {}
         self.fresh, self.moved, self.changed, self.recoloured = set(), {}, set(), set()
         self.stale_bodies = self.stale_engine = True
-        self.given = {}
+        self.given, self._later = {}, []
 
     def _list_bodies(self) -> None:
         p, client = self._p, self.client
@@ -190,7 +192,7 @@ class World:
             "body", world=self.number, body=body.number, id=engine_id, name=_plain(name),
             base=_plain(base), soft=body.soft, dynamics=_plain(body.dynamics),
             joints=_plain(body.joint_infos), joint_widths=body.joint_widths(),
-            visual=body.looks(), collision=body.collision_shapes(),
+            visual=body.looks(),
         )  # fmt: skip
         return body
 
@@ -225,7 +227,7 @@ class World:
             )
 
     def _send_if_set(self, body: Body) -> None:
-        if body.soft or (body.moves and not self._sampled):  # the first sample says it
+        if body.soft:
             return
         values = _packed(body.read())
         if values != self._last.get(body.id):
@@ -261,9 +263,9 @@ class World:
         """Send what calls have changed, and where nothing was ever stepped the first sample."""
         if (
             self.stale_engine or self.stale_bodies or self.fresh or self.changed or self.moved
-            or self.recoloured
+            or self.recoloured or self._later
         ):  # fmt: skip
-            self.sync()
+            self.sync(sample_follows=not self._sampled)
         if not self._sampled:
             self.sample()
 
@@ -276,7 +278,7 @@ class World:
 
     def end(self) -> None:
         """Send what there is to say of a simulation that is over."""
-        self.sync()
+        self.sync(sample_follows=not self._sampled)
         if not self._sampled and self.bodies:
             self.sample()
         self._pipe.note("over", world=self.number, step=self.step)

@@ -1,0 +1,75 @@
+"""Whose turn it is: one thread at a time tells the recorder something, and no signal cuts in."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from typing import Any, Callable
+
+
+class Turn:
+    """A lock that also keeps signals until it is given back.
+
+    A script's own handler, and Python's of Ctrl-C, may raise wherever it is called. Within our own
+    code that would leave half of something said, so it is called a moment later.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self._depth = 0
+        self._owner: int | None = None
+        self._kept: list[Callable[[], Any]] = []
+        self._handlers: dict[int, Any] = {}
+        self._signal, self._getsignal = signal.signal, signal.getsignal
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+        self._depth += 1
+        self._owner = threading.get_ident()
+
+    def __exit__(self, *_: object) -> None:
+        self._depth -= 1
+        if self._depth:
+            self._lock.release()
+            return
+        self._owner = None
+        self._lock.release()
+        while self._kept:
+            self._kept.pop(0)()
+
+    def install(self) -> None:
+        """Keep signals of handlers that are there, and of those that a script will install."""
+        if threading.current_thread() is not threading.main_thread():
+            return
+        signal.signal, signal.getsignal = self._set, self._get
+        if self._getsignal(signal.SIGINT) is signal.default_int_handler:
+            self._set(signal.SIGINT, signal.default_int_handler)
+
+    def remove(self) -> None:
+        """Put handlers and functions back as they were."""
+        if signal.signal == self._set:
+            signal.signal, signal.getsignal = self._signal, self._getsignal
+            for number, handler in self._handlers.items():
+                self._signal(number, handler)
+            self._handlers = {}
+
+    def _set(self, signalnum: Any, handler: Any) -> Any:  # noqa: ANN401
+        before = self._get(signalnum)
+        if not callable(handler) or isinstance(handler, signal.Handlers):
+            self._signal(signalnum, handler)
+            self._handlers.pop(int(signalnum), None)
+            return before
+
+        def keep(number: int, frame: Any) -> None:  # noqa: ANN401
+            if self._owner == threading.get_ident():
+                self._kept.append(lambda: handler(number, frame))
+            else:
+                handler(number, frame)
+
+        self._signal(signalnum, keep)
+        self._handlers[int(signalnum)] = handler
+        return before
+
+    def _get(self, signalnum: Any) -> Any:  # noqa: ANN401
+        there = self._getsignal(signalnum)
+        return self._handlers.get(int(signalnum), there)
