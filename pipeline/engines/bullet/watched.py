@@ -409,9 +409,9 @@ class Decoder:
             for widths in [iter([tuple(one) for one in told["joint_widths"]])]
             for info in told["joints"]
         )  # fmt: skip
-        name = _name(told["name"], told["base"])
-        links = (told["base"] or "base", *(info[12] for info in told["joints"]))
         shapes = _shapes(told["visual"], dynamics)
+        name = _name(told["file"], told["name"], *(one.kind for one in shapes[:1]), told["base"])
+        links = (told["base"] or "base", *(info[12] for info in told["joints"]))
         # What has the same id, name and make-up after a reset is the same body again.
         make_up = (client, told["id"], told["name"], links, joints, told["soft"],
             tuple((one.link, one.kind, one.file) for one in shapes))  # fmt: skip
@@ -421,7 +421,7 @@ class Decoder:
             number = told["id"] if told["id"] not in taken else max(taken) + 1
             self._numbers[make_up] = number
         return Body(
-            number, f"{number}_{name}", told["name"] or told["base"], told["id"], client, links,
+            number, f"{number}_{name}", told["file"] or told["name"] or name, told["id"], client, links,
             joints, _moving(dynamics, told["joints"]), told["soft"], shapes,
         )  # fmt: skip
 
@@ -430,10 +430,10 @@ WORLD_FRAME = 2
 """Of `applyExternalForce`."""
 
 
-def _name(name: str, base: str) -> str:
-    """Return a body's name as a part of an entity's path."""
-    told = name.rpartition("/")[2].removesuffix(".urdf") or base or "body"
-    return re.sub(r"[^\w-]+", "_", told, flags=re.ASCII)[:40].strip("_") or "body"
+def _name(*told: str) -> str:
+    """Return the first name that there is as a part of an entity's path."""
+    name = next(filter(None, told), "body").rpartition("/")[2].partition(".")[0]
+    return re.sub(r"[^\w-]+", "_", name, flags=re.ASCII)[:40].strip("_") or "body"
 
 
 def _parts(body: Body, steps: NDArray[np.int64], values: Float64) -> tuple[Rows, Float64]:

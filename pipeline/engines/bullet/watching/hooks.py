@@ -239,7 +239,10 @@ class Watch:
         if name in MAKES_BODIES:
             world.stale_bodies = True
             made = result if isinstance(result, tuple) else (result,)
-            world.fresh.update(one for one in made if isinstance(one, int) and one >= 0)
+            ids = [one for one in made if isinstance(one, int) and one >= 0]
+            world.fresh.update(ids)
+            file = next(iter(arguments.values()), None) if name.startswith("load") else None
+            world.files.update(dict.fromkeys(ids, os.path.basename(file) if _is_text(file) else ""))
             if name == "unsupportedChangeScaling" and body is not None:
                 world.fresh.add(body)
         if name in REMOVES_BODIES:
@@ -523,6 +526,10 @@ def _body(arguments: dict[str, Any]) -> int | None:
         if name in arguments:
             return _number(arguments[name])
     return None
+
+
+def _is_text(value: object) -> bool:
+    return type(value) is str
 
 
 def _number(value: Any) -> int | None:  # noqa: ANN401

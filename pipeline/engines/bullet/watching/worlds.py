@@ -112,6 +112,8 @@ class World:
         """Settings of the engine that it does not report, as calls gave them."""
         self.fresh: set[int] = set()
         """Bodies that a call has made: their ids may have been others' before."""
+        self.files: dict[int, str] = {}
+        """The files that bodies were loaded from: names in them mislead."""
         self.moved: dict[int | None, set[Any]] = {}
         """Bodies that calls may have moved since they were read, and by which calls."""
         self.changed: set[int | None] = set()
@@ -190,7 +192,7 @@ class World:
         base, name = self._p.getBodyInfo(engine_id, self.client)
         self._pipe.note(
             "body", world=self.number, body=body.number, id=engine_id, name=_plain(name),
-            base=_plain(base), soft=body.soft, dynamics=_plain(body.dynamics),
+            base=_plain(base), file=self.files.get(engine_id, ""), soft=body.soft, dynamics=_plain(body.dynamics),
             joints=_plain(body.joint_infos), joint_widths=body.joint_widths(),
             visual=body.looks(),
         )  # fmt: skip
