@@ -384,6 +384,12 @@ def record(
             help=r"Stop it after so much simulated time \[s]. \[default: 60, without --steps]",
         ),
     ] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="Seed random and numpy.random with N.")
+    ] = None,
+    twice: Annotated[
+        bool, typer.Option("--twice", help="Run it again, and say from which step on it differs.")
+    ] = False,
     python: Annotated[
         str | None,
         typer.Option(metavar="PATH", help="The interpreter to run it with; 3.9 or later."),
@@ -409,7 +415,7 @@ def record(
     sys.stdout.flush()
     recorded = record_script(
         target, arguments, is_module=module, out=out, steps=steps, duration_s=duration,
-        python=python, keep_sleeping=keep_sleeping, force=force,
+        seed=seed, twice=twice, python=python, keep_sleeping=keep_sleeping, force=force,
         stdout=sys.stderr.fileno() if json else sys.stdout.fileno(), note=output.note,
     )  # fmt: skip
     raise typer.Exit(show_record(recorded, as_json=json))

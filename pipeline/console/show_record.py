@@ -22,6 +22,7 @@ ENDED = {
 def show_record(recorded: Recorded, *, as_json: bool) -> int:
     """Print the recording and how the script ended, and return the exit code."""
     if as_json:
+        again = {"first_difference": recorded.first_difference} if recorded.twice else {}
         print_json(
             {
                 "recording": str(recorded.recording),
@@ -33,6 +34,7 @@ def show_record(recorded: Recorded, *, as_json: bool) -> int:
                 "frames": recorded.frames,
                 "bytes": recorded.bytes,
                 "wall_s": recorded.wall_s,
+                **again,
             }
         )
     else:

@@ -7,6 +7,7 @@ is thinned to what a viewer shows.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -65,6 +66,7 @@ class Script:
         self._images, self._others = FrameDigest(), hashlib.sha256()
         self._calls: list[Call] = []
         self._shown_at: dict[tuple[int, int], int] = {}
+        self._marks: list[tuple[int, int, bytes]] = []
         self._drawn: dict[int, tuple[Any, ...]] = {}
 
     def chunks(self, events: Iterable[Event], ending: Callable[[], Ending]) -> Iterator[Chunk]:
@@ -130,7 +132,24 @@ class Script:
             case Image():
                 yield from self._on_image(event)
 
+    def take_in(self, event: Event) -> None:
+        """Remember a mark of each state, by which another run can be compared."""
+        if isinstance(event, Samples) and len(event.steps):
+            for step, rows in zip(
+                event.steps.tolist(), event.states.reshape(len(event.steps), -1), strict=True
+            ):
+                mark = hashlib.blake2b(rows.tobytes(), digest_size=8).digest()
+                self._marks.append((event.client, step, mark))
+
+    def first_difference(self, other: Script) -> int | None:
+        """Return the first step at which another run has another state, or none or one more."""
+        for mine, theirs in itertools.zip_longest(self._marks, other._marks):
+            if mine != theirs:
+                return int((mine or theirs)[1])
+        return None
+
     def _on_samples(self, seen: Samples) -> Iterator[Chunk]:
+        self.take_in(seen)
         self._states.setdefault(seen.client, RowsDigest()).update(seen.states)
         self._contacts.setdefault(seen.client, RowsDigest()).update(seen.contacts)
         self.samples += len(seen.steps)

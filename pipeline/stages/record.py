@@ -12,7 +12,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -50,6 +50,10 @@ class Recorded:
     """Images that the script took."""
     bytes: int
     wall_s: float
+    twice: bool
+    """Whether it was run again, and compared."""
+    first_difference: int | None
+    """Then the first step whose state differed; None where none did."""
 
 
 def record_script(
@@ -60,6 +64,8 @@ def record_script(
     out: Path | str | None = None,
     steps: int | None = None,
     duration_s: float | None = None,
+    seed: int | None = None,
+    twice: bool = False,
     python: str | None = None,
     keep_sleeping: bool = False,
     force: bool = False,
@@ -81,6 +87,10 @@ def record_script(
     steps, duration_s
         After how many steps, and how much simulated time [s], it is stopped; without either,
         after a minute.
+    seed
+        Of `random`, `numpy.random`, and what numpy's `SeedSequence` draws; None leaves them alone.
+    twice
+        Whether to run it again, with other leftovers in fresh memory, and compare every state.
     python
         The interpreter that runs it; None for our own.
     keep_sleeping
@@ -111,13 +121,16 @@ def record_script(
         duration_s = DURATION_S
     interpreter = python or sys.executable
     program = Program(
-        target, arguments, interpreter, is_module, steps, duration_s, keep_sleeping
+        target, arguments, interpreter, is_module, steps, duration_s, keep_sleeping, seed
     )
     origin: dict[str, Any] = {
         "kind": "script",
         "script": f"-m {target}" if is_module else Path(target).name,
         "script_sha256": digest,
         "arguments": list(arguments) or None,
+        "seed": seed,
+        "steps": steps,
+        "duration_s": duration_s,
         "drop_version": metadata.version("drop-physics"),
     }
     recording_id, script = uuid.uuid4().hex, Script(origin)
@@ -150,6 +163,10 @@ def record_script(
         note(f"stopped after {duration_s:g} s on the script's clock; --duration takes another limit")
     for one in ended.notes:
         note(one)
+    if process.decoder.unseeded:
+        drawn = " and ".join(process.decoder.unseeded)
+        note(f"unseeded random numbers are drawn by {drawn}; --seed 0 makes them the same again")
+    again = _again(program, script, note) if twice else None
     return Recorded(
         recording=path,
         recording_id=recording_id,
@@ -161,7 +178,33 @@ def record_script(
         frames=script.frames,
         bytes=path.stat().st_size,
         wall_s=time.perf_counter() - began,
+        first_difference=again,
+        twice=twice,
     )
+
+
+def _again(program: Program, script: Script, note: Callable[[str], None]) -> int | None:
+    """Run a program again, and return the first step whose state differs; None where none does."""
+    other, null = Script({}), os.open(os.devnull, os.O_WRONLY)
+    try:
+        again = replace(program, perturb=running.OTHER_PERTURB)
+        with running.Script(again, stdout=null, stderr=null) as process:
+            with _interrupts(process.interrupt):
+                for event in process.events():
+                    other.take_in(event)
+    finally:
+        os.close(null)
+    first = script.first_difference(other)
+    if first is None:
+        note("recorded twice: every state is the same to the bit")
+    elif process.decoder.unseeded:
+        note(f"recorded twice: the states differ from step {first} on; it draws unseeded numbers")
+    else:
+        note(
+            f"recorded twice: the states differ from step {first} on; with other leftovers in "
+            "fresh memory (MALLOC_PERTURB_), which PyBullet reads in some scenes"
+        )
+    return first
 
 
 def _checked(target: str, is_module: bool) -> str | None:

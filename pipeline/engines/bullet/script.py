@@ -23,6 +23,8 @@ WATCHING = Path(__file__).with_name("watching")
 
 PERTURB = "85"
 """What fresh memory is filled with (`MALLOC_PERTURB_`): PyBullet reads some before it writes it."""
+OTHER_PERTURB = "170"
+"""What a second run fills it with: a state that differs then has read some."""
 
 STOPS_WITHIN_S = 5.0
 """How long a script may clean up that is to stop."""
@@ -52,6 +54,7 @@ class Program:
     steps: int | None = None
     duration_s: float | None = None
     keep_sleeping: bool = False
+    seed: int | None = None
     perturb: str = PERTURB
 
 
@@ -64,7 +67,7 @@ class Script:
         If the interpreter cannot be started.
     """
 
-    def __init__(self, program: Program, *, stdout: int) -> None:
+    def __init__(self, program: Program, *, stdout: int, stderr: int | None = None) -> None:
         self.decoder = Decoder()
         self._interrupted_at: float | None = None
         self._interrupts = 0
@@ -77,13 +80,14 @@ class Script:
         options = {
             "pipe": writing, "block": self._block.fileno(), "module": program.is_module,
             "steps": program.steps, "duration_s": program.duration_s,
-            "keep_sleeping": program.keep_sleeping,
+            "keep_sleeping": program.keep_sleeping, "seed": program.seed,
         }  # fmt: skip
         try:
             self._process = subprocess.Popen(
                 [program.python, str(WATCHING), json.dumps(options), program.target,
                     *program.arguments],
                 stdout=stdout,
+                stderr=stderr,
                 pass_fds=(writing, self._block.fileno()),
                 env={"MALLOC_PERTURB_": program.perturb, **os.environ},
             )  # fmt: skip
@@ -161,7 +165,9 @@ class Script:
     def ending(self) -> Ending:
         """Return how the script ended, once its events are over."""
         decoder, code = self.decoder, self._process.returncode
-        ending = Ending(notes=list(decoder.faults), made_with=dict(decoder.python))
+        made_with = {**decoder.python, "unseeded": decoder.unseeded or None,
+            "real_time": decoder.real_time}  # fmt: skip
+        ending = Ending(notes=list(decoder.faults), made_with=made_with)
         ended = decoder.ended or {}
         if self._interrupted_at is not None:
             ending.how = "interrupted"

@@ -145,6 +145,7 @@ class Decoder:
         self.ended: dict[str, Any] | None = None
         self.faults: list[str] = []
         self.real_time = False
+        self.unseeded: list[str] = []
         self._frames = Frames()
         self._worlds: dict[int, _World] = {}
         self._bodies: dict[int, _Known] = {}
@@ -183,6 +184,9 @@ class Decoder:
             return
         world = self._worlds[number]
         if kind == pipe.SAMPLE:
+            held = len(world.samples)
+            if held >= BATCH or held * len(payload) > BATCH_BYTES:
+                yield from self._gathered(world)
             if not world.samples:
                 world.first = step
             elif step != world.first + len(world.samples):
@@ -190,13 +194,8 @@ class Decoder:
             world.samples.append(payload)
             world.step = step
             self.steps += 1
-            if len(world.samples) >= BATCH or len(world.samples) * len(payload) > BATCH_BYTES:
-                yield from self._gathered(world)
-        elif kind == pipe.CONTACTS:
-            if not world.samples:  # the sample has been handed on: its contacts go after it
-                yield self._samples(world, [], step, [(step, payload)])
-            else:
-                world.contacts.append((step, payload))
+        elif kind == pipe.CONTACTS:  # of the sample before
+            world.contacts.append((step, payload))
 
     def _gathered(self, world: _World) -> Iterator[Event]:
         if world.samples:
@@ -219,7 +218,8 @@ class Decoder:
             theirs = values[:, column : column + known.told["width"]]
             states, of_joints = _parts(body, steps, theirs)
             bases[body.number] = states
-            moving.append(states[np.isin(states["link"], body.moving)].reshape(len(steps), -1))
+            which = states[np.isin(states["link"], body.moving)]
+            moving.append(which.reshape(len(steps), len(body.moving)))
             if of_joints.shape[1]:
                 joints[body.number] = _joints(body, steps, times_s, of_joints)
         states = np.hstack(moving).reshape(-1) if moving else np.empty(0, STATE)
@@ -366,6 +366,10 @@ class Decoder:
 
     def _on_real_time(self, **_: object) -> Iterator[Event]:
         self.real_time = True
+        yield from ()
+
+    def _on_unseeded(self, called: str, file: str, line: int) -> Iterator[Event]:
+        self.unseeded.append(f"{called} at {file}:{line}")
         yield from ()
 
     def _on_fault(self, world: int, step: int, error: str) -> Iterator[Event]:

@@ -126,6 +126,7 @@ class Watch:
         self._modules: list[tuple[ModuleType, dict[str, Any]]] = []
         self._shown: dict[str, str] = {}
         self._p = SimpleNamespace()
+        self._undo: list[Callable[[], None]] = []
         self._process = os.getpid()
         clock.passed = self._time_has_passed
         if hasattr(os, "register_at_fork"):
@@ -154,8 +155,20 @@ class Watch:
         self.on = False
         for module, originals in self._modules:
             vars(module).update(originals)
+        while self._undo:
+            self._undo.pop()()
         self.clock.remove()
         self.lock.remove()
+
+    def on_removal(self, undo: Callable[[], None]) -> None:
+        """Have something undone when this watch ends."""
+        self._undo.append(undo)
+
+    def tell_draw(self, called: str, frame: Any) -> None:  # noqa: ANN401
+        """Tell of a random number that nobody has seeded."""
+        file, line = self._place(frame)
+        with self.lock:
+            self.pipe.note("unseeded", called=called, file=file, line=line)
 
     def _handler(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
         special = {

@@ -10,12 +10,19 @@ from types import ModuleType
 from typing import Any, Callable, Sequence
 
 from .clock import Clock
+from .draws import Draws
 from .hooks import Watch
 from .pipe import Pipe
 
 
 def watch(
-    pipe: int, block: int, *, steps: int | None, duration_s: float | None, keep_sleeping: bool
+    pipe: int,
+    block: int,
+    *,
+    steps: int | None,
+    duration_s: float | None,
+    keep_sleeping: bool,
+    seed: int | None,
 ) -> Watch:
     """Watch pybullet, as soon as it is imported.
 
@@ -27,6 +34,8 @@ def watch(
         When the script is to be stopped; None for never.
     keep_sleeping
         Whether the script's clock is the real one.
+    seed
+        Of all random numbers, or None.
     """
     started = Watch(
         Pipe(pipe, block), Clock(real=keep_sleeping), steps=steps, duration_s=duration_s
@@ -35,10 +44,16 @@ def watch(
     started.pipe.note("python", version=version, virtual_time=not keep_sleeping)
     started.clock.install()
     started.lock.install()
-    if "pybullet" in sys.modules:
-        started.install(sys.modules["pybullet"])
-    else:
-        sys.meta_path.insert(0, _OnImport("pybullet", started.install))
+    draws = Draws(seed, started.tell_draw)
+    draws.begin()
+    started.on_removal(draws.remove)
+    for name, then in (("pybullet", started.install), ("numpy.random", draws.on_numpy)):
+        if name in sys.modules:
+            then(sys.modules[name])
+        else:
+            finder = _OnImport(name, then)
+            sys.meta_path.insert(0, finder)
+            started.on_removal(finder.remove)
     return started
 
 
@@ -48,12 +63,17 @@ class _OnImport(importlib.abc.MetaPathFinder):
     def __init__(self, name: str, then: Callable[[ModuleType], None]) -> None:
         self._name, self._then = name, then
 
+    def remove(self) -> None:
+        """Wait no longer."""
+        if self in sys.meta_path:
+            sys.meta_path.remove(self)
+
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
         if fullname != self._name:
             return None
-        sys.meta_path.remove(self)
+        self.remove()
         spec = importlib.util.find_spec(fullname)
         if spec is not None and spec.loader is not None:
             then, execute = self._then, spec.loader.exec_module

@@ -1,0 +1,84 @@
+"""Random numbers: seeded if that is asked for, else the first that is drawn unseeded is told."""
+
+from __future__ import annotations
+
+import functools
+import random
+import sys
+from types import ModuleType
+from typing import Any, Callable
+
+UNTOLD = ("seed", "getstate", "setstate", "get_state", "set_state", "getrandbits")
+"""Functions of a generator that draw nothing, or that Python's library draws with for itself."""
+
+
+class Draws:
+    """The generators of `random` and `numpy.random`.
+
+    Parameters
+    ----------
+    seed
+        What to seed them with; None leaves them alone.
+    tell
+        Told of the first number that each draws unseeded: by what, and in which frame.
+    """
+
+    def __init__(self, seed: int | None, tell: Callable[[str, Any], None]) -> None:
+        self._seed, self._tell = seed, tell
+        self._quiet: set[str] = set()
+        self._entropy = random.Random(seed)
+        self._undo: list[Callable[[], None]] = []
+
+    def begin(self) -> None:
+        """Begin with the generator of Python's library."""
+        if self._seed is None:
+            self._watch(random, "random", getattr(random, "_inst"))  # noqa: B009
+        else:
+            random.seed(self._seed)
+
+    def on_numpy(self, module: ModuleType) -> None:
+        """Go on with numpy's, once `numpy.random` is there."""
+        if self._seed is None:
+            self._watch(module, "numpy.random", getattr(module.mtrand, "_rand"))  # noqa: B009
+        else:
+            module.seed(self._seed % 2**32)
+        source: Any = module.bit_generator
+        original = source.randbits
+
+        def randbits(count: int) -> int:
+            if self._seed is not None:
+                return self._entropy.getrandbits(count)
+            self._drawn("numpy.random.SeedSequence", sys._getframe(1))
+            return int(original(count))
+
+        source.randbits = randbits
+        self._undo.append(lambda: setattr(source, "randbits", original))
+
+    def remove(self) -> None:
+        """Put everything back."""
+        while self._undo:
+            self._undo.pop()()
+
+    def _watch(self, module: ModuleType, name: str, generator: object) -> None:
+        for attribute, function in list(vars(module).items()):
+            if getattr(function, "__self__", None) is generator:
+                setattr(module, attribute, self._noticed(f"{name}.{attribute}", name, function))
+                self._undo.append(functools.partial(setattr, module, attribute, function))
+
+    def _noticed(self, called: str, name: str, function: Any) -> Any:  # noqa: ANN401
+        seeds, draws = called.endswith(".seed"), called.rpartition(".")[2] not in UNTOLD
+
+        @functools.wraps(function)
+        def notice(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+            if seeds and (args or kwargs) and args[:1] != (None,):
+                self._quiet.add(name)
+            elif draws and name not in self._quiet:
+                self._drawn(called, sys._getframe(1), name)
+            return function(*args, **kwargs)
+
+        return notice
+
+    def _drawn(self, called: str, frame: Any, name: str = "") -> None:  # noqa: ANN401
+        if (name or called) not in self._quiet:
+            self._quiet.add(name or called)
+            self._tell(called, frame)
