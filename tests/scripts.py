@@ -31,7 +31,8 @@ p.setGravity(0, 0, -9.81)
 """
 
 PLAIN: dict[str, str] = {
-    "box": HEAD + """
+    "box": HEAD
+    + """
         p.loadURDF("plane.urdf")
         b = p.loadURDF("cube_small.urdf", [0, 0, 0.3], p.getQuaternionFromEuler([0.3, 0.2, 0]))
         for i in range(240):
@@ -69,10 +70,12 @@ PLAIN: dict[str, str] = {
                 second.stepSimulation()
         show(pybullet, 0, 1)
     """,
-    "positional": HEAD + """
+    "positional": HEAD
+    + """
         other = p.connect(p.DIRECT)
         p.setGravity(0, 0, -1.6, other)
-        b = p.createMultiBody(1.0, p.createCollisionShape(p.GEOM_SPHERE, 0.1, physicsClientId=other),
+        ball = p.createCollisionShape(p.GEOM_SPHERE, 0.1, physicsClientId=other)
+        b = p.createMultiBody(1.0, ball,
             basePosition=[0, 0, 1], physicsClientId=other)
         for i in range(50):
             p.stepSimulation(other)
@@ -81,7 +84,8 @@ PLAIN: dict[str, str] = {
             p.stepSimulation(physicsClientId=other)
         show(p, other)
     """,
-    "made": HEAD + """
+    "made": HEAD
+    + """
         floor = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
         ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)
         box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.2, 0.05])
@@ -100,7 +104,8 @@ PLAIN: dict[str, str] = {
             p.stepSimulation()
         show(p)
     """,
-    "maximal": HEAD + """
+    "maximal": HEAD
+    + """
         p.loadURDF("plane.urdf")
         p.loadURDF("cube_small.urdf", [0, 0, 0.4], [0.2, 0, 0, 1], useMaximalCoordinates=True)
         p.loadURDF("cube_small.urdf", [0.01, 0, 0.9])
@@ -108,7 +113,8 @@ PLAIN: dict[str, str] = {
             p.stepSimulation()
         show(p)
     """,
-    "robot": HEAD + """
+    "robot": HEAD
+    + """
         kuka = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)
         for j in range(p.getNumJoints(kuka)):
             p.resetJointState(kuka, j, 0.1 * j)
@@ -118,17 +124,20 @@ PLAIN: dict[str, str] = {
             p.stepSimulation()
         show(p)
     """,
-    "spherical": HEAD + """
+    "spherical": HEAD
+    + """
         h = p.loadURDF("humanoid/humanoid.urdf", [0, 0, 4])
         p.loadURDF("plane.urdf")
         for i in range(100):
             p.stepSimulation()
         show(p)
     """,
-    "constraint": HEAD + """
+    "constraint": HEAD
+    + """
         a = p.loadURDF("cube_small.urdf", [0, 0, 2])
         b = p.loadURDF("cube_small.urdf", [0.2, 0, 2])
-        c = p.createConstraint(a, -1, b, -1, p.JOINT_POINT2POINT, [0, 0, 1], [.1, 0, 0], [-.1, 0, 0])
+        c = p.createConstraint(a, -1, b, -1, p.JOINT_POINT2POINT, [0, 0, 1], [0.1, 0, 0],
+            [-0.1, 0, 0])
         hold = p.createConstraint(a, -1, -1, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0, 0, 2])
         for i in range(100):
             p.stepSimulation()
@@ -140,7 +149,8 @@ PLAIN: dict[str, str] = {
             p.stepSimulation()
         show(p)
     """,
-    "reset": HEAD + """
+    "reset": HEAD
+    + """
         for episode in range(3):
             p.resetSimulation()
             p.setGravity(0, 0, -9.81)
@@ -150,7 +160,8 @@ PLAIN: dict[str, str] = {
                 p.stepSimulation()
         show(p)
     """,
-    "saved": HEAD + """
+    "saved": HEAD
+    + """
         p.loadURDF("plane.urdf")
         b = p.loadURDF("cube_small.urdf", [0, 0, 0.2], [0.1, 0.2, 0, 1])
         for i in range(30):
@@ -163,7 +174,8 @@ PLAIN: dict[str, str] = {
             p.stepSimulation()
         show(p)
     """,
-    "come_and_go": HEAD + """
+    "come_and_go": HEAD
+    + """
         p.loadURDF("plane.urdf")
         for i in range(60):
             if i % 10 == 0:
@@ -176,7 +188,8 @@ PLAIN: dict[str, str] = {
             p.stepSimulation()
         show(p)
     """,
-    "moved": HEAD + """
+    "moved": HEAD
+    + """
         b = p.loadURDF("cube_small.urdf", [0, 0, 1])
         for i in range(60):
             if i % 20 == 10:
@@ -190,13 +203,15 @@ PLAIN: dict[str, str] = {
             p.stepSimulation()
         show(p)
     """,
-    "posed": HEAD + """
+    "posed": HEAD
+    + """
         b = p.loadURDF("r2d2.urdf", [0, 0, 1])
         for i in range(10):
             p.resetBasePositionAndOrientation(b, [0.1 * i, 0, 1], [0, 0, 0, 1])
         show(p)
     """,
-    "camera": HEAD + """
+    "camera": HEAD
+    + """
         p.loadURDF("plane.urdf")
         b = p.loadURDF("cube_small.urdf", [0, 0, 0.5])
         view = p.computeViewMatrix([1, 1, 1], [0, 0, 0.2], [0, 0, 1])
@@ -211,7 +226,8 @@ PLAIN: dict[str, str] = {
         print(total)
         show(p)
     """,
-    "threads": HEAD + """
+    "threads": HEAD
+    + """
         import threading
         p.loadURDF("plane.urdf")
         b = p.loadURDF("cube_small.urdf", [0, 0, 0.2])
@@ -223,7 +239,8 @@ PLAIN: dict[str, str] = {
         run(50)
         show(p)
     """,
-    "arguments": HEAD + """
+    "arguments": HEAD
+    + """
         import argparse, sys
         parser = argparse.ArgumentParser()
         parser.add_argument("--height", type=float)
@@ -238,14 +255,16 @@ PLAIN: dict[str, str] = {
         if __name__ == "__main__":
             main(parser.parse_args())
     """,
-    "own_names": HEAD + """
+    "own_names": HEAD
+    + """
         import pipeline, cli, tests
         print(pipeline.MINE, cli.MINE, tests.MINE)
         p.loadURDF("cube_small.urdf", [0, 0, 1])
         p.stepSimulation()
         show(p)
     """,
-    "kept": HEAD + """
+    "kept": HEAD
+    + """
         import pickle, inspect, copy
         step, getter = p.stepSimulation, p.getBaseVelocity
         print(inspect.isbuiltin(step), type(step).__name__ != "", step.__name__, step.__doc__[:20])
@@ -257,10 +276,11 @@ PLAIN: dict[str, str] = {
         print(getter(b))
         show(p)
     """,
-    "errors": HEAD + """
-        for wrong in (lambda: p.loadURDF("nothing.urdf"), lambda: p.resetBaseVelocity(99, [0, 0, 0]),
-                      lambda: p.stepSimulation(7), lambda: p.setGravity("a"), lambda: p.getBodyInfo(),
-                      lambda: p.setTimeStep(nothing=1), lambda: p.setGravity(0, 0, 0, "x")):
+    "errors": HEAD
+    + """
+        for wrong in (lambda: p.loadURDF("nothing.urdf"),
+                      lambda: p.resetBaseVelocity(99, [0, 0, 0]), lambda: p.stepSimulation(7),
+                      lambda: p.setGravity("a"), lambda: p.getBodyInfo(), lambda: p.setTimeStep(nothing=1), lambda: p.setGravity(0, 0, 0, "x")):
             try:
                 print(wrong())
             except Exception as error:
@@ -269,7 +289,8 @@ PLAIN: dict[str, str] = {
         p.stepSimulation()
         show(p)
     """,
-    "numpy": HEAD + """
+    "numpy": HEAD
+    + """
         import numpy as np
         b = p.loadURDF("cube_small.urdf", np.array([0, 0, 1.0]))
         p.resetBaseVelocity(b, np.float64([1, 2, 3]), (np.float32(0.5), 0, 0))
@@ -278,7 +299,8 @@ PLAIN: dict[str, str] = {
             p.stepSimulation()
         show(p)
     """,
-    "soft": HEAD + """
+    "soft": HEAD
+    + """
         p.resetSimulation(p.RESET_USE_DEFORMABLE_WORLD)
         p.setGravity(0, 0, -10)
         p.loadURDF("plane.urdf")
@@ -307,7 +329,8 @@ PLAIN: dict[str, str] = {
     "nothing": """
         print("no simulation here")
     """,
-    "exits": HEAD + """
+    "exits": HEAD
+    + """
         import atexit, sys
         p.loadURDF("cube_small.urdf", [0, 0, 1])
         p.stepSimulation()

@@ -37,16 +37,19 @@ class Bench:
         folder.joinpath("show.py").write_text(scripts.SHOW)
 
     def script(self, text: str, name: str = "script.py") -> str:
+        """Write a script, and return its name."""
         self.folder.joinpath(name).write_text(text)
         return name
 
     def bare(self, name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Run a script without drop."""
         return subprocess.run(
             [sys.executable, name, *arguments], cwd=self.folder, capture_output=True, text=True,
             check=False,
         )  # fmt: skip
 
     def drop(self, *arguments: str, **how: Any) -> subprocess.CompletedProcess[str]:
+        """Run the command."""
         return subprocess.run(
             [*COMMAND, *arguments], cwd=self.folder, capture_output=True, text=True, check=False,
             **how,
@@ -55,7 +58,7 @@ class Bench:
     def record(self, name: str, *arguments: str, **how: Any) -> tuple[Recorded, str]:
         """Record a script here, and return what came of it and its standard output."""
         printed = self.folder / "printed.txt"
-        back = os.getcwd()
+        back = Path.cwd()
         os.chdir(self.folder)
         try:
             with printed.open("wb") as file:
@@ -68,6 +71,7 @@ class Bench:
 
     @property
     def out(self) -> Path:
+        """Where `record` writes."""
         return self.folder / "out.rrd"
 
 
@@ -88,8 +92,7 @@ def rows(path: Path, entity: str) -> Iterator[dict[str, Any]]:
         if chunk.entity_path != f"/{entity}" or chunk.is_static:
             continue
         batch = chunk.to_record_batch()
-        for row in batch.to_pylist():
-            yield row
+        yield from batch.to_pylist()
 
 
 def closing(path: Path) -> dict[str, Any]:
@@ -194,7 +197,9 @@ p.loadURDF("cube_small.urdf", [1, 0, 0.1])""",
 def test_state_contacts_and_joints_are_what_the_engine_had(bench: Bench, scene: str) -> None:
     bench.folder.joinpath("witness.py").write_text(WITNESS)
     script = bench.script(
-        scripts.HEAD + scene + """
+        scripts.HEAD
+        + scene
+        + """
 from witness import Witness
 w = Witness(p)
 w.look(stepped=False)
@@ -218,7 +223,7 @@ w.save()
     jointed = [one for one in entities(bench.out) if one.endswith("/joints")]
     for entity in jointed:
         body = int(entity.split("/")[1].split("_")[0])
-        which = [row for row in rows(bench.out, entity)]
+        which = list(rows(bench.out, entity))
         assert [row["sim_step"] for row in which] == list(range(len(seen)))
         for row, (bodies, _) in zip(which, seen, strict=True):
             assert [row["position"], row["velocity"], row["torque"]] == bodies[str(body)][-1]
@@ -353,13 +358,15 @@ def test_images_are_recorded_as_the_script_got_them(bench: Bench) -> None:
 
 def test_a_window_is_not_opened_and_answers_as_if_nobody_touched_it(bench: Bench) -> None:
     script = bench.script(
-        scripts.WINDOW + """
+        scripts.WINDOW
+        + """
 slider = p.addUserDebugParameter("gain", 0, 10, 2.5)
 button = p.addUserDebugParameter("press", 1, 0, 0)
 print(p.readUserDebugParameter(slider), p.readUserDebugParameter(button))
 line = p.addUserDebugLine([0, 0, 0], [1, 1, 1])
 text = p.addUserDebugText("hello", [0, 0, 0])
-print(line >= 0, text > line, p.addUserDebugText("again", [0, 0, 0], replaceItemUniqueId=text) == text)
+same = p.addUserDebugText("again", [0, 0, 0], replaceItemUniqueId=text)
+print(line >= 0, text > line, same == text)
 p.removeUserDebugItem(line)
 p.resetDebugVisualizerCamera(3, 45, -30, [0, 0, 1])
 camera = p.getDebugVisualizerCamera()
@@ -381,7 +388,8 @@ print(p.getConnectionInfo()["connectionMethod"] == p.GUI, p.connect(p.SHARED_MEM
 
 def test_sleeping_passes_at_once(bench: Bench) -> None:
     script = bench.script(
-        scripts.WINDOW + """
+        scripts.WINDOW
+        + """
 began = time.time()
 for i in range(240):
     p.stepSimulation()
@@ -404,7 +412,8 @@ time.sleep(20)
 
 def test_the_standard_library_keeps_the_real_clock(bench: Bench) -> None:
     script = bench.script(
-        scripts.WINDOW + """
+        scripts.WINDOW
+        + """
 import queue, threading, subprocess, sys
 began = time.process_time()
 try:
@@ -424,7 +433,8 @@ print(subprocess.run([sys.executable, "-c", "print(1)"], timeout=30, capture_out
 def test_real_time_is_stepped_by_a_virtual_clock(bench: Bench) -> None:
     notes: list[str] = []
     script = bench.script(
-        scripts.WINDOW + """
+        scripts.WINDOW
+        + """
 p.setRealTimeSimulation(1)
 for i in range(100):
     time.sleep(0.01)
@@ -438,12 +448,15 @@ print(p.getBasePositionAndOrientation(b)[0][2] < 0.9)
 
 
 def test_real_time_without_a_window_never_steps_as_it_never_does(bench: Bench) -> None:
-    text = scripts.WINDOW.replace("p.GUI", "p.DIRECT") + """
+    text = (
+        scripts.WINDOW.replace("p.GUI", "p.DIRECT")
+        + """
 p.setRealTimeSimulation(1)
 for i in range(10):
     time.sleep(0.01)
 show(p)
 """
+    )
     script = bench.script(text)
     recorded, printed = bench.record(script)
     assert printed == bench.bare(script).stdout
@@ -478,12 +491,15 @@ def test_steps_end_it_at_that_step(bench: Bench) -> None:
 
 # -- endings --------------------------------------------------------------------------------------
 
-STEPS = scripts.HEAD + """
+STEPS = (
+    scripts.HEAD
+    + """
 import os, sys, signal, ctypes
 b = p.loadURDF("cube_small.urdf", [0, 0, 1])
 for i in range(100):
     p.stepSimulation()
 """
+)
 
 ENDINGS = {
     "raise": ("raise ValueError('on purpose')", "failed", "ValueError: on purpose"),
@@ -498,7 +514,8 @@ ENDINGS = {
     "close": ("os.close(1); os.closerange(3, 4096)", "finished", ""),
     "exec": ("os.execv(sys.executable, [sys.executable, '-c', ''])", "finished", ""),
     "fork": (
-        "pid = os.fork()\nif pid == 0:\n    p.stepSimulation()\n    os._exit(0)\nos.waitpid(pid, 0)",
+        "pid = os.fork()\nif pid == 0:\n    p.stepSimulation()\n    os._exit(0)\n"
+        "os.waitpid(pid, 0)",
         "finished", "",
     ),
     "orphan": ("if os.fork() == 0:\n    import time\n    p.stepSimulation(); os.close(1)\n"
@@ -527,9 +544,7 @@ def test_a_script_that_fails_shows_its_own_traceback_and_exits_1(bench: Bench) -
 
 @pytest.mark.parametrize("to_the_group", [True, False])
 def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool) -> None:
-    script = bench.script(
-        STEPS + "open('there', 'w').close()\nwhile True:\n    p.stepSimulation()"
-    )
+    script = bench.script(STEPS + "open('there', 'w').close()\nwhile True:\n    p.stepSimulation()")
     process = subprocess.Popen(
         [*COMMAND, "record", "--duration", "1e9", "--json", script], cwd=bench.folder,
         stdout=subprocess.PIPE, text=True, start_new_session=True,
@@ -582,7 +597,7 @@ def test_a_killed_recorder_takes_the_script_with_it_and_leaves_what_was_written(
     process.kill()
     process.wait()
     pid = int(bench.folder.joinpath("there").read_text())
-    while os.path.exists(f"/proc/{pid}") and "zombie" not in Path(f"/proc/{pid}/status").read_text():
+    while _runs(pid):
         time.sleep(0.01)
     assert not bench.out.exists()
     part = bench.folder / "out.rrd.part"
@@ -590,7 +605,14 @@ def test_a_killed_recorder_takes_the_script_with_it_and_leaves_what_was_written(
     assert len(found) > 1000
 
 
-def test_a_full_disk_is_one_line_and_ends_the_script(bench: Bench, tmp_path: Path) -> None:
+def _runs(pid: int) -> bool:
+    try:
+        return "zombie" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
+
+
+def test_a_full_disk_is_one_line_and_ends_the_script(bench: Bench) -> None:
     script = bench.script(STEPS)
     done = bench.drop("record", "--out", "/dev/full", script)
     assert done.returncode == 1
@@ -619,8 +641,8 @@ def test_a_module_runs_as_python_m_runs_it(bench: Bench) -> None:
     package.joinpath("__init__.py").write_text("")
     package.joinpath("other.py").write_text("X = 5")
     package.joinpath("run.py").write_text(
-        "import sys\nfrom . import other\nfrom show import show\nimport pybullet as p\n"
-        "p.connect(p.DIRECT)\nprint(__name__, __package__, __file__, sys.argv, other.X, sys.path[0])"
+        "import sys\nfrom . import other\nimport pybullet as p\np.connect(p.DIRECT)\n"
+        "print(__name__, __package__, __file__, sys.argv, other.X, sys.path[0])"
     )
     bare = subprocess.run(
         [sys.executable, "-m", "mine.run", "-x"], cwd=bench.folder, capture_output=True, text=True,

@@ -1,4 +1,4 @@
-"""What a script's recording shows: shapes, poses, cameras, curves and logs, in Rerun's own types."""
+"""What a script's recording shows: shapes, poses, cameras, curves, logs, in Rerun's own types."""
 
 from __future__ import annotations
 
@@ -28,9 +28,7 @@ LARGEST_MESH_BYTES = 1 << 26
 def scene() -> Iterator[Chunk]:
     """Yield what never changes: which way is up."""
     z_up = rr.ViewCoordinates.RIGHT_HAND_Z_UP
-    yield Chunk.from_columns(
-        schema.WORLD, [], rr.ViewCoordinates.columns(xyz=[z_up.coordinates])
-    )
+    yield Chunk.from_columns(schema.WORLD, [], rr.ViewCoordinates.columns(xyz=[z_up.coordinates]))
 
 
 def poses(entity: str, at: Times, rows: Rows) -> Chunk:

@@ -83,6 +83,11 @@ def read(path: Path) -> Recording:
         elif chunk.entity.startswith("__properties/"):
             _gather(properties, chunk, path)
 
+    if schema.ORIGIN_PROPERTY in properties:
+        look = shlex.join(["drop", "view", str(path)])
+        raise RecordingError(
+            f"{path} must be the recording of a drop, got that of a script; look at it with: {look}"
+        )
     closing = _closing(properties, path)
     scenario, camera = _inputs(properties, path)
     if pictured and camera is None:

@@ -158,16 +158,16 @@ class Script:
             which = np.unique(seen.contacts["step"])
             times = dict(zip(seen.steps.tolist(), seen.times_s.tolist(), strict=True))
             at = Times(which, np.array([times[one] for one in which.tolist()]))
-            yield writer.rows_chunk(schema.CONTACTS_ENTITY, seen.contacts, at, schema.CONTACT)
+            yield writer.rows_chunk(schema.CONTACTS, seen.contacts, at)
         if len(seen.states):
             at = Times(seen.steps, seen.times_s)
-            yield writer.rows_chunk(schema.STATE_ENTITY, seen.states, at, schema.STATE)
+            yield writer.rows_chunk(schema.STATES, seen.states, at)
         for number, joints in seen.joints.items():
             label = self.bodies[number].label
             self._take_in_joints(label, joints)
             at = Times(joints.steps, joints.times_s)
             yield writer.numbers_of_steps_chunk(
-                f"{schema.STATE_ENTITY}/{label}/joints", at,
+                f"{schema.STATES.entity}/{label}/joints", at,
                 {"position": joints.position, "velocity": joints.velocity,
                     "torque": joints.torque},
             )  # fmt: skip
@@ -220,7 +220,7 @@ class Script:
         body, at = put.body, put.at
         self._others.update(put.states.tobytes())
         self._take_in_joints(body.label, put.joints)
-        told = {name: put.states[name] for name in schema.STATE}
+        told = {name: put.states[name] for name in schema.STATES.columns}
         told |= {
             "joint_position": put.joints.position, "joint_velocity": put.joints.velocity,
             "joint_torque": put.joints.torque,
@@ -326,7 +326,9 @@ def _is_number(value: object) -> bool:
 
 def _path(body: Body, link: int) -> str:
     name = "base" if link < 0 else f"{link}_{body.links[link + 1]}"
-    plain = "".join(one if one.isascii() and (one.isalnum() or one in "_-") else "_" for one in name)
+    plain = "".join(
+        one if one.isascii() and (one.isalnum() or one in "_-") else "_" for one in name
+    )
     return f"{schema.WORLD}/{body.label}/{plain}"
 
 
@@ -367,5 +369,3 @@ def about(script: Script, ending: Ending) -> str:
   world, in order, with file and line.
 - `sim_step` is the key; `sim_time` adds up the timesteps; `call` counts calls.
 """
-
-

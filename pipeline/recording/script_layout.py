@@ -19,9 +19,8 @@ def layout(script: Script) -> rrb.Blueprint:
         rrb.Spatial2DView(origin=f"camera/{number}/image", name=f"Camera {name}")
         for name, number in list(script.cameras.items())[:MOST_CAMERAS]
     ]
-    left = world
-    if cameras:
-        left = rrb.Vertical(world, rrb.Horizontal(*cameras), row_shares=[3, 2])
+    seen = [rrb.Horizontal(*cameras)] if cameras else []
+    left = rrb.Vertical(world, *seen, row_shares=[3, 2][: 1 + len(seen)])
     curves = []
     if script.free:
         curves.append(_curves(schema.HEIGHT, "Heights of free bodies [m]"))

@@ -220,7 +220,7 @@ def state_chunks(states: Rows, timestep_s: float) -> Iterator[Chunk]:
     timestep_s
         Timestep [s].
     """
-    yield _rows_chunk(schema.STATES, states, timestep_s)
+    yield rows_chunk(schema.STATES, states, _every(states, timestep_s))
     base = base_of(states)
     base = base[_noticed(poses_of(base), schema.POSE_RESOLUTION)]
     yield Chunk.from_columns(
@@ -252,15 +252,6 @@ def times(at: Times) -> list[rr.TimeColumn]:
     return found
 
 
-def rows_chunk(entity: str, rows: Rows, at: Times, components: Iterable[str]) -> Chunk:
-    """Return rows of some steps, as many of each as there are, as lists: one per step."""
-    steps, first = np.unique(rows["step"], return_index=True)
-    assert np.array_equal(steps, at.steps)
-    bounds = np.append(first, len(rows))
-    columns = [_list_column(name, rows[name], bounds) for name in components]
-    return Chunk.from_columns(entity, times(at), columns)
-
-
 def numbers_of_steps_chunk(entity: str, at: Times, values: Mapping[str, Float64]) -> Chunk:
     """Return arrays of shape (n, k) as lists, one of k per time."""
     bounds = np.arange(len(at.steps) + 1)
@@ -290,23 +281,26 @@ def texts_chunk(
     offsets = np.arange(len(at.steps) + 1, dtype=np.int32)
     held = {name: pa.array(one, type=pa.string()) for name, one in texts.items()}
     held |= {name: pa.array(one, type=pa.int64()) for name, one in numbers.items()}
-    columns = [
-        rr.ComponentColumn(name, _Arrow(one), offsets=offsets) for name, one in held.items()
-    ]
+    columns = [rr.ComponentColumn(name, _Arrow(one), offsets=offsets) for name, one in held.items()]
     return Chunk.from_columns(entity, times(at), columns)
 
 
 def contacts_chunk(contacts: Rows, timestep_s: float) -> Chunk:
     """Return contact points, at least one, of dtype `CONTACT`: a row per step and point."""
-    return _rows_chunk(schema.CONTACTS, contacts, timestep_s)
+    return rows_chunk(schema.CONTACTS, contacts, _every(contacts, timestep_s))
 
 
-def _rows_chunk(table: schema.Table, rows: Rows, timestep_s: float) -> Chunk:
-    """Return rows as lists, a list per step and component."""
-    steps, first = np.unique(rows["step"], return_index=True)
+def _every(rows: Rows, timestep_s: float) -> Times:
+    steps: Steps = np.unique(rows["step"])
+    return Times(steps, steps * timestep_s)
+
+
+def rows_chunk(table: schema.Table, rows: Rows, at: Times) -> Chunk:
+    """Return rows as lists, a list per step and component; `at` has their steps, each once."""
+    first = np.unique(rows["step"], return_index=True)[1]
     bounds = np.append(first, len(rows))
     columns = [_list_column(name, rows[name], bounds) for name in table.columns]
-    return Chunk.from_columns(table.entity, _times(steps, timestep_s), columns)
+    return Chunk.from_columns(table.entity, times(at), columns)
 
 
 def _list_column(component: str, values: NDArray[Any], bounds: Steps) -> rr.ComponentColumn:
@@ -390,7 +384,4 @@ def _static(entity: str, columns: rr.ComponentColumnList) -> Chunk:
 
 
 def _times(steps: Steps, timestep_s: float) -> list[rr.TimeColumn]:
-    return [
-        rr.TimeColumn(schema.STEP_TIMELINE, sequence=steps),
-        rr.TimeColumn(schema.TIME_TIMELINE, duration=steps * timestep_s),
-    ]
+    return times(Times(steps, steps * timestep_s))

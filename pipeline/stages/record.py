@@ -160,7 +160,9 @@ def record_script(
             "a virtual clock"
         )
     if ended.how == "duration" and duration_s == DURATION_S:
-        note(f"stopped after {duration_s:g} s on the script's clock; --duration takes another limit")
+        note(
+            f"stopped after {duration_s:g} s on the script's clock; --duration takes another limit"
+        )
     for one in ended.notes:
         note(one)
     if process.decoder.unseeded:
@@ -188,10 +190,12 @@ def _again(program: Program, script: Script, note: Callable[[str], None]) -> int
     other, null = Script({}), os.open(os.devnull, os.O_WRONLY)
     try:
         again = replace(program, perturb=running.OTHER_PERTURB)
-        with running.Script(again, stdout=null, stderr=null) as process:
-            with _interrupts(process.interrupt):
-                for event in process.events():
-                    other.take_in(event)
+        with (
+            running.Script(again, stdout=null, stderr=null) as process,
+            _interrupts(process.interrupt),
+        ):
+            for event in process.events():
+                other.take_in(event)
     finally:
         os.close(null)
     first = script.first_difference(other)
@@ -258,5 +262,3 @@ def _interrupts(then: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-
-

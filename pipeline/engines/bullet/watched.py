@@ -48,7 +48,9 @@ BATCH = 1024
 BATCH_BYTES = 1 << 21
 """Or so many bytes of them."""
 
-KINDS = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule", 9: "heightfield"}
+KINDS = {
+    2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule", 9: "heightfield",
+}  # fmt: skip
 JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
 FIXED = 4
 RIGID = 1
@@ -208,8 +210,8 @@ class Decoder:
         self, world: _World, samples: list[bytes], first: int, contacts: list[tuple[int, bytes]]
     ) -> Samples:
         steps = np.arange(first, first + len(samples), dtype=np.int64)
-        times_s = world.since_s + (steps - world.since_step) * world.timestep_s
-        values = np.frombuffer(b"".join(samples)).reshape(len(samples), -1)
+        times_s = world.since_s + (steps - world.since_step).astype(np.float64) * world.timestep_s
+        values = np.frombuffer(b"".join(samples), np.float64).reshape(len(samples), -1)
         column, bases, joints = 0, {}, {}
         moving: list[Rows] = []
         for known in sorted(world.layout, key=lambda one: one.body.number):
@@ -235,7 +237,7 @@ class Decoder:
             rows = np.empty(len(values), CONTACT)
             rows["step"] = step
             column = 0
-            for name in CONTACT.names[1:]:
+            for name in (CONTACT.names or ())[1:]:
                 shape = CONTACT[name].shape
                 width = math.prod(shape)
                 rows[name] = values[:, column : column + width].reshape(-1, *shape)
@@ -425,8 +427,8 @@ class Decoder:
             number = told["id"] if told["id"] not in taken else max(taken) + 1
             self._numbers[make_up] = number
         return Body(
-            number, f"{number}_{name}", told["file"] or told["name"] or name, told["id"], client, links,
-            joints, _moving(dynamics, told["joints"]), told["soft"], shapes,
+            number, f"{number}_{name}", told["file"] or told["name"] or name, told["id"], client,
+            links, joints, _moving(dynamics, told["joints"]), told["soft"], shapes,
         )  # fmt: skip
 
 

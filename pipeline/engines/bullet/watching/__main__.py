@@ -18,8 +18,8 @@ _HERE = os.path.dirname(os.path.abspath(__file__))
 _PACKAGE = "_drop_watching"
 
 
-def _load() -> Any:  # noqa: ANN401
-    """Import our own modules under a name that no script uses, and leave the script's path alone."""
+def _load() -> tuple[Any, Any]:
+    """Import our own modules under a name that no script uses; the script's path is its own."""
     if sys.path and os.path.abspath(sys.path[0]) == _HERE:
         del sys.path[0]
     spec = importlib.util.spec_from_file_location(
@@ -30,7 +30,8 @@ def _load() -> Any:  # noqa: ANN401
     package = importlib.util.module_from_spec(spec)
     sys.modules[_PACKAGE] = package
     spec.loader.exec_module(package)
-    return importlib.import_module(f"{_PACKAGE}.start"), importlib.import_module(f"{_PACKAGE}.ending")
+    start = importlib.import_module(f"{_PACKAGE}.start")
+    return start, importlib.import_module(f"{_PACKAGE}.ending")
 
 
 def _run_file(name: str) -> None:
@@ -60,13 +61,15 @@ def _new_main() -> ModuleType:
 
 
 def main() -> None:
+    """Run the script."""
     options, *rest = sys.argv[1:]
     given = json.loads(options)
     start, ending = _load()
     is_module = given.pop("module")
     sys.argv = rest
     watch = start.watch(**given)
-    ending.run(watch, lambda: (_run_module if is_module else _run_file)(rest[0]), os.path.abspath(__file__))
+    run = _run_module if is_module else _run_file
+    ending.run(watch, lambda: run(rest[0]), os.path.abspath(__file__))
 
 
 if __name__ == "__main__":

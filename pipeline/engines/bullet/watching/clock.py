@@ -14,7 +14,8 @@ import os
 import sys
 import threading
 import time
-from typing import Any, Callable
+from collections.abc import Callable
+from typing import Any
 
 CALL_S = 1e-4
 """What a call takes of the clock while a simulation runs in real time [s]."""
@@ -87,8 +88,8 @@ class Clock:
             setattr(time, name, function)
         self._theirs = {}
 
-    def _reading(self, real: Any, began: float, unit: float) -> Any:  # noqa: ANN401
-        def read() -> Any:  # noqa: ANN401
+    def _reading(self, real: Any, began: float, unit: float) -> Any:
+        def read() -> Any:
             if self._is_real():
                 return real()
             self.asked = True
@@ -99,7 +100,7 @@ class Clock:
         read.__name__ = real.__name__
         return read
 
-    def _sleeping(self, real: Any) -> Any:  # noqa: ANN401
+    def _sleeping(self, real: Any) -> Any:
         def sleep(seconds: float) -> None:
             # What is no time to sleep gets Python's own error.
             if self._is_real() or not hasattr(seconds, "__float__") or not seconds >= 0:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import functools
 import random
 import sys
+from collections.abc import Callable
 from types import ModuleType
-from typing import Any, Callable
+from typing import Any
 
 UNTOLD = ("seed", "getstate", "setstate", "get_state", "set_state", "getrandbits")
 """Functions of a generator that draw nothing, or that Python's library draws with for itself."""
@@ -65,11 +66,11 @@ class Draws:
                 setattr(module, attribute, self._noticed(f"{name}.{attribute}", name, function))
                 self._undo.append(functools.partial(setattr, module, attribute, function))
 
-    def _noticed(self, called: str, name: str, function: Any) -> Any:  # noqa: ANN401
+    def _noticed(self, called: str, name: str, function: Any) -> Any:
         seeds, draws = called.endswith(".seed"), called.rpartition(".")[2] not in UNTOLD
 
         @functools.wraps(function)
-        def notice(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+        def notice(*args: Any, **kwargs: Any) -> Any:
             if seeds and (args or kwargs) and args[:1] != (None,):
                 self._quiet.add(name)
             elif draws and name not in self._quiet:
@@ -78,7 +79,7 @@ class Draws:
 
         return notice
 
-    def _drawn(self, called: str, frame: Any, name: str = "") -> None:  # noqa: ANN401
+    def _drawn(self, called: str, frame: Any, name: str = "") -> None:
         if (name or called) not in self._quiet:
             self._quiet.add(name or called)
             self._tell(called, frame)

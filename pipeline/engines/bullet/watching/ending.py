@@ -5,8 +5,8 @@ from __future__ import annotations
 import ctypes
 import sys
 import traceback
+from collections.abc import Callable
 from types import TracebackType
-from typing import Callable
 
 from .hooks import Stop, Watch
 
@@ -19,6 +19,8 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
 
     Parameters
     ----------
+    watch, script
+        What watches it, and what runs it.
     ours
         The file whose frames are left out of a traceback.
     """

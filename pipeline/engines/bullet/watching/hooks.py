@@ -9,9 +9,10 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import BuiltinFunctionType, ModuleType, SimpleNamespace
-from typing import Any, Callable
+from typing import Any
 
 from . import pipe as protocol
 from .clock import CALL_S, Clock
@@ -78,18 +79,18 @@ class Hook:
     for a builtin function.
     """
 
-    def __init__(self, original: Any) -> None:  # noqa: ANN401
+    def __init__(self, original: Any) -> None:
         self.__name__ = self.__qualname__ = original.__name__
         self.__doc__ = original.__doc__
         self.__module__ = "pybullet"
         self.__text_signature__ = None
 
     @property
-    def __class__(self) -> Any:  # type: ignore[override]  # noqa: ANN401
+    def __class__(self) -> Any:
         return BuiltinFunctionType
 
     @__class__.setter
-    def __class__(self, _: Any) -> None:  # noqa: ANN401
+    def __class__(self, _: Any) -> None:
         raise TypeError("a builtin function has the class that it has")
 
     def __reduce__(self) -> str:
@@ -164,13 +165,13 @@ class Watch:
         """Have something undone when this watch ends."""
         self._undo.append(undo)
 
-    def tell_draw(self, called: str, frame: Any) -> None:  # noqa: ANN401
+    def tell_draw(self, called: str, frame: Any) -> None:
         """Tell of a random number that nobody has seeded."""
         file, line = self._place(frame)
         with self.lock:
             self.pipe.note("unseeded", called=called, file=file, line=line)
 
-    def _handler(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
+    def _handler(self, name: str, original: Any) -> Callable[..., Any]:
         special = {
             "connect": self._connecting, "disconnect": self._disconnecting,
             "stepSimulation": self._stepping, "resetSimulation": self._resetting,
@@ -181,11 +182,11 @@ class Watch:
             special = self._looking_on if looks_on else self._changing
         return special(name, original)
 
-    def _looking_on(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
+    def _looking_on(self, name: str, original: Any) -> Callable[..., Any]:
         polls, clock = name in POLLS, self.clock
         answered = name in _ANSWERED
 
-        def look_on(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+        def look_on(*args: Any, **kwargs: Any) -> Any:
             if not self.on:
                 return original(*args, **kwargs)
             if self.stopped or self._real_time_since or polls:
@@ -204,16 +205,21 @@ class Watch:
         return look_on
 
     def _answer(
-        self, client: int, name: str, original: Any, args: Any, kwargs: Any  # noqa: ANN401
-    ) -> Any:  # noqa: ANN401
+        self,
+        client: int,
+        name: str,
+        original: Any,
+        args: Any,
+        kwargs: Any,
+    ) -> Any:
         arguments = _named(name, args, kwargs)
         answered = None
         if name == "getConnectionInfo" or not set(arguments) <= {*ARGUMENTS[name]}:
             answered = original(*args, **kwargs)  # or its own error
         return self._windows[client].answers()[name](arguments, answered)
 
-    def _changing(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
-        def change(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+    def _changing(self, name: str, original: Any) -> Callable[..., Any]:
+        def change(*args: Any, **kwargs: Any) -> Any:
             if not self.on:
                 return original(*args, **kwargs)
             with self.lock:
@@ -246,7 +252,11 @@ class Watch:
             world.sync()
 
     def _after_change(
-        self, world: World, name: str, arguments: dict[str, Any], result: Any  # noqa: ANN401
+        self,
+        world: World,
+        name: str,
+        arguments: dict[str, Any],
+        result: Any,
     ) -> None:
         body = _body(arguments)
         if name in MAKES_BODIES:
@@ -254,8 +264,9 @@ class Watch:
             made = result if isinstance(result, tuple) else (result,)
             ids = [one for one in made if isinstance(one, int) and one >= 0]
             world.fresh.update(ids)
-            file = next(iter(arguments.values()), None) if name.startswith("load") else None
-            world.files.update(dict.fromkeys(ids, os.path.basename(file) if _is_text(file) else ""))
+            file = next(iter(arguments.values()), "") if name.startswith("load") else ""
+            text = os.path.basename(file) if type(file) is str else ""
+            world.files.update(dict.fromkeys(ids, text))
             if name == "unsupportedChangeScaling" and body is not None:
                 world.fresh.add(body)
         if name in REMOVES_BODIES:
@@ -272,9 +283,7 @@ class Watch:
             world.recoloured.add(body)
         if name in SETS_ENGINE:
             world.stale_engine = True
-            if name == "setPhysicsEngineParameter":
-                world.given.update(_values(arguments))
-            elif name == "setDefaultContactERP":
+            if name in ("setPhysicsEngineParameter", "setDefaultContactERP"):
                 world.given.update(_values(arguments))
         if name == "setRealTimeSimulation":
             self._set_real_time(world, bool(arguments.get("enableRealTimeSimulation", 0)))
@@ -287,14 +296,14 @@ class Watch:
                 flags=_number(arguments.get("flags", 0)),
             )  # fmt: skip
 
-    def _connecting(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
-        def connect(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+    def _connecting(self, _: str, original: Any) -> Callable[..., Any]:
+        def connect(*args: Any, **kwargs: Any) -> Any:
             if not self.on:
                 return original(*args, **kwargs)
             with self.lock:
                 self.check()
                 p = self._p
-                method = args[0] if args else kwargs.get("method")
+                method: Any = args[0] if args else kwargs.get("method")
                 windows = {getattr(p, one, None) for one in ("GUI", "GUI_SERVER")}
                 if method in windows:
                     client = original(p.DIRECT)
@@ -318,8 +327,8 @@ class Watch:
         self._worlds[client] = world
         self._worlds_made += 1
 
-    def _disconnecting(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
-        def disconnect(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+    def _disconnecting(self, name: str, original: Any) -> Callable[..., Any]:
+        def disconnect(*args: Any, **kwargs: Any) -> Any:
             if self.on:  # and no Stop: this is asked for where a script cleans up
                 with self.lock:
                     self._end(_client(name, args, kwargs))
@@ -337,8 +346,8 @@ class Watch:
         self._windows.pop(client, None)
         self._real_time_since.pop(client, None)
 
-    def _resetting(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
-        def reset(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+    def _resetting(self, name: str, original: Any) -> Callable[..., Any]:
+        def reset(*args: Any, **kwargs: Any) -> Any:
             if not self.on:
                 return original(*args, **kwargs)
             with self.lock:
@@ -354,8 +363,8 @@ class Watch:
 
         return reset
 
-    def _photographing(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
-        def photograph(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+    def _photographing(self, name: str, original: Any) -> Callable[..., Any]:
+        def photograph(*args: Any, **kwargs: Any) -> Any:
             if not self.on:
                 return original(*args, **kwargs)
             with self.lock:
@@ -373,7 +382,11 @@ class Watch:
         return photograph
 
     def _send_image(
-        self, world: World, arguments: dict[str, Any], result: Any, frame: Any  # noqa: ANN401
+        self,
+        world: World,
+        arguments: dict[str, Any],
+        result: Any,
+        frame: Any,
     ) -> None:
         width, height, pixels = result[:3]
         data = pixels.tobytes() if hasattr(pixels, "tobytes") else bytes(pixels)
@@ -389,10 +402,10 @@ class Watch:
         head = json.dumps(said).encode()
         self.pipe.send(protocol.IMAGE, protocol.IMAGE_HEAD.pack(len(head)) + head + data)
 
-    def _stepping(self, name: str, original: Any) -> Callable[..., Any]:  # noqa: ANN401
+    def _stepping(self, name: str, original: Any) -> Callable[..., Any]:
         worlds, lock = self._worlds, self.lock
 
-        def step(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+        def step(*args: Any, **kwargs: Any) -> Any:
             if not self.on:
                 return original(*args, **kwargs)
             with lock:
@@ -407,7 +420,7 @@ class Watch:
 
     # -- steps and time ---------------------------------------------------------------------------
 
-    def _step(self, world: World, original: Any, args: Any, kwargs: Any) -> Any:  # noqa: ANN401
+    def _step(self, world: World, original: Any, args: Any, kwargs: Any) -> Any:
         self._guarded(world, world.before_step)
         result = original(*args, **kwargs)
         if self._guarded(world, world.after_step):
@@ -470,7 +483,12 @@ class Watch:
     # -- what is told -----------------------------------------------------------------------------
 
     def _tell(
-        self, world: World, name: str, args: Any, kwargs: Any, frame: Any  # noqa: ANN401
+        self,
+        world: World,
+        name: str,
+        args: Any,
+        kwargs: Any,
+        frame: Any,
     ) -> None:
         texts = [_text(one) for one in args]
         texts += [f"{key}={_text(one)}" for key, one in kwargs.items() if key != "physicsClientId"]
@@ -480,7 +498,7 @@ class Watch:
             file=file, line=line,
         )  # fmt: skip
 
-    def _place(self, frame: Any) -> tuple[str, int]:  # noqa: ANN401
+    def _place(self, frame: Any) -> tuple[str, int]:
         """Return file and line of a frame, the file without what only this machine has."""
         name = frame.f_code.co_filename
         shown = self._shown.get(name)
@@ -489,7 +507,7 @@ class Watch:
         return shown, frame.f_lineno
 
     def _guarded(self, world: World, read: Callable[[], None]) -> bool:
-        """Read something; a simulation that cannot be read is left alone, and the script goes on."""
+        """Read something; a simulation that cannot be read is left, and the script goes on."""
         try:
             read()
         except GoneError:
@@ -541,18 +559,14 @@ def _body(arguments: dict[str, Any]) -> int | None:
     return None
 
 
-def _is_text(value: object) -> bool:
-    return type(value) is str
-
-
-def _number(value: Any) -> int | None:  # noqa: ANN401
+def _number(value: Any) -> int | None:
     try:
         return int(value)
     except (TypeError, ValueError):
         return None
 
 
-def _vector(value: Any) -> list[float] | None:  # noqa: ANN401
+def _vector(value: Any) -> list[float] | None:
     try:
         return [float(one) for one in value]
     except (TypeError, ValueError):
@@ -581,7 +595,7 @@ LONGEST = 32
 """Values of a list that are told; of a longer one its first, and how many there are."""
 
 
-def _text(value: Any, depth: int = 0) -> str:  # noqa: ANN401
+def _text(value: Any, depth: int = 0) -> str:
     """Return a value as a script would write it; nothing of the script's own is called for it."""
     kind = type(value)
     if kind in (int, float, bool, type(None)):

@@ -49,7 +49,7 @@ class Pipe:
         self.open = True
         self.write(MAGIC)
 
-    def note(self, what: str, **values: Any) -> None:  # noqa: ANN401 - anything that JSON takes
+    def note(self, what: str, **values: Any) -> None:
         """Send a JSON object."""
         self.send(NOTE, json.dumps({"what": what, **values}).encode())
 

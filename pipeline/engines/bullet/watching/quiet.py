@@ -6,8 +6,9 @@ with zeros (`getDebugVisualizerCamera`) and numbers nothing that is drawn.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any, Callable
+from typing import Any
 
 WINDOW_PX = (1024, 768)
 NEAR_M, FAR_M, FIELD_OF_VIEW_DEG = 0.1, 1000.0, 60.0

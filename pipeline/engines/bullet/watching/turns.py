@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import signal
 import threading
-from typing import Any, Callable
+from collections.abc import Callable
+from typing import Any
 
 
 class Turn:
@@ -53,14 +54,14 @@ class Turn:
                 self._signal(number, handler)
             self._handlers = {}
 
-    def _set(self, signalnum: Any, handler: Any) -> Any:  # noqa: ANN401
+    def _set(self, signalnum: Any, handler: Any) -> Any:
         before = self._get(signalnum)
         if not callable(handler) or isinstance(handler, signal.Handlers):
             self._signal(signalnum, handler)
             self._handlers.pop(int(signalnum), None)
             return before
 
-        def keep(number: int, frame: Any) -> None:  # noqa: ANN401
+        def keep(number: int, frame: Any) -> None:
             if self._owner == threading.get_ident():
                 self._kept.append(lambda: handler(number, frame))
             else:
@@ -70,6 +71,6 @@ class Turn:
         self._handlers[int(signalnum)] = handler
         return before
 
-    def _get(self, signalnum: Any) -> Any:  # noqa: ANN401
+    def _get(self, signalnum: Any) -> Any:
         there = self._getsignal(signalnum)
         return self._handlers.get(int(signalnum), there)

@@ -7,8 +7,9 @@ what `tests/test_record.py` holds, over many scripts.
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable, Sequence
 from types import SimpleNamespace
-from typing import Any, Iterable, Sequence
+from typing import Any
 
 from . import pipe as protocol
 from .pipe import Pipe
@@ -46,9 +47,7 @@ class Body:
 
     def read_dynamics(self) -> list[Any]:
         """Return what the engine says of base and links, in this order."""
-        return [
-            self._p.getDynamicsInfo(self.id, link, self._client) for link in (-1, *self.links)
-        ]
+        return [self._p.getDynamicsInfo(self.id, link, self._client) for link in (-1, *self.links)]
 
     def read(self) -> list[float]:
         """Return the state: 13 numbers for base and links, then those of the joints that move."""
@@ -148,9 +147,9 @@ class World:
             self._pipe.note("look", body=body.number, visual=body.looks())
         self.recoloured = set()
         if self.moved:
-            moved = self.bodies.values() if ALL in self.moved else map(self.bodies.get, self.moved)
-            for one in list(moved):
-                if one is not None and not (sample_follows and one.moves):
+            for one in self.bodies.values():
+                is_moved = ALL in self.moved or one.id in self.moved
+                if is_moved and not (sample_follows and one.moves):
                     self._send_if_set(one)
             self.moved = {}
         for engine_id, what, told in self._later:
@@ -158,7 +157,7 @@ class World:
                 self._pipe.note(what, body=self.bodies[engine_id].number, step=self.step, **told)
         self._later = []
 
-    def tell_later(self, engine_id: int | None, what: str, **told: Any) -> None:  # noqa: ANN401
+    def tell_later(self, engine_id: int | None, what: str, **told: Any) -> None:
         """Have something told of a body with the next `sync`, when it is known which it is."""
         self._later.append((engine_id, what, told))
 
@@ -192,8 +191,8 @@ class World:
         base, name = self._p.getBodyInfo(engine_id, self.client)
         self._pipe.note(
             "body", world=self.number, body=body.number, id=engine_id, name=_plain(name),
-            base=_plain(base), file=self.files.get(engine_id, ""), soft=body.soft, dynamics=_plain(body.dynamics),
-            joints=_plain(body.joint_infos), joint_widths=body.joint_widths(),
+            base=_plain(base), file=self.files.get(engine_id, ""), soft=body.soft,
+            dynamics=_plain(body.dynamics), joints=_plain(body.joint_infos), joint_widths=body.joint_widths(),
             visual=body.looks(),
         )  # fmt: skip
         return body
@@ -224,9 +223,7 @@ class World:
         moving = [body for body in self.bodies.values() if body.moves]
         if moving != self._moving:
             self._moving = moving
-            self._pipe.note(
-                "layout", world=self.number, bodies=[body.number for body in moving]
-            )
+            self._pipe.note("layout", world=self.number, bodies=[body.number for body in moving])
 
     def _send_if_set(self, body: Body) -> None:
         if body.soft:
@@ -297,7 +294,7 @@ def _packed(values: Sequence[float]) -> bytes:
     return found.pack(*values)
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401
+def _plain(value: Any) -> Any:
     """Return what JSON can say of something that PyBullet returned."""
     if isinstance(value, bytes):
         return value.decode(errors="replace")
