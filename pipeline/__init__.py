@@ -2,7 +2,8 @@
 
 A `Scenario` is dropped in PyBullet by `simulate`, which puts everything that happened into one
 Rerun recording. From there on the recording is all there is: `analyze` reads it back and takes its
-error apart, `render` makes a gif and a plot of it. `run` does the three in a row.
+error apart, `render` makes a gif and a plot of it. `run` does the three in a row. `record` records
+what a block of Python does with PyBullet, `record_script` what somebody's script does.
 
     from pipeline import Scenario, simulate, analyze, render
 
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
     from pipeline.stages.analyze import analyze as analyze
     from pipeline.stages.check import Check as Check
     from pipeline.stages.check import check as check
+    from pipeline.stages.record import Recorded as Recorded
+    from pipeline.stages.record import record_script as record_script
+    from pipeline.stages.record_block import record as record
     from pipeline.stages.render import Rendering as Rendering
     from pipeline.stages.render import render as render
     from pipeline.stages.run import Run as Run
@@ -41,6 +45,9 @@ _HOMES = {
     "Analysis": "pipeline.analysis.drop.results",
     "check": "pipeline.stages.check",
     "Check": "pipeline.stages.check",
+    "record": "pipeline.stages.record_block",
+    "record_script": "pipeline.stages.record",
+    "Recorded": "pipeline.stages.record",
     "render": "pipeline.stages.render",
     "Rendering": "pipeline.stages.render",
     "run": "pipeline.stages.run",

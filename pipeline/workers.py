@@ -54,7 +54,7 @@ class Worker:
                     # One thread each: there are as many of us as there are cores.
                     env={
                         **os.environ,
-                        "PYTHONPATH": os.pathsep.join(_module_path()),
+                        "PYTHONPATH": os.pathsep.join(module_path()),
                         "OPENBLAS_NUM_THREADS": "1",
                     },
                 )
@@ -130,7 +130,7 @@ class WorkerDiedError(DropError):
         self.how, self.signal = how, signal
 
 
-def _module_path() -> Iterator[str]:
+def module_path() -> Iterator[str]:
     """Yield where modules are found here, but for the working directory.
 
     What lies there is data: a `random.py` among it is not to be run. Only where this package itself

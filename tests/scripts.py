@@ -280,7 +280,8 @@ PLAIN: dict[str, str] = {
     + """
         for wrong in (lambda: p.loadURDF("nothing.urdf"),
                       lambda: p.resetBaseVelocity(99, [0, 0, 0]), lambda: p.stepSimulation(7),
-                      lambda: p.setGravity("a"), lambda: p.getBodyInfo(), lambda: p.setTimeStep(nothing=1), lambda: p.setGravity(0, 0, 0, "x")):
+                      lambda: p.setGravity("a"), lambda: p.getBodyInfo(),
+                      lambda: p.setTimeStep(nothing=1), lambda: p.setGravity(0, 0, 0, "x")):
             try:
                 print(wrong())
             except Exception as error:

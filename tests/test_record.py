@@ -670,6 +670,64 @@ def test_what_is_no_script_is_one_line(bench: Bench) -> None:
     assert "--python" in done.stderr
 
 
+BLOCK = """
+import pybullet as p, time
+from pybullet import stepSimulation as by_name
+from show import show
+from pipeline import record
+before = dict(vars(p)), time.sleep, time.time
+p.connect(p.DIRECT)
+p.setGravity(0, 0, -10)
+b = p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1), basePosition=[0, 0, 9])
+p.stepSimulation()
+with record("out.rrd") as block:
+    for i in range(10):
+        p.stepSimulation()
+    by_name()  # is not seen: it was taken before
+    p.resetBaseVelocity(b, [1, 0, 0])
+    kept = p.stepSimulation
+    kept()
+    {more}
+assert (dict(vars(p)), time.sleep, time.time) == before
+p.stepSimulation()
+kept()
+show(p)
+print(block.recorded.ended, block.recorded.samples)
+with record("second.rrd") as block:
+    p.stepSimulation()
+print(block.recorded.ended, block.recorded.samples)
+"""
+
+
+def test_a_block_of_python_is_recorded_and_nothing_outside_of_it(bench: Bench) -> None:
+    done = bench.bare(bench.script(BLOCK.replace("{more}", "")))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-3:-1] == ["finished 12", "finished 2"]
+    plain = BLOCK.replace("{more}", "").replace("from pipeline import record", "")
+    lines = [one for one in plain.splitlines() if "record" not in one]
+    same = bench.bare(bench.script("\n".join(one.removeprefix("    ") if "range" not in one
+        and "        " not in one else one.replace("    ", "", 1) for one in lines)))  # fmt: skip
+    assert [one for one in done.stdout.splitlines() if one.startswith("0 ")] == [
+        one for one in same.stdout.splitlines() if one.startswith("0 ")
+    ], same.stderr
+    assert len(states(bench.out)) == 12
+    put = list(rows(bench.out, "set/0_sphere"))
+    assert [row["velocity_m_s"][0] for row in put] == [1.0]
+
+
+def test_a_block_that_crashes_or_raises_leaves_a_whole_recording(bench: Bench) -> None:
+    crash = bench.script(BLOCK.replace("{more}", "import os; os.kill(os.getpid(), 11)"))
+    assert bench.bare(crash).returncode == -signal.SIGSEGV
+    while not bench.out.exists():  # the recorder outlives it
+        time.sleep(0.01)
+    assert len(states(bench.out)) == 12
+    assert closing(bench.out)["ended"] == ["failed"]
+    bench.out.unlink()
+    fails = bench.script(BLOCK.replace("{more}", "1 / 0"))
+    assert "ZeroDivisionError" in bench.bare(fails).stderr
+    assert closing(bench.out)["error"] == ["ZeroDivisionError: division by zero"]
+
+
 def test_a_recording_of_a_script_is_not_analyzed_yet(bench: Bench) -> None:
     bench.record(bench.script(scripts.PLAIN["box"]))
     done = bench.drop("analyze", "out.rrd")

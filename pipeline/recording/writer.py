@@ -291,8 +291,11 @@ def contacts_chunk(contacts: Rows, timestep_s: float) -> Chunk:
 
 
 def _every(rows: Rows, timestep_s: float) -> Times:
-    steps: Steps = np.unique(rows["step"])
-    return Times(steps, steps * timestep_s)
+    return _at(np.unique(rows["step"]), timestep_s)
+
+
+def _at(steps: Steps, timestep_s: float) -> Times:
+    return Times(steps, np.asarray(steps * timestep_s, dtype=np.float64))
 
 
 def rows_chunk(table: schema.Table, rows: Rows, at: Times) -> Chunk:
@@ -384,4 +387,4 @@ def _static(entity: str, columns: rr.ComponentColumnList) -> Chunk:
 
 
 def _times(steps: Steps, timestep_s: float) -> list[rr.TimeColumn]:
-    return times(Times(steps, steps * timestep_s))
+    return times(_at(steps, timestep_s))

@@ -26,9 +26,9 @@ PERTURB = "85"
 OTHER_PERTURB = "170"
 """What a second run fills it with: a state that differs then has read some."""
 
-STOPS_WITHIN_S = 5.0
+STOPS_WITHIN_S = 6.0
 """How long a script may clean up that is to stop."""
-TOLD_AGAIN_S = 1.0
+TOLD_AGAIN_S = 2.0
 """A terminal tells the script of Ctrl-C too; one that has not heard by then is told again."""
 TICK_S = 0.1
 
@@ -58,8 +58,70 @@ class Program:
     perturb: str = PERTURB
 
 
-class Script:
-    """A script that runs; use it in a `with` statement, and take its `events` to the end.
+class Listener:
+    """Reads what a watched process sends; take its `events` to the end.
+
+    Parameters
+    ----------
+    reading, block
+        File descriptors of the pipe, and of the memory that both processes see.
+    """
+
+    def __init__(self, reading: int, block: int) -> None:
+        self.decoder = Decoder()
+        self._reading, self._memory = reading, block
+        self._received = 0
+
+    def events(self) -> Iterator[Event]:
+        """Yield what is seen, until the process has ended."""
+        while True:
+            ready, _, _ = select.select([self._reading], [], [], TICK_S)
+            if ready:
+                data = os.read(self._reading, 1 << 18)
+                if not data:
+                    break
+                self._received += len(data)
+                yield from self.decoder.feed(data)
+            elif self._is_over():
+                break  # a process that it has left behind holds the pipe open
+            self._tick()
+        while not self._is_over():
+            self._tick()
+            time.sleep(TICK_S / 10)
+        yield from self.decoder.feed(self._left_behind())
+        yield from self.decoder.rest()
+
+    def _is_over(self) -> bool:
+        return True
+
+    def _tick(self) -> None:
+        pass
+
+    def _left_behind(self) -> bytes:
+        """Return what the process had not sent when it ended, however that was."""
+        with mmap.mmap(self._memory, pipe.BLOCK_BYTES, access=mmap.ACCESS_READ) as memory:
+            before, used = pipe.BLOCK.unpack_from(memory)
+            start = pipe.BLOCK.size + max(0, self._received - before)
+            return memory[start : pipe.BLOCK.size + used]
+
+    def ending(self) -> Ending:
+        """Return how it ended, once its events are over."""
+        decoder = self.decoder
+        made_with = {**decoder.python, "unseeded": decoder.unseeded or None,
+            "real_time": decoder.real_time}  # fmt: skip
+        ending = Ending(notes=list(decoder.faults), made_with=made_with)
+        ended = decoder.ended or {}
+        if decoder.stopped:
+            ending.how = "steps" if decoder.stopped == "steps" else "duration"
+        elif ended:
+            ending.how, ending.error = ended["how"], ended["error"]
+        else:
+            ending.how, ending.error = "failed", "its process ended"
+        return ending
+
+
+class Script(Listener):
+    """A script that runs; use it in a `with` statement.
 
     Raises
     ------
@@ -68,29 +130,27 @@ class Script:
     """
 
     def __init__(self, program: Program, *, stdout: int, stderr: int | None = None) -> None:
-        self.decoder = Decoder()
+        self._block = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `__exit__`
+        self._block.truncate(pipe.BLOCK_BYTES)
+        reading, writing = os.pipe()
+        super().__init__(reading, self._block.fileno())
         self._interrupted_at: float | None = None
         self._interrupts = 0
         self._heard = 0.0
-        self._killed = False
-        self._received = 0
-        self._block = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `close`
-        self._block.truncate(pipe.BLOCK_BYTES)
-        self._reading, writing = os.pipe()
         options = {
             "pipe": writing, "block": self._block.fileno(), "module": program.is_module,
             "steps": program.steps, "duration_s": program.duration_s,
             "keep_sleeping": program.keep_sleeping, "seed": program.seed,
         }  # fmt: skip
+        command = [program.python, str(WATCHING), json.dumps(options), program.target]
         try:
             self._process = subprocess.Popen(
-                [program.python, str(WATCHING), json.dumps(options), program.target,
-                    *program.arguments],
+                [*command, *program.arguments],
                 stdout=stdout,
                 stderr=stderr,
                 pass_fds=(writing, self._block.fileno()),
                 env={"MALLOC_PERTURB_": program.perturb, **os.environ},
-            )  # fmt: skip
+            )
         except OSError as error:
             raise DropError(
                 f"{program.python} cannot be started: {error.strerror}; --python takes the path "
@@ -115,71 +175,34 @@ class Script:
         if self._interrupted_at is None:
             self._interrupted_at = time.monotonic()
         else:
-            self._kill()
+            self._process.kill()
 
-    def events(self) -> Iterator[Event]:
-        """Yield what is seen, until the script's process has ended."""
-        while True:
-            self._press()
-            ready, _, _ = select.select([self._reading], [], [], TICK_S)
-            if ready:
-                data = os.read(self._reading, 1 << 18)
-                if not data:
-                    break
-                self._received += len(data)
-                yield from self.decoder.feed(data)
-            elif self._process.poll() is not None:
-                break  # a process that it has left behind holds the pipe open
-        while self._process.poll() is None:
-            self._press()
-            time.sleep(TICK_S / 10)
-        yield from self.decoder.feed(self._left_behind())
-        yield from self.decoder.rest()
+    def _is_over(self) -> bool:
+        return self._process.poll() is not None
 
-    def _left_behind(self) -> bytes:
-        """Return what the script had not sent when it ended, however that was."""
-        with mmap.mmap(self._block.fileno(), pipe.BLOCK_BYTES, access=mmap.ACCESS_READ) as memory:
-            before, used = pipe.BLOCK.unpack_from(memory)
-            start = pipe.BLOCK.size + max(0, self._received - before)
-            return memory[start : pipe.BLOCK.size + used]
-
-    def _press(self) -> None:
+    def _tick(self) -> None:
         """End a script that was to stop and does not."""
         now = time.monotonic()
         if self.decoder.stopped and not self._heard:
             self._heard = now
         if self._heard and now - self._heard > STOPS_WITHIN_S:
-            self._kill()
+            self._process.kill()
         if self._interrupted_at is not None:
             waited = now - self._interrupted_at
             if waited > STOPS_WITHIN_S:
-                self._kill()
+                self._process.kill()
             elif waited > TOLD_AGAIN_S and self._interrupts == 1:
                 self._interrupts += 1
                 self._process.send_signal(signal.SIGINT)
 
-    def _kill(self) -> None:
-        self._killed = True
-        self._process.kill()
-
     def ending(self) -> Ending:
         """Return how the script ended, once its events are over."""
-        decoder, code = self.decoder, self._process.returncode
-        made_with = {**decoder.python, "unseeded": decoder.unseeded or None,
-            "real_time": decoder.real_time}  # fmt: skip
-        ending = Ending(notes=list(decoder.faults), made_with=made_with)
-        ended = decoder.ended or {}
+        ending, code = super().ending(), self._process.returncode
         if self._interrupted_at is not None:
-            ending.how = "interrupted"
-        elif decoder.stopped:
-            ending.how = "steps" if decoder.stopped == "steps" else "duration"
-        elif ended:
-            ending.how, ending.error = ended["how"], ended["error"]
-        elif code == 0:
-            ending.how = "finished"
-        else:
-            ending.how = "failed"
-            ending.error = (
+            ending.how, ending.error = "interrupted", ""
+        elif not self.decoder.stopped and not self.decoder.ended:
+            ending.how = "failed" if code else "finished"
+            ending.error = "" if not code else (
                 f"it was ended by {signal.Signals(-code).name}" if code < 0
                 else f"it ended with exit code {code}"
             )  # fmt: skip

@@ -28,19 +28,19 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
     code: object = 0
     try:
         script()
-        _end(watch, "finished")
+        end(watch, "finished")
     except Stop:
-        _end(watch, "stopped")
+        end(watch, "stopped")
     except SystemExit as error:
         code = error.code
         failed = code is not None and code != 0
-        _end(watch, "failed" if failed else "finished", f"sys.exit({code!r})" if failed else "")
+        end(watch, "failed" if failed else "finished", f"sys.exit({code!r})" if failed else "")
     except KeyboardInterrupt:
-        _end(watch, "interrupted")
+        end(watch, "interrupted")
         code = 130
     except BaseException as error:  # noqa: BLE001 - the script's own
         watch.clock.remove()
-        _end(watch, "failed", _in_one_line(error))
+        end(watch, "failed", in_one_line(error))
         seen = error.__traceback__
         while seen is not None and seen.tb_next and _is_ours(seen, ours):
             seen = seen.tb_next
@@ -49,7 +49,8 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
     sys.exit(code)  # type: ignore[arg-type]
 
 
-def _end(watch: Watch, how: str, error: str = "") -> None:
+def end(watch: Watch, how: str, error: str = "") -> None:
+    """Tell the recorder that it is over, and what was left to tell."""
     watch.finish()
     watch.lock.remove()
     watch.pipe.note("end", how=how, error=error)
@@ -61,7 +62,8 @@ def _is_ours(seen: TracebackType, ours: str) -> bool:
     return name in (ours, __file__) or "runpy" in name
 
 
-def _in_one_line(error: BaseException) -> str:
+def in_one_line(error: BaseException) -> str:
+    """Return what was raised, and its message."""
     return " ".join("".join(traceback.format_exception_only(type(error), error)).split())
 
 

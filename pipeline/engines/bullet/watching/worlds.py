@@ -192,8 +192,8 @@ class World:
         self._pipe.note(
             "body", world=self.number, body=body.number, id=engine_id, name=_plain(name),
             base=_plain(base), file=self.files.get(engine_id, ""), soft=body.soft,
-            dynamics=_plain(body.dynamics), joints=_plain(body.joint_infos), joint_widths=body.joint_widths(),
-            visual=body.looks(),
+            dynamics=_plain(body.dynamics), joints=_plain(body.joint_infos),
+            joint_widths=body.joint_widths(), visual=body.looks(),
         )  # fmt: skip
         return body
 
