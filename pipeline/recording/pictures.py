@@ -31,8 +31,9 @@ def scene() -> Iterator[Chunk]:
     yield Chunk.from_columns(schema.WORLD, [], rr.ViewCoordinates.columns(xyz=[z_up.coordinates]))
 
 
-def poses(entity: str, at: Times, rows: Rows) -> Chunk:
+def poses(entity: str, at: Times, parts: Sequence[Rows]) -> Chunk:
     """Return where a part is, of dtype `STATE`, a row per time."""
+    rows = np.concatenate(parts)
     return Chunk.from_columns(
         entity,
         times(at),
@@ -72,14 +73,10 @@ def shape(entity: str, at: Times, one: Shape) -> Iterator[Chunk]:
         blob, media_type = mesh
         drawn = rr.Asset3D.columns(blob=[blob], media_type=[media_type], albedo_factor=[colour])
         scale = (one.size_m[0], one.size_m[1], one.size_m[2])
-    yield Chunk.from_columns(entity, times(at), drawn)
-    yield Chunk.from_columns(
-        entity,
-        times(at),
-        rr.Transform3D.columns(
-            translation=[_moved(one, offset)], quaternion=[one.orientation], scale=[scale]
-        ),
+    placed = rr.Transform3D.columns(
+        translation=[_moved(one, offset)], quaternion=[one.orientation], scale=[scale]
     )
+    yield Chunk.from_columns(entity, times(at), [*drawn, *placed])
 
 
 def _moved(one: Shape, offset: Sequence[float]) -> list[float]:
@@ -119,10 +116,11 @@ def png(rgba: NDArray[np.uint8]) -> bytes:
     return buffer.getvalue()
 
 
-def image(entity: str, at: Times, blob: bytes) -> Chunk:
-    """Return what a camera saw."""
+def images(entity: str, at: Times, blobs: Sequence[bytes]) -> Chunk:
+    """Return what a camera saw, a PNG per time."""
+    kinds = ["image/png"] * len(blobs)
     return Chunk.from_columns(
-        entity, times(at), rr.EncodedImage.columns(blob=[blob], media_type=["image/png"])
+        entity, times(at), rr.EncodedImage.columns(blob=list(blobs), media_type=kinds)
     )
 
 
@@ -165,15 +163,16 @@ def curve_names(entity: str, names: Sequence[str]) -> Chunk:
     return Chunk.from_columns(entity, [], columns.partition([len(names)]))
 
 
-def curves(entity: str, at: Times, values: Float64) -> Chunk:
-    """Return points of curves, shape (n, curves)."""
+def curves(entity: str, at: Times, parts: Sequence[Float64]) -> Chunk:
+    """Return points of curves, each part of shape (n, curves)."""
+    values = np.concatenate(parts)
     count, width = values.shape
     columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).ravel())
     return Chunk.from_columns(entity, times(at), columns.partition([width] * count))
 
 
-def log(entity: str, at: Times, texts: Sequence[str], levels: Sequence[str]) -> Chunk:
-    """Return lines of a log."""
-    return Chunk.from_columns(
-        entity, times(at), rr.TextLog.columns(text=list(texts), level=list(levels))
-    )
+def log(entity: str, at: Times, lines: Sequence[tuple[str, bool]]) -> Chunk:
+    """Return lines of a log, each with whether it is an error."""
+    texts = [text for text, _ in lines]
+    levels = ["ERROR" if wrong else "INFO" for _, wrong in lines]
+    return Chunk.from_columns(entity, times(at), rr.TextLog.columns(text=texts, level=levels))

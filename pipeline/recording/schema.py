@@ -76,12 +76,13 @@ TABLES = {table.entity: table for table in (STATES, CONTACTS)}
 # -- what a script did, and what it had ------------------------------------------------------------
 
 BODIES = "bodies"
-"""A row when a body comes, goes or looks different: what it is."""
+"""A row per body that comes, goes or looks different: what it is."""
 SET = "set"
-"""A row when calls have moved a body: its state before time goes on."""
+"""A row per body that calls have moved: its state before time goes on."""
 DYNAMICS = "dynamics"
-"""A row when they change: mass, inertia, friction … of base and links. Below it, `given`: what
-calls have set, some of which the engine never reports."""
+"""A row per body when they change: mass, inertia, friction … of base and links."""
+GIVEN = "dynamics/given"
+"""A row per call that changed them: what it gave, some of which the engine never reports."""
 SETTINGS = "engine"
 """A row when they change: timestep, gravity … of the engine."""
 PUSHES = "pushes"

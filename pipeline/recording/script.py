@@ -11,13 +11,15 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.recording import pictures, schema, writer
 from pipeline.recording.digest import FrameDigest, RowsDigest, inputs_digest
+from pipeline.recording.gathering import Gathering
 from pipeline.recording.writer import Chunk, Times
 from pipeline.seen import (
     Appearance,
@@ -37,8 +39,8 @@ from pipeline.seen import (
 )
 from pipeline.states import Rows
 
-CALLS_TOGETHER = 512
-"""Calls in one chunk."""
+ROWS_TOGETHER, POSES_TOGETHER, IMAGES_TOGETHER = 1024, 1 << 18, 32
+"""What is held until it becomes chunks."""
 SHOWN_PER_S = 60
 """Poses in a second of simulated time that are drawn."""
 
@@ -63,8 +65,13 @@ class Script:
         self.stepped = False
         self._states: dict[int, RowsDigest] = {}
         self._contacts: dict[int, RowsDigest] = {}
-        self._images, self._others = FrameDigest(), hashlib.sha256()
-        self._calls: list[Call] = []
+        self._pictures, self._others = FrameDigest(), hashlib.sha256()
+        self._rows = Gathering(writer.table_chunk, most=ROWS_TOGETHER)
+        self._poses = Gathering(pictures.poses, most=POSES_TOGETHER)
+        self._curves = Gathering(pictures.curves, most=POSES_TOGETHER)
+        self._images = Gathering(pictures.images, most=IMAGES_TOGETHER)
+        self._log = Gathering(pictures.log, most=ROWS_TOGETHER)
+        self._lenses: dict[int, object] = {}
         self._shown_at: dict[tuple[int, int], int] = {}
         self._marks: list[tuple[int, int, bytes]] = []
         self._drawn: dict[int, tuple[Any, ...]] = {}
@@ -74,15 +81,9 @@ class Script:
         yield writer.property_chunk(schema.ORIGIN_PROPERTY, self.origin)
         yield from pictures.scene()
         for event in events:
-            if isinstance(event, Call):
-                self._calls.append(event)
-                if len(self._calls) < CALLS_TOGETHER:
-                    continue
-            if isinstance(event, (Samples, Call)):
-                yield from self._told_calls()
-            if not isinstance(event, Call):
-                yield from self._on(event)
-        yield from self._told_calls()
+            yield from self._on(event)
+        for gathered in (self._rows, self._log, self._poses, self._curves, self._images):
+            yield from gathered.flush()
         how = ending()
         yield writer.document_chunk(schema.ABOUT, about(self, how))
         yield writer.property_chunk(schema.RECORDING_PROPERTY, self._closing(how))
@@ -99,7 +100,7 @@ class Script:
             "notes": ending.notes or None,
             "state_sha256": [self._states[one].hexdigest() for one in clients] or None,
             "contacts_sha256": [self._contacts[one].hexdigest() for one in clients] or None,
-            "frames_sha256": self._images.hexdigest(),
+            "frames_sha256": self._pictures.hexdigest(),
             "others_sha256": self._others.hexdigest(),
             "inputs_sha256": inputs_digest({schema.ORIGIN_PROPERTY: self.origin}),
             **{f"made_with_{name}": value for name, value in ending.made_with.items()},
@@ -113,24 +114,25 @@ class Script:
                 yield from self._on_put(event)
             case Appearance():
                 yield from self._on_appearance(event)
+            case Call(at):
+                yield from self._on_call(event)
             case Dynamics(at, body, reported):
-                self._take_in("dynamics", at, body.number, reported)
-                entity = f"{schema.DYNAMICS}/{body.label}"
-                yield writer.row_chunk(entity, _at(at), reported)
+                yield from self._told(schema.DYNAMICS, at, {"body": body.number, **reported})
             case Given(at, body, values):
-                self._take_in("given", at, body.number, values)
-                yield writer.row_chunk(f"{schema.DYNAMICS}/{body.label}/given", _at(at), values)
+                yield from self._told(schema.GIVEN, at, {"body": body.number, **_floats(values)})
             case Settings(at, client, values):
-                self._take_in("settings", at, client, values)
-                told = {"client": client, **{k: v for k, v in values.items() if _is_number(v)}}
-                yield writer.row_chunk(schema.SETTINGS, _at(at), told)
+                yield from self._told(schema.SETTINGS, at, {"client": client, **_floats(values)})
             case Push(at, body):
-                told = asdict(event) | {"body": body.number}
+                told = {one.name: getattr(event, one.name) for one in fields(event)}
                 del told["at"]
-                self._take_in("push", at, told)
-                yield writer.row_chunk(schema.PUSHES, _at(at), told)
+                yield from self._told(schema.PUSHES, at, told | {"body": body.number})
             case Image():
                 yield from self._on_image(event)
+
+    def _told(self, entity: str, at: At, values: Mapping[str, Any]) -> Iterator[Chunk]:
+        """Yield a row of numbers and texts, when there are enough of them."""
+        self._take_in(entity, at, values)
+        yield from self._rows.add(entity, _at(at), values)
 
     def take_in(self, event: Event) -> None:
         """Remember a mark of each state, by which another run can be compared."""
@@ -171,9 +173,9 @@ class Script:
                 {"position": joints.position, "velocity": joints.velocity,
                     "torque": joints.torque},
             )  # fmt: skip
-        yield from self._poses(seen)
+        yield from self._drawn_poses(seen)
 
-    def _poses(self, seen: Samples) -> Iterator[Chunk]:
+    def _drawn_poses(self, seen: Samples) -> Iterator[Chunk]:
         """Yield poses to look at, each when it is time to show another, and the last."""
         if not len(seen.steps):
             return
@@ -188,10 +190,10 @@ class Script:
                 shown[-1] = True
                 self._shown_at[number, link] = int(due[-1])
                 at = Times(seen.steps[shown], seen.times_s[shown], np.full(shown.sum(), seen.call))
-                yield pictures.poses(_path(body, link), at, rows[shown])
-            yield from self._curves(body, seen, parts)
+                yield from self._poses.add(_path(body, link), at, rows[shown])
+            yield from self._plotted(body, seen, parts)
 
-    def _curves(self, body: Body, seen: Samples, parts: Rows) -> Iterator[Chunk]:
+    def _plotted(self, body: Body, seen: Samples, parts: Rows) -> Iterator[Chunk]:
         """Yield what is plotted: the height of what is free, the joints of what has joints."""
         shown = np.zeros(len(seen.steps), bool)
         due = np.floor(seen.times_s * SHOWN_PER_S + 1e-9).astype(np.int64)
@@ -203,7 +205,7 @@ class Script:
                 self.free.add(body.number)
                 yield pictures.curve_names(f"{schema.HEIGHT}/{body.label}", [body.label])
             heights = parts["position_m"][shown, 0, 2]
-            yield pictures.curves(f"{schema.HEIGHT}/{body.label}", at, heights[:, None])
+            yield from self._curves.add(f"{schema.HEIGHT}/{body.label}", at, heights[:, None])
         elif body.number in seen.joints:
             joints = seen.joints[body.number]
             curves = {
@@ -213,36 +215,36 @@ class Script:
             for entity, values in curves.items():
                 if body.number not in self.jointed:
                     yield pictures.curve_names(entity, _joint_names(body, values.shape[1]))
-                yield pictures.curves(entity, at, values[shown])
+                yield from self._curves.add(entity, at, values[shown])
             self.jointed.add(body.number)
 
     def _on_put(self, put: Put) -> Iterator[Chunk]:
         body, at = put.body, put.at
-        self._others.update(put.states.tobytes())
-        self._take_in_joints(body.label, put.joints)
-        told = {name: put.states[name] for name in schema.STATES.columns}
+        told: dict[str, Any] = {name: put.states[name] for name in schema.STATES.columns}
         told |= {
             "joint_position": put.joints.position, "joint_velocity": put.joints.velocity,
             "joint_torque": put.joints.torque,
         }  # fmt: skip
-        yield writer.row_chunk(f"{schema.SET}/{body.label}", _at(at), told)
+        yield from self._told(schema.SET, at, told)
         for number in range(len(put.states)):
-            yield pictures.poses(_path(body, number - 1), _at(at), put.states[number : number + 1])
+            row = put.states[number : number + 1]
+            yield from self._poses.add(_path(body, number - 1), _at(at), row)
 
     def _on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
         at, body = seen.at, seen.body
-        self._take_in("body", at, body.number, seen.there, body.name)
         self.bodies[body.number] = body
         told: dict[str, Any] = {
             "body": body.number, "there": seen.there, "engine_id": body.engine_id,
-            "client": body.client, "name": body.name, "links": list(body.links),
-            "joints": [one.name for one in body.joints],
+            "client": body.client, "name": body.name, "label": body.label,
+            "links": list(body.links), "joints": [one.name for one in body.joints],
             "joint_kinds": [one.kind for one in body.joints],
-            "joint_parents": [one.parent for one in body.joints],
-            "moving": list(body.moving), "soft": body.soft,
+            "joint_parents": np.array([one.parent for one in body.joints], np.int64),
+            "moving": np.array(body.moving, np.int64), "soft": body.soft,
         }  # fmt: skip
-        yield writer.row_chunk(f"{schema.BODIES}/{body.label}", _at(at), told)
+        yield from self._told(schema.BODIES, at, told)
         if not seen.there:
+            # Of what is at one time the later row counts: its last pose must not come after this.
+            yield from self._poses.flush()
             yield pictures.cleared(f"{schema.WORLD}/{body.label}", _at(at))
             self._drawn.pop(body.number, None)
             for key in [one for one in self._shown_at if one[0] == body.number]:
@@ -257,41 +259,24 @@ class Script:
     def _on_image(self, image: Image) -> Iterator[Chunk]:
         number = self.cameras.setdefault(image.camera, len(self.cameras))
         png = pictures.png(image.rgba)
-        self._images.update(image.at.step, png)
+        self._pictures.update(image.at.step, png)
         self.frames += 1
-        entity = f"camera/{number}"
-        yield from pictures.camera(entity, _at(image.at), image)
-        yield pictures.image(f"{entity}/image", _at(image.at), png)
+        lens = (image.view, image.projection, image.rgba.shape)
+        if self._lenses.get(number) != lens:
+            self._lenses[number] = lens
+            yield from pictures.camera(f"camera/{number}", _at(image.at), image)
+        yield from self._images.add(f"camera/{number}/image", _at(image.at), png)
 
-    def _told_calls(self) -> Iterator[Chunk]:
-        calls, self._calls = self._calls, []
-        if not calls:
-            return
-        for one in calls:
-            self._take_in("call", one.at, one.client, one.function, one.arguments, one.file,
-                one.line, one.raised)  # fmt: skip
-        at = Times(
-            np.array([one.at.step for one in calls]),
-            np.array([one.at.time_s for one in calls]),
-            np.array([one.at.call for one in calls]),
+    def _on_call(self, call: Call) -> Iterator[Chunk]:
+        told = {one.name: getattr(call, one.name) for one in fields(call)}
+        del told["at"]
+        yield from self._told(schema.CALLS, call.at, told)
+        said = f"{call.function}({call.arguments})"
+        if call.raised:
+            said += f" raised {call.raised}"
+        yield from self._log.add(
+            schema.CALLS, _at(call.at), (f"{said}   {call.file}:{call.line}", bool(call.raised))
         )
-        yield pictures.log(
-            schema.CALLS, at,
-            [f"{one.function}({one.arguments})"
-                + (f" raised {one.raised}" if one.raised else "")
-                + f"   {one.file}:{one.line}" for one in calls],
-            ["ERROR" if one.raised else "INFO" for one in calls],
-        )  # fmt: skip
-        yield writer.texts_chunk(
-            schema.CALLS, at,
-            {
-                "function": [one.function for one in calls],
-                "arguments": [one.arguments for one in calls],
-                "file": [one.file for one in calls],
-                "raised": [one.raised for one in calls],
-            },
-            {"line": [one.line for one in calls], "client": [one.client for one in calls]},
-        )  # fmt: skip
 
     # -- digests ----------------------------------------------------------------------------------
 
@@ -318,10 +303,8 @@ def _at(at: At) -> Times:
     return Times(np.array([at.step]), np.array([at.time_s]), np.array([at.call]))
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) or (
-        isinstance(value, Sequence) and all(isinstance(one, int | float) for one in value)
-    )
+def _floats(values: Mapping[str, float | Sequence[float]]) -> dict[str, NDArray[np.float64]]:
+    return {name: np.atleast_1d(np.asarray(one, np.float64)) for name, one in values.items()}
 
 
 def _path(body: Body, link: int) -> str:

@@ -259,30 +259,24 @@ def numbers_of_steps_chunk(entity: str, at: Times, values: Mapping[str, Float64]
     return Chunk.from_columns(entity, times(at), columns)
 
 
-def row_chunk(entity: str, at: Times, values: Mapping[str, Any]) -> Chunk:
-    """Return one row: numbers, texts or arrays by name, each a list."""
+def table_chunk(entity: str, at: Times, rows: Sequence[Mapping[str, Any]]) -> Chunk:
+    """Return rows of the same names, a row per time: numbers, texts or arrays, each as a list."""
     columns = []
-    for name, value in values.items():
-        if isinstance(value, np.ndarray):
-            flat = pa.array(np.ascontiguousarray(value).reshape(-1))
-        else:
-            held = list(value) if isinstance(value, list | tuple) else [value]
-            kind = pa.string() if not held else None
-            flat = pa.array(held, type=kind)
-        offsets = np.array([0, len(flat)], dtype=np.int32)
-        columns.append(rr.ComponentColumn(name, _Arrow(flat), offsets=offsets))
+    for name in rows[0]:
+        held = [_flat(row[name]) for row in rows]
+        offsets = np.cumsum([0, *map(len, held)]).astype(np.int32)
+        columns.append(rr.ComponentColumn(name, _Arrow(pa.concat_arrays(held)), offsets=offsets))
     return Chunk.from_columns(entity, times(at), columns)
 
 
-def texts_chunk(
-    entity: str, at: Times, texts: Mapping[str, list[str]], numbers: Mapping[str, list[int]]
-) -> Chunk:
-    """Return one text or number of each name per time."""
-    offsets = np.arange(len(at.steps) + 1, dtype=np.int32)
-    held = {name: pa.array(one, type=pa.string()) for name, one in texts.items()}
-    held |= {name: pa.array(one, type=pa.int64()) for name, one in numbers.items()}
-    columns = [rr.ComponentColumn(name, _Arrow(one), offsets=offsets) for name, one in held.items()]
-    return Chunk.from_columns(entity, times(at), columns)
+def _flat(value: Any) -> pa.Array:  # noqa: ANN401 - what a row may hold
+    if isinstance(value, np.ndarray):
+        return pa.array(np.ascontiguousarray(value).reshape(-1))
+    held = list(value) if isinstance(value, list | tuple) else [value]
+    if held and all(isinstance(one, int | float) and type(one) is not bool for one in held):
+        whole = all(isinstance(one, int) for one in held)
+        return pa.array(held, type=pa.int64() if whole else pa.float64())
+    return pa.array(held, type=pa.bool_() if held and type(held[0]) is bool else pa.string())
 
 
 def contacts_chunk(contacts: Rows, timestep_s: float) -> Chunk:
