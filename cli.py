@@ -416,7 +416,7 @@ def record(
     recorded = record_script(
         target, arguments, is_module=module, out=out, steps=steps, duration_s=duration,
         seed=seed, twice=twice, python=python, keep_sleeping=keep_sleeping, force=force,
-        stdout=sys.stderr.fileno() if json else sys.stdout.fileno(), note=output.note,
+        stdout=output.descriptor(sys.stderr if json else sys.stdout), note=output.note,
     )  # fmt: skip
     raise typer.Exit(show_record(recorded, as_json=json))
 

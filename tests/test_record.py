@@ -22,7 +22,9 @@ import pytest
 import scripts
 from rerun.chunk import RrdReader
 
-from pipeline.errors import OutputError, ScenarioError
+from pipeline.engines.bullet.watched import Frames
+from pipeline.engines.bullet.watching import pipe
+from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.recording import schema
 from pipeline.stages.record import Recorded, record_script
 
@@ -733,12 +735,76 @@ def test_a_block_that_crashes_or_raises_leaves_a_whole_recording(bench: Bench) -
     assert closing(bench.out)["error"] == ["ZeroDivisionError: division by zero"]
 
 
-def test_a_recording_of_a_script_is_not_analyzed_yet(bench: Bench) -> None:
+@pytest.mark.parametrize(
+    "command", ["analyze out.rrd", "render out.rrd", "check out.rrd --against out.rrd"]
+)
+def test_what_takes_drops_says_in_a_line_that_it_is_a_script(bench: Bench, command: str) -> None:
     bench.record(bench.script(scripts.PLAIN["box"]))
-    done = bench.drop("analyze", "out.rrd")
+    done = bench.drop(*command.split())
     assert done.returncode == 1
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert "script" in done.stderr
+    assert done.stderr.splitlines() == [
+        "drop: out.rrd must be the recording of a drop, got that of a script; look at it with: "
+        "drop view out.rrd"
+    ]
+
+
+def test_seeded_it_is_the_same_and_unseeded_it_says_so(bench: Bench) -> None:
+    script = bench.script(
+        scripts.HEAD
+        + """
+import random
+import numpy as np
+at = [random.random(), np.random.rand(), np.random.default_rng().random()]
+b = p.loadURDF("cube_small.urdf", at)
+p.stepSimulation()
+print(at)
+"""
+    )
+    notes: list[str] = []
+    recorded, first = bench.record(script, note=notes.append, twice=True)
+    assert recorded.first_difference == 0
+    for drawn in ("random.random at script.py:9", "numpy.random.rand at script.py:9"):
+        assert any(drawn in one for one in notes)
+    assert any("numpy.random.SeedSequence at script.py:9" in one for one in notes)
+    again = [bench.record(script, note=notes.append, seed=7, twice=True) for _ in range(2)]
+    assert again[0][1] == again[1][1] != first
+    assert [one.first_difference for one, _ in again] == [None, None]
+    assert closing(bench.out).get("made_with_unseeded") is None
+
+
+def test_uninitialised_memory_shows_in_two_recordings(bench: Bench) -> None:
+    script = bench.script(
+        scripts.HEAD
+        + """
+p.loadMJCF("mjcf/humanoid.xml")
+for i in range(200):
+    p.stepSimulation()
+"""
+    )
+    notes: list[str] = []
+    recorded, _ = bench.record(script, note=notes.append, twice=True)
+    assert recorded.first_difference is not None
+    assert "MALLOC_PERTURB_" in notes[-1]
+
+
+@pytest.mark.parametrize("cut", [0, 1, 7, 8, 9, 12, 13, 400, 2000, 2001])
+def test_a_stream_that_ends_at_any_byte_is_understood_up_to_there(cut: int) -> None:
+    sent = pipe.MAGIC
+    for number in range(100):
+        payload = bytes([number]) * number
+        sent += pipe.HEADER.pack(pipe.SAMPLE, len(payload)) + payload
+    for pieces in (1, 3, 4096):
+        frames, found = Frames(), []
+        for start in range(0, cut, pieces):
+            found += list(frames.feed(sent[start : min(cut, start + pieces)]))
+        assert [payload for _, payload in found] == [bytes([n]) * n for n in range(len(found))]
+        whole = len(pipe.MAGIC) + sum(pipe.HEADER.size + n for n in range(len(found)))
+        assert whole <= max(cut, len(pipe.MAGIC)) < whole + pipe.HEADER.size + len(found) + 9
+
+
+def test_a_stream_of_another_version_is_refused() -> None:
+    with pytest.raises(DropError, match="another version of drop"):
+        list(Frames().feed(b"DROPREC\x02" + b"x" * 20))
 
 
 def test_a_script_may_not_be_overwritten_by_its_recording(bench: Bench) -> None:

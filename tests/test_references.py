@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import json
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -90,6 +92,15 @@ def test_what_is_printed_is_what_the_schema_says(printed: Any, commands: list[st
     for command in commands:
         schema = schema_of(command.partition(" ")[0])
         Draft202012Validator(strict(schema)).validate(printed(command))
+
+
+def test_what_record_prints_is_what_the_schema_says(tmp_path: Path) -> None:
+    tmp_path.joinpath("script.py").write_text("import pybullet as p\np.connect(p.DIRECT)\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "cli", "record", "--json", "--twice", "script.py"],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    Draft202012Validator(strict(schema_of("record"))).validate(json.loads(done.stdout))
 
 
 def test_what_view_prints_is_what_the_schema_says(

@@ -188,6 +188,19 @@ SWEEP = Object(
      "narrow_enough": "Whether `--until-ci` was reached."},
     frozenset({"runs", "failed", "results", "table"}),
 )  # fmt: skip
+RECORD = Object(
+    {"recording": Path, "recording_id": str, "script": str,
+     "ended": Literal["finished", "steps", "duration", "interrupted", "failed"], "samples": int,
+     "bodies": int, "frames": int, "bytes": int, "wall_s": float,
+     "first_difference": int | None},
+    {"recording": "The file.", "recording_id": "Its id.", "script": "The script, or the module.",
+     "ended": "How it ended; `steps` and `duration`: it was stopped.",
+     "samples": "States of its simulations, together.", "bodies": "Bodies that were ever there.",
+     "frames": "Images that it took.", "bytes": "The file's size.", "wall_s": "How long it took [s].",
+     "first_difference": "With `--twice`: the first step whose state differs; null where none does."},
+    frozenset({"recording", "recording_id", "script", "ended", "samples", "bodies", "frames",
+               "bytes", "wall_s"}),
+)  # fmt: skip
 VIEW = Object(
     {"recordings": list[Path], "layers": list[Path], "command": list[str], "url": str,
      "page": str | None},
@@ -206,6 +219,7 @@ COMMANDS: dict[str, Object] = {
     ),
     "check": CHECK,
     "sweep": SWEEP,
+    "record": RECORD,
     "view": VIEW,
 }  # fmt: skip
 

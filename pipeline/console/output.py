@@ -92,6 +92,14 @@ def print_json(value: dict[str, Any]) -> None:
     print("\n".join(map(harmless, lines)), flush=True)
 
 
+def descriptor(stream: TextIO) -> int:
+    """Return a stream's file descriptor, for another process to write to."""
+    try:
+        return stream.fileno()
+    except OSError:  # somebody has put a stream in memory in its place
+        return 2 if stream is sys.stderr else 1
+
+
 def note(sentence: str) -> None:
     """Say something that is worth knowing but no error, on standard error."""
     print(one_line(f"drop: {sentence}"), file=sys.stderr)

@@ -83,11 +83,6 @@ def read(path: Path) -> Recording:
         elif chunk.entity.startswith("__properties/"):
             _gather(properties, chunk, path)
 
-    if schema.ORIGIN_PROPERTY in properties:
-        look = shlex.join(["drop", "view", str(path)])
-        raise RecordingError(
-            f"{path} must be the recording of a drop, got that of a script; look at it with: {look}"
-        )
     closing = _closing(properties, path)
     scenario, camera = _inputs(properties, path)
     if pictured and camera is None:
@@ -247,6 +242,11 @@ def _chunks(path: Path) -> Iterator[rrd.Chunk]:
 def _gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> None:
     """Add what a chunk holds of a property: `rerun rrd split` writes each value on its own."""
     name = chunk.entity.removeprefix("__properties/")
+    if name == schema.ORIGIN_PROPERTY:
+        look = shlex.join(["drop", "view", str(path)])
+        raise RecordingError(
+            f"{path} must be the recording of a drop, got that of a script; look at it with: {look}"
+        )
     if name not in schema.PROPERTIES:
         return
     gathered = properties.setdefault(name, {})
