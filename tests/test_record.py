@@ -763,9 +763,9 @@ print(at)
     notes: list[str] = []
     recorded, first = bench.record(script, note=notes.append, twice=True)
     assert recorded.first_difference == 0
-    for drawn in ("random.random at script.py:9", "numpy.random.rand at script.py:9"):
+    for drawn in ("random.random at script.py:10", "numpy.random.rand at script.py:10"):
         assert any(drawn in one for one in notes)
-    assert any("numpy.random.SeedSequence at script.py:9" in one for one in notes)
+    assert any("numpy.random.SeedSequence at script.py:10" in one for one in notes)
     again = [bench.record(script, note=notes.append, seed=7, twice=True) for _ in range(2)]
     assert again[0][1] == again[1][1] != first
     assert [one.first_difference for one, _ in again] == [None, None]

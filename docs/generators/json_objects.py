@@ -196,8 +196,10 @@ RECORD = Object(
     {"recording": "The file.", "recording_id": "Its id.", "script": "The script, or the module.",
      "ended": "How it ended; `steps` and `duration`: it was stopped.",
      "samples": "States of its simulations, together.", "bodies": "Bodies that were ever there.",
-     "frames": "Images that it took.", "bytes": "The file's size.", "wall_s": "How long it took [s].",
-     "first_difference": "With `--twice`: the first step whose state differs; null where none does."},
+     "frames": "Images that it took.", "bytes": "The file's size.",
+     "wall_s": "How long it took [s].",
+     "first_difference": "With `--twice`: the first step whose state differs; null where none "
+     "does."},
     frozenset({"recording", "recording_id", "script", "ended", "samples", "bodies", "frames",
                "bytes", "wall_s"}),
 )  # fmt: skip
