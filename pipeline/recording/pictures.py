@@ -19,8 +19,8 @@ from pipeline.states import Rows
 
 Float64 = NDArray[np.float64]
 
-PLANE_M = 50.0
-"""How wide an infinite plane is drawn."""
+PLANE_M, PLANE_COLOUR = 20.0, 0x8A93A0FF
+"""How wide an infinite plane is drawn, and in which grey: white hides what stands on it."""
 MESH_SUFFIXES = (".obj", ".stl", ".dae", ".gltf", ".glb")
 LARGEST_MESH_BYTES = 1 << 26
 
@@ -64,8 +64,8 @@ def shape(entity: str, at: Times, one: Shape) -> Iterator[Chunk]:
         drawn = rr.Capsules3D.columns(lengths=[a], radii=[b], colors=[colour], fill_mode=solid)
         offset = (0.0, 0.0, -a / 2)  # Rerun's begins at the origin
     elif one.kind == "plane":
-        half = [[PLANE_M / 2, PLANE_M / 2, 0.001]]
-        drawn = rr.Boxes3D.columns(half_sizes=half, colors=[colour], fill_mode=solid)
+        half, offset = [[PLANE_M / 2, PLANE_M / 2, 0.005]], (0.0, 0.0, -0.005)
+        drawn = rr.Boxes3D.columns(half_sizes=half, colors=[PLANE_COLOUR], fill_mode=solid)
     else:
         mesh = _mesh(one.file) if one.kind == "mesh" else None
         if mesh is None:

@@ -63,6 +63,8 @@ class Script:
         self.free: set[int] = set()
         self.jointed: set[int] = set()
         self.stepped = False
+        self.centre_m, self.reach_m = [0.0, 0.0, 0.0], 1.0
+        """Where what moves was at first, and how far from there it reached [m]."""
         self._states: dict[int, RowsDigest] = {}
         self._contacts: dict[int, RowsDigest] = {}
         self._pictures, self._others = FrameDigest(), hashlib.sha256()
@@ -154,6 +156,12 @@ class Script:
         self.take_in(seen)
         self._states.setdefault(seen.client, RowsDigest()).update(seen.states)
         self._contacts.setdefault(seen.client, RowsDigest()).update(seen.contacts)
+        if not self.samples and len(seen.states):
+            parts_m = seen.states["position_m"][seen.states["step"] == seen.steps[0]]
+            centre_m = np.median(parts_m, axis=0)
+            far_m = np.linalg.norm(parts_m - centre_m, axis=1).max()
+            if np.isfinite(far_m):
+                self.centre_m, self.reach_m = centre_m.tolist(), float(np.clip(far_m, 0.5, 10.0))
         self.samples += len(seen.steps)
         self.stepped |= bool(len(seen.steps)) and bool(seen.steps[-1] > 0)
         if len(seen.contacts):

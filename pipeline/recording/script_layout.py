@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import numpy as np
 import rerun.blueprint as rrb
 
 from pipeline.recording import schema
 from pipeline.recording.script import Script
 
 MOST_CAMERAS = 4
+EYE = np.array([1.6, -1.6, 1.0])
+"""Where the eye is, as seen from the centre of what moves, in units of its reach."""
 
 
 def layout(script: Script) -> rrb.Blueprint:
     """Return the layout: the scene, its cameras, curves of what is free and of what has joints."""
+    centre, reach = np.array(script.centre_m), script.reach_m
     world = rrb.Spatial3DView(
-        origin=schema.WORLD, name="World", line_grid=rrb.LineGrid3D(visible=False)
+        origin=schema.WORLD,
+        name="World",
+        line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=rrb.EyeControls3D(
+            position=(centre + reach * EYE).tolist(), look_target=centre.tolist()
+        ),
     )
     cameras = [
         rrb.Spatial2DView(origin=f"camera/{number}/image", name=f"Camera {name}")

@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,8 @@ BATCH_BYTES = 1 << 21
 KINDS = {
     2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule", 9: "heightfield",
 }  # fmt: skip
+PLANES = ("plane.obj", "plane100.obj")
+"""Meshes of pybullet_data that stand for a plane: up to 200 m wide, white but for a texture."""
 JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
 FIXED = 4
 RIGID = 1
@@ -494,7 +497,8 @@ def _shapes(visual: Sequence[Any], dynamics: Sequence[Any]) -> tuple[Shape, ...]
         rigid = info[10] == RIGID
         inertial = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)) if rigid else (info[3], info[4])
         placed = _seen_from(inertial, (position, orientation))
-        shapes.append(Shape(link, KINDS.get(kind, str(kind)), tuple(size), file, *placed,
+        known = "plane" if PurePath(file).name in PLANES else KINDS.get(kind, str(kind))
+        shapes.append(Shape(link, known, tuple(size), file, *placed,
             tuple(rgba)))  # fmt: skip
     return tuple(shapes)
 
