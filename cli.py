@@ -359,9 +359,7 @@ def sweep(
 def record(
     program: Annotated[
         list[str],
-        typer.Argument(
-            metavar="SCRIPT.py [ARG …]", help="The script to run, and all that it is given."
-        ),
+        typer.Argument(metavar="SCRIPT.py …", help="The script to run, and all that it is given."),
     ],
     *,
     module: Annotated[

@@ -28,7 +28,11 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path) -> None:
     held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
-    code = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pipeline").rglob("*.py")}
+    code = {
+        path.relative_to(ROOT).as_posix()
+        for kind in ("*.py", "*.json")
+        for path in (ROOT / "pipeline").rglob(kind)
+    }
     assert held == code | {"cli.py", "pipeline/py.typed"}
 
 
