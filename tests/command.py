@@ -15,7 +15,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from unittest.mock import patch
 
@@ -24,6 +25,14 @@ from pipeline.sweeping.engines import dismiss
 
 ROOT = Path(__file__).parents[1]
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def wait_for(condition: Callable[[], bool], what: str) -> None:
+    """Wait until it is so; fail, with what was not, if it takes a minute."""
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.005)
 
 
 def environment(**more: str) -> dict[str, str]:

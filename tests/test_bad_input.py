@@ -118,6 +118,7 @@ NUMERIC = {
 GIVEN = {
     "simulate": ["--out", "a.rrd"], "analyze": ["a.rrd"], "render": ["a.rrd"], "run": [],
     "check": ["a.rrd", "--against", "b.rrd"], "sweep": ["--out", "s"],
+    "record": ["script.py"],
 }  # fmt: skip
 ONES = {"X,Y,Z": "0,0,{}", "R,P,Y|X,Y,Z,W": "0,{},0", "WIDTHxHEIGHT": "{}x480"}
 
@@ -131,7 +132,7 @@ def test_a_number_is_what_every_program_takes_for_one(
     monkeypatch.chdir(tmp_path)
     text = ONES.get(NUMERIC[command, option], "{}").format(number)
     with pytest.raises((ScenarioError, typer.BadParameter)) as raised:
-        app([command, *GIVEN[command], option, text], standalone_mode=False)
+        app([command, option, text, *GIVEN[command]], standalone_mode=False)
     said, code = running._verdict(raised.value)
     assert code == 2
     assert said.startswith(f"{option} takes ")
@@ -313,6 +314,14 @@ def test_the_engine_copes_with_the_whole_domain(extremes: dict[str, Any], steps:
 @given(extremes=EXTREMES, steps=st.sampled_from([1, 30]))
 @settings(
     max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@example(  # what cancels in a step is larger than what is left
+    extremes={"spin_rad_s": (0, 1, 49), "timestep_s": 1.0, "floor": False, "gravity_set": False},
+    steps=30,
+)
+@example(  # without its limit it would overflow
+    extremes={"spin_rad_s": (0, 0, 5240), "timestep_s": 7.0, "substeps": 6, "floor": False},
+    steps=1,
 )
 def test_what_the_engine_made_of_it_is_recorded_and_analyzed(
     tmp_path: Path, extremes: dict[str, Any], steps: int

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from command import drop_here, environment
+from command import drop_here, environment, wait_for
 from conftest import Drop, descendants_of
 
 from pipeline import Scenario, analyze, check, render, simulate
@@ -95,13 +95,6 @@ def is_alive(group: int) -> bool:
     return True
 
 
-def wait_for(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + 3 * LIMIT_S
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.005)
-
-
 def size(path: Path, missing: int = 0) -> int:
     return path.stat().st_size if path.exists() else missing
 
@@ -159,10 +152,10 @@ def small_disk(folder: Path, kilobytes: int) -> Iterator[None]:
 @pytest.mark.parametrize(
     ("arguments", "room_kb", "samples"),
     [
-        (TINY, 12, 0),  # among the properties and the scene
+        (TINY, 16, 0),  # among the properties and the scene
         *((TINY, room, 13) for room in (32, 40)),  # in the footer
         *((TINY, room, 13) for room in (90, 110, 150)),  # while it is sealed
-        *((FULL, room, 241) for room in (200, 250, 300, 350)),  # among the frames
+        *((FULL, room, 241) for room in (240, 260, 300, 350)),  # among the frames
         *((FULL, room, 241) for room in (420, 500, 600)),  # while it is sealed
     ],
 )
@@ -184,6 +177,23 @@ def test_a_full_disk_costs_neither_the_old_recording_nor_the_samples_that_fitted
         assert samples == (0 if found is None else len(found.states))
         if found is not None:
             assert analyze(part, out=tmp_path / "layer.rrd").airborne.samples > 0
+
+
+@pytest.mark.parametrize(("arguments", "room_kb"), [(TINY, 8), (FULL, 200)])
+def test_a_disk_that_is_too_small_from_the_start_is_left_as_it_is(
+    tmp_path: Path, precious: bytes, arguments: tuple[str, ...], room_kb: int
+) -> None:
+    disk, old_kb = tmp_path / "disk", len(precious) // 1024 + 4
+    disk.mkdir()
+    with small_disk(disk, old_kb + room_kb):
+        (disk / "run.rrd").write_bytes(precious)
+        if shutil.disk_usage(disk).free > 1024 * (room_kb + 4):
+            pytest.skip("no small disk can be mounted here")
+        code, *said = told(arguments, disk)
+        assert code == 1
+        assert_one_line(*said, "run.rrd needs some", "MB are free")
+        assert (disk / "run.rrd").read_bytes() == precious
+        assert [one.name for one in disk.iterdir()] == ["run.rrd"]
 
 
 @pytest.mark.parametrize(
@@ -229,7 +239,7 @@ def test_a_full_disk_in_a_sweep_is_one_line(tmp_path: Path, room_kb: int) -> Non
 
 def test_too_little_room_is_said_before_the_work_is_begun(tmp_path: Path) -> None:
     free = shutil.disk_usage(tmp_path).free
-    with pytest.raises(OutputError, match=r"GB .*free"):
+    with pytest.raises(OutputError, match=r"MB .*free"):
         check_room(tmp_path / "run.rrd", free * 2)
     steps = min(1_000_000_000, free // 200)
     with pytest.raises(OutputError, match="GB"):

@@ -101,6 +101,12 @@ class Law(Protocol):
     def bits(self, before: Motion) -> NDArray[np.bool_]:
         """Return from which samples `step` gives the engine's velocities to the last bit, (n,)."""
 
+    def terms(self, before: Motion) -> tuple[Float64, Float64]:
+        """Return the size of all that a timestep adds up to velocity and spin, shape (n,).
+
+        [m/s] and [rad/s]; what cancels counts too, since its rounding does not.
+        """
+
     def limited(self, before: Motion) -> NDArray[np.bool_]:
         """Return in which of these timesteps the engine held a velocity at a limit, shape (n,)."""
 

@@ -169,11 +169,12 @@ def seal(
         _rename(part, path, force=force)
         return
     whole = sealed_of(part)
-    whole.touch(exist_ok=False)  # whatever came there meanwhile is not written into
     try:
         # `route` copies messages without decoding them: 0.1 s and flat memory for 300 MB, where
-        # `merge` loads everything.
-        _rerun("rrd", "route", part, blueprint, "-o", whole)
+        # `merge` loads everything. It writes into a file that we made: where Ctrl-C comes
+        # while it is started, it lives a moment longer, and makes no file by that name again.
+        with whole.open("xb") as made:
+            _rerun("rrd", "route", part, blueprint, stdout=made)
         # `verify` exits 0 on an empty file too, so its sentence and the row counts are asked for.
         if "1 file verified" not in _rerun("rrd", "verify", whole):
             raise OutputError(f"what was written for {path} does not verify; run it again")
@@ -181,8 +182,11 @@ def seal(
         onto_disk([whole])
         _rename(whole, path, force=force)
         part.unlink(missing_ok=True)
-    finally:
+    except FileExistsError:  # somebody else's, come meanwhile
+        raise
+    except BaseException:
         whole.unlink(missing_ok=True)
+        raise
 
 
 def onto_disk(paths: Iterable[Path]) -> None:
@@ -209,16 +213,17 @@ def _check_rows(written: Path, path: Path, rows: Mapping[str, int]) -> None:
         raise OutputError(f"what was written for {path} lacks rows; run it again")
 
 
-def _rerun(*arguments: str | Path) -> str:
+def _rerun(*arguments: str | Path, stdout: BinaryIO | int = subprocess.PIPE) -> str:
     """Run Rerun's command line, and return its words; a path is never taken for an option."""
     done = subprocess.run(
         [binary(), *(one.absolute() if isinstance(one, Path) else one for one in arguments)],
-        capture_output=True,
-        text=True,
         stdin=subprocess.DEVNULL,
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        text=True,
         check=False,
     )
-    words = done.stdout + done.stderr
+    words = (done.stdout or "") + done.stderr
     if done.returncode != 0:
         raise RuntimeError(f"rerun {arguments[0]} {arguments[1]}: {words.strip()[-300:]}")
     return words

@@ -205,8 +205,8 @@ def check_room(path: Path, needed_bytes: int) -> None:
     free = shutil.disk_usage(path.parent).free
     if needed_bytes > free:
         raise OutputError(
-            f"{path} needs some {needed_bytes / 1e9:.3g} GB on the disk while it is written, and "
-            f"{free / 1e9:.3g} GB are free; make room, or record fewer steps"
+            f"{path} needs some {needed_bytes / 1e6:,.2f} MB on the disk while it is written, and "
+            f"{free / 1e6:,.2f} MB are free; make room, or record fewer steps"
         )
 
 

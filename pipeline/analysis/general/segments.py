@@ -30,7 +30,7 @@ FLIGHT, CONTACT, PUSHED, SET, JOINTED, STILL, UNEXPLAINED = range(len(SEGMENTS))
 EXPLAINED = (FLIGHT, CONTACT, PUSHED, SET, STILL)
 
 ULPS = 16 * 2.0**-52
-"""Share of the velocities that may be off in flight while a body turns; seen: 5 of the 16."""
+"""Share of a step's terms that velocities may be off while a body turns; seen: 5 of the 16."""
 ORIENTED = 4e-15
 """By how much components of an orientation may be off: it is read back through a matrix, and sin
 and cos are not the engine's; seen: 7e-16."""
@@ -118,16 +118,17 @@ def segments_of(
     alone = balance.law
     moved = alone if several else law.moved(before, motion.velocity_m_s, motion.spin_rad_s)
     position, orientation = motion.position_m, _same_way(motion.orientation, moved.orientation)
+    terms_m_s, terms_rad_s = law.terms(before)
     turns = np.where(bits | (not several), exactly, ULPS)
     place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
-    there = place_m <= turns * np.abs(position).max(axis=1)
-    there &= turn <= ORIENTED + exactly
+    there = place_m <= turns * (np.abs(position).max(axis=1) + law.timestep_s * terms_m_s)
+    there &= turn <= ORIENTED + exactly + turns * law.timestep_s * terms_rad_s
 
     rounded = np.where(bits, exactly, ULPS)
     fall_m_s = _off(motion.velocity_m_s, alone.velocity_m_s)
     fall_rad_s = _off(motion.spin_rad_s, alone.spin_rad_s)
-    free = fall_m_s <= rounded * _scale(before.velocity_m_s, motion.velocity_m_s)
-    free &= fall_rad_s <= rounded * _scale(before.spin_rad_s, motion.spin_rad_s)
+    free = fall_m_s <= rounded * (terms_m_s + np.abs(motion.velocity_m_s).max(axis=1))
+    free &= fall_rad_s <= rounded * (terms_rad_s + np.abs(motion.spin_rad_s).max(axis=1))
     balanced = balance.closes(motion) if not several else np.zeros(len(motion), dtype=bool)
 
     forced = np.zeros(len(motion), dtype=bool) if pushed is None else np.hstack(pushed).any(axis=1)
@@ -171,10 +172,6 @@ _VECTORS = ("position_m", "velocity_m_s", "spin_rad_s")
 def _off(values: Float64, reference: Float64) -> Float64:
     """Return the largest difference in each sample, shape (samples,)."""
     return np.asarray(np.abs(values - reference).max(axis=1))
-
-
-def _scale(before: Float64, after: Float64) -> Float64:
-    return np.asarray(np.abs(before).max(axis=1) + np.abs(after).max(axis=1))
 
 
 def _same_way(orientation: Float64, reference: Float64) -> Float64:
