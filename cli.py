@@ -373,17 +373,20 @@ def record(
         ),
     ] = None,
     steps: Annotated[
-        int | None, typer.Option(metavar="N", help="Stop it after so many steps.")
+        int | None,
+        typer.Option(parser=an_integer, metavar="N", help="Stop it after so many steps."),
     ] = None,
     duration: Annotated[
         float | None,
         typer.Option(
+            parser=a_number,
             metavar="SECONDS",
             help="Stop it after so much simulated time [s]. [default: 60, without --steps]",
         ),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(metavar="N", help="Seed random and numpy.random with N.")
+        int | None,
+        typer.Option(parser=an_integer, metavar="N", help="Seed random and numpy.random with N."),
     ] = None,
     twice: Annotated[
         bool, typer.Option("--twice", help="Run it again, and say from which step on it differs.")

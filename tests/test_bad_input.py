@@ -117,7 +117,7 @@ NUMERIC = {
 }  # fmt: skip
 GIVEN = {
     "simulate": ["--out", "a.rrd"], "analyze": ["a.rrd"], "render": ["a.rrd"], "run": [],
-    "check": ["a.rrd", "--against", "b.rrd"], "sweep": ["--out", "s"],
+    "check": ["a.rrd", "--against", "b.rrd"], "sweep": ["--out", "s"], "record": [],
 }  # fmt: skip
 ONES = {"X,Y,Z": "0,0,{}", "R,P,Y|X,Y,Z,W": "0,{},0", "WIDTHxHEIGHT": "{}x480"}
 
