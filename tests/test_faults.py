@@ -34,6 +34,7 @@ from pipeline.recording.outputs import MOST_PARTS, check_room, part_of
 from pipeline.recording.reader import Recording, read
 from pipeline.scenario import BYTES_PER_SAMPLE
 from pipeline.stages import run as run_stage
+from pipeline.stages.record import record_script
 from pipeline.stages.recorded import BATCH
 from pipeline.stages.sweep import sweep
 from pipeline.sweeping.plan import plan_of
@@ -477,6 +478,12 @@ def test_a_part_that_is_a_link_is_not_followed(run_rrd: Path, precious: bytes) -
     assert run_rrd.read_bytes() == precious
 
 
+def record_one_step(folder: Path, out: Path, *, force: bool) -> None:
+    script = folder / "script.py"
+    script.write_text("import pybullet as p\np.connect(p.DIRECT)\np.stepSimulation()\n")
+    record_script(str(script), out=out, force=force)
+
+
 WRITERS: dict[str, Callable[[Path, Path, bool], object]] = {
     "new.rrd": lambda _, out, force: simulate(
         Scenario(duration_s=0.1), out, camera=None, force=force
@@ -493,6 +500,7 @@ WRITERS: dict[str, Callable[[Path, Path, bool], object]] = {
         plan_of({"timestep_s": "1/240,1/480"}), run.with_name("s"), record=False, plot=out,
         force=force,
     ),
+    "script.rrd": lambda run, out, force: record_one_step(run.parent, out, force=force),
     "golden.rrd": lambda run, out, _: check(run, out, update=True),
 }  # fmt: skip
 """By the name of what is written: how, from a recording `run.rrd` with frames."""

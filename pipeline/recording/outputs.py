@@ -7,6 +7,7 @@ the name that it has until it is whole: what is there already stays, and the nex
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import re
 import shutil
@@ -135,20 +136,36 @@ def refused(path: Path) -> OutputError:
     )
 
 
-def reserved(path: Path) -> bool:
-    """Take a free name, by an empty `.part` file; False where another process was faster.
+@contextlib.contextmanager
+def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[Path]:
+    """Yield the first of STEM.rrd, STEM-2.rrd, … of which nothing is there yet, for us alone.
+
+    Its empty `.part` file, which only one process can make, keeps others away from it. `also` says
+    how the files end that will be put beside it.
 
     Raises
     ------
     OutputError
         If the folder cannot be written to.
     """
-    with translated(path):
-        try:
-            part_of(path).touch(exist_ok=False)
-        except FileExistsError:
-            return False
-    return True
+    for number in itertools.count(1):
+        name = stem if number == 1 else f"{stem}-{number}"
+        path = folder / f"{name}.rrd"
+        part, made = part_of(path), (path, *(folder / f"{name}{end}" for end in also))
+        if any(map(os.path.lexists, (part, sealed_of(part), *made))):
+            continue
+        with translated(path), contextlib.suppress(FileExistsError):
+            part.touch(exist_ok=False)
+            if not any(map(os.path.lexists, made)):
+                break
+            part.unlink()  # another process has finished that number just now
+    try:
+        yield path
+    except BaseException:
+        with contextlib.suppress(OSError):  # it has its final name, or its folder is gone
+            if not part.stat().st_size:
+                part.unlink()
+        raise
 
 
 def make_folder(path: Path, option: str) -> None:

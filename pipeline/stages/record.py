@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import itertools
 import os
 import signal
 import sys
@@ -21,7 +20,7 @@ from pipeline.engines.bullet import script as running
 from pipeline.engines.bullet.script import Program
 from pipeline.errors import ScenarioError, check_suffix
 from pipeline.recording import writer
-from pipeline.recording.outputs import check_apart, check_target, make_folder, part_of, reserved
+from pipeline.recording.outputs import check_apart, check_target, make_folder, reserved
 from pipeline.recording.script import Script
 from pipeline.recording.script_layout import layout
 from pipeline.seen import Ending
@@ -150,6 +149,7 @@ def record_script(
                 recording_id=recording_id,
                 blueprint=lambda: layout(script),
                 force=force,
+                note=note,
             )
     (ended,) = endings
     if not script.samples:
@@ -235,20 +235,8 @@ def _target(target: str, out: Path | str | None, *, force: bool) -> Iterator[Pat
         return
     make_folder(FOLDER, "--out")
     stem = Path(target).stem if target.endswith(".py") else Path(target).name
-    for number in itertools.count(1):
-        path = FOLDER / (f"{stem}.rrd" if number == 1 else f"{stem}-{number}.rrd")
-        part = part_of(path)
-        if not os.path.lexists(path) and not os.path.lexists(part) and reserved(path):
-            if not os.path.lexists(path):
-                break
-            part.unlink()  # another process has finished that number just now
-    try:
+    with reserved(FOLDER, stem) as path:
         yield path
-    except BaseException:
-        with contextlib.suppress(OSError):
-            if not part.stat().st_size:
-                part.unlink()
-        raise
 
 
 @contextlib.contextmanager

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import itertools
-import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.figures.playback import EVERY_FRAME, Animation
-from pipeline.recording.outputs import make_folder, part_of, reserved, sealed_of
+from pipeline.recording.outputs import make_folder, reserved
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 from pipeline.workers import Worker
 
@@ -57,7 +54,9 @@ def run(
     OutputError
         If the folder or a file cannot be written.
     """
-    with _reserved(Path(out_dir)) as path, Worker() as assistant:
+    make_folder(Path(out_dir), "--out-dir")
+    free = reserved(Path(out_dir), "run", also=_DERIVED)
+    with free as path, Worker() as assistant:
         if camera is not None:
             assistant.ask("pipeline.engines.bullet.camera_frames:draw_ahead", scenario, camera)
         assistant.load("pipeline.figures.plot", "polars")
@@ -73,27 +72,3 @@ def run(
             path, animation=animation, dark=dark, progress=progress, assistant=assistant
         )
     return Run(simulation, analysis, rendering)
-
-
-@contextlib.contextmanager
-def _reserved(folder: Path) -> Iterator[Path]:
-    """Yield the first of run.rrd, run-2.rrd, … of which nothing is there yet, for us alone.
-
-    Its empty `.part` file, which only one process can make, keeps others away from it.
-    """
-    make_folder(folder, "--out-dir")
-    for number in itertools.count(1):
-        stem = "run" if number == 1 else f"run-{number}"
-        path = folder / f"{stem}.rrd"
-        part, made = part_of(path), (path, *(folder / f"{stem}{end}" for end in _DERIVED))
-        if not any(map(os.path.lexists, (part, sealed_of(part), *made))) and reserved(path):
-            if not any(map(os.path.lexists, made)):
-                break
-            part.unlink()  # another process has finished that number just now
-    try:
-        yield path
-    except BaseException:
-        with contextlib.suppress(OSError):  # it has its final name, or its folder is gone
-            if not part.stat().st_size:
-                part.unlink()
-        raise
