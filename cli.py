@@ -137,7 +137,7 @@ def analyze(
 ) -> None:
     """Say where each millimetre between simulation and theory comes from."""
     from pipeline.console.show_drop import show_analysis
-    from pipeline.fields import times
+    from pipeline.kinds import times
     from pipeline.stages.analyze import analyze
 
     with progress() as report:
@@ -209,8 +209,8 @@ def run(
 ) -> None:
     """Simulate, analyze and render: the whole story of one drop."""
     from pipeline.console.show_drop import show_run
-    from pipeline.fields import times
     from pipeline.figures.playback import Animation
+    from pipeline.kinds import times
     from pipeline.stages.run import run
 
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
@@ -328,7 +328,7 @@ def sweep(
 
         get_ready(jobs)
     from pipeline.console.show_sweep import show_sweep
-    from pipeline.fields import times
+    from pipeline.kinds import times
     from pipeline.stages.sweep import sweep
     from pipeline.sweeping.plan import plan_of
 

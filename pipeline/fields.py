@@ -1,7 +1,6 @@
 """A field that knows its command-line option: how it is written, and which values it may hold.
 
-What is declared once here serves the command line, the recording and a sweep alike. Text is only
-ever parsed, never evaluated.
+What is declared once here serves the command line, the recording and a sweep alike.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import dataclasses
 import functools
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from numbers import Integral, Real
@@ -19,31 +18,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Self, get_args, get_origin, get_type_hints
 
 from pipeline.errors import ScenarioError
-
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-
-
-def number(text: str) -> float:
-    """Read a number or a fraction such as `1/480`; nothing is evaluated."""
-    try:
-        digits = _digits(text)
-        return float(Fraction(digits)) if "/" in digits else float(digits)
-    except (ValueError, ZeroDivisionError, OverflowError):
-        raise ScenarioError("a number or a fraction such as 1/480") from None
-
-
-def _digits(text: str) -> str:
-    """Return a text that is a number to others too: Python alone takes `1_0`, and `١` for 1.
-
-    Raises
-    ------
-    ValueError
-        If it has such.
-    """
-    if "_" in text or not text.isascii():
-        raise ValueError
-    return text
+from pipeline.kinds import TEXT, Kind
 
 
 def fraction(value: float) -> str:
@@ -74,71 +49,9 @@ def engineering(value: float, sign: str = "") -> str:
     return f"{rounded / 10.0**power:{sign}.6g}" + (f"e{power}" if power else "")
 
 
-def integer(text: str) -> int:
-    """Read a whole number."""
-    try:
-        return int(_digits(text))
-    except ValueError:
-        raise ScenarioError("a whole number") from None
-
-
-def vector(text: str) -> Vector:
-    """Read `X,Y,Z`."""
-    parts = text.split(",")
-    if len(parts) != 3:
-        raise ScenarioError("three numbers X,Y,Z") from None
-    x, y, z = map(number, parts)
-    return x, y, z
-
-
-def orientation(text: str) -> Vector | Quaternion:
-    """Read `R,P,Y` or `X,Y,Z,W`."""
-    match [number(part) for part in text.split(",")]:
-        case [roll, pitch, yaw]:
-            return roll, pitch, yaw
-        case [x, y, z, w]:
-            return x, y, z, w
-    raise ScenarioError("angles R,P,Y [deg] or a quaternion X,Y,Z,W") from None
-
-
-COMPONENTS: dict[Callable[[str], Any], tuple[str, ...]] = {
-    vector: ("x", "y", "z"),
-    orientation: ("roll", "pitch", "yaw"),
-}
-"""What the parts of a value are called, by how it is read."""
-
-
-def size(text: str) -> tuple[int, int]:
-    """Read `WIDTHxHEIGHT` in pixels."""
-    try:
-        width, height = map(integer, text.lower().split("x"))
-    except ValueError:
-        raise ScenarioError("WIDTHxHEIGHT in pixels, such as 480x360") from None
-    return width, height
-
-
-def text(value: str) -> str:
-    """Take the text as it is."""
-    return value
-
-
 def exact(value: object) -> str:
     """Write a value so that reading it gives the same to the last bit: the other way of parsing."""
     return ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)
-
-
-def times(texts: Sequence[str]) -> list[float]:
-    """Read the times of `--at` [s].
-
-    Raises
-    ------
-    ScenarioError
-        If one of them is no number.
-    """
-    try:
-        return [number(one) for one in texts]
-    except ScenarioError as error:
-        raise ScenarioError(f"--at takes {error}, got {', '.join(map(repr, texts))}") from None
 
 
 # -- one field: its option, its domain ------------------------------------------------------------
@@ -150,7 +63,7 @@ class Option:
 
     name: str
     help: str
-    parse: Callable[[str], Any]
+    kind: Kind
     default: str
     low: float = -math.inf
     high: float = math.inf
@@ -182,7 +95,7 @@ class Option:
         if self.is_left and raw == "default":
             return None
         try:
-            return self.parse(raw)
+            return self.kind.read(raw)
         except ScenarioError as error:
             raise ScenarioError(f"{self.name} takes {error}, got {shown(raw)}") from None
 
@@ -191,7 +104,7 @@ class Option:
         if value is None:
             return "default"
         if isinstance(value, list | tuple):
-            return ("x" if self.parse is size else ",").join(map(self.written, value))
+            return self.kind.joined.join(map(self.written, value))
         if isinstance(value, float):
             return fraction(value) if "/" in self.default else f"{value:.9g}"
         return str(value)
@@ -204,7 +117,7 @@ class Option:
         ScenarioError
             If one of them cannot be read, or lies outside the domain.
         """
-        by_semicolon = self.parse in COMPONENTS or ";" in raw
+        by_semicolon = bool(self.kind.components) or ";" in raw
         parts = raw.split(";" if by_semicolon else ",")
         values = tuple(self.read(one.strip(" \t")) for one in parts)
         for value in values:
@@ -242,7 +155,7 @@ class Option:
 def option(
     name: str,
     help: str,  # noqa: A002 - the command line's word
-    parse: Callable[[str], Any] = text,
+    kind: Kind = TEXT,
     *,
     default: Any,  # noqa: ANN401
     shown: str | None = None,
@@ -256,7 +169,7 @@ def option(
     shown = str(default) if shown is None else shown
     return field(
         default=default,
-        metadata={"option": Option(name, help, parse, shown, low, high, above, left_to, choices)},
+        metadata={"option": Option(name, help, kind, shown, low, high, above, left_to, choices)},
     )
 
 

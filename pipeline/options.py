@@ -8,20 +8,12 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.fields import Option, integer, number, orientation, size, vector
-from pipeline.scenario import Camera, Scenario, gravity
+from pipeline.fields import Option
+from pipeline.kinds import integer, number
+from pipeline.scenario import Camera, Scenario
 
 Given = Mapping[str, Any]
 """What was given on the command line, by parameter name."""
-
-_METAVARS: dict[Callable[[str], Any], str] = {
-    number: "NUMBER",
-    integer: "N",
-    vector: "X,Y,Z",
-    orientation: "R,P,Y|X,Y,Z,W",
-    gravity: "NUMBER|NAME",
-    size: "WIDTHxHEIGHT",
-}
 
 
 def a_number(given: Any) -> Any:  # noqa: ANN401
@@ -111,7 +103,7 @@ def _parameter(
         absent: bool | None = False
     else:
         default = spec.left_to if spec.is_left else spec.default
-        metavar = "|".join(spec.choices) or _METAVARS.get(spec.parse, "TEXT")
+        metavar = "|".join(spec.choices) or spec.kind.metavar
         valued = typer.Option(
             option, help=f"{help} [default: {default}]", rich_help_panel=panel,
             show_default=False, metavar=metavar, autocompletion=lambda: spec.choices,

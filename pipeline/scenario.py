@@ -13,17 +13,17 @@ from itertools import count
 from typing import Literal, get_args
 
 from pipeline.errors import ScenarioError
-from pipeline.fields import (
-    Optioned,
+from pipeline.fields import Optioned, option, shown
+from pipeline.kinds import (
+    INTEGER,
+    NUMBER,
+    ORIENTATION,
+    SIZE,
+    VECTOR,
+    Kind,
     Quaternion,
     Vector,
-    integer,
     number,
-    option,
-    orientation,
-    shown,
-    size,
-    vector,
 )
 
 Coordinates = Literal["reduced", "maximal"]
@@ -51,6 +51,9 @@ def gravity(text: str) -> float:
         raise ScenarioError(f"a number or one of {', '.join(GRAVITY_PRESETS_M_S2)}") from None
 
 
+GRAVITY = Kind(gravity, "NUMBER|NAME", float)
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Scenario(Optioned):
     """One drop: the body, the world it falls in, and how the engine is told to step it.
@@ -64,74 +67,74 @@ class Scenario(Optioned):
     """
 
     height_m: float = option(
-        "--height", "Centre of the body above the floor at release [m].", number,
+        "--height", "Centre of the body above the floor at release [m].", NUMBER,
         default=1.0, low=-1e6, high=1e6,
     )  # fmt: skip
     timestep_s: float = option(
-        "--timestep", "Timestep [s]: a number, or a fraction such as 1/480.", number,
+        "--timestep", "Timestep [s]: a number, or a fraction such as 1/480.", NUMBER,
         default=1 / 240, shown="1/240", low=1e-9, high=10,
     )  # fmt: skip
     duration_s: float = option(
-        "--duration", "Simulated time [s], a whole number of steps.", number,
+        "--duration", "Simulated time [s], a whole number of steps.", NUMBER,
         default=1.0, low=0, high=1e9, above=True,
     )  # fmt: skip
     gravity_m_s2: float = option(
-        "--gravity", "z component of gravity [m/s²], or earth, moon, mars, zero.", gravity,
+        "--gravity", "z component of gravity [m/s²], or earth, moon, mars, zero.", GRAVITY,
         default=-9.81, low=-1e4, high=1e4,
     )  # fmt: skip
     linear_damping: float | None = option(
-        "--linear-damping", "Bullet's coefficient of translational damping.", number,
+        "--linear-damping", "Bullet's coefficient of translational damping.", NUMBER,
         default=None, shown="default", low=0, high=1,
     )  # fmt: skip
     angular_damping: float | None = option(
-        "--angular-damping", "Bullet's coefficient of rotational damping.", number,
+        "--angular-damping", "Bullet's coefficient of rotational damping.", NUMBER,
         default=None, shown="default", low=0, high=1,
     )  # fmt: skip
     velocity_m_s: Vector = option(
-        "--velocity", "Initial velocity X,Y,Z [m/s], world axes.", vector,
+        "--velocity", "Initial velocity X,Y,Z [m/s], world axes.", VECTOR,
         default=(0.0, 0.0, 0.0), shown="0,0,0", low=-1e4, high=1e4,
     )  # fmt: skip
     spin_rad_s: Vector = option(
-        "--spin", "Initial angular velocity X,Y,Z [rad/s], world axes.", vector,
+        "--spin", "Initial angular velocity X,Y,Z [rad/s], world axes.", VECTOR,
         default=(0.0, 0.0, 0.0), shown="0,0,0", low=-1e4, high=1e4,
     )  # fmt: skip
     orientation: Vector | Quaternion = option(
         "--orientation", "Orientation at release: roll, pitch, yaw [deg] or a quaternion.",
-        orientation, default=(0.0, 0.0, 0.0), shown="0,0,0", low=-360, high=360,
+        ORIENTATION, default=(0.0, 0.0, 0.0), shown="0,0,0", low=-360, high=360,
     )  # fmt: skip
     body: str = option(
         "--body", "URDF of the body, from pybullet_data or a path.", default="cube_small.urdf"
     )
     mass_kg: float | None = option(
-        "--mass", "Mass of the body [kg].", number,
+        "--mass", "Mass of the body [kg].", NUMBER,
         default=None, shown="default", low=1e-9, high=1e9, left_to="the URDF's",
     )  # fmt: skip
     restitution: float | None = option(
-        "--restitution", "Restitution of body (all links) and floor both.", number,
+        "--restitution", "Restitution of body (all links) and floor both.", NUMBER,
         default=None, shown="default", low=0, high=1,
     )  # fmt: skip
     restitution_threshold_m_s: float | None = option(
-        "--restitution-threshold", "Speed of approach below which nothing bounces [m/s].", number,
+        "--restitution-threshold", "Speed of approach below which nothing bounces [m/s].", NUMBER,
         default=None, shown="default", low=0, high=1e4,
     )  # fmt: skip
     friction: float | None = option(
-        "--friction", "Lateral friction of body (all links) and floor both.", number,
+        "--friction", "Lateral friction of body (all links) and floor both.", NUMBER,
         default=None, shown="default", low=0, high=10,
     )  # fmt: skip
     contact_erp: float | None = option(
-        "--contact-erp", "Share of a penetration that contact corrects per step.", number,
+        "--contact-erp", "Share of a penetration that contact corrects per step.", NUMBER,
         default=None, shown="default", low=0, high=1,
     )  # fmt: skip
     solver_residual: float | None = option(
-        "--solver-residual", "Residual at which the contact solver stops early.", number,
+        "--solver-residual", "Residual at which the contact solver stops early.", NUMBER,
         default=None, shown="default", low=0, high=1,
     )  # fmt: skip
     solver_iterations: int | None = option(
-        "--solver-iterations", "Most iterations of the contact solver per step.", integer,
+        "--solver-iterations", "Most iterations of the contact solver per step.", INTEGER,
         default=None, shown="default", low=1, high=100_000,
     )  # fmt: skip
     substeps: int | None = option(
-        "--substeps", "Steps that the engine makes of each timestep.", integer,
+        "--substeps", "Steps that the engine makes of each timestep.", INTEGER,
         default=None, shown="default", low=1, high=1000,
     )  # fmt: skip
     coordinates: Coordinates = option(
@@ -248,10 +251,10 @@ class Camera(Optioned):
         default="standard", choices=get_args(View),
     )  # fmt: skip
     capture_every: int = option(
-        "--capture-every", "Take a frame every N steps.", integer, default=6, low=1, high=1e9
+        "--capture-every", "Take a frame every N steps.", INTEGER, default=6, low=1, high=1e9
     )
     size_px: tuple[int, int] = option(
-        "--size", "Frame size WIDTHxHEIGHT [px].", size,
+        "--size", "Frame size WIDTHxHEIGHT [px].", SIZE,
         default=(480, 360), shown="480x360", low=16, high=4096,
     )  # fmt: skip
     renderer: Renderer = option(

@@ -48,9 +48,9 @@ FILES = {str(path.relative_to(PACKAGE)): path for path in sorted(PACKAGE.rglob("
 
 
 def room_of(*parts: str) -> str:
-    """Return the room of a path or module below the package: `fields` is one with `scenario`."""
+    """Return the room of a path or module below the package: `scenario` has three files."""
     first = parts[0].removesuffix(".py")
-    return "scenario" if first == "fields" else first
+    return "scenario" if first in ("fields", "kinds") else first
 
 
 def knows(room: str) -> set[str]:

@@ -124,11 +124,6 @@ def damped_fall_height(fall: Fall, time_s: Float64) -> Float64:
     return fall.height_m + _motion(fall, time_s).travel[:, 2]
 
 
-def damped_fall_velocity(fall: Fall, time_s: Float64) -> Float64:
-    """Return the velocity of the body that falls through drag [m/s], shape (n, 3)."""
-    return _motion(fall, time_s).velocity
-
-
 def impact_time_damped(fall: Fall, floor_height_m: float) -> float | None:
     """Return when the damped fall brings the body down to `floor_height_m` [s]; None if never."""
     free_s = impact_time_free(fall, floor_height_m)

@@ -10,9 +10,6 @@ from rerun.chunk import Chunk
 
 from pipeline.recording.writer import Times
 
-Make = Callable[[str, Times, Any], Chunk]
-"""From an entity, times and what was gathered to a chunk."""
-
 
 class Gathering:
     """What is to become chunks.

@@ -131,7 +131,6 @@ PROPERTIES = (*INPUT_PROPERTIES, RECORDING_PROPERTY)
 
 # -- the layer that `analyze` adds, under the same recording id -----------------------------------
 
-ERROR_TERMS = ("total", "timestep", "damping", "interaction", "rounding")
 ERROR = "error"
 """Metres: the numbers."""
 ERROR_MM = "error_mm"

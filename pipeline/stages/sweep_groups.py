@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from pipeline.analysis.drop.convergence import Run, Study, study_of
+from pipeline.analysis.drop.convergence import StudiedRun, Study, study_of
 from pipeline.analysis.general.statistics import Summary, summaries
 from pipeline.sweeping.folder import EXPLAINED, TERMS
 from pipeline.sweeping.plan import Plan, label_of
@@ -59,7 +59,8 @@ def studies_of(plan: Plan, results: pl.LazyFrame) -> list[Group]:
         alike = np.abs(times_s - times_s[:, None]) <= 1e-9 * times_s
         same = alike[alike.sum(axis=1).argmax()]  # those at the time that most of them have
         runs = [
-            Run(**one) for one in group.filter(same).drop(*others, "time_s").iter_rows(named=True)
+            StudiedRun(**one)
+            for one in group.filter(same).drop(*others, "time_s").iter_rows(named=True)
         ]
         left_out = tuple(group.filter(~same)["timestep_s"])
         if len(runs) > 1:

@@ -22,32 +22,30 @@ from typing import Any, BinaryIO
 import polars as pl
 
 from pipeline.errors import OutputError, RecordingError
-from pipeline.fields import integer, number, orientation, vector
+from pipeline.fields import Option
 from pipeline.recording.files import lock, opened, written_whole
 from pipeline.recording.outputs import make_folder, part_of
 from pipeline.recording.table import written_by_polars
-from pipeline.scenario import Scenario, gravity
+from pipeline.scenario import Scenario
 from pipeline.sweeping.plan import Plan
 from pipeline.sweeping.stamp import UNSTAMPED, fault_of, stamp
 
 Row = dict[str, Any]
 
-_TYPES: dict[Any, Any] = {
-    number: pl.Float64,
-    gravity: pl.Float64,
-    vector: pl.List(pl.Float64),
-    orientation: pl.List(pl.Float64),
-    integer: pl.Int64,
-}
-"""What a column holds whose option is read by this function; a text is a text."""
+_TYPES: dict[type, Any] = {float: pl.Float64, int: pl.Int64, str: pl.String}
+
+
+def _column(option: Option) -> Any:  # noqa: ANN401 - a class of polars, or an object of one
+    if option.is_flag:
+        return pl.Boolean
+    one = _TYPES[option.kind.of]
+    return pl.List(one) if option.kind.components else one
+
 
 SCHEMA: dict[str, Any] = {
     "run": pl.Int64,
     "sample": pl.Int64,
-    **{
-        name: pl.Boolean if option.is_flag else _TYPES.get(option.parse, pl.String)
-        for name, option in Scenario.options().items()
-    },
+    **{name: _column(option) for name, option in Scenario.options().items()},
     "step": pl.Int64,
     "time_s": pl.Float64,
     "phase": pl.String,

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.errors import ScenarioError
-from pipeline.fields import COMPONENTS, Vector, integer, number
-from pipeline.fields import text as plain_text
+from pipeline.kinds import INTEGER, TEXT, Vector, number
 from pipeline.scenario import Scenario
 
 Stream = np.random.Generator
@@ -22,7 +21,7 @@ Numbers = Sequence[float]
 
 
 @dataclass(frozen=True)
-class Kind:
+class Distribution:
     """A family of distributions: its parameters by name, how to draw, what must hold for them."""
 
     parameters: tuple[str, ...]
@@ -44,41 +43,41 @@ def _is_reached(given: Numbers) -> bool:
     return spread > 0 and NormalDist(mean, spread).cdf(low) < NormalDist(mean, spread).cdf(high)
 
 
-KINDS = {
-    "uniform": Kind(
+DISTRIBUTIONS = {
+    "uniform": Distribution(
         ("LOW", "HIGH"), lambda s, g: s.uniform(g[0], g[1]), lambda g: g[0] < g[1], "LOW < HIGH"
     ),
-    "loguniform": Kind(
+    "loguniform": Distribution(
         ("LOW", "HIGH"),
         lambda s, g: math.exp(s.uniform(math.log(g[0]), math.log(g[1]))),
         lambda g: 0 < g[0] < g[1],
         "0 < LOW < HIGH",
     ),
-    "normal": Kind(
+    "normal": Distribution(
         ("MEAN", "SPREAD"), lambda s, g: s.normal(g[0], g[1]), lambda g: g[1] > 0, "SPREAD > 0"
     ),
-    "truncnormal": Kind(
+    "truncnormal": Distribution(
         ("MEAN", "SPREAD", "LOW", "HIGH"),
         _truncated,
         _is_reached,
         "SPREAD > 0, LOW < HIGH, and part of them within 8 SPREAD of MEAN",
     ),
-    "lognormal": Kind(
+    "lognormal": Distribution(
         ("MEDIAN", "SIGMA"),
         lambda s, g: s.lognormal(math.log(g[0]), g[1]),
         lambda g: g[0] > 0 and g[1] > 0,
         "MEDIAN > 0 and SIGMA > 0",
     ),
-    "triangular": Kind(
+    "triangular": Distribution(
         ("LOW", "MODE", "HIGH"),
         lambda s, g: s.triangular(g[0], g[1], g[2]),
         lambda g: g[0] <= g[1] <= g[2] and g[0] < g[2],
         "LOW <= MODE <= HIGH",
     ),
-    "exponential": Kind(
+    "exponential": Distribution(
         ("MEAN",), lambda s, g: s.exponential(g[0]), lambda g: g[0] > 0, "MEAN > 0"
     ),
-    "integers": Kind(
+    "integers": Distribution(
         ("LOW", "HIGH"),
         lambda s, g: int(s.integers(int(g[0]), int(g[1]), endpoint=True)),
         lambda g: g[0] < g[1] and all(map(float.is_integer, map(float, g))),
@@ -88,7 +87,7 @@ KINDS = {
 """By name; all but `choice`, which takes any values that the option does."""
 
 FORMS = ", ".join(
-    [*(":".join((name, *kind.parameters)) for name, kind in KINDS.items()), "choice:A:B:…"]
+    [*(":".join((name, *kind.parameters)) for name, kind in DISTRIBUTIONS.items()), "choice:A:B:…"]
 )
 
 
@@ -107,7 +106,7 @@ class Variation:
         """Return one value."""
         if self.kind == "choice":
             return self.values[int(stream.integers(len(self.values)))]
-        return KINDS[self.kind].draw(stream, self.values)
+        return DISTRIBUTIONS[self.kind].draw(stream, self.values)
 
 
 def stream_of(seed: int, sample: int) -> Stream:
@@ -179,18 +178,18 @@ def _variation(text: str) -> Variation:
         except ScenarioError as error:
             raise ScenarioError(f"--vary {text!r} cannot be drawn: {error}") from None
         return Variation(field, axis, kind, values)
-    if kind not in KINDS or len(parameters) != len(KINDS[kind].parameters):
+    if kind not in DISTRIBUTIONS or len(parameters) != len(DISTRIBUTIONS[kind].parameters):
         raise ScenarioError(f"--vary takes one of {FORMS}, got {text!r}")
-    if axis is None and option.parse in (plain_text, *COMPONENTS):
+    if axis is None and (option.kind is TEXT or option.kind.components):
         raise ScenarioError(f"--vary takes choice:A:B:… for {target}, got {text!r}")
-    if (option.parse is integer) != (kind == "integers"):
+    if (option.kind is INTEGER) != (kind == "integers"):
         raise ScenarioError(f"--vary takes integers:LOW:HIGH for whole numbers only, got {text!r}")
     try:
         values = tuple(number(one) for one in parameters)
     except ScenarioError:
         raise ScenarioError(f"--vary takes numbers after {kind}, got {text!r}") from None
-    if not (all(map(math.isfinite, values)) and KINDS[kind].holds(values)):
-        raise ScenarioError(f"--vary must have {KINDS[kind].rule} for {kind}, got {text!r}")
+    if not (all(map(math.isfinite, values)) and DISTRIBUTIONS[kind].holds(values)):
+        raise ScenarioError(f"--vary must have {DISTRIBUTIONS[kind].rule} for {kind}, got {text!r}")
     return Variation(field, axis, kind, values)
 
 
@@ -201,7 +200,7 @@ def _target(name: str, text: str) -> tuple[str, int | None]:
         short = option.name.removeprefix("--").replace("-", "_")
         if not option.is_flag:
             targets[short] = field, None
-        parts = enumerate(COMPONENTS.get(option.parse, ()))
+        parts = enumerate(option.kind.components)
         targets |= {f"{short}_{part}": (field, place) for place, part in parts}
     if name not in targets:
         near = get_close_matches(name, targets, n=1)

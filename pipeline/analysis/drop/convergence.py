@@ -84,7 +84,7 @@ def cancelling_timestep(timestep_s: float, *, timestep_m: float, damping_m: floa
 
 
 @dataclass(frozen=True)
-class Run:
+class StudiedRun:
     """What a refinement study needs of one run [m]; its terms are those of the error budget."""
 
     timestep_s: float
@@ -115,7 +115,7 @@ class Study:
     What needs three runs, or a sequence that converges, is None without it.
     """
 
-    runs: tuple[Run, ...]
+    runs: tuple[StudiedRun, ...]
     """The runs, coarse to fine."""
     orders_free_fall: list[float | None]
     """Observed orders against free fall: without a meaning unless damping is off."""
@@ -158,7 +158,7 @@ class Study:
         return finest_s / NEAR <= self.cancelling_timestep_s <= coarsest_s * NEAR
 
 
-def study_of(runs: Sequence[Run]) -> Study:
+def study_of(runs: Sequence[StudiedRun]) -> Study:
     """Return what runs of different timesteps tell; at least two, in any order."""
     ordered = tuple(sorted(runs, key=lambda run: -run.timestep_s))
     steps, heights = [run.timestep_s for run in ordered], [run.simulated_m for run in ordered]

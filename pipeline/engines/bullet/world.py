@@ -23,7 +23,7 @@ from pipeline.engines.bullet.c_output import c_output_moved_aside
 from pipeline.engines.bullet.engine import data_folder, find_body, p
 from pipeline.engines.bullet.touching import ROUNDING_M, touching_height
 from pipeline.errors import DropError, ScenarioError
-from pipeline.fields import Quaternion
+from pipeline.kinds import Quaternion
 from pipeline.report import LARGEST, EngineReport
 from pipeline.scenario import Coordinates, Scenario
 from pipeline.states import BASE, CONTACT, STATE, Batch, Rows
