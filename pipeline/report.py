@@ -53,6 +53,10 @@ class EngineReport:
     restitution: float | None = _reported(
         "of the body; of a btRigidBody, which reports none, that of the same URDF as a btMultiBody"
     )
+    contact_stiffness_n_m: float | None = _reported(
+        "of a contact that gives way like a spring, as a URDF's <contact> can ask for", default=None
+    )
+    contact_damping_n_s_m: float | None = _reported("of such a contact", default=None)
     collision_margin_m: float = _reported("margin around the body's shape")
     shape: str = _reported("of the body's collision: box, sphere, …; compound, or none")
     shape_dimensions_m: tuple[float, ...] = _reported(

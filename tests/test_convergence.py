@@ -12,7 +12,7 @@ import pytest
 from scipy.special import stdtrit
 
 from pipeline.analysis.drop.convergence import (
-    Run,
+    StudiedRun,
     cancelling_timestep,
     grid_convergence_index,
     observed_orders,
@@ -77,7 +77,7 @@ def test_a_study_of_the_articles_golden_heights() -> None:
         timestep_m = -9.81 * 0.3 / frequency / 2
         error_m = height_m - free_fall_m
         runs.append(
-            Run(1 / frequency, height_m, error_m, timestep_m, damping_m,
+            StudiedRun(1 / frequency, height_m, error_m, timestep_m, damping_m,
                 error_m - timestep_m - damping_m, 0.0)
         )  # fmt: skip
     study = study_of(runs[::-1])
@@ -94,11 +94,11 @@ def test_a_study_of_the_articles_golden_heights() -> None:
     assert study_of(runs[:2]).order is None
 
 
-def runs_of(error_of: Callable[[float], float], frequencies: Sequence[int]) -> list[Run]:
+def runs_of(error_of: Callable[[float], float], frequencies: Sequence[int]) -> list[StudiedRun]:
     """Return runs towards 0.5 m that differ from it by an error, all of it the timestep's."""
     errors = [error_of(1 / frequency) for frequency in frequencies]
     return [
-        Run(1 / frequency, 0.5 + error, error, error, 0.0, 0.0, 0.0)
+        StudiedRun(1 / frequency, 0.5 + error, error, error, 0.0, 0.0, 0.0)
         for frequency, error in zip(frequencies, errors, strict=True)
     ]
 
@@ -119,8 +119,8 @@ def test_what_a_study_says_of_damping_is_the_finest_runs() -> None:
 
     The shares of the coarsest run are others, as they would be at another time.
     """
-    coarse = Run(0.1, 0.4, -0.1, -0.3, 0.2, 0.0, 0.0)
-    fine = Run(0.02, 0.5 + 1e-3, 1e-3, -0.004, 0.005, 2e-4, -3e-4)
+    coarse = StudiedRun(0.1, 0.4, -0.1, -0.3, 0.2, 0.0, 0.0)
+    fine = StudiedRun(0.02, 0.5 + 1e-3, 1e-3, -0.004, 0.005, 2e-4, -3e-4)
     study = study_of([coarse, fine])
     assert study.limit_m == 0.005
     assert study.cancelling_timestep_s == pytest.approx(0.02 * 0.005 / 0.004)
@@ -136,7 +136,7 @@ def test_what_a_study_says_of_damping_is_the_finest_runs() -> None:
 def test_damping_matters_where_it_shows_in_an_order(damping_m: float, matters: bool) -> None:
     """Of an error of 1 mm, from one of 2 mm: an order of 1 is then off by at most 1e-4."""
     runs = [
-        Run(step_s, 0.5, error_m, error_m - damping_m, damping_m, 0.0, 0.0)
+        StudiedRun(step_s, 0.5, error_m, error_m - damping_m, damping_m, 0.0, 0.0)
         for step_s, error_m in ((1 / 240, 2e-3), (1 / 480, 1e-3))
     ]
     study = study_of(runs)
@@ -161,7 +161,7 @@ def test_errors_that_cancel_far_from_all_that_was_tried_are_not_spoken_of(
 
 
 def test_a_height_of_zero_has_no_relative_error() -> None:
-    runs = [Run(step_s, -step_s * n, step_s, step_s, 0.0, 0.0, 0.0)
+    runs = [StudiedRun(step_s, -step_s * n, step_s, step_s, 0.0, 0.0, 0.0)
             for step_s, n in ((1 / 240, 2), (1 / 480, 1), (1 / 960, 0))]  # fmt: skip
     study = study_of(runs)
     assert study.order is not None

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import polars as pl
 import pytest
 from conftest import Recorder, judge
+from engine import MODES, box, urdf_of
 
 from pipeline.analysis.drop.analysis import analysis_of
+from pipeline.console.show_drop import show_analysis
 
 BOUNCY = 0.7**0.5
 FAST = {"height_m": 2000.0, "linear_damping": 0.0, "duration_s": 12.0}
@@ -130,3 +133,35 @@ def test_inflated_is_relative_to_the_restitution_asked_for(recorded: Recorder) -
         asked = analysis.engine.pair_restitution
         assert 0 < bounce.effective_restitution - asked < 0.0081
         assert ("restitution-inflated" in [one.code for one in analysis.findings]) == inflated
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+def test_a_contact_that_is_a_spring_is_not_explained_by_the_solver(
+    recorded: Recorder, tmp_path: Path, coordinates: str
+) -> None:
+    """Its four corners give way by m g / 4 k; only the URDF's own words are reported."""
+    spring = '<stiffness value="300"/><damping value="10"/>'
+    body = urdf_of(tmp_path, box("0.1 0.2 0.06"), contact=spring)
+    analysis = judge(recorded(body=body, duration_s=3.0, restitution=0.9, coordinates=coordinates))
+    assert analysis.engine.contact_stiffness_n_m == 300
+    assert analysis.engine.contact_damping_n_s_m == 10
+    assert analysis.rest is not None
+    assert analysis.rest.error_m == pytest.approx(-9.81 / 1200, rel=0.01)
+    assert analysis.rest.terms_m is None
+    assert analysis.contact is None
+    assert not any(bounce.effective_restitution for bounce in analysis.bounces)
+    by_code = {finding.code: finding.message for finding in analysis.findings}
+    assert "spring, of 300 N/m" in by_code["rest-below-expected"]
+    assert "restitution-inflated" not in by_code
+    assert "bounce-swallowed" not in by_code
+
+
+def test_a_contact_of_several_substeps_and_joints_is_not_denied(
+    recorded: Recorder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = recorded(body="r2d2.urdf", substeps=2, height_m=0.6)
+    assert len(recording.contacts)
+    analysis = judge(recording)
+    assert analysis.impact is None
+    show_analysis(analysis, as_json=False)
+    assert "Impact      not known when" in capsys.readouterr().out

@@ -11,6 +11,7 @@ from conftest import rerun_rrd
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
 from pipeline import Scenario, simulate
+from pipeline.analysis.general.decomposition import TERMS
 from pipeline.errors import OutputError, RecordingError
 from pipeline.recording import files, schema
 from pipeline.recording.reader import read
@@ -188,7 +189,7 @@ def test_the_layer_carries_the_recordings_id(standard: Run) -> None:
     (layer,) = RrdReader(standard.analysis.layer).recordings()
     assert layer.recording_id == standard.simulation.recording_id
     found = {c.entity_path for c in chunks_of(standard.analysis.layer)}
-    terms = {f"/error/{term}" for term in schema.ERROR_TERMS}
+    terms = {f"/error/{term}" for term in ("total", *TERMS)}
     assert terms | {"/events", "/findings", "/energy/potential"} <= found
 
 

@@ -451,3 +451,13 @@ def test_a_simulation_is_the_same_every_time() -> None:
             return Batch.joined(world.samples(100))
 
     assert_the_same(fall(), fall())
+
+
+def test_a_btrigidbody_without_a_mass_cannot_be_given_one(tmp_path: Path) -> None:
+    """Bullet goes on holding it still; a btMultiBody falls."""
+    urdf = urdf_of(tmp_path, box("0.1 0.1 0.1"), mass_kg=0.0)
+    with World(Scenario(body=urdf, mass_kg=1.0)) as world:
+        (fall,) = world.samples(1000)
+        assert fall.base["position_m"][-1, 2] < 1
+    with pytest.raises(ScenarioError, match="--coordinates reduced"):
+        World(Scenario(body=urdf, mass_kg=1.0, coordinates="maximal"))

@@ -27,8 +27,7 @@ from conftest import Drop, Recorder, judge
 
 from cli import app
 from pipeline.analysis.drop.comparison import Comparison, Place, Setting
-from pipeline.analysis.drop.convergence import Run as Convergence
-from pipeline.analysis.drop.convergence import study_of
+from pipeline.analysis.drop.convergence import StudiedRun, study_of
 from pipeline.analysis.general.statistics import Summary
 from pipeline.console import output
 from pipeline.console.output import millimetres
@@ -336,7 +335,7 @@ def test_printed_check_without_frames_says_why(capsys: pytest.CaptureFixture[str
 
 FACTORS = (1.0, 0.5, 0.25, 0.125, 0.0625)
 RUNS = tuple(  # as those of a fall that damping moves by +4.31 mm and a step of 1/240 s by −6.13
-    Convergence(factor / 240, 0.55855 + 0.00431 - 0.00613 * factor, 0.00431 - 0.00613 * factor,
+    StudiedRun(factor / 240, 0.55855 + 0.00431 - 0.00613 * factor, 0.00431 - 0.00613 * factor,
                 -0.00613 * factor, 0.00431, 0.0, 0.0)
     for factor in FACTORS
 )  # fmt: skip

@@ -115,7 +115,7 @@ def test_the_closed_forms_give_the_figures_of_the_experiment() -> None:
     assert theory.impact_time_free(fall(), 0.025) == pytest.approx(0.4458438722, abs=5e-11)
     damped_s = theory.impact_time_damped(fall(), 0.025)
     assert damped_s == pytest.approx(0.4500868681, abs=5e-11)
-    speed = -theory.damped_fall_velocity(fall(), np.array([damped_s]))[0, 2]
+    speed = -theory._motion(fall(), np.array([damped_s])).velocity[0, 2]
     assert speed == pytest.approx(4.26445, abs=5e-6)
 
 
@@ -141,7 +141,7 @@ def test_no_damping_is_free_fall() -> None:
     free_m = theory.free_fall_height(thrown, TIMES_S)
     assert np.abs(theory.damped_fall_height(thrown, TIMES_S) - free_m).max() < 1e-15
     free_m_s = theory.free_fall_velocity(thrown, TIMES_S)
-    assert (theory.damped_fall_velocity(thrown, TIMES_S) == free_m_s).all()
+    assert (theory._motion(thrown, TIMES_S).velocity == free_m_s).all()
 
 
 # -- drag along a line -----------------------------------------------------------------------------
@@ -178,14 +178,14 @@ def test_damping_displacement_in_maximal_coordinates(k: float) -> None:
 def test_damping_of_one_in_maximal_coordinates_stops_the_body() -> None:
     solid = fall(1.0, v=(2.0, 0.0, 3.0), mode="maximal")
     assert (theory.damped_fall_height(solid, np.array([0.0, 0.1, 7.0])) == 1).all()
-    assert theory.damped_fall_velocity(solid, np.array([0.0, 0.1])).tolist() == [[2, 0, 3], [0] * 3]
+    assert theory._motion(solid, np.array([0.0, 0.1])).velocity.tolist() == [[2, 0, 3], [0] * 3]
     assert theory.impact_time_damped(solid, 0.0) is None
 
 
 def test_long_falls_reach_terminal_speed_without_overflow() -> None:
     # v_terminal = W - 1/2, W = sqrt(g/k + 1/4); 1e4 s is k W t = 6000
     terminal = math.sqrt(9.81 / DEFAULT + 0.25) - 0.5
-    velocity = theory.damped_fall_velocity(fall(v=60.0), np.array([1e4, 1e9]))[:, 2]
+    velocity = theory._motion(fall(v=60.0), np.array([1e4, 1e9])).velocity[:, 2]
     assert velocity == pytest.approx(-terminal, rel=1e-15)
     height = theory.damped_fall_height(fall(v=60.0), np.array([1e9, 1e9 + 1]))
     assert np.diff(height) == pytest.approx(-terminal, rel=1e-6)
@@ -206,7 +206,7 @@ def test_times_come_in_any_order_or_not_at_all(v: Any) -> None:
     change = damping_m(fall(v=v), ordered)
     assert damping_m(fall(v=v), mixed) == pytest.approx(change[back], rel=1e-12)
     assert damping_m(fall(v=v), np.array([])).shape == (0,)
-    assert theory.damped_fall_velocity(fall(v=v), np.array([])).shape == (0, 3)
+    assert theory._motion(fall(v=v), np.array([])).velocity.shape == (0, 3)
 
 
 # -- oblique throws --------------------------------------------------------------------------------
@@ -219,7 +219,7 @@ def test_an_oblique_throw_solves_its_equation(
 ) -> None:
     times_s = np.array([1e-3, 0.7])
     change_m = theory.damping_displacement(fall(k, g, v), times_s)
-    velocity_m_s = theory.damped_fall_velocity(fall(k, g, v), times_s)
+    velocity_m_s = theory._motion(fall(k, g, v), times_s).velocity
     for t, change, velocity in zip(times_s, change_m, velocity_m_s, strict=True):
         delta, rate = equation_solved(k, g, v, float(t))
         for axis in range(3):
@@ -279,7 +279,7 @@ def test_impact_is_the_first_arrival(thrown: Fall) -> None:
         assert time_s is not None
         before = height(thrown, np.linspace(0, time_s, 400)[:-1])
         assert (before > 0.025).all()
-        rate = abs(theory.damped_fall_velocity(thrown, np.array([time_s]))[0, 2])
+        rate = abs(theory._motion(thrown, np.array([time_s])).velocity[0, 2])
         assert height(thrown, np.array([time_s])) == pytest.approx(
             0.025, abs=4e-16 * (1 + abs(before).max() + rate * time_s)
         )

@@ -27,6 +27,7 @@ from rerun.experimental import ViewerClient
 from viewer import Look, Viewer, binary, complaints, free_port, isolated, vulkan_driver
 
 from pipeline import Scenario, colours, simulate
+from pipeline.analysis.general.decomposition import TERMS
 from pipeline.recording import blueprint, schema, writer
 from pipeline.recording import viewer as program
 from pipeline.recording.reader import read
@@ -109,7 +110,7 @@ def test_the_curves_in_millimetres_are_the_numbers_in_metres(standard: Run) -> N
         if not chunk.is_static and chunk.entity_path.startswith("/error"):
             column = chunk.to_record_batch().column("Scalars:scalars")
             values[chunk.entity_path] = column.flatten().to_numpy()
-    for term in schema.ERROR_TERMS:
+    for term in ("total", *TERMS):
         numbers_m, curve_mm = values[f"/error/{term}"], values[f"/error_mm/{term}"]
         assert len(numbers_m) == 108
         assert np.array_equal(curve_mm, numbers_m * 1e3)

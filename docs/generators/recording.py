@@ -12,6 +12,7 @@ import polars as pl
 import pyarrow as pa
 
 from pipeline import Camera, Scenario, analyze, simulate
+from pipeline.analysis.general.decomposition import TERMS
 from pipeline.fields import Option
 from pipeline.recording import rrd, schema
 from pipeline.recording.layer import layer_of
@@ -65,7 +66,7 @@ CURVES = {
     f"{schema.ERROR}/damping": "what damping does, in continuous time",
     f"{schema.ERROR}/interaction": "what the two do to each other",
     f"{schema.ERROR}/rounding": "what double precision leaves",
-    **{f"{schema.ERROR_MM}/{term}": "the same, for the viewer" for term in schema.ERROR_TERMS},
+    **{f"{schema.ERROR_MM}/{term}": "the same, for the viewer" for term in ("total", *TERMS)},
     f"{schema.ENERGY}/kinetic": "energy of the motion",
     f"{schema.ENERGY}/rotation": "energy of the rotation",
     f"{schema.ENERGY}/potential": "energy of the height above z = 0",

@@ -190,6 +190,8 @@ def _impact(analysis: Analysis) -> list[str]:
     if impact is None:
         end_s = analysis.table["time_s"][-1]
         words = f"none in {end_s:.4g} s"
+        if "contact" in analysis.table["phase"]:
+            words = "not known when: of several substeps PyBullet reports the last one's contact"
         inside_m = (analysis.engine.rest_height_m or 0.0) - analysis.table["simulated_m"][-1]
         if landing is not None and inside_m > 0:
             words += f", and {decimals(inside_m * 1e3, 1)} mm inside the floor at the end"

@@ -138,6 +138,11 @@ class Case:
         return self.engine.joints == 0
 
     @property
+    def is_springy(self) -> bool:
+        """Whether contact gives way like a spring: the contact law here knows none."""
+        return self.engine.contact_stiffness_n_m is not None
+
+    @property
     def is_ball(self) -> bool:
         """Whether the body touches the floor alike in any orientation: a centred sphere."""
         centred = self.engine.shape_position_m == (0.0, 0.0, 0.0)

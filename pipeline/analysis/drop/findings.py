@@ -251,13 +251,26 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
     if released_above and first and depth_m > DEEP_PENETRATION * tall_m:
         per_step_m = abs(float(e.case.samples.velocity_m_s[e.phases.airborne - 1, 2]))
         per_step_m *= e.case.substep_s
+        reason = (
+            f"contact acts only once it is inside, and it moves {decimals(per_step_m * 1e3, 1)} mm "
+            "down in a step; shorten the step with p.setTimeStep, i.e. --timestep"
+        )
         yield Finding(
             "deep-penetration",
             f"the body sinks {decimals(depth_m * 1e3, 1)} mm into the floor, "
-            f"{depth_m / tall_m:.0%} of its height: contact acts only once it is inside, and it "
-            f"moves {decimals(per_step_m * 1e3, 1)} mm down in a step; shorten the step with "
-            "p.setTimeStep, i.e. --timestep",
+            f"{depth_m / tall_m:.0%} of its height: {_spring(e.case) or reason}",
         )
+
+
+def _spring(case: Case) -> str | None:
+    """Say why contact gives way, where the body asks for that."""
+    if not case.is_springy:
+        return None
+    return (
+        f"the body's URDF asks for a contact that gives way like a spring, of "
+        f"{case.engine.contact_stiffness_n_m:g} N/m; omit <stiffness> and <damping> from its "
+        "<contact>, or set them with p.changeDynamics"
+    )
 
 
 def _tumbled(e: Evidence) -> Iterator[Finding]:
@@ -302,7 +315,7 @@ def _bounces(e: Evidence) -> Iterator[Finding]:
 def _swallowed(e: Evidence) -> Iterator[Finding]:
     """Report the first arrival that stays although it would bounce without the threshold."""
     threshold_m_s, restitution = restitution_threshold_m_s(e.case), e.case.engine.pair_restitution
-    if restitution is None:
+    if restitution is None or e.case.is_springy:
         return
     # What gravity takes back within a step or two is no bounce either.
     least_m_s = max(SWALLOWED_M_S, -2 * e.case.fall.gravity_m_s2 * e.case.timestep_s) / restitution
@@ -328,7 +341,9 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
     if rest is None or rest.error_m is None or rest.error_m >= -REST_BELOW_M:
         return
     lower = f"the body lies {decimals(-rest.error_m * 1e6, 2)} µm lower than {rest.expected_m:g} m"
-    if rest.terms_m is not None:
+    if e.case.is_springy:
+        yield Finding("rest-below-expected", f"{lower}: {_spring(e.case)}")
+    elif rest.terms_m is not None:
         causes = "Bullet leaves a slop of 10 µm uncorrected"
         if abs(rest.terms_m.solver) > SOLVER_M and e.case.scenario.solver_residual != 0:
             causes += (

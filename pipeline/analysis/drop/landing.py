@@ -91,12 +91,13 @@ def find_impact(case: Case, found: Phases, landing: Landing | None) -> Impact | 
 def covers(case: Case) -> bool:
     """Whether the contact law is that of this drop: of one box that lands flat and stays flat.
 
-    It is released flat, above the floor, without spin or sideways velocity.
+    It is released flat, above the floor, without spin or sideways velocity, and nothing is springy.
     """
     sideways = any((*case.scenario.velocity_m_s[:2], *case.scenario.spin_rad_s))
     floor_m = case.floor_height_m
     return (
         case.is_box
+        and not case.is_springy
         and case.scenario.stepped
         and floor_m is not None
         and case.engine.pair_restitution is not None
@@ -260,7 +261,7 @@ def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
 
 def _is_plain(case: Case, episode: Episode, tumbled_step: int | None) -> bool:
     """Whether a rebound is that of restitution: of a ball, or of a box on all four corners."""
-    if tumbled_step is not None and episode.last >= tumbled_step:
+    if case.is_springy or (tumbled_step is not None and episode.last >= tumbled_step):
         return False
     points = case.samples.contact_points[episode.first : episode.last + 1]
     return case.is_ball or (case.is_box and bool((points == CORNERS).all()))

@@ -263,7 +263,8 @@ class Analysis:
     landing: Landing | None
     """When theory brings the body down to the floor; None where it does not, or cannot say."""
     impact: Impact | None
-    """When the body meets the floor; None where it never does."""
+    """When the body meets the floor; None where it never does, or nobody knows when: of several
+    substeps PyBullet reports the last one's contact, and for joints there is no law."""
     tumbled_step: int | None
     """First sample that touches the floor tilted by more than 0.29° (a box from its faces, others
     from their release): from there on bounces, contact and rest are measured, not predicted."""

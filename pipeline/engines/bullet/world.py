@@ -91,6 +91,12 @@ class World:
             ) from None
         if maximal:
             self._refuse_joints()
+            if not self._dynamics(body)[0] > 0 and self.scenario.mass_kg is not None:
+                raise ScenarioError(
+                    "--mass with --coordinates maximal takes a body that has a mass, got 0 kg in "
+                    f"{self.scenario.body!r}: Bullet holds such a btRigidBody still, whatever mass "
+                    "it is given; use --coordinates reduced"
+                )
         self._set_dynamics(body)
         if not p.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0:
             raise ScenarioError(
@@ -239,6 +245,8 @@ class World:
             rolling_friction=body[6],
             spinning_friction=body[7],
             restitution=base[5],
+            contact_stiffness_n_m=None if base[9] < 0 else base[9],
+            contact_damping_n_s_m=None if base[8] < 0 else base[8],
             collision_margin_m=body[11],
             shape=SHAPES.get(single[2], "unknown") if single else "compound" if shapes else "none",
             shape_dimensions_m=single[3] if single else (),
