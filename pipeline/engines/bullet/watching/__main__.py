@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import builtins
+import importlib.machinery
 import importlib.util
 import json
 import os
@@ -16,6 +17,10 @@ from typing import Any
 
 _HERE = os.path.dirname(os.path.abspath(__file__))
 _PACKAGE = "_drop_watching"
+_ALWAYS = frozenset(
+    "abc codecs encodings genericpath io ntpath os posixpath site stat zipimport".split()
+)
+"""What every Python has imported before it knows where a script lies."""
 
 
 def _load() -> tuple[Any, Any]:
@@ -34,10 +39,25 @@ def _load() -> tuple[Any, Any]:
     return start, importlib.import_module(f"{_PACKAGE}.ending")
 
 
+def _enter(folder: str) -> None:
+    """Put a folder first on the module path, as Python does with that of a script.
+
+    What we have imported already, and lies in that folder too, the script has not imported.
+    """
+    if getattr(sys.flags, "safe_path", False):
+        return
+    sys.path.insert(0, folder)
+    known = {name.partition(".")[0] for name in sys.modules} - _ALWAYS - {"__main__", _PACKAGE}
+    for name in known.difference(sys.builtin_module_names):
+        frozen = importlib.machinery.FrozenImporter.find_spec(name)
+        if frozen is None and importlib.machinery.PathFinder.find_spec(name, [folder]) is not None:
+            for module in [one for one in sys.modules if one.partition(".")[0] == name]:
+                del sys.modules[module]
+
+
 def _run_file(name: str) -> None:
     path = os.path.abspath(name)
-    if not getattr(sys.flags, "safe_path", False):
-        sys.path.insert(0, os.path.dirname(os.path.realpath(path)))
+    _enter(os.path.dirname(os.path.realpath(path)))
     module = _new_main()
     module.__file__ = path
     with open(path, "rb") as file:
@@ -46,8 +66,7 @@ def _run_file(name: str) -> None:
 
 
 def _run_module(name: str) -> None:
-    if not getattr(sys.flags, "safe_path", False):
-        sys.path.insert(0, os.getcwd())
+    _enter(os.getcwd())
     _new_main()
     # What `python -m` does: with the module's own `__main__`, and not with a copy of it.
     runpy._run_module_as_main(name)  # type: ignore[attr-defined]
