@@ -810,3 +810,18 @@ def test_a_script_may_not_be_overwritten_by_its_recording(bench: Bench) -> None:
     script = bench.script("pass", "mine.rrd")
     with pytest.raises(OutputError, match="would replace"):
         record_script(str(bench.folder / script), out=bench.folder / "mine.rrd", force=True)
+
+
+def test_a_module_beside_the_script_is_its_own_though_the_recorder_has_the_librarys(
+    bench: Bench,
+) -> None:
+    names = ["bisect", "json", "random", "signal", "tempfile", "threading", "pathlib", "runpy"]
+    for name in names:
+        bench.folder.joinpath(f"{name}.py").write_text(f"mine = '{name}'")
+    text = "import importlib, sys\n"
+    text += f"for name in {names}:\n"
+    text += "    print(name, getattr(importlib.import_module(name), 'mine', None))\n"
+    script = bench.script(text)
+    bare, mine = bench.bare(script), bench.drop("record", script)
+    assert bare.stdout.count("None") <= 1  # what Python has frozen is the library's
+    assert mine.stdout == bare.stdout
