@@ -500,11 +500,11 @@ def test_update_keeps_the_golden_where_the_new_one_cannot_be_written(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pipeline.recording.files.pack", full)
+    monkeypatch.setattr("pipeline.recording.sealing.pack", full)
     with pytest.raises(OutputError, match="No space left"):
         check(recorded().path, golden, update=True)
     monkeypatch.setattr(
-        "pipeline.recording.files.pack", lambda _, path: path.write_bytes(b"nonsense")
+        "pipeline.recording.sealing.pack", lambda _, path: path.write_bytes(b"nonsense")
     )
     with pytest.raises(RecordingError):
         check(recorded().path, golden, update=True)

@@ -29,8 +29,9 @@ from conftest import Drop, descendants_of
 
 from pipeline import Scenario, analyze, check, render, simulate
 from pipeline.errors import OutputError, RecordingError, ScenarioError
-from pipeline.recording import files
-from pipeline.recording.outputs import MOST_PARTS, check_room, part_of
+from pipeline.files.outputs import MOST_PARTS, check_room, part_of
+from pipeline.files.whole import opened
+from pipeline.recording import sealing
 from pipeline.recording.reader import Recording, read
 from pipeline.scenario import BYTES_PER_SAMPLE
 from pipeline.stages import run as run_stage
@@ -435,7 +436,7 @@ def test_only_a_layer_is_replaced_under_a_layers_default_name(
         with pytest.raises(OutputError, match=r"run\.analysis\.rrd is not what drop writes"):
             analyze(run_rrd)
         assert layer.read_bytes() == other
-    both = files.binary(), "rrd", "merge", layer.with_name("x.rrd"), run_rrd, "-o", layer
+    both = sealing.binary(), "rrd", "merge", layer.with_name("x.rrd"), run_rrd, "-o", layer
     analyze(run_rrd, out=layer.with_name("x.rrd"))
     subprocess.run(both, check=True, capture_output=True)  # a layer, and more
     with pytest.raises(OutputError, match="is not what drop writes"):
@@ -465,7 +466,7 @@ def test_a_part_that_is_a_link_is_not_followed(run_rrd: Path, precious: bytes) -
         with pytest.raises(OutputError, match=r"new\.rrd\.part is not a regular file"):
             simulate(Scenario(duration_s=0.1), part.with_suffix(""), camera=None)
         with pytest.raises(OutputError, match=r"new\.rrd\.part is not a regular file"):
-            files.opened(part)
+            opened(part)
         part.rmdir() if part.is_dir() and not part.is_symlink() else part.unlink()
     sealed = run_rrd.with_name("new.rrd.part.sealed")
     sealed.symlink_to(run_rrd)
@@ -563,7 +564,7 @@ def test_with_force_a_stopped_run_leaves_one_part_however_often(tmp_path: Path) 
 def test_beside_a_part_that_is_there_a_second_writer_is_turned_away_too(tmp_path: Path) -> None:
     run = tmp_path / "run.rrd"
     part_of(run).write_bytes(b"precious")
-    with files.unfinished(run, force=False) as part:
+    with sealing.unfinished(run, force=False) as part:
         assert part.name == "run.rrd.2.part"
         for force in (False, True):
             with pytest.raises(OutputError, match="another process is writing"):
@@ -579,7 +580,7 @@ def test_what_is_in_a_forced_part_is_of_this_run(tmp_path: Path) -> None:
     run = tmp_path / "run.rrd"
     with pytest.raises(KeyboardInterrupt):
         simulate(Scenario(duration_s=0.1), run, camera=None, progress=stop)
-    with pytest.raises(KeyboardInterrupt) as raised, files.unfinished(run, force=True):
+    with pytest.raises(KeyboardInterrupt) as raised, sealing.unfinished(run, force=True):
         raise KeyboardInterrupt
     assert not getattr(raised.value, "__notes__", [])
     assert list(tmp_path.iterdir()) == []
@@ -602,7 +603,7 @@ def test_a_part_that_is_also_a_whole_recording_is_not_written_into(
     """A run is killed after its recording has the final name, and before the other one is gone."""
     part = part_of(run_rrd)
     part.hardlink_to(run_rrd)
-    with files.unfinished(run_rrd, force=True):
+    with sealing.unfinished(run_rrd, force=True):
         part.write_bytes(b"begun")
     assert run_rrd.read_bytes() == precious
 
@@ -636,12 +637,12 @@ def test_a_recording_that_is_created_meanwhile_stays(run_rrd: Path) -> None:
 def test_what_does_not_verify_is_not_said_to_stay(
     run_rrd: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = files._rerun
+    real = sealing._rerun
 
     def no_verdict(*arguments: str | Path) -> str:
         return "" if arguments[1] == "verify" else real(*arguments)
 
-    monkeypatch.setattr(files, "_rerun", no_verdict)
+    monkeypatch.setattr(sealing, "_rerun", no_verdict)
     new = run_rrd.with_name("new.rrd")
     with pytest.raises(OutputError, match="does not verify") as raised:
         simulate(Scenario(duration_s=0.1), new, camera=None)

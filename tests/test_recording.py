@@ -13,7 +13,8 @@ from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 from pipeline import Scenario, simulate
 from pipeline.analysis.general.decomposition import TERMS
 from pipeline.errors import OutputError, RecordingError
-from pipeline.recording import files, schema
+from pipeline.files.whole import renamed
+from pipeline.recording import schema, sealing
 from pipeline.recording.reader import read
 from pipeline.stages.run import Run
 
@@ -227,13 +228,13 @@ def test_a_recording_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
     part.write_bytes(b"new")
     path.write_bytes(b"precious")
     with pytest.raises(OutputError, match="created by another process"):
-        files._rename(part, path, force=False)
+        renamed(part, path, force=False)
     assert path.read_bytes() == b"precious"
 
 
 def test_two_writers_of_one_file_are_told_apart(tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
-    with files.unfinished(path, force=False), pytest.raises(OutputError, match="another process"):
+    with sealing.unfinished(path, force=False), pytest.raises(OutputError, match="another process"):
         simulate(Scenario(), path, camera=None)
 
 
@@ -243,7 +244,7 @@ def test_rows_that_went_missing_are_noticed_before_the_name_is_given(
     part, path = tmp_path / "run.rrd.part", tmp_path / "run.rrd"
     part.write_bytes(standard.simulation.recording.read_bytes())
     with pytest.raises(OutputError, match="lacks rows"):
-        files.seal(part, path, blueprint=None, rows={"/state": 242}, force=False)
+        sealing.seal(part, path, blueprint=None, rows={"/state": 242}, force=False)
     assert not path.exists()
 
 

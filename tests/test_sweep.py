@@ -36,7 +36,7 @@ from pipeline.engines.bullet.world import World
 from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.figures.convergence_plot import Panel, build_figure
 from pipeline.figures.style import LIGHT
-from pipeline.recording.outputs import part_of
+from pipeline.files.outputs import part_of
 from pipeline.recording.reader import read
 from pipeline.stages.sweep import Sweep, sweep
 from pipeline.stages.sweep_shard import RunShard, ShardDone

@@ -19,6 +19,7 @@ import polars as pl
 
 from pipeline.errors import RecordingError, ScenarioError
 from pipeline.fields import shown
+from pipeline.files.outputs import free_part_of, is_part
 from pipeline.recording import columns, png, rows, rrd, schema
 from pipeline.recording.checks import (
     AGAIN,
@@ -32,7 +33,6 @@ from pipeline.recording.checks import (
 )
 from pipeline.recording.columns import Properties
 from pipeline.recording.digest import FrameDigest, inputs_digest
-from pipeline.recording.outputs import free_part_of, is_part
 from pipeline.report import EngineReport
 from pipeline.scenario import Camera, Scenario
 

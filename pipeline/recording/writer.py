@@ -24,7 +24,7 @@ from rerun.chunk import Chunk, LazyChunkStream
 
 from pipeline import colours
 from pipeline.recording import schema
-from pipeline.recording.files import seal, unfinished
+from pipeline.recording.sealing import seal, unfinished
 from pipeline.scenario import Camera
 from pipeline.states import Rows, base_of, poses_of
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from pipeline.analysis.drop.analysis import analysis_of
 from pipeline.analysis.drop.results import Analysis
 from pipeline.errors import check_suffix
+from pipeline.files.outputs import check_apart, check_target, refused
+from pipeline.files.table import check_table, write_table
 from pipeline.recording.layer import is_layer, layer_of, write_layer
-from pipeline.recording.outputs import check_apart, check_target, refused
 from pipeline.recording.reader import read
-from pipeline.recording.table import check_table, write_table
 from pipeline.stages.narrative import events, findings_markdown
 
 if TYPE_CHECKING:

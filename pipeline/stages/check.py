@@ -16,9 +16,10 @@ from pipeline.analysis.drop.comparison import Comparison, Place, Side, compare
 from pipeline.analysis.general.samples import base_of
 from pipeline.errors import OutputError, RecordingError, ScenarioError, check_suffix
 from pipeline.figures.animation import decoded
-from pipeline.recording import files
+from pipeline.files.outputs import check_apart, check_target
+from pipeline.files.whole import replaced
+from pipeline.recording import sealing
 from pipeline.recording.checks import AGAIN
-from pipeline.recording.outputs import check_apart, check_target
 from pipeline.recording.reader import Recording, frames, is_recording, read
 from pipeline.scenario import Camera
 
@@ -149,8 +150,8 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
 
 def _make_golden(run: Recording, golden: Path) -> None:
     """Write a recording under the golden name, packed, if it reads back the same."""
-    with files.replaced(golden, force=False, ours=True) as part:
-        files.pack(run.path, part)
+    with replaced(golden, force=False, ours=True) as part:
+        sealing.pack(run.path, part)
         packed = _whole(part)
         if not (packed.states.equals(run.states) and packed.contacts.equals(run.contacts)):
             raise RecordingError(f"{golden} was not written: packing {run.path} changed its state")

@@ -19,8 +19,8 @@ from typing import Any
 from pipeline.engines.bullet import script as running
 from pipeline.engines.bullet.script import Program
 from pipeline.errors import ScenarioError, check_suffix
+from pipeline.files.outputs import check_apart, check_target, make_folder, reserved
 from pipeline.recording import writer
-from pipeline.recording.outputs import check_apart, check_target, make_folder, reserved
 from pipeline.recording.script import Script
 from pipeline.recording.script_layout import layout
 from pipeline.seen import Ending

@@ -29,8 +29,8 @@ from pipeline.engines.bullet.script import Listener
 from pipeline.engines.bullet.watching import ending, pipe, start
 from pipeline.engines.bullet.watching.hooks import Stop
 from pipeline.errors import DropError, OutputError, ScenarioError, check_suffix
+from pipeline.files.outputs import check_target
 from pipeline.recording import writer
-from pipeline.recording.outputs import check_target
 from pipeline.recording.script import Script
 from pipeline.recording.script_layout import layout
 from pipeline.stages.record import DURATION_S, Recorded

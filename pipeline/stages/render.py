@@ -16,9 +16,9 @@ from pipeline.fields import fraction
 from pipeline.figures.animation import MAX_FPS, check_animation, decoded, write_animation
 from pipeline.figures.facts import Facts
 from pipeline.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation, Playback, playback
+from pipeline.files.outputs import check_apart, check_kind, check_target
+from pipeline.files.whole import written_whole
 from pipeline.recording.checks import AGAIN
-from pipeline.recording.files import written_whole
-from pipeline.recording.outputs import check_apart, check_kind, check_target
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
 from pipeline.sweeping.plan import label_of

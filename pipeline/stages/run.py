@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.figures.playback import EVERY_FRAME, Animation
-from pipeline.recording.outputs import make_folder, reserved
+from pipeline.files.outputs import make_folder, reserved
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 from pipeline.workers import Worker
 

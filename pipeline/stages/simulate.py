@@ -13,11 +13,11 @@ from pipeline.engines.bullet.camera_frames import Photographer
 from pipeline.engines.bullet.engine import find_body
 from pipeline.engines.bullet.world import World
 from pipeline.errors import check_suffix
+from pipeline.files.outputs import check_apart, check_room, check_target
 from pipeline.recording import writer
 from pipeline.recording.blueprint import Look, layout
 from pipeline.recording.drop import Progress
 from pipeline.recording.live import shown
-from pipeline.recording.outputs import check_apart, check_room, check_target
 from pipeline.scenario import (
     ANALYSIS_BYTES_PER_SAMPLE,
     BYTES_PER_SAMPLE,

@@ -19,8 +19,8 @@ from pipeline.analysis.general.statistics import Moments
 from pipeline.engines.bullet.engine import body_digest, engine_versions, find_body
 from pipeline.engines.bullet.probe import verdicts
 from pipeline.errors import DropError, OutputError, ScenarioError
-from pipeline.recording.files import written_whole
-from pipeline.recording.outputs import check_apart, check_target
+from pipeline.files.outputs import check_apart, check_target
+from pipeline.files.whole import written_whole
 from pipeline.scenario import Camera, Scenario
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
 from pipeline.stages.sweep_shard import RunShard, ShardDone

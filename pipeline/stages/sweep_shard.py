@@ -18,8 +18,8 @@ from pipeline.analysis.general.statistics import Moments
 from pipeline.engines.bullet.lasting_world import LastingWorld, Worlds
 from pipeline.engines.bullet.probe import believe
 from pipeline.errors import DropError, OutputError
-from pipeline.recording.files import onto_disk
-from pipeline.recording.outputs import make_folder
+from pipeline.files.outputs import make_folder
+from pipeline.files.whole import onto_disk
 from pipeline.report import EngineReport
 from pipeline.scenario import Camera, Scenario
 from pipeline.states import Batch

@@ -23,9 +23,9 @@ import polars as pl
 
 from pipeline.errors import OutputError, RecordingError
 from pipeline.fields import Option
-from pipeline.recording.files import lock, opened, written_whole
-from pipeline.recording.outputs import make_folder, part_of
-from pipeline.recording.table import written_by_polars
+from pipeline.files.outputs import make_folder, part_of
+from pipeline.files.table import written_by_polars
+from pipeline.files.whole import lock, opened, written_whole
 from pipeline.scenario import Scenario
 from pipeline.sweeping.plan import Plan
 from pipeline.sweeping.stamp import UNSTAMPED, fault_of, stamp

@@ -17,9 +17,10 @@ from typing import Any
 
 _HERE = os.path.dirname(os.path.abspath(__file__))
 _PACKAGE = "_drop_watching"
-_ALWAYS = frozenset(
-    "abc codecs encodings genericpath io ntpath os posixpath site stat zipimport".split()
-)
+_ALWAYS = {
+    "abc", "codecs", "encodings", "genericpath", "io", "ntpath", "os", "posixpath", "site", "stat",
+    "zipimport",
+}  # fmt: skip
 """What every Python has imported before it knows where a script lies."""
 
 

@@ -10,8 +10,8 @@ from typing import BinaryIO
 import polars as pl
 
 from pipeline.errors import OutputError, check_suffix
-from pipeline.recording.files import written_whole
-from pipeline.recording.outputs import check_target
+from pipeline.files.outputs import check_target
+from pipeline.files.whole import written_whole
 
 PROBE_BYTES = 1 << 16
 

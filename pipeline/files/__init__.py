@@ -1,0 +1,1 @@
+"""Where outputs may go, and how they come to be whole."""
