@@ -119,7 +119,7 @@ class Option:
         """
         by_semicolon = bool(self.kind.components) or ";" in raw
         parts = raw.split(";" if by_semicolon else ",")
-        values = tuple(self.read(one.strip(" \t")) for one in parts)
+        values = tuple(self.read(part.strip(" \t")) for part in parts)
         for value in values:
             self.check(value)
         return values
@@ -249,9 +249,9 @@ def _of_kind(value: Any, hint: Any) -> Any:  # noqa: ANN401
     elif isinstance(hint, UnionType):
         if value is None and NoneType in arguments:
             return None
-        for one in arguments:
+        for argument in arguments:
             with contextlib.suppress(TypeError):
-                return _of_kind(value, one)
+                return _of_kind(value, argument)
     elif get_origin(hint) is tuple:
         if isinstance(value, tuple | list) and len(value) == len(arguments):
             return tuple(map(_of_kind, value, arguments))
@@ -268,7 +268,7 @@ def _kind(hint: Any) -> str:  # noqa: ANN401
     if get_origin(hint) is Literal:
         return " or ".join(arguments)
     if isinstance(hint, UnionType):
-        return " or ".join(_kind(one) for one in arguments if one is not NoneType)
+        return " or ".join(_kind(argument) for argument in arguments if argument is not NoneType)
     if get_origin(hint) is tuple:
         return f"{len(arguments)} times {_kind(arguments[0])}"
     return {float: "a number", int: "a whole number", bool: "True or False", str: "text"}[hint]

@@ -75,7 +75,7 @@ def _grafted(
 ) -> Callable[..., None]:
     """Return a command with options in place of some of its parameters, made from them."""
     own = inspect.signature(command, eval_str=True)
-    kept = [one for one in own.parameters.values() if one.name not in instead_of]
+    kept = [parameter for parameter in own.parameters.values() if parameter.name not in instead_of]
 
     def grafted(**given: Any) -> None:  # noqa: ANN401
         command(**{one.name: given[one.name] for one in kept}, **inputs(given))

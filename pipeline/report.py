@@ -101,7 +101,7 @@ class EngineReport:
     @classmethod
     def says(cls) -> dict[str, str]:
         """Return what each value is, in words, by name."""
-        return {one.name: one.metadata["says"] for one in fields(cls)}
+        return {field.name: field.metadata["says"] for field in fields(cls)}
 
     def as_properties(self) -> dict[str, Any]:
         """Return the values by name, as a recording keeps them; None is left out there."""

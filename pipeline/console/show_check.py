@@ -33,8 +33,10 @@ def _json(check: Check) -> dict[str, Any]:
         "largest_difference_m": None if compared is None else compared.largest_difference_m,
         "first_difference": None if first is None else asdict(first),
         "looks_like": None if compared is None else compared.looks_like,
-        "differences": [] if compared is None else [asdict(one) for one in compared.differences],
-        "versions": [] if compared is None else [asdict(one) for one in compared.versions],
+        "differences": []
+        if compared is None
+        else [asdict(difference) for difference in compared.differences],
+        "versions": [] if compared is None else [asdict(version) for version in compared.versions],
         "frames": None if check.frames is None else asdict(check.frames),
         "tolerance_m": check.tolerance_m,
         "recording": str(check.recording),
@@ -50,17 +52,19 @@ def _lines(check: Check) -> list[str]:
     lines = _titled("same" if check.same else "differs", f"{check.recording} and {check.golden}")
     if not compared.differences and compared.largest_difference_m is not None:
         lines += _titled("positions", _positions(check, compared))
-    for one in compared.differences:
-        is_option = one.name in Scenario.options()
-        lines += _titled(*(("setting", _option(one)) if is_option else ("engine", _value(one))))
+    for difference in compared.differences:
+        is_option = difference.name in Scenario.options()
+        lines += _titled(
+            *(("setting", _option(difference)) if is_option else ("engine", _value(difference)))
+        )
     if not compared.differences and check.first is not None:
         lines += _titled("first", _first(check.first))
     if compared.looks_like is not None:
         lines += _titled("looks like", compared.looks_like)
     if check.frames is not None:
         lines += _titled("frames", _frames(check.frames))
-    for one in compared.versions:
-        lines += _titled("version", _value(one))
+    for version in compared.versions:
+        lines += _titled("version", _value(version))
     updated = _titled("golden", f"{check.golden} is now {check.recording}")
     return [*lines, *updated] if check.updated else lines
 

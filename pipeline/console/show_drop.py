@@ -222,7 +222,7 @@ def _times(simulated_s: float | None, free_s: float | None, damped_s: float | No
 
 
 def _bounces(analysis: Analysis) -> list[str]:
-    explained = [one for one in analysis.bounces if one.effective_restitution is not None]
+    explained = [bounce for bounce in analysis.bounces if bounce.effective_restitution is not None]
     lines = []
     if analysis.impact and analysis.engine.pair_restitution and (analysis.engine.substeps or 1) > 1:
         lines = _titled(
@@ -239,7 +239,7 @@ def _bounces(analysis: Analysis) -> list[str]:
         words += "measured, not predicted"
         tumbling = len(analysis.bounces) - len(explained)
         if tumbling:
-            highest_mm = max(one.apex_m for one in analysis.bounces[len(explained) :]) * 1e3
+            highest_mm = max(bounce.apex_m for bounce in analysis.bounces[len(explained) :]) * 1e3
             words += (
                 f"; {tumbling} more bounce{'s' * (tumbling > 1)}, up to "
                 f"{decimals(highest_mm, 1)} mm"
@@ -339,9 +339,9 @@ def _flights(analysis: Analysis) -> list[str]:
         return []
     header = f"{'from':>9} {'to':>9}   {'x off':>12} {'y off':>12} {'z off':>12}"
     rows = [
-        f"{one.start_s:7.4f} s {one.end_s:7.4f} s  "
-        + " ".join(f"{round(length_m * 1e3, 4) + 0.0:+9.4f} mm" for length_m in one.error_m)
-        for one in analysis.flights[:_MOST_FLIGHTS]
+        f"{flight.start_s:7.4f} s {flight.end_s:7.4f} s  "
+        + " ".join(f"{round(length_m * 1e3, 4) + 0.0:+9.4f} mm" for length_m in flight.error_m)
+        for flight in analysis.flights[:_MOST_FLIGHTS]
     ]
     return _listed("Flights", header, rows, len(analysis.flights), "flight")
 
@@ -353,10 +353,10 @@ def _contacts(analysis: Analysis) -> list[str]:
         return []
     header = f"{'from':>9} {'to':>9}   {'impulse':>12} {'largest':>12} {'kinetic':>12}"
     rows = [
-        f"{one.first_step * dt:7.4f} s {one.last_step * dt:7.4f} s  "
-        f"{math.hypot(*one.impulse_n_s):9.4g} Ns {one.largest_force_n:10.4g} N "
-        f"{one.kinetic_j + 0.0:+10.3g} J"
-        for one in phases[:_MOST_FLIGHTS]
+        f"{phase.first_step * dt:7.4f} s {phase.last_step * dt:7.4f} s  "
+        f"{math.hypot(*phase.impulse_n_s):9.4g} Ns {phase.largest_force_n:10.4g} N "
+        f"{phase.kinetic_j + 0.0:+10.3g} J"
+        for phase in phases[:_MOST_FLIGHTS]
     ]
     return _listed("Contacts", header, rows, len(phases), "contact")
 

@@ -80,7 +80,7 @@ def _json(sweep: Sweep) -> dict[str, Any]:
             if group.study is not None
         ],
         "statistics": [
-            group.values | {"summaries": [asdict(one) for one in group.statistics]}
+            group.values | {"summaries": [asdict(statistic) for statistic in group.statistics]}
             for group in sweep.statistics
         ],
         "narrow_enough": sweep.narrow_enough,
@@ -102,10 +102,10 @@ def _rows(sweep: Sweep) -> list[str]:
     errors = [[name, *(_mm(row[term]) for row in shown)] for term, name in TERMS.items()]
     room = max(WIDTH, shutil.get_terminal_size().columns)
     columns = [_aligned(one, str.ljust) for one in labels]
-    columns += [_aligned(one, str.rjust) for one in errors]
+    columns += [_aligned(error, str.rjust) for error in errors]
     total = len(labels)
     left_out: list[str] = []
-    while len(columns) > 1 and sum(len(one[0]) + 2 for one in columns) - 2 > room:
+    while len(columns) > 1 and sum(len(column[0]) + 2 for column in columns) - 2 > room:
         at = -1 if len(columns) > total + 1 else total - 1
         total -= at == total - 1
         left_out.insert(0, columns.pop(at)[0].strip())
@@ -145,7 +145,7 @@ def _mm(value_m: float | None) -> str:
 def _study(group: Group, study: Study, at_s: float) -> list[str]:
     """Tell what the timestep does."""
     steps = [fraction(run.timestep_s) for run in study.runs]
-    pairs = [f"{one} → {two}" for one, two in itertools.pairwise(steps)]
+    pairs = [f"{coarse} → {fine}" for coarse, fine in itertools.pairwise(steps)]
     width = max(map(len, pairs)) + 3
     pairs = pairs[-max(1, min(3, (WIDTH - STUDY - 2) // width)) :]
     limit_mm = study.limit_m * 1e3
@@ -153,9 +153,10 @@ def _study(group: Group, study: Study, at_s: float) -> list[str]:
     limit = f"{decimals(limit_mm, 2, '+') if large else f'{limit_mm:+.1e}'} mm"
     damped = study.damping_matters
     free_fall = _orders(study.orders_free_fall, len(pairs), width, 2 if damped else 3)
+    heading = "".join(pair.rjust(width) for pair in pairs)
     lines = [
         *_heading(group.label or "by timestep"),
-        f"  [dim]{'order of accuracy':<{STUDY - 2}}{''.join(one.rjust(width) for one in pairs)}[/]",
+        f"  [dim]{'order of accuracy':<{STUDY - 2}}{heading}[/]",
         f"{'    against free fall':<{STUDY}}{free_fall}{' [yellow]*[/]' if damped else ''}",
         f"{'    against damped fall':<{STUDY}}"
         + _orders(study.orders_damped_fall, len(pairs), width, 3),
@@ -205,7 +206,7 @@ def readable_step(timestep_s: float) -> str:
 
 
 def _orders(orders: Sequence[float | None], last: int, width: int, decimals: int) -> str:
-    texts = ["–" if one is None else f"{one:.{decimals}f}" for one in orders[-last:]]
+    texts = ["–" if order is None else f"{order:.{decimals}f}" for order in orders[-last:]]
     return "".join(text.rjust(width) for text in texts)
 
 
@@ -216,11 +217,15 @@ def _statistics(group: Group) -> list[str]:
     lines = _heading(group.label) if group.label else []
     quantiles = list(group.statistics[0].quantiles) if group.statistics else []
     lines.append(_cells("", ["mean", "± 95 %", "spread", *quantiles], style="dim"))
-    for one in group.statistics:
-        half = None if one.interval is None else (one.interval[1] - one.interval[0]) / 2
-        widths = [_mm(width).removeprefix("+") for width in (half, one.spread)]
-        cells = [_mm(one.mean), *widths, *map(_mm, one.quantiles.values())]
-        lines.append(_cells(TERMS[one.quantity], cells))
+    for statistic in group.statistics:
+        half = (
+            None
+            if statistic.interval is None
+            else (statistic.interval[1] - statistic.interval[0]) / 2
+        )
+        widths = [_mm(width).removeprefix("+") for width in (half, statistic.spread)]
+        cells = [_mm(statistic.mean), *widths, *map(_mm, statistic.quantiles.values())]
+        lines.append(_cells(TERMS[statistic.quantity], cells))
     count = group.statistics[0].count if group.statistics else 0
     samples = counted(group.samples, "sample")
     over = samples if count == group.samples else f"{count:,} of {samples}"

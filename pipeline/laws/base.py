@@ -43,7 +43,7 @@ class Motion:
 
     def at(self, samples: slice | NDArray[np.intp]) -> Motion:
         """Return some of the samples."""
-        return Motion(*(getattr(self, one.name)[samples] for one in fields(Motion)))
+        return Motion(*(getattr(self, field.name)[samples] for field in fields(Motion)))
 
 
 class ExactPath(NamedTuple):

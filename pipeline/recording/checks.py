@@ -76,7 +76,7 @@ def check_settings(engine: EngineReport, scenario: Scenario, path: Path) -> None
 
 def check_camera(camera: Camera, path: Path) -> None:
     """Check what no option says of the camera, which `Camera` does not."""
-    for name in {one.name for one in fields(Camera)} - Camera.options().keys():
+    for name in {field.name for field in fields(Camera)} - Camera.options().keys():
         value, standard = (np.asarray(getattr(one, name)) for one in (camera, STANDARD_CAMERA))
         if value.dtype.kind not in "if" or value.shape != standard.shape:
             raise damaged(path, f"its camera says that {name} is {shown(getattr(camera, name))}")

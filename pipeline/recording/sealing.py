@@ -144,7 +144,13 @@ def _check_rows(written: Path, path: Path, rows: Mapping[str, int]) -> None:
 def _rerun(*arguments: str | Path, stdout: BinaryIO | int = subprocess.PIPE) -> str:
     """Run Rerun's command line, and return its words; a path is never taken for an option."""
     done = subprocess.run(
-        [binary(), *(one.absolute() if isinstance(one, Path) else one for one in arguments)],
+        [
+            binary(),
+            *(
+                argument.absolute() if isinstance(argument, Path) else argument
+                for argument in arguments
+            ),
+        ],
         stdin=subprocess.DEVNULL,
         stdout=stdout,
         stderr=subprocess.PIPE,

@@ -21,7 +21,9 @@ def events(analysis: Analysis) -> list[tuple[int, str]]:
     if impact is not None and impact.penetration_m is not None:
         depth_mm = impact.penetration_m * 1e3
         found.append((impact.lowest_step, f"lowest point, {depth_mm:.3f} mm in the floor"))
-    found += [(one.step, f"rebound at {one.rebound_m_s:.3f} m/s") for one in analysis.bounces]
+    found += [
+        (bounce.step, f"rebound at {bounce.rebound_m_s:.3f} m/s") for bounce in analysis.bounces
+    ]
     if rest is not None and rest.settled_step is not None:
         found.append((rest.settled_step, f"at rest at {rest.height_m * 1e3:.3f} mm"))
     return sorted(found, key=lambda event: event[0])

@@ -235,7 +235,7 @@ def _identity(work: RunShard) -> dict[str, Any]:
     """Return everything that decides the rows: results of other things are not to be mixed."""
     return {
         "lists": {name: list(values) for name, values in work.plan.lists},
-        "vary": [asdict(one) for one in work.plan.variations],
+        "vary": [asdict(variation) for variation in work.plan.variations],
         "samples": work.plan.samples,
         "seed": work.plan.seed,
         "bodies": {body: body_digest(body) for body in work.plan.bodies},

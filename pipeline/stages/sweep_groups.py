@@ -59,8 +59,8 @@ def studies_of(plan: Plan, results: pl.LazyFrame) -> list[Group]:
         alike = np.abs(times_s - times_s[:, None]) <= 1e-9 * times_s
         same = alike[alike.sum(axis=1).argmax()]  # those at the time that most of them have
         runs = [
-            StudiedRun(**one)
-            for one in group.filter(same).drop(*others, "time_s").iter_rows(named=True)
+            StudiedRun(**row)
+            for row in group.filter(same).drop(*others, "time_s").iter_rows(named=True)
         ]
         left_out = tuple(group.filter(~same)["timestep_s"])
         if len(runs) > 1:

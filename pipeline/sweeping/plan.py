@@ -47,7 +47,10 @@ class Plan:
         """Return every body that a run may have."""
         listed = dict(self.lists).get("body", ())
         drawn_from = [
-            value for one in self.variations if one.field == "body" for value in one.values
+            value
+            for variation in self.variations
+            if variation.field == "body"
+            for value in variation.values
         ]
         return sorted({*listed, *drawn_from} or {Scenario().body})
 
@@ -119,11 +122,13 @@ def plan_of(
         raise ScenarioError(f"--seed must be at least 0, got {seed}")
     if variations and samples is None:
         raise ScenarioError("--vary needs to know how often to draw; add --samples 1000")
-    for one in variations:
-        if one.axis is None and one.field in dict(lists):
-            option = Scenario.options()[one.field].name
+    for variation in variations:
+        if variation.axis is None and variation.field in dict(lists):
+            option = Scenario.options()[variation.field].name
             raise ScenarioError(f"{option} is given and drawn by --vary; leave one of them out")
-        if one.field == "orientation" and any(len(q) == 4 for q in dict(lists).get(one.field, ())):
+        if variation.field == "orientation" and any(
+            len(q) == 4 for q in dict(lists).get(variation.field, ())
+        ):
             raise ScenarioError(
                 "--orientation must be angles R,P,Y where --vary draws one of them, got a "
                 "quaternion; give R,P,Y"
@@ -131,10 +136,10 @@ def plan_of(
     if "floor" not in dict(lists):
         chosen = (
             v
-            for one in variations
-            if one.kind == "choice"
-            for v in one.values
-            if one.field == "height_m"
+            for variation in variations
+            if variation.kind == "choice"
+            for v in variation.values
+            if variation.field == "height_m"
         )
         for height_m in (*dict(lists).get("height_m", ()), *chosen):
             Scenario(height_m=height_m)

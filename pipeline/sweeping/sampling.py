@@ -132,13 +132,17 @@ def drawn(
         Which sample.
     """
     stream, values = stream_of(seed, sample), dict(given)
-    for one in variations:
-        value = one.draw(stream)
-        if one.axis is None:
-            values[one.field] = value
+    for variation in variations:
+        value = variation.draw(stream)
+        if variation.axis is None:
+            values[variation.field] = value
         else:
-            whole: Vector = values.get(one.field, (0.0, 0.0, 0.0))
-            values[one.field] = (*whole[: one.axis], value, *whole[one.axis + 1 :])
+            whole: Vector = values.get(variation.field, (0.0, 0.0, 0.0))
+            values[variation.field] = (
+                *whole[: variation.axis],
+                value,
+                *whole[variation.axis + 1 :],
+            )
     return values
 
 
@@ -185,7 +189,7 @@ def _variation(text: str) -> Variation:
     if (option.kind is INTEGER) != (kind == "integers"):
         raise ScenarioError(f"--vary takes integers:LOW:HIGH for whole numbers only, got {text!r}")
     try:
-        values = tuple(number(one) for one in parameters)
+        values = tuple(number(parameter) for parameter in parameters)
     except ScenarioError:
         raise ScenarioError(f"--vary takes numbers after {kind}, got {text!r}") from None
     if not (all(map(math.isfinite, values)) and DISTRIBUTIONS[kind].holds(values)):

@@ -79,28 +79,28 @@ def analysis_of(
         If a time lies outside the recording.
     """
     case = case_of(scenario, engine, states, contacts)
-    found = phases_of(case)
-    mismatch = find_mismatch(case, found)
+    phases = phases_of(case)
+    mismatch = find_mismatch(case, phases)
     unseen = unseen_contact(case, mismatch)
     if unseen is not None:
-        found, mismatch = replace(found, contact_step=unseen), None
-    clamped = clamped_step(case, found)
-    coverage = coverage_of(case, found, mismatch, clamped)
+        phases, mismatch = replace(phases, contact_step=unseen), None
+    clamped = clamped_step(case, phases)
+    coverage = coverage_of(case, phases, mismatch, clamped)
     flights, parts = decomposed(case.samples, case.law, case.segments, at_least=coverage.samples)
     parts = parts.first(coverage.samples)
     energies = mechanics(case.engine, case.samples)
-    table = _table(case, found, parts, energies)
+    table = _table(case, phases, parts, energies)
     at = [_moment(table, step) for step in _steps_at(at_s, scenario, coverage)]
 
     tumbled = tumbled_step(case, touching(case.samples))
     law = law_path(case)
     landing = find_landing(case)
-    impact = find_impact(case, found, landing)
+    impact = find_impact(case, phases, landing)
     bounces = find_bounces(case, tumbled)
-    rest = find_rest(case, found, tumbled, law)
+    rest = find_rest(case, phases, tumbled, law)
     evidence = Evidence(
         case=case,
-        phases=found,
+        phases=phases,
         mismatch=mismatch,
         clamped_step=clamped,
         moment=at[0] if at else None,
@@ -121,11 +121,11 @@ def analysis_of(
         impact=impact,
         tumbled_step=tumbled,
         tumbles=tumbled is not None and tumbles(case, tumbled),
-        contact=find_contact(case, found, tumbled, law),
+        contact=find_contact(case, phases, tumbled, law),
         bounces=bounces,
         rest=rest,
-        conservation=_conservation(case, energies, found.airborne),
-        energy=ledger(case, energies, airborne=found.airborne),
+        conservation=_conservation(case, energies, phases.airborne),
+        energy=ledger(case, energies, airborne=phases.airborne),
         segments=SegmentCounts(**case.segments.counts()),
         flights=flights,
         explained=explained_of(case, mismatch),
@@ -135,20 +135,20 @@ def analysis_of(
     )
 
 
-def _table(case: Case, found: Phases, parts: Decomposition, energies: Mechanics) -> pl.DataFrame:
+def _table(case: Case, phases: Phases, parts: Decomposition, energies: Mechanics) -> pl.DataFrame:
     """Return one row per sample; error terms are null where free flight is not covered."""
 
     def explained(values: Float64) -> pl.Series:
         return pl.Series(values, dtype=pl.Float64).extend_constant(
-            None, found.samples - len(values)
+            None, phases.samples - len(values)
         )
 
     height_m = case.samples.height_m
     return pl.DataFrame(
         {
-            "step": np.arange(found.samples),
+            "step": np.arange(phases.samples),
             "time_s": case.time_s,
-            "phase": found.column(),
+            "phase": phases.column(),
             "simulated_m": height_m,
             "free_fall_m": case.free_fall_m,
             "damped_fall_m": case.damped_fall_m,

@@ -98,7 +98,7 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
         Difference that is let pass [m], in the air and in contact.
     """
     differences = [*_scenario_differences(run, golden), *_engine_differences(run, golden)]
-    versions = [one for one in _engine_settings(run, golden) if _is_version(one.name)]
+    versions = [setting for setting in _engine_settings(run, golden) if _is_version(setting.name)]
     if (
         run.states.shape != golden.states.shape
         or run.scenario.timestep_s != golden.scenario.timestep_s
@@ -154,12 +154,15 @@ def _engine_differences(run: Side, golden: Side) -> list[Setting]:
     What scenarios that differ say already is not said twice. Where they agree it is said with its
     origin: a default of the engine has changed, or a report was altered.
     """
-    settings = [one for one in _engine_settings(run, golden) if not _is_version(one.name)]
+    settings = [
+        setting for setting in _engine_settings(run, golden) if not _is_version(setting.name)
+    ]
     names = asdict(run.scenario).keys()
     if _scenario_differences(run, golden):
-        return [one for one in settings if one.name not in names]
+        return [setting for setting in settings if setting.name not in names]
     return [
-        replace(one, name=f"engine.{one.name}") if one.name in names else one for one in settings
+        replace(setting, name=f"engine.{setting.name}") if setting.name in names else setting
+        for setting in settings
     ]
 
 

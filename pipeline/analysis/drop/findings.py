@@ -320,15 +320,15 @@ def _swallowed(e: Evidence) -> Iterator[Finding]:
     # What gravity takes back within a step or two is no bounce either.
     least_m_s = max(SWALLOWED_M_S, -2 * e.case.fall.gravity_m_s2 * e.case.timestep_s) / restitution
     points = e.case.samples.contact_points
-    for number, one in enumerate(episodes(e.case)):
-        if e.tumbled_step is not None and one.first >= e.tumbled_step:
+    for number, episode in enumerate(episodes(e.case)):
+        if e.tumbled_step is not None and episode.first >= e.tumbled_step:
             return
-        flat = e.case.is_ball or (e.case.is_box and points[one.first] == CORNERS)
-        if flat and not one.leaves and least_m_s < one.approach_m_s < threshold_m_s:
+        flat = e.case.is_ball or (e.case.is_box and points[episode.first] == CORNERS)
+        if flat and not episode.leaves and least_m_s < episode.approach_m_s < threshold_m_s:
             yield Finding(
                 "bounce-swallowed",
                 f"after {number} bounce{'s' * (number != 1)} the body arrives at "
-                f"{one.approach_m_s:.3f} m/s and stays: restitution acts only from "
+                f"{episode.approach_m_s:.3f} m/s and stays: restitution acts only from "
                 f"{threshold_m_s:g} m/s on; lower it with "
                 "p.setPhysicsEngineParameter(restitutionVelocityThreshold=…), i.e. "
                 "--restitution-threshold",

@@ -58,26 +58,26 @@ def find_landing(case: Case) -> Landing | None:
     return Landing(time_free_fall_s=free_s, time_damped_s=damped_s)
 
 
-def find_impact(case: Case, found: Phases, landing: Landing | None) -> Impact | None:
+def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact | None:
     """Return when the body meets the floor, or None if it never does."""
-    if found.contact_step is None or (case.substeps > 1 and not case.is_rigid):
+    if phases.contact_step is None or (case.substeps > 1 and not case.is_rigid):
         return None  # of several substeps the first contact may not be reported
     samples, floor_m = case.samples, case.floor_height_m
     height_m, turned = samples.height_m, turned_rad(case) > FLAT_RAD
     lowest = int(np.argmin(height_m))
-    before = max(found.contact_step - 1, 0)
+    before = max(phases.contact_step - 1, 0)
     crossing_s = penetration_m = None
     if floor_m is not None and case.is_rigid:
         # With substeps the way between two samples is not straight.
-        if case.starts_above and case.substeps == 1 and not turned[: found.contact_step + 1].any():
-            crossing_s = crossing_time(height_m[: found.contact_step], floor_m, case.timestep_s)
+        if case.starts_above and case.substeps == 1 and not turned[: phases.contact_step + 1].any():
+            crossing_s = crossing_time(height_m[: phases.contact_step], floor_m, case.timestep_s)
         if not turned[lowest] and case.over_floor(samples.position_m[lowest : lowest + 1]):
             penetration_m = max(0.0, floor_m - float(height_m[lowest]))
     return Impact(
         time_free_fall_s=landing.time_free_fall_s if landing else None,
         time_damped_s=landing.time_damped_s if landing else None,
         time_simulated_s=crossing_s,
-        step=found.contact_step,
+        step=phases.contact_step,
         speed_m_s=float(np.linalg.norm(samples.velocity_m_s[before])),
         lowest_m=float(height_m[lowest]),
         lowest_step=lowest,
@@ -168,10 +168,10 @@ def restitution_threshold_m_s(case: Case) -> float:
 
 
 def find_contact(
-    case: Case, found: Phases, tumbled_step: int | None, law: Path | None
+    case: Case, phases: Phases, tumbled_step: int | None, law: Path | None
 ) -> Contact | None:
     """Return how far the recorded heights are from the contact law's while the body is flat."""
-    if law is None or found.contact_step is None or tumbled_step == found.contact_step:
+    if law is None or phases.contact_step is None or tumbled_step == phases.contact_step:
         return None
     deviation_m = np.abs(case.samples.height_m - law.height_m)[:tumbled_step]
     worst = int(np.argmax(deviation_m))
@@ -229,31 +229,31 @@ def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
     floor_m = case.floor_height_m
     if not case.is_rigid or floor_m is None or case.fall.gravity_m_s2 >= 0:
         return []
-    found = [one for one in episodes(case) if one.leaves]
+    leaving = [episode for episode in episodes(case) if episode.leaves]
     touches, height_m = touching(case.samples), case.samples.height_m
     following = np.append(np.flatnonzero(touches), len(touches))
     law = law_path(case, contact_erp=0.0)
     uncorrected_m = [] if law is None else _apexes(law.height_m, floor_m)
     bounces = []
     plain = True
-    for number, one in enumerate(found, start=1):
-        plain = plain and _is_plain(case, one, tumbled_step)
-        next_touch = int(following[np.searchsorted(following, one.last + 1)])
+    for number, episode in enumerate(leaving, start=1):
+        plain = plain and _is_plain(case, episode, tumbled_step)
+        next_touch = int(following[np.searchsorted(following, episode.last + 1)])
         # Where the recording ends on the way up, the apex is not there to be compared.
         whole = plain and (next_touch < len(touches) or case.samples.velocity_m_s[-1, 2] <= 0)
-        rebound_m_s = float(case.samples.velocity_m_s[one.pushed, 2])
+        rebound_m_s = float(case.samples.velocity_m_s[episode.pushed, 2])
         bounces.append(
             Bounce(
-                step=one.first - 1,
-                approach_m_s=one.approach_m_s,
+                step=episode.first - 1,
+                approach_m_s=episode.approach_m_s,
                 rebound_m_s=rebound_m_s,
-                effective_restitution=rebound_m_s / one.approach_m_s if plain else None,
-                apex_m=float(height_m[one.last : next_touch].max()) - floor_m,
+                effective_restitution=rebound_m_s / episode.approach_m_s if plain else None,
+                apex_m=float(height_m[episode.last : next_touch].max()) - floor_m,
                 predicted_apex_m=_predicted_apex_m(case, number) if whole else None,
                 uncorrected_apex_m=uncorrected_m[number - 1]
                 if whole and number <= len(uncorrected_m)
                 else None,
-                correction_m_s=_correction_m_s(case, one) if plain else None,
+                correction_m_s=_correction_m_s(case, episode) if plain else None,
             )
         )
     return bounces
@@ -322,14 +322,16 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
 # -- rest -----------------------------------------------------------------------------------------
 
 
-def find_rest(case: Case, found: Phases, tumbled_step: int | None, law: Path | None) -> Rest | None:
+def find_rest(
+    case: Case, phases: Phases, tumbled_step: int | None, law: Path | None
+) -> Rest | None:
     """Return where the body comes to lie, and why it is not the rest height exactly."""
-    if not found.lies:
+    if not phases.lies:
         return None
     last_m = float(case.samples.height_m[-1])
     expected_m = flat_height_m(case, len(case.samples.height_m) - 1)
     if expected_m is None:
-        return Rest(last_m, None, None, found.rest_step, None)
+        return Rest(last_m, None, None, phases.rest_step, None)
     terms = None
     settles = law is not None and abs(law.velocity_m_s[-10:]).max() < AT_REST_M_S
     sinks = not _bounces_on(case) and _contact_erp(case) > 0
@@ -340,7 +342,7 @@ def find_rest(case: Case, found: Phases, tumbled_step: int | None, law: Path | N
             solver=last_m - law_end_m,
             settling=law_end_m - (expected_m - CONTACT_SLOP_M),
         )
-    return Rest(last_m, expected_m, last_m - expected_m, found.rest_step, terms)
+    return Rest(last_m, expected_m, last_m - expected_m, phases.rest_step, terms)
 
 
 def _bounces_on(case: Case) -> bool:

@@ -21,7 +21,7 @@ class Mismatch:
     """By how much, in the worst of its numbers [m, m/s or rad/s]."""
 
 
-def find_mismatch(case: Case, found: Phases) -> Mismatch | None:
+def find_mismatch(case: Case, phases: Phases) -> Mismatch | None:
     """Return the first sample that does not follow Bullet's law, and by how much, or None.
 
     The release is in the air, whatever is recorded of contact.
@@ -29,14 +29,14 @@ def find_mismatch(case: Case, found: Phases) -> Mismatch | None:
     step = case.segments.first_unexplained
     if step is None or (case.scenario.stepped and not case.is_rigid):
         return None
-    if step >= max(1, found.airborne) and _uncovered(case, step) is not None:
+    if step >= max(1, phases.airborne) and _uncovered(case, step) is not None:
         return None
     return Mismatch(step, float(case.segments.deviation[step]))
 
 
-def clamped_step(case: Case, found: Phases) -> int | None:
+def clamped_step(case: Case, phases: Phases) -> int | None:
     """Return the first sample in the air that the limit of ±100 m/s or rad/s acted on, or None."""
-    held = np.flatnonzero(case.segments.held[1 : max(1, found.airborne)])
+    held = np.flatnonzero(case.segments.held[1 : max(1, phases.airborne)])
     return int(held[0]) + 1 if len(held) else None
 
 
@@ -108,10 +108,10 @@ def joints_of(count: int) -> str:
 
 
 def coverage_of(
-    case: Case, found: Phases, mismatch: Mismatch | None, clamped: int | None
+    case: Case, phases: Phases, mismatch: Mismatch | None, clamped: int | None
 ) -> Coverage:
     """Say which samples are taken apart: those in free flight, by the law and in theory."""
-    of = found.samples
+    of = phases.samples
     if not case.scenario.stepped:
         return Coverage(0, of, "no step was taken, so no law of motion applies")
     if not case.is_rigid:
@@ -123,6 +123,6 @@ def coverage_of(
     if clamped is not None:
         ends.append((clamped, "a velocity is held at Bullet's limit of 100"))
     ends.append((case.lands_at, "free fall has reached the floor, and there is no theory"))
-    ends.append((found.airborne, "the body is, or has been, in contact"))
+    ends.append((phases.airborne, "the body is, or has been, in contact"))
     samples, why = min(ends, key=lambda end: end[0])
     return Coverage(samples, of, why if samples == of else f"from sample {samples} on {why}")

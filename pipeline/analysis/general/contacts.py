@@ -78,9 +78,9 @@ def contacts_of(table: pl.DataFrame) -> Contacts:
     """Return a recording's table of contact points as arrays."""
     return Contacts(
         **{
-            one.name: table.select(_VECTORS[one.name]).to_numpy()
-            if one.name in _VECTORS
-            else table[one.name].to_numpy()
-            for one in fields(Contacts)
+            field.name: table.select(_VECTORS[field.name]).to_numpy()
+            if field.name in _VECTORS
+            else table[field.name].to_numpy()
+            for field in fields(Contacts)
         }
     )

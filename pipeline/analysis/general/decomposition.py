@@ -38,7 +38,7 @@ class Decomposition:
 
     def first(self, samples: int) -> Self:
         """Return the first of the samples."""
-        return type(self)(*(getattr(self, one.name)[:samples] for one in fields(self)))
+        return type(self)(*(getattr(self, field.name)[:samples] for field in fields(self)))
 
 
 def decompose(law: Law, fall: Fall, simulated_m: Float64, *, first: int = 0) -> Decomposition:

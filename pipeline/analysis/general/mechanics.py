@@ -84,10 +84,10 @@ def _about_centre_of_mass(
     centre_m = np.tensordot(shares, [one.position_m for one in rigid], 1)
     drift_m_s = np.tensordot(shares, [one.velocity_m_s for one in rigid], 1)
     total, scale = np.zeros_like(centre_m), np.zeros(len(centre_m))
-    for m, one, part in zip(masses_kg, rigid, parts, strict=True):
-        arm_m, velocity_m_s = one.position_m - centre_m, one.velocity_m_s - drift_m_s
+    for m, link, part in zip(masses_kg, rigid, parts, strict=True):
+        arm_m, velocity_m_s = link.position_m - centre_m, link.velocity_m_s - drift_m_s
         total += part.angular_momentum_kg_m2_s + m * np.cross(arm_m, velocity_m_s)
-        scale += m * np.abs(arm_m).max(axis=1) * np.abs(one.velocity_m_s).max(axis=1)
+        scale += m * np.abs(arm_m).max(axis=1) * np.abs(link.velocity_m_s).max(axis=1)
     # Differences of equal velocities leave rounding, which is no momentum.
     nothing = np.linalg.norm(total, axis=1) < ROUNDING * scale
     return np.where(nothing[:, None], 0.0, total)

@@ -202,4 +202,4 @@ _CORNER = re.compile(rb"(-?\d{1,10})(?:/(-?\d{1,10})?(?:/(-?\d{1,10}))?)?")
 def _indices(corner: bytes) -> list[int]:
     """Return the numbers in i, i/j, i//k or i/j/k; none where it is another thing."""
     match = _CORNER.fullmatch(corner)
-    return [int(one) for one in match.groups() if one] if match else []
+    return [int(group) for group in match.groups() if group] if match else []

@@ -65,9 +65,9 @@ class LastingWorld(World):
 
     def samples(self, batch: int) -> Iterator[Batch]:
         """Fall, as `World.samples` does, and let `watch` see each batch."""
-        for one in super().samples(batch):
-            self.watch(one)
-            yield one
+        for sample in super().samples(batch):
+            self.watch(sample)
+            yield sample
 
     def skip(self, steps: int) -> None:
         """Take steps whose samples nobody reads."""

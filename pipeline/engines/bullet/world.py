@@ -220,7 +220,7 @@ class World:
     def _report(self, twin: World) -> EngineReport:
         engine = p.getPhysicsEngineParameters(physicsClientId=self._client)
         body, floor = self._dynamics(), None if self._floor is None else self._dynamics(self._floor)
-        base, links = twin._dynamics(), [twin._dynamics(twin._body, one) for one in twin._links]
+        base, links = twin._dynamics(), [twin._dynamics(twin._body, link) for link in twin._links]
         masses_kg = [link[0] for link in (base, *links)]
         shapes = [
             shape
@@ -240,7 +240,7 @@ class World:
             mass_kg=math.fsum(masses_kg),
             link_masses_kg=tuple(masses_kg),
             inertia_kg_m2=base[2],
-            link_inertias_kg_m2=tuple(one for link in (base, *links) for one in link[2]),
+            link_inertias_kg_m2=tuple(moment for link in (base, *links) for moment in link[2]),
             lateral_friction=body[1],
             rolling_friction=body[6],
             spinning_friction=body[7],
