@@ -1010,7 +1010,8 @@ def _bounce_correction(said: Said) -> None:
         float(said.truth.from_sample(found.step, steps, **how).velocity_m_s[1:, 2].max())
         for how in (CONVERGED, CONVERGED | {"contact_erp": 0.0})
     )
-    slack = 1e-4 * said.beside["approach_m_s"]
+    # The contact law gave the rebounds of 500 bounces to 1.2e-4 (`tests/test_contact_law.py`).
+    slack = 2e-4 * said.beside["approach_m_s"]
     near(said.value, same - plain, slack, "replay of the contact without ERP")
 
 
@@ -1492,8 +1493,9 @@ def _uncovered(said: Said, step: int) -> str | None:
         return None
     if any(said.truth.facts.friction[1:]):
         return "rolling"
-    turned = said.drop.orientation != oracle.AS_LOADED
-    return "first step" if said.drop.maximal and step == 1 and turned else None
+    # Until its first step a btRigidBody is pushed with the inertia that it was loaded with.
+    stale = said.drop.orientation != oracle.AS_LOADED or said.drop.mass_kg is not None
+    return "first step" if said.drop.maximal and step == 1 and stale else None
 
 
 @checks("segments.flight")
@@ -1658,7 +1660,8 @@ def _flight_damping(said: Said) -> None:
     true = oracle.damping_m(drop, time_s)
     size = float(np.abs(true).max())
     for value, one in zip(said.value, true.tolist(), strict=True):
-        near(value, one, 1e-9 * abs(one) + 1e-12 * size + 1e-18, "ODE of the drag")
+        # Both are integrated, all axes to one accuracy.
+        near(value, one, 1e-9 * abs(one) + 1e-11 * size + 1e-18, "ODE of the drag")
 
 
 @checks("flights[].terms_m.interaction")
@@ -1892,6 +1895,22 @@ FOUND: dict[str, tuple[str, dict[str, Any]]] = {
         {
             "height_m": 2.025, "timestep_s": 0.1, "duration_s": 42.9, "gravity_m_s2": -25.0,
             "linear_damping": 0.0, "solver_iterations": 500, "mass_kg": 0.4082036735634641,
+        },
+    ),
+    "a flight through points that pushed and took it back": (
+        "objects/mug.urdf",
+        {
+            "height_m": 0.2534281707317744, "duration_s": 0.8541666666666666,
+            "spin_rad_s": (60.0, -70.0, 80.0), "orientation": (90.0, 0.0, 0.0), "friction": 2.0,
+            "solver_residual": 1e-9, "coordinates": "maximal",
+        },
+    ),
+    "a first push with the inertia of another mass": (
+        "cube_small.urdf",
+        {
+            "height_m": 0.024975, "timestep_s": 0.1, "duration_s": 2.0, "gravity_m_s2": -25.0,
+            "velocity_m_s": (-3.22, 0.1, 0.6), "mass_kg": 0.0034, "restitution": 0.5,
+            "coordinates": "maximal",
         },
     ),
     "the drag of a speed that Bullet takes for none": (
