@@ -108,6 +108,9 @@ class Worker:
             If the process died.
         """
         assert self._process.stdout is not None
+        if hasattr(signal, "siginterrupt"):
+            # Polars has what waits go on waiting after Ctrl-C, once it is imported.
+            signal.siginterrupt(signal.SIGINT, True)
         try:
             answer = pickle.load(self._process.stdout)
         except (EOFError, pickle.UnpicklingError):

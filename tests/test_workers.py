@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from command import environment
 from conftest import Planted
 
 from pipeline.workers import Worker, cores
@@ -62,6 +65,24 @@ def test_a_worker_that_is_just_starting_does_not_hear_ctrl_c() -> None:
         worker._process.send_signal(signal.SIGINT)
         worker.ask("math:sqrt", 4)
         assert worker.answer() == 2
+
+
+def test_ctrl_c_ends_the_wait_for_an_answer_with_polars_too(tmp_path: Path) -> None:
+    """Once it is imported, a signal no longer ends a read: the handler runs after the answer."""
+    code = """
+import os, signal, threading, polars
+from pipeline.workers import Worker
+polars.DataFrame({"a": [1]}).lazy().collect()
+with Worker() as worker:
+    worker.ask("time:sleep", 60)
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    worker.answer()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment(), capture_output=True,
+        text=True, timeout=30, check=False,
+    )  # fmt: skip
+    assert done.stderr.strip().endswith("KeyboardInterrupt")
 
 
 def test_where_nobody_says_which_processors_may_be_used_all_are_counted(

@@ -7,7 +7,8 @@ The segment of a sample is that of the step which led to it, so that each rests 
 on the contacts between them. Not covered, and then `unexplained`: contact in a step that is made of
 several, of which PyBullet reports the last; rolling and spinning friction, which it does not
 report; and the first step of a btRigidBody that touches something after it was turned or given
-another mass: it is pushed with the inertia of how it was loaded. Not covered, and `jointed`: bodies with joints.
+another mass: it is pushed with the inertia of how it was loaded. Not covered, and `jointed`:
+bodies with joints.
 """
 
 from __future__ import annotations
