@@ -8,7 +8,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 from conftest import Recorder, judge
-from engine import MODES, box, urdf_of
+from engine import MODES, box, shape, urdf_of
 
 from pipeline.analysis.drop.analysis import analysis_of
 from pipeline.console.show_drop import show_analysis
@@ -154,6 +154,20 @@ def test_a_contact_that_is_a_spring_is_not_explained_by_the_solver(
     assert "spring, of 300 N/m" in by_code["rest-below-expected"]
     assert "restitution-inflated" not in by_code
     assert "bounce-swallowed" not in by_code
+
+
+def test_what_contact_turns_within_a_step_was_flat_before(
+    recorded: Recorder, tmp_path: Path
+) -> None:
+    """A capsule that lies meets the floor at one end first, at so long a step."""
+    capsule = shape('<capsule radius="0.03" length="0.1"/>', rpy="0 1.5707963 0")
+    body = urdf_of(tmp_path, capsule, mass_kg=7.0)
+    analysis = judge(
+        recorded(body=body, velocity_m_s=(0.0, 0.0, 1.0), restitution=0.8, timestep_s=1 / 37)
+    )
+    (said,) = (found.message for found in analysis.findings if found.code == "tumbled")
+    assert "in the step that touches the floor" in said
+    assert "without --spin" not in said
 
 
 def test_a_contact_of_several_substeps_and_joints_is_not_denied(

@@ -17,7 +17,7 @@ from pipeline.analysis.drop.convergence import cancelling_timestep
 from pipeline.analysis.drop.landing import CORNERS, Path, episodes, restitution_threshold_m_s
 from pipeline.analysis.drop.mismatch import Mismatch, joints_of
 from pipeline.analysis.drop.phases import Phases
-from pipeline.analysis.drop.posture import extent_m, tilt_rad, tumbles
+from pipeline.analysis.drop.posture import FLAT_RAD, extent_m, tilt_rad, tumbles
 from pipeline.analysis.drop.results import Bounce, Finding, Impact, Landing, Moment, Rest
 from pipeline.fields import decimals
 
@@ -276,18 +276,23 @@ def _spring(case: Case) -> str | None:
 def _tumbled(e: Evidence) -> Iterator[Finding]:
     if e.tumbled_step is None:
         return
-    tilt_deg = math.degrees(tilt_rad(e.case)[e.tumbled_step])
-    since = "" if e.case.is_box else " from how it was released"
+    tilts = tilt_rad(e.case)
+    tilt_deg = math.degrees(tilts[e.tumbled_step])
+    how = f"touches the floor tilted by {tilt_deg:.2g}°"
+    how += "" if e.case.is_box else " from how it was released"
     advice = "drop it flat with --orientation and without --spin"
     if e.law is not None and e.case.scenario.solver_residual != 0:
         advice = (
             "to see what the solver's early stop does to that, compare with --solver-residual 0"
         )
+    if e.tumbled_step and tilts[e.tumbled_step - 1] <= FLAT_RAD:
+        how = f"is turned by {tilt_deg:.2g}° in the step that touches the floor"
+        advice = "try a shorter --timestep"
     yield Finding(
         "tumbled",
         f"from {e.case.time_s[e.tumbled_step]:.4g} s (step {e.tumbled_step}) on it "
-        f"{'tumbles' if tumbles(e.case, e.tumbled_step) else 'is not flat'}: it touches the floor "
-        f"tilted by {tilt_deg:.2g}°{since}, so bounces, contact and rest are measured from there "
+        f"{'tumbles' if tumbles(e.case, e.tumbled_step) else 'is not flat'}: it "
+        f"{how}, so bounces, contact and rest are measured from there "
         f"on, not predicted; {advice}",
     )
 
