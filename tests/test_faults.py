@@ -193,7 +193,7 @@ def test_a_disk_that_is_too_small_from_the_start_is_left_as_it_is(
             pytest.skip("no small disk can be mounted here")
         code, *said = told(arguments, disk)
         assert code == 1
-        assert_one_line(*said, "run.rrd needs some", "MB are free")
+        assert_one_line(*said, "run.rrd needs some", "kB are free")
         assert (disk / "run.rrd").read_bytes() == precious
         assert [one.name for one in disk.iterdir()] == ["run.rrd"]
 
@@ -239,12 +239,20 @@ def test_a_full_disk_in_a_sweep_is_one_line(tmp_path: Path, room_kb: int) -> Non
         assert not list(disk.rglob("*.part"))
 
 
+def test_a_sweep_whose_recordings_cannot_fit_is_not_begun(tmp_path: Path) -> None:
+    arguments = ("--samples", "100000000000", "--vary", "height=uniform:1:2")
+    code, *said = told(("sweep", "--out", "s", *arguments), tmp_path)
+    assert code == 1
+    assert_one_line(*said, "s/recordings needs some 5.0 PB", "record less")
+    assert not list(tmp_path.rglob("*.rrd*"))
+
+
 def test_too_little_room_is_said_before_the_work_is_begun(tmp_path: Path) -> None:
     free = shutil.disk_usage(tmp_path).free
-    with pytest.raises(OutputError, match=r"MB .*free"):
+    with pytest.raises(OutputError, match=r"B .*free"):
         check_room(tmp_path / "run.rrd", free * 2)
     steps = min(1_000_000_000, free // 200)
-    with pytest.raises(OutputError, match="GB"):
+    with pytest.raises(OutputError, match="GB on the disk"):
         simulate(
             Scenario(timestep_s=1e-3, duration_s=steps / 1000), tmp_path / "x.rrd", camera=None
         )

@@ -15,6 +15,8 @@ import stat
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from rich.filesize import decimal
+
 from pipeline.errors import OutputError
 
 MOST_PARTS = 9
@@ -222,8 +224,8 @@ def check_room(path: Path, needed_bytes: int) -> None:
     free = shutil.disk_usage(path.parent).free
     if needed_bytes > free:
         raise OutputError(
-            f"{path} needs some {needed_bytes / 1e6:,.2f} MB on the disk while it is written, and "
-            f"{free / 1e6:,.2f} MB are free; make room, or record fewer steps"
+            f"{path} needs some {decimal(needed_bytes)} on the disk while it is written, and "
+            f"{decimal(free)} are free; make room, or record less"
         )
 
 

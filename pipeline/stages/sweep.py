@@ -19,7 +19,7 @@ from pipeline.analysis.general.statistics import Moments
 from pipeline.engines.bullet.engine import body_digest, engine_versions, find_body
 from pipeline.engines.bullet.probe import verdicts
 from pipeline.errors import DropError, OutputError, ScenarioError
-from pipeline.files.outputs import check_apart, check_target
+from pipeline.files.outputs import check_apart, check_room, check_target
 from pipeline.files.whole import written_whole
 from pipeline.scenario import Camera, Scenario
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
@@ -31,6 +31,8 @@ from pipeline.workers import cores
 
 SHORT_STEPS = 200_000
 """A sweep of fewer steps is over before a second process would have started."""
+LEAST_BYTES = 50_000
+"""What the recording of a run takes, at least: one of 13 samples has 75 kB."""
 
 Progress = Callable[[int, int, int], None]
 """Told how many runs are done, how many of them failed, and out of how many."""
@@ -148,6 +150,9 @@ def sweep(
         if not force:
             folder.check_replaceable(plan, recorded=record)
         before = _done(folder, force=force)
+        if record and until_ci_m is None:
+            left = plan.runs - sum(len(plan.runs_of(shard)) for shard in before)
+            check_room(folder.path / "recordings", left * LEAST_BYTES)
         ledger = _Ledger(plan, dict(before), until_ci_m, progress)
         todo = (shard for shard in range(plan.shards) if shard not in before)
         try:
