@@ -810,3 +810,20 @@ def test_a_script_may_not_be_overwritten_by_its_recording(bench: Bench) -> None:
     script = bench.script("pass", "mine.rrd")
     with pytest.raises(OutputError, match="would replace"):
         record_script(str(bench.folder / script), out=bench.folder / "mine.rrd", force=True)
+
+
+def test_a_script_that_is_interrupted_is_not_run_again(bench: Bench) -> None:
+    script = bench.script(
+        STEPS + "open('there', 'a').write('x')\nwhile True:\n    p.getNumBodies()"
+    )
+    process = subprocess.Popen(
+        [*COMMAND, "record", "--twice", "--json", script], cwd=bench.folder,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    wait_for(bench.folder.joinpath("there").exists, "the script did not come so far")
+    process.send_signal(signal.SIGINT)
+    printed, said = process.communicate(timeout=30)
+    assert json.loads(printed)["ended"] == "interrupted"
+    assert "first_difference" not in json.loads(printed)
+    assert "it was not run again" in said
+    assert bench.folder.joinpath("there").read_text() == "x"
