@@ -108,7 +108,10 @@ HEIGHT_RESOLUTION_M = 1e-9
 
 JOINT_POSITIONS = "joint_positions"
 JOINT_TORQUES = "joint_torques"
-"""Curves of a script's recording, thinned; the numbers are those of `state/BODY/joints`."""
+CONTACT_FORCES = "contact_forces"
+ENERGIES = "energies"
+"""Curves of a script's recording, thinned; the numbers are those of `state/BODY/joints`,
+`contacts`, and of `state` with `dynamics` and `engine`."""
 
 HEIGHT = "height"
 HEIGHT_SIMULATED = "height/simulated"

@@ -41,6 +41,8 @@ from pipeline.states import Rows
 
 ROWS_TOGETHER, POSES_TOGETHER, IMAGES_TOGETHER = 1024, 1 << 18, 32
 """What is held until it becomes chunks."""
+FARTHEST_M = 10.0
+"""What goes farther than this from where it began is not waited for by the viewer's eye."""
 SHOWN_PER_S = 60
 """Poses in a second of simulated time that are drawn."""
 
@@ -63,8 +65,14 @@ class Script:
         self.free: set[int] = set()
         self.jointed: set[int] = set()
         self.stepped = False
-        self.centre_m, self.reach_m = [0.0, 0.0, 0.0], 1.0
-        """Where what moves was at first, and how far from there it reached [m]."""
+        self.touched: set[int] = set()
+        self.energetic: set[int] = set()
+        """Bodies that have a curve of their heights, of joints, of forces, of energy."""
+        self.low_m = self.high_m = np.zeros(3)
+        """Corners of the box that what moves stayed in, as far as that is near its first place."""
+        self._first_m: NDArray[np.float64] | None = None
+        self._masses: dict[int, Mapping[str, NDArray[np.float64]]] = {}
+        self._gravity: dict[int, NDArray[np.float64]] = {}
         self._states: dict[int, RowsDigest] = {}
         self._contacts: dict[int, RowsDigest] = {}
         self._pictures, self._others = FrameDigest(), hashlib.sha256()
@@ -87,6 +95,11 @@ class Script:
         for gathered in (self._rows, self._log, self._poses, self._curves, self._images):
             yield from gathered.flush()
         how = ending()
+        how.notes += [
+            f"the soft body {body.label} is left out: PyBullet reports no position of it"
+            for body in self.bodies.values()
+            if body.soft
+        ]
         yield writer.document_chunk(schema.ABOUT, about(self, how))
         yield writer.property_chunk(schema.RECORDING_PROPERTY, self._closing(how))
 
@@ -119,11 +132,16 @@ class Script:
             case Call(at):
                 yield from self._on_call(event)
             case Dynamics(at, body, reported):
+                self._masses[body.number] = reported
                 yield from self._told(schema.DYNAMICS, at, {"body": body.number, **reported})
             case Given(at, body, values):
                 yield from self._told(schema.GIVEN, at, {"body": body.number, **_floats(values)})
             case Settings(at, client, values):
-                yield from self._told(schema.SETTINGS, at, {"client": client, **_floats(values)})
+                told = _floats(values)
+                self._gravity[client] = np.concatenate(
+                    [told[f"gravityAcceleration{axis}"] for axis in "XYZ"]
+                )
+                yield from self._told(schema.SETTINGS, at, {"client": client, **told})
             case Push(at, body):
                 told = {one.name: getattr(event, one.name) for one in fields(event)}
                 del told["at"]
@@ -156,12 +174,7 @@ class Script:
         self.take_in(seen)
         self._states.setdefault(seen.client, RowsDigest()).update(seen.states)
         self._contacts.setdefault(seen.client, RowsDigest()).update(seen.contacts)
-        if not self.samples and len(seen.states):
-            parts_m = seen.states["position_m"][seen.states["step"] == seen.steps[0]]
-            centre_m = np.median(parts_m, axis=0)
-            far_m = np.linalg.norm(parts_m - centre_m, axis=1).max()
-            if np.isfinite(far_m):
-                self.centre_m, self.reach_m = centre_m.tolist(), float(np.clip(far_m, 0.5, 10.0))
+        self._reach(seen.states["position_m"])
         self.samples += len(seen.steps)
         self.stepped |= bool(len(seen.steps)) and bool(seen.steps[-1] > 0)
         if len(seen.contacts):
@@ -183,6 +196,18 @@ class Script:
             )  # fmt: skip
         yield from self._drawn_poses(seen)
 
+    def _reach(self, positions_m: NDArray[np.float64]) -> None:
+        """Take note of where parts were, shape (n, 3); not of what has flown off."""
+        positions_m = positions_m[np.isfinite(positions_m).all(axis=1)]
+        if not len(positions_m):
+            return
+        if self._first_m is None:
+            self._first_m = self.low_m = self.high_m = np.median(positions_m, axis=0)
+        near_m = positions_m[np.abs(positions_m - self._first_m).max(axis=1) < FARTHEST_M]
+        if len(near_m):
+            self.low_m = np.minimum(self.low_m, near_m.min(axis=0))
+            self.high_m = np.maximum(self.high_m, near_m.max(axis=0))
+
     def _drawn_poses(self, seen: Samples) -> Iterator[Chunk]:
         """Yield poses to look at, each when it is time to show another, and the last."""
         if not len(seen.steps):
@@ -200,13 +225,12 @@ class Script:
                 at = Times(seen.steps[shown], seen.times_s[shown], np.full(shown.sum(), seen.call))
                 yield from self._poses.add(_path(body, link), at, rows[shown])
             yield from self._plotted(body, seen, parts)
+            yield from self._energy(body, seen, parts)
+        yield from self._forces(seen)
 
     def _plotted(self, body: Body, seen: Samples, parts: Rows) -> Iterator[Chunk]:
         """Yield what is plotted: the height of what is free, the joints of what has joints."""
-        shown = np.zeros(len(seen.steps), bool)
-        due = np.floor(seen.times_s * SHOWN_PER_S + 1e-9).astype(np.int64)
-        shown[np.diff(due, prepend=-1) > 0] = True
-        shown[-1] = True
+        shown = _shown(seen)
         at = Times(seen.steps[shown], seen.times_s[shown])
         if not body.joints:
             if body.number not in self.free:
@@ -225,6 +249,41 @@ class Script:
                     yield pictures.curve_names(entity, _joint_names(body, values.shape[1]))
                 yield from self._curves.add(entity, at, values[shown])
             self.jointed.add(body.number)
+
+    def _forces(self, seen: Samples) -> Iterator[Chunk]:
+        """Yield the normal force on each body that anything has touched, added up [N]."""
+        points, shown = seen.contacts, _shown(seen)
+        bodies = [body for body in self.bodies.values() if body.number in seen.bases]
+        at = Times(seen.steps[shown], seen.times_s[shown])
+        rows = np.searchsorted(seen.steps, points["step"])
+        for body in bodies:
+            forces_n = np.zeros(len(seen.steps))
+            for side in ("body_a", "body_b"):
+                its = points[side] == body.number
+                np.add.at(forces_n, rows[its], points["normal_force_n"][its])
+            entity = f"{schema.CONTACT_FORCES}/{body.label}"
+            if body.number not in self.touched:
+                if not forces_n.any():
+                    continue
+                self.touched.add(body.number)
+                yield pictures.curve_names(entity, [body.label])
+            yield from self._curves.add(entity, at, forces_n[shown, None])
+
+    def _energy(self, body: Body, seen: Samples, parts: Rows) -> Iterator[Chunk]:
+        """Yield the energy of a body in motion and in gravity, of all its links [J]."""
+        known, gravity = self._masses.get(body.number), self._gravity.get(seen.client)
+        if known is None or gravity is None or len(known["mass_kg"]) != parts.shape[1]:
+            return
+        shown = _shown(seen)
+        energies_j = energy_j(parts[shown], known["mass_kg"], known["inertia_kg_m2"], gravity)
+        if not np.isfinite(energies_j).all():
+            return
+        entity = f"{schema.ENERGIES}/{body.label}"
+        if body.number not in self.energetic:
+            self.energetic.add(body.number)
+            yield pictures.curve_names(entity, [body.label])
+        at = Times(seen.steps[shown], seen.times_s[shown])
+        yield from self._curves.add(entity, at, energies_j[:, None])
 
     def _on_put(self, put: Put) -> Iterator[Chunk]:
         body, at = put.body, put.at
@@ -296,6 +355,44 @@ class Script:
         self._others.update(label.encode())
         for values in (joints.position, joints.velocity, joints.torque):
             self._others.update(np.ascontiguousarray(values).data)
+
+
+def _shown(seen: Samples) -> NDArray[np.bool_]:
+    """Return which samples are points of curves: each when another is due, and the last."""
+    due = np.floor(seen.times_s * SHOWN_PER_S + 1e-9).astype(np.int64)
+    shown: NDArray[np.bool_] = np.diff(due, prepend=-1) > 0
+    shown[-1] = True
+    return shown
+
+
+def energy_j(
+    parts: Rows,
+    mass_kg: NDArray[np.float64],
+    inertia_kg_m2: NDArray[np.float64],
+    gravity_m_s2: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the kinetic energy of a body, and its potential energy above the origin [J].
+
+    Parameters
+    ----------
+    parts
+        States of base and links, of dtype `STATE`, shape (n, links).
+    mass_kg, inertia_kg_m2
+        Of base and links, shapes (links,) and (links, 3): about the axes of the state.
+    gravity_m_s2
+        Shape (3,).
+    """
+    x, y, z, w = np.moveaxis(parts["orientation"], -1, 0)
+    axis = np.stack((x, y, z), axis=-1)
+    spin = parts["spin_rad_s"]
+    # In the part's own axes: turned back by the quaternion.
+    twice = 2 * np.cross(spin, axis)
+    own = spin + w[..., None] * twice + np.cross(twice, axis)
+    inertia = np.reshape(inertia_kg_m2, (-1, 3))
+    kinetic_j = mass_kg * (parts["velocity_m_s"] ** 2).sum(-1) / 2 + (inertia * own**2).sum(-1) / 2
+    potential_j = -mass_kg * (parts["position_m"] @ gravity_m_s2)
+    total: NDArray[np.float64] = (kinetic_j + potential_j).sum(axis=1)
+    return total
 
 
 def _hashable(value: object) -> object:

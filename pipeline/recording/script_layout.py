@@ -9,13 +9,17 @@ from pipeline.recording import schema
 from pipeline.recording.script import Script
 
 MOST_CAMERAS = 4
+LEAST_REACH_M = 0.5
+MOST_NAMES = 8
+"""Curves whose names do not yet hide them."""
 EYE = np.array([1.6, -1.6, 1.0])
 """Where the eye is, as seen from the centre of what moves, in units of its reach."""
 
 
 def layout(script: Script) -> rrb.Blueprint:
     """Return the layout: the scene, its cameras, curves of what is free and of what has joints."""
-    centre, reach = np.array(script.centre_m), script.reach_m
+    centre = (script.low_m + script.high_m) / 2
+    reach = max(LEAST_REACH_M, float(np.linalg.norm(script.high_m - script.low_m)) / 2)
     world = rrb.Spatial3DView(
         origin=schema.WORLD,
         name="World",
@@ -30,12 +34,23 @@ def layout(script: Script) -> rrb.Blueprint:
     ]
     seen = [rrb.Horizontal(*cameras)] if cameras else []
     left = rrb.Vertical(world, *seen, row_shares=[3, 2][: 1 + len(seen)])
-    curves = []
+    curves: list[rrb.View | rrb.Container] = []
     if script.free:
-        curves.append(_curves(schema.HEIGHT, "Heights of free bodies [m]"))
+        curves.append(_curves(schema.HEIGHT, "Heights of free bodies [m]", len(script.free)))
     if script.jointed:
-        curves.append(_curves(schema.JOINT_POSITIONS, "Joint positions [rad, m]"))
-        curves.append(_curves(schema.JOINT_TORQUES, "Motor torques [Nm, N]"))
+        joints = sum(
+            sum(any(one.widths) for one in script.bodies[number].joints)
+            for number in script.jointed
+        )
+        curves.append(_curves(schema.JOINT_POSITIONS, "Joint positions [rad, m]", joints))
+        curves.append(_curves(schema.JOINT_TORQUES, "Motor torques [Nm, N]", joints))
+    acting = []
+    if script.touched:
+        acting.append(_curves(schema.CONTACT_FORCES, "Contact forces [N]", len(script.touched)))
+    if script.energetic:
+        acting.append(_curves(schema.ENERGIES, "Energies [J]", len(script.energetic)))
+    if acting:
+        curves.append(rrb.Tabs(*acting))
     calls = rrb.TextLogView(
         origin=schema.CALLS,
         name="Calls",
@@ -54,5 +69,6 @@ def layout(script: Script) -> rrb.Blueprint:
     )
 
 
-def _curves(origin: str, name: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(origin=origin, name=name)
+def _curves(origin: str, name: str, count: int) -> rrb.TimeSeriesView:
+    legend = rrb.PlotLegend(visible=count <= MOST_NAMES)
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=legend)

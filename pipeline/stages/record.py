@@ -168,7 +168,10 @@ def record_script(
     if process.decoder.unseeded:
         drawn = " and ".join(process.decoder.unseeded)
         note(f"unseeded random numbers are drawn by {drawn}; --seed 0 makes them the same again")
-    again = _again(program, script, note) if twice else None
+    compared = twice and ended.how != "interrupted"
+    if twice and not compared:
+        note("it was not run again: its first run was interrupted")
+    again = _again(program, script, note) if compared else None
     return Recorded(
         recording=path,
         recording_id=recording_id,
@@ -181,7 +184,7 @@ def record_script(
         bytes=path.stat().st_size,
         wall_s=time.perf_counter() - began,
         first_difference=again,
-        twice=twice,
+        twice=compared,
     )
 
 

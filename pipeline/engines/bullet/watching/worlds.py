@@ -246,7 +246,7 @@ class World:
         if self._sampled:  # before the first step no step has led here
             found: list[float] = []
             for one in self._p.getContactPoints(physicsClientId=self.client) or ():
-                found += one[1:5]
+                found += (one[1], one[3], one[2], one[4])  # both bodies stand before both links
                 found += one[5]
                 found += one[6]
                 found += one[7]
