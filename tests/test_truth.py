@@ -1660,8 +1660,8 @@ def _flight_damping(said: Said) -> None:
     true = oracle.damping_m(drop, time_s)
     size = float(np.abs(true).max())
     for value, one in zip(said.value, true.tolist(), strict=True):
-        # Both are integrated, all axes to one accuracy.
-        near(value, one, 1e-9 * abs(one) + 1e-11 * size + 1e-18, "ODE of the drag")
+        # What is next to nothing beside the fall, `theory.STRAIGHT`, is not integrated on.
+        near(value, one, 1e-9 * abs(one) + 1e-10 * size + 1e-18, "ODE of the drag")
 
 
 @checks("flights[].terms_m.interaction")
@@ -1911,6 +1911,14 @@ FOUND: dict[str, tuple[str, dict[str, Any]]] = {
             "height_m": 0.024975, "timestep_s": 0.1, "duration_s": 2.0, "gravity_m_s2": -25.0,
             "velocity_m_s": (-3.22, 0.1, 0.6), "mass_kg": 0.0034, "restitution": 0.5,
             "coordinates": "maximal",
+        },
+    ),
+    "a box whose centre of mass is beside its base": (
+        "offset-shape-0.415m-5.78kg.urdf",
+        {
+            "height_m": 0.2084339834850086, "timestep_s": 1e-4, "duration_s": 0.0267,
+            "linear_damping": 0.04, "orientation": (0.0, 90.0, 0.0), "restitution": 0.8,
+            "solver_iterations": 500, "substeps": 2,
         },
     ),
     "the drag of a speed that Bullet takes for none": (

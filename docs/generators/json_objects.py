@@ -191,13 +191,13 @@ SWEEP = Object(
 RECORD = Object(
     {"recording": Path, "recording_id": str, "script": str,
      "ended": Literal["finished", "steps", "duration", "interrupted", "failed"], "samples": int,
-     "bodies": int, "frames": int, "bytes": int, "wall_s": float,
+     "bodies": int, "frames": int, "bytes": int, "wall_s": float, "error": str | None,
      "first_difference": int | None},
     {"recording": "The file.", "recording_id": "Its id.", "script": "The script, or the module.",
      "ended": "How it ended; `steps` and `duration`: it was stopped.",
      "samples": "States of its simulations, together.", "bodies": "Bodies that were ever there.",
      "frames": "Images that it took.", "bytes": "The file's size.",
-     "wall_s": "How long it took [s].",
+     "wall_s": "How long it took [s].", "error": "What the script failed with.",
      "first_difference": "With `--twice`: the first step whose state differs; null where none "
      "does."},
     frozenset({"recording", "recording_id", "script", "ended", "samples", "bodies", "frames",

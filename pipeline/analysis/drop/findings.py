@@ -280,20 +280,20 @@ def _tumbled(e: Evidence) -> Iterator[Finding]:
     tilt_deg = math.degrees(tilts[e.tumbled_step])
     how = f"touches the floor tilted by {tilt_deg:.2g}°"
     how += "" if e.case.is_box else " from how it was released"
-    advice = "drop it flat with --orientation and without --spin"
+    advice = "; drop it flat with --orientation and without --spin"
     if e.law is not None and e.case.scenario.solver_residual != 0:
         advice = (
-            "to see what the solver's early stop does to that, compare with --solver-residual 0"
+            "; to see what the solver's early stop does to that, compare with --solver-residual 0"
         )
     if e.tumbled_step and tilts[e.tumbled_step - 1] <= FLAT_RAD:
         how = f"is turned by {tilt_deg:.2g}° in the step that touches the floor"
-        advice = "try a shorter --timestep"
+        advice = ""  # whatever turned it: an edge that met the floor first, friction, a neighbour
     yield Finding(
         "tumbled",
         f"from {e.case.time_s[e.tumbled_step]:.4g} s (step {e.tumbled_step}) on it "
         f"{'tumbles' if tumbles(e.case, e.tumbled_step) else 'is not flat'}: it "
         f"{how}, so bounces, contact and rest are measured from there "
-        f"on, not predicted; {advice}",
+        f"on, not predicted{advice}",
     )
 
 
@@ -375,15 +375,18 @@ def _still_airborne(e: Evidence) -> Iterator[Finding]:
         return
     if not case.over_floor(case.samples.position_m[-1:]):
         return
-    lands = ""
+    outcome = "nothing has touched yet; let it go on with --duration to see whether it lands"
     if e.landing is not None:
         times = [f"free fall lands at {e.landing.time_free_fall_s:.4g} s"]
         damped_s = e.landing.time_damped_s
         if damped_s is not None and any(case.fall.drag) and e.clamped_step is None:
             times.append(f"damped fall at {e.landing.time_damped_s:.4g} s")
-        lands = f" ({', '.join(times)})"
+        outcome = (
+            f"the recording ends before the impact ({', '.join(times)}); let it go on with "
+            "--duration"
+        )
     yield Finding(
         "still-airborne",
-        f"after {case.time_s[-1]:.4g} s the centre is still at {decimals(height_m, 4)} m: the "
-        f"recording ends before the impact{lands}; let it go on with --duration",
+        f"after {case.time_s[-1]:.4g} s the centre is still at {decimals(height_m, 4)} m: "
+        f"{outcome}",
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.analysis.drop.case import Case
 from pipeline.analysis.drop.phases import Phases, crossing_time, touching
-from pipeline.analysis.drop.posture import FLAT_RAD, flat_height_m, tilt_rad, turned_rad
+from pipeline.analysis.drop.posture import FLAT_RAD, flat_height_m, stands, tilt_rad, turned_rad
 from pipeline.analysis.drop.results import Bounce, Contact, Impact, Landing, Rest, RestTerms
 from pipeline.laws import bullet_contact, theory
 from pipeline.laws.bullet_contact import CONTACT_ERP, CONTACT_SLOP_M, RESTITUTION_THRESHOLD_M_S
@@ -91,7 +91,8 @@ def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact |
 def covers(case: Case) -> bool:
     """Whether the contact law is that of this drop: of one box that lands flat and stays flat.
 
-    It is released flat, above the floor, without spin or sideways velocity, and nothing is springy.
+    It is released flat, above the floor, without spin or sideways velocity, with its centre of mass
+    above its base; nothing is springy.
     """
     sideways = any((*case.scenario.velocity_m_s[:2], *case.scenario.spin_rad_s))
     floor_m = case.floor_height_m
@@ -103,6 +104,7 @@ def covers(case: Case) -> bool:
         and case.engine.pair_restitution is not None
         and not sideways
         and float(tilt_rad(case)[0]) < 1e-9
+        and stands(case)
         and case.starts_above
     )
 

@@ -84,6 +84,15 @@ def flat_height_m(case: Case, step: int) -> float | None:
     return case.engine.shape_dimensions_m[axis] / 2 - float(up @ np.array(offset_m))
 
 
+def stands(case: Case) -> bool:
+    """Whether a box is released with its centre of mass above its lowest face; else it topples."""
+    position_m = np.array([case.engine.shape_position_m or (0.0, 0.0, 0.0)])
+    offset_m = rotate_inverse(_shape_orientation(case), position_m)[0]
+    axis, _ = _face_up(case, 0)
+    inside = np.abs(offset_m) < np.array(case.engine.shape_dimensions_m) / 2
+    return bool(np.delete(inside, axis).all())
+
+
 def extent_m(case: Case) -> float | None:
     """Return how tall the body is as it was released [m], a box or a ball; None of others."""
     if case.is_ball:
