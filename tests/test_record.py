@@ -931,3 +931,17 @@ def test_soft_bodies_are_named_and_said_to_be_left_out(bench: Bench) -> None:
     assert expected in said
     assert closing(bench.out)["notes"] == [expected]
     assert {body for _, body, _ in states(bench.out)} == {2}
+
+
+@pytest.mark.parametrize("seed", [None, 3])
+def test_a_script_that_computes_with_the_time_of_day_is_the_same_twice(
+    bench: Bench, seed: int | None
+) -> None:
+    script = bench.script(
+        "import time\n" + STEPS + "for _ in range(5):\n"
+        "    p.resetBaseVelocity(b, [time.time() % 7, 0, 0])\n"
+        "    p.stepSimulation()\nprint(time.time())\n"
+    )
+    recorded, printed = bench.record(script, twice=True, seed=seed)
+    assert recorded.first_difference is None
+    assert (float(printed.split()[-1]) < 1.1e9) == (seed is not None)

@@ -28,6 +28,8 @@ from pipeline.seen import Ending
 FOLDER = Path("recordings")
 DURATION_S = 60.0
 """Simulated time after which a script is stopped that was given no end."""
+SEEDED_CLOCK_S = 1e9
+"""What the clock of a seeded script shows at first [s]: a morning in September 2001."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,8 @@ def record_script(
         After how many steps, and how much simulated time [s], it is stopped; without either,
         after a minute.
     seed
-        Of `random`, `numpy.random`, and what numpy's `SeedSequence` draws; None leaves them alone.
+        Of `random`, `numpy.random`, and what numpy's `SeedSequence` draws; its clock then begins
+        at a fixed time. None leaves them alone.
     twice
         Whether to run it again, with other leftovers in fresh memory, and compare every state.
     python
@@ -119,8 +122,10 @@ def record_script(
     if steps is None and duration_s is None:
         duration_s = DURATION_S
     interpreter = python or sys.executable
+    # A script may compute with the time of day: it is the same when it is run again.
+    begins_s = time.time() if seed is None else SEEDED_CLOCK_S
     program = Program(
-        target, arguments, interpreter, is_module, steps, duration_s, keep_sleeping, seed
+        target, arguments, interpreter, is_module, steps, duration_s, keep_sleeping, seed, begins_s
     )
     origin: dict[str, Any] = {
         "kind": "script",
