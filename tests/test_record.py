@@ -945,3 +945,20 @@ def test_a_script_that_computes_with_the_time_of_day_is_the_same_twice(
     recorded, printed = bench.record(script, twice=True, seed=seed)
     assert recorded.first_difference is None
     assert (float(printed.split()[-1]) < 1.1e9) == (seed is not None)
+
+
+def test_a_second_run_that_is_interrupted_tells_no_difference(bench: Bench) -> None:
+    script = bench.script(
+        STEPS + "open('there', 'a').write('x')\n"
+        "while os.path.getsize('there') > 1:\n    p.getNumBodies()"
+    )
+    process = subprocess.Popen(
+        [*COMMAND, "record", "--twice", "--json", script], cwd=bench.folder,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    there = bench.folder / "there"
+    wait_for(lambda: there.exists() and there.stat().st_size > 1, "it was not run again")
+    process.send_signal(signal.SIGINT)
+    printed, said = process.communicate(timeout=30)
+    assert "first_difference" not in json.loads(printed)
+    assert "its second run was interrupted" in said

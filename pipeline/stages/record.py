@@ -176,7 +176,9 @@ def record_script(
     compared = twice and ended.how != "interrupted"
     if twice and not compared:
         note("it was not run again: its first run was interrupted")
-    again = _again(program, script, note) if compared else None
+    again = None
+    if compared:
+        compared, again = _again(program, script, note)
     return Recorded(
         recording=path,
         recording_id=recording_id,
@@ -193,8 +195,10 @@ def record_script(
     )
 
 
-def _again(program: Program, script: Script, note: Callable[[str], None]) -> int | None:
-    """Run a program again, and return the first step whose state differs; None where none does."""
+def _again(
+    program: Program, script: Script, note: Callable[[str], None]
+) -> tuple[bool, int | None]:
+    """Run a program again; return whether it came to its end, and the first step that differs."""
     other, null = Script({}), os.open(os.devnull, os.O_WRONLY)
     try:
         again = replace(program, perturb=running.OTHER_PERTURB)
@@ -206,6 +210,9 @@ def _again(program: Program, script: Script, note: Callable[[str], None]) -> int
                 other.take_in(event)
     finally:
         os.close(null)
+    if process.ending().how == "interrupted":
+        note("its second run was interrupted: nothing is said of whether it is the same")
+        return False, None
     first = script.first_difference(other)
     if first is None:
         note("recorded twice: every state is the same to the bit")
@@ -216,7 +223,7 @@ def _again(program: Program, script: Script, note: Callable[[str], None]) -> int
             f"recorded twice: the states differ from step {first} on; with other leftovers in "
             "fresh memory (MALLOC_PERTURB_), which PyBullet reads in some scenes"
         )
-    return first
+    return True, first
 
 
 def _checked(target: str, is_module: bool) -> str | None:
