@@ -160,6 +160,7 @@ class Trial:
         limits = ["--steps", str(STEPS), "--duration", str(DURATION_S), "--seed", "0"]
         found = Tried(name, "fails")
         seen: list[str] = []
+        interrupted = False
         for blind in (False, True):
             ends.unlink(missing_ok=True)
             twice = [] if blind else ["--twice"]
@@ -174,11 +175,14 @@ class Trial:
                 found.outcome = "drop hangs"
                 break
             seen.append(ends.read_text() if ends.exists() else "")
-            if not blind:
+            if blind:
+                interrupted |= '"ended": "interrupted"' in done.stdout
+            else:
                 self._told(found, done, out)
+                interrupted = found.ended == "interrupted"
                 if not found.steps:
                     break
-        if len(seen) == 2 and found.ended != "interrupted":
+        if len(seen) == 2 and not interrupted:
             read, unread = seen
             told = bool(unread) and "cannot be read" not in read + unread
             found.same_unread = told and read in (unread, 2 * unread)
@@ -202,7 +206,8 @@ class Trial:
         found.verified = verified.returncode == 0
         found.steps, posed = _contents(out)
         if told["ended"] == "failed":
-            found.error = told["error"]
+            text = next(one for one in found.notes if one.startswith("the script failed: "))
+            found.error = text.partition(": ")[2].rpartition("; what it did")[0]
             return
         found.outcome = (
             "recorded" if found.steps else "posed only" if posed else "simulates nothing"

@@ -931,3 +931,34 @@ def test_soft_bodies_are_named_and_said_to_be_left_out(bench: Bench) -> None:
     assert expected in said
     assert closing(bench.out)["notes"] == [expected]
     assert {body for _, body, _ in states(bench.out)} == {2}
+
+
+@pytest.mark.parametrize("seed", [None, 3])
+def test_a_script_that_computes_with_the_time_of_day_is_the_same_twice(
+    bench: Bench, seed: int | None
+) -> None:
+    script = bench.script(
+        "import time\n" + STEPS + "for _ in range(5):\n"
+        "    p.resetBaseVelocity(b, [time.time() % 7, 0, 0])\n"
+        "    p.stepSimulation()\nprint(time.time())\n"
+    )
+    recorded, printed = bench.record(script, twice=True, seed=seed)
+    assert recorded.first_difference is None
+    assert (float(printed.split()[-1]) < 1.1e9) == (seed is not None)
+
+
+def test_a_second_run_that_is_interrupted_tells_no_difference(bench: Bench) -> None:
+    script = bench.script(
+        STEPS + "open('there', 'a').write('x')\n"
+        "while os.path.getsize('there') > 1:\n    p.getNumBodies()"
+    )
+    process = subprocess.Popen(
+        [*COMMAND, "record", "--twice", "--json", script], cwd=bench.folder,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    there = bench.folder / "there"
+    wait_for(lambda: there.exists() and there.stat().st_size > 1, "it was not run again")
+    process.send_signal(signal.SIGINT)
+    printed, said = process.communicate(timeout=30)
+    assert "first_difference" not in json.loads(printed)
+    assert "its second run was interrupted" in said

@@ -28,6 +28,8 @@ from pipeline.seen import Ending
 FOLDER = Path("recordings")
 DURATION_S = 60.0
 """Simulated time after which a script is stopped that was given no end."""
+SEEDED_CLOCK_S = 1e9
+"""What the clock of a seeded script shows at first [s]: a morning in September 2001."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,8 @@ def record_script(
         After how many steps, and how much simulated time [s], it is stopped; without either,
         after a minute.
     seed
-        Of `random`, `numpy.random`, and what numpy's `SeedSequence` draws; None leaves them alone.
+        Of `random`, `numpy.random`, and what numpy's `SeedSequence` draws; its clock then begins
+        at a fixed time. None leaves them alone.
     twice
         Whether to run it again, with other leftovers in fresh memory, and compare every state.
     python
@@ -119,8 +122,10 @@ def record_script(
     if steps is None and duration_s is None:
         duration_s = DURATION_S
     interpreter = python or sys.executable
+    # A script may compute with the time of day: it is the same when it is run again.
+    begins_s = time.time() if seed is None else SEEDED_CLOCK_S
     program = Program(
-        target, arguments, interpreter, is_module, steps, duration_s, keep_sleeping, seed
+        target, arguments, interpreter, is_module, steps, duration_s, keep_sleeping, seed, begins_s
     )
     origin: dict[str, Any] = {
         "kind": "script",
@@ -171,7 +176,9 @@ def record_script(
     compared = twice and ended.how != "interrupted"
     if twice and not compared:
         note("it was not run again: its first run was interrupted")
-    again = _again(program, script, note) if compared else None
+    again = None
+    if compared:
+        compared, again = _again(program, script, note)
     return Recorded(
         recording=path,
         recording_id=recording_id,
@@ -188,8 +195,10 @@ def record_script(
     )
 
 
-def _again(program: Program, script: Script, note: Callable[[str], None]) -> int | None:
-    """Run a program again, and return the first step whose state differs; None where none does."""
+def _again(
+    program: Program, script: Script, note: Callable[[str], None]
+) -> tuple[bool, int | None]:
+    """Run a program again; return whether it came to its end, and the first step that differs."""
     other, null = Script({}), os.open(os.devnull, os.O_WRONLY)
     try:
         again = replace(program, perturb=running.OTHER_PERTURB)
@@ -201,6 +210,9 @@ def _again(program: Program, script: Script, note: Callable[[str], None]) -> int
                 other.take_in(event)
     finally:
         os.close(null)
+    if process.ending().how == "interrupted":
+        note("its second run was interrupted: nothing is said of whether it is the same")
+        return False, None
     first = script.first_difference(other)
     if first is None:
         note("recorded twice: every state is the same to the bit")
@@ -211,7 +223,7 @@ def _again(program: Program, script: Script, note: Callable[[str], None]) -> int
             f"recorded twice: the states differ from step {first} on; with other leftovers in "
             "fresh memory (MALLOC_PERTURB_), which PyBullet reads in some scenes"
         )
-    return first
+    return True, first
 
 
 def _checked(target: str, is_module: bool) -> str | None:

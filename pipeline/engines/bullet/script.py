@@ -55,6 +55,8 @@ class Program:
     duration_s: float | None = None
     keep_sleeping: bool = False
     seed: int | None = None
+    begins_s: float | None = None
+    """What its clock shows at first [s], where that is virtual."""
     perturb: str = PERTURB
 
 
@@ -141,6 +143,7 @@ class Script(Listener):
             "pipe": writing, "block": self._block.fileno(), "module": program.is_module,
             "steps": program.steps, "duration_s": program.duration_s,
             "keep_sleeping": program.keep_sleeping, "seed": program.seed,
+            "begins_s": program.begins_s,
         }  # fmt: skip
         command = [program.python, str(WATCHING), json.dumps(options), program.target]
         try:

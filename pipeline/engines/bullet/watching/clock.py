@@ -28,10 +28,13 @@ _OTHERS = _LIBRARY + "site-packages" + os.sep
 
 
 class Clock:
-    """A virtual clock. With `real` it only looks at the real one."""
+    """A virtual clock. With `real` it only looks at the real one.
 
-    def __init__(self, *, real: bool) -> None:
-        self.real = real
+    It shows `begins_s` at first, or what the real one shows then.
+    """
+
+    def __init__(self, *, real: bool, begins_s: float | None = None) -> None:
+        self.real, self._begins_s = real, begins_s
         self.asked = False
         """Whether the script ever saw a time or slept."""
         self.simulated_s = 0.0
@@ -77,7 +80,7 @@ class Clock:
         self._theirs = {name: getattr(time, name) for name in (*NAMES, "sleep")}
         self._theirs |= {f"{name}_ns": getattr(time, f"{name}_ns") for name in NAMES}
         for name in NAMES:
-            began = self._theirs[name]()
+            began = self._theirs[name]() if self._begins_s is None else self._begins_s
             setattr(time, name, self._reading(self._theirs[name], began, 1.0))
             setattr(time, f"{name}_ns", self._reading(self._theirs[f"{name}_ns"], began, 1e9))
         time.sleep = self._sleeping(self._theirs["sleep"])

@@ -24,6 +24,7 @@ def watch(
     duration_s: float | None,
     keep_sleeping: bool,
     seed: int | None,
+    begins_s: float | None = None,
 ) -> Watch:
     """Watch pybullet, as soon as it is imported.
 
@@ -37,9 +38,14 @@ def watch(
         Whether the script's clock is the real one.
     seed
         Of all random numbers, or None.
+    begins_s
+        What a virtual clock shows at first [s]; None for the time of day.
     """
     started = Watch(
-        Pipe(pipe, block), Clock(real=keep_sleeping), steps=steps, duration_s=duration_s
+        Pipe(pipe, block),
+        Clock(real=keep_sleeping, begins_s=begins_s),
+        steps=steps,
+        duration_s=duration_s,
     )
     version = ".".join(map(str, sys.version_info[:3]))
     started.pipe.note("python", version=version, virtual_time=not keep_sleeping)
