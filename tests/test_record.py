@@ -636,8 +636,8 @@ def test_standard_output_is_the_scripts_alone(bench: Bench) -> None:
     other = bench.drop("record", "--json", script)
     said = json.loads(other.stdout)
     assert said["recording"] == "recordings/script-2.rrd"
-    assert list(said) == ["recording", "recording_id", "script", "ended", "samples", "bodies",
-        "frames", "bytes", "wall_s", "error"]  # fmt: skip
+    assert list(said) == ["recording", "recording_id", "script", "ended", "error", "samples",
+        "bodies", "frames", "bytes", "wall_s"]  # fmt: skip
     assert bare.stdout.splitlines()[0] in other.stderr
 
 

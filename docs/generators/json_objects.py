@@ -190,8 +190,9 @@ SWEEP = Object(
 )  # fmt: skip
 RECORD = Object(
     {"recording": Path, "recording_id": str, "script": str,
-     "ended": Literal["finished", "steps", "duration", "interrupted", "failed"], "samples": int,
-     "bodies": int, "frames": int, "bytes": int, "wall_s": float, "error": str | None,
+     "ended": Literal["finished", "steps", "duration", "interrupted", "failed"],
+     "error": str | None, "samples": int,
+     "bodies": int, "frames": int, "bytes": int, "wall_s": float,
      "first_difference": int | None},
     {"recording": "The file.", "recording_id": "Its id.", "script": "The script, or the module.",
      "ended": "How it ended; `steps` and `duration`: it was stopped.",
