@@ -170,6 +170,44 @@ def test_what_contact_turns_within_a_step_was_flat_before(
     assert said.endswith("not predicted")
 
 
+@pytest.mark.parametrize("residual", [None, 0.0])
+def test_what_few_iterations_leave_more_of_them_take_away(
+    recorded: Recorder, residual: float | None
+) -> None:
+    drop = {"body": "cube.urdf", "height_m": 1.2193473333214817, "coordinates": "maximal"}
+    few = judge(recorded(**drop, duration_s=3.0, solver_iterations=5, solver_residual=residual))
+    many = judge(recorded(**drop, duration_s=3.0, solver_iterations=500, solver_residual=0.0))
+    (said,) = (one.message for one in few.findings if one.code == "rest-below-expected")
+    assert "--solver-iterations take" in said
+    assert few.rest is not None
+    assert many.rest is not None
+    assert few.rest.error_m == pytest.approx(-14.67e-6, abs=1e-7)
+    assert many.rest.error_m == pytest.approx(-10e-6, abs=1e-9)
+
+
+def test_a_correction_that_a_body_needs_is_not_advised_against(recorded: Recorder) -> None:
+    """Without it this one stays in the floor, with a restitution of 0.03."""
+    deep = {"timestep_s": 1 / 37, "duration_s": 480 / 37, "height_m": 0.44962217655126757,
+            "restitution": 0.5, "velocity_m_s": (0.0, 0.0, 2.0), "gravity_m_s2": -30.0}  # fmt: skip
+    said = {one.code: one.message for one in judge(recorded(**deep)).findings}
+    assert said["restitution-inflated"].endswith("i.e. --timestep")
+    without = judge(recorded(**deep, contact_erp=0.0)).bounces[0].effective_restitution
+    assert without is None or without < 0.1
+
+
+def test_how_deep_it_was_within_substeps_is_not_said(recorded: Recorder) -> None:
+    """At the same motion, every substep seen, it is deeper than any sample of ten."""
+    fast = {"velocity_m_s": (0.0, 0.0, -90.0), "height_m": 1.0, "duration_s": 0.1}
+    seen = judge(recorded(**fast, timestep_s=1 / 4800))
+    hidden = judge(recorded(**fast, timestep_s=1 / 480, substeps=10))
+    assert seen.impact is not None
+    assert hidden.impact is not None
+    assert seen.impact.lowest_m < hidden.impact.lowest_m
+    assert seen.impact.penetration_m is not None
+    assert hidden.impact.penetration_m is None
+    assert "deep-penetration" not in {finding.code for finding in hidden.findings}
+
+
 def test_a_contact_of_several_substeps_and_joints_is_not_denied(
     recorded: Recorder, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -25,6 +25,8 @@ DEEP_PENETRATION = 0.1
 """Share of the body's height that it may sink into the floor before it is worth reporting."""
 REST_BELOW_M = 1e-6
 """A body that lies lower than this below its rest height is worth reporting."""
+ENOUGH_ITERATIONS = 50
+"""What Bullet's solver has by default: there it is the residual that stops it."""
 SOLVER_M = 1e-8
 """What the solver's early stop leaves of a rest height, where it is worth reporting."""
 INFLATED = 0.01
@@ -305,13 +307,15 @@ def _bounces(e: Evidence) -> Iterator[Finding]:
         if bounce.correction_m_s is None or bounce.effective_restitution is None:
             continue
         excess = bounce.effective_restitution - asked
+        advice = "call p.setPhysicsEngineParameter(contactERP=0), i.e. --contact-erp 0"
+        if bounce.uncorrected_apex_m is None:  # too deep: without it, it would stay inside
+            advice = "shorten the step with p.setTimeStep, i.e. --timestep"
         if bounce.correction_m_s > 0 and excess > INFLATED * asked:
             yield Finding(
                 "restitution-inflated",
                 f"bounce {number} has a restitution of {bounce.effective_restitution:.4f} where "
                 f"{asked:g} (body × floor) was asked for: the position correction adds "
-                f"{bounce.correction_m_s:.3f} m/s to the rebound; call "
-                "p.setPhysicsEngineParameter(contactERP=0), i.e. --contact-erp 0",
+                f"{bounce.correction_m_s:.3f} m/s to the rebound; {advice}",
             )
             break
     yield from _swallowed(e)
@@ -350,10 +354,8 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
         yield Finding("rest-below-expected", f"{lower}: {_spring(e.case)}")
     elif rest.terms_m is not None:
         causes = "Bullet leaves a slop of 10 µm uncorrected"
-        if abs(rest.terms_m.solver) > SOLVER_M and e.case.scenario.solver_residual != 0:
-            causes += (
-                " and its solver stops early; --solver-residual 0 takes the solver's part away"
-            )
+        if abs(rest.terms_m.solver) > SOLVER_M:
+            causes += f" and its solver stops {_solver_stop(e.case)} the solver's part away"
             causes += ", the slop stays"
         else:
             causes += ", unless p.setPhysicsEngineParameter(contactSlop=0) is called"
@@ -364,6 +366,16 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
             f"{lower}: with a contact ERP of 0 nothing takes a penetration back; omit "
             "--contact-erp 0",
         )
+
+
+def _solver_stop(case: Case) -> str:
+    """Say where the solver stops, and what takes that away; which came first is not recorded."""
+    iterations = case.engine.solver_iterations
+    if case.scenario.solver_residual == 0:
+        return f"after {iterations} iterations; more with --solver-iterations take"
+    if iterations < ENOUGH_ITERATIONS:
+        return f"early; --solver-residual 0 and more than {iterations} --solver-iterations take"
+    return "early; --solver-residual 0 takes"
 
 
 def _still_airborne(e: Evidence) -> Iterator[Finding]:

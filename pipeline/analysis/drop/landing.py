@@ -68,10 +68,11 @@ def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact |
     before = max(phases.contact_step - 1, 0)
     crossing_s = penetration_m = None
     if floor_m is not None and case.is_rigid:
-        # With substeps the way between two samples is not straight.
+        # With substeps the way between two samples is not straight, and may be deeper than both.
         if case.starts_above and case.substeps == 1 and not turned[: phases.contact_step + 1].any():
             crossing_s = crossing_time(height_m[: phases.contact_step], floor_m, case.timestep_s)
-        if not turned[lowest] and case.over_floor(samples.position_m[lowest : lowest + 1]):
+        over = case.over_floor(samples.position_m[lowest : lowest + 1])
+        if over and case.substeps == 1 and not turned[lowest]:
             penetration_m = max(0.0, floor_m - float(height_m[lowest]))
     return Impact(
         time_free_fall_s=landing.time_free_fall_s if landing else None,

@@ -108,7 +108,8 @@ class Impact:
     lowest_step: int
     """The sample of it."""
     penetration_m: float | None
-    """How deep it sinks; None where it is turned, so that its centre does not say so."""
+    """How deep it sinks; None where it is turned, so that its centre does not say so, and with
+    `--substeps`, within which it may have been deeper."""
 
 
 @dataclass(frozen=True)
