@@ -21,6 +21,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 import pytest
@@ -647,8 +648,8 @@ def test_what_does_not_verify_is_not_said_to_stay(
 ) -> None:
     real = sealing._rerun
 
-    def no_verdict(*arguments: str | Path) -> str:
-        return "" if arguments[1] == "verify" else real(*arguments)
+    def no_verdict(*arguments: str | Path, **how: Any) -> str:
+        return "" if arguments[1] == "verify" else real(*arguments, **how)
 
     monkeypatch.setattr(sealing, "_rerun", no_verdict)
     new = run_rrd.with_name("new.rrd")

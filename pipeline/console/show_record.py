@@ -29,6 +29,7 @@ def show_record(recorded: Recorded, *, as_json: bool) -> int:
                 "recording_id": recorded.recording_id,
                 "script": recorded.script,
                 "ended": recorded.ended,
+                "error": recorded.error or None,
                 "samples": recorded.samples,
                 "bodies": recorded.bodies,
                 "frames": recorded.frames,
