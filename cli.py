@@ -237,7 +237,8 @@ def check(
         typer.Option(
             parser=a_number,
             metavar="METRES",
-            help="Largest difference that passes; 0: bit for bit in the air, 1e-9 m in contact.",
+            help="Largest difference that passes; of a velocity, what it moves in a step. "
+            "0: bit for bit in the air, 1e-9 m in contact.",
         ),
     ] = 0.0,
     update: Annotated[

@@ -195,6 +195,15 @@ def test_a_correction_that_a_body_needs_is_not_advised_against(recorded: Recorde
     assert without is None or without < 0.1
 
 
+def test_what_is_not_known_to_land_is_not_said_to(recorded: Recorder) -> None:
+    """It is held at 100 m/s, and passes the floor's edge."""
+    fast = {"height_m": 10.0, "linear_damping": 0.0, "velocity_m_s": (150.0, 0.0, 0.0)}
+    said = {one.code: one.message for one in judge(recorded(**fast, duration_s=0.5)).findings}
+    assert "before the impact" not in said["still-airborne"]
+    later = {one.code for one in judge(recorded(**fast, duration_s=3.0)).findings}
+    assert "no-floor" in later
+
+
 def test_how_deep_it_was_within_substeps_is_not_said(recorded: Recorder) -> None:
     """At the same motion, every substep seen, it is deeper than any sample of ten."""
     fast = {"velocity_m_s": (0.0, 0.0, -90.0), "height_m": 1.0, "duration_s": 0.1}
