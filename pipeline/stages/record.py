@@ -179,19 +179,29 @@ def record_script(
     again = None
     if compared:
         compared, again = _again(program, script, note)
+    recorded = recorded_of(script, ended, path, recording_id=recording_id, name=target)
+    return replace(
+        recorded, wall_s=time.perf_counter() - began, twice=compared, first_difference=again
+    )
+
+
+def recorded_of(
+    script: Script, ended: Ending, path: Path, *, recording_id: str, name: str
+) -> Recorded:
+    """Return what came of a script that ran once; how long it took is added by who knows."""
     return Recorded(
         recording=path,
         recording_id=recording_id,
-        script=target,
+        script=name,
         ended=ended.how,
         error=ended.error,
         samples=script.samples,
         bodies=len(script.bodies),
         frames=script.frames,
         bytes=path.stat().st_size,
-        wall_s=time.perf_counter() - began,
-        first_difference=again,
-        twice=compared,
+        wall_s=0.0,
+        twice=False,
+        first_difference=None,
     )
 
 

@@ -33,7 +33,7 @@ from pipeline.files.outputs import check_target
 from pipeline.recording import writer
 from pipeline.recording.script import Script
 from pipeline.recording.script_layout import layout
-from pipeline.stages.record import DURATION_S, Recorded
+from pipeline.stages.record import DURATION_S, Recorded, recorded_of
 from pipeline.workers import module_path
 
 
@@ -140,22 +140,11 @@ def _record(told: dict[str, Any]) -> dict[str, Any]:
         blueprint=lambda: layout(script),
         force=told["force"],
     )
-    ended = listener.ending()
-    recorded = Recorded(
-        recording=path,
-        recording_id=recording_id,
-        script="a block of Python",
-        ended=ended.how,
-        error=ended.error,
-        samples=script.samples,
-        bodies=len(script.bodies),
-        frames=script.frames,
-        bytes=path.stat().st_size,
-        wall_s=time.perf_counter() - began,
-        twice=False,
-        first_difference=None,
+    recorded = recorded_of(
+        script, listener.ending(), path, recording_id=recording_id, name="a block of Python"
     )
-    return asdict(recorded) | {"recording": str(path)}
+    wall_s = time.perf_counter() - began
+    return asdict(recorded) | {"recording": str(path), "wall_s": wall_s}
 
 
 if __name__ == "__main__":
