@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import platform
 from collections.abc import Callable, Generator, Iterator
@@ -151,18 +152,18 @@ def sweep(
             folder.check_replaceable(plan, recorded=record)
         before = _done(folder, force=force)
         if record and until_ci_m is None:
-            left = plan.runs - sum(len(plan.runs_of(shard)) for shard in before)
-            check_room(folder.path / "recordings", left * LEAST_BYTES)
+            runs = plan.runs - sum(len(plan.runs_of(shard)) for shard in before)
+            check_room(folder.path / "recordings", runs * LEAST_BYTES)
         ledger = _Ledger(plan, dict(before), until_ci_m, progress)
-        todo = (shard for shard in range(plan.shards) if shard not in before)
+        left = (shard for shard in range(plan.shards) if shard not in before)
+        # Those under way are finished, and discarded below: a worker leaves nothing half written.
+        todo = itertools.takewhile(lambda _: ledger.needed is None, left)
         try:
             if ledger.needed is None:
                 # Closed whatever happens, and with it the workers.
                 with contextlib.closing(_engine(work, todo, jobs=jobs, ray=ray)) as finished:
                     for shard, done in finished:
                         ledger.enter(shard, done)
-                        if ledger.needed is not None:
-                            break
         except BaseException as stop:
             there = sum(len(plan.runs_of(shard)) for shard in folder.finished())
             stop.add_note(
@@ -188,7 +189,7 @@ def sweep(
         at_s=at_s,
         runs=runs,
         failed=failed,
-        computed=sum(one.runs for shard, one in ledger.done.items() if shard not in before),
+        computed=sum(ledger.done[shard].runs for shard in set(range(shards)) - set(before)),
         results=folder.results,
         plot=None if plot is None else Path(plot),
         studies=studies,
