@@ -132,18 +132,39 @@ def analyze(
         Path | None,
         typer.Option(metavar="FILE", help="Write every sample to a .parquet or .csv file."),
     ] = None,
+    body: Annotated[
+        str | None,
+        typer.Option(metavar="NAME|ID", help="Of a script's recording: this body only."),
+    ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Say where each millimetre between simulation and theory comes from."""
-    from pipeline.console.show_drop import show_analysis
-    from pipeline.kinds import times
-    from pipeline.stages.analyze import analyze
+    """Say where each millimetre between simulation and theory comes from.
 
+    Of the recording of a script: what each of its bodies did, the budget of each flight, what
+    contact gave and took, and what is worth a second look.
+    """
+    from pipeline.errors import ScenarioError
+    from pipeline.kinds import times
+    from pipeline.stages.analyze import analyze, is_script
+
+    at_s = times(at or [])
+    if is_script(run):
+        from pipeline.console.show_script import show_script
+        from pipeline.stages.analyze_script import analyze_script
+
+        with progress() as report:
+            told = analyze_script(
+                run, at_s=at_s, body=body, out=out, table=table, force=force, progress=report
+            )
+        show_script(told, as_json=json)
+        return
+    from pipeline.console.show_drop import show_analysis
+
+    if body is not None:
+        raise ScenarioError("--body names a body of a script's recording; a drop has one body")
     with progress() as report:
-        analysis = analyze(
-            run, at_s=times(at or []), out=out, table=table, force=force, progress=report
-        )
+        analysis = analyze(run, at_s=at_s, out=out, table=table, force=force, progress=report)
     show_analysis(analysis, as_json=json)
 
 

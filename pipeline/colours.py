@@ -22,3 +22,13 @@ TERMS = {
 KINETIC = "#f0e442"
 ROTATION = "#cc79a7"
 POTENTIAL = "#56b4e9"
+SEGMENTS = {
+    "flight": "#56b4e9",
+    "contact": "#e69f00",
+    "pushed": "#009e73",
+    "set": "#f0e442",
+    "jointed": "#8a8f98",
+    "still": "#4b5563",
+    "unexplained": "#d55e00",
+}
+"""What a sample of a body can be."""

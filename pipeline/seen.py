@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.states import Rows
@@ -57,6 +59,8 @@ class Joint:
     """The link before it; -1 is the base."""
     widths: tuple[int, int, int]
     """How many positions, velocities and torques it has; none where it is fixed."""
+    limits: tuple[float, float] = (0.0, -1.0)
+    """Lowest and highest position [rad] or [m]; without any, the highest is the lower."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,13 @@ class Body:
     """The links that time can move; -1 is the base."""
     soft: bool
     shapes: tuple[Shape, ...]
+    can_sleep: bool = False
+    """Whether it was loaded such that it may fall asleep."""
+    hides_links: bool = False
+    """Whether it has links that the engine does not show: those of a btRigidBody."""
+    bounds_m: tuple[float, ...] = ()
+    """Boxes along the world's axes around base and links as they came: low and high corners, six
+    numbers each."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +97,10 @@ class Appearance:
     at: At
     body: Body
     there: bool
+    came: bool = False
+    """Whether it came: as another body than any before, though it may have the number of one."""
+    sampled: bool = False
+    """Whether its simulation has a sample of this step from before it came."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +162,32 @@ class Push:
 
 
 @dataclass(frozen=True)
+class Motor:
+    """How a joint is driven from now on."""
+
+    at: At
+    body: Body
+    joint: int
+    mode: int
+    """The engine's number of it: of velocity, torque, position …"""
+    force: float
+    """What was given: a torque, or the greatest force of a motor [N] or [Nm]; nan without any."""
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """A constraint that came between bodies, or went."""
+
+    at: At
+    client: int
+    number: int
+    """The engine's id."""
+    bodies: tuple[int, ...]
+    """Numbers of what it holds; the world is not among it. None where it goes."""
+    there: bool
+
+
+@dataclass(frozen=True)
 class Put:
     """The state of a body that calls have moved, before time goes on."""
 
@@ -155,6 +196,8 @@ class Put:
     states: Rows
     """Of dtype `STATE`, a row for base and each link."""
     joints: Joints
+    counts: bool
+    """Whether time goes on from here; not so where the first sample of all comes after it."""
 
 
 @dataclass(frozen=True)
@@ -207,7 +250,73 @@ class Samples:
     """By body number."""
 
 
-Event = Appearance | Dynamics | Settings | Given | Call | Push | Put | Image | Samples
+Event = (
+    Appearance | Dynamics | Settings | Given | Call | Push | Motor | Constraint | Put | Image
+    | Samples
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Seen:
+    """All that was seen of the simulations of a script; lists in the order in which it happened."""
+
+    bodies: Mapping[int, Body]
+    """By number, each as it was seen last."""
+    appearances: list[Appearance]
+    dynamics: list[Dynamics]
+    given: list[Given]
+    settings: list[Settings]
+    pushes: list[Push]
+    motors: list[Motor]
+    constraints: list[Constraint]
+    calls: list[Call]
+    puts: list[Put]
+    states: pl.DataFrame
+    """One row per step and part, in the order of body, link and step."""
+    contacts: pl.DataFrame
+    """One row per contact point, in step order."""
+    joints: Mapping[int, Joints]
+    """By body number."""
+    real_time: bool
+    """Whether the script asked for real-time simulation, and was stepped by a clock instead."""
+    unseeded: tuple[str, ...]
+    """Where it drew random numbers that nothing had seeded."""
+    machine: str
+    """Kind of processor; empty where that is not known."""
+
+    @cached_property
+    def by_body(self) -> dict[int, OfBody]:
+        """What was told of each body, by its number."""
+        found = {number: OfBody() for number in self.bodies}
+        for appearance in self.appearances:
+            if appearance.came:
+                found[appearance.body.number].came.append(appearance)
+        for dynamics in self.dynamics:
+            found[dynamics.body.number].dynamics.append(dynamics)
+        for given in self.given:
+            found[given.body.number].given.append(given)
+        for push in self.pushes:
+            found[push.body.number].pushes.append(push)
+        for put in self.puts:
+            found[put.body.number].puts.append(put)
+        for constraint in self.constraints:
+            for number in constraint.bodies:
+                found[number].constraints.append(constraint)
+        return found
+
+
+@dataclass(frozen=True)
+class OfBody:
+    """What was told of one body; lists in the order in which it happened."""
+
+    came: list[Appearance] = field(default_factory=list)
+    """When it came; again and again, where a script loads it again."""
+    dynamics: list[Dynamics] = field(default_factory=list)
+    given: list[Given] = field(default_factory=list)
+    pushes: list[Push] = field(default_factory=list)
+    puts: list[Put] = field(default_factory=list)
+    constraints: list[Constraint] = field(default_factory=list)
+    """Those that came."""
 
 
 @dataclass

@@ -45,6 +45,10 @@ class Motion:
         """Return some of the samples."""
         return Motion(*(getattr(self, field.name)[samples] for field in fields(Motion)))
 
+    def before(self) -> Motion:
+        """Return the sample before each; the first has itself before it."""
+        return self.at(np.maximum(np.arange(len(self)) - 1, 0))
+
 
 class ExactPath(NamedTuple):
     """Positions in two doubles [m], shape (n, 3): the nearest one, and what that leaves out."""

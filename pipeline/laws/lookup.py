@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
 from pipeline.laws.bullet import BulletLaw, drag_of
 from pipeline.laws.bullet_air import effective_damping
 from pipeline.laws.theory import Fall
 from pipeline.report import EngineReport
-from pipeline.scenario import Scenario
+from pipeline.scenario import Coordinates, Scenario
 
 
 def fall_of(scenario: Scenario) -> Fall:
@@ -31,4 +37,44 @@ def law_for(scenario: Scenario, report: EngineReport) -> BulletLaw:
         linear_damping=effective_damping(scenario.linear_damping, scenario.coordinates),
         angular_damping=effective_damping(scenario.angular_damping, scenario.coordinates),
         coordinates=scenario.coordinates,
+    )
+
+
+RIGID = 1
+"""The kind of a btRigidBody, as PyBullet numbers them."""
+
+
+def law_of(
+    settings: Mapping[str, float | Sequence[float]],
+    reported: Mapping[str, NDArray[np.float64]],
+    given: Mapping[str, Any],
+) -> BulletLaw:
+    """Return the law of one rigid body of a script.
+
+    Parameters
+    ----------
+    settings
+        What the engine reports of itself, and what it was told: `getPhysicsEngineParameters`.
+    reported
+        What it reports of the body: its kind, mass and inertia.
+    given
+        What `changeDynamics` was told of the body, by argument; damping is reported by no call.
+    """
+    kind = int(reported["kind"][0])
+    coordinates: Coordinates = "maximal" if kind == RIGID else "reduced"
+    damping = [
+        effective_damping(given.get(f"{which}Damping"), coordinates)
+        for which in ("linear", "angular")
+    ]
+    gx, gy, gz = (float(np.ravel(settings[f"gravityAcceleration{axis}"])[0]) for axis in "XYZ")
+    ix, iy, iz = reported["inertia_kg_m2"][0].tolist()
+    return BulletLaw(
+        timestep_s=float(np.ravel(settings["fixedTimeStep"])[0]),
+        substeps=int(np.ravel(settings["numSubSteps"])[0]) or 1,
+        gravity_m_s2=(gx, gy, gz),
+        mass_kg=float(reported["mass_kg"][0]),
+        inertia_kg_m2=(ix, iy, iz),
+        linear_damping=damping[0],
+        angular_damping=damping[1],
+        coordinates=coordinates,
     )

@@ -55,6 +55,56 @@ def rows(chunk: Chunk, table: Table, path: Path) -> pl.DataFrame:
     return pl.DataFrame(found)
 
 
+def told(chunk: Chunk, path: Path) -> Iterator[tuple[int, float, int, dict[str, list[Any]]]]:
+    """Yield the rows of what was told of a script: step, time [s], calls before, named lists.
+
+    Raises
+    ------
+    RecordingError
+        If a chunk holds something else than lists of numbers, texts, true and false.
+    """
+    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_pylist()
+    calls = _column(chunk, schema.CALL_TIMELINE, pa.types.is_int64, path).to_pylist()
+    times = _column(chunk, schema.TIME_TIMELINE, pa.types.is_duration, path)
+    times_s = times.cast(pa.int64()).to_numpy() / 1e9
+    lists: dict[str, list[list[Any]]] = {}
+    for name, column in zip(chunk.batch.schema.names, chunk.batch.columns, strict=True):
+        if name in _OF_A_ROW:
+            continue
+        if not any(_is_list_of(is_ours)(column.type) for is_ours in _PLAIN):
+            raise damaged(path, f"{chunk.entity} has a {shown(name)} of another type")
+        lists[name] = column.to_pylist()
+    for number, (step, time_s, call) in enumerate(zip(steps, times_s.tolist(), calls, strict=True)):
+        row = {name: values[number] for name, values in lists.items()}
+        if any(values is None or None in values for values in row.values()):
+            raise damaged(path, f"{chunk.entity} has gaps")
+        yield step, time_s, call, row
+
+
+_OF_A_ROW = (
+    "rerun.controls.RowId", schema.STEP_TIMELINE, schema.CALL_TIMELINE, schema.TIME_TIMELINE,
+)  # fmt: skip
+
+
+def joints(chunk: Chunk, path: Path) -> tuple[NDArray[np.int64], list[NDArray[np.float64]]]:
+    """Return steps, positions, velocities and torques of joints, of shape (n,) and (n, k).
+
+    Raises
+    ------
+    RecordingError
+        If a chunk holds something else.
+    """
+    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
+    found = []
+    for name in ("position", "velocity", "torque"):
+        lists = _column(chunk, name, _is_list_of(pa.types.is_float64), path)
+        lengths, flat = np.diff(lists.offsets.to_numpy()), _between(lists)
+        if flat.null_count or len(set(lengths.tolist())) > 1:
+            raise damaged(path, f"{chunk.entity} must hold as many numbers for each {name}")
+        found.append(flat.to_numpy().reshape(len(steps), -1).copy())
+    return steps, found
+
+
 def images(chunk: Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
     """Yield step and PNG of the camera frames in a chunk.
 

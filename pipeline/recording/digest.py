@@ -12,8 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-
-from pipeline.states import Rows
+from numpy.typing import NDArray
 
 
 class RowsDigest:
@@ -22,13 +21,33 @@ class RowsDigest:
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
 
-    def update(self, rows: Rows) -> None:
+    def update(self, rows: NDArray[Any]) -> None:
         """Take in rows, whose numbers are little-endian by their dtype."""
         self._hash.update(np.ascontiguousarray(rows).view(np.uint8).data)
 
     def hexdigest(self) -> str:
         """Return the digest of all rows so far."""
         return self._hash.hexdigest()
+
+
+class ToldDigest:
+    """SHA-256 over what was told of a script: rows of named lists, in whatever order they come.
+
+    A recording holds them by entity and by columns, and so not in the order that they had.
+    """
+
+    def __init__(self) -> None:
+        self._marks = bytearray()
+
+    def update(self, entity: str, step: int, call: int, values: Mapping[str, list[Any]]) -> None:
+        """Take in one row."""
+        told = json.dumps([entity, step, call, values], sort_keys=True).encode()
+        self._marks += hashlib.sha256(told).digest()
+
+    def hexdigest(self) -> str:
+        """Return the digest of all rows so far."""
+        marks = np.sort(np.frombuffer(bytes(self._marks), "V32").view("S32"))
+        return hashlib.sha256(marks.tobytes()).hexdigest()
 
 
 class FrameDigest:

@@ -31,7 +31,9 @@ ENERGY_CURVES = {
 }
 """Column of the analysis table -> its name under `energy/`, and its colour."""
 
-_TOP = {schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.EVENTS, schema.FINDINGS}
+_TOP = {
+    schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.EVENTS, schema.FINDINGS, schema.SEGMENTS,
+}  # fmt: skip
 """What stands at the top of a layer's entity paths."""
 
 

@@ -19,10 +19,8 @@ import polars as pl
 
 from pipeline.errors import RecordingError, ScenarioError
 from pipeline.fields import shown
-from pipeline.files.outputs import free_part_of, is_part
 from pipeline.recording import columns, png, rows, rrd, schema
 from pipeline.recording.checks import (
-    AGAIN,
     check_camera,
     check_contacts,
     check_engine,
@@ -32,6 +30,7 @@ from pipeline.recording.checks import (
     damaged,
 )
 from pipeline.recording.columns import Properties
+from pipeline.recording.contents import chunks_of, closing_of, gather
 from pipeline.recording.digest import FrameDigest, inputs_digest
 from pipeline.report import EngineReport
 from pipeline.scenario import Camera, Scenario
@@ -42,8 +41,6 @@ MOST_HELD = 4
 """Times a file's size, for its frames: a PNG is packed already, and equal ones are held once."""
 FREELY_HELD = 1 << 26
 """Bytes of frames that may be in any file."""
-MOST_VALUES = 1000
-"""Of a property; the engine's report has some thirty."""
 
 
 @dataclass(frozen=True)
@@ -75,15 +72,15 @@ def read(path: Path) -> Recording:
     parts: dict[str, list[pl.DataFrame]] = {entity: [] for entity in schema.TABLES}
     properties: dict[str, Properties] = {}
     recording_id, pictured = "", False
-    for chunk in _chunks(path):
+    for chunk in chunks_of(path):
         recording_id = chunk.recording_id
         pictured |= chunk.entity == schema.IMAGE
         if chunk.entity in parts:
             parts[chunk.entity].append(columns.rows(chunk, schema.TABLES[chunk.entity], path))
         elif chunk.entity.startswith("__properties/"):
-            _gather(properties, chunk, path)
+            gather(properties, chunk, path)
 
-    closing = _closing(properties, path)
+    closing = closing_of(properties, path)
     scenario, camera = _inputs(properties, path)
     if pictured and camera is None:
         raise damaged(path, "it has frames, and no camera")
@@ -116,7 +113,7 @@ def recording_id(path: Path) -> str:
     RecordingError
         If it is missing, damaged, or not a recording of ours.
     """
-    for chunk in _chunks(path):
+    for chunk in chunks_of(path):
         return chunk.recording_id
     raise damaged(path, "it is empty")
 
@@ -143,7 +140,7 @@ def entities(path: Path) -> Iterator[str]:
     RecordingError
         If it is missing, damaged, or no recording of ours.
     """
-    return (chunk.entity for chunk in _chunks(path))
+    return (chunk.entity for chunk in chunks_of(path))
 
 
 def frames(path: Path) -> Iterator[tuple[int, bytes]]:
@@ -157,7 +154,7 @@ def frames(path: Path) -> Iterator[tuple[int, bytes]]:
     found: dict[int, bytes] = {}
     properties: dict[str, Properties] = {}
     held, last = 0, b""
-    for chunk in _chunks(path):
+    for chunk in chunks_of(path):
         if chunk.entity == schema.IMAGE:
             for step, picture in columns.images(chunk, path):
                 if found.get(step, picture) != picture:
@@ -168,9 +165,9 @@ def frames(path: Path) -> Iterator[tuple[int, bytes]]:
                     raise damaged(path, f"its frames take over {held:,} bytes")
                 found[step] = last
         elif chunk.entity.startswith("__properties/"):
-            _gather(properties, chunk, path)
+            gather(properties, chunk, path)
 
-    closing, (scenario, camera) = _closing(properties, path), _inputs(properties, path)
+    closing, (scenario, camera) = closing_of(properties, path), _inputs(properties, path)
     pictures = dict(sorted(found.items()))
     _check_frames(pictures, scenario, camera, closing, path)
     yield from pictures.items()
@@ -201,85 +198,16 @@ def _check_frames(
         raise damaged(path, "its frames fail their checksum")
 
 
-# -- chunks ---------------------------------------------------------------------------------------
-
-
-def _unfinished(path: Path, what: str) -> RecordingError:
-    rename = shlex.join(["mv", str(path), str(free_part_of(path))])
-    return RecordingError(f"{path} is damaged: {what}; to read what it holds, rename it: {rename}")
-
-
-def _chunks(path: Path) -> Iterator[rrd.Chunk]:
-    """Yield the chunks of the one recording in a file; nothing else may be in it."""
-    only: str | None = None
-    try:
-        if not path.is_file():
-            why = "not a plain file" if path.exists() else "not there"
-            raise RecordingError(
-                f"{path} is not a recording: it is {why}; make one with: drop simulate"
-            )
-        for chunk in rrd.chunks(path, unfinished=is_part(path)):
-            only = chunk.recording_id if only is None else only
-            if chunk.application_id != schema.APPLICATION_ID:
-                raise RecordingError(
-                    f"{path} must be a recording made by drop, got one of "
-                    f"{shown(chunk.application_id)}; {AGAIN}"
-                )
-            if chunk.recording_id != only:
-                raise RecordingError(f"{path} must hold one recording, got several; {AGAIN}")
-            yield chunk
-    except rrd.UnfinishedError as error:
-        raise _unfinished(path, str(error)) from None
-    except rrd.DamagedError as error:
-        raise damaged(path, str(error)) from None
-    except OSError as error:
-        raise RecordingError(
-            f"{path} cannot be read: {error.strerror or error}; see: "
-            f"{shlex.join(['ls', '-l', str(path)])}"
-        ) from None
-
-
-def _gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> None:
-    """Add what a chunk holds of a property: `rerun rrd split` writes each value on its own."""
-    name = chunk.entity.removeprefix("__properties/")
-    if name == schema.ORIGIN_PROPERTY:
-        look = shlex.join(["drop", "view", str(path)])
-        raise RecordingError(
-            f"{path} must be the recording of a drop, got that of a script; look at it with: {look}"
-        )
-    if name not in schema.PROPERTIES:
-        return
-    gathered = properties.setdefault(name, {})
-    for key, value in columns.values(chunk, path).items():
-        if gathered.setdefault(key, value) != value:
-            raise damaged(path, f"its property {name} says two things of {shown(key)}")
-    if len(gathered) > MOST_VALUES:
-        raise damaged(path, f"its property {name} has {len(gathered):,} values")
-
-
 # -- properties -----------------------------------------------------------------------------------
-
-
-def _closing(properties: Mapping[str, Properties], path: Path) -> Properties | None:
-    """Return the property that was written last; None where the recording may lack it."""
-    closing = properties.get(schema.RECORDING_PROPERTY)
-    if closing is None:
-        if is_part(path):
-            return None
-        raise _unfinished(path, "it lacks the property that is written last")
-    version = closing.get("schema_version")
-    if version == 1:
-        raise RecordingError(f"{path} was made by an earlier version of drop; {AGAIN}")
-    if version != schema.SCHEMA_VERSION:
-        raise RecordingError(
-            f"{path} must be of schema {schema.SCHEMA_VERSION}, got {shown(version)}; read it "
-            f"with the drop that wrote it, or {AGAIN}"
-        )
-    return closing
 
 
 def _inputs(properties: Mapping[str, Properties], path: Path) -> tuple[Scenario, Camera | None]:
     """Return scenario and camera, if they are what was written."""
+    if schema.ORIGIN_PROPERTY in properties:
+        look = shlex.join(["drop", "view", str(path)])
+        raise RecordingError(
+            f"{path} must be the recording of a drop, got that of a script; look at it with: {look}"
+        )
     names = (schema.SCENARIO_PROPERTY, schema.ENGINE_PROPERTY)
     missing = [name for name in names if name not in properties]
     if missing:

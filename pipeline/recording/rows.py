@@ -32,6 +32,11 @@ def _table(rows: Rows, table: Table) -> pl.DataFrame:
     return pl.DataFrame(found)
 
 
+def empty(table: Table) -> pl.DataFrame:
+    """Return a table that is read, without rows."""
+    return _table(np.empty(0, table.kind), table)
+
+
 def named(values: NDArray[Any], names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     """Return the columns of values, shape (n, k), each in memory of its own."""
     return {name: values[:, number].copy() for number, name in enumerate(names)}
@@ -45,8 +50,7 @@ def joined(parts: Sequence[pl.DataFrame], table: Table, path: Path) -> pl.DataFr
     RecordingError
         If two of them have the same step.
     """
-    empty = _table(np.empty(0, table.kind), table)
-    found = pl.concat([empty, *parts], rechunk=False)
+    found = pl.concat([empty(table), *parts], rechunk=False)
     if sum(part["step"].n_unique() for part in parts) != found["step"].n_unique():
         raise damaged(path, f"its {table.entity} has a step twice")
     return found if found["step"].is_sorted() else found.sort("step", maintain_order=True)

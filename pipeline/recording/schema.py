@@ -87,8 +87,19 @@ SETTINGS = "engine"
 """A row when they change: timestep, gravity … of the engine."""
 PUSHES = "pushes"
 """A row per force or torque from outside."""
+MOTORS = "motors"
+"""A row per joint when it is driven in another way: mode, greatest force."""
+CONSTRAINTS = "constraints"
+"""A row per constraint that comes or goes: what it holds together."""
 CALLS = "calls"
 """A row per call: function, arguments, file, line."""
+SHAPE_NUMBERS = {"size_m": 3, "position_m": 3, "orientation": 4, "rgba": 4}
+"""What a row of bodies holds of each shape, and how many numbers that is."""
+JOINTS = "joints"
+"""Below a body's state: positions, velocities and torques of its joints, a row per step."""
+
+TOLD = (BODIES, SET, DYNAMICS, GIVEN, SETTINGS, PUSHES, MOTORS, CONSTRAINTS, CALLS)
+"""Entities with rows of named lists; which they are is held by one digest."""
 
 # -- what is drawn --------------------------------------------------------------------------------
 
@@ -130,7 +141,7 @@ RECORDING_PROPERTY = "recording"
 written last. A recording without it was never finished."""
 
 INPUT_PROPERTIES = (SCENARIO_PROPERTY, ENGINE_PROPERTY, CAMERA_PROPERTY)
-PROPERTIES = (*INPUT_PROPERTIES, RECORDING_PROPERTY)
+PROPERTIES = (*INPUT_PROPERTIES, ORIGIN_PROPERTY, RECORDING_PROPERTY)
 
 # -- the layer that `analyze` adds, under the same recording id -----------------------------------
 
@@ -141,5 +152,7 @@ ERROR_MM = "error_mm"
 ENERGY = "energy"
 ENERGY_RESOLUTION = 1e-10
 """An energy curve that stays within this share of the largest energy is level."""
+SEGMENTS = "segments"
+"""Of a script's bodies: what each sample is, as states."""
 EVENTS = "events"
 FINDINGS = "findings"

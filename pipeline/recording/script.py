@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import json
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.recording import pictures, schema, writer
-from pipeline.recording.digest import FrameDigest, RowsDigest, inputs_digest
+from pipeline.recording.digest import FrameDigest, RowsDigest, ToldDigest, inputs_digest
 from pipeline.recording.gathering import Gathering
 from pipeline.recording.writer import Chunk, Times
 from pipeline.seen import (
@@ -26,12 +25,14 @@ from pipeline.seen import (
     At,
     Body,
     Call,
+    Constraint,
     Dynamics,
     Ending,
     Event,
     Given,
     Image,
     Joints,
+    Motor,
     Push,
     Put,
     Samples,
@@ -43,6 +44,8 @@ ROWS_TOGETHER, POSES_TOGETHER, IMAGES_TOGETHER = 1024, 1 << 18, 32
 """What is held until it becomes chunks."""
 FARTHEST_M = 10.0
 """What goes farther than this from where it began is not waited for by the viewer's eye."""
+LONGEST, MOST_NOTES = 1000, 10
+"""Characters and notes that a property has room for."""
 SHOWN_PER_S = 60
 """Poses in a second of simulated time that are drawn."""
 
@@ -73,9 +76,9 @@ class Script:
         self._first_m: NDArray[np.float64] | None = None
         self._masses: dict[int, Mapping[str, NDArray[np.float64]]] = {}
         self._gravity: dict[int, NDArray[np.float64]] = {}
-        self._states: dict[int, RowsDigest] = {}
-        self._contacts: dict[int, RowsDigest] = {}
-        self._pictures, self._others = FrameDigest(), hashlib.sha256()
+        self._states, self._contacts = RowsDigest(), RowsDigest()
+        self._joints: dict[str, RowsDigest] = {}
+        self._pictures, self._told_rows = FrameDigest(), ToldDigest()
         self._rows = Gathering(writer.table_chunk, most=ROWS_TOGETHER)
         self._poses = Gathering(pictures.poses, most=POSES_TOGETHER)
         self._curves = Gathering(pictures.curves, most=POSES_TOGETHER)
@@ -104,19 +107,20 @@ class Script:
         yield writer.property_chunk(schema.RECORDING_PROPERTY, self._closing(how))
 
     def _closing(self, ending: Ending) -> dict[str, Any]:
-        clients = sorted(self._states)
         return {
             "schema_version": schema.SCHEMA_VERSION,
             "samples": self.samples,
             "bodies": len(self.bodies),
             "frames": self.frames,
             "ended": ending.how,
-            "error": ending.error or None,
-            "notes": ending.notes or None,
-            "state_sha256": [self._states[one].hexdigest() for one in clients] or None,
-            "contacts_sha256": [self._contacts[one].hexdigest() for one in clients] or None,
+            "error": ending.error[:LONGEST] or None,
+            "notes": [one[:LONGEST] for one in ending.notes[:MOST_NOTES]] or None,
+            "state_sha256": self._states.hexdigest(),
+            "contacts_sha256": self._contacts.hexdigest(),
             "frames_sha256": self._pictures.hexdigest(),
-            "others_sha256": self._others.hexdigest(),
+            "joints_sha256": [self._joints[one].hexdigest() for one in sorted(self._joints)]
+            or None,
+            "told_sha256": self._told_rows.hexdigest(),
             "inputs_sha256": inputs_digest({schema.ORIGIN_PROPERTY: self.origin}),
             **{f"made_with_{name}": value for name, value in ending.made_with.items()},
         }
@@ -142,6 +146,13 @@ class Script:
                     [told[f"gravityAcceleration{axis}"] for axis in "XYZ"]
                 )
                 yield from self._told(schema.SETTINGS, at, {"client": client, **told})
+            case Motor(at, body, joint, mode, force):
+                driven = {"body": body.number, "joint": joint, "mode": mode, "force": force}
+                yield from self._told(schema.MOTORS, at, driven)
+            case Constraint(at, client, number, bodies, there):
+                holds = np.array(bodies, np.int64)
+                held = {"client": client, "number": number, "bodies": holds, "there": there}
+                yield from self._told(schema.CONSTRAINTS, at, held)
             case Push(at, body):
                 told = {one.name: getattr(event, one.name) for one in fields(event)}
                 del told["at"]
@@ -151,7 +162,8 @@ class Script:
 
     def _told(self, entity: str, at: At, values: Mapping[str, Any]) -> Iterator[Chunk]:
         """Yield a row of numbers and texts, when there are enough of them."""
-        self._take_in(entity, at, values)
+        held = {name: writer.flat(value).to_pylist() for name, value in values.items()}
+        self._told_rows.update(entity, at.step, at.call, held)
         yield from self._rows.add(entity, _at(at), values)
 
     def take_in(self, event: Event) -> None:
@@ -172,8 +184,8 @@ class Script:
 
     def _on_samples(self, seen: Samples) -> Iterator[Chunk]:
         self.take_in(seen)
-        self._states.setdefault(seen.client, RowsDigest()).update(seen.states)
-        self._contacts.setdefault(seen.client, RowsDigest()).update(seen.contacts)
+        self._states.update(seen.states)
+        self._contacts.update(seen.contacts)
         self._reach(seen.states["position_m"])
         self.samples += len(seen.steps)
         self.stepped |= bool(len(seen.steps)) and bool(seen.steps[-1] > 0)
@@ -187,10 +199,10 @@ class Script:
             yield writer.rows_chunk(schema.STATES, seen.states, at)
         for number, joints in seen.joints.items():
             label = self.bodies[number].label
-            self._take_in_joints(label, joints)
+            self._joints.setdefault(label, RowsDigest()).update(joint_rows(joints))
             at = Times(joints.steps, joints.times_s)
             yield writer.numbers_of_steps_chunk(
-                f"{schema.STATES.entity}/{label}/joints", at,
+                f"{schema.STATES.entity}/{label}/{schema.JOINTS}", at,
                 {"position": joints.position, "velocity": joints.velocity,
                     "torque": joints.torque},
             )  # fmt: skip
@@ -290,7 +302,7 @@ class Script:
         told: dict[str, Any] = {name: put.states[name] for name in schema.STATES.columns}
         told |= {
             "joint_position": put.joints.position, "joint_velocity": put.joints.velocity,
-            "joint_torque": put.joints.torque,
+            "joint_torque": put.joints.torque, "counts": put.counts,
         }  # fmt: skip
         yield from self._told(schema.SET, at, told)
         for number in range(len(put.states)):
@@ -301,12 +313,26 @@ class Script:
         at, body = seen.at, seen.body
         self.bodies[body.number] = body
         told: dict[str, Any] = {
-            "body": body.number, "there": seen.there, "engine_id": body.engine_id,
-            "client": body.client, "name": body.name, "label": body.label,
+            "body": body.number, "there": seen.there, "came": seen.came,
+            "sampled": seen.sampled,
+            "engine_id": body.engine_id, "client": body.client,
+            "name": body.name, "label": body.label,
             "links": list(body.links), "joints": [one.name for one in body.joints],
             "joint_kinds": [one.kind for one in body.joints],
             "joint_parents": np.array([one.parent for one in body.joints], np.int64),
+            "joint_limits": np.array([one.limits for one in body.joints], np.float64),
+            "joint_widths": np.array([one.widths for one in body.joints], np.int64),
+            "joint_links": np.array([one.link for one in body.joints], np.int64),
             "moving": np.array(body.moving, np.int64), "soft": body.soft,
+            "can_sleep": body.can_sleep, "hides_links": body.hides_links,
+            "bounds_m": np.array(body.bounds_m, np.float64),
+            "shape_kinds": [one.kind for one in body.shapes],
+            "shape_files": [PurePath(one.file).name for one in body.shapes],
+            "shape_links": np.array([one.link for one in body.shapes], np.int64),
+            **{
+                f"shape_{name}": np.array([getattr(one, name) for one in body.shapes], np.float64)
+                for name in schema.SHAPE_NUMBERS
+            },
         }  # fmt: skip
         yield from self._told(schema.BODIES, at, told)
         if not seen.there:
@@ -345,16 +371,11 @@ class Script:
             schema.CALLS, _at(call.at), (f"{said}   {call.file}:{call.line}", bool(call.raised))
         )
 
-    # -- digests ----------------------------------------------------------------------------------
 
-    def _take_in(self, what: str, at: At, *values: object) -> None:
-        told = [what, at.step, at.time_s, at.call, *map(_hashable, values)]
-        self._others.update(json.dumps(told).encode())
-
-    def _take_in_joints(self, label: str, joints: Joints) -> None:
-        self._others.update(label.encode())
-        for values in (joints.position, joints.velocity, joints.torque):
-            self._others.update(np.ascontiguousarray(values).data)
+def joint_rows(joints: Joints) -> NDArray[np.float64]:
+    """Return all numbers of joints, a row per step: what their digest is of."""
+    steps = joints.steps[:, None].astype(np.float64)
+    return np.hstack((steps, joints.position, joints.velocity, joints.torque))
 
 
 def _shown(seen: Samples) -> NDArray[np.bool_]:
@@ -393,15 +414,6 @@ def energy_j(
     potential_j = -mass_kg * (parts["position_m"] @ gravity_m_s2)
     total: NDArray[np.float64] = (kinetic_j + potential_j).sum(axis=1)
     return total
-
-
-def _hashable(value: object) -> object:
-    if isinstance(value, np.ndarray):
-        return [None if isinstance(one, float) and math.isnan(one) else one
-            for one in value.ravel().tolist()]  # fmt: skip
-    if isinstance(value, Mapping):
-        return {name: _hashable(one) for name, one in value.items()}
-    return value
 
 
 def _at(at: At) -> Times:

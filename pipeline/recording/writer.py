@@ -162,7 +162,7 @@ def scene_chunks(camera: Camera | None, half_size_m: Float64, *, floor: bool) ->
         schema.BOX,
         rr.Boxes3D.columns(
             half_sizes=[half_size_m],
-            colors=[_rgba(colours.SIMULATED)],
+            colors=[rgba(colours.SIMULATED)],
             fill_mode=[rr.components.FillMode.Solid],
         ),
     )
@@ -202,11 +202,12 @@ def document_chunk(entity: str, markdown: str) -> Chunk:
 def curve_style_chunk(entity: str, name: str, colour: str, *, width: float = 2.0) -> Chunk:
     """Return how a curve is drawn: its name with unit, its colour as `#rrggbb`, its width."""
     return _static(
-        entity, rr.SeriesLines.columns(names=[name], colors=[_rgba(colour)], widths=[width])
+        entity, rr.SeriesLines.columns(names=[name], colors=[rgba(colour)], widths=[width])
     )
 
 
-def _rgba(colour: str) -> int:
+def rgba(colour: str) -> int:
+    """Return a colour given as `#rrggbb`, opaque, as Rerun has it."""
     return int(colour.removeprefix("#") + "ff", 16)
 
 
@@ -263,13 +264,14 @@ def table_chunk(entity: str, at: Times, rows: Sequence[Mapping[str, Any]]) -> Ch
     """Return rows of the same names, a row per time: numbers, texts or arrays, each as a list."""
     columns = []
     for name in rows[0]:
-        held = [_flat(row[name]) for row in rows]
+        held = [flat(row[name]) for row in rows]
         offsets = np.cumsum([0, *map(len, held)]).astype(np.int32)
         columns.append(rr.ComponentColumn(name, _Arrow(pa.concat_arrays(held)), offsets=offsets))
     return Chunk.from_columns(entity, times(at), columns)
 
 
-def _flat(value: Any) -> pa.Array:  # noqa: ANN401 - what a row may hold
+def flat(value: Any) -> pa.Array:  # noqa: ANN401 - what a row may hold
+    """Return a number, a text or several as a table's cell: the list that is read back of it."""
     if isinstance(value, np.ndarray):
         return pa.array(np.ascontiguousarray(value).reshape(-1))
     held = list(value) if isinstance(value, list | tuple) else [value]
@@ -351,7 +353,7 @@ def trail_chunk(steps: Steps, timestep_s: float, positions_m: Float64) -> Chunk:
             positions=positions_m,
             radii=[radius] * n,
             # As plain numbers three or four colours would be taken for the parts of one.
-            colors=np.full(n, _rgba(colours.SIMULATED), dtype=np.uint32),
+            colors=np.full(n, rgba(colours.SIMULATED), dtype=np.uint32),
         ),
     )
 

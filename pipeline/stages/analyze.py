@@ -12,12 +12,15 @@ from pipeline.analysis.drop.results import Analysis
 from pipeline.errors import check_suffix
 from pipeline.files.outputs import check_apart, check_target, refused
 from pipeline.files.table import check_table, write_table
+from pipeline.recording.contents import is_script
 from pipeline.recording.layer import is_layer, layer_of, write_layer
 from pipeline.recording.reader import read
 from pipeline.stages.narrative import events, findings_markdown
 
 if TYPE_CHECKING:
     from pipeline.recording.drop import Progress  # its module loads Rerun
+
+__all__ = ["analyze", "is_script"]
 
 _PARTS = 3
 """Reading the recording, taking the error apart, writing what was found."""

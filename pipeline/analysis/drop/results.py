@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import polars as pl
 from pipeline.analysis.drop.energy import EnergyLedger
 from pipeline.analysis.drop.phases import Phase
 from pipeline.analysis.general.flights import Flight
+from pipeline.analysis.general.jsonable import jsonable
 from pipeline.report import EngineReport
 
 
@@ -305,17 +305,4 @@ class Analysis:
         """Return the contract's JSON object; what does not exist is null."""
         left_out = ("table", "contact_phases")
         values = {name: value for name, value in vars(self).items() if name not in left_out}
-        return {name: _jsonable(value) for name, value in values.items()}
-
-
-def _jsonable(value: Any) -> Any:  # noqa: ANN401
-    """Replace what JSON has no word for: nan and infinities become null."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return _jsonable(asdict(value))
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, dict):
-        return {key: _jsonable(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_jsonable(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        return {name: jsonable(value) for name, value in values.items()}

@@ -61,16 +61,22 @@ class Balance:
 
     def closes(self, motion: Motion) -> NDArray[np.bool_]:
         """Return in which samples the recorded velocities are those of law and impulses."""
-        linear = np.abs(motion.velocity_m_s - self.velocity_m_s).max(axis=1)
         angular = np.abs(motion.spin_rad_s - self.spin_rad_s).max(axis=1)
-        return np.asarray(
-            (linear <= CLOSES * self.velocity_scale_m_s)
-            & (angular <= CLOSES * self.spin_scale_rad_s)
-        )
+        return np.asarray(self.closes_linear(motion) & (angular <= CLOSES * self.spin_scale_rad_s))
+
+    def closes_linear(self, motion: Motion) -> NDArray[np.bool_]:
+        """Return the same, whatever the spin does."""
+        linear = np.abs(motion.velocity_m_s - self.velocity_m_s).max(axis=1)
+        return np.asarray(linear <= CLOSES * self.velocity_scale_m_s)
 
 
 def balance_of(
-    motion: Motion, law: Law, touches: Touches, pushed: tuple[Float64, Float64] | None = None
+    motion: Motion,
+    law: Law,
+    touches: Touches,
+    pushed: tuple[Float64, Float64] | None = None,
+    *,
+    before: Motion | None = None,
 ) -> Balance:
     """Return the balance of every step.
 
@@ -85,9 +91,11 @@ def balance_of(
     pushed
         Forces [N] and torques about the centre of mass [N m] that were applied in the step which
         led to each sample, shape (samples, 3) each; None without any.
+    before
+        What each step began with; None where that is the sample before.
     """
     samples, dt = len(motion), law.step_s
-    before = motion.at(np.maximum(np.arange(samples) - 1, 0))
+    before = motion.before() if before is None else before
     alone = law.step(before)
     arm_m = touches.position_m - before.position_m[touches.step]
     impulse = touches.force_n * dt

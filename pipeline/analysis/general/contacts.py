@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import polars as pl
@@ -50,8 +50,11 @@ class Contacts:
             + self.friction_1_direction * self.friction_1_n[:, None]
             + self.friction_2_direction * self.friction_2_n[:, None]
         )
-        position_m = np.where(sign > 0, self.position_a_m[rows], self.position_b_m[rows])
-        return Touches(self.step[rows], position_m, sign * force_n[rows])
+        is_a = sign > 0
+        position_m = np.where(is_a, self.position_a_m[rows], self.position_b_m[rows])
+        other = np.where(is_a[:, 0], self.body_b[rows], self.body_a[rows])
+        other_link = np.where(is_a[:, 0], self.link_b[rows], self.link_a[rows])
+        return Touches(self.step[rows], position_m, sign * force_n[rows], other, other_link)
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,20 @@ class Touches:
     """Where on this part."""
     force_n: Float64
     """Normal force and both frictions, on this part."""
+    other_body: Int64
+    """What pushes, (points,)."""
+    other_link: Int64
+
+    def at(self, points: NDArray[np.bool_], step: Int64) -> Touches:
+        """Return some of the points, with other numbers for their steps, in this order."""
+        return replace(
+            self,
+            step=step,
+            **{
+                name: getattr(self, name)[points]
+                for name in ("position_m", "force_n", "other_body", "other_link")
+            },
+        )
 
 
 _VECTORS = {

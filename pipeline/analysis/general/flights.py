@@ -92,20 +92,48 @@ def decomposed(
 def _flight(
     motion: Motion, law: Law, first: int, last: int, *, parts: Decomposition | None, held: bool
 ) -> Flight:
-    row, steps = last, last - first
     if parts is None:
-        fall, row = start_of(motion, first, law), 0
-        parts = decompose(law, fall, motion.position_m[last : last + 1], first=steps)
+        error_m, terms_m = taken_apart(
+            motion.at(slice(first, first + 1)), motion.position_m[last], law, steps=last - first
+        )
+    else:
+        error_m, terms_m = _row(parts, last)
     return Flight(
         first_step=first,
         last_step=last,
         start_s=first * law.timestep_s,
         end_s=last * law.timestep_s,
-        error_m=_vector(parts.total_m[row]),
-        terms_m=None
-        if held
-        else VectorTerms(*(_vector(getattr(parts, f"{name}_m")[row]) for name in TERMS)),
+        error_m=error_m,
+        terms_m=None if held else terms_m,
     )
+
+
+def taken_apart(
+    start: Motion, position_m: Float64, law: Law, *, steps: int
+) -> tuple[Vector, VectorTerms | None]:
+    """Return the error of a flight after some steps, and its terms [m].
+
+    Parameters
+    ----------
+    start
+        The one sample that it starts from.
+    position_m
+        Where the body is after these steps, shape (3,).
+    law
+        What it follows. Where its gravity is not along z there are no terms.
+    steps
+        At least one.
+    """
+    if any(law.gravity_m_s2[:2]):
+        time_s, g = steps * law.timestep_s, np.array(law.gravity_m_s2)
+        free_fall_m = start.position_m[0] + (start.velocity_m_s[0] + g * time_s / 2) * time_s
+        return _vector(position_m - free_fall_m), None
+    return _row(decompose(law, start_of(start, 0, law), position_m[None], first=steps), 0)
+
+
+def _row(parts: Decomposition, row: int) -> tuple[Vector, VectorTerms]:
+    terms = (_vector(getattr(parts, f"{name}_m")[row]) for name in TERMS)
+    return _vector(parts.total_m[row]), VectorTerms(*terms)
 
 
 def _vector(values: Float64) -> Vector:

@@ -45,7 +45,7 @@ def samples_of(states: pl.DataFrame, contacts: pl.DataFrame) -> Samples:
         One row per contact point.
     """
     body = states.filter(pl.col("body") == BODY)
-    base = _rigid(base_of(states))
+    base = motion_of(base_of(states))
     links = sorted(set(body["link"].unique()) - {BASE})
     points, distance_m, force_n = _contact(contacts, samples=len(base.position_m))
     return Samples(
@@ -56,7 +56,7 @@ def samples_of(states: pl.DataFrame, contacts: pl.DataFrame) -> Samples:
         contact_points=points,
         contact_distance_m=distance_m,
         contact_force_n=force_n,
-        links=tuple(_rigid(body.filter(pl.col("link") == link)) for link in links),
+        links=tuple(motion_of(body.filter(pl.col("link") == link)) for link in links),
     )
 
 
@@ -94,7 +94,9 @@ _POSITION, _ORIENTATION = ("x_m", "y_m", "z_m"), ("qx", "qy", "qz", "qw")
 _VELOCITY, _SPIN = ("vx_m_s", "vy_m_s", "vz_m_s"), ("wx_rad_s", "wy_rad_s", "wz_rad_s")
 
 
-def _rigid(states: pl.DataFrame) -> Motion:
+def motion_of(states: pl.DataFrame) -> Motion:
+    """Return the states of one part as arrays, a row per sample."""
+
     def columns(names: tuple[str, ...]) -> Float64:
         return states.select(names).to_numpy()
 

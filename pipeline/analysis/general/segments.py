@@ -79,9 +79,20 @@ class Segments:
 
     def runs(self, code: int) -> list[tuple[int, int]]:
         """Return first and last sample of each unbroken run of a segment."""
-        edges = np.diff(np.concatenate(([0], self.code == code, [0])).astype(np.int8))
-        firsts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-        return list(zip(firsts.tolist(), (ends - 1).tolist(), strict=True))
+        held = self.code == code
+        return unbroken(held, np.zeros(len(held), dtype=bool))
+
+
+def unbroken(held: NDArray[np.bool_], breaks: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last row of each run of true ones, which ends before a break."""
+    before, after = np.roll(held, 1), np.roll(held, -1)
+    before[0] = after[-1] = False
+    ends = np.append(breaks[1:], True)
+    firsts, lasts = (
+        np.flatnonzero(held & (~before | breaks)),
+        np.flatnonzero(held & (~after | ends)),
+    )
+    return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
 
 
 def segments_of(
@@ -92,6 +103,8 @@ def segments_of(
     exact: bool = True,
     pushed: tuple[Float64, Float64] | None = None,
     placed: NDArray[np.bool_] | None = None,
+    before: Motion | None = None,
+    rolls: NDArray[np.bool_] | None = None,
 ) -> Segments:
     """Return the segment of every sample of one rigid body that was stepped.
 
@@ -109,9 +122,14 @@ def segments_of(
         Forces [N] and torques [N m] that were applied in the step which led to each sample.
     placed
         Which samples a call put there, and no step; the first one without any.
+    before
+        What each step began with; None where that is the sample before.
+    rolls
+        In which samples contact may have given a torque that is not reported. It is `contact` by
+        its momentum along the axes then, whatever its spin does; None where that is not enough.
     """
-    before = motion.at(np.maximum(np.arange(len(motion)) - 1, 0))
-    balance = balance_of(motion, law, touches, pushed)
+    before = motion.before() if before is None else before
+    balance = balance_of(motion, law, touches, pushed, before=before)
     several, bits = law.substeps > 1, law.bits(before)
     exactly = 0.0 if exact else FUSED
 
@@ -138,6 +156,8 @@ def segments_of(
     code = np.full(len(motion), UNEXPLAINED, np.int8)
     code[there & free & ~balance.touched & ~forced] = FLIGHT
     code[there & balanced & balance.touched] = CONTACT
+    if rolls is not None and not several:
+        code[there & near & rolls & balance.closes_linear(motion)] = CONTACT
     code[there & balanced & forced] = PUSHED
     code[np.arange(len(motion)) == 0 if placed is None else placed] = SET
     off_m_s = np.where(

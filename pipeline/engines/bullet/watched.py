@@ -24,12 +24,14 @@ from pipeline.seen import (
     At,
     Body,
     Call,
+    Constraint,
     Dynamics,
     Event,
     Given,
     Image,
     Joint,
     Joints,
+    Motor,
     Push,
     Put,
     Samples,
@@ -56,6 +58,8 @@ PLANES = ("plane.obj", "plane100.obj")
 """Meshes of pybullet_data that stand for a plane: up to 200 m wide, white but for a texture."""
 JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
 FIXED = 4
+ENABLE_SLEEPING = 4
+"""Of the flags that a body is loaded with: URDF_ENABLE_SLEEPING."""
 RIGID = 1
 """A btRigidBody, of which `getDynamicsInfo` leaves some numbers as they lie in memory."""
 
@@ -118,6 +122,7 @@ class _World:
         self.ids: dict[int, _Known] = {}
         self.samples: list[bytes] = []
         self.contacts: list[tuple[int, bytes]] = []
+        self.sampled = False
         self.first = 0
         """Step of the first of these samples."""
 
@@ -185,7 +190,7 @@ class Decoder:
             at = self._at(known.world, step)
             yield from self._tell_call()
             yield Put(at, known.body, states, _joints(known.body, states["step"][:1],
-                np.array([at.time_s]), joints))  # fmt: skip
+                np.array([at.time_s]), joints), known.world.sampled)  # fmt: skip
             return
         world = self._worlds[number]
         if kind == pipe.SAMPLE:
@@ -197,7 +202,7 @@ class Decoder:
             elif step != world.first + len(world.samples):
                 raise StreamError(f"the script's process sent step {step} out of order")
             world.samples.append(payload)
-            world.step = step
+            world.step, world.sampled = step, True
             self.steps += 1
         elif kind == pipe.CONTACTS:  # of the sample before
             world.contacts.append((step, payload))
@@ -291,7 +296,7 @@ class Decoder:
         self._bodies[body] = its.ids[told["id"]] = known
         at = self._at(its)
         yield from self._tell_call()
-        yield Appearance(at, known.body, there=True)
+        yield Appearance(at, known.body, there=True, came=True, sampled=its.sampled)
         if not known.body.soft:
             yield Dynamics(at, known.body, _reported(dynamics))
 
@@ -369,6 +374,29 @@ class Decoder:
             yield Push(self._at(known.world, step), known.body, link, torque, tuple(vector), where,
                 in_world_axes=flags == WORLD_FRAME)  # fmt: skip
 
+    def _on_motor(
+        self, body: int, step: int, joint: int, mode: int, force: float | None
+    ) -> Iterator[Event]:
+        known = self._bodies[body]
+        yield from self._tell_call()
+        yield Motor(self._at(known.world, step), known.body, joint, mode,
+            math.nan if force is None else force)  # fmt: skip
+
+    def _on_held(
+        self, world: int, step: int, constraint: int | None, bodies: list[int]
+    ) -> Iterator[Event]:
+        its = self._worlds[world]
+        yield from self._tell_call()
+        numbers = tuple(self._bodies[one].body.number for one in bodies)
+        if constraint is not None:
+            yield Constraint(self._at(its, step), its.client, constraint, numbers, there=True)
+
+    def _on_released(self, world: int, step: int, constraint: int | None) -> Iterator[Event]:
+        its = self._worlds[world]
+        yield from self._tell_call()
+        if constraint is not None:
+            yield Constraint(self._at(its, step), its.client, constraint, (), there=False)
+
     def _on_real_time(self, **_: object) -> Iterator[Event]:
         self.real_time = True
         yield from ()
@@ -413,7 +441,7 @@ class Decoder:
         joints = tuple(
             Joint(
                 info[0], info[1], JOINT_KINDS.get(info[2], str(info[2])), info[16],
-                (0, 0, 0) if info[2] == FIXED else next(widths),
+                (0, 0, 0) if info[2] == FIXED else next(widths), (info[8], info[9]),
             )
             for widths in [iter([tuple(one) for one in told["joint_widths"]])]
             for info in told["joints"]
@@ -432,6 +460,7 @@ class Decoder:
         return Body(
             number, f"{number}_{name}", told["file"] or told["name"] or name, told["id"], client,
             links, joints, _moving(dynamics, told["joints"]), told["soft"], shapes,
+            bool(told["flags"] & ENABLE_SLEEPING), told["hides_links"], tuple(told["bounds"]),
         )  # fmt: skip
 
 

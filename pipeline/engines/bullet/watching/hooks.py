@@ -267,10 +267,23 @@ class Watch:
             file = next(iter(arguments.values()), "") if name.startswith("load") else ""
             text = os.path.basename(file) if type(file) is str else ""
             world.files.update(dict.fromkeys(ids, text))
+            world.flags.update(dict.fromkeys(ids, _number(arguments.get("flags", 0)) or 0))
+            world.hiding.difference_update(ids)
+            if arguments.get("useMaximalCoordinates") and arguments.get("linkMasses"):
+                world.hiding.update(ids)
             if name == "unsupportedChangeScaling" and body is not None:
                 world.fresh.add(body)
         if name in REMOVES_BODIES:
             world.stale_bodies = True
+        if name == "createConstraint":
+            self._guarded(world, lambda: _tell_constraint(world, arguments, result))
+        if name == "removeConstraint":
+            self.pipe.note(
+                "released", world=world.number, step=world.step,
+                constraint=_number(arguments.get("userConstraintUniqueId")),
+            )  # fmt: skip
+        if name.startswith("setJointMotorControl"):
+            _tell_motors(world, arguments)
         if name in MOVES_ONE:
             which = (name, _text(arguments.get("jointIndex")))
             world.moved.setdefault(body, set()).add(which)
@@ -546,6 +559,28 @@ def _client(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> int:
             return _number(client) or 0
     at = _CLIENT_AT.get(name)
     return _number(args[at]) or 0 if at is not None and len(args) > at else 0
+
+
+def _tell_constraint(world: World, arguments: dict[str, Any], result: Any) -> None:
+    """Tell which bodies a new constraint holds together; the world is none."""
+    bodies = [_number(arguments.get(f"{one}BodyUniqueId")) for one in ("parent", "child")]
+    world.tell_held(_number(result), bodies)
+
+
+def _tell_motors(world: World, arguments: dict[str, Any]) -> None:
+    """Have it told which joints are driven, how, and with which greatest force."""
+    body, mode = _body(arguments), _number(arguments.get("controlMode"))
+    if mode is None:
+        return
+    if "jointIndices" in arguments:
+        joints = _vector(arguments["jointIndices"]) or []
+        forces = _vector(arguments.get("forces"))
+    else:
+        joints = _vector([arguments.get("jointIndex")]) or []
+        forces = _vector([arguments.get("force")])
+    for number, joint in enumerate(joints):
+        force = forces[number] if forces and number < len(forces) else None
+        world.tell_motor(body, int(joint), mode, force)
 
 
 def _named(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str, Any]:

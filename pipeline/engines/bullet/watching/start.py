@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.abc
 import importlib.machinery
 import importlib.util
+import platform
 import sys
 from collections.abc import Callable, Sequence
 from types import ModuleType
@@ -48,7 +49,9 @@ def watch(
         duration_s=duration_s,
     )
     version = ".".join(map(str, sys.version_info[:3]))
-    started.pipe.note("python", version=version, virtual_time=not keep_sleeping)
+    started.pipe.note(
+        "python", version=version, machine=platform.machine(), virtual_time=not keep_sleeping
+    )
     started.clock.install()
     started.lock.install()
     draws = Draws(seed, started.tell_draw)

@@ -81,6 +81,13 @@ class Body:
         states = self._p.getJointStatesMultiDof(self.id, self.joints, self._client)
         return [(len(one[0]), len(one[1]), len(one[3])) for one in states]
 
+    def bounds(self) -> list[float]:
+        """Return the corners of the boxes, along the world's axes, around base and links."""
+        if self.soft:
+            return []
+        boxes = [self._p.getAABB(self.id, link, self._client) for link in (-1, *self.links)]
+        return [value for box in boxes for corner in box for value in corner]
+
     def looks(self) -> list[Any]:
         """Return its visual shapes, as `getVisualShapeData` lists them."""
         return [] if self.soft else _plain(self._p.getVisualShapeData(self.id, 0, self._client))
@@ -113,6 +120,10 @@ class World:
         """Bodies that a call has made: their ids may have been others' before."""
         self.files: dict[int, str] = {}
         """The files that bodies were loaded from: names in them mislead."""
+        self.hiding: set[int] = set()
+        """Bodies of several links that became btRigidBodies, of which only the base is shown."""
+        self.flags: dict[int, int] = {}
+        """What they were loaded with: whether a body may fall asleep stands there only."""
         self.moved: dict[int | None, set[Any]] = {}
         """Bodies that calls may have moved since they were read, and by which calls."""
         self.changed: set[int | None] = set()
@@ -120,6 +131,7 @@ class World:
         self.recoloured: set[int] = set()
         self.stale_bodies = self.stale_engine = True
         self._later: list[tuple[int | None, str, dict[str, Any]]] = []
+        self._motors: dict[tuple[int | None, Any], Any] = {}
         self.bodies: dict[int, Body] = {}
         self.timestep_s = 0.0
         self._sampled = False
@@ -157,6 +169,19 @@ class World:
                 self._pipe.note(what, body=self.bodies[engine_id].number, step=self.step, **told)
         self._later = []
 
+    def tell_held(self, constraint: int | None, bodies: list[int | None]) -> None:
+        """Tell of a constraint between bodies, by the engine's ids; what is none is the world."""
+        self.sync(sample_follows=not self._sampled)  # they may be new
+        numbers = [self.bodies[one].number for one in bodies if one in self.bodies]
+        self._pipe.note("held", world=self.number, step=self.step, constraint=constraint,
+            bodies=numbers)  # fmt: skip
+
+    def tell_motor(self, body: int | None, joint: int, mode: int, force: float | None) -> None:
+        """Have it told how a motor is driven, where that has changed."""
+        if self._motors.get((body, joint)) != (mode, force):
+            self._motors[body, joint] = mode, force
+            self.tell_later(body, "motor", joint=joint, mode=mode, force=force)
+
     def tell_later(self, engine_id: int | None, what: str, **told: Any) -> None:
         """Have something told of a body with the next `sync`, when it is known which it is."""
         self._later.append((engine_id, what, told))
@@ -168,7 +193,7 @@ class World:
         self.bodies, self._moving, self._last = {}, [], {}
         self.fresh, self.moved, self.changed, self.recoloured = set(), {}, set(), set()
         self.stale_bodies = self.stale_engine = True
-        self.given, self._later = {}, []
+        self.given, self._later, self._motors = {}, [], {}
 
     def _list_bodies(self) -> None:
         p, client = self._p, self.client
@@ -192,6 +217,8 @@ class World:
         self._pipe.note(
             "body", world=self.number, body=body.number, id=engine_id, name=_plain(name),
             base=_plain(base), file=self.files.get(engine_id, ""), soft=body.soft,
+            flags=self.flags.get(engine_id, 0), hides_links=engine_id in self.hiding,
+            bounds=body.bounds(),
             dynamics=_plain(body.dynamics), joints=_plain(body.joint_infos),
             joint_widths=body.joint_widths(), visual=body.looks(),
         )  # fmt: skip

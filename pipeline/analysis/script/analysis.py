@@ -1,0 +1,336 @@
+"""The analysis of a script's recording: every body by itself, then what is worth a second look."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.analysis.general.contacts import contacts_of
+from pipeline.analysis.general.flights import taken_apart
+from pipeline.analysis.general.mechanics import mechanics_of_part
+from pipeline.analysis.general.samples import motion_of
+from pipeline.analysis.general.segments import (
+    CONTACT,
+    EXPLAINED,
+    FLIGHT,
+    JOINTED,
+    SEGMENTS,
+    SET,
+    UNEXPLAINED,
+)
+from pipeline.analysis.script.evidence import Evidence
+from pipeline.analysis.script.findings import findings_of
+from pipeline.analysis.script.judged import REASONS, Judged, judged
+from pipeline.analysis.script.results import (
+    BodyAnalysis,
+    BodyEnergy,
+    Moment,
+    Pusher,
+    ScriptAnalysis,
+    ScriptContact,
+    ScriptFlight,
+    Unexplained,
+)
+from pipeline.analysis.script.times import Times
+from pipeline.analysis.script.tracks import tracks_of
+from pipeline.laws.base import Motion
+from pipeline.seen import Body, Dynamics, Seen
+
+Float64 = NDArray[np.float64]
+
+
+def script_analysis_of(
+    seen: Seen, origin: Mapping[str, Any], *, at_s: Sequence[float] = ()
+) -> ScriptAnalysis:
+    """Return what a script's recording tells.
+
+    Parameters
+    ----------
+    seen
+        What was seen of its simulations.
+    origin
+        The script, and how it ended: handed on.
+    at_s
+        Times [s] at which the flights that are under way are taken apart, beside their ends.
+    """
+    contacts = contacts_of(seen.contacts)
+    springy = frozenset(
+        one.body.number
+        for one in seen.dynamics
+        if (np.nan_to_num(one.reported["contact_stiffness"], nan=-1.0) >= 0).any()
+    )
+    rolling = frozenset(
+        one.body.number
+        for one in seen.dynamics
+        if one.reported["rolling_friction"].any() or one.reported["spinning_friction"].any()
+    )
+    samples = _samples_of_clients(seen)
+    tracks = {track.body.number: track for track in tracks_of(seen)}
+    found: dict[int, Judged] = {
+        number: judged(
+            track,
+            contacts,
+            springy=springy,
+            rolling=rolling,
+            soft=any(one.soft for one in seen.bodies.values() if one.client == track.body.client),
+            stepped=samples.get(track.body.client, 0) > 1,
+            machine=seen.machine,
+        )
+        for number, track in tracks.items()
+    }
+    times = {body.client: Times(seen, body.client) for body in seen.bodies.values()}
+    bodies = [
+        _body(seen, body, found.get(number), times[body.client], samples, at_s)
+        for number, body in sorted(seen.bodies.items())
+    ]
+    rigid = [one for one in found.values() if not one.track.body.joints]
+    return ScriptAnalysis(
+        origin=dict(origin),
+        engine=_engine(seen),
+        bodies=bodies,
+        findings=findings_of(Evidence(seen, found, contacts, times, bodies, samples)),
+        explained={
+            "samples": sum(int(np.isin(one.code, EXPLAINED).sum()) for one in rigid),
+            "of": sum(int((one.code != JOINTED).sum()) for one in rigid),
+        },
+        table=pl.concat([_empty(), *(_table(seen, one, times) for one in found.values())]),
+    )
+
+
+def _samples_of_clients(seen: Seen) -> dict[int, int]:
+    """Return how many samples each simulation has."""
+    clients = {number: body.client for number, body in seen.bodies.items()}
+    steps = seen.states.select("step", pl.col("body").replace_strict(clients, default=0)).unique()
+    counts = steps.group_by("body").len()
+    return dict(counts.iter_rows())
+
+
+def _engine(seen: Seen) -> dict[str, Any]:
+    last = {one.client: one.values for one in seen.settings}
+    return {
+        str(client): {name: np.ravel(value).tolist() for name, value in values.items()}
+        for client, values in sorted(last.items())
+    }
+
+
+def _body(
+    seen: Seen,
+    body: Body,
+    found: Judged | None,
+    times: Times,
+    samples: Mapping[int, int],
+    at_s: Sequence[float],
+) -> BodyAnalysis:
+    dynamics = seen.by_body[body.number].dynamics
+    counts: dict[str, int] = dict.fromkeys(SEGMENTS, 0)
+    if found is None:
+        counts["still"] = samples.get(body.client, 1)
+    else:
+        held = np.bincount(found.code, minlength=len(SEGMENTS)).tolist()
+        counts |= zip(SEGMENTS, held, strict=True)
+    return BodyAnalysis(
+        name=body.name,
+        label=body.label,
+        id=body.number,
+        links=list(body.links),
+        mass_kg=float(np.sum(dynamics[-1].reported["mass_kg"])) if dynamics else 0.0,
+        segments=counts,
+        flights=[] if found is None else _flights(found, times, at_s),
+        contacts=[] if found is None else _contacts(seen, found, times),
+        unexplained=[] if found is None else _unexplained(found),
+        energy=None if found is None else _energy(seen, body, dynamics, found),
+    )
+
+
+def _flights(found: Judged, times: Times, at_s: Sequence[float]) -> list[ScriptFlight]:
+    flights = []
+    for first, last in found.runs(FLIGHT):
+        row = _begins(found, first)
+        began, ends = int(found.track.steps[row]) - 1, _moment(found, times, row, last)
+        asked = (times.nearest(time_s, began + 1, ends.step) for time_s in at_s)
+        flights.append(
+            ScriptFlight(
+                first_step=began,
+                last_step=ends.step,
+                start_s=times.of(began),
+                end_s=ends.time_s,
+                error_m=ends.error_m,
+                terms_m=ends.terms_m,
+                at=[
+                    _moment(found, times, row, row + step - began - 1)
+                    for step in asked
+                    if step is not None
+                ],
+            )
+        )
+    return flights
+
+
+def _begins(found: Judged, first: int) -> int:
+    """Return the first row of a flight, one more where it fell from where a call put it."""
+    before = first - 1
+    follows = first > 0 and found.track.steps[before] == found.track.steps[first] - 1
+    put = follows and found.code[before] == SET and bool(found.falls[before])
+    return before if put and found.law_at(before) is found.law_at(first) else first
+
+
+def _moment(found: Judged, times: Times, first: int, row: int) -> Moment:
+    """Return a sample of a flight whose first step led to the row `first`."""
+    law, track = found.law_at(row), found.track
+    assert law is not None
+    start = track.before.at(slice(first, first + 1))
+    position_m, steps = track.motion.position_m[row], row - first + 1
+    error_m, terms_m = taken_apart(start, position_m, law, steps=steps)
+    held = bool(found.held[first : row + 1].any())
+    step = int(track.steps[row])
+    return Moment(step, times.of(step), error_m, None if held else terms_m)
+
+
+def _contacts(seen: Seen, found: Judged, times: Times) -> list[ScriptContact]:
+    phases, track, touches = [], found.track, found.touches
+    for first, last in found.runs(CONTACT):
+        law = found.law_at(first)
+        assert law is not None
+        rows = slice(first, last + 1)
+        points = (touches.step >= first) & (touches.step <= last)
+        given_j = found.energy_j[rows]
+        most = int(np.argmax(given_j))
+        by = []
+        pairs = np.stack((touches.other_body[points], touches.other_link[points]), axis=1)
+        for number, link in np.unique(pairs, axis=0).tolist():
+            its = points & (touches.other_body == number) & (touches.other_link == link)
+            impulse = touches.force_n[its].sum(axis=0) * law.step_s
+            name = seen.bodies[number].label if number in seen.bodies else str(number)
+            to_it_j = float(found.point_energy_j[its].sum())
+            by.append(Pusher(name, number, link, _vector(impulse), to_it_j))
+        impulses = found.impulse_n_s[rows]
+        phases.append(
+            ScriptContact(
+                first_step=int(track.steps[first]),
+                last_step=int(track.steps[last]),
+                start_s=times.of(int(track.steps[first])),
+                end_s=times.of(int(track.steps[last])),
+                impulse_n_s=_vector(impulses.sum(axis=0)),
+                largest_force_n=float(np.linalg.norm(impulses, axis=1).max()) / law.step_s,
+                energy_j=float(given_j.sum()),
+                most_given_j=max(0.0, float(given_j[most])),
+                most_given_step=int(track.steps[first + most]) if given_j[most] > 0 else None,
+                by=by,
+            )
+        )
+    return phases
+
+
+def _unexplained(found: Judged) -> list[Unexplained]:
+    held = []
+    for number in np.unique(found.reason[found.code == UNEXPLAINED]).tolist():
+        rows = np.flatnonzero((found.code == UNEXPLAINED) & (found.reason == number))
+        first = int(rows[0])
+        held.append(
+            Unexplained(
+                REASONS[number],
+                len(rows),
+                int(found.track.steps[first]),
+                float(found.deviation[first]),
+            )
+        )
+    return held
+
+
+_COLUMNS = {
+    "step": pl.Int64, "time_s": pl.Float64, "body": pl.Int64, "label": pl.String,
+    "segment": pl.String, "x_m": pl.Float64, "y_m": pl.Float64, "z_m": pl.Float64,
+    "error_x_m": pl.Float64, "error_y_m": pl.Float64, "error_z_m": pl.Float64,
+    "energy_j": pl.Float64, "contact_j": pl.Float64,
+}  # fmt: skip
+"""Of the table of samples; an error is that of the flight that a sample belongs to, else null."""
+
+
+def _empty() -> pl.DataFrame:
+    return pl.DataFrame(schema=_COLUMNS)
+
+
+def _table(seen: Seen, found: Judged, times: Mapping[int, Times]) -> pl.DataFrame:
+    track, body = found.track, found.track.body
+    time_of = times[body.client].of
+    error_m = np.full((len(track), 3), np.nan)
+    for first, last in found.runs(FLIGHT):
+        row, law = _begins(found, first), found.law_at(first)
+        assert law is not None
+        start, rows = track.before.at(slice(row, row + 1)), slice(row, last + 1)
+        time_s = np.arange(1, last - row + 2)[:, None] * law.timestep_s
+        pull = np.array(law.gravity_m_s2) * time_s / 2
+        free_fall_m = start.position_m + (start.velocity_m_s + pull) * time_s
+        error_m[rows] = track.motion.position_m[rows] - free_fall_m
+    energy_j = energies_j(seen, body, seen.by_body[body.number].dynamics, found)
+    named = {
+        "step": track.steps,
+        "time_s": np.array([time_of(step) for step in track.steps.tolist()]),
+        "body": np.full(len(track), body.number),
+        "label": [body.label] * len(track),
+        "segment": np.array(SEGMENTS, dtype=object)[found.code].tolist(),
+        **{f"{axis}_m": track.motion.position_m[:, n] for n, axis in enumerate("xyz")},
+        **{f"error_{axis}_m": error_m[:, n] for n, axis in enumerate("xyz")},
+        "energy_j": np.full(len(track), np.nan) if energy_j is None else energy_j,
+        "contact_j": found.energy_j,
+    }
+    return pl.DataFrame(named, schema=_COLUMNS, nan_to_null=True)
+
+
+def _energy(
+    seen: Seen, body: Body, dynamics: Sequence[Dynamics], found: Judged
+) -> BodyEnergy | None:
+    """Return the energies of a body whose parts and masses were the same all the time."""
+    energy_j = energies_j(seen, body, dynamics, found)
+    if energy_j is None:
+        return None
+    largest = int(np.argmax(energy_j))
+    return BodyEnergy(
+        first_j=float(energy_j[0]),
+        last_j=float(energy_j[-1]),
+        largest_j=float(energy_j[largest]),
+        largest_step=int(found.track.steps[largest]),
+        contact_j=None if body.joints else float(found.energy_j.sum()),
+    )
+
+
+def energies_j(
+    seen: Seen, body: Body, dynamics: Sequence[Dynamics], found: Judged
+) -> Float64 | None:
+    """Return the energy of motion and in gravity of a body [J], a row per sample of its base."""
+    masses = {tuple(one.reported["mass_kg"].tolist()) for one in dynamics}
+    inertias = {tuple(one.reported["inertia_kg_m2"].ravel().tolist()) for one in dynamics}
+    if len(masses) != 1 or len(inertias) != 1:
+        return None
+    reported, track = dynamics[-1].reported, found.track
+    gravity = np.zeros((len(track), 3))
+    for epoch in track.epochs:
+        values = epoch.settings.values
+        gravity[epoch.rows] = [np.ravel(values[f"gravityAcceleration{axis}"])[0] for axis in "XYZ"]
+    total_j = np.zeros(len(track))
+    parts = seen.states.filter(pl.col("body") == body.number)
+    for link, mass_kg, inertia in zip(
+        range(-1, len(reported["mass_kg"]) - 1),
+        reported["mass_kg"].tolist(),
+        reported["inertia_kg_m2"],
+        strict=True,
+    ):
+        if not mass_kg or link not in body.moving:
+            continue
+        rows = parts.filter(pl.col("link") == link)
+        if rows["step"].to_list() != track.steps.tolist():
+            return None
+        part: Motion = motion_of(rows)
+        of_part = mechanics_of_part(part, mass_kg, inertia, 0.0)
+        total_j += of_part.kinetic_linear_j + of_part.kinetic_angular_j
+        total_j -= mass_kg * np.sum(gravity * part.position_m, axis=1)
+    return total_j
+
+
+def _vector(values: Float64) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z

@@ -1,0 +1,96 @@
+"""What the findings of a script's recording are drawn from."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.analysis.general.contacts import Contacts
+from pipeline.analysis.script.judged import Judged
+from pipeline.analysis.script.results import BodyAnalysis, ScriptFinding
+from pipeline.analysis.script.times import Times
+from pipeline.seen import At, Body, Dynamics, Seen
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A script's recording, and what the analysis made of its bodies."""
+
+    seen: Seen
+    judged: Mapping[int, Judged]
+    """By body number; of those that have samples."""
+    contacts: Contacts
+    times: Mapping[int, Times]
+    """By client."""
+    bodies: list[BodyAnalysis]
+    samples: Mapping[int, int]
+    """How many each client has."""
+
+    @cached_property
+    def set_bodies(self) -> frozenset[int]:
+        """Bodies that calls have moved after they came."""
+        return frozenset(
+            number
+            for number, told in self.seen.by_body.items()
+            if any(put.at.step > told.came[0].at.step for put in told.puts)
+        )
+
+    def dynamics_of(self, body: int) -> list[Dynamics]:
+        """Return what the engine reported of a body, in order."""
+        return self.seen.by_body[body].dynamics if body in self.seen.by_body else []
+
+    def mass_kg(self, body: int, link: int) -> float:
+        """Return the last mass of a part; 0 where it is unknown."""
+        told = self.dynamics_of(body)
+        masses = told[-1].reported["mass_kg"] if told else np.zeros(0)
+        return float(masses[link + 1]) if 0 <= link + 1 < len(masses) else 0.0
+
+    def extents_m(self, body: int, link: int) -> Float64 | None:
+        """Return the edges of the box around a part as it came, (3,); None without a size."""
+        known = self.seen.bodies.get(body)
+        bounds = () if known is None else known.bounds_m[6 * (link + 1) : 6 * (link + 2)]
+        if len(bounds) != 6:
+            return None
+        edges = np.subtract(bounds[3:], bounds[:3])
+        return edges if (edges > 0).all() else None
+
+    def label(self, body: int, link: int = -1) -> str:
+        """Return how a part is called: the body, and the link where it is not the base."""
+        known = self.seen.bodies.get(body)
+        if known is None:
+            return f"body {body}"
+        return known.label if link < 0 else f"{known.label}, link {known.links[link + 1]}"
+
+    def site(self, functions: Iterable[str], at: At, body: Body | None = None) -> str | None:
+        """Return file and line of the last call of some functions that was made until then.
+
+        With a body, of those that name it first, as all do that change one.
+        """
+        names = frozenset(functions)
+        for call in reversed(self.seen.calls):
+            if (call.at.step, call.at.call) > (at.step, at.call) or call.function not in names:
+                continue
+            if body is None or (call.client == body.client and _names(call.arguments, body)):
+                return f"{call.file}:{call.line}"
+        return None
+
+    def finding(
+        self, code: str, message: str, *, body: int | None = None, step: int | None = None,
+        site: str | None = None,
+    ) -> ScriptFinding:  # fmt: skip
+        """Return a finding; one of a body begins with its name."""
+        name = None if body is None else self.label(body)
+        said = message if name is None else f"{name} {message}"
+        return ScriptFinding(code, f"{said}{f' ({site})' if site else ''}", name, step, site)
+
+
+def _names(arguments: str, body: Body) -> bool:
+    first = re.match(r"\s*(?:\w+=)?(-?\d+)\b", arguments)
+    return first is not None and int(first[1]) == body.engine_id

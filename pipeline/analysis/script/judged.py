@@ -1,0 +1,220 @@
+"""One body of a script, judged: what each of its samples is, and why some are nothing we know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.analysis.general.contacts import Contacts, Touches
+from pipeline.analysis.general.mechanics import rotate_inverse
+from pipeline.analysis.general.segments import (
+    FLIGHT,
+    JOINTED,
+    SET,
+    STILL,
+    UNEXPLAINED,
+    segments_of,
+    unbroken,
+)
+from pipeline.analysis.script.tracks import Epoch, Flags, Track
+from pipeline.laws.base import EXACT_MACHINES, Law
+from pipeline.laws.lookup import law_of
+from pipeline.seen import Body
+
+Float64 = NDArray[np.float64]
+Int8 = NDArray[np.int8]
+
+REASONS = (
+    "",
+    "contact in a step of several substeps, of which PyBullet reports the last one's",
+    "maxJointVelocity, which limits velocities",
+    "falling asleep, or waking up",
+    "continuous collision detection (ccdSweptSphereRadius), which stops a body on its way",
+    "links of a btRigidBody, which PyBullet does not show",
+    "soft bodies, whose contact PyBullet does not report",
+    "a cause that nothing recorded here tells",
+)
+"""Why a sample is unexplained, by number; 0 of one that is not."""
+SUBSTEPS, LIMIT, SLEEP, CCD, LINKS, SOFT, UNKNOWN = range(1, len(REASONS))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A track, and what each of its samples is; all arrays have a row for each."""
+
+    track: Track
+    code: Int8
+    """Places in `SEGMENTS`."""
+    reason: Int8
+    """Places in `REASONS`."""
+    deviation: Float64
+    """By how much the sample is off its law, in the worst of its numbers [m, m/s, rad/s, 1]."""
+    falls: Flags
+    """Whether a step of free flight led to it, from a state that is known."""
+    held: Flags
+    """Whether the engine held a velocity at its limit in that step."""
+    impulse_n_s: Float64
+    """What contact gave in that step, (samples, 3)."""
+    energy_j: Float64
+    """What contact gave to its energy of motion, or took."""
+    touches: Touches
+    """What touched it: the step of each point is the row of a sample."""
+    point_energy_j: Float64
+    """What each point gave, or took."""
+    laws: list[tuple[Epoch, Law | None]]
+    """The law of each epoch; None where there is none of it."""
+
+    def kinetic_j(self, row: int, *, before: bool) -> float:
+        """Return the energy of motion at a sample, or that its step began with [J]."""
+        law = self.law_at(row)
+        assert law is not None
+        start = self.track.before.at(slice(row, row + 1))
+        state = start if before else self.track.motion.at(slice(row, row + 1))
+        spin = rotate_inverse(state.orientation, state.spin_rad_s)[0]
+        velocity = state.velocity_m_s[0]
+        inertia = np.array(law.inertia_kg_m2)
+        return float(law.mass_kg * (velocity @ velocity) + inertia @ spin**2) / 2
+
+    def law_at(self, row: int) -> Law | None:
+        """Return the law of the step that led to a sample."""
+        return next((law for epoch, law in self.laws if row < epoch.rows.stop), None)
+
+    def runs(self, code: int) -> list[tuple[int, int]]:
+        """Return first and last sample of each unbroken run of a segment, within one epoch."""
+        return unbroken(self.code == code, self._breaks)
+
+    @property
+    def _breaks(self) -> Flags:
+        """Whether a sample begins something new: other settings, or steps that are missing."""
+        found = ~self.track.led
+        found[[epoch.rows.start for epoch, _ in self.laws]] = True
+        return found
+
+
+def judged(
+    track: Track,
+    contacts: Contacts,
+    *,
+    springy: frozenset[int],
+    rolling: frozenset[int],
+    soft: bool,
+    stepped: bool,
+    machine: str,
+) -> Judged:
+    """Judge one body.
+
+    Parameters
+    ----------
+    track
+        Its samples.
+    contacts
+        The contact points of all bodies.
+    springy
+        Bodies whose contact gives way like a spring.
+    rolling
+        Bodies with rolling or spinning friction, whose torque PyBullet does not report.
+    soft
+        Whether there are soft bodies.
+    stepped
+        Whether its simulation was ever stepped.
+    machine
+        Kind of processor; an empty one is taken for one that rounds each operation once.
+    """
+    rows = len(track)
+    touches = _touches(track, contacts)
+    code = np.where(track.led, UNEXPLAINED, SET if stepped else STILL).astype(np.int8)
+    reason = np.zeros(rows, np.int8)
+    deviation, energy_j = np.zeros((2, rows))
+    impulse_n_s, point_energy_j = np.zeros((rows, 3)), np.zeros(len(touches.step))
+    falls, held = np.zeros((2, rows), dtype=bool)
+    laws: list[tuple[Epoch, Law | None]] = []
+    jointed = bool(track.body.joints)
+    rolls = _with(touches, rolling, track)
+    for epoch in track.epochs:
+        law = (
+            None if jointed else law_of(epoch.settings.values, epoch.dynamics.reported, epoch.given)
+        )
+        laws.append((epoch, law))
+        if law is None or not law.mass_kg > 0:
+            code[epoch.rows] = np.where(track.led[epoch.rows], JOINTED, code[epoch.rows])
+            continue
+        part = epoch.rows
+        points = (touches.step >= part.start) & (touches.step < part.stop)
+        theirs = touches.at(points, touches.step[points] - part.start)
+        pushed = track.force_n[part], track.torque_n_m[part]
+        found = segments_of(
+            track.motion.at(part),
+            law,
+            theirs,
+            exact=machine in ("", *EXACT_MACHINES),
+            pushed=pushed if np.any(pushed) else None,
+            placed=~track.led[part],
+            before=track.before.at(part),
+            rolls=rolls[part],
+        )
+        assert found.balance is not None
+        code[part], deviation[part], held[part] = found.code, found.deviation, found.held
+        impulse_n_s[part], energy_j[part] = found.balance.impulse_n_s, found.balance.energy_j
+        point_energy_j[points] = found.balance.point_energy_j
+        falls[part] = found.code == FLIGHT
+        reason[part] = SOFT if soft else _reason(track.body, epoch, law)
+    open_ = code == UNEXPLAINED
+    code[open_ & (track.constrained | _with(touches, springy, track))] = JOINTED
+    code[(code != UNEXPLAINED) & track.put & track.led & (code != JOINTED)] = SET
+    _asleep(track, code, reason)
+    reason[code != UNEXPLAINED] = 0
+    return Judged(
+        track, code, reason, deviation, falls, held, impulse_n_s, energy_j, touches,
+        point_energy_j, laws,
+    )  # fmt: skip
+
+
+def _touches(track: Track, contacts: Contacts) -> Touches:
+    """Return what touches a body, by rows of its samples."""
+    found = contacts.of(track.body.number)
+    rows = np.minimum(np.searchsorted(track.steps, found.step), len(track) - 1)
+    its = (track.steps[rows] == found.step) & track.led[rows]
+    return found.at(its, rows[its])
+
+
+def _with(touches: Touches, bodies: frozenset[int], track: Track) -> Flags:
+    """Return in which samples a body met some others, or anything if it is one of them."""
+    found = np.zeros(len(track), dtype=bool)
+    its = np.isin(touches.other_body, list(bodies)) | (track.body.number in bodies)
+    found[touches.step[its]] = True
+    return found
+
+
+def _reason(body: Body, epoch: Epoch, law: Law) -> int:
+    """Return why the samples of an epoch may be unexplained."""
+    if law.substeps > 1:
+        return SUBSTEPS
+    if body.hides_links:
+        return LINKS
+    if epoch.given.get("ccdSweptSphereRadius", 0) > 0:
+        return CCD
+    return LIMIT if _is_given(epoch.given, "maxJointVelocity") else UNKNOWN
+
+
+def _is_given(given: Mapping[str, Any], name: str) -> bool:
+    value = given.get(name, -1)
+    return isinstance(value, int | float) and value >= 0
+
+
+def _asleep(track: Track, code: Int8, reason: Int8) -> None:
+    """Take note of samples at which a body that may fall asleep did not move at all."""
+    names = ("position_m", "orientation", "velocity_m_s", "spin_rad_s")
+    after = [getattr(track.motion, name) for name in names]
+    before = [getattr(track.before, name) for name in names]
+    same = (np.hstack(after) == np.hstack(before)).all(axis=1) & track.led
+    at_rest = ~np.hstack(after[2:]).any(axis=1)
+    may = np.zeros(len(track), dtype=bool)
+    for epoch in track.epochs:
+        may[epoch.rows] = track.body.can_sleep or _is_given(epoch.given, "activationState")
+    open_ = (code == UNEXPLAINED) & may
+    code[open_ & same & at_rest] = STILL
+    reason[open_ & ~(same & at_rest)] = SLEEP

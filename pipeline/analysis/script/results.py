@@ -1,0 +1,180 @@
+"""What the analysis of a script's recording finds; SI units, world axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from pipeline.analysis.general.flights import VectorTerms
+from pipeline.analysis.general.jsonable import jsonable
+from pipeline.errors import ScenarioError
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A sample of a flight, taken apart."""
+
+    step: int
+    time_s: float
+    error_m: Vector
+    """Simulated minus free fall."""
+    terms_m: VectorTerms | None
+
+
+@dataclass(frozen=True)
+class ScriptFlight:
+    """From a sample on a body meets nothing, and follows the law of free flight."""
+
+    first_step: int
+    """What it starts from: a sample, or what a call has made of it."""
+    last_step: int
+    """The last sample that the law of flight led to."""
+    start_s: float
+    end_s: float
+    error_m: Vector
+    """Simulated minus free fall at the last sample, from the state at the first on."""
+    terms_m: VectorTerms | None
+    """What that is made of; None where a velocity was held at the engine's limit, or where gravity
+    is not along z."""
+    at: list[Moment]
+    """The samples nearest to `--at`."""
+
+
+@dataclass(frozen=True)
+class Pusher:
+    """What pushed a body in a contact."""
+
+    body: str
+    id: int
+    link: int
+    impulse_n_s: Vector
+    energy_j: float
+    """What it gave to the body's energy of motion."""
+
+
+@dataclass(frozen=True)
+class ScriptContact:
+    """An unbroken run of samples that contact led to."""
+
+    first_step: int
+    last_step: int
+    start_s: float
+    end_s: float
+    impulse_n_s: Vector
+    """Of all contact forces on the body together."""
+    largest_force_n: float
+    """The greatest of a step, all points together."""
+    energy_j: float
+    """What contact gave to the body's energy of motion, or took from it."""
+    most_given_j: float
+    """The most that it gave in a step; 0 where it only took."""
+    most_given_step: int | None
+    """In which that was."""
+    by: list[Pusher]
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Samples that neither the law nor contact leads to, of one reason."""
+
+    reason: str
+    samples: int
+    first_step: int
+    deviation: float
+    """How far the first of them is off, in the worst of its numbers [m, m/s, rad/s, 1]."""
+
+
+@dataclass(frozen=True)
+class BodyEnergy:
+    """Energy of motion and in gravity, of all links together; z = 0 is where the latter is 0."""
+
+    first_j: float
+    last_j: float
+    largest_j: float
+    largest_step: int
+    contact_j: float | None
+    """What all contacts gave to its energy of motion, or took; None of a body with joints."""
+
+
+@dataclass(frozen=True)
+class BodyAnalysis:
+    """What one body did."""
+
+    name: str
+    label: str
+    """Number and name: what findings and the recording's entities call it."""
+    id: int
+    """In the recording: the engine's own id, unless another body had it before."""
+    links: list[str]
+    """Base and links."""
+    mass_kg: float
+    """Of all of them; as it was last."""
+    segments: dict[str, int]
+    """How many samples are what."""
+    flights: list[ScriptFlight]
+    contacts: list[ScriptContact]
+    unexplained: list[Unexplained]
+    energy: BodyEnergy | None
+    """None of what has no samples, or no mass."""
+
+
+@dataclass(frozen=True)
+class ScriptFinding:
+    """Something a recording gives away: what was seen, why, and what changes it."""
+
+    code: str
+    """A name that stays: what scripts look for."""
+    message: str
+    body: str | None
+    """Of which it speaks."""
+    step: int | None
+    """When it was seen first."""
+    site: str | None
+    """File and line of the call that caused it."""
+
+
+@dataclass(frozen=True)
+class ScriptAnalysis:
+    """Everything that a script's recording tells."""
+
+    origin: dict[str, Any]
+    """The script, its arguments, and how it ended."""
+    engine: dict[str, Any]
+    """Timestep, gravity … as the engine had them last, by client."""
+    bodies: list[BodyAnalysis]
+    findings: list[ScriptFinding]
+    explained: dict[str, int]
+    """Samples of bodies without joints, and how many of them are explained."""
+    table: pl.DataFrame
+    """One row per sample and body: step, time, segment, error in flight, energy."""
+    recording: Path | None = None
+    layer: Path | None = None
+    partial: bool = False
+    """Whether the recording was never finished: this is the analysis of what there is of it."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the contract's JSON object; what does not exist is null."""
+        return {name: jsonable(value) for name, value in vars(self).items() if name != "table"}
+
+    def of_body(self, which: str) -> ScriptAnalysis:
+        """Return what is told of one body, by name, label or number, and its findings.
+
+        Raises
+        ------
+        ScenarioError
+            If there is none, or several have the name.
+        """
+        found = [one for one in self.bodies if which in (str(one.id), one.label, one.name)]
+        if len(found) != 1:
+            there = ", ".join(f"{one.id} ({one.name})" for one in (found or self.bodies)[:10])
+            many = "several are called that" if found else "there is none"
+            raise ScenarioError(f"--body must be a body of the recording, got {which!r}: {many}; "
+                f"by number: {there}")  # fmt: skip
+        (body,) = found
+        findings = [one for one in self.findings if one.body in (None, body.label)]
+        return replace(self, bodies=[body], findings=findings)

@@ -1,0 +1,123 @@
+"""Read a script's recording back, and say what each of its bodies did, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.analysis.script.analysis import script_analysis_of
+from pipeline.analysis.script.results import ScriptAnalysis
+from pipeline.errors import check_suffix
+from pipeline.files.outputs import check_apart, check_target, refused
+from pipeline.files.table import check_table, write_table
+from pipeline.recording.layer import is_layer, layer_of
+from pipeline.recording.script_layer import write_script_layer
+from pipeline.recording.script_reader import read_script
+
+if TYPE_CHECKING:
+    from pipeline.recording.drop import Progress  # its module loads Rerun
+
+DEFAULT_AT_S = (0.3,)
+"""Where flights are taken apart beside their ends, unless other times are asked for."""
+
+
+def analyze_script(
+    recording: Path | str,
+    *,
+    at_s: Sequence[float] = (),
+    body: str | None = None,
+    out: Path | str | None = None,
+    table: Path | str | None = None,
+    force: bool = False,
+    progress: Progress = lambda *_: None,
+) -> ScriptAnalysis:
+    """Analyze the recording of a script, and write the layer that shows the analysis beside it.
+
+    Parameters
+    ----------
+    recording
+        The recording to read.
+    at_s
+        Times [s] at which the flights that are under way are taken apart, beside their ends;
+        without any, 0.3 s.
+    body
+        The one body to tell of, by name or number; None for all. The layer shows all.
+    out
+        The layer recording to write; None puts it beside the recording.
+    table
+        A `.parquet` or `.csv` file for the table of all samples, or None.
+    force
+        Whether files that exist may be replaced; a layer under its default name always is.
+    progress
+        Called while it runs.
+
+    Raises
+    ------
+    RecordingError
+        If the recording is missing, damaged or not that of a script.
+    ScenarioError
+        If there is no such body, or a file has another suffix.
+    OutputError
+        If a file cannot be written, or would replace what the same command reads or writes.
+    """
+    path = Path(recording)
+    layer = layer_of(path) if out is None else Path(out)
+    tables = [] if table is None else [Path(table)]
+    check_apart([layer, *tables], inputs=[path])
+    check_target(layer, force=force or out is None)
+    check_suffix("--out", layer, (".rrd",))
+    if out is None and not force and layer.is_file() and not is_layer(layer):
+        raise refused(layer)
+    for one in tables:
+        check_table(one, force=force)
+    progress("analyzing", 0, 3)
+    read_back = read_script(path)
+    progress("analyzing", 1, 3)
+    ended = read_back.ended or {}
+    origin = read_back.origin | {name: ended.get(name) for name in ("ended", "error")}
+    analysis = script_analysis_of(read_back.seen, origin, at_s=at_s or DEFAULT_AT_S)
+    told = analysis if body is None else analysis.of_body(body)
+    progress("analyzing", 2, 3)
+    write_script_layer(
+        layer,
+        read_back.recording_id,
+        samples=analysis.table,
+        events=sorted(_events(analysis)),
+        findings="\n".join(_findings(analysis)),
+        force=force,
+        ours=out is None,
+    )
+    for one in tables:
+        write_table(one, analysis.table, force=force)
+    progress("analyzing", 3, 3)
+    return replace(told, recording=path, layer=layer, partial=read_back.partial)
+
+
+def _events(analysis: ScriptAnalysis) -> Iterator[tuple[int, float, str]]:
+    times_s = dict(analysis.table.select("step", "time_s").unique().iter_rows())
+    for finding in analysis.findings:
+        step = finding.step
+        if step is not None and step in times_s:
+            yield step, times_s[step], f"{finding.code}: {finding.message}"
+    for body in analysis.bodies:
+        for contact in body.contacts:
+            others = ", ".join(sorted({one.body for one in contact.by}))
+            yield contact.first_step, contact.start_s, f"{body.label} meets {others}"
+
+
+def _findings(analysis: ScriptAnalysis) -> Iterator[str]:
+    explained = analysis.explained
+    yield (
+        f"{explained['samples']:,} of {explained['of']:,} samples of bodies without joints are "
+        "explained, step by step."
+    )
+    yield ""
+    yield "## Findings"
+    yield ""
+    if not analysis.findings:
+        yield "None: nothing in this recording needs a second look."
+    for finding in analysis.findings:
+        yield f"- **{finding.code}**: {finding.message}"
+        yield ""
