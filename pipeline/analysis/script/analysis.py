@@ -112,7 +112,7 @@ def _samples_of_clients(seen: Seen) -> dict[int, int]:
 def _engine(seen: Seen) -> dict[str, Any]:
     last = {one.client: one.values for one in seen.settings}
     return {
-        str(client): {name: np.ravel(value).tolist() for name, value in values.items()}
+        str(client): {name: np.asarray(value).tolist() for name, value in values.items()}
         for client, values in sorted(last.items())
     }
 
