@@ -13,7 +13,8 @@ from rerun.chunk import Chunk
 
 from pipeline import colours
 from pipeline.recording import pictures, schema, writer
-from pipeline.recording.script_layout import MOST_NAMES
+from pipeline.recording.script import FARTHEST_M
+from pipeline.recording.script_layout import MOST_NAMES, world_view
 from pipeline.recording.writer import Times
 
 MOST_STATES = 40
@@ -59,7 +60,7 @@ def write_script_layer(
         path,
         _chunks(bodies, flying, events, findings),
         recording_id=recording_id,
-        blueprint=_layout(flying=len(flying)),
+        blueprint=_layout(_world(samples), flying=len(flying)),
         force=force,
         ours=ours,
         salvage=False,
@@ -77,11 +78,14 @@ def _chunks(
     for body in flying:
         entity = f"{schema.ERROR_MM}/{body['label'][0]}"
         yield pictures.curve_names(entity, [f"{body['label'][0]} {axis}" for axis in "xyz"])
-        shown = body.drop_nulls("error_z_m")
-        due = (shown["time_s"] * SHOWN_PER_S + 1e-9).floor()
-        rows = (due != due.shift(1, fill_value=-1)).to_numpy().copy()
-        rows[-1] = True
-        shown = shown.filter(rows)
+        # Beside what is due, the ends of each flight, and the gap after it.
+        in_flight = pl.col("error_z_m").is_not_null()
+        due = (pl.col("time_s") * SHOWN_PER_S + 1e-9).floor()
+        shown = body.filter(
+            (in_flight & (due != due.shift(1, fill_value=-1)))
+            | (in_flight != in_flight.shift(1, fill_value=False))
+            | (in_flight != in_flight.shift(-1, fill_value=False))
+        )
         errors_mm = shown.select("error_x_m", "error_y_m", "error_z_m").to_numpy() * 1e3
         yield pictures.curves(entity, _times(shown), [errors_mm])
     if events:
@@ -117,10 +121,18 @@ def _times(rows: pl.DataFrame) -> Times:
     return Times(rows["step"].to_numpy(), rows["time_s"].to_numpy())
 
 
-def _layout(*, flying: int) -> rrb.Blueprint:
-    world = rrb.Spatial3DView(
-        origin=schema.WORLD, name="World", line_grid=rrb.LineGrid3D(visible=False)
-    )
+def _world(samples: pl.DataFrame) -> rrb.Spatial3DView:
+    """Return the view of the scene; what has flown off is not waited for."""
+    positions_m = samples.select("x_m", "y_m", "z_m").to_numpy()
+    positions_m = positions_m[np.isfinite(positions_m).all(axis=1)]
+    if not len(positions_m):
+        return world_view(np.zeros(3), np.zeros(3))
+    away_m = np.abs(positions_m - np.median(positions_m, axis=0)).max(axis=1)
+    near_m = positions_m[away_m <= max(FARTHEST_M, away_m.min())]
+    return world_view(near_m.min(axis=0), near_m.max(axis=0))
+
+
+def _layout(world: rrb.Spatial3DView, *, flying: int) -> rrb.Blueprint:
     states = rrb.StateTimelineView(origin=schema.SEGMENTS, name="What each body does")
     curves: list[rrb.View] = [states]
     if flying:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
 
 from pipeline.recording import schema
 from pipeline.recording.script import Script
@@ -18,16 +19,7 @@ EYE = np.array([1.6, -1.6, 1.0])
 
 def layout(script: Script) -> rrb.Blueprint:
     """Return the layout: the scene, its cameras, curves of what is free and of what has joints."""
-    centre = (script.low_m + script.high_m) / 2
-    reach = max(LEAST_REACH_M, float(np.linalg.norm(script.high_m - script.low_m)) / 2)
-    world = rrb.Spatial3DView(
-        origin=schema.WORLD,
-        name="World",
-        line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(
-            position=(centre + reach * EYE).tolist(), look_target=centre.tolist()
-        ),
-    )
+    world = world_view(script.low_m, script.high_m)
     cameras = [
         rrb.Spatial2DView(origin=f"camera/{number}/image", name=f"Camera {name}")
         for name, number in list(script.cameras.items())[:MOST_CAMERAS]
@@ -66,6 +58,20 @@ def layout(script: Script) -> rrb.Blueprint:
         rrb.TimePanel(timeline=timeline, state="collapsed", loop_mode="all", play_state="playing"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
+    )
+
+
+def world_view(low_m: NDArray[np.float64], high_m: NDArray[np.float64]) -> rrb.Spatial3DView:
+    """Return the scene, seen from where the box that what moves stayed in fills the view."""
+    centre = (low_m + high_m) / 2
+    reach = max(LEAST_REACH_M, float(np.linalg.norm(high_m - low_m)) / 2)
+    return rrb.Spatial3DView(
+        origin=schema.WORLD,
+        name="World",
+        line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=rrb.EyeControls3D(
+            position=(centre + reach * EYE).tolist(), look_target=centre.tolist()
+        ),
     )
 
 
