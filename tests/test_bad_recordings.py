@@ -540,6 +540,11 @@ REFUSED: dict[str, Change] = {
     "mass in grams": with_property("engine", "mass_kg", [100.0]),
     "no mass": with_property("engine", "mass_kg", [0.0]),
     "mass nan": with_property("engine", "mass_kg", [np.nan]),
+    "another mass of the links": with_property("engine", "link_masses_kg", [0.2]),
+    "an inertia of one number": with_property("engine", "link_inertias_kg_m2", [1e-4]),
+    "another inertia of the links": with_property(
+        "engine", "link_inertias_kg_m2", [1e-4, 1e-4, 2e-4]
+    ),
     "mass as a text": with_property("engine", "mass_kg", ["heavy"]),
     "inertia of two": with_property("engine", "inertia_kg_m2", [1.0, 2.0]),
     "joints as a text": with_property("engine", "joints", ["none"]),
@@ -704,6 +709,7 @@ def test_nan_and_infinity_are_refused_with_any_digest(
 SENSELESS = (
     "timestep in milliseconds", "timestep as a text", "timestep nan", "a floor of 1", "no mass",
     "gravity of the Moon", "mass nan", "mass as a text", "inertia of two", "joints as a text",
+    "another mass of the links", "an inertia of one number", "another inertia of the links",
     "engine without mass_kg", "engine without inertia_kg_m2",
     "engine without floor_restitution",
 )  # fmt: skip

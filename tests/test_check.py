@@ -508,5 +508,15 @@ def test_update_keeps_the_golden_where_the_new_one_cannot_be_written(
     )
     with pytest.raises(RecordingError):
         check(recorded().path, golden, update=True)
+    monkeypatch.undo()
+
+    # Rerun's command line does not notice a full disk: what it wrote has no end.
+    def cut(*arguments: object) -> str:
+        Path(str(arguments[-1])).write_bytes(GOLDEN.read_bytes()[:-100])
+        return ""
+
+    monkeypatch.setattr("pipeline.recording.sealing._rerun", cut)
+    with pytest.raises(OutputError, match="its end is missing"):
+        check(recorded().path, golden, update=True)
     assert golden.read_bytes() == GOLDEN.read_bytes()
     assert [one.name for one in tmp_path.iterdir()] == ["golden.rrd"]

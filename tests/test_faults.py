@@ -8,6 +8,7 @@ nothing hangs, and no process is left behind.
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import random
@@ -25,6 +26,7 @@ from typing import Any
 
 import polars as pl
 import pytest
+from PIL import Image
 from command import drop_here, environment, wait_for
 from conftest import Drop, descendants_of
 
@@ -457,12 +459,18 @@ def test_only_a_layer_is_replaced_under_a_layers_default_name(
 def test_only_pictures_are_replaced_under_their_default_names(
     run_rrd: Path, precious: bytes
 ) -> None:
-    for name in ("run.gif", "run.png"):
+    """And of those only what drop made: somebody's own film may have the name."""
+    film = io.BytesIO()
+    Image.new("RGB", (8, 8), "red").save(film, "gif")
+    plot = io.BytesIO()
+    Image.new("RGB", (8, 8), "red").save(plot, "png")
+    for name, own in (("run.gif", film), ("run.png", plot)):
         path = run_rrd.with_name(name)
-        path.write_bytes(precious)
-        with pytest.raises(OutputError, match="is not what drop writes"):
-            render(run_rrd)
-        assert path.read_bytes() == precious
+        for theirs in (precious, own.getvalue()):
+            path.write_bytes(theirs)
+            with pytest.raises(OutputError, match="is not what drop writes"):
+                render(run_rrd)
+            assert path.read_bytes() == theirs
         path.unlink()
     render(run_rrd)
     render(run_rrd)

@@ -506,6 +506,23 @@ def test_recordings_that_were_there_before_are_not_replaced(tmp_path: Path) -> N
     assert theirs.read_text() == "precious"
 
 
+def test_a_table_of_any_size_is_not_read_to_its_end(tmp_path: Path) -> None:
+    """A sparse file of 100 GB takes no room: reading it would take minutes."""
+    plan = plan_of({"height_m": "1,2"})
+    sweep(plan, tmp_path, record=False)
+    for path in (tmp_path / "results.parquet", *(tmp_path / "parts").glob("*.parquet")):
+        os.truncate(path, 10**11)
+        with path.open("rb+") as file:
+            file.seek(-200, os.SEEK_END)
+            file.write(b"sha256:" + b"0" * 64)
+        with pytest.raises(OutputError, match=r"over [\d,]+ bytes"):
+            sweep(plan, tmp_path, record=False)
+        path.unlink()
+    os.truncate(tmp_path / "sweep.json", 10**11)
+    with pytest.raises(OutputError, match="is damaged"):
+        sweep(plan, tmp_path, record=False)
+
+
 THREE = plan_of({"height_m": "1,2,3"})
 
 

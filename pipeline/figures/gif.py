@@ -20,6 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageChops
 
+MADE_BY_DROP = b"made by drop"
+"""Stands in what we write: under its default name only that is replaced."""
+
 Box = tuple[int, int, int, int]
 """Left, top, right (exclusive), bottom (exclusive) [px]."""
 Colours = NDArray[np.uint32]
@@ -155,10 +158,11 @@ def _packed(patch: Image.Image) -> NDArray[np.uint32]:
 
 
 def _head(size: tuple[int, int], colours: Colours) -> bytes:
-    """Sections 17 to 19: header, screen and global colour table; then "loop for ever"."""
+    """Sections 17 to 19, 24: header, screen and colours, comment; then "loop for ever"."""
     screen = struct.pack("<HHBBB", *size, 0x80 | _table_bits(colours), 0, 0)
     loop = b"!\xff\x0bNETSCAPE2.0" + struct.pack("<BBHB", 3, 1, 0, 0)
-    return b"GIF89a" + screen + _table(colours) + loop
+    comment = b"!\xfe" + bytes([len(MADE_BY_DROP)]) + MADE_BY_DROP + b"\0"
+    return b"GIF89a" + screen + _table(colours) + comment + loop
 
 
 def _frame(box: Box, indices: NDArray[np.uint8], *, delay: int, own_table: Colours | None) -> bytes:

@@ -15,11 +15,12 @@ from typing import BinaryIO, Literal
 import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
-from PIL import Image
+from PIL import Image, PngImagePlugin
 
 from pipeline.figures import style
 from pipeline.figures.error_panel import COLUMNS, draw_terms, row_at, sum_up
 from pipeline.figures.facts import Facts as Facts
+from pipeline.figures.gif import MADE_BY_DROP
 from pipeline.figures.height_panel import CURVES, draw_heights, enlarge_impact, stays_low
 
 BOUNCE = 0.01
@@ -100,7 +101,9 @@ def plot_drop(
     image = Image.frombytes("RGBA", size, pixels.getvalue()).convert("RGB")
     # 256 colours are enough for a plot's flat areas and soft edges, in a third of the bytes.
     few = image.quantize(256, dither=Image.Dither.NONE)
-    few.save(target, format="png")
+    says = PngImagePlugin.PngInfo()
+    says.add_text("Comment", MADE_BY_DROP.decode())
+    few.save(target, format="png", pnginfo=says)
 
 
 def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool = False) -> Figure:

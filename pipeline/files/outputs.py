@@ -117,16 +117,21 @@ def _is_same(one: Path, other: Path) -> bool:
         return os.path.realpath(one) == os.path.realpath(other)
 
 
-def check_kind(path: Path, beginning: bytes) -> None:
-    """Make sure that an output nobody named replaces only a file that begins like its own kind.
+HEAD_BYTES = 4096
+"""Where a picture of ours says that it is one."""
+
+
+def check_kind(path: Path, beginning: bytes, mark: bytes) -> None:
+    """Make sure that an output nobody named replaces only a file of ours, with our mark in it.
 
     Raises
     ------
     OutputError
-        If another kind of file has its name.
+        If something else has its name.
     """
     with translated(path), contextlib.suppress(FileNotFoundError), path.open("rb") as file:
-        if file.read(len(beginning)) != beginning:
+        head = file.read(HEAD_BYTES)
+        if not head.startswith(beginning) or mark not in head:
             raise refused(path)
 
 

@@ -35,6 +35,12 @@ def check_engine(engine: EngineReport, scenario: Scenario, path: Path) -> None:
     """
     if not engine.mass_kg > 0:
         raise damaged(path, f"its body must have a mass, got {engine.mass_kg:g} kg")
+    links = 1 + engine.joints
+    masses_kg, moments = engine.link_masses_kg, engine.link_inertias_kg_m2
+    if (len(masses_kg), len(moments)) != (links, 3 * links):
+        raise damaged(path, f"its engine must report masses and inertias of {links} links")
+    if engine.mass_kg != math.fsum(masses_kg) or engine.inertia_kg_m2 != moments[:3]:
+        raise damaged(path, "its engine reports another mass or inertia of the body than of links")
     if scenario.floor and engine.floor_restitution is None:
         raise damaged(path, "its engine must report floor_restitution, and does not")
     gravity_m_s2 = (0.0, 0.0, scenario.effective_gravity_m_s2)

@@ -103,6 +103,17 @@ def chunks(path: Path, *, unfinished: bool = False) -> Iterator[Chunk]:
             yield chunk
 
 
+def is_whole(path: Path) -> bool:
+    """Whether a file ends as a finished recording does; one that a full disk cut off does not."""
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        if size < _START.size + _TRAILER.size:
+            return False
+        file.seek(size - _TRAILER.size)
+        offset, stated, _, name, _ = _TRAILER.unpack(file.read())
+    return bool(name == b"RRF2FOOT" and offset + stated == size - _TRAILER.size)
+
+
 def _messages(file: BinaryIO, *, unfinished: bool) -> Iterator[tuple[int, memoryview]]:
     size = os.fstat(file.fileno()).st_size
     if size < _START.size or not file.read(_START.size).startswith(b"RRF2"):

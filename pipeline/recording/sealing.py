@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -76,8 +77,14 @@ def pack(recording: Path, path: Path) -> None:
     """Write a recording again in as few bytes as Rerun can: its many small chunks in a few.
 
     The whole recording is in memory meanwhile.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
     """
     _rerun("rrd", "optimize", recording, "-o", path)
+    _check_end(path, path)
 
 
 def seal(
@@ -130,9 +137,19 @@ def seal(
         raise
 
 
+def _check_end(written: Path, path: Path) -> None:
+    """Check that nothing cut a file off: on a full disk Rerun's command line may not notice."""
+    if not rrd.is_whole(written):
+        raise OutputError(
+            f"{path} cannot be written: its end is missing; make room there, or choose another "
+            "folder"
+        )
+
+
 def _check_rows(written: Path, path: Path, rows: Mapping[str, int]) -> None:
     from rerun.chunk import RrdReader
 
+    _check_end(written, path)
     counted: dict[str, int] = {}
     for line in RrdReader(written).store().summary().splitlines():
         entity, count = line.split(" ")[:2]
@@ -158,6 +175,11 @@ def _rerun(*arguments: str | Path, stdout: BinaryIO | int = subprocess.PIPE) -> 
         check=False,
     )
     words = (done.stdout or "") + done.stderr
+    if done.returncode < 0:  # as of a limit on a file's size: it says nothing then
+        name = signal.Signals(-done.returncode).name
+        raise OutputError(
+            f"rerun {arguments[0]} {arguments[1]} was ended by {name}; is there room for its file?"
+        )
     if done.returncode != 0:
         raise RuntimeError(f"rerun {arguments[0]} {arguments[1]}: {words.strip()[-300:]}")
     return words

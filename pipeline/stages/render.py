@@ -15,6 +15,7 @@ from pipeline.errors import RecordingError, check_suffix
 from pipeline.fields import fraction
 from pipeline.figures.animation import MAX_FPS, check_animation, decoded, write_animation
 from pipeline.figures.facts import Facts
+from pipeline.figures.gif import MADE_BY_DROP
 from pipeline.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation, Playback, playback
 from pipeline.files.outputs import check_apart, check_kind, check_target
 from pipeline.files.whole import written_whole
@@ -73,8 +74,8 @@ def render(
     dark
         Whether plots and captions are for a dark page.
     force
-        Whether files that exist may be replaced; a gif and a plot under their default names
-        always are.
+        Whether files that exist may be replaced; a gif and a plot under their default names are
+        where drop made them.
     progress
         Called while it runs.
     assistant
@@ -104,7 +105,7 @@ def render(
     for target, named, beginning in ((gif, out, b"GIF8"), (plotted, plot, b"\x89PNG")):
         check_target(target, force=force or named is None)
         if named is None and not force:
-            check_kind(target, beginning)
+            check_kind(target, beginning, MADE_BY_DROP)
 
     read_back = read(path)
     analysis = analysis_of(

@@ -78,6 +78,12 @@ def mark_of(identity: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
+MOST_PART_BYTES = 1 << 26
+"""A part has some thousand rows at most, of less than a kilobyte each."""
+MOST_IDENTITY_BYTES = 1 << 22
+"""What a sweep's description takes, lists of values included."""
+
+
 class Folder:
     """A sweep's folder; `mark` is what its own files are known by."""
 
@@ -125,7 +131,8 @@ class Folder:
                 file.write(json.dumps(identity, indent=2).encode() + b"\n")
             return
         try:
-            known = json.loads(self._identity.read_bytes())
+            with self._identity.open("rb") as file:
+                known = json.loads(file.read(MOST_IDENTITY_BYTES))
             differs = [key for key in identity if identity[key] != known.get(key)]
         except (ValueError, AttributeError, RecursionError):
             raise OutputError(f"{self._identity} is damaged; choose another --out") from None
@@ -199,7 +206,8 @@ class Folder:
         fault: str | None = "no file"
         if path.is_file():
             with path.open("rb") as file:
-                fault = fault_of(file, self._owner(path))
+                parts = 1 if path != self.results else max(1, len(self.finished()))
+                fault = fault_of(file, self._owner(path), most_bytes=MOST_PART_BYTES * parts)
                 if fault is None:
                     file.seek(0)
                     yield file

@@ -27,8 +27,13 @@ def stamp(file: BinaryIO, owner: str) -> None:
     file.write(digest.encode())
 
 
-def fault_of(file: BinaryIO, owner: str) -> str | None:
-    """Return what a file has instead of its owner's stamp, or None where it has that."""
+def fault_of(file: BinaryIO, owner: str, *, most_bytes: int) -> str | None:
+    """Return what a file has instead of its owner's stamp, or None where it has that.
+
+    One of more bytes than its owner writes is not read: it may be of any size.
+    """
+    if file.seek(0, os.SEEK_END) > most_bytes:
+        return f"over {most_bytes:,} bytes"
     told, digest, _ = _read(file, owner)
     if told == digest:
         return None
