@@ -26,9 +26,9 @@ from typing import Any
 
 import polars as pl
 import pytest
-from PIL import Image
 from command import drop_here, environment, wait_for
 from conftest import Drop, descendants_of
+from PIL import Image
 
 from pipeline import Scenario, analyze, check, render, simulate
 from pipeline.errors import OutputError, RecordingError, ScenarioError
