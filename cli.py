@@ -20,7 +20,7 @@ from pipeline.console.help import App, Commands
 from pipeline.console.progress import progress, sweep_progress
 from pipeline.console.running import main as main
 from pipeline.options import a_number, an_integer, takes_scenario, takes_scenario_lists
-from pipeline.scenario import Camera, Scenario
+from pipeline.scenario import Camera, Scenario, View
 
 app = App(
     cls=Commands,
@@ -35,6 +35,10 @@ app = App(
 Run = Annotated[Path, typer.Argument(metavar="RUN.rrd", help="The recording to read.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, for scripts.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+OfBody = Annotated[
+    str | None,
+    typer.Option("--body", metavar="NAME|ID", help="Of a script's recording: this body only."),
+]
 At = Annotated[
     list[str] | None,
     typer.Option(
@@ -132,10 +136,7 @@ def analyze(
         Path | None,
         typer.Option(metavar="FILE", help="Write every sample to a .parquet or .csv file."),
     ] = None,
-    body: Annotated[
-        str | None,
-        typer.Option(metavar="NAME|ID", help="Of a script's recording: this body only."),
-    ] = None,
+    body: OfBody = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -191,15 +192,42 @@ def render(
         Path | None,
         typer.Option(metavar="FILE", help="The plot, .png or .svg. [default: RUN.png]"),
     ] = None,
+    view: Annotated[
+        View | None,
+        typer.Option("--camera", help="Of a script's recording: draw its poses, seen from there."),
+    ] = None,
+    body: OfBody = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Make a gif of the recorded frames, and a plot of heights and errors."""
+    """Make a gif of the recorded frames, and a plot of heights and errors.
+
+    Of the recording of a script: of what its own camera saw, or, with --camera and where it took no
+    pictures, of the recorded poses.
+    """
     from pipeline.console.show_drop import show_rendering
+    from pipeline.errors import ScenarioError
     from pipeline.figures.playback import Animation
-    from pipeline.stages.render import render
+    from pipeline.stages.render import is_script, render
 
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
+    if is_script(run):
+        from pipeline.stages.render_script import render_script
+
+        if plot is not None or dark:
+            raise ScenarioError("--plot and --dark are of a theory, which only a drop has")
+        with progress() as report:
+            drawn = render_script(
+                run, out=out, animation=animation, view=view, body=body, force=force,
+                progress=report,
+            )  # fmt: skip
+        show_rendering(drawn, as_json=json)
+        return
+    if view is not None or body is not None:
+        raise ScenarioError(
+            "--camera and --body are of a script's recording here; a drop's frames are taken when "
+            "it is recorded: drop simulate --camera"
+        )
     with progress() as report:
         rendering = render(
             run, out=out, animation=animation, plot=plot, dark=dark, force=force,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from pipeline.errors import ScenarioError
 from pipeline.states import Rows
 
 Float64 = NDArray[np.float64]
@@ -45,6 +46,21 @@ class Shape:
     orientation: tuple[float, ...]
     """Quaternion x, y, z, w, in the same axes."""
     rgba: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A shape that can be drawn without the files that it was loaded from."""
+
+    shape: Shape
+    mesh: bytes
+    """What the file of a mesh held; empty where it is none."""
+    suffix: str
+    """Of that file."""
+
+
+Pose = tuple[tuple[float, ...], tuple[float, ...]]
+"""Position [m], and orientation as a quaternion x, y, z, w."""
 
 
 @dataclass(frozen=True)
@@ -331,3 +347,22 @@ class Ending:
     """What is worth knowing of the recording."""
     made_with: dict[str, Any] = field(default_factory=dict)
     """Versions, and whether time was virtual."""
+
+
+def body_named(bodies: Iterable[Body], which: str) -> Body:
+    """Return the one body of a number, name or label.
+
+    Raises
+    ------
+    ScenarioError
+        If there is none, or several have the name.
+    """
+    there = list(bodies)
+    found = [one for one in there if which in (str(one.number), one.label, one.name)]
+    if len(found) != 1:
+        named = ", ".join(f"{one.number} ({one.name})" for one in (found or there)[:10])
+        many = "several are called that" if found else "there is none"
+        raise ScenarioError(
+            f"--body must be a body of the recording, got {which!r}: {many}; by number: {named}"
+        )
+    return found[0]

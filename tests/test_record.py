@@ -734,9 +734,7 @@ def test_a_block_that_crashes_or_raises_leaves_a_whole_recording(bench: Bench) -
     assert closing(bench.out)["error"] == ["ZeroDivisionError: division by zero"]
 
 
-@pytest.mark.parametrize(
-    "command", ["analyze out.rrd", "render out.rrd", "check out.rrd --against out.rrd"]
-)
+@pytest.mark.parametrize("command", ["check out.rrd --against out.rrd"])
 def test_what_takes_drops_says_in_a_line_that_it_is_a_script(bench: Bench, command: str) -> None:
     bench.record(bench.script(scripts.PLAIN["box"]))
     done = bench.drop(*command.split())

@@ -235,7 +235,7 @@ class Script:
                 shown[-1] = True
                 self._shown_at[number, link] = int(due[-1])
                 at = Times(seen.steps[shown], seen.times_s[shown], np.full(shown.sum(), seen.call))
-                yield from self._poses.add(_path(body, link), at, rows[shown])
+                yield from self._poses.add(part_path(body, link), at, rows[shown])
             yield from self._plotted(body, seen, parts)
             yield from self._energy(body, seen, parts)
         yield from self._forces(seen)
@@ -307,7 +307,7 @@ class Script:
         yield from self._told(schema.SET, at, told)
         for number in range(len(put.states)):
             row = put.states[number : number + 1]
-            yield from self._poses.add(_path(body, number - 1), _at(at), row)
+            yield from self._poses.add(part_path(body, number - 1), _at(at), row)
 
     def _on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
         at, body = seen.at, seen.body
@@ -347,7 +347,7 @@ class Script:
             counts: dict[int, int] = {}
             for shape in body.shapes:
                 number = counts[shape.link] = counts.get(shape.link, -1) + 1
-                yield from pictures.shape(f"{_path(body, shape.link)}/{number}", _at(at), shape)
+                yield from pictures.shape(f"{part_path(body, shape.link)}/{number}", _at(at), shape)
 
     def _on_image(self, image: Image) -> Iterator[Chunk]:
         number = self.cameras.setdefault(image.camera, len(self.cameras))
@@ -424,7 +424,8 @@ def _floats(values: Mapping[str, float | Sequence[float]]) -> dict[str, NDArray[
     return {name: np.atleast_1d(np.asarray(one, np.float64)) for name, one in values.items()}
 
 
-def _path(body: Body, link: int) -> str:
+def part_path(body: Body, link: int) -> str:
+    """Return the entity of a link in the scene; its shapes are below it, by number."""
     name = "base" if link < 0 else f"{link}_{body.links[link + 1]}"
     plain = "".join(
         one if one.isascii() and (one.isalnum() or one in "_-") else "_" for one in name

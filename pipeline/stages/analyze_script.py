@@ -15,6 +15,7 @@ from pipeline.files.table import check_table, write_table
 from pipeline.recording.layer import is_layer, layer_of
 from pipeline.recording.script_layer import write_script_layer
 from pipeline.recording.script_reader import read_script
+from pipeline.seen import body_named
 
 if TYPE_CHECKING:
     from pipeline.recording.drop import Progress  # its module loads Rerun
@@ -78,7 +79,10 @@ def analyze_script(
     ended = read_back.ended or {}
     origin = read_back.origin | {name: ended.get(name) for name in ("ended", "error")}
     analysis = script_analysis_of(read_back.seen, origin, at_s=at_s or DEFAULT_AT_S)
-    told = analysis if body is None else analysis.of_body(body)
+    if body is None:
+        told = analysis
+    else:
+        told = analysis.of_body(body_named(read_back.seen.bodies.values(), body).number)
     progress("analyzing", 2, 3)
     write_script_layer(
         layer,

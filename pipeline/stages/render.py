@@ -20,6 +20,7 @@ from pipeline.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation, Play
 from pipeline.files.outputs import check_apart, check_kind, check_target
 from pipeline.files.whole import written_whole
 from pipeline.recording.checks import AGAIN
+from pipeline.recording.contents import is_script
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
 from pipeline.sweeping.plan import label_of
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from PIL import Image
 
     from pipeline.recording.drop import Progress  # its module loads Rerun
+
+__all__ = ["Rendering", "is_script", "render"]
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class Rendering:
     """How many frames it has."""
     fps: float
     """How many it shows per second."""
-    plot: Path
+    plot: Path | None
     """The plot."""
     speed: float | None
     """Simulated seconds per second of the animation."""

@@ -10,7 +10,6 @@ import polars as pl
 
 from pipeline.analysis.general.flights import VectorTerms
 from pipeline.analysis.general.jsonable import jsonable
-from pipeline.errors import ScenarioError
 
 Vector = tuple[float, float, float]
 
@@ -161,20 +160,8 @@ class ScriptAnalysis:
         """Return the contract's JSON object; what does not exist is null."""
         return {name: jsonable(value) for name, value in vars(self).items() if name != "table"}
 
-    def of_body(self, which: str) -> ScriptAnalysis:
-        """Return what is told of one body, by name, label or number, and its findings.
-
-        Raises
-        ------
-        ScenarioError
-            If there is none, or several have the name.
-        """
-        found = [one for one in self.bodies if which in (str(one.id), one.label, one.name)]
-        if len(found) != 1:
-            there = ", ".join(f"{one.id} ({one.name})" for one in (found or self.bodies)[:10])
-            many = "several are called that" if found else "there is none"
-            raise ScenarioError(f"--body must be a body of the recording, got {which!r}: {many}; "
-                f"by number: {there}")  # fmt: skip
-        (body,) = found
+    def of_body(self, number: int) -> ScriptAnalysis:
+        """Return what is told of one body, and its findings."""
+        (body,) = (one for one in self.bodies if one.id == number)
         findings = [one for one in self.findings if one.body in (None, body.label)]
         return replace(self, bodies=[body], findings=findings)

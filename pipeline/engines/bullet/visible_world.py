@@ -77,7 +77,7 @@ class VisibleWorld(World):
         _, _, rgba, depth, bodies = p.getCameraImage(
             width,
             height,
-            viewMatrix=_view_matrix(camera),
+            viewMatrix=view_matrix(camera),
             projectionMatrix=p.computeProjectionMatrixFOV(
                 camera.vertical_fov_deg, width / height, camera.near_m, camera.far_m
             ),
@@ -139,7 +139,8 @@ def _landing_m(scenario: Scenario, rest_m: float | None) -> tuple[float, float, 
     return (vx * landing_s, vy * landing_s, rest_m)
 
 
-def _view_matrix(camera: Camera) -> list[float]:
+def view_matrix(camera: Camera) -> list[float]:
+    """Return what turns the world into what a camera sees, column by column."""
     up_axis_z = 2
     return list(
         p.computeViewMatrixFromYawPitchRoll(
@@ -155,5 +156,5 @@ def _view_matrix(camera: Camera) -> list[float]:
 
 def world_from_camera(camera: Camera) -> Float64:
     """Return the camera's pose, shape (4, 4): its x right, y up, z backwards, as in OpenGL."""
-    camera_from_world = np.array(_view_matrix(camera)).reshape(4, 4).T
+    camera_from_world = np.array(view_matrix(camera)).reshape(4, 4).T
     return np.linalg.inv(camera_from_world)

@@ -1,0 +1,130 @@
+"""The scene of a script's recording, to be drawn again: shapes, and where their parts were."""
+
+from __future__ import annotations
+
+import bisect
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from pipeline.recording import columns, schema
+from pipeline.recording.checks import damaged
+from pipeline.recording.contents import chunks_of
+from pipeline.recording.rrd import Chunk
+from pipeline.recording.script import part_path
+from pipeline.seen import Model, Pose, Seen
+
+
+@dataclass
+class Part:
+    """A link that is drawn, and where it was; nowhere before its first pose."""
+
+    number: int
+    """Of its body."""
+    models: list[Model] = field(default_factory=list)
+    times_s: list[float] = field(default_factory=list)
+    poses: list[Pose | None] = field(default_factory=list)
+    """None from when on its body is gone."""
+
+    def at(self, time_s: float) -> Pose | None:
+        """Return where it is at a time; None where it is not there."""
+        row = bisect.bisect_right(self.times_s, time_s + 1e-9) - 1
+        return self.poses[row] if row >= 0 else None
+
+
+def parts_of(path: Path, seen: Seen) -> list[Part]:
+    """Return the links that can be drawn.
+
+    Raises
+    ------
+    RecordingError
+        If the recording is damaged.
+    """
+    parts = {
+        part_path(body, link): Part(body.number)
+        for body in seen.bodies.values()
+        for link in range(-1, len(body.links) - 1)
+    }
+    gone: dict[str, list[float]] = {}
+    meshes: dict[str, bytes] = {}
+    for chunk in chunks_of(path):
+        if chunk.entity in parts:
+            _add_poses(parts[chunk.entity], chunk, path)
+        elif chunk.batch.schema.get_field_index("Asset3D:blob") >= 0:
+            meshes[chunk.entity] = _blob(chunk, path)
+        elif chunk.batch.schema.get_field_index("Clear:is_recursive") >= 0:
+            gone.setdefault(chunk.entity, []).extend(_times_s(chunk))
+    for body in seen.bodies.values():
+        counts: dict[int, int] = {}
+        for shape in body.shapes:
+            number = counts[shape.link] = counts.get(shape.link, -1) + 1
+            entity = part_path(body, shape.link)
+            mesh = meshes.get(f"{entity}/{number}", b"")
+            if entity in parts and (mesh or shape.kind != "mesh"):
+                suffix = PurePath(shape.file).suffix.lower()
+                parts[entity].models.append(Model(shape, mesh, suffix))
+    for entity, part in parts.items():
+        for time_s in gone.get(entity.rpartition("/")[0], []):
+            row = bisect.bisect_left(part.times_s, time_s)
+            part.times_s.insert(row, time_s)
+            part.poses.insert(row, None)
+    return [part for part in parts.values() if part.models and part.times_s]
+
+
+def frames_of_cameras(path: Path) -> dict[str, list[tuple[int, float, bytes]]]:
+    """Return what the script's cameras saw, by camera: step, time [s] and PNG, in order.
+
+    Raises
+    ------
+    RecordingError
+        If the recording is damaged.
+    """
+    found: dict[str, list[tuple[int, float, bytes]]] = {}
+    for chunk in chunks_of(path):
+        if chunk.entity.startswith("camera/") and chunk.entity.endswith("/image"):
+            camera = chunk.entity.split("/")[1]
+            seen = zip(columns.images(chunk, path), _times_s(chunk), strict=False)
+            found.setdefault(camera, []).extend((step, at, png) for (step, png), at in seen)
+    return {camera: sorted(taken, key=lambda one: one[:2]) for camera, taken in found.items()}
+
+
+def _add_poses(part: Part, chunk: Chunk, path: Path) -> None:
+    names = "Transform3D:translation", "Transform3D:quaternion"
+    if any(chunk.batch.schema.get_field_index(name) < 0 for name in names):
+        return
+    positions, orientations = (
+        _numbers(chunk, name, width, path) for name, width in zip(names, (3, 4), strict=True)
+    )
+    for time_s, position, orientation in zip(
+        _times_s(chunk), positions.tolist(), orientations.tolist(), strict=True
+    ):
+        row = bisect.bisect_right(part.times_s, time_s)
+        part.times_s.insert(row, time_s)
+        part.poses.insert(row, (tuple(position), tuple(orientation)))
+
+
+def _times_s(chunk: Chunk) -> list[float]:
+    index = chunk.batch.schema.get_field_index(schema.TIME_TIMELINE)
+    if index < 0:
+        return [0.0] * chunk.batch.num_rows
+    times = chunk.batch.column(index).cast(pa.int64()).to_numpy(zero_copy_only=False)
+    return [float(value) for value in times / 1e9]
+
+
+def _numbers(chunk: Chunk, name: str, width: int, path: Path) -> NDArray[np.float64]:
+    values = chunk.batch.column(chunk.batch.schema.get_field_index(name)).to_pylist()
+    found = np.array([row[0] for row in values], dtype=np.float64)
+    if found.shape != (len(values), width) or not np.isfinite(found).all():
+        raise damaged(path, f"{chunk.entity} must hold {width} numbers for each {name}")
+    return found
+
+
+def _blob(chunk: Chunk, path: Path) -> bytes:
+    cell = chunk.batch.column(chunk.batch.schema.get_field_index("Asset3D:blob"))[0].as_py()
+    try:
+        return bytes(cell[0])
+    except (TypeError, IndexError, ValueError):
+        raise damaged(path, f"{chunk.entity} must hold a mesh") from None

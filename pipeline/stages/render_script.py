@@ -1,0 +1,205 @@
+"""Turn a script's recording into an animation: of what its camera saw, or of its recorded poses."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.analysis.script.times import Times
+from pipeline.errors import DropError, RecordingError, ScenarioError
+from pipeline.figures.animation import MAX_FPS, check_animation, decoded, write_animation
+from pipeline.figures.gif import MADE_BY_DROP
+from pipeline.figures.playback import EVERY_FRAME, Animation, playback
+from pipeline.files.outputs import check_apart, check_kind, check_target
+from pipeline.files.whole import written_whole
+from pipeline.recording.script_reader import read_script
+from pipeline.recording.script_scene import Part, frames_of_cameras, parts_of
+from pipeline.scenario import STANDARD_CAMERA, Camera, View
+from pipeline.seen import Seen, body_named
+from pipeline.stages.render import Rendering
+from pipeline.workers import Worker, WorkerDiedError
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+    from pipeline.recording.drop import Progress  # its module loads Rerun
+
+DRAWN_PER_S = 20.0
+"""Pictures of a second of simulated time that are drawn from poses."""
+MOST_DRAWN = 2000
+"""Of an animation; a longer one shows every second, third … of them."""
+SHARE_OF_HEIGHT = 1 / 4
+"""Of a picture, that a body takes in it that the camera is near to."""
+
+
+FAR_M = 10.0
+"""What goes farther than this from the middle is not waited for by the camera."""
+LEAST_REACH_M = 0.5
+
+
+def render_script(
+    recording: Path | str,
+    *,
+    out: Path | str | None = None,
+    animation: Animation = EVERY_FRAME,
+    view: View | None = None,
+    body: str | None = None,
+    force: bool = False,
+    progress: Progress = lambda *_: None,
+) -> Rendering:
+    """Make an animation of a script's recording.
+
+    Parameters
+    ----------
+    recording
+        The recording to read.
+    out
+        The `.gif`, `.webp`, `.apng` or `.mp4` to write; None puts a gif beside the recording.
+    animation
+        How it plays.
+    view
+        Where a camera stands that looks at the recorded poses: `standard` sees all that moves,
+        `close` where a body comes to be, `follow` goes along with it. None shows the frames that
+        the script took itself, and where it took none, `standard`.
+    body
+        The body that `close` and `follow` are of, by name or number; None for the one that moves
+        farthest.
+    force
+        Whether a file that exists may be replaced; a gif under its default name is where drop made
+        it.
+    progress
+        Called while it runs.
+
+    Raises
+    ------
+    RecordingError
+        If the recording is missing, damaged, or has nothing to show.
+    ScenarioError
+        If there is no such body, or an option that only a drop has is given.
+    OutputError
+        If a file cannot be written, or would replace what the same command reads.
+    """
+    path = Path(recording)
+    gif = path.with_suffix(".gif") if out is None else Path(out)
+    if animation.caption or animation.with_plot:
+        raise ScenarioError("--caption and --with-plot need a theory, which only a drop has")
+    check_animation(gif, animation.fps)
+    check_apart([gif], inputs=[path])
+    check_target(gif, force=force or out is None)
+    if out is None and not force:
+        check_kind(gif, b"GIF8", MADE_BY_DROP)
+    read_back = read_script(path)
+    taken = max(frames_of_cameras(path).values(), key=len, default=[])
+    report = functools.partial(progress, f"writing {gif.suffix[1:]}")
+    if view is None and taken:
+        times_s = [time_s for _, time_s, _ in taken]
+        interval_s = float(np.median(np.diff(times_s))) if len(taken) > 1 else 0.0
+        played = playback(animation, len(taken), interval_s or 1 / 20, most_fps=MAX_FPS[gif.suffix])
+        pngs = [taken[number][2] for number in played.frames]
+        pictures = decoded(pngs)
+    else:
+        parts = parts_of(path, read_back.seen)
+        if not parts:
+            raise RecordingError(f"{path} has nothing to show: no body with a shape was recorded")
+        times_s = _drawn_at(parts)
+        interval_s = times_s[1] - times_s[0] if len(times_s) > 1 else 1 / DRAWN_PER_S
+        played = playback(animation, len(times_s), interval_s, most_fps=MAX_FPS[gif.suffix])
+        shown_s = [times_s[number] for number in played.frames]
+        cameras = _cameras(read_back.seen, view or "standard", body, shown_s)
+        pictures = _drawn(parts, shown_s, cameras)
+    with written_whole(gif, force=force, ours=out is None) as file:
+        count = write_animation(
+            _reported(pictures, len(played.frames), report), file, suffix=gif.suffix, fps=played.fps
+        )
+    return Rendering(gif=gif, frames=count, fps=played.fps, plot=None, speed=played.speed)
+
+
+def _drawn_at(parts: Sequence[Part]) -> list[float]:
+    """Return at which times pictures are drawn: evenly, and no more than `MOST_DRAWN`."""
+    last_s = max(part.times_s[-1] for part in parts)
+    count = int(last_s * DRAWN_PER_S + 1e-9) + 1
+    every = -(-count // MOST_DRAWN)
+    return [number * every / DRAWN_PER_S for number in range(-(-count // every))]
+
+
+def _cameras(seen: Seen, view: View, body: str | None, times_s: Sequence[float]) -> list[Camera]:
+    """Return where the camera stands in each picture."""
+    number = _body_of(seen, body)
+    positions_m = seen.states.select("x_m", "y_m", "z_m").to_numpy()
+    near_m = positions_m[np.abs(positions_m - np.median(positions_m, axis=0)).max(axis=1) < FAR_M]
+    low_m, high_m = near_m.min(axis=0), near_m.max(axis=0)
+    if view == "standard" or number is None:
+        reach_m = max(LEAST_REACH_M, float(np.linalg.norm(high_m - low_m)) / 2)
+        centre_m = (low_m + high_m) / 2
+        return [_looking(centre_m, 2 * reach_m, view)] * len(times_s)
+    its = seen.states.filter(pl.col("body") == number)
+    first = its.filter(pl.col("link") == its["link"].min()).sort("step")
+    way_m = first.select("x_m", "y_m", "z_m").to_numpy()
+    times = Times(seen, seen.bodies[number].client)
+    at_s = np.array([times.of(step) for step in first["step"].to_list()])
+    edges = np.reshape(seen.bodies[number].bounds_m, (-1, 6))
+    extent_m = float(np.linalg.norm(edges[:, 3:].max(axis=0) - edges[:, :3].min(axis=0)))
+    share = SHARE_OF_HEIGHT * STANDARD_CAMERA.size_px[1]
+    distance_m = STANDARD_CAMERA.focal_length_px * extent_m / share
+    rows = np.clip(np.searchsorted(at_s, np.array(times_s) + 1e-9, side="right") - 1, 0, None)
+    targets_m = way_m[rows] if view == "follow" else np.repeat(way_m[-1:], len(times_s), axis=0)
+    return [_looking(target_m, distance_m, view) for target_m in targets_m]
+
+
+def _looking(target_m: NDArray[np.float64], distance_m: float, view: View) -> Camera:
+    x, y, z = target_m.tolist()
+    return replace(
+        STANDARD_CAMERA,
+        view=view,
+        target_m=(x, y, z),
+        distance_m=distance_m,
+        near_m=min(0.1, distance_m / 4),
+        far_m=max(10.0, 6 * distance_m),
+    )
+
+
+def _body_of(seen: Seen, which: str | None) -> int | None:
+    """Return the number of the body asked for, or of the one that moves farthest."""
+    if which is not None:
+        return body_named(seen.bodies.values(), which).number
+    moved = seen.states.group_by("body").agg(
+        *((pl.col(name).max() - pl.col(name).min()).alias(name) for name in ("x_m", "y_m", "z_m"))
+    )
+    if moved.is_empty():
+        return None
+    way_m = np.linalg.norm(moved.select("x_m", "y_m", "z_m").to_numpy(), axis=1)
+    return int(moved["body"][int(np.argmax(np.where(way_m < FAR_M, way_m, 0.0)))])
+
+
+def _drawn(
+    parts: Sequence[Part], times_s: Sequence[float], cameras: Sequence[Camera]
+) -> Iterator[Image.Image]:
+    from PIL import Image
+
+    poses = [[part.at(time_s) for part in parts] for time_s in times_s]
+    with Worker() as worker:
+        models = [part.models for part in parts]
+        worker.ask("pipeline.engines.bullet.scene_pictures:drawn", models, poses, cameras)
+        for _ in times_s:
+            try:
+                yield Image.fromarray(worker.answer())
+            except WorkerDiedError as died:
+                raise DropError(
+                    f"drawing the recorded shapes ended with {died.how}: a mesh is more than "
+                    "Bullet's renderer can take; the script's own frames are drawn without --camera"
+                ) from None
+
+
+def _reported(
+    pictures: Iterator[Image.Image], count: int, report: Callable[[int, int], None]
+) -> Iterator[Image.Image]:
+    for done, picture in enumerate(pictures, start=1):
+        yield picture
+        report(done, count)

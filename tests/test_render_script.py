@@ -1,0 +1,141 @@
+"""Animations of scripts' recordings: what their cameras saw, and their poses drawn afterwards."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Drop
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipeline.errors import RecordingError, ScenarioError
+from pipeline.figures.playback import Animation
+from pipeline.stages.record import record_script
+from pipeline.stages.render_script import render_script
+
+FALLS = """
+import pybullet as p
+import pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+look = p.createVisualShape(p.GEOM_BOX, halfExtents=[.1, .1, .1], rgbaColor=[1, 0, 0, 1])
+body = p.createMultiBody(1, box, look, [0, 0, 1])
+for step in range(120):
+    p.stepSimulation()
+"""
+PHOTOGRAPHS = (
+    FALLS
+    + """
+    if step % 12 == 0:
+        view = p.computeViewMatrix([1, 1, 1], [0, 0, .5], [0, 0, 1])
+        lens = p.computeProjectionMatrixFOV(60, 4 / 3, .1, 10)
+        p.getCameraImage(64, 48, view, lens, renderer=p.ER_TINY_RENDERER)
+"""
+)
+NOTHING = "import pybullet as p\np.connect(p.DIRECT)\np.stepSimulation()\n"
+
+Record = Callable[[str], Path]
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> Record:
+    known: dict[str, Path] = {}
+
+    def recorded(text: str) -> Path:
+        if text not in known:
+            folder = tmp_path_factory.mktemp("script")
+            script = folder / "script.py"
+            script.write_text(text)
+            null = os.open(os.devnull, os.O_WRONLY)
+            known[text] = record_script(str(script), out=folder / "run.rrd", stdout=null).recording
+            os.close(null)
+        return known[text]
+
+    return recorded
+
+
+def pictures(path: Path) -> list[NDArray[np.uint8]]:
+    with Image.open(path) as film:
+        found = []
+        for number in range(getattr(film, "n_frames", 1)):
+            film.seek(number)
+            found.append(np.asarray(film.convert("RGB")))
+        return found
+
+
+def redness(picture: NDArray[np.uint8]) -> NDArray[np.intp]:
+    """Return rows and columns at which a picture is red: there the box is."""
+    red, green, blue = np.moveaxis(picture.astype(int), 2, 0)
+    return np.argwhere((red > 100) & (green < red / 2) & (blue < red / 2))
+
+
+def test_the_frames_that_a_script_took_are_its_animation(record: Record, tmp_path: Path) -> None:
+    rendering = render_script(record(PHOTOGRAPHS), out=tmp_path / "own.gif")
+    shown = pictures(tmp_path / "own.gif")
+    assert rendering.frames == len(shown) == 10
+    assert {one.shape for one in shown} == {(48, 64, 3)}
+    assert rendering.speed == pytest.approx(20 * 12 / 240)
+    # It falls: down the picture.
+    assert redness(shown[0])[:, 0].mean() < redness(shown[-1])[:, 0].mean()
+
+
+def test_recorded_poses_are_drawn_where_a_script_took_no_frames(
+    record: Record, tmp_path: Path
+) -> None:
+    rendering = render_script(record(FALLS), out=tmp_path / "poses.gif")
+    shown = pictures(tmp_path / "poses.gif")
+    assert rendering.frames == len(shown) == 11
+    heights = [redness(one)[:, 0].mean() for one in shown]
+    assert heights[:9] == sorted(heights[:9])  # then it meets the floor
+    assert heights[-1] > heights[0] + 50
+
+
+@pytest.mark.parametrize("view", ["close", "follow"])
+def test_a_camera_is_near_to_the_body_that_moves(record: Record, tmp_path: Path, view: str) -> None:
+    render_script(record(FALLS), out=tmp_path / "near.gif", view=view)  # type: ignore[arg-type]
+    shown = pictures(tmp_path / "near.gif")
+    middle = np.array(shown[0].shape[:2]) / 2
+    ends = redness(shown[-1])
+    assert np.abs(ends.mean(axis=0) - middle).max() < 20
+    starts = redness(shown[0])
+    if view == "follow":
+        assert np.abs(starts.mean(axis=0) - middle).max() < 20
+    else:  # it comes into the picture from above
+        assert not len(starts) or starts[:, 0].mean() < middle[0] - 50
+
+
+def test_the_view_asked_for_is_drawn_even_where_there_are_frames(
+    record: Record, tmp_path: Path
+) -> None:
+    render_script(record(PHOTOGRAPHS), out=tmp_path / "drawn.gif", view="standard")
+    assert pictures(tmp_path / "drawn.gif")[0].shape == (360, 480, 3)
+
+
+def test_what_cannot_be_shown_is_said_in_a_line(record: Record, tmp_path: Path, drop: Drop) -> None:
+    path = record(FALLS)
+    with pytest.raises(ScenarioError, match="which only a drop has"):
+        render_script(path, out=tmp_path / "a.gif", animation=Animation(caption=True))
+    with pytest.raises(
+        ScenarioError, match=r"--body must be .*'duck': there is none; by number: 0"
+    ):
+        render_script(path, out=tmp_path / "a.gif", view="follow", body="duck")
+    with pytest.raises(RecordingError, match="has nothing to show"):
+        render_script(record(NOTHING), out=tmp_path / "a.gif")
+    assert not list(tmp_path.iterdir())
+    done = drop("render", str(path), "--out", "a.gif", "--plot", "a.png")
+    assert done.returncode != 0
+    assert "which only a drop has" in done.stderr
+
+
+def test_a_drop_has_its_frames_already(drop: Drop) -> None:
+    drop("simulate", "--no-camera", "--duration", "0.1", "--out", "run.rrd")
+    done = drop("render", "run.rrd", "--camera", "follow")
+    assert done.returncode != 0
+    assert "a drop's frames are taken when it is recorded" in done.stderr
