@@ -301,6 +301,12 @@ class Seen:
     """Kind of processor; empty where that is not known."""
 
     @cached_property
+    def parts(self) -> dict[tuple[int, int], pl.DataFrame]:
+        """The states of each part, by body and link."""
+        parts = self.states.partition_by("body", "link", as_dict=True, maintain_order=True)
+        return {(int(body), int(link)): rows for (body, link), rows in parts.items()}
+
+    @cached_property
     def by_body(self) -> dict[int, OfBody]:
         """What was told of each body, by its number."""
         found = {number: OfBody() for number in self.bodies}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 import polars as pl
@@ -39,22 +40,34 @@ class Contacts:
 
     def of(self, body: int, link: int = -1) -> Touches:
         """Return what pushes one part: its own points, and the forces on it."""
-        on_a = (self.body_a == body) & (self.link_a == link)
-        on_b = (self.body_b == body) & (self.link_b == link)
-        rows = np.concatenate([np.flatnonzero(on_a), np.flatnonzero(on_b)])
-        sign = np.repeat([1.0, -1.0], [np.sum(on_a), np.sum(on_b)])
-        order = np.argsort(rows, kind="stable")
-        rows, sign = rows[order], sign[order, None]
+        rows, on_b = self._sides_of(body)
+        its = np.where(on_b, self.link_b[rows], self.link_a[rows]) == link
+        rows, sign = rows[its], np.where(on_b[its], -1.0, 1.0)[:, None]
         force_n = (
-            self.normal * self.normal_force_n[:, None]
-            + self.friction_1_direction * self.friction_1_n[:, None]
-            + self.friction_2_direction * self.friction_2_n[:, None]
+            self.normal[rows] * self.normal_force_n[rows, None]
+            + self.friction_1_direction[rows] * self.friction_1_n[rows, None]
+            + self.friction_2_direction[rows] * self.friction_2_n[rows, None]
         )
         is_a = sign > 0
         position_m = np.where(is_a, self.position_a_m[rows], self.position_b_m[rows])
         other = np.where(is_a[:, 0], self.body_b[rows], self.body_a[rows])
         other_link = np.where(is_a[:, 0], self.link_b[rows], self.link_a[rows])
-        return Touches(self.step[rows], position_m, sign * force_n[rows], other, other_link)
+        return Touches(self.step[rows], position_m, sign * force_n, other, other_link)
+
+    def _sides_of(self, body: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """Return the points of a body in order, and whether it is the second of their two."""
+        bodies, rows, on_b = self._sides
+        its = slice(*np.searchsorted(bodies, [body, body + 1]))
+        return rows[its], on_b[its]
+
+    @cached_property
+    def _sides(self) -> tuple[Int64, NDArray[np.intp], NDArray[np.bool_]]:
+        """Both sides of all points, by body and then in order."""
+        bodies = np.concatenate((self.body_a, self.body_b))
+        rows = np.tile(np.arange(len(self.step)), 2)
+        on_b = np.arange(len(bodies)) >= len(self.step)
+        order = np.lexsort((on_b, rows, bodies))
+        return bodies[order], rows[order], on_b[order]
 
 
 @dataclass(frozen=True)

@@ -96,8 +96,5 @@ _VELOCITY, _SPIN = ("vx_m_s", "vy_m_s", "vz_m_s"), ("wx_rad_s", "wy_rad_s", "wz_
 
 def motion_of(states: pl.DataFrame) -> Motion:
     """Return the states of one part as arrays, a row per sample."""
-
-    def columns(names: tuple[str, ...]) -> Float64:
-        return states.select(names).to_numpy()
-
-    return Motion(columns(_POSITION), columns(_ORIENTATION), columns(_VELOCITY), columns(_SPIN))
+    numbers = states.select(_POSITION + _ORIENTATION + _VELOCITY + _SPIN).to_numpy()
+    return Motion(*(np.ascontiguousarray(part) for part in np.split(numbers, (3, 7, 10), axis=1)))

@@ -82,9 +82,15 @@ def script_analysis_of(
         )
         for number, track in tracks.items()
     }
+    energies = {
+        number: energies_j(seen, one.track.body, seen.by_body[number].dynamics, one)
+        for number, one in found.items()
+    }
     times = {body.client: Times(seen, body.client) for body in seen.bodies.values()}
     bodies = [
-        _body(seen, body, found.get(number), times[body.client], samples, at_s)
+        _body(
+            seen, body, found.get(number), energies.get(number), times[body.client], samples, at_s
+        )
         for number, body in sorted(seen.bodies.items())
     ]
     rigid = [one for one in found.values() if not one.track.body.joints]
@@ -97,7 +103,9 @@ def script_analysis_of(
             "samples": sum(int(np.isin(one.code, EXPLAINED).sum()) for one in rigid),
             "of": sum(int((one.code != JOINTED).sum()) for one in rigid),
         },
-        table=pl.concat([_empty(), *(_table(seen, one, times) for one in found.values())]),
+        table=pl.concat(
+            [_empty(), *(_table(one, energies[number], times) for number, one in found.items())]
+        ),
     )
 
 
@@ -121,6 +129,7 @@ def _body(
     seen: Seen,
     body: Body,
     found: Judged | None,
+    energy_j: Float64 | None,
     times: Times,
     samples: Mapping[int, int],
     at_s: Sequence[float],
@@ -142,7 +151,7 @@ def _body(
         flights=[] if found is None else _flights(found, times, at_s),
         contacts=[] if found is None else _contacts(seen, found, times),
         unexplained=[] if found is None else _unexplained(found),
-        energy=None if found is None else _energy(seen, body, dynamics, found),
+        energy=None if found is None or energy_j is None else _energy(found, energy_j),
     )
 
 
@@ -254,7 +263,7 @@ def _empty() -> pl.DataFrame:
     return pl.DataFrame(schema=_COLUMNS)
 
 
-def _table(seen: Seen, found: Judged, times: Mapping[int, Times]) -> pl.DataFrame:
+def _table(found: Judged, energy_j: Float64 | None, times: Mapping[int, Times]) -> pl.DataFrame:
     track, body = found.track, found.track.body
     time_of = times[body.client].of
     error_m = np.full((len(track), 3), np.nan)
@@ -266,7 +275,6 @@ def _table(seen: Seen, found: Judged, times: Mapping[int, Times]) -> pl.DataFram
         pull = np.array(law.gravity_m_s2) * time_s / 2
         free_fall_m = start.position_m + (start.velocity_m_s + pull) * time_s
         error_m[rows] = track.motion.position_m[rows] - free_fall_m
-    energy_j = energies_j(seen, body, seen.by_body[body.number].dynamics, found)
     named = {
         "step": track.steps,
         "time_s": np.array([time_of(step) for step in track.steps.tolist()]),
@@ -281,27 +289,24 @@ def _table(seen: Seen, found: Judged, times: Mapping[int, Times]) -> pl.DataFram
     return pl.DataFrame(named, schema=_COLUMNS, nan_to_null=True)
 
 
-def _energy(
-    seen: Seen, body: Body, dynamics: Sequence[Dynamics], found: Judged
-) -> BodyEnergy | None:
-    """Return the energies of a body whose parts and masses were the same all the time."""
-    energy_j = energies_j(seen, body, dynamics, found)
-    if energy_j is None:
-        return None
+def _energy(found: Judged, energy_j: Float64) -> BodyEnergy:
     largest = int(np.argmax(energy_j))
     return BodyEnergy(
         first_j=float(energy_j[0]),
         last_j=float(energy_j[-1]),
         largest_j=float(energy_j[largest]),
         largest_step=int(found.track.steps[largest]),
-        contact_j=None if body.joints else float(found.energy_j.sum()),
+        contact_j=None if found.track.body.joints else float(found.energy_j.sum()),
     )
 
 
 def energies_j(
     seen: Seen, body: Body, dynamics: Sequence[Dynamics], found: Judged
 ) -> Float64 | None:
-    """Return the energy of motion and in gravity of a body [J], a row per sample of its base."""
+    """Return the energy of motion and in gravity of a body [J], a row per sample of its base.
+
+    None where its parts or their masses were not the same all the time.
+    """
     masses = {tuple(one.reported["mass_kg"].tolist()) for one in dynamics}
     inertias = {tuple(one.reported["inertia_kg_m2"].ravel().tolist()) for one in dynamics}
     if len(masses) != 1 or len(inertias) != 1:
@@ -312,7 +317,6 @@ def energies_j(
         values = epoch.settings.values
         gravity[epoch.rows] = [np.ravel(values[f"gravityAcceleration{axis}"])[0] for axis in "XYZ"]
     total_j = np.zeros(len(track))
-    parts = seen.states.filter(pl.col("body") == body.number)
     for link, mass_kg, inertia in zip(
         range(-1, len(reported["mass_kg"]) - 1),
         reported["mass_kg"].tolist(),
@@ -321,8 +325,8 @@ def energies_j(
     ):
         if not mass_kg or link not in body.moving:
             continue
-        rows = parts.filter(pl.col("link") == link)
-        if rows["step"].to_list() != track.steps.tolist():
+        rows = seen.parts.get((body.number, link))
+        if rows is None or not np.array_equal(rows["step"].to_numpy(), track.steps):
             return None
         part: Motion = motion_of(rows)
         of_part = mechanics_of_part(part, mass_kg, inertia, 0.0)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.analysis.script.evidence import Evidence
 from pipeline.analysis.script.results import ScriptContact, ScriptFinding
@@ -86,7 +85,7 @@ def _sides(e: Evidence, row: int, number: int) -> tuple[str, str]:
 
 def _deep(e: Evidence) -> Iterator[ScriptFinding]:
     """Yield the deepest contact of all, but for what was deep from its first step on."""
-    contacts, (pair_of, pairs) = e.contacts, _pairs(e)
+    contacts, (pair_of, pairs) = e.contacts, e.pairs
     told = e.seen.by_body.values()
     began = {came.at.step + 1 for one in told for came in one.came}
     began |= {put.at.step + 1 for one in told for put in one.puts}
@@ -114,14 +113,6 @@ def _deep(e: Evidence) -> Iterator[ScriptFinding]:
         "use a smaller timestep with p.setTimeStep",
         step=step,
     )
-
-
-def _pairs(e: Evidence) -> tuple[NDArray[np.intp], list[list[int]]]:
-    """Return the pair of each contact point, as a number, and the pairs: bodies and links."""
-    contacts = e.contacts
-    columns = contacts.body_a, contacts.link_a, contacts.body_b, contacts.link_b
-    pairs, which = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
-    return which.reshape(-1), pairs.tolist()
 
 
 def _thinner_m(e: Evidence, pair: list[int]) -> float:
@@ -211,7 +202,7 @@ def _stands(e: Evidence, body: int) -> bool:
 
 
 def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
-    contacts, (pair_of, pairs) = e.contacts, _pairs(e)
+    contacts, (pair_of, pairs) = e.contacts, e.pairs
     ratios = np.array([_ratio(e, pair) for pair in pairs])
     found = np.where(contacts.normal_force_n > 0, ratios[pair_of] if len(pairs) else 0.0, 0.0)
     if not len(found) or found.max() <= HEAVIER:

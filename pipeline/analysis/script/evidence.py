@@ -18,6 +18,9 @@ from pipeline.seen import At, Body, Dynamics, Seen
 
 Float64 = NDArray[np.float64]
 
+SLABS = ("box", "plane")
+"""Shapes that fill the box around them where they are not turned."""
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -41,6 +44,25 @@ class Evidence:
             for number, told in self.seen.by_body.items()
             if any(put.at.step > told.came[0].at.step for put in told.puts)
         )
+
+    @cached_property
+    def pairs(self) -> tuple[NDArray[np.intp], list[list[int]]]:
+        """The pair of each contact point, as a number, and the pairs: bodies and links."""
+        contacts = self.contacts
+        columns = contacts.body_a, contacts.link_a, contacts.body_b, contacts.link_b
+        pairs, which = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
+        return which.reshape(-1), pairs.tolist()
+
+    @cached_property
+    def slabs(self) -> list[tuple[Body, Float64, Float64]]:
+        """Boxes and planes that stand fast, with their corners: nothing passes through them."""
+        found = []
+        for body in self.seen.bodies.values():
+            stands = body.number not in self.judged and body.number not in self.set_bodies
+            whole = len(body.shapes) == 1 and body.shapes[0].kind in SLABS
+            if stands and whole and len(body.bounds_m) == 6:
+                found.append((body, np.array(body.bounds_m[:3]), np.array(body.bounds_m[3:])))
+        return found
 
     def dynamics_of(self, body: int) -> list[Dynamics]:
         """Return what the engine reported of a body, in order."""

@@ -17,8 +17,6 @@ DAMPED_M = 1e-3
 """By how much damping must move a body in a flight to be worth reporting."""
 MOVING_M_S = 1e-3
 """What is slower than that stands, whatever a call makes of it."""
-SLABS = ("box", "plane")
-"""Shapes that fill the box around them, where they are not turned: nothing passes through."""
 
 
 def findings(e: Evidence) -> Iterator[ScriptFinding]:
@@ -62,18 +60,9 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
         return
     moved = track.led & ~track.put
     before_m, after_m = track.before.position_m, track.motion.position_m
-    for other in e.seen.bodies.values():
-        slab = np.reshape(other.bounds_m, (-1, 6))
-        if (
-            other.client != track.body.client
-            or other.number in e.judged
-            or other.number in e.set_bodies
-            or len(other.shapes) != 1
-            or other.shapes[0].kind not in SLABS
-            or len(slab) != 1
-        ):
+    for other, low, high in e.slabs:
+        if other.client != track.body.client:
             continue
-        low, high = slab[0, :3], slab[0, 3:]
         axis = int(np.argmin(high - low))
         down = (before_m[:, axis] > high[axis]) & (after_m[:, axis] < low[axis])
         up = (before_m[:, axis] < low[axis]) & (after_m[:, axis] > high[axis])

@@ -67,10 +67,9 @@ class Track:
 
 def tracks_of(seen: Seen) -> Iterator[Track]:
     """Yield the track of every body that has samples, by number."""
-    parts = seen.states.partition_by("body", "link", as_dict=True)
     for number, body in sorted(seen.bodies.items()):
         # The base may stand fast where joints move the rest.
-        rows = parts.get((number, min(body.moving, default=BASE)))
+        rows = seen.parts.get((number, min(body.moving, default=BASE)))
         if rows is not None and not body.soft:
             yield _track(seen, body, rows)
 

@@ -55,7 +55,7 @@ class Pipe:
 
     def send(self, kind: bytes, payload: bytes) -> None:
         """Send a frame."""
-        self.write(HEADER.pack(kind, len(payload)) + payload)
+        self.write(frame(kind, payload))
 
     def write(self, data: bytes) -> None:
         """Put bytes into the block, and empty it when there is enough in it."""
@@ -112,6 +112,11 @@ class Pipe:
             return os.fstat(self._pipe).st_ino == self._inode
         except OSError:
             return False
+
+
+def frame(kind: bytes, payload: bytes) -> bytes:
+    """Return a frame as it goes through the pipe."""
+    return HEADER.pack(kind, len(payload)) + payload
 
 
 class GoneError(Exception):

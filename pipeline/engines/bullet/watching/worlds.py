@@ -263,13 +263,13 @@ class World:
     # -- what time changes ------------------------------------------------------------------------
 
     def sample(self) -> None:
-        """Send the state and the contacts as they are now."""
+        """Send the state and the contacts as they are now, both or, after Ctrl-C, neither."""
         payload = b""
         for body in self._moving:
             values = self._last[body.id] = _packed(body.read())
             payload += values
         head = protocol.HEAD.pack(self.number, self.step)
-        self._pipe.send(protocol.SAMPLE, head + payload)
+        frames = protocol.frame(protocol.SAMPLE, head + payload)
         if self._sampled:  # before the first step no step has led here
             found: list[float] = []
             for one in self._p.getContactPoints(physicsClientId=self.client) or ():
@@ -282,7 +282,8 @@ class World:
                 found.append(one[12])
                 found += one[13]
             if found:
-                self._pipe.send(protocol.CONTACTS, head + _packed(found))
+                frames += protocol.frame(protocol.CONTACTS, head + _packed(found))
+        self._pipe.write(frames)
         self._sampled = True
 
     def before_step(self) -> None:
