@@ -17,8 +17,8 @@ OVERLAP_M = 1e-3
 """What is deeper than that in something else when it comes does not just touch it."""
 GAINED = 0.05
 """Share of its energy of motion that contact may give to a body before it is worth reporting."""
-LIFTED_M, SLOW_M_S = 0.01, 0.1
-"""What lifts a body by less, or leaves it slower, has not given it much."""
+SLOW_M_S = 0.1
+"""What leaves a body slower has not given it much."""
 HEAVIER = 100.0
 """Ratio of masses beyond which Bullet's solver gives way."""
 
@@ -163,9 +163,8 @@ def _gained(e: Evidence) -> Iterator[ScriptFinding]:
             before_j = judged.kinetic_j(first, before=True)
             after_j = judged.kinetic_j(last, before=False)
             gained_j = after_j - before_j - weight_j
-            lifted_j = law.mass_kg * float(np.linalg.norm(law.gravity_m_s2)) * LIFTED_M
-            most_j = max(before_j, lifted_j, law.mass_kg * SLOW_M_S**2 / 2)
-            if gained_j > GAINED * most_j and after_j > before_j + GAINED * most_j:
+            least_j = max(GAINED * before_j, law.mass_kg * SLOW_M_S**2 / 2)
+            if gained_j > least_j and after_j > before_j + least_j:
                 yield _gain(e, body.id, contact, gained_j, before_j)
                 break
 
