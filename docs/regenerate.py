@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from generators import commands, json_objects, pages, recording, typed
+from generators import commands, json_objects, pages, recording, typed, validation
 from generators.pictures import alike
 
 
@@ -32,6 +32,8 @@ def is_current(path: Path, content: bytes) -> bool:
 def main(names: list[str]) -> None:
     """Write what is stale, and say so; of the pages only those that are named, if any is."""
     write(references())
+    if not names or "validation.md" in names:
+        write({pages.DOCS / name: text.encode() for name, text in validation.made().items()})
     for page in pages.pages():
         if not names or page.name in names:
             write(pages.played(page))
