@@ -490,8 +490,7 @@ REFUSED: dict[str, Change] = {
         for table in schema.TABLES.values()
         for name in table.columns
     },
-    **{f"without property {name}": without(f"/__properties/{name}")
-       for name in (*schema.INPUT_PROPERTIES, schema.RECORDING_PROPERTY)},
+    **{f"without property {name}": without(f"/__properties/{name}") for name in schema.PROPERTIES},
     **{f"doubled {name}": doubled(name) for name in ENTITIES},
     **{
         f"positions as {kind}": cast(pa.list_(kind))

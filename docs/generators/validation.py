@@ -245,6 +245,6 @@ are in `docs/generators/validation.py`, and `tests/test_validation.py` checks ev
 {rows}
 
 A body that tumbles freely keeps neither its energy nor its angular momentum exactly: half the
-timestep halves the drift, so that both coordinate kinds turn a body with an error of first order. That of the fall, term by term, is in [the
-walkthrough](walkthrough.md).
+timestep halves the drift, so that both coordinate kinds turn a body with an error of first order.
+That of the fall, term by term, is in [the walkthrough](walkthrough.md).
 """

@@ -74,7 +74,7 @@ def gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> N
         If it holds something else than a property, or says two things.
     """
     name = chunk.entity.removeprefix("__properties/")
-    if name not in schema.PROPERTIES:
+    if name not in (*schema.PROPERTIES, schema.ORIGIN_PROPERTY):
         return
     gathered = properties.setdefault(name, {})
     for key, value in columns.values(chunk, path).items():

@@ -141,7 +141,8 @@ RECORDING_PROPERTY = "recording"
 written last. A recording without it was never finished."""
 
 INPUT_PROPERTIES = (SCENARIO_PROPERTY, ENGINE_PROPERTY, CAMERA_PROPERTY)
-PROPERTIES = (*INPUT_PROPERTIES, ORIGIN_PROPERTY, RECORDING_PROPERTY)
+PROPERTIES = (*INPUT_PROPERTIES, RECORDING_PROPERTY)
+"""Of a drop's recording."""
 
 # -- the layer that `analyze` adds, under the same recording id -----------------------------------
 
