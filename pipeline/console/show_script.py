@@ -18,19 +18,21 @@ from pipeline.console.output import (
     print_lines,
     titled,
 )
+from pipeline.console.show_record import ENDED
 
 if TYPE_CHECKING:
     from pipeline.analysis.script.results import (
         BodyAnalysis,
         ScriptAnalysis,
-        ScriptContact,
         ScriptFlight,
     )
 
-MOST_BODIES, MOST_ROWS, MOST_OF_A_CODE = 12, 3, 3
-"""Bodies, flights of one and findings of one code that are told; all are in the JSON."""
+MOST_BODIES, MOST_ROWS, MOST_OF_A_CODE = 12, 6, 3
+"""Bodies, flights, contacts and findings of one code that are told; all are in the JSON."""
 TITLE = 12
 """Columns that a title takes."""
+LONGEST_NAME, PAIR = 8, 66
+"""Characters that a name may have at the end of a row, and in a row of its own."""
 
 
 def show_script(analysis: ScriptAnalysis, *, as_json: bool) -> None:
@@ -46,134 +48,132 @@ def show_script(analysis: ScriptAnalysis, *, as_json: bool) -> None:
         print_lines(*_story(analysis))
 
 
-def bodies_of(number: int) -> str:
-    """Return a number of bodies in words."""
-    return f"{number:,} {'body' if number == 1 else 'bodies'}"
-
-
 def _story(analysis: ScriptAnalysis) -> list[str]:
     origin, explained = analysis.origin, analysis.explained
-    lines = [
-        f"[bold]{escape(str(origin['script']))}[/] {origin['ended'] or 'was never finished'}, "
-        f"{bodies_of(len(analysis.bodies))}",
-    ]
+    ended = ENDED.get(str(origin["ended"]), "never finished")
+    lines = [f"[bold]{escape(str(origin['script']))}[/] {ended}, {_bodies(len(analysis.bodies))}"]
     if explained["of"]:
-        share = explained["samples"] / explained["of"]
-        words = "all" if share == 1 else f"{explained['samples']:,} of"
-        lines += titled(
-            "Explained",
-            f"{words} {explained['of']:,} samples of bodies without joints, step by step",
-            column=TITLE,
-            style="bold",
-        )
+        whole = explained["samples"] == explained["of"]
+        words = "all" if whole else f"{explained['samples']:,} of"
+        words += f" {explained['of']:,} samples of bodies without joints, step by step"
+        lines += _titled("Explained", words)
     moving = [one for one in analysis.bodies if one.segments["still"] < sum(one.segments.values())]
-    still = [one for one in analysis.bodies if one not in moving]
-    for body in moving[:MOST_BODIES]:
-        lines += ["", *_body(body, full=len(moving) == 1)]
-    more = len(moving) - MOST_BODIES
-    if more > 0:
-        lines += ["", f"and {bodies_of(more)} more: see --json, or --body"]
+    still = [one.label for one in analysis.bodies if one not in moving]
+    lines += ["", *_table_of_bodies(moving)]
     if still:
-        names = ", ".join(one.label for one in still[:MOST_BODIES])
         dots = " …" if len(still) > MOST_BODIES else ""
-        lines += ["", *titled("Still", names + dots, column=TITLE, style="bold")]
+        lines += _titled("Still", ", ".join(still[:MOST_BODIES]) + dots)
+    if len(moving) == 1:
+        lines += _taken_apart(moving[0].flights)
+    else:
+        lines += _flights(moving)
+    lines += _contacts(moving)
     if analysis.findings:
         lines.append("")
     told: Counter[str] = Counter()
     for finding in analysis.findings:
         told[finding.code] += 1
         if told[finding.code] <= MOST_OF_A_CODE:
-            words = f"{finding.code}: {finding.message}"
-            lines += titled("Finding", words, column=TITLE, style="bold")
+            lines += _titled("Finding", f"{finding.code}: {finding.message}")
     for code, count in told.items():
         if count > MOST_OF_A_CODE:
-            lines += titled("", f"{code}: {count - MOST_OF_A_CODE} more, see --json", column=TITLE)
+            lines += _titled("", f"{code}: {count - MOST_OF_A_CODE} more, see --json")
     return lines
 
 
-def _body(body: BodyAnalysis, *, full: bool) -> list[str]:
-    counts = ", ".join(f"{count:,} {name}" for name, count in body.segments.items() if count)
-    links = "" if len(body.links) == 1 else f", {counted(len(body.links) - 1, 'link')}"
-    column = max(TITLE, len(body.label) + 2)
-    facts = f"{body.mass_kg:.4g} kg{links}: {counts}"
-    lines = titled(body.label, facts, column=column, style="bold")
-    for one in body.unexplained:
-        words = f"{counted(one.samples, 'sample')} from step {one.first_step} on: {one.reason}"
-        lines += titled("  unexplained", words, column=TITLE + 4)
-    most = 100 if full else MOST_ROWS
-    lines += _taken_apart(body.flights, most) if full else _flights(body.flights, most)
-    lines += _contacts(body.contacts, most)
-    energy = body.energy
-    if energy is not None:
-        first, last = (0.0 + value for value in (energy.first_j, energy.last_j))
-        words = f"{first:.4g} J at first, {last:.4g} J at last"
-        if energy.largest_j > max(first, last):
-            words += f", {energy.largest_j:.4g} J at most (step {energy.largest_step})"
-        lines += titled("  energy", words, column=TITLE)
-    return lines
+def _titled(title: str, words: str) -> list[str]:
+    return titled(title, words, column=TITLE, style="bold")
 
 
-def _longest(flights: list[ScriptFlight], most: int) -> list[ScriptFlight]:
-    longest = sorted(flights, key=lambda one: one.first_step - one.last_step)[:most]
-    return sorted(longest, key=lambda one: one.first_step)
+def _bodies(number: int) -> str:
+    return f"{number:,} {'body' if number == 1 else 'bodies'}"
 
 
-def _flights(flights: list[ScriptFlight], most: int) -> list[str]:
-    """Return the longest flights, a row each: what each is off free fall at its end."""
+def _table_of_bodies(bodies: list[BodyAnalysis]) -> list[str]:
+    """Return a line per body that moves: its mass, its samples, its energy; what is unexplained."""
+    lines = []
+    shown = bodies[:MOST_BODIES]
+    width = max((len(one.label) for one in shown), default=0) + 2
+    for body in shown:
+        links = "" if len(body.links) == 1 else f", {counted(len(body.links) - 1, 'link')}"
+        counts = ", ".join(f"{count:,} {name}" for name, count in body.segments.items() if count)
+        facts = f"{body.mass_kg:.4g} kg{links}: {counts}"
+        if body.energy is not None:
+            first_j, last_j = (0.0 + j for j in (body.energy.first_j, body.energy.last_j))
+            facts += f"; {first_j:.4g} → {last_j:.4g} J"
+        lines += titled(body.label, facts, column=min(width, 30), style="bold")
+        for one in body.unexplained:
+            words = f"{counted(one.samples, 'sample')} from step {one.first_step} on: {one.reason}"
+            lines += titled("", f"unexplained: {words}", column=min(width, 30))
+    more = len(bodies) - len(shown)
+    return [*lines, f"and {_bodies(more)} more: see --json, or --body"] if more > 0 else lines
+
+
+def _flights(bodies: list[BodyAnalysis]) -> list[str]:
+    """Return the longest flights of all, a row each: what each is off free fall at its end."""
+    flights = [(body, flight) for body in bodies for flight in body.flights]
     if not flights:
         return []
-    header = f"{'from':>9} {'to':>11}   {'x off':>12} {'y off':>12} {'z off':>12}"
+    longest = sorted(flights, key=lambda one: one[1].first_step - one[1].last_step)[:MOST_ROWS]
+    longest.sort(key=lambda one: (one[1].first_step, one[0].id))
+    width = max(len(body.label) for body, _ in longest)
+    header = f"{'from':>9} {'to':>9} {'x off':>13} {'y off':>12} {'z off':>12}"
     rows = [
-        f"{one.start_s:9.4f} s {one.end_s:9.4f} s  "
-        + " ".join(f"{round(value_m * 1e3, 4) + 0.0:+9.4f} mm" for value_m in one.error_m)
-        for one in _longest(flights, most)
+        f"{flight.start_s:7.4f} s {flight.end_s:7.4f} s  "
+        + " ".join(f"{round(m * 1e3, 4) + 0.0:+9.4f} mm" for m in flight.error_m)
+        + (f"  {body.label}" if width <= LONGEST_NAME else f"  {body.id}")
+        for body, flight in longest
     ]
-    return _listed("  flights", header, rows, len(flights), "shorter flight")
+    more = f"and {counted(len(flights) - len(rows), 'shorter flight')}; their terms: --body"
+    return _listed("Flights", header, rows, more if len(flights) > len(rows) else None)
 
 
-def _taken_apart(flights: list[ScriptFlight], most: int) -> list[str]:
+def _taken_apart(flights: list[ScriptFlight]) -> list[str]:
     """Return the longest flights, a table each: the error at some times, and its terms."""
+    longest = sorted(flights, key=lambda one: one.first_step - one.last_step)[:MOST_ROWS]
     lines = []
-    for flight in _longest(flights, most):
+    for flight in sorted(longest, key=lambda one: one.first_step):
         ends = Moment(flight.last_step, flight.end_s, flight.error_m, flight.terms_m)
-        lines += ["", f"  flight from {flight.start_s:.4f} s to {flight.end_s:.4f} s"]
-        for moment in (*flight.at, ends):
+        words = f"from {flight.start_s:.4f} s to {flight.end_s:.4f} s, off free fall by"
+        lines += ["", *_titled("Flight", words)]
+        for moment in dict.fromkeys((*flight.at, ends)):
             at = f"at {moment.time_s:.4g} s"
             lines.append(f"[dim]  {at:<{TITLE}} {'x':>10}    {'y':>10}    {'z':>10}[/]")
-            if moment.terms_m is None:
+            terms = {} if moment.terms_m is None else asdict(moment.terms_m)
+            for name, values_m in terms.items():
+                lines.append(f"  {name:<{TITLE}} {_row(values_m)}")
+            if not terms:
                 lines.append("  not broken down: a velocity is limited, or gravity is not along z")
-            else:
-                for name, values_m in asdict(moment.terms_m).items():
-                    lines.append(f"  {name:<{TITLE}} {_row(values_m)}")
             lines.append(f"  {'total':<{TITLE}} [bold]{_row(moment.error_m)}[/]")
-    left = len(flights) - most
-    return [*lines, f"  and {counted(left, 'shorter flight')}"] if left > 0 else lines
+    more = len(flights) - len(longest)
+    return [*lines, f"  and {counted(more, 'shorter flight')}"] if more else lines
 
 
 def _row(values_m: Vector) -> str:
     return " ".join(map(millimetres, values_m))
 
 
-def _contacts(contacts: list[ScriptContact], most: int) -> list[str]:
+def _contacts(bodies: list[BodyAnalysis]) -> list[str]:
     """Return the contacts with the greatest impulses, a row each: what they gave."""
+    contacts = [(body, contact) for body in bodies for contact in body.contacts]
     if not contacts:
         return []
-    header = f"{'from':>9} {'to':>11}   {'impulse':>12} {'greatest force':>14} {'energy':>11}"
-    greatest = sorted(contacts, key=lambda one: -math.hypot(*one.impulse_n_s))[:most]
+    greatest = sorted(contacts, key=lambda one: -math.hypot(*one[1].impulse_n_s))[:MOST_ROWS]
+    header = f"{'from':>9} {'to':>9} {'impulse':>13} {'at most':>12} {'energy':>12}"
     rows = []
-    for one in sorted(greatest, key=lambda one: one.first_step):
+    for body, one in sorted(greatest, key=lambda pair: (pair[1].first_step, pair[0].id)):
         others = ", ".join(dict.fromkeys(pusher.body for pusher in one.by))
+        pair = f"{body.label} on {others}" if len(bodies) > 1 else f"on {others}"
         rows.append(
-            f"{one.start_s:9.4f} s {one.end_s:9.4f} s  {math.hypot(*one.impulse_n_s):9.4g} Ns "
-            f"{one.largest_force_n:12.4g} N {one.energy_j + 0.0:+9.3g} J"
+            f"{one.start_s:7.4f} s {one.end_s:7.4f} s  {math.hypot(*one.impulse_n_s):9.4g} Ns "
+            f"{one.largest_force_n:10.4g} N {one.energy_j + 0.0:+10.3g} J"
         )
-        rows.append(f"{'':>24}[dim]by {escape(others[:50])}[/]")
-    return _listed("  contacts", header, rows, len(contacts), "lighter contact", per_row=2)
+        rows.append(f"[dim]{escape(pair if len(pair) <= PAIR else pair[: PAIR - 2] + ' …')}[/]")
+    more = f"and {counted(len(contacts) - len(greatest), 'lighter contact')}"
+    return _listed("Contacts", header, rows, more if len(contacts) > len(greatest) else None)
 
 
-def _listed(
-    title: str, header: str, rows: list[str], count: int, thing: str, *, per_row: int = 1
-) -> list[str]:
-    more, indent = count - len(rows) // per_row, " " * TITLE
-    lines = [f"{title:<{TITLE}}[dim]{header}[/]", *(indent + row for row in rows)]
-    return [*lines, f"{indent}and {counted(more, thing)}"] if more else lines
+def _listed(title: str, header: str, rows: list[str], more: str | None) -> list[str]:
+    indent = " " * TITLE
+    lines = ["", f"[bold]{title:<{TITLE}}[/][dim]{header}[/]", *(indent + row for row in rows)]
+    return lines if more is None else [*lines, indent + more]
