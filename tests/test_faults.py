@@ -2,11 +2,14 @@
 
 After each fault an existing recording is untouched or replaced whole, the `.part` holds every whole
 chunk that was handed over and can be analyzed, one line says what happened, the exit code is right,
-nothing hangs, and no process is left behind.
+nothing hangs, and no process is left behind. By hand, with more runs that are killed:
+
+    python tests/test_faults.py 500 SEED
 """
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import io
 import json
@@ -17,6 +20,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -44,8 +48,8 @@ from pipeline.stages.sweep import sweep
 from pipeline.sweeping.plan import plan_of
 from pipeline.workers import cores
 
-KILLS = 50
-"""Runs that are killed, each at a moment of its own."""
+KILLS = 18
+"""Runs that are killed, each at a moment of its own: by each signal twice while it is sealed."""
 SEED = 6
 ONE_BATCH = BATCH * BYTES_PER_SAMPLE
 """At most so many bytes are handed over at once."""
@@ -701,12 +705,12 @@ def test_a_run_that_fails_frees_its_number(tmp_path: Path) -> None:
 # -- signals --------------------------------------------------------------------------------------
 
 
-def killed(folder: Path, number: int, precious: bytes) -> tuple[int, str, str]:
+def killed(folder: Path, number: int, seed: int, precious: bytes) -> tuple[int, str, str]:
     """Kill one run at its moment; return its exit code and what it said.
 
     Two of three are killed while they step, the others about the time when they are sealed.
     """
-    chance = random.Random(SEED * 1000 + number)
+    chance = random.Random(seed * 1000 + number)
     how = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)[number % 3]
     folder.mkdir()
     (folder / "run.rrd").write_bytes(precious)
@@ -725,20 +729,15 @@ def killed(folder: Path, number: int, precious: bytes) -> tuple[int, str, str]:
     return process.returncode, stdout, stderr
 
 
-@pytest.mark.long
-def test_killed_at_any_moment_it_loses_nothing_that_was_there(
-    tmp_path: Path, precious: bytes
-) -> None:
-    folders = [tmp_path / str(number) for number in range(KILLS)]
+def hold_many(kills: int, seed: int, place: Path, precious: bytes) -> None:
+    """Kill so many runs, and hold what each leaves."""
+    folders = [place / str(number) for number in range(kills)]
+    given = folders, range(kills), [seed] * kills, [precious] * kills
     with ThreadPoolExecutor(2) as pool:
-        results = list(
-            pool.map(killed, folders, range(KILLS), [precious] * KILLS, timeout=40 * LIMIT_S)
-        )
-    parts, replaced = [], 0
+        results = list(pool.map(killed, *given, timeout=kills * LIMIT_S))
+    parts = []
     for folder, (code, stdout, stderr) in zip(folders, results, strict=True):
-        whole = (folder / "run.rrd").read_bytes() != precious
-        if whole:
-            replaced += 1
+        if (folder / "run.rrd").read_bytes() != precious:
             assert not read(folder / "run.rrd").partial
         part = folder / "run.rrd.part"
         if part.exists() and (found := salvaged(part)) is not None:
@@ -750,7 +749,7 @@ def test_killed_at_any_moment_it_loses_nothing_that_was_there(
         known = {"run.rrd", "run.rrd.part", "run.rrd.part.sealed"}
         assert {one.name for one in folder.iterdir()} <= known
         assert code == -9 or not (folder / "run.rrd.part.sealed").exists()
-    assert len(parts) >= KILLS / 4
+    assert len(parts) >= kills / 4
     assert {code for code, *_ in results} >= {130, 143, -9}
     # One scenario falls one way: every part is the beginning of the longest.
     longest = max((found.states for found in parts), key=len)
@@ -760,6 +759,14 @@ def test_killed_at_any_moment_it_loses_nothing_that_was_there(
     assert len(longest) > 10_000
 
 
+@pytest.mark.long
+def test_killed_at_any_moment_it_loses_nothing_that_was_there(
+    tmp_path: Path, precious: bytes
+) -> None:
+    hold_many(KILLS, SEED, tmp_path, precious)
+
+
+@pytest.mark.long
 def test_a_sweep_that_is_killed_again_and_again_goes_on_with_what_is_its_own(
     tmp_path: Path, drop: Drop
 ) -> None:
@@ -981,3 +988,19 @@ def test_standard_output_that_is_closed_or_full_ends_in_its_exit_code(
     assert len(done.stderr.splitlines()) == lines, done.stderr
     if command.startswith("simulate"):
         assert not read(short / "new.rrd").partial
+
+
+def main() -> None:
+    """Kill many runs by hand."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("kills", type=int, nargs="?", default=KILLS)
+    parser.add_argument("seed", type=int, nargs="?", default=SEED)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        simulate(Scenario(duration_s=0.1), folder / "run.rrd", camera=None)
+        hold_many(given.kills, given.seed, folder, (folder / "run.rrd").read_bytes())
+
+
+if __name__ == "__main__":
+    main()
