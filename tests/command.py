@@ -113,16 +113,19 @@ def _signal_handlers() -> Iterator[None]:
 
 
 def drop_here(
-    *arguments: object, folder: Path, stdin: int | None = None
+    *arguments: object, folder: Path, stdin: int | None = None, **variables: str
 ) -> subprocess.CompletedProcess[str]:
-    """Run the command in this process; its output goes into files, and its input is empty."""
+    """Run the command in this process; its output goes into files, and its input is empty.
+
+    `variables` are added to those of the environment.
+    """
     with (
         tempfile.TemporaryFile("w+b") as out,
         tempfile.TemporaryFile("w+b") as err,
         Path(os.devnull).open("rb") as nothing,
     ):
         code = run_here(
-            arguments, folder, environment=environment(),
+            arguments, folder, environment=environment(**variables),
             streams=(nothing.fileno() if stdin is None else stdin, out.fileno(), err.fileno()),
         )  # fmt: skip
         out.seek(0)
