@@ -551,7 +551,10 @@ def test_a_script_that_fails_shows_its_own_traceback_and_exits_1(bench: Bench) -
 
 @pytest.mark.parametrize("to_the_group", [True, False])
 def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool) -> None:
-    script = bench.script(STEPS + "open('there', 'w').close()\nwhile True:\n    p.stepSimulation()")
+    script = bench.script(
+        STEPS + "open('there', 'w').close()\nwhile True:\n    p.stepSimulation()\n"
+        "    sum(range(10_000))"  # at 60,000 steps/s it has more to check than it proves
+    )
     process = subprocess.Popen(
         [*COMMAND, "record", "--duration", "1e9", "--json", script], cwd=bench.folder,
         stdout=subprocess.PIPE, text=True, start_new_session=True,

@@ -163,7 +163,7 @@ def test_a_broken_recording_is_noticed(
 ) -> None:
     path = altered(standard.simulation.recording, tmp_path / "broken.rrd", change)
     with Viewer(path) as viewer:
-        assert said in "; ".join(complaints(viewer, views=ALONE, times_s=[0.3]))
+        assert said in "; ".join(complaints(viewer, views=ALONE, times_s=(0.0, 0.3)))
 
 
 @needs_vulkan
