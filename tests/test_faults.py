@@ -4,7 +4,7 @@ After each fault an existing recording is untouched or replaced whole, the `.par
 chunk that was handed over and can be analyzed, one line says what happened, the exit code is right,
 nothing hangs, and no process is left behind. By hand, with more runs that are killed:
 
-    python tests/test_faults.py 500 SEED
+    python tests/test_faults.py 50 SEED
 """
 
 from __future__ import annotations
@@ -735,13 +735,14 @@ def hold_many(kills: int, seed: int, place: Path, precious: bytes) -> None:
     given = folders, range(kills), [seed] * kills, [precious] * kills
     with ThreadPoolExecutor(2) as pool:
         results = list(pool.map(killed, *given, timeout=kills * LIMIT_S))
-    parts = []
+    parts, salvaged_after = [], set()
     for folder, (code, stdout, stderr) in zip(folders, results, strict=True):
         if (folder / "run.rrd").read_bytes() != precious:
             assert not read(folder / "run.rrd").partial
         part = folder / "run.rrd.part"
         if part.exists() and (found := salvaged(part)) is not None:
             parts.append(found)
+            salvaged_after.add(code)
         if code in (130, 143):
             assert_one_line(stdout, stderr, "interrupted" if code == 130 else "terminated")
             assert ("run.rrd.part" in stderr) == (part.exists() and size(part) > 0)
@@ -750,7 +751,7 @@ def hold_many(kills: int, seed: int, place: Path, precious: bytes) -> None:
         assert {one.name for one in folder.iterdir()} <= known
         assert code == -9 or not (folder / "run.rrd.part.sealed").exists()
     assert len(parts) >= kills / 4
-    assert {code for code, *_ in results} >= {130, 143, -9}
+    assert salvaged_after >= {130, 143, -9}
     # One scenario falls one way: every part is the beginning of the longest.
     longest = max((found.states for found in parts), key=len)
     for found in parts:
