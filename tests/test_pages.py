@@ -21,7 +21,7 @@ from pipeline.laws.base import EXACT_MACHINES
 AGAIN = "a page is stale; make it again with: python docs/regenerate.py"
 PAGES = pages.pages()
 MARKS = {"catalog.md": [pytest.mark.needs("datafusion")]}
-MARKS |= dict.fromkeys(("README.md", "walkthrough.md"), [pytest.mark.long])
+MARKS |= {name: [pytest.mark.long] for name in ("README.md", "walkthrough.md")}
 TRANSLATED = [page for page in PAGES if pages.translations(page)]
 
 

@@ -39,7 +39,7 @@ from pipeline.recording.rows import tables_of
 from pipeline.stages.recorded import BATCH, made_with
 from pipeline.states import Batch
 
-CASES = 200
+CASES = 150
 SEED = 13
 CONVERGED: dict[str, Any] = {"solver_residual": 0.0, "solver_iterations": 1000}
 """What lets the contact solver run to its end."""
