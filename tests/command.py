@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from unittest.mock import patch
 
@@ -41,10 +41,10 @@ def environment(**more: str) -> dict[str, str]:
 
 
 def run_here(
-    arguments: tuple[object, ...],
+    arguments: Sequence[object],
     folder: Path,
     *,
-    streams: tuple[int, int, int],
+    streams: Sequence[int | None],
     environment: Mapping[str, str],
 ) -> int:
     """Run the command in this process, and return its exit code.
@@ -60,7 +60,7 @@ def run_here(
     folder
         Where it is typed.
     streams
-        File descriptors of standard input, output and error.
+        File descriptors of standard input, output and error; None where one is closed.
     environment
         All variables.
     """
@@ -80,21 +80,27 @@ def run_here(
 
 
 @contextlib.contextmanager
-def _standard_streams(streams: tuple[int, int, int]) -> Iterator[None]:
+def _standard_streams(streams: Sequence[int | None]) -> Iterator[None]:
     kept = [os.dup(number) for number in range(3)]
     before = sys.stdin, sys.stdout, sys.stderr
     for number, stream in enumerate(streams):
-        os.dup2(stream, number)
-    stdin = open(0, closefd=False)  # noqa: SIM115
-    stdout = open(1, "w", closefd=False, encoding="utf-8")  # noqa: SIM115
-    stderr = open(2, "w", 1, closefd=False, encoding="utf-8", errors="backslashreplace")  # noqa: SIM115
-    sys.stdin, sys.stdout, sys.stderr = stdin, stdout, stderr
+        if stream is None:
+            os.close(number)
+        else:
+            os.dup2(stream, number)
+    modes = (("r", -1, "strict"), ("w", -1, "strict"), ("w", 1, "backslashreplace"))
+    ours = [  # where one is closed, Python has none
+        None if stream is None
+        else open(number, mode, size, encoding="utf-8", errors=errors, closefd=False)  # noqa: SIM115
+        for number, (stream, (mode, size, errors)) in enumerate(zip(streams, modes, strict=True))
+    ]  # fmt: skip
+    sys.stdin, sys.stdout, sys.stderr = ours  # type: ignore[assignment]
     try:
         yield
     finally:
-        for stream in {sys.stdout, stdout, stderr, stdin}:
+        for each in filter(None, {sys.stdin, sys.stdout, sys.stderr, *ours}):
             with contextlib.suppress(OSError):
-                stream.close()
+                each.close()
         sys.stdin, sys.stdout, sys.stderr = before
         ctypes.CDLL(None).fflush(None)  # what C has printed and not yet written
         for number, copy in enumerate(kept):
@@ -113,16 +119,19 @@ def _signal_handlers() -> Iterator[None]:
 
 
 def drop_here(
-    *arguments: object, folder: Path, stdin: int | None = None
+    *arguments: object, folder: Path, stdin: int | None = None, **variables: str
 ) -> subprocess.CompletedProcess[str]:
-    """Run the command in this process; its output goes into files, and its input is empty."""
+    """Run the command in this process; its output goes into files, and its input is empty.
+
+    `variables` are added to those of the environment.
+    """
     with (
         tempfile.TemporaryFile("w+b") as out,
         tempfile.TemporaryFile("w+b") as err,
         Path(os.devnull).open("rb") as nothing,
     ):
         code = run_here(
-            arguments, folder, environment=environment(),
+            arguments, folder, environment=environment(**variables),
             streams=(nothing.fileno() if stdin is None else stdin, out.fileno(), err.fileno()),
         )  # fmt: skip
         out.seek(0)

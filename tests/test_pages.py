@@ -20,7 +20,8 @@ from pipeline.laws.base import EXACT_MACHINES
 
 AGAIN = "a page is stale; make it again with: python docs/regenerate.py"
 PAGES = pages.pages()
-NEEDS = {"catalog.md": [pytest.mark.needs("datafusion")]}
+MARKS = {"catalog.md": [pytest.mark.needs("datafusion")]}
+MARKS |= {name: [pytest.mark.long] for name in ("README.md", "walkthrough.md")}
 TRANSLATED = [page for page in PAGES if pages.translations(page)]
 
 
@@ -31,7 +32,7 @@ def text_of(page: Path) -> str:
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, id=page.relative_to(ROOT).as_posix(), marks=NEEDS.get(page.name, []))
+        pytest.param(page, id=page.relative_to(ROOT).as_posix(), marks=MARKS.get(page.name, []))
         for page in PAGES
     ],
 )

@@ -21,7 +21,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import scripts
-from command import wait_for
+from command import drop_here, wait_for
 from rerun.chunk import RrdReader
 
 from pipeline.engines.bullet.watched import Frames
@@ -52,12 +52,9 @@ class Bench:
             check=False,
         )  # fmt: skip
 
-    def drop(self, *arguments: str, **how: Any) -> subprocess.CompletedProcess[str]:
-        """Run the command."""
-        return subprocess.run(
-            [*COMMAND, *arguments], cwd=self.folder, capture_output=True, text=True, check=False,
-            **how,
-        )  # fmt: skip
+    def drop(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Run the command in this process; the script has one of its own."""
+        return drop_here(*arguments, folder=self.folder)
 
     def record(self, name: str, *arguments: str, **how: Any) -> tuple[Recorded, str]:
         """Record a script here, and return what came of it and its standard output."""
@@ -487,7 +484,7 @@ show(p)
     ],
 )
 def test_a_loop_without_an_end_is_ended(bench: Bench, loop: str) -> None:
-    recorded, _ = bench.record(bench.script(scripts.WINDOW + loop), duration_s=3.0)
+    recorded, _ = bench.record(bench.script(scripts.WINDOW + loop), duration_s=1.0)
     assert recorded.ended == "duration"
     assert closing(bench.out)["ended"] == ["duration"]
 
@@ -554,7 +551,10 @@ def test_a_script_that_fails_shows_its_own_traceback_and_exits_1(bench: Bench) -
 
 @pytest.mark.parametrize("to_the_group", [True, False])
 def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool) -> None:
-    script = bench.script(STEPS + "open('there', 'w').close()\nwhile True:\n    p.stepSimulation()")
+    script = bench.script(
+        STEPS + "open('there', 'w').close()\nwhile True:\n    p.stepSimulation()\n"
+        "    sum(range(10_000))"  # at 60,000 steps/s it has more to check than it proves
+    )
     process = subprocess.Popen(
         [*COMMAND, "record", "--duration", "1e9", "--json", script], cwd=bench.folder,
         stdout=subprocess.PIPE, text=True, start_new_session=True,

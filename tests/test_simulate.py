@@ -14,6 +14,7 @@ from conftest import Recorder
 from engine import DATA, MODES, box, lowered, shape, urdf_of
 
 from pipeline import Camera, Scenario, simulate
+from pipeline.engines.bullet import probe
 from pipeline.engines.bullet.engine import p
 from pipeline.engines.bullet.world import World
 from pipeline.errors import DropError, ScenarioError
@@ -22,6 +23,12 @@ from pipeline.report import LARGEST
 from pipeline.stages.sweep_shard import RunShard
 from pipeline.states import BODY, FLOOR, Batch
 from pipeline.sweeping.plan import plan_of
+
+
+@pytest.fixture(autouse=True)
+def untried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no body be tried in a process of its own first: `test_hostile_bodies.py` does that."""
+    monkeypatch.setattr(probe, "problem_of", lambda _: "")
 
 
 def test_the_engine_reports_what_was_set(recorded: Recorder) -> None:

@@ -10,8 +10,6 @@ import pty
 import re
 import shlex
 import struct
-import subprocess
-import sys
 import termios
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -22,7 +20,7 @@ from typing import Any, NamedTuple
 import polars as pl
 import pytest
 import typer
-from command import ROOT, environment, run_here
+from command import ROOT, drop_here, environment, run_here
 from conftest import Drop, Recorder, judge
 
 from cli import app
@@ -731,12 +729,10 @@ WORDS = [
 def completed(shell: str, line: str, action: str = "get-args") -> tuple[list[str], int]:
     """Return what a shell is answered, and the exit code."""
     words = line.split(" ")
-    done = subprocess.run(
-        [sys.executable, "-c", "import sys, cli; sys.argv = ['drop']; cli.main()"],
-        capture_output=True, text=True, cwd=ROOT, check=False,
-        env={**os.environ, "_DROP_COMPLETE": f"complete_{shell}", "COMP_WORDS": line,
-             "COMP_CWORD": str(len(words) - 1), "_TYPER_COMPLETE_ARGS": line,
-             "_TYPER_COMPLETE_FISH_ACTION": action},
+    done = drop_here(
+        folder=ROOT, _DROP_COMPLETE=f"complete_{shell}", COMP_WORDS=line,
+        COMP_CWORD=str(len(words) - 1), _TYPER_COMPLETE_ARGS=line,
+        _TYPER_COMPLETE_FISH_ACTION=action,
     )  # fmt: skip
     assert done.stderr == ""
     return done.stdout.splitlines(), done.returncode

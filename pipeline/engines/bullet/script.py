@@ -132,7 +132,7 @@ class Script(Listener):
     """
 
     def __init__(self, program: Program, *, stdout: int, stderr: int | None = None) -> None:
-        self._block = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `__exit__`
+        self._block = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `_let_go`
         self._block.truncate(pipe.BLOCK_BYTES)
         reading, writing = os.pipe()
         super().__init__(reading, self._block.fileno())
@@ -155,6 +155,7 @@ class Script(Listener):
                 env={"MALLOC_PERTURB_": program.perturb, **os.environ},
             )
         except OSError as error:
+            self._let_go()
             raise DropError(
                 f"{program.python} cannot be started: {error.strerror}; --python takes the path "
                 "of a Python interpreter"
@@ -169,6 +170,9 @@ class Script(Listener):
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
+        self._let_go()
+
+    def _let_go(self) -> None:
         os.close(self._reading)
         self._block.close()
 
