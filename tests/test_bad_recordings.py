@@ -1009,7 +1009,7 @@ def test_what_is_not_a_plain_file_is_one_line_and_no_waiting(
         os.mkfifo(path)
     elif kind == "device":
         path = Path("/dev/zero")
-    why = "not there" if kind == "missing" else "not a plain file"
+    why = "not there" if kind == "missing" else "not a regular file"
     stages: list[Callable[[], object]] = [
         lambda: read(path),
         lambda: list(frames(path)),

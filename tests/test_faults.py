@@ -242,7 +242,7 @@ def test_a_full_disk_in_a_sweep_is_one_line(tmp_path: Path, room_kb: int) -> Non
     with small_disk(disk, room_kb):
         code, *said = told(("sweep", "--out", "s", *arguments), disk)
         assert code == 1
-        assert_one_line(*said, ".parquet cannot be written: ", "goes on from there")
+        assert_one_line(*said, ".parquet cannot be written: ", "again to resume")
         assert "No space left" in said[1] or "File too large" in said[1]
         assert not list(disk.rglob("*.part"))
 
@@ -861,7 +861,7 @@ def test_a_second_writer_is_turned_away(tmp_path: Path) -> None:
 
 
 def test_many_writers_of_one_target_leave_one_whole_recording(tmp_path: Path) -> None:
-    """They start at once; each finishes, or is turned away before or after its work."""
+    """They start at once; each finishes, or is rejected before or after its work."""
     arguments = ("simulate", "--out", "run.rrd", "--no-camera", "--force", "--duration", "0.5")
     processes = [start(arguments, tmp_path) for _ in range(4)]
     for process in processes:

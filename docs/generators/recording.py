@@ -191,7 +191,7 @@ def made() -> dict[str, str]:
         _curves(layer),
         _drawn(layer),
         "## The table of `drop analyze --table`\n\nOne row per sample. Error terms are null where "
-        "the law of the air does not hold.\n",
+        "the law of free flight does not hold.\n",
         _table(table),
     ]
     return {"recording.md": "\n".join(parts)}

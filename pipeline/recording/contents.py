@@ -28,7 +28,7 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
     only: str | None = None
     try:
         if not path.is_file():
-            why = "not a plain file" if path.exists() else "not there"
+            why = "not a regular file" if path.exists() else "not there"
             raise RecordingError(
                 f"{path} is not a recording: it is {why}; make one with: drop simulate"
             )

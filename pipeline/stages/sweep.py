@@ -101,7 +101,7 @@ def sweep(
         Which scenarios.
     out
         The folder for results and recordings; made if missing. The same plan goes on in it where
-        it stopped, another one is turned away.
+        it stopped, another one is rejected.
     at_s
         Time to take the error apart at [s].
     record
@@ -167,8 +167,8 @@ def sweep(
         except BaseException as stop:
             there = sum(len(plan.runs_of(shard)) for shard in folder.finished())
             stop.add_note(
-                f"{there:,} of {plan.runs:,} runs are in {folder.path}; the same command "
-                "goes on from there"
+                f"{there:,} of {plan.runs:,} runs are in {folder.path}; run the same "
+                "command again to resume"
             )
             raise
         shards = plan.shards if ledger.needed is None else ledger.needed

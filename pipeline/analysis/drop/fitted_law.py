@@ -1,6 +1,6 @@
 """What a fall that differs looks like: other damping, gravity, integrator or contact.
 
-The law of the air is taken apart into its two lines, and each is fitted to the recorded samples:
+The law of free flight is taken apart into its two lines, each fitted to the recorded samples:
 
     v' = v + dt (g - k v (1 + |v|))        accelerations give g and k, by least squares
     x' = x + dt v'                         the way of a step tells which velocity moved the body

@@ -315,7 +315,7 @@ class World:
         Raises
         ------
         DropError
-            If a state or a contact is no number any more that a recording holds.
+            If a state or a contact becomes a number that no recording holds.
         """
         pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
         touching, body, client = p.getContactPoints, self._body, self._client
@@ -389,7 +389,7 @@ def check_numbers(rows: Rows) -> None:
 def no_number(step: int) -> DropError:
     """Return the error for an engine that was given more than it can compute."""
     return DropError(
-        f"the engine's state is no number any more from step {step} on (or over {LARGEST:g}); try "
+        f"the engine's state becomes non-finite at step {step} (or over {LARGEST:g}); try "
         "a shorter --timestep, less --spin or --velocity, or another --body"
     )
 
