@@ -13,7 +13,7 @@ import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from types import UnionType
+from types import NoneType, UnionType
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import polars as pl
@@ -35,7 +35,11 @@ from pipeline.analysis.drop.results import (
 )
 from pipeline.analysis.general.flights import Flight, VectorTerms
 from pipeline.analysis.general.statistics import Summary
+from pipeline.analysis.script.cause import OtherCall
+from pipeline.analysis.script.comparison import ScriptComparison
+from pipeline.analysis.script.difference import Difference
 from pipeline.report import EngineReport
+from pipeline.seen import Call
 from pipeline.scenario import Scenario
 from pipeline.stages.check import Check
 from pipeline.stages.render import Rendering
@@ -156,19 +160,46 @@ ROW = Object(
     },
     frozenset({*Scenario.options(), *TERMS}),
 )  # fmt: skip
+OF_SCRIPT = "Of scripts: "
+PLACE = _object(
+    Difference, {"step", "column"}, body=str | None, link=int | None, difference=float | None
+)  # fmt: skip
+PLACE = PLACE._replace(
+    said=PLACE.said | _said(Place) | {
+        name: OF_SCRIPT + PLACE.said[name] for name in ("body", "link", "difference")
+    } | {"column": f"{_said(Place)['column']} {OF_SCRIPT}{PLACE.said['column']}"}
+)  # fmt: skip
+SETTING = Object(
+    {"name": str, "value": Any, "golden": Any, "step": int, "body": str | None,
+     "link": int | None},
+    _said(Setting) | {
+        "name": f"{_said(Setting)['name']} {OF_SCRIPT}a column, as of `first_difference`.",
+        **{name: OF_SCRIPT + PLACE.said[name].removeprefix(OF_SCRIPT)
+           for name in ("step", "body", "link")},
+    },
+)  # fmt: skip
 CHECK = _object(
     Check,
     {"same", "largest_difference_m", "first_difference"},
     comparison=None,
     same=bool,
     largest_difference_m=float | None,
-    first_difference=Place | None,
+    first_difference=None,
     looks_like=str | None,
-    differences=list[Setting],
+    differences=None,
     versions=list[Setting],
+    cause=str | None,
+    call_before=Call | None,
+    other_call=OtherCall | None,
 )
 OF_BOTH = _said(Comparison)
-CHECK = CHECK._replace(said=OF_BOTH | CHECK.said | {"first_difference": OF_BOTH["first"]})
+CHECK = CHECK._replace(
+    keys={**CHECK.keys, "first_difference": (PLACE, None), "differences": [SETTING]},
+    said=OF_BOTH | CHECK.said | {"first_difference": OF_BOTH["first"]} | {
+        name: OF_SCRIPT + _said(ScriptComparison)[name]
+        for name in ("cause", "call_before", "other_call")
+    },
+)  # fmt: skip
 SHARED = "A value of the scenario that these runs share and others do not."
 STUDY = Object(
     {"study": _object(Study, refining_hurts=bool)}, {"study": "What they tell."}, more=SHARED
@@ -254,7 +285,7 @@ def _text(schema: Schema) -> str:
 
 
 def _schema(hint: Any) -> Schema:  # noqa: ANN401
-    """Return the schema of a type, or of a list that holds an example."""
+    """Return the schema of a type, of a list that holds an example, or of an example or null."""
     arguments = get_args(hint)
     if is_dataclass(hint):
         hint = _object(hint)
@@ -262,8 +293,15 @@ def _schema(hint: Any) -> Schema:  # noqa: ANN401
         return _object_schema(hint)
     if isinstance(hint, list):
         return {"type": "array", "items": _schema(hint[0])}
-    if isinstance(hint, UnionType):  # of one type and None
-        return _nullable(_schema(arguments[0]))
+    if isinstance(hint, tuple):
+        return _nullable(_schema(hint[0]))
+    if isinstance(hint, UnionType):  # of one type, or several scalars, and None
+        first, *more = (_schema(one) for one in arguments if one is not NoneType)
+        return (
+            {"type": [*(one["type"] for one in (first, *more)), "null"]}
+            if more
+            else (_nullable(first))
+        )
     kind = get_origin(hint)
     if kind is Literal:
         return {"enum": [*arguments]}

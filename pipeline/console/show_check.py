@@ -55,16 +55,20 @@ def _lines(check: Check) -> list[str]:
     for difference in compared.differences:
         is_option = difference.name in Scenario.options()
         lines += _titled(
-            *(("setting", _option(difference)) if is_option else ("engine", _value(difference)))
+            *(
+                ("setting", _option(difference))
+                if is_option
+                else ("engine", setting_line(difference))
+            )
         )
     if not compared.differences and check.first is not None:
         lines += _titled("first", _first(check.first))
     if compared.looks_like is not None:
         lines += _titled("looks like", compared.looks_like)
     if check.frames is not None:
-        lines += _titled("frames", _frames(check.frames))
+        lines += _titled("frames", frames_line(check.frames))
     for version in compared.versions:
-        lines += _titled("version", _value(version))
+        lines += _titled("version", setting_line(version))
     updated = _titled("golden", f"{check.golden} is now {check.recording}")
     return [*lines, *updated] if check.updated else lines
 
@@ -98,7 +102,8 @@ def _option(one: Setting) -> str:
     return f"{option.name} {option.written(one.value)}, golden {option.written(one.golden)}"
 
 
-def _value(one: Setting) -> str:
+def setting_line(one: Setting) -> str:
+    """Say what both recordings have of something."""
     name = one.name.removeprefix("engine.").removesuffix("_version")
     return f"{name} {one.value}, golden {one.golden}"
 
@@ -114,7 +119,8 @@ def _number(value: float | None) -> str:
     return "none" if value is None else repr(value)
 
 
-def _frames(frames: Frames) -> str:
+def frames_line(frames: Frames) -> str:
+    """Say how pictures compare."""
     if not frames.compared:
         return f"none compared: {frames.why}"
     differ = f"{frames.differing} differ" if frames.differing else "identical"

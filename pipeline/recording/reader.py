@@ -118,15 +118,19 @@ def recording_id(path: Path) -> str:
     raise damaged(path, "it is empty")
 
 
-def is_recording(path: Path) -> bool:
-    """Whether a file is one recording of ours: finished or not, of this schema or an older one."""
+def is_recording(path: Path, *, of_script: bool = False) -> bool:
+    """Whether a file is one recording of ours, of a drop or of a script.
+
+    Finished or not, of this schema or an older one.
+    """
+    kind = schema.ORIGIN_PROPERTY if of_script else schema.SCENARIO_PROPERTY
     found, ids = False, set()
     try:
         for chunk in rrd.chunks(path, unfinished=True):
             if chunk.application_id != schema.APPLICATION_ID:
                 return False
             ids.add(chunk.recording_id)
-            found |= chunk.entity == f"__properties/{schema.SCENARIO_PROPERTY}"
+            found |= chunk.entity == f"__properties/{kind}"
     except (rrd.DamagedError, OSError):
         return False
     return found and len(ids) == 1

@@ -104,15 +104,11 @@ def check(
         name of a file that is no recording.
     """
     path, golden = Path(recording), Path(against)
-    if not (math.isfinite(tolerance_m) and tolerance_m >= 0):
-        raise ScenarioError(f"--tolerance must be finite and at least 0, got {tolerance_m!r}")
+    check_tolerance(tolerance_m)
     run = _whole(path)
     if not update:
         if not os.path.lexists(golden):
-            again = shlex.join(["drop", "check", str(path), "--against", str(golden), "--update"])
-            raise RecordingError(
-                f"there is no golden recording {golden}; to make {path} the golden one: {again}"
-            )
+            raise there_is_none(path, golden)
         return _checked(run, _whole(golden), tolerance_m)
     check_target(golden, force=True)
     check_apart([golden], inputs=[path])
@@ -128,6 +124,20 @@ def check(
         before = Check(path, golden, tolerance_m, None, None)
     _make_golden(run, golden)
     return replace(before, updated=True)
+
+
+def check_tolerance(tolerance_m: float) -> None:
+    """Raise a ScenarioError if a tolerance is not a length."""
+    if not (math.isfinite(tolerance_m) and tolerance_m >= 0):
+        raise ScenarioError(f"--tolerance must be finite and at least 0, got {tolerance_m!r}")
+
+
+def there_is_none(recording: Path, golden: Path) -> RecordingError:
+    """Return the error for a golden recording that is not there."""
+    again = shlex.join(["drop", "check", str(recording), "--against", str(golden), "--update"])
+    return RecordingError(
+        f"there is no golden recording {golden}; to make {recording} the golden one: {again}"
+    )
 
 
 def _whole(path: Path) -> Recording:
@@ -182,7 +192,7 @@ def _compare_frames(run: Recording, golden: Recording) -> Frames:
         step
         for step in steps
         if mine[step] != theirs[step]
-        and not np.array_equal(_pixels(mine[step], run.path), _pixels(theirs[step], golden.path))
+        and not np.array_equal(pixels(mine[step], run.path), pixels(theirs[step], golden.path))
     ]
     apart = len(mine) - len(steps)
     return Frames(
@@ -209,7 +219,8 @@ def _camera_differences(run: Recording, golden: Recording) -> str:
     return ", ".join(said)
 
 
-def _pixels(png: bytes, path: Path) -> NDArray[np.uint8]:
+def pixels(png: bytes, path: Path) -> NDArray[np.uint8]:
+    """Return what a picture of a recording shows, or raise a RecordingError."""
     try:
         return np.asarray(next(decoded([png])))
     except ValueError as error:

@@ -1,0 +1,222 @@
+"""The samples of two simulations, held against each other: states, joints, contact points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.analysis.script.difference import FIRST, LED, Difference, Found, When
+from pipeline.seen import Body, Joints, Seen
+
+Float64 = NDArray[np.float64]
+
+PART = ("body", "link", "step")
+POSITION = ("x_m", "y_m", "z_m")
+COLUMNS = (
+    *POSITION, "qx", "qy", "qz", "qw", "vx_m_s", "vy_m_s", "vz_m_s", "wx_rad_s", "wy_rad_s",
+    "wz_rad_s",
+)  # fmt: skip
+UNKNOWN_LENGTH_M = 1.0
+"""Of a part without a shape: an angle is then held to as many radians as metres are allowed."""
+
+
+@dataclass(frozen=True)
+class Faced:
+    """The samples of the bodies that two simulations share."""
+
+    bodies: Mapping[int, Body]
+    """By number."""
+    rows: pl.DataFrame
+    """`body`, `link` and `step` of those that both have, in this order."""
+    mine: Float64
+    """Of the recording that is checked, shape (rows, 13): `COLUMNS`."""
+    golden: Float64
+    lacking: pl.DataFrame
+    """`body`, `link` and `step` of the samples that only one has, and `there`: whether it is the
+    one that is checked."""
+    fresh: frozenset[tuple[int, int]]
+    """Number and step of bodies whose first sample was taken after they came."""
+
+    @property
+    def distance_m(self) -> Float64:
+        """How far apart the parts are, shape (rows,); nan where one of them is nowhere."""
+        distance_m: Float64 = np.linalg.norm(self.mine[:, :3] - self.golden[:, :3], axis=1)
+        return distance_m
+
+    def when(self, number: int, step: int) -> When:
+        """Return when a sample of a body came to be."""
+        return When(step, FIRST if step == 0 or (number, step) in self.fresh else LED)
+
+
+def faced(run: Seen, golden: Seen) -> Faced:
+    """Return the samples of two simulations, those of one part and step in one row."""
+    labels = [{body.label: body for body in seen.bodies.values()} for seen in (run, golden)]
+    bodies = {labels[0][one].number: labels[0][one] for one in labels[0].keys() & labels[1].keys()}
+    mine, theirs = (
+        seen.states.filter(pl.col("body").is_in(list(bodies))) for seen in (run, golden)
+    )
+    lacking = pl.concat(
+        one.join(other, on=PART, how="anti").select(*PART, there=pl.lit(there))
+        for one, other, there in ((mine, theirs, True), (theirs, mine, False))
+    )
+    if not mine.select(PART).equals(theirs.select(PART)):
+        mine, theirs = (
+            one.join(other, on=PART, how="semi").sort(PART)
+            for one, other in ((mine, theirs), (theirs, mine))
+        )
+    fresh = frozenset(
+        (one.body.number, one.at.step) for one in run.appearances if one.came and not one.sampled
+    )
+    values, others = (side.select(COLUMNS).to_numpy() for side in (mine, theirs))
+    return Faced(bodies, mine.select(PART), values, others, lacking, fresh)
+
+
+def first_state(of: Faced, allowed: Float64 | float = 0.0) -> Found | None:
+    """Return the first number that differs by more than is allowed, or sample that one lacks.
+
+    Parameters
+    ----------
+    of
+        The samples.
+    allowed
+        Difference that is let pass, of a shape like (rows, 13).
+    """
+    found = []
+    if len(of.lacking):
+        body, link, step, there = of.lacking.sort("step", "body", "link").row(0)
+        values = float(there), float(not there)
+        found.append(_found(of, step, body, link, "there", *values))
+    off = _off(of.mine, of.golden, allowed)
+    rows = np.flatnonzero(off.any(axis=1))
+    if len(rows):
+        row = rows[np.argmin(of.rows["step"].to_numpy()[rows])]
+        column = int(np.argmax(off[row]))
+        body, link, step = of.rows.row(int(row))
+        values = float(of.mine[row, column]), float(of.golden[row, column])
+        found.append(_found(of, step, body, link, COLUMNS[column], *values))
+    return min(found, key=lambda one: one[0], default=None)
+
+
+def _found(
+    of: Faced, step: int, number: int, link: int, column: str, mine: float, golden: float
+) -> Found:
+    difference = Difference(step, of.bodies[number].label, link, column, mine, golden)
+    return of.when(number, step), difference
+
+
+def _off(mine: Float64, golden: Float64, allowed: Float64 | float) -> NDArray[np.bool_]:
+    """Return which numbers differ by more than is allowed; nan is the same as nan."""
+    with np.errstate(invalid="ignore"):  # of infinite numbers
+        near = np.abs(mine - golden) <= allowed
+    off: NDArray[np.bool_] = ~((mine == golden) | near | (np.isnan(mine) & np.isnan(golden)))
+    return off
+
+
+def allowed(of: Faced, golden: Seen, tolerance_m: float) -> Float64:
+    """Return what a tolerance allows in each number of the states, shape (rows, 13).
+
+    A velocity may be wrong by what moves the body so far in one step, an angle by what moves the
+    surface so far, half the diagonal of the part's box away.
+    """
+    steps_s = {one.client: one.values["fixedTimeStep"] for one in golden.settings}
+    parts = of.rows.select("body", "link")
+    found = np.empty((len(parts), len(COLUMNS)))
+    for (number, link), rows in (
+        parts.with_row_index().partition_by("body", "link", as_dict=True).items()
+    ):
+        body = of.bodies[int(number)]
+        step_s, length_m = float(np.max(steps_s[body.client])), _length_m(body, int(link))
+        per_metre = np.repeat(
+            [1.0, 1 / length_m, 1 / step_s, 1 / (length_m * step_s)], (3, 4, 3, 3)
+        )
+        found[rows["index"].to_numpy()] = tolerance_m * per_metre
+    return found
+
+
+def _length_m(body: Body, link: int) -> float:
+    corners = np.reshape(body.bounds_m, (-1, 2, 3))
+    if link + 1 >= len(corners):
+        return UNKNOWN_LENGTH_M
+    length_m = float(np.linalg.norm(corners[link + 1, 1] - corners[link + 1, 0])) / 2
+    return length_m if np.isfinite(length_m) and length_m > 0 else UNKNOWN_LENGTH_M
+
+
+# -- joints ---------------------------------------------------------------------------------------
+
+
+def first_joint(of: Faced, run: Seen, golden: Seen) -> Found | None:
+    """Return the first number of joints that differs, as far as both have the steps."""
+    found = (_first_of_body(of, number, run, golden) for number in of.bodies)
+    return min((one for one in found if one is not None), key=lambda one: one[0], default=None)
+
+
+def _first_of_body(of: Faced, number: int, run: Seen, golden: Seen) -> Found | None:
+    mine, theirs = (seen.joints.get(number) for seen in (run, golden))
+    columns = [_joint_columns(seen.bodies[number]) for seen in (run, golden)]
+    if mine is None or theirs is None or columns[0] != columns[1]:
+        return None
+    steps, rows, others = np.intersect1d(mine.steps, theirs.steps, return_indices=True)
+    x, y = _numbers(mine)[rows], _numbers(theirs)[others]
+    off = _off(x, y, 0.0)
+    wrong = np.flatnonzero(off.any(axis=1))
+    if not len(wrong):
+        return None
+    row, column = int(wrong[0]), int(np.argmax(off[wrong[0]]))
+    name, link = columns[0][column]
+    return _found(
+        of, int(steps[row]), number, link, name, float(x[row, column]), float(y[row, column])
+    )
+
+
+def _numbers(joints: Joints) -> Float64:
+    return np.hstack((joints.position, joints.velocity, joints.torque))
+
+
+def _joint_columns(body: Body) -> list[tuple[str, int]]:
+    """Return name and link of each number of a body's joints."""
+    return [
+        (f"joint_{name}", joint.link)
+        for number, name in enumerate(("position", "velocity", "torque"))
+        for joint in body.joints
+        for _ in range(joint.widths[number])
+    ]
+
+
+# -- contact points -------------------------------------------------------------------------------
+
+
+def first_contact(run: Seen, golden: Seen) -> Found | None:
+    """Return the first contact point that is another one, or the first step with more of them."""
+    mine, theirs = (_points(seen) for seen in (run, golden))
+    names = [name for name in theirs.columns if name != "step"]
+    both = min(len(mine), len(theirs))
+    steps, golden_steps = (one["step"].to_numpy() for one in (mine, theirs))
+    x, y = (one.head(both).select(names).to_numpy() for one in (mine, theirs))
+    off = _off(x, y, 0.0)
+    wrong = np.flatnonzero(off.any(axis=1) | (steps[:both] != golden_steps[:both]))
+    if not len(wrong) and len(mine) == len(theirs):
+        return None
+    row = int(wrong[0]) if len(wrong) else both
+    step = int(min(each[row] for each in (steps, golden_steps) if row < len(each)))
+    counts = [int((each == step).sum()) for each in (steps, golden_steps)]
+    side, table = (run, mine) if row < len(mine) and steps[row] == step else (golden, theirs)
+    body = side.bodies[table["body_a"][row]].label
+    link = int(table["link_a"][row])
+    if counts[0] != counts[1]:
+        found = Difference(step, body, link, "contact_points", *map(float, counts))
+    else:
+        column = int(np.argmax(off[row]))
+        values = float(x[row, column]), float(y[row, column])
+        found = Difference(step, body, link, f"contact_{names[column]}", *values)
+    return When(step, LED if step else FIRST), found
+
+
+def _points(seen: Seen) -> pl.DataFrame:
+    """Return the contact points in the order of step and client; each client has its own steps."""
+    clients = {number: body.client for number, body in seen.bodies.items()}
+    client = pl.col("body_a").replace_strict(clients, default=0, return_dtype=pl.Int64)
+    return seen.contacts.sort("step", client, maintain_order=True)
