@@ -13,7 +13,7 @@ import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from types import NoneType, UnionType
+from types import UnionType
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import polars as pl
@@ -39,8 +39,8 @@ from pipeline.analysis.script.cause import OtherCall
 from pipeline.analysis.script.comparison import ScriptComparison
 from pipeline.analysis.script.difference import Difference
 from pipeline.report import EngineReport
-from pipeline.seen import Call
 from pipeline.scenario import Scenario
+from pipeline.seen import Call
 from pipeline.stages.check import Check
 from pipeline.stages.render import Rendering
 from pipeline.stages.simulate import Simulation
@@ -295,13 +295,11 @@ def _schema(hint: Any) -> Schema:  # noqa: ANN401
         return {"type": "array", "items": _schema(hint[0])}
     if isinstance(hint, tuple):
         return _nullable(_schema(hint[0]))
-    if isinstance(hint, UnionType):  # of one type, or several scalars, and None
-        first, *more = (_schema(one) for one in arguments if one is not NoneType)
-        return (
-            {"type": [*(one["type"] for one in (first, *more)), "null"]}
-            if more
-            else (_nullable(first))
-        )
+    if isinstance(hint, UnionType):  # of one type and None, or of several scalars
+        kinds = [SCALARS[one]["type"] for one in arguments if one in SCALARS]
+        if len(kinds) > 1:
+            return {"type": [*kinds, "null"]}
+        return _nullable(_schema(arguments[0]))
     kind = get_origin(hint)
     if kind is Literal:
         return {"enum": [*arguments]}

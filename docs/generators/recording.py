@@ -30,7 +30,10 @@ UNITS = {
 TYPES = {"double": "float64", "float": "float32"}
 """Arrow's word to numpy's."""
 
-PROPERTIES = [f"__properties/{name}" for name in schema.PROPERTIES]
+PROPERTIES = [
+    f"__properties/{name}" for name in (*schema.INPUT_PROPERTIES, schema.RECORDING_PROPERTY)
+]
+"""Of a drop's recording."""
 
 MEASURED = {
     "state": {
