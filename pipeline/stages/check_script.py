@@ -99,7 +99,7 @@ def check_script(
         if not is_script(golden):
             raise RecordingError(
                 f"{golden} must be the recording of a script, as {path} is, got that of a drop; "
-                "compare it with one of: drop simulate"
+                "make one with: drop record"
             )
         return _checked(run, _whole(golden), tolerance_m)
     check_target(golden, force=True)

@@ -138,7 +138,8 @@ def _flat(values: Mapping[str, Any], link: int | None = None) -> Iterator[tuple[
 
 
 def _of_links(reported: Mapping[str, Any]) -> Iterator[tuple[Column, Value]]:
-    for name, values in reported.items():
+    # What follows from the mass stands behind it, such as the inertia.
+    for name, values in sorted(reported.items(), key=lambda one: one[0] != "mass_kg"):
         for number, value in enumerate(values):
             yield from _flat({name: value}, link=number - 1)
 

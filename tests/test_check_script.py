@@ -1,0 +1,419 @@
+"""A golden recording of a script is held: what differs first is found, with its cause.
+
+Each script is recorded once for all tests; what no script can bring about here, such as another
+engine, is altered in what was read back.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import textwrap
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pyarrow as pa
+import pytest
+import scripts
+from conftest import Drop
+from jsonschema import Draft202012Validator
+from rerun.chunk import Chunk, LazyChunkStream, RrdReader
+from test_references import schema_of, strict
+
+from pipeline import Scenario, simulate
+from pipeline.analysis.script.cause import Side
+from pipeline.analysis.script.comparison import ScriptComparison, compare_scripts
+from pipeline.analysis.script.difference import Difference
+from pipeline.errors import OutputError, RecordingError
+from pipeline.recording import schema
+from pipeline.recording.script_reader import read_script
+from pipeline.stages.check_script import check_script
+from pipeline.stages.record import record_script
+
+BOX = """
+import pybullet as p
+p.connect(p.DIRECT)
+p.setGravity(0, 0, -9.81)
+p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
+ball = p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1), -1, [0, 0, 0.2])
+p.changeDynamics(ball, -1, linearDamping=0)
+arm = p.loadURDF("arm.urdf", useFixedBase=True)
+for step in range(60):
+    p.setJointMotorControl2(arm, 0, p.VELOCITY_CONTROL, targetVelocity=1, force=5)
+    p.stepSimulation()
+    if step == 20:
+        p.resetBaseVelocity(ball, [0.5, 0, 0])
+p.getCameraImage(16, 16, p.computeViewMatrix([1, 1, 1], [0, 0, 0], [0, 0, 1]),
+                 p.computeProjectionMatrixFOV(60, 1, 0.1, 10))
+"""
+ARM = """<robot name="arm"><link name="base"/>
+<link name="rod"><inertial><origin xyz="0 0 0.2"/><mass value="{mass}"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/>
+<origin xyz="2 0 1"/><axis xyz="0 1 0"/></joint></robot>"""
+
+Record = Callable[..., Path]
+
+
+@pytest.fixture(scope="session")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Record:
+    """Return a function that records a script `sim.py`, once: what it replaces in `BOX`."""
+    folder = tmp_path_factory.mktemp("scripts")
+
+    @cache
+    def record(*changes: tuple[str, str], mass: float = 1.0, run: int = 0, **how: Any) -> Path:
+        text = BOX
+        for before, after in changes:
+            assert before in text, before
+            text = text.replace(before, after)
+        out = folder / f"{len(list(folder.iterdir()))}-{run}.rrd"
+        work = folder / out.stem
+        work.mkdir()
+        work.joinpath("sim.py").write_text(text)
+        work.joinpath("arm.urdf").write_text(ARM.format(mass=mass))
+        back = Path.cwd()
+        os.chdir(work)
+        try:
+            record_script("sim.py", out=out, **how)
+        finally:
+            os.chdir(back)
+        return out
+
+    return record
+
+
+@pytest.fixture(scope="session")
+def golden(recording: Record) -> Path:
+    return recording()
+
+
+def compared(path: Path, golden: Path, **how: Any) -> ScriptComparison:
+    found = check_script(path, golden, **how).comparison
+    assert found is not None
+    return found
+
+
+def side(path: Path) -> Side:
+    found = read_script(path)
+    return Side(found.origin, found.ended or {}, found.seen)
+
+
+# -- the command ----------------------------------------------------------------------------------
+
+
+def test_the_same_script_recorded_twice_is_the_same_to_the_bit(
+    recording: Record, golden: Path, drop: Drop
+) -> None:
+    done = drop("check", recording(run=1), "--against", golden, "--json")
+    found = json.loads(done.stdout)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert found["same"] is True
+    assert found["largest_difference_m"] == 0.0
+    assert found["frames"] == {"compared": 1, "differing": 0, "first_step": None, "why": None}
+    for key in ("first_difference", "looks_like", "cause", "call_before", "other_call"):
+        assert found[key] is None
+    said = drop("check", recording(run=1), "--against", golden).stdout
+    assert "positions   identical\n" in said
+
+
+def test_another_constant_exits_3_and_is_named_by_step_body_and_column(
+    recording: Record, golden: Path, drop: Drop
+) -> None:
+    changed = recording(("[0, 0, 0.2]", "[0, 0, 0.25]"))
+    done = drop("check", changed, "--against", golden, "--json")
+    found = json.loads(done.stdout)
+    assert done.returncode == 3
+    assert found["first_difference"] == {
+        "step": 0, "body": "1_sphere", "link": -1, "column": "z_m", "value": 0.25, "golden": 0.2,
+        "difference": pytest.approx(0.05),
+    }  # fmt: skip
+    assert found["other_call"]["value"]["arguments"].endswith("[0, 0, 0.25]")
+    assert found["other_call"]["golden"]["arguments"].endswith("[0, 0, 0.2]")
+    assert found["other_call"]["value"]["line"] == 6
+    assert found["cause"] == "another script: its text and its calls differ"
+    assert found["looks_like"].startswith("1_sphere is 50 mm elsewhere at step 0, ")
+    schema_of_it = strict(schema_of("check"))
+    assert not list(Draft202012Validator(schema_of_it).iter_errors(found))
+    said = drop("check", changed, "--against", golden).stdout
+    assert "first       step 0, 1_sphere, z_m: 0.25, golden 0.2 (+0.05)\n" in said
+    assert "call        " in said
+
+
+def test_a_script_and_a_drop_are_not_compared(golden: Path, drop: Drop, tmp_path: Path) -> None:
+    simulate(Scenario(duration_s=0.1), tmp_path / "drop.rrd", camera=None)
+    for run, against in ((golden, "drop.rrd"), ("drop.rrd", golden)):
+        done = drop("check", run, "--against", against)
+        assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+        assert "must be the recording of a" in done.stderr
+        done = drop("check", run, "--against", against, "--update")
+        assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+    assert read_script(golden).ended is not None
+
+
+def test_what_is_not_there_not_whole_or_no_length_is_one_line(
+    golden: Path, drop: Drop, tmp_path: Path
+) -> None:
+    done = drop("check", golden, "--against", "no.rrd")
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+    assert done.stderr.endswith("--against no.rrd --update\n")
+    closing = f"__properties/{schema.RECORDING_PROPERTY}"
+    rewritten(golden, tmp_path / "run.rrd.part", closing, lambda _: [])
+    done = drop("check", "run.rrd.part", "--against", golden)
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+    assert "never finished" in done.stderr
+    done = drop("check", golden, "--against", golden, "--tolerance", "nan")
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+
+
+def test_update_makes_it_the_golden_recording(
+    recording: Record, golden: Path, drop: Drop, tmp_path: Path
+) -> None:
+    assert drop("check", golden, "--against", "new.rrd", "--update").returncode == 0
+    assert check_script(golden, tmp_path / "new.rrd").same
+    changed = recording(("-9.81", "-1.6"))
+    done = drop("check", changed, "--against", "new.rrd", "--update", "--json")
+    found = json.loads(done.stdout)
+    assert (done.returncode, found["same"], found["updated"]) == (0, False, True)
+    assert check_script(changed, tmp_path / "new.rrd").same
+    tmp_path.joinpath("text.rrd").write_text("not a recording")
+    with pytest.raises(OutputError, match=r"text\.rrd is not the recording of a script"):
+        check_script(golden, tmp_path / "text.rrd", update=True)
+
+
+# -- what differs first ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "first"),
+    [
+        (("-9.81", "-1.6"), Difference(0, None, None, "engine.gravityAccelerationZ", -1.6, -9.81)),
+        (
+            ("linearDamping=0)", "linearDamping=0.1)"),
+            Difference(0, "1_sphere", None, "dynamics/given.linearDamping", 0.1, 0.0),
+        ),
+        (
+            ("p.createMultiBody(1,", "p.createMultiBody(2,"),
+            Difference(0, "1_sphere", -1, "dynamics.mass_kg", 2.0, 1.0),
+        ),
+        (("[0.5, 0, 0]", "[0.7, 0, 0]"), Difference(
+            21, "1_sphere", -1, "set.velocity_m_s.0", 0.7, 0.5)),
+        (("force=5", "force=6"), Difference(0, "2_arm", None, "motors.force", 6.0, 5.0)),
+        (
+            ("    p.stepSimulation()", "    if step == 7:\n"
+             "        p.applyExternalForce(ball, -1, [1, 0, 0], [0, 0, 0], p.LINK_FRAME)\n"
+             "    p.stepSimulation()"),
+            Difference(7, "1_sphere", None, "pushes.rows", 1, 0),
+        ),
+        (("range(60)", "range(50)"), Difference(51, "1_sphere", -1, "there", 0.0, 1.0)),
+    ],
+)  # fmt: skip
+def test_what_went_in_otherwise_is_named(
+    recording: Record, golden: Path, change: tuple[str, str], first: Difference
+) -> None:
+    found = compared(recording(change), golden)
+    assert found.first == first
+    assert not found.same
+
+
+def test_what_goes_in_after_the_samples_differ_is_no_cause(recording: Record, golden: Path) -> None:
+    """A script that pushes harder the farther it is off: only what began it is told."""
+    steering = (
+        "    p.stepSimulation()",
+        "    z = p.getBasePositionAndOrientation(ball)[0][2]\n"
+        "    p.applyExternalForce(ball, -1, [0, 0, 0.3 - z], [0, 0, 0], p.LINK_FRAME)\n"
+        "    p.stepSimulation()",
+    )
+    found = compared(recording(steering, ("-9.81", "-9.8")), recording(steering))
+    assert [one.column for one in found.differences] == ["engine.gravityAccelerationZ"]
+    assert found.samples_part_at == 1
+    assert not compared(recording(steering), golden).same
+
+
+def test_a_body_that_is_missing_or_more(recording: Record, golden: Path) -> None:
+    without = (
+        ("arm = p.loadURDF", "arm = 0  #"),
+        ("    p.setJointMotorControl2", "    0  #"),
+    )
+    found = compared(recording(*without), golden)
+    assert found.first == Difference(0, "2_arm", None, "there", 0.0, 1.0)
+    assert found.largest_difference_m == 0.0
+    assert found.looks_like == "every state is the same all the same"
+    assert found.other_call is not None
+    assert found.other_call.golden is not None
+    assert found.other_call.golden.function == "loadURDF"
+    more = compared(golden, recording(*without))
+    assert more.first == Difference(0, "2_arm", None, "there", 1.0, 0.0)
+
+
+def test_the_calls_before_it_and_the_other_one_are_told(recording: Record, golden: Path) -> None:
+    found = compared(recording(("[0.5, 0, 0]", "[0.7, 0, 0]")), golden)
+    assert found.call_before is not None
+    assert found.call_before.at.step == 21
+    assert found.other_call is not None
+    assert found.other_call.value is not None
+    assert found.other_call.value.function == "resetBaseVelocity"
+    assert (found.other_call.value.at.step, found.other_call.value.line) == (21, 13)
+    assert found.other_call.value.arguments == "1, [0.7, 0, 0]"
+
+
+def test_an_altered_number_of_a_state_is_found_and_what_it_looks_like(golden: Path) -> None:
+    theirs = side(golden)
+    at = (pl.col("body") == 1) & (pl.col("step") >= 30)
+    states = theirs.seen.states.with_columns(
+        x_m=pl.when(at).then(pl.col("x_m") + 0.001 * (pl.col("step") - 29)).otherwise("x_m")
+    )
+    mine = replace(theirs, seen=replace(theirs.seen, states=states))
+    found = compare_scripts(mine, theirs)
+    assert found.first is not None
+    assert (found.first.step, found.first.body, found.first.link) == (30, "1_sphere", -1)
+    assert found.first.difference == pytest.approx(1e-3)
+    assert found.looks_like == (
+        "1_sphere is 1 mm elsewhere at step 30, 31 mm elsewhere at the end (step 60)"
+    )
+    assert found.largest_difference_m == pytest.approx(0.031)
+    assert found.call_before is not None
+    assert (found.call_before.function, found.call_before.at.step) == ("setJointMotorControl2", 29)
+    assert compare_scripts(mine, theirs, tolerance_m=0.032).same
+    assert not compare_scripts(mine, theirs, tolerance_m=0.030).same
+
+
+def test_a_joint_and_a_contact_point_are_held_to_the_bit(golden: Path) -> None:
+    theirs = side(golden)
+    joints = theirs.seen.joints[2]
+    torque = joints.torque.copy()
+    torque[40] = np.nextafter(torque[40], np.inf)
+    other = replace(theirs.seen, joints={2: replace(joints, torque=torque)})
+    first = compare_scripts(replace(theirs, seen=other), theirs).first
+    assert first is not None
+    assert (first.step, first.body, first.link, first.column) == (40, "2_arm", 0, "joint_torque")
+    contacts = theirs.seen.contacts
+    assert len(contacts) > 5
+    step = contacts["step"][4]
+    fewer = replace(theirs.seen, contacts=contacts.with_row_index().filter(
+        pl.col("index") != 4).drop("index"))  # fmt: skip
+    first = compare_scripts(replace(theirs, seen=fewer), theirs).first
+    assert first is not None
+    assert (first.step, first.column, first.difference) == (step, "contact_points", -1.0)
+
+
+def test_an_image_that_differs(recording: Record, golden: Path) -> None:
+    found = check_script(recording(("[1, 1, 1], [0", "[1, 1, 2], [0")), golden)
+    assert found.first == Difference(60, None, None, "frame")
+    assert found.frames is not None
+    assert (found.frames.compared, found.frames.differing) == (1, 1)
+
+
+# -- its cause ------------------------------------------------------------------------------------
+
+
+def test_unseeded_random_numbers_are_the_cause(recording: Record) -> None:
+    drawing = (
+        ("import pybullet as p", "import pybullet as p, random"),
+        ("[0, 0, 0.2]", "[0, 0, random.random()]"),
+    )
+    found = compared(recording(*drawing, run=1), recording(*drawing, run=2))
+    assert found.cause is not None
+    assert found.cause.startswith(
+        "the same script, other calls: it draws unseeded random numbers, random.random at sim.py:6"
+    )
+    seeded = [recording(*drawing, run=run, seed=3) for run in range(2)]
+    assert compared(*seeded).same
+
+
+def test_another_file_that_the_same_calls_load(recording: Record, golden: Path) -> None:
+    found = compared(recording(mass=1.1), golden)
+    assert found.first == Difference(0, "2_arm", 0, "dynamics.mass_kg", 1.1, 1.0)
+    assert found.other_call is None
+    assert found.cause is not None
+    assert "a file that they load has changed" in found.cause
+
+
+def test_the_same_calls_and_other_numbers_are_another_engine(golden: Path) -> None:
+    theirs = side(golden)
+    states = theirs.seen.states.with_columns(pl.col("vz_m_s") * (1 + 1e-15))
+    seen = replace(theirs.seen, states=states)
+    found = compare_scripts(replace(theirs, seen=seen), theirs)
+    assert found.cause is not None
+    assert found.cause.startswith("the same calls, other numbers, and the same versions")
+    upgraded = replace(theirs, seen=seen, ended={**theirs.ended, "made_with_pybullet_api": 1})
+    found = compare_scripts(upgraded, theirs)
+    assert found.cause is not None
+    assert "another engine or machine, made with pybullet_api 1, golden 2" in found.cause
+    assert [one.name for one in found.versions] == ["pybullet_api"]
+
+
+def test_another_text_with_the_same_calls_is_the_same_physics(
+    recording: Record, golden: Path, drop: Drop
+) -> None:
+    moved = recording(("import pybullet as p\n", "import pybullet as p\n# a comment\n"))
+    done = drop("check", moved, "--against", golden)
+    assert done.returncode == 0
+    assert "the same from other lines, first 1: setGravity(0, 0, -9.81) at sim.py:5" in (
+        " ".join(done.stdout.split())
+    )
+
+
+def test_where_a_file_lies_makes_no_other_call(golden: Path) -> None:
+    theirs = side(golden)
+    calls = [
+        replace(one, arguments=one.arguments.replace("'arm.urdf'", "'/home/me/arm.urdf'"))
+        for one in theirs.seen.calls
+    ]
+    assert calls != theirs.seen.calls
+    mine = replace(theirs, seen=replace(theirs.seen, calls=calls))
+    elsewhere = [replace(one, arguments=one.arguments.replace("/me/", "/ci/")) for one in calls]
+    other = replace(theirs, seen=replace(theirs.seen, calls=elsewhere))
+    assert compare_scripts(mine, other).other_call is None
+
+
+def test_two_clients_are_compared_each_by_its_steps(tmp_path: Path) -> None:
+    text = scripts.PLAIN["client"].replace("show(pybullet, 0, 1)", "").replace(
+        "from show import show", "")  # fmt: skip
+    paths = []
+    for number, gravity in enumerate(("-9.81 - n", "-9.81 - n", "-9.81 - 2 * n")):
+        tmp_path.joinpath("two.py").write_text(textwrap.dedent(text).replace("-9.81 - n", gravity))
+        paths.append(tmp_path / f"{number}.rrd")
+        record_script(str(tmp_path / "two.py"), out=paths[-1])
+    assert compared(paths[1], paths[0]).same
+    found = compared(paths[2], paths[0])
+    assert found.first == Difference(0, None, None, "engine.gravityAccelerationZ", -11.81, -10.81)
+    assert found.looks_like is not None
+    assert found.looks_like.startswith("3_cube_small is 0.0174 mm elsewhere at step 1, ")
+
+
+def test_an_altered_recording_is_refused_by_its_checksum(golden: Path, tmp_path: Path) -> None:
+    altered = rewritten(golden, tmp_path / "altered.rrd", schema.STATES.entity, _altered)
+    with pytest.raises(RecordingError, match="state fails its checksum"):
+        check_script(altered, golden)
+    with pytest.raises(RecordingError, match="state fails its checksum"):
+        check_script(golden, altered)
+
+
+def _altered(chunk: Chunk) -> list[Chunk]:
+    """Return a chunk of states with its last position moved by a nanometre."""
+    batch = chunk.to_record_batch()
+    index = batch.schema.get_field_index("position_m")
+    values = batch.column(index).to_pylist()
+    values[-1][-1] += 1e-9
+    column = pa.array(values, type=batch.schema.field(index).type)
+    return Chunk.from_record_batch(batch.set_column(index, batch.schema.field(index), column))
+
+
+def rewritten(
+    source: Path, path: Path, entity: str, change: Callable[[Chunk], list[Chunk]]
+) -> Path:
+    """Write a recording again, with other chunks of one entity."""
+    chunks: list[Chunk] = []
+    for chunk in RrdReader(source).stream():
+        chunks += change(chunk) if chunk.entity_path == f"/{entity}" else [chunk]
+    LazyChunkStream.from_iter(chunks).write_rrd(
+        path,
+        application_id=schema.APPLICATION_ID,
+        recording_id=read_script(source).recording_id,
+    )
+    return path
