@@ -152,12 +152,17 @@ class Call:
     """What the script did to the world."""
 
     at: At
+    """When it was made."""
     client: int
+    """Number of the client that it was for."""
     function: str
+    """Its name."""
     arguments: str
     """As the script might have written them; long ones shortened."""
     file: str
+    """Where the call stands."""
     line: int
+    """From 1 on."""
     raised: str = ""
     """What it raised."""
 

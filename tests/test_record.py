@@ -734,17 +734,6 @@ def test_a_block_that_crashes_or_raises_leaves_a_whole_recording(bench: Bench) -
     assert closing(bench.out)["error"] == ["ZeroDivisionError: division by zero"]
 
 
-@pytest.mark.parametrize("command", ["check out.rrd --against out.rrd"])
-def test_what_takes_drops_says_in_a_line_that_it_is_a_script(bench: Bench, command: str) -> None:
-    bench.record(bench.script(scripts.PLAIN["box"]))
-    done = bench.drop(*command.split())
-    assert done.returncode == 1
-    assert done.stderr.splitlines() == [
-        "drop: out.rrd must be the recording of a drop, got that of a script; look at it with: "
-        "drop view out.rrd"
-    ]
-
-
 def test_seeded_it_is_the_same_and_unseeded_it_says_so(bench: Bench) -> None:
     script = bench.script(
         scripts.HEAD

@@ -47,6 +47,18 @@ _BODY = """<robot name="bracket"><link name="bracket">
   </inertial><collision><geometry><box size="0.04 0.04 0.04"/></geometry></collision>
 </link></robot>"""
 
+_SCRIPT = """import pybullet as p
+import pybullet_data
+
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+cube = p.loadURDF("cube_small.urdf", [0, 0, 0.5])
+for _ in range(240):
+    p.stepSimulation()
+"""
+
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _PICTURE = re.compile(r"(?:(?<=\]\()|(?<=srcset=\")|(?<=src=\"))images/[^)\"]+")
 _VARIES = re.compile(r"[\d.,]+ kB, [\d.]+ s$")
@@ -105,6 +117,7 @@ def played(page: Path) -> dict[Path, bytes]:
         shutil.copytree(ROOT / "recordings/golden", folder / "recordings/golden")
         (folder / "models").mkdir()
         (folder / "models/bracket.urdf").write_text(_BODY)
+        (folder / "sim.py").write_text(_SCRIPT)
         try:
             quoted = list(_quoted(blocks(text), folder))
         except PageError as error:

@@ -39,6 +39,7 @@ class OtherCall:
     value: Call | None
     """In the recording that was checked; None where it has no more."""
     golden: Call | None
+    """In the golden one; None where that has no more."""
 
     @property
     def moved(self) -> bool:
