@@ -490,12 +490,30 @@ def view(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN.rrd", help="The recordings to open.")],
     *,
     web: Annotated[bool, typer.Option("--web", help="Open them in a browser.")] = False,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="GOLDEN.rrd",
+            help="Show one recording with this one in grey, at the first difference.",
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Open recordings and their analyses in the Rerun viewer; ends when it is closed."""
+    from contextlib import ExitStack
+
     from pipeline.console.show_view import show_view
+    from pipeline.errors import ScenarioError
     from pipeline.stages import view
 
-    shown = view.view(runs, web=web)
-    show_view(shown, as_json=json)
-    view.show(shown)
+    if against is not None and len(runs) > 1:
+        raise ScenarioError(f"--against takes one recording to compare, got {len(runs)}")
+    with ExitStack() as stack:
+        if against is None:
+            shown = view.view(runs, web=web)
+        else:
+            from pipeline.stages.view_golden import with_golden
+
+            shown = stack.enter_context(with_golden(runs[0], against, web=web))
+        show_view(shown, as_json=json)
+        view.show(shown)

@@ -6,6 +6,8 @@ Okabe and Ito's palette, which colour-blind readers can tell apart.
 SIMULATED = "#0072b2"
 FREE_FALL = "#8a8f98"
 DAMPED_FALL = "#56b4e9"
+GOLDEN = "#c3c8cf"
+"""What a golden recording adds to another."""
 TOTAL = "#222222"
 TOTAL_ON_DARK = "#e6edf3"
 TIMESTEP = "#d55e00"

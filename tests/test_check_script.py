@@ -24,16 +24,20 @@ from conftest import Drop
 from jsonschema import Draft202012Validator
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 from test_references import schema_of, strict
+from viewer import Viewer, has_colour, vulkan_driver
 
-from pipeline import Scenario, simulate
+from pipeline import Scenario, colours, simulate
 from pipeline.analysis.script.cause import Side
 from pipeline.analysis.script.comparison import ScriptComparison, compare_scripts
 from pipeline.analysis.script.difference import Difference
 from pipeline.errors import OutputError, RecordingError
 from pipeline.recording import schema
+from pipeline.recording import viewer as program
+from pipeline.recording.reader import recording_id as read_id
 from pipeline.recording.script_reader import read_script
 from pipeline.stages.check_script import check_script
 from pipeline.stages.record import record_script
+from pipeline.stages.view_golden import with_golden
 
 BOX = """
 import pybullet as p
@@ -417,3 +421,68 @@ def rewritten(
         recording_id=read_script(source).recording_id,
     )
     return path
+
+
+# -- both in the viewer ---------------------------------------------------------------------------
+
+
+def test_bodies_and_heights_of_the_golden_one_are_added_in_grey(
+    recording: Record, golden: Path
+) -> None:
+    changed = recording(("[0, 0, 0.2]", "[0, 0, 0.25]"))
+    with with_golden(changed, golden, web=True) as shown:
+        (layer,) = [Path(one) for one in shown.viewer.command if one.endswith("golden.rrd")]
+        assert (shown.same, shown.first_difference) == (False, 0)
+        added = {one.entity_path: one.to_record_batch() for one in RrdReader(layer).stream()
+                 if "Transform3D:scale" not in one.to_record_batch().schema.names}  # fmt: skip
+        drawn = {one.entity_path: one.to_record_batch() for one in RrdReader(layer).stream()
+                 if "Transform3D:scale" in one.to_record_batch().schema.names}  # fmt: skip
+        assert read_id(layer) == read_id(changed)
+    assert not layer.exists()
+    tops = {"/".join(one.split("/")[:4]) for one in {**added, **drawn}}
+    assert tops == {"/world/golden/1_sphere", "/world/golden/2_arm", "/height/golden/1_sphere"}
+    colours_seen = drawn["/world/golden/1_sphere/base/0"].column("Ellipsoids3D:colors").to_pylist()
+    assert colours_seen == [[0xC3C8CF60]]
+    positions = added["/world/golden/1_sphere/base"].column("Transform3D:translation")
+    of_golden = [
+        chunk.to_record_batch().column("Transform3D:translation")
+        for chunk in RrdReader(golden).stream()
+        if chunk.entity_path == "/world/1_sphere/base"
+    ]
+    assert [positions] == of_golden
+
+
+def test_a_drop_and_its_golden_one_are_seen_together(tmp_path: Path) -> None:
+    simulate(Scenario(duration_s=0.1), tmp_path / "run.rrd", camera=None)
+    undamped = tmp_path / "undamped.rrd"
+    simulate(Scenario(duration_s=0.1, linear_damping=0.0), undamped, camera=None)
+    with with_golden(undamped, tmp_path / "run.rrd", web=True) as shown:
+        added = {one.entity_path for one in RrdReader(Path(shown.viewer.command[2])).stream()}
+        assert (shown.same, shown.first_difference) == (False, 2)
+    assert added == {"/world/golden", "/height/golden"}
+
+
+@pytest.mark.skipif(vulkan_driver() is None, reason="no software Vulkan")
+def test_both_open_as_one_recording_at_the_first_difference(
+    recording: Record, golden: Path
+) -> None:
+    changed = recording(("[0.5, 0, 0]", "[0.7, 0, 0]"))
+    with with_golden(changed, golden, web=True) as shown:
+        layer = next(Path(one) for one in shown.viewer.command if one.endswith("golden.rrd"))
+        with Viewer(changed, layer) as viewer:
+            port = int(viewer.url.split(":")[2].split("/")[0])
+            assert shown.first_difference == 21
+            program.put_cursor(program.Viewer([], port, None), 0.3, viewer.process, step=21)
+            state = viewer.client.get_state()
+            (one,) = state.recordings
+            assert (one.current_timeline, one.current_time) == ("sim_step", 21)
+            assert "Heights of free bodies [m]" in [view.name for view in state.views]
+            assert viewer.warnings() == []
+            heights = next(v for v in state.views if v.name == "Heights of free bodies [m]")
+            viewer.settled()
+            assert has_colour(viewer.picture(heights.view_id), colours.GOLDEN)
+
+
+def test_several_recordings_have_no_golden_one(golden: Path, drop: Drop) -> None:
+    done = drop("view", golden, golden, "--against", golden)
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)

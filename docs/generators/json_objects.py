@@ -236,9 +236,13 @@ RECORD = Object(
                "bytes", "wall_s"}),
 )  # fmt: skip
 VIEW = Object(
-    {"recordings": list[Path], "layers": list[Path], "command": list[str], "url": str,
+    {"recordings": list[Path], "layers": list[Path], "golden": Path | None,
+     "same": bool | None, "first_difference": int | None, "command": list[str], "url": str,
      "page": str | None},
     {"recordings": "What is shown.", "layers": "Their analyses, which are shown with them.",
+     "golden": "What is shown with it, with `--against`.",
+     "same": "Whether the two are the same physics; null without `--against`.",
+     "first_difference": "The first step of which anything differs; null where nothing does.",
      "command": "What starts the viewer.", "url": "Where the viewer takes data.",
      "page": "What to open in a browser, with `--web`."},
 )  # fmt: skip

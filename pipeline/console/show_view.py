@@ -19,6 +19,9 @@ def show_view(view: View, *, as_json: bool) -> None:
             {
                 "recordings": list(map(str, view.recordings)),
                 "layers": list(map(str, view.layers)),
+                "golden": None if view.golden is None else str(view.golden),
+                "same": view.same,
+                "first_difference": view.first_difference,
                 "command": view.viewer.command,
                 "url": view.viewer.url,
                 "page": view.viewer.page,
@@ -26,6 +29,11 @@ def show_view(view: View, *, as_json: bool) -> None:
         )
         return
     lines = titled("showing", " ".join(map(str, [*view.recordings, *view.layers])), column=19)
+    if view.golden is not None:
+        step = view.first_difference
+        where = "in its settings" if step is None else f"from step {step} on"
+        found = "the same physics" if view.same else f"differs {where}"
+        lines += titled("golden, in grey", f"{view.golden}: {found}", column=19)
     if view.viewer.page is not None:
         lines += titled("open in a browser", f"{view.viewer.page}   (Ctrl-C ends it)", column=19)
     print_lines(*lines)

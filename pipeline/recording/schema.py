@@ -124,6 +124,10 @@ ENERGIES = "energies"
 """Curves of a script's recording, thinned; the numbers are those of `state/BODY/joints`,
 `contacts`, and of `state` with `dynamics` and `engine`."""
 
+GOLDEN = "golden"
+"""Below `world` and `height`, beside a recording's own: those of the golden one that it is shown
+with; never in a recording itself."""
+
 HEIGHT = "height"
 HEIGHT_SIMULATED = "height/simulated"
 HEIGHT_FREE_FALL = "height/free_fall"

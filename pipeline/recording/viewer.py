@@ -158,8 +158,24 @@ def wait(process: subprocess.Popen[bytes]) -> None:
         )
 
 
-def put_cursor(found: Viewer, time_s: float, process: subprocess.Popen[bytes]) -> None:
-    """Rest a viewer's time cursor somewhere once it has loaded; no layout can say where."""
+def put_cursor(
+    found: Viewer,
+    time_s: float,
+    process: subprocess.Popen[bytes],
+    *,
+    step: int | None = None,
+) -> None:
+    """Rest a viewer's time cursor somewhere once it has loaded; no layout can say where.
+
+    Parameters
+    ----------
+    found, process
+        The viewer.
+    time_s
+        Where [s].
+    step
+        At this step instead.
+    """
     from rerun.experimental import ViewerClient
 
     deadline = time.monotonic() + STARTS_WITHIN_S
@@ -170,7 +186,10 @@ def put_cursor(found: Viewer, time_s: float, process: subprocess.Popen[bytes]) -
             client = ViewerClient.connect(found.url)
             state = client.get_state()
             if state.active_recording and not state.loading:
-                client.set_time(schema.TIME_TIMELINE, duration=time_s, play_state="paused")
+                if step is None:
+                    client.set_time(schema.TIME_TIMELINE, duration=time_s, play_state="paused")
+                else:
+                    client.set_time(schema.STEP_TIMELINE, sequence=step, play_state="paused")
                 return
 
 

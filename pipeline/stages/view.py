@@ -22,9 +22,15 @@ class View:
     stale: list[Path]
     """Layers of what had the recording's name before; they are not shown."""
     viewer: Viewer
+    golden: Path | None = None
+    """The golden recording that is shown with it, in grey."""
+    same: bool | None = None
+    """Whether the two are the same physics; None without a golden recording."""
+    first_difference: int | None = None
+    """The first step of which a number or a picture differs; None where none does."""
 
 
-def view(recordings: Sequence[Path | str], *, web: bool = False) -> View:
+def view(recordings: Sequence[Path | str], *, web: bool = False, more: Sequence[Path] = ()) -> View:
     """Find the layers of recordings, and the viewer to show them in.
 
     Parameters
@@ -33,6 +39,8 @@ def view(recordings: Sequence[Path | str], *, web: bool = False) -> View:
         The recordings to show.
     web
         Whether to show them in a browser.
+    more
+        Other layers to show.
 
     Raises
     ------
@@ -47,7 +55,7 @@ def view(recordings: Sequence[Path | str], *, web: bool = False) -> View:
     found = {layer: path for layer, path in found.items() if layer not in paths}
     layers = [layer for layer, path in found.items() if recording_id(layer) == ids[path]]
     stale = [layer for layer in found if layer not in layers]
-    return View(paths, layers, stale, viewer.viewer([*paths, *layers], web=web))
+    return View(paths, layers, stale, viewer.viewer([*paths, *layers, *more], web=web))
 
 
 def show(shown: View) -> None:
@@ -59,9 +67,10 @@ def show(shown: View) -> None:
         If it does not start, or fails.
     """
     process = viewer.start(shown.viewer, stays=False)
+    step = shown.first_difference
     try:
-        if shown.layers and shown.viewer.page is None:
-            viewer.put_cursor(shown.viewer, DEFAULT_AT_S, process)
+        if (shown.layers or step is not None) and shown.viewer.page is None:
+            viewer.put_cursor(shown.viewer, DEFAULT_AT_S, process, step=step)
         viewer.wait(process)
     finally:
         if process.poll() is None:

@@ -1,0 +1,54 @@
+"""Show a recording with a golden one: both as one, from where on they differ."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from pipeline.recording.contents import is_script
+from pipeline.recording.golden_layer import write_golden_layer
+from pipeline.recording.reader import recording_id
+from pipeline.recording.script_reader import read_script
+from pipeline.stages.check import check
+from pipeline.stages.check_script import check_script
+from pipeline.stages.view import View, view
+
+
+@contextmanager
+def with_golden(recording: Path | str, against: Path | str, *, web: bool = False) -> Iterator[View]:
+    """Yield what shows a recording and, in grey, a golden one; it is there until the block ends.
+
+    Parameters
+    ----------
+    recording
+        The recording to show.
+    against
+        The golden recording, of the same kind.
+    web
+        Whether to show them in a browser.
+
+    Raises
+    ------
+    RecordingError
+        If one is missing, damaged, unfinished, or of another kind than the other.
+    ViewerError
+        If there is no screen.
+    """
+    path, golden = Path(recording), Path(against)
+    of_script = is_script(path)
+    found = check_script(path, golden) if of_script else check(path, golden)
+    step = None if found.first is None else found.first.step
+    with tempfile.TemporaryDirectory(prefix="drop-") as folder:
+        layer = Path(folder, "golden.rrd")
+        shown = view([path], web=web, more=[layer])
+        labels = _moving(golden) if of_script else None
+        write_golden_layer(layer, golden, recording_id=recording_id(path), labels=labels)
+        yield replace(shown, golden=golden, same=found.same, first_difference=step)
+
+
+def _moving(golden: Path) -> Collection[str]:
+    """Return the labels of the bodies that time can move: others would hide their like."""
+    return [body.label for body in read_script(golden).seen.bodies.values() if body.moving]
