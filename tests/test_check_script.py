@@ -384,6 +384,13 @@ def test_two_clients_are_compared_each_by_its_steps(tmp_path: Path) -> None:
         paths.append(tmp_path / f"{number}.rrd")
         record_script(str(tmp_path / "two.py"), out=paths[-1])
     assert compared(paths[1], paths[0]).same
+    theirs = side(paths[0])
+    second_first = theirs.seen.contacts.sort(
+        "step", "body_a", descending=[False, True], maintain_order=True
+    )
+    assert not second_first.equals(theirs.seen.contacts)
+    swapped = replace(theirs, seen=replace(theirs.seen, contacts=second_first))
+    assert compare_scripts(swapped, theirs).same
     found = compared(paths[2], paths[0])
     assert found.first == Difference(0, None, None, "engine.gravityAccelerationZ", -11.81, -10.81)
     assert found.looks_like is not None
