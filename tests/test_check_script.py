@@ -286,6 +286,47 @@ def test_an_altered_number_of_a_state_is_found_and_what_it_looks_like(golden: Pa
     assert not compare_scripts(mine, theirs, tolerance_m=0.030).same
 
 
+def test_what_only_turns_is_in_the_same_place(golden: Path) -> None:
+    theirs = side(golden)
+    at = (pl.col("body") == 1) & (pl.col("step") == 30)
+    states = theirs.seen.states.with_columns(
+        wy_rad_s=pl.when(at).then(pl.col("wy_rad_s") + 1).otherwise("wy_rad_s")
+    )
+    mine = replace(theirs, seen=replace(theirs.seen, states=states))
+    found = compare_scripts(mine, theirs)
+    assert found.first is not None
+    assert found.first.column == "wy_rad_s"
+    assert found.looks_like == (
+        "1_sphere moves in another way from step 30 on, in the same place at the end (step 60)"
+    )
+
+
+def test_as_far_as_both_go_they_are_the_same(recording: Record, golden: Path, drop: Drop) -> None:
+    pushed = (
+        "    p.stepSimulation()",
+        "    p.applyExternalForce(ball, -1, [0, 0, 1], [0, 0, 0], p.LINK_FRAME)\n"
+        "    p.stepSimulation()",
+    )
+    assert compared(recording(pushed, steps=50), recording(pushed)).differences == []
+    removing = (
+        ("if step == 20:", "if step == 59: p.removeBody(1), p.removeBody(2)\n    if step == 20:"),
+        ("range(60)", "range(70)"), ("    p.setJoint", "    step > 59 or p.setJoint"),
+    )  # fmt: skip
+    not_removing = (("range(60)", "range(70)"), removing[2])
+    found = compared(recording(*removing), recording(*not_removing))
+    assert found.cause == "another script: its text and its calls differ"
+    assert {one.column for one in found.differences} == {"bodies.rows"}
+    found = compared(recording(steps=50), golden)
+    assert found.first == Difference(51, "1_sphere", -1, "there", 0.0, 1.0)
+    assert found.cause == (
+        "the same calls as far as both go: it ended after step 50 (steps), golden after step 60 "
+        "(finished)"
+    )
+    done = drop("check", recording(steps=50), "--against", golden)
+    assert "positions   identical, as far as both go\n" in done.stdout
+    assert done.returncode == 3
+
+
 def test_a_joint_and_a_contact_point_are_held_to_the_bit(golden: Path) -> None:
     theirs = side(golden)
     joints = theirs.seen.joints[2]

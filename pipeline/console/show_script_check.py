@@ -91,7 +91,8 @@ def _titled(title: str, words: str) -> list[str]:
 
 def _positions(check: ScriptCheck, compared: ScriptComparison) -> str:
     if not compared.largest_difference_m:
-        return "identical"
+        ends = check.first is not None and check.first.column == "there"
+        return "identical, as far as both go" if ends else "identical"
     allowed = f"{check.tolerance_m:g} m" if check.tolerance_m else "nothing"
     return f"up to {compared.largest_difference_m:.3g} m apart; allowed: {allowed}"
 

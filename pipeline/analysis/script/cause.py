@@ -114,16 +114,19 @@ def cause(
     made
         What made them, where it differs.
     """
-    if call is not None:
-        return _of_calls(run, golden)
     lead = "another text of the script, but " if _other_text(run, golden) else ""
     ends = [side.ended.get("ended") for side in (run, golden)]
-    if first.column == "there" and not told and len({*map(_last_step, (run, golden))}) > 1:
+    last = [_last_step(side) for side in (run, golden)]
+    ended = first.column == "there" and not told and last[0] != last[1]
+    # Calls that one lacks because it has ended are none that it has not made.
+    if ended and (call is None or (call.value, call.golden)[last.index(min(last))] is None):
         mine, theirs = (
             f"after step {_last_step(side)} ({end})"
             for side, end in zip((run, golden), ends, strict=True)
         )
         return f"{lead}the same calls as far as both go: it ended {mine}, golden {theirs}"
+    if call is not None:
+        return _of_calls(run, golden)
     changed = ", ".join(f"{one.name} {one.value}, golden {one.golden}" for one in made)
     because = f"made with {changed}" if made else ""
     if any(one.column.startswith(("bodies.", "dynamics.")) for one in told):
@@ -165,9 +168,8 @@ def _other_text(run: Side, golden: Side) -> bool:
     return len(digests) > 1 and None not in digests
 
 
-def _last_step(side: Side) -> int | None:
-    last: int | None = side.seen.states["step"].max()  # type: ignore[assignment]
-    return last
+def _last_step(side: Side) -> int:
+    return max(side.seen.states["step"], default=-1)
 
 
 def _shown(value: object) -> str:

@@ -38,7 +38,8 @@ def looks_like(of: Faced, state: Difference | None) -> str:
     else:
         said = f"{name} moves in another way from step {state.step} on"
     if last_m is not None and last_step > state.step:
-        said += f", {_mm(last_m)} elsewhere at the end (step {last_step})"
+        there = f"{_mm(last_m)} elsewhere" if last_m else "in the same place"
+        said += f", {there} at the end (step {last_step})"
     number, link, step, most_m = rows.select("body", "link", "step", "distance_m").row(
         int(np.argmax(rows["distance_m"].fill_null(-1.0)))
     )

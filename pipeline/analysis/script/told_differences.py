@@ -12,6 +12,7 @@ from itertools import zip_longest
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from pipeline.analysis.script.difference import PUT, TOLD, Difference, Found, Value, When
 from pipeline.seen import At, Body, Put, Seen
@@ -32,8 +33,19 @@ def told_differences(run: Seen, golden: Seen) -> Iterator[Found]:
         yield When(at.step, TOLD, at.call), Difference(at.step, label, None, "there", *there)
     both = labels_of(run) & labels_of(golden)
     mine, theirs = (_told(seen, both) for seen in (run, golden))
+    ends = [_ends(seen) for seen in (run, golden)]
     for key in {**mine, **theirs}:
-        yield from _first(key, mine.get(key, []), theirs.get(key, []))
+        last = [one.get(key[2], 0) for one in ends]
+        yield from _first(key, mine.get(key, []), theirs.get(key, []), last)
+
+
+def _ends(seen: Seen) -> dict[int, int]:
+    """Return the last step of each client of which there is a sample."""
+    last: dict[int, int] = {}
+    for number, step in seen.states.group_by("body").agg(pl.col("step").max()).iter_rows():
+        client = seen.bodies[number].client
+        last[client] = max(last.get(client, 0), step)
+    return last
 
 
 def labels_of(seen: Seen) -> set[str]:
@@ -54,9 +66,15 @@ def _order(at: At) -> tuple[int, int]:
 
 
 def _first(
-    key: tuple[str, str | None, int], mine: Sequence[Row], theirs: Sequence[Row]
+    key: tuple[str, str | None, int],
+    mine: Sequence[Row],
+    theirs: Sequence[Row],
+    last: Sequence[int],
 ) -> Iterator[Found]:
-    """Yield all columns of the first row that differs."""
+    """Yield all columns of the first row that differs.
+
+    What one lacks because it has ended before, each at its `last` step, is no difference in itself.
+    """
     entity, label, _ = key
     phase = PUT if entity == "set" else TOLD
     for one, other in zip_longest(mine, theirs):
@@ -64,6 +82,9 @@ def _first(
             # What comes first is what the other one lacks, whichever it is.
             first = min((row for row in (one, other) if row is not None), key=lambda r: r[0].step)
             step = first[0].step
+            lacks = last.index(min(last))
+            if (one, other)[lacks] is None and last[lacks] < max(last) and step >= last[lacks]:
+                return
             counts = [sum(at.step <= step for at, _ in rows) for rows in (mine, theirs)]
             lacking = Difference(step, label, None, f"{entity}.rows", *counts)
             yield When(step, phase, first[0].call), lacking
