@@ -534,3 +534,23 @@ def test_both_open_as_one_recording_at_the_first_difference(
 def test_several_recordings_have_no_golden_one(golden: Path, drop: Drop) -> None:
     done = drop("view", golden, golden, "--against", golden)
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+
+
+def test_an_image_that_was_altered_is_damage(golden: Path, tmp_path: Path) -> None:
+    """Its digest is asked for, where both recordings claim the same one too."""
+
+    def change(chunk: Chunk) -> list[Chunk]:
+        batch = chunk.to_record_batch()
+        index = batch.schema.get_field_index("EncodedImage:blob")
+        if index < 0:
+            return [chunk]
+        pngs = [[bytes(png) for png in row] for row in batch.column(index).to_pylist()]
+        pngs[0][0] = pngs[0][0][:-20] + bytes([pngs[0][0][-20] ^ 1]) + pngs[0][0][-19:]
+        values = [[list(png) for png in row] for row in pngs]
+        field = batch.schema.field(index)
+        column = pa.array(values, type=field.type)
+        return [Chunk.from_record_batch(batch.set_column(index, field, column))]
+
+    altered = rewritten(golden, tmp_path / "altered.rrd", "camera/0/image", change)
+    with pytest.raises(RecordingError, match="its frames fail their checksum"):
+        check_script(altered, golden)

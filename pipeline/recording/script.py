@@ -78,7 +78,8 @@ class Script:
         self._gravity: dict[int, NDArray[np.float64]] = {}
         self._states, self._contacts = RowsDigest(), RowsDigest()
         self._joints: dict[str, RowsDigest] = {}
-        self._pictures, self._told_rows = FrameDigest(), ToldDigest()
+        self._pictures: dict[int, FrameDigest] = {}
+        self._told_rows = ToldDigest()
         self._rows = Gathering(writer.table_chunk, most=ROWS_TOGETHER)
         self._poses = Gathering(pictures.poses, most=POSES_TOGETHER)
         self._curves = Gathering(pictures.curves, most=POSES_TOGETHER)
@@ -117,7 +118,7 @@ class Script:
             "notes": [one[:LONGEST] for one in ending.notes[:MOST_NOTES]] or None,
             "state_sha256": self._states.hexdigest(),
             "contacts_sha256": self._contacts.hexdigest(),
-            "frames_sha256": self._pictures.hexdigest(),
+            "frames_sha256": [one.hexdigest() for _, one in sorted(self._pictures.items())] or None,
             "joints_sha256": [self._joints[one].hexdigest() for one in sorted(self._joints)]
             or None,
             "told_sha256": self._told_rows.hexdigest(),
@@ -352,7 +353,7 @@ class Script:
     def _on_image(self, image: Image) -> Iterator[Chunk]:
         number = self.cameras.setdefault(image.camera, len(self.cameras))
         png = pictures.png(image.rgba)
-        self._pictures.update(image.at.step, png)
+        self._pictures.setdefault(number, FrameDigest()).update(image.at.step, png)
         self.frames += 1
         lens = (image.view, image.projection, image.rgba.shape)
         if self._lenses.get(number) != lens:

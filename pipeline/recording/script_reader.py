@@ -114,22 +114,6 @@ def read_script(path: Path) -> ScriptRecording:
     return ScriptRecording(path, recording_id, origin, closing, seen)
 
 
-def images(path: Path) -> dict[str, list[tuple[int, bytes]]]:
-    """Return the images of each camera in step order: step and PNG; they are not verified.
-
-    Raises
-    ------
-    RecordingError
-        If the recording is missing or damaged.
-    """
-    found: dict[str, list[tuple[int, bytes]]] = {}
-    for chunk in chunks_of(path):
-        if chunk.entity.startswith(_CAMERA) and chunk.entity.endswith(_IMAGE):
-            found.setdefault(chunk.entity, []).extend(columns.images(chunk, path))
-    return {camera: sorted(taken, key=lambda one: one[0]) for camera, taken in found.items()}
-
-
-_CAMERA, _IMAGE = "camera/", "/image"
 _STATE, _JOINTS = f"{schema.STATES.entity}/", f"/{schema.JOINTS}"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import re
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 
@@ -12,7 +13,9 @@ from numpy.typing import NDArray
 
 from pipeline.recording import columns, schema
 from pipeline.recording.checks import damaged
-from pipeline.recording.contents import chunks_of
+from pipeline.recording.columns import Properties
+from pipeline.recording.contents import chunks_of, closing_of, gather
+from pipeline.recording.digest import FrameDigest
 from pipeline.recording.rrd import Chunk
 from pipeline.recording.script import part_path
 from pipeline.seen import Model, Pose, Seen
@@ -74,7 +77,7 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
     return [part for part in parts.values() if part.models and part.times_s]
 
 
-def frames_of_cameras(path: Path) -> dict[str, list[tuple[int, float, bytes]]]:
+def frames_of_cameras(path: Path) -> dict[int, list[tuple[int, float, bytes]]]:
     """Return what the script's cameras saw, by camera: step, time [s] and PNG, in order.
 
     Raises
@@ -82,13 +85,30 @@ def frames_of_cameras(path: Path) -> dict[str, list[tuple[int, float, bytes]]]:
     RecordingError
         If the recording is damaged.
     """
-    found: dict[str, list[tuple[int, float, bytes]]] = {}
+    found: dict[int, list[tuple[int, float, bytes]]] = {}
+    properties: dict[str, Properties] = {}
     for chunk in chunks_of(path):
-        if chunk.entity.startswith("camera/") and chunk.entity.endswith("/image"):
-            camera = chunk.entity.split("/")[1]
+        camera = _CAMERA.fullmatch(chunk.entity)
+        if camera is not None:
             seen = zip(columns.images(chunk, path), _times_s(chunk), strict=False)
-            found.setdefault(camera, []).extend((step, at, png) for (step, png), at in seen)
-    return {camera: sorted(taken, key=lambda one: one[:2]) for camera, taken in found.items()}
+            taken = [(step, time_s, png) for (step, png), time_s in seen]
+            found.setdefault(int(camera[1]), []).extend(taken)
+        elif chunk.entity.startswith("__properties/"):
+            gather(properties, chunk, path)
+    closing = closing_of(properties, path)
+    digests = []
+    for _, taken in sorted(found.items()):
+        digest = FrameDigest()
+        for step, _, png in taken:
+            digest.update(step, png)
+        digests.append(digest.hexdigest())
+    told = digests[0] if len(digests) == 1 else digests or None
+    if closing is not None and closing.get("frames_sha256") != told:
+        raise damaged(path, "its frames fail their checksum")
+    return {camera: sorted(taken, key=lambda one: one[0]) for camera, taken in found.items()}
+
+
+_CAMERA = re.compile(r"camera/(\d{1,9})/image")
 
 
 def _add_poses(part: Part, chunk: Chunk, path: Path) -> None:

@@ -18,7 +18,8 @@ from pipeline.files.outputs import check_apart, check_target
 from pipeline.files.whole import replaced
 from pipeline.recording.contents import is_script
 from pipeline.recording.reader import is_recording
-from pipeline.recording.script_reader import ScriptRecording, images, read_script
+from pipeline.recording.script_reader import ScriptRecording, read_script
+from pipeline.recording.script_scene import frames_of_cameras
 from pipeline.stages.check import Frames, check_tolerance, pixels, there_is_none
 
 __all__ = ["ScriptCheck", "check_script", "is_script"]
@@ -143,14 +144,16 @@ def _checked(run: ScriptRecording, golden: ScriptRecording, tolerance_m: float) 
 
 def _compare_images(run: ScriptRecording, golden: ScriptRecording, *, until: int | None) -> Frames:
     """Compare the images that the cameras took until a sample differs."""
-    digests = [(one.ended or {}).get("frames_sha256") for one in (run, golden)]
-    taken = int((run.ended or {}).get("frames") or 0)
-    if not taken and digests[0] == digests[1]:
-        return Frames(0, 0, None, "neither has images")
-    if digests[0] == digests[1]:
-        return Frames(taken, 0, None, None)
     compared, differing, apart = 0, [], 0
-    mine, theirs = (images(one.path) for one in (run, golden))
+    mine, theirs = (
+        {
+            camera: [(step, png) for step, _, png in taken]
+            for camera, taken in frames_of_cameras(one.path).items()
+        }
+        for one in (run, golden)
+    )
+    if not mine and not theirs:
+        return Frames(0, 0, None, "neither has images")
     for camera in sorted({*mine, *theirs}):
         for one, other in zip_longest(mine.get(camera, []), theirs.get(camera, [])):
             step = min(taken[0] for taken in (one, other) if taken is not None)
