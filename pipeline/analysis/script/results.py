@@ -132,7 +132,7 @@ class ScriptFinding:
     body: str | None
     """Of which it speaks."""
     step: int | None
-    """When it was seen first."""
+    """When it was seen first, or where it was worst; its message says which."""
     site: str | None
     """File and line of the call that caused it."""
 
