@@ -185,10 +185,13 @@ def _gain(
 ) -> ScriptFinding:
     others = ", ".join(sorted({one.body for one in contact.by}))
     restitutions = [_restitution(e, body), *(_restitution(e, one.id) for one in contact.by)]
-    # Out of a given depth a smaller timestep pushes faster: it is no help.
+    told = e.seen.by_body[body]
+    began = {one.at.step + 1 for one in (*told.came, *told.puts)}
+    placed = "place it outside, or " if contact.first_step in began else ""
+    # A smaller timestep is no help: out of the same depth it pushes faster.
     cause = (
         "the engine pushes what is inside something out of it again, and that leaves it faster; "
-        "place it outside, or call p.setPhysicsEngineParameter(contactERP=0)"
+        f"{placed}call p.setPhysicsEngineParameter(contactERP=0)"
     )
     if restitutions[0] * max(restitutions[1:]) > 1:
         cause = "their restitutions multiply to more than 1; give one of them a smaller one"
