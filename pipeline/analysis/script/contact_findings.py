@@ -186,7 +186,7 @@ def _gain(
     others = ", ".join(sorted({one.body for one in contact.by}))
     restitutions = [_restitution(e, body), *(_restitution(e, one.id) for one in contact.by)]
     told = e.seen.by_body[body]
-    began = {one.at.step + 1 for one in (*told.came, *told.puts)}
+    began = {at.step + 1 for at in [one.at for one in told.came] + [one.at for one in told.puts]}
     placed = "place it outside, or " if contact.first_step in began else ""
     # A smaller timestep is no help: out of the same depth it pushes faster.
     cause = (
