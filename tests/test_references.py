@@ -107,10 +107,10 @@ def test_what_record_prints_is_what_the_schema_says(tmp_path: Path) -> None:
 def test_what_analyze_prints_of_a_script_is_what_the_schema_says(
     printed: Any, tmp_path: Path
 ) -> None:
-    """Contacts, flights, an altered step, joints, a body of which nothing is known."""
+    """Of flights, contacts and findings, joints, and a sample that is unexplained."""
     scenes.record(SCENE, tmp_path / "script.rrd")
     validator = Draft202012Validator(strict(schema_of("analyze_script")))
-    for command in ("analyze script.rrd", "analyze script.rrd --body 1 --at 0.1 --at 0.2"):
+    for command in ("analyze script.rrd", "analyze script.rrd --body 1 --at 0.05 --at 0.1"):
         analysis = printed(command)
         validator.validate(analysis)
     (body,) = analysis["bodies"]
