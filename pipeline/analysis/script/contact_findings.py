@@ -100,13 +100,16 @@ def _deep(e: Evidence) -> Iterator[ScriptFinding]:
     step = int(contacts.step[row])
     mine, other = _sides(e, row, int(contacts.body_a[row]))
     way_m = _approach_m(e, row)
-    cause = "Bullet takes out only a part of the depth in each step; use a smaller timestep"
+    cause = (
+        "Bullet takes out only a part of the depth in each step; use a smaller timestep with "
+        "p.setTimeStep"
+    )
     if _springs(e, row):
         cause = "their contact gives way like a spring; give p.changeDynamics more contactStiffness"
     elif way_m >= deep_m[row] / 2:
         cause = (
             f"they approach each other by {way_m * 1e3:.4g} mm in a step, and what meets within "
-            "one is found when it is inside; use a smaller timestep"
+            "one is found when it is inside; use a smaller timestep with p.setTimeStep"
         )
     yield e.finding(
         "deep-penetration",
