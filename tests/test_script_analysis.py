@@ -24,6 +24,7 @@ from engine import MODES, ROUNDS_ONCE
 from scenes import analyze, body_of, codes, found
 
 from pipeline.analysis.script.results import BodyAnalysis, ScriptAnalysis
+from pipeline.console.show_script import show_script
 from pipeline.recording.script_reader import ScriptRecording
 from pipeline.seen import Seen
 
@@ -231,6 +232,35 @@ def test_a_body_that_is_loaded_again_has_its_own_damping(analyzed: Analyzed) -> 
     assert "teleported" not in codes(analysis)  # nothing was moved: it is another body
 
 
+SETTINGS = (
+    "useSplitImpulse=1, splitImpulsePenetrationThreshold=0", "enableConeFriction=1",
+    "constraintSolverType=p.CONSTRAINT_SOLVER_LCP_DANTZIG", "contactSlop=0.001",
+    "warmStartingFactor=0", "frictionERP=0.3", "globalCFM=0.01", "contactERP=0.5", "enableSAT=1",
+    "numSolverIterations=3", "restitutionVelocityThreshold=0", "contactBreakingThreshold=0.001",
+)  # fmt: skip
+"""Of the engine: they change what contact gives, and not that it adds up."""
+
+
+@pytest.mark.parametrize("maximal", [False, True], ids=["reduced", "maximal"])
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_contact_adds_up_whatever_the_solver_is_told(
+    analyzed: Analyzed, setting: str, *, maximal: bool
+) -> None:
+    scene = f"""
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+p.setPhysicsEngineParameter({setting})
+s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05, 0.1, 0.2])
+b = p.createMultiBody(1, s, basePosition=[0, 0, 0.3], baseOrientation=[0.1, 0.3, 0.2, 0.9],
+    useMaximalCoordinates={maximal})
+p.resetBaseVelocity(b, [0.4, 0, 0], [3, -2, 5])
+steps(150)
+"""
+    _, analysis = analyzed(scene)
+    assert analysis.explained == {"samples": 151, "of": 151}
+    assert body_of(analysis, 1).segments["contact"] > 20
+
+
 # -- held against steps that are taken again -------------------------------------------------------
 
 
@@ -304,6 +334,16 @@ def test_contact_of_several_substeps_is_unexplained(analyzed: Analyzed) -> None:
     assert body.segments["flight"] == held.first_step - 1 == body.flights[0].last_step
     check_flights(body)
     assert not {"law-mismatch", "teleported"} & {*codes(analysis)}
+
+
+def test_a_push_in_several_substeps_is_called_that(analyzed: Analyzed) -> None:
+    scene = GRAVITY + IN_AIR + "p.setPhysicsEngineParameter(numSubSteps=4)\n" + (
+        "steps(5)\np.applyExternalTorque(b, -1, [1e-3, 0, 0], p.WORLD_FRAME)\nsteps(5)"
+    )  # fmt: skip
+    _, analysis = analyzed(scene.replace("{maximal}", "False"))
+    (held,) = body_of(analysis, 0).unexplained
+    assert (held.samples, held.first_step) == (1, 6)
+    assert held.reason == "a push in a step of several substeps"
 
 
 def test_a_constraint_is_jointed_while_it_holds(analyzed: Analyzed) -> None:
@@ -549,6 +589,31 @@ def test_what_is_printed_fits_a_terminal(article: Path, drop: Drop) -> None:
     assert max(map(len, lines)) <= 80
     assert any(line.split()[:2] == ["total", "+0.0000"] and "-1.8203 mm" in line for line in lines)
     assert "default-damping" in done.stdout
+
+
+def test_long_names_and_many_bodies_fit_too(
+    analyzed: Analyzed, capfd: pytest.CaptureFixture[str]
+) -> None:
+    scene = """
+import pathlib, shutil, tempfile
+folder = pathlib.Path(tempfile.mkdtemp())
+file = folder / ("a_long_name_of_a_file_" * 5 + ".urdf")
+file.write_text(
+    '<robot name="ball"><link name="base"><inertial><mass value="1"/><inertia ixx="1" iyy="1"'
+    ' izz="1" ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry><sphere radius="0.03"/>'
+    '</geometry></collision></link></robot>')
+p.setGravity(0, 0, -9.81)
+for i in range(15):
+    p.loadURDF(str(file), [0, 0, 1000 + 0.05 * i])
+steps(60)
+shutil.rmtree(folder)
+"""
+    _, analysis = analyzed(scene)
+    told = replace(analysis, origin={"script": "scene.py", "ended": "finished"})
+    show_script(told, as_json=False)
+    lines = capfd.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert any("15 bodies" in line for line in lines)
 
 
 def test_one_body_is_told_of_by_name_or_number(article: Path, drop: Drop) -> None:

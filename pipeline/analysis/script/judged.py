@@ -31,6 +31,7 @@ Int8 = NDArray[np.int8]
 REASONS = (
     "",
     "contact in a step of several substeps, of which PyBullet reports the last one's",
+    "a push in a step of several substeps",
     "maxJointVelocity, which limits velocities",
     "falling asleep, or waking up",
     "continuous collision detection (ccdSweptSphereRadius), which stops a body on its way",
@@ -42,7 +43,7 @@ REASONS = (
     "a cause that nothing recorded here tells",
 )
 """Why a sample is unexplained, by number; 0 of one that is not."""
-SUBSTEPS, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, STALE, UNKNOWN = range(1, len(REASONS))
+SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, STALE, UNKNOWN = range(1, len(REASONS))
 
 DISABLE_SLEEPING = 2
 """Of `activationState`."""
@@ -171,6 +172,8 @@ def judged(
         point_energy_j[points] = found.balance.point_energy_j
         falls[part] = found.code == FLIGHT
         reason[part] = SOFT if soft else _reason(track.body, epoch, law)
+    forced = np.hstack((track.force_n, track.torque_n_m)).any(axis=1)
+    reason[forced & (reason == SUBSTEPS)] = PUSHES
     reason[_stale(track, touches) & (reason == UNKNOWN)] = STALE
     open_ = code == UNEXPLAINED
     code[open_ & (track.constrained | _with(touches, springy, track))] = JOINTED

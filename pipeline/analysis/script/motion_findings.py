@@ -45,10 +45,11 @@ def _mismatch(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindin
     if len(rows):
         row = int(rows[0])
         step = int(judged.track.steps[row])
+        others = f", nor at {len(rows) - 1} more of its samples" if len(rows) > 1 else ""
         yield e.finding(
             "law-mismatch",
             f"does not follow the engine's law at step {step}, by {judged.deviation[row]:.2g} (m, "
-            f"m/s or rad/s), nor at {len(rows) - 1} others: nothing that was recorded says why; "
+            f"m/s or rad/s){others}: nothing that was recorded says why; "
             "if the recording was not altered, something acted that drop does not know",
             body=number,
             step=step,
