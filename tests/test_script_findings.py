@@ -148,7 +148,8 @@ CASES = [
         ROBOT + DRIVEN.format(5000) + "steps(30)",
     ),
     Case(
-        "joint-beyond-limits", ROBOT + "p.resetJointState(r, 1, 3)\nsteps(3)", "0_model", 3, None,
+        "joint-beyond-limits",
+        ROBOT + "p.resetJointState(r, 1, 3)\np.resetJointState(r, 2, 0)\nsteps(3)", "0_model", 3, 3,
         ROBOT + "p.resetJointState(r, 1, 2)\nsteps(3)",
     ),
     Case(
