@@ -162,7 +162,7 @@ ANALYSIS = _object(
      "findings", "segments", "flights", "explained"},
     scenario=Scenario, table=None, contact_phases=None,
 )  # fmt: skip
-OF_SCRIPT = _object(
+SCRIPT_ANALYSIS = _object(
     script.ScriptAnalysis, {"recording", "origin", "bodies", "findings", "explained"}, table=None
 )
 RENDERING = _object(Rendering, plot=Path | None, speed=None)
@@ -266,7 +266,7 @@ VIEW = Object(
 COMMANDS: dict[str, Object] = {
     "simulate": _object(Simulation),
     "analyze": ANALYSIS,
-    "analyze_script": OF_SCRIPT,
+    "analyze_script": SCRIPT_ANALYSIS,
     "render": RENDERING,
     "run": Object(
         {"simulate": _object(Simulation), "analyze": ANALYSIS, "render": RENDERING},
