@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import scenes
 from generators.json_objects import COMMANDS
 from jsonschema import Draft202012Validator
 from regenerate import is_current, references
@@ -101,6 +102,36 @@ def test_what_record_prints_is_what_the_schema_says(tmp_path: Path) -> None:
         cwd=tmp_path, capture_output=True, text=True, check=True,
     )  # fmt: skip
     Draft202012Validator(strict(schema_of("record"))).validate(json.loads(done.stdout))
+
+
+def test_what_analyze_prints_of_a_script_is_what_the_schema_says(
+    printed: Any, tmp_path: Path
+) -> None:
+    """Of flights, contacts and findings, joints, and a sample that is unexplained."""
+    scenes.record(SCENE, tmp_path / "script.rrd")
+    validator = Draft202012Validator(strict(schema_of("analyze_script")))
+    for command in ("analyze script.rrd", "analyze script.rrd --body 1 --at 0.05 --at 0.1"):
+        analysis = printed(command)
+        validator.validate(analysis)
+    (body,) = analysis["bodies"]
+    assert len(body["flights"][0]["at"]) == 2
+    assert body["contacts"][0]["by"][0]["body"] == "0_plane"
+    assert analysis["findings"]
+    del analysis["findings"][0]["code"]
+    assert not validator.is_valid(analysis)
+
+
+SCENE = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+p.loadURDF("cube_small.urdf", [0, 0, 0.4])
+p.loadURDF("kuka_iiwa/model.urdf", [1, 0, 0], useFixedBase=True)
+p.setPhysicsEngineParameter(numSubSteps=2)
+b = p.loadURDF("cube_small.urdf", [-1, 0, 0.1])
+steps(30)
+p.setPhysicsEngineParameter(numSubSteps=0)
+steps(60)
+"""
 
 
 def test_what_view_prints_is_what_the_schema_says(

@@ -35,6 +35,7 @@ from pipeline.analysis.drop.results import (
 )
 from pipeline.analysis.general.flights import Flight, VectorTerms
 from pipeline.analysis.general.statistics import Summary
+from pipeline.analysis.script import results as script
 from pipeline.analysis.script.cause import OtherCall
 from pipeline.analysis.script.comparison import ScriptComparison
 from pipeline.analysis.script.difference import Difference
@@ -80,6 +81,19 @@ CONTRACT: dict[type, set[str]] = {
     Simulation: {"recording", "recording_id", "samples", "frames", "bytes", "wall_s"},
     Terms: {"timestep", "damping", "interaction", "rounding"},
     VectorTerms: {"timestep", "damping", "interaction", "rounding"},
+    script.BodyAnalysis: {
+        "name", "label", "id", "segments", "flights", "contacts", "unexplained", "energy",
+    },
+    script.Moment: {"step", "time_s", "error_m", "terms_m"},
+    script.Pusher: {"body", "id", "link", "impulse_n_s", "energy_j"},
+    script.ScriptContact: {
+        "first_step", "last_step", "start_s", "end_s", "impulse_n_s", "energy_j", "by",
+    },
+    script.ScriptFinding: {"code", "message", "body", "step", "site"},
+    script.ScriptFlight: {
+        "first_step", "last_step", "start_s", "end_s", "error_m", "terms_m", "at",
+    },
+    script.Unexplained: {"reason", "samples", "first_step", "deviation"},
 }  # fmt: skip
 """Keys that stay, by what they are made of; `COMMANDS` has those of a whole command."""
 
@@ -148,6 +162,9 @@ ANALYSIS = _object(
      "findings", "segments", "flights", "explained"},
     scenario=Scenario, table=None, contact_phases=None,
 )  # fmt: skip
+SCRIPT_ANALYSIS = _object(
+    script.ScriptAnalysis, {"recording", "origin", "bodies", "findings", "explained"}, table=None
+)
 RENDERING = _object(Rendering, plot=Path | None, speed=None)
 ROW = Object(
     {name: COLUMNS.get(kind, list[float]) | None
@@ -249,6 +266,7 @@ VIEW = Object(
 COMMANDS: dict[str, Object] = {
     "simulate": _object(Simulation),
     "analyze": ANALYSIS,
+    "analyze_script": SCRIPT_ANALYSIS,
     "render": RENDERING,
     "run": Object(
         {"simulate": _object(Simulation), "analyze": ANALYSIS, "render": RENDERING},
@@ -262,17 +280,22 @@ COMMANDS: dict[str, Object] = {
 }  # fmt: skip
 
 
+TITLES = {"analyze_script": "drop analyze, of a script's recording"}
+"""Of objects that are not those of a command alone."""
+
+
 def made() -> dict[str, str]:
     """Return the schemas and the page."""
+    titles = {name: TITLES.get(name, f"drop {name}") for name in COMMANDS}
     schemas = {name: _schema(one) for name, one in COMMANDS.items()}
     files = {
         f"schemas/{name}.json": _text({"$schema": "https://json-schema.org/draft/2020-12/schema",
-                                       "title": f"drop {name} --json", **one})
+                                       "title": f"{titles[name]} --json", **one})
         for name, one in schemas.items()
     }  # fmt: skip
     parts = [_HEAD]
     for name, one in schemas.items():
-        parts.append(f"## drop {name}\n\nSchema: [{name}.json](schemas/{name}.json)\n")
+        parts.append(f"## {titles[name]}\n\nSchema: [{name}.json](schemas/{name}.json)\n")
         if name == "run":
             words = " and ".join(f"`{key}`" for key in one["properties"])
             parts.append(f"The objects of the three commands, under {words}.\n")

@@ -100,18 +100,32 @@ def _deep(e: Evidence) -> Iterator[ScriptFinding]:
     step = int(contacts.step[row])
     mine, other = _sides(e, row, int(contacts.body_a[row]))
     way_m = _approach_m(e, row)
-    cause = "Bullet takes out only a part of the depth in each step"
-    if way_m >= deep_m[row] / 2:
+    cause = (
+        "Bullet takes out only a part of the depth in each step; use a smaller timestep with "
+        "p.setTimeStep"
+    )
+    if _springs(e, row):
+        cause = "their contact gives way like a spring; give p.changeDynamics more contactStiffness"
+    elif way_m >= deep_m[row] / 2:
         cause = (
             f"they approach each other by {way_m * 1e3:.4g} mm in a step, and what meets within "
-            "one is found when it is inside"
+            "one is found when it is inside; use a smaller timestep with p.setTimeStep"
         )
     yield e.finding(
         "deep-penetration",
         f"{mine} and {other} are {decimals(deep_m[row] * 1e3, 2)} mm in each other at step {step}, "
-        f"{share[row]:.0%} of the thinner one: {cause}; "
-        "use a smaller timestep with p.setTimeStep",
+        f"{share[row]:.0%} of the thinner one: {cause}",
         step=step,
+    )
+
+
+def _springs(e: Evidence, row: int) -> bool:
+    """Whether one side of a contact was given a stiffness."""
+    sides = int(e.contacts.body_a[row]), int(e.contacts.body_b[row])
+    return any(
+        (np.nan_to_num(told.reported["contact_stiffness"], nan=-1.0) >= 0).any()
+        for body in sides
+        for told in e.dynamics_of(body)
     )
 
 
@@ -174,9 +188,13 @@ def _gain(
 ) -> ScriptFinding:
     others = ", ".join(sorted({one.body for one in contact.by}))
     restitutions = [_restitution(e, body), *(_restitution(e, one.id) for one in contact.by)]
+    told = e.seen.by_body[body]
+    began = {at.step + 1 for at in [one.at for one in told.came] + [one.at for one in told.puts]}
+    placed = "place it outside, or " if contact.first_step in began else ""
+    # A smaller timestep is no help: out of the same depth it pushes faster.
     cause = (
         "the engine pushes what is inside something out of it again, and that leaves it faster; "
-        "use a smaller timestep, or p.setPhysicsEngineParameter(contactERP=0)"
+        f"{placed}call p.setPhysicsEngineParameter(contactERP=0)"
     )
     if restitutions[0] * max(restitutions[1:]) > 1:
         cause = "their restitutions multiply to more than 1; give one of them a smaller one"

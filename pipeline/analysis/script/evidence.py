@@ -14,12 +14,16 @@ from pipeline.analysis.general.contacts import Contacts
 from pipeline.analysis.script.judged import Judged
 from pipeline.analysis.script.results import BodyAnalysis, ScriptFinding
 from pipeline.analysis.script.times import Times
-from pipeline.seen import At, Body, Dynamics, Seen
+from pipeline.seen import At, Body, Call, Dynamics, Seen
 
 Float64 = NDArray[np.float64]
 
 SLABS = ("box", "plane")
 """Shapes that fill the box around them where they are not turned."""
+MARGIN_M = 1e-3
+"""By how much Bullet's box around a body is wider, on each side."""
+OF_ALL = ("restoreState",)
+"""Calls that change every body."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +63,7 @@ class Evidence:
         found = []
         for body in self.seen.bodies.values():
             stands = body.number not in self.judged and body.number not in self.set_bodies
-            whole = len(body.shapes) == 1 and body.shapes[0].kind in SLABS
-            if stands and whole and len(body.bounds_m) == 6:
+            if stands and _is_slab(body):
                 found.append((body, np.array(body.bounds_m[:3]), np.array(body.bounds_m[3:])))
         return found
 
@@ -90,16 +93,20 @@ class Evidence:
             return f"body {body}"
         return known.label if link < 0 else f"{known.label}, link {known.links[link + 1]}"
 
-    def site(self, functions: Iterable[str], at: At, body: Body | None = None) -> str | None:
+    def site(
+        self, functions: Iterable[str], at: At, body: Body | None = None, argument: str = ""
+    ) -> str | None:
         """Return file and line of the last call of some functions that was made until then.
 
-        With a body, of those that name it first, as all do that change one.
+        With a body, of those that name it, or change all; with an argument, of those that give it.
         """
         names = frozenset(functions)
         for call in reversed(self.seen.calls):
             if (call.at.step, call.at.call) > (at.step, at.call) or call.function not in names:
                 continue
-            if body is None or (call.client == body.client and _names(call.arguments, body)):
+            if argument not in call.arguments:
+                continue
+            if body is None or (call.client == body.client and _is_of(call, body)):
                 return f"{call.file}:{call.line}"
         return None
 
@@ -113,6 +120,16 @@ class Evidence:
         return ScriptFinding(code, f"{said}{f' ({site})' if site else ''}", name, step, site)
 
 
-def _names(arguments: str, body: Body) -> bool:
-    first = re.match(r"\s*(?:\w+=)?(-?\d+)\b", arguments)
-    return first is not None and int(first[1]) == body.engine_id
+def _is_slab(body: Body) -> bool:
+    """Whether a body fills the box around it: it is one shape, and not turned."""
+    if len(body.shapes) != 1 or len(body.bounds_m) != 6 or body.shapes[0].kind not in SLABS:
+        return False
+    (shape,) = body.shapes
+    wider_m = np.subtract(body.bounds_m[3:], body.bounds_m[:3]) - shape.size_m[:3]
+    return shape.kind == "plane" or bool((np.abs(wider_m) <= 2 * MARGIN_M * (1 + 1e-6)).all())
+
+
+def _is_of(call: Call, body: Body) -> bool:
+    named = re.search(r"\b(?:bodyUniqueId|objectUniqueId|bodyIndex)=(-?\d+)\b", call.arguments)
+    named = named or re.match(r"(-?\d+)\b", call.arguments)
+    return call.function in OF_ALL or (named is not None and int(named[1]) == body.engine_id)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -15,6 +16,7 @@ BEYOND = 0.01
 """Share of its range that a joint may be beyond it before it is worth reporting."""
 FOR_LONG = 10
 """Samples, one after the other, that a motor must be at its limit to be worth reporting."""
+RESETS = ("resetJointState", "resetJointStateMultiDof")
 POSITION_CONTROL = 2
 """As PyBullet numbers it. A motor that holds a velocity is often used as friction: its limit is its
 purpose."""
@@ -49,7 +51,20 @@ def _beyond(e: Evidence, body: Body, joint: Joint, column: int) -> Iterator[Scri
             "holds them only as well as it can",
             body=body.number,
             step=int(joints.steps[row]),
+            site=_put_by(
+                e, body, joint, int(joints.steps[np.argmax(over > BEYOND * (high - low))])
+            ),
         )
+
+
+def _put_by(e: Evidence, body: Body, joint: Joint, step: int) -> str | None:
+    """Return file and line of the call that put a joint where it is at a step, or just before."""
+    named = re.compile(rf"{body.engine_id}, {joint.link}\b|.*\bjointIndex={joint.link}\b")
+    for call in reversed(e.seen.calls):
+        reset = call.function in RESETS and call.client == body.client
+        if reset and step - 1 <= call.at.step <= step and named.match(call.arguments):
+            return e.site((call.function,), call.at, body)
+    return None
 
 
 def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFinding]:

@@ -22,7 +22,7 @@ from pipeline.analysis.general.segments import (
 )
 from pipeline.analysis.script.tracks import Epoch, Flags, Track
 from pipeline.laws.base import EXACT_MACHINES, Law
-from pipeline.laws.lookup import law_of
+from pipeline.laws.lookup import RIGID, law_of
 from pipeline.seen import Body
 
 Float64 = NDArray[np.float64]
@@ -31,15 +31,22 @@ Int8 = NDArray[np.int8]
 REASONS = (
     "",
     "contact in a step of several substeps, of which PyBullet reports the last one's",
+    "a push in a step of several substeps",
     "maxJointVelocity, which limits velocities",
     "falling asleep, or waking up",
     "continuous collision detection (ccdSweptSphereRadius), which stops a body on its way",
     "links of a btRigidBody, which PyBullet does not show",
     "soft bodies, whose contact PyBullet does not report",
+    "a mass that is 0 or no number",
+    "contact of a btRigidBody as soon as a call has turned it, or changed its mass: Bullet pushes "
+    "it with the inertia of before",
     "a cause that nothing recorded here tells",
 )
 """Why a sample is unexplained, by number; 0 of one that is not."""
-SUBSTEPS, LIMIT, SLEEP, CCD, LINKS, SOFT, UNKNOWN = range(1, len(REASONS))
+SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, STALE, UNKNOWN = range(1, len(REASONS))
+
+DISABLE_SLEEPING = 2
+"""Of `activationState`."""
 
 
 @dataclass(frozen=True)
@@ -139,10 +146,13 @@ def judged(
             None if jointed else law_of(epoch.settings.values, epoch.dynamics.reported, epoch.given)
         )
         laws.append((epoch, law))
-        if law is None or not law.mass_kg > 0:
-            code[epoch.rows] = np.where(track.led[epoch.rows], JOINTED, code[epoch.rows])
-            continue
         part = epoch.rows
+        if law is None:
+            code[part] = np.where(track.led[part], JOINTED, code[part])
+            continue
+        if not law.mass_kg > 0:
+            reason[part] = MASSLESS
+            continue
         points = (touches.step >= part.start) & (touches.step < part.stop)
         theirs = touches.at(points, touches.step[points] - part.start)
         pushed = track.force_n[part], track.torque_n_m[part]
@@ -162,6 +172,9 @@ def judged(
         point_energy_j[points] = found.balance.point_energy_j
         falls[part] = found.code == FLIGHT
         reason[part] = SOFT if soft else _reason(track.body, epoch, law)
+    forced = np.hstack((track.force_n, track.torque_n_m)).any(axis=1)
+    reason[forced & (reason == SUBSTEPS)] = PUSHES
+    reason[_stale(track, touches) & (reason == UNKNOWN)] = STALE
     open_ = code == UNEXPLAINED
     code[open_ & (track.constrained | _with(touches, springy, track))] = JOINTED
     code[(code != UNEXPLAINED) & track.put & track.led & (code != JOINTED)] = SET
@@ -189,6 +202,17 @@ def _with(touches: Touches, bodies: frozenset[int], track: Track) -> Flags:
     return found
 
 
+def _stale(track: Track, touches: Touches) -> Flags:
+    """Return in which samples a btRigidBody was touched right after it was turned or changed."""
+    changed, last = track.put.copy(), None
+    for epoch in track.epochs:
+        changed[epoch.rows.start] |= epoch.dynamics is not last
+        last = epoch.dynamics
+        if epoch.dynamics.reported["kind"][0] != RIGID:
+            changed[epoch.rows] = False
+    return changed & np.isin(np.arange(len(track)), touches.step)
+
+
 def _reason(body: Body, epoch: Epoch, law: Law) -> int:
     """Return why the samples of an epoch may be unexplained."""
     if law.substeps > 1:
@@ -214,7 +238,8 @@ def _asleep(track: Track, code: Int8, reason: Int8) -> None:
     at_rest = ~np.hstack(after[2:]).any(axis=1)
     may = np.zeros(len(track), dtype=bool)
     for epoch in track.epochs:
-        may[epoch.rows] = track.body.can_sleep or _is_given(epoch.given, "activationState")
+        told = epoch.given.get("activationState", 0)
+        may[epoch.rows] = (track.body.can_sleep or told > 0) and not int(told) & DISABLE_SLEEPING
     open_ = (code == UNEXPLAINED) & may
     code[open_ & same & at_rest] = STILL
     reason[open_ & ~(same & at_rest)] = SLEEP

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.analysis.general.segments import SET, UNEXPLAINED
 from pipeline.analysis.script.evidence import Evidence
@@ -12,6 +13,7 @@ from pipeline.analysis.script.judged import UNKNOWN, Judged
 from pipeline.analysis.script.results import ScriptFinding
 from pipeline.fields import decimals, fraction
 from pipeline.laws.bullet_air import DEFAULT_DAMPING
+from pipeline.seen import Body
 
 DAMPED_M = 1e-3
 """By how much damping must move a body in a flight to be worth reporting."""
@@ -43,10 +45,11 @@ def _mismatch(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindin
     if len(rows):
         row = int(rows[0])
         step = int(judged.track.steps[row])
+        others = f", nor at {len(rows) - 1} more of its samples" if len(rows) > 1 else ""
         yield e.finding(
             "law-mismatch",
             f"does not follow the engine's law at step {step}, by {judged.deviation[row]:.2g} (m, "
-            f"m/s or rad/s), nor at {len(rows) - 1} others: nothing that was recorded says why; "
+            f"m/s or rad/s){others}: nothing that was recorded says why; "
             "if the recording was not altered, something acted that drop does not know",
             body=number,
             step=step,
@@ -56,7 +59,11 @@ def _mismatch(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindin
 def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
     """Yield where a body went through a slab: from one side to the other, with no contact."""
     track = judged.track
-    if track.body.joints:
+    filtered = any(
+        one.function.startswith("setCollisionFilter") and one.client == track.body.client
+        for one in e.seen.calls
+    )
+    if track.body.joints or filtered:
         return
     moved = track.led & ~track.put
     before_m, after_m = track.before.position_m, track.motion.position_m
@@ -67,7 +74,7 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
         down = (before_m[:, axis] > high[axis]) & (after_m[:, axis] < low[axis])
         up = (before_m[:, axis] < low[axis]) & (after_m[:, axis] > high[axis])
         beside = [one for one in range(3) if one != axis]
-        inside = np.ones(len(track), dtype=bool)
+        inside = _there(e, other, track.steps)
         for position_m in (before_m, after_m):
             inside &= ((position_m > low) & (position_m < high))[:, beside].all(axis=1)
         rows = np.flatnonzero(moved & inside & (down | up))
@@ -83,6 +90,15 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
                 body=number,
                 step=int(track.steps[row]),
             )
+
+
+def _there(e: Evidence, body: Body, steps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return in which steps a body was there, from the first to the last of its appearances."""
+    found = np.zeros(len(steps), dtype=bool)
+    for one in e.seen.appearances:
+        if one.body.number == body.number:
+            found[steps > one.at.step] = one.there
+    return found
 
 
 def _clamped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
@@ -101,7 +117,10 @@ def _clamped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding
 def _too_fast(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
     edges_m, track = e.extents_m(number, -1), judged.track
     swept = any("ccdSweptSphereRadius" in epoch.given for epoch in track.epochs)
-    if edges_m is None or track.body.joints or swept:
+    alone = all(
+        one is track.body or one.client != track.body.client for one in e.seen.bodies.values()
+    )
+    if edges_m is None or track.body.joints or swept or alone:
         return
     way_m = np.linalg.norm(track.motion.position_m - track.before.position_m, axis=1)
     rows = np.flatnonzero(track.led & ~track.put & (way_m > edges_m.min()))
@@ -123,6 +142,9 @@ def _teleported(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFind
     track = judged.track
     rows = np.flatnonzero((judged.code == SET) & track.put)
     rows = rows[(rows > 0) & (track.steps[rows - 1] == track.steps[rows] - 1)]
+    # What a script loads again is nothing that it has moved.
+    came = [one.at.step + 1 for one in e.seen.by_body[number].came]
+    rows = rows[~np.isin(track.steps[rows], came)]
     if not len(rows):
         return
     before = track.motion.at(rows - 1)

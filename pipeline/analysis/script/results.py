@@ -19,10 +19,13 @@ class Moment:
     """A sample of a flight, taken apart."""
 
     step: int
+    """Its number."""
     time_s: float
+    """Simulated time."""
     error_m: Vector
     """Simulated minus free fall."""
     terms_m: VectorTerms | None
+    """What that is made of; None as for the flight."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,9 @@ class ScriptFlight:
     last_step: int
     """The last sample that the law of flight led to."""
     start_s: float
+    """Time of the first."""
     end_s: float
+    """Time of the last."""
     error_m: Vector
     """Simulated minus free fall at the last sample, from the state at the first on."""
     terms_m: VectorTerms | None
@@ -49,9 +54,13 @@ class Pusher:
     """What pushed a body in a contact."""
 
     body: str
+    """Its label."""
     id: int
+    """Its number in the recording."""
     link: int
+    """-1 is the base."""
     impulse_n_s: Vector
+    """Of its forces together."""
     energy_j: float
     """What it gave to the body's energy of motion."""
 
@@ -61,9 +70,13 @@ class ScriptContact:
     """An unbroken run of samples that contact led to."""
 
     first_step: int
+    """The first of them."""
     last_step: int
+    """The last of them."""
     start_s: float
+    """Time of the first."""
     end_s: float
+    """Time of the last."""
     impulse_n_s: Vector
     """Of all contact forces on the body together."""
     largest_force_n: float
@@ -75,6 +88,7 @@ class ScriptContact:
     most_given_step: int | None
     """In which that was."""
     by: list[Pusher]
+    """What pushed it, link by link."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +96,11 @@ class Unexplained:
     """Samples that neither the law nor contact leads to, of one reason."""
 
     reason: str
+    """What is known of why."""
     samples: int
+    """How many there are."""
     first_step: int
+    """The first of them."""
     deviation: float
     """How far the first of them is off, in the worst of its numbers [m, m/s, rad/s, 1]."""
 
@@ -93,9 +110,13 @@ class BodyEnergy:
     """Energy of motion and in gravity, of all links together; z = 0 is where the latter is 0."""
 
     first_j: float
+    """At its first sample."""
     last_j: float
+    """At its last sample."""
     largest_j: float
+    """The most that it had."""
     largest_step: int
+    """In which sample."""
     contact_j: float | None
     """What all contacts gave to its energy of motion, or took; None of a body with joints."""
 
@@ -105,6 +126,7 @@ class BodyAnalysis:
     """What one body did."""
 
     name: str
+    """The file that it was loaded from, or what it is called."""
     label: str
     """Number and name: what findings and the recording's entities call it."""
     id: int
@@ -114,10 +136,13 @@ class BodyAnalysis:
     mass_kg: float
     """Of all of them; as it was last."""
     segments: dict[str, int]
-    """How many samples are what."""
+    """How many samples are what: flight, contact, pushed, set, jointed, still, unexplained."""
     flights: list[ScriptFlight]
+    """Each way through the air, taken apart."""
     contacts: list[ScriptContact]
+    """What touched it."""
     unexplained: list[Unexplained]
+    """Its samples that are not explained, by reason."""
     energy: BodyEnergy | None
     """None of what has no samples, or no mass."""
 
@@ -129,10 +154,11 @@ class ScriptFinding:
     code: str
     """A name that stays: what scripts look for."""
     message: str
+    """What was seen, why it is so, and what changes it."""
     body: str | None
     """Of which it speaks."""
     step: int | None
-    """When it was seen first."""
+    """When it was seen first, or where it was worst; its message says which."""
     site: str | None
     """File and line of the call that caused it."""
 
@@ -146,13 +172,17 @@ class ScriptAnalysis:
     engine: dict[str, Any]
     """Timestep, gravity … as the engine had them last, by client."""
     bodies: list[BodyAnalysis]
+    """All that were ever there, or the one of `--body`."""
     findings: list[ScriptFinding]
+    """What is worth a second look, the gravest first."""
     explained: dict[str, int]
     """Samples of bodies without joints, and how many of them are explained."""
     table: pl.DataFrame
     """One row per sample and body: step, time, segment, error in flight, energy."""
     recording: Path | None = None
+    """The recording that was analyzed."""
     layer: Path | None = None
+    """What shows the analysis beside it."""
     partial: bool = False
     """Whether the recording was never finished: this is the analysis of what there is of it."""
 

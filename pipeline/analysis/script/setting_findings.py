@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -10,6 +11,7 @@ import numpy as np
 from pipeline.analysis.script.evidence import Evidence
 from pipeline.analysis.script.results import ScriptFinding
 from pipeline.fields import fraction
+from pipeline.seen import Dynamics
 
 TINY_INERTIA = 1e-3
 """Share of m R² below which no usual shape has its greatest moment of inertia; a rod has 1/3."""
@@ -111,35 +113,51 @@ def _unseeded(e: Evidence) -> Iterator[ScriptFinding]:
 
 
 def _inertia(e: Evidence) -> Iterator[ScriptFinding]:
-    for number, judged in e.judged.items():
-        told = e.dynamics_of(number)[0]
-        for link, (mass_kg, moments) in enumerate(
-            zip(told.reported["mass_kg"], told.reported["inertia_kg_m2"], strict=True), start=-1
-        ):
-            if not mass_kg > 0 or not moments.any():
-                continue
-            low, middle, high = sorted(moments.tolist())
-            part = "" if link < 0 else f"link {judged.track.body.links[link + 1]}: "
-            if low + middle < high * (1 - 1e-6):
-                yield e.finding(
-                    "impossible-inertia",
-                    f"{part}has moments of inertia of {low:.3g}, {middle:.3g} and {high:.3g} "
-                    "kg m², which no body can have: the two smaller ones must add up to the "
-                    "largest or more; correct <inertia> in its file, or call "
-                    "p.changeDynamics(body, link, localInertiaDiagonal=…)",
-                    body=number,
-                )
-                break
-            edges_m = e.extents_m(number, link)
-            if edges_m is None:
-                continue
-            most = float(mass_kg) * float(edges_m @ edges_m) / 4
-            if high > most * (1 + 1e-6) or high < TINY_INERTIA * most:
-                yield e.finding(
-                    "inertia-far-from-shape",
-                    f"{part}has a moment of inertia of {high:.3g} kg m²; {mass_kg:.3g} kg within "
-                    f"its shape have {most:.3g} at most: it spins far too "
-                    f"{'slowly' if high > most else 'easily'}; correct <inertia> in its file",
-                    body=number,
-                )
-                break
+    for number in e.judged:
+        found = (one for told in e.dynamics_of(number) for one in _of_inertia(e, number, told))
+        yield from itertools.islice(found, 1)
+
+
+def _of_inertia(e: Evidence, number: int, told: Dynamics) -> Iterator[ScriptFinding]:
+    """Yield what is wrong with the inertia that the engine reported of a body's parts."""
+    given = [
+        one.values
+        for one in e.seen.by_body[number].given
+        if (one.at.step, one.at.call) <= (told.at.step, told.at.call)
+    ]
+    by_call = any("localInertiaDiagonal" in one for one in given)
+    site = e.site(("changeDynamics",), told.at, told.body, "localInertiaDiagonal")
+    remedy = "correct <inertia> in its file, or give p.changeDynamics another localInertiaDiagonal"
+    if by_call:
+        remedy = "give p.changeDynamics another localInertiaDiagonal"
+    for link, (mass_kg, moments) in enumerate(
+        zip(told.reported["mass_kg"], told.reported["inertia_kg_m2"], strict=True), start=-1
+    ):
+        if not mass_kg > 0 or not moments.any():
+            continue
+        low, middle, high = sorted(moments.tolist())
+        part = "" if link < 0 else f"link {told.body.links[link + 1]}: "
+        if low + middle < high * (1 - 1e-6):
+            yield e.finding(
+                "impossible-inertia",
+                f"{part}has moments of inertia of {low:.3g}, {middle:.3g} and {high:.3g} kg m², "
+                "which no body can have: the two smaller ones must add up to the largest or more; "
+                f"{remedy}",
+                body=number,
+                step=told.at.step,
+                site=site if by_call else None,
+            )
+        edges_m = e.extents_m(number, link)
+        if edges_m is None:
+            continue
+        most = float(mass_kg) * float(edges_m @ edges_m) / 4
+        if high > most * (1 + 1e-6) or high < TINY_INERTIA * most:
+            yield e.finding(
+                "inertia-far-from-shape",
+                f"{part}has a moment of inertia of {high:.3g} kg m²; {mass_kg:.3g} kg within its "
+                f"shape have {most:.3g} at most: it spins far too "
+                f"{'slowly' if high > most else 'easily'}; {remedy}",
+                body=number,
+                step=told.at.step,
+                site=site if by_call else None,
+            )

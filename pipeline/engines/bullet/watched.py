@@ -58,7 +58,7 @@ PLANES = ("plane.obj", "plane100.obj")
 """Meshes of pybullet_data that stand for a plane: up to 200 m wide, white but for a texture."""
 JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
 FIXED = 4
-ENABLE_SLEEPING = 4
+ENABLE_SLEEPING = 1 << 11
 """Of the flags that a body is loaded with: URDF_ENABLE_SLEEPING."""
 RIGID = 1
 """A btRigidBody, of which `getDynamicsInfo` leaves some numbers as they lie in memory."""

@@ -1,0 +1,633 @@
+"""`drop analyze` of a script's recording: every sample by the step that led to it, or unexplained.
+
+The scenes are recorded in PyBullet itself; what is said of them is held against what they were told
+to do, against the contact points that PyBullet reports, and against steps that are taken again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import astuple, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pybullet as p
+import pybullet_data
+import pytest
+import scenes
+from command import drop_here
+from conftest import Drop, Recorder, judge, rerun_rrd
+from engine import MODES, ROUNDS_ONCE
+from scenes import analyze, body_of, codes, found
+
+from pipeline.analysis.script.results import BodyAnalysis, ScriptAnalysis
+from pipeline.console.show_script import show_script
+from pipeline.recording.script_reader import ScriptRecording
+from pipeline.seen import Seen
+
+GRAVITY = "p.setGravity(0, 0, -9.81)\n"
+FLOOR = GRAVITY + 'p.loadURDF("plane.urdf")\n'
+CUBE = 'b = p.loadURDF("cube_small.urdf", [0, 0, {}], useMaximalCoordinates={{maximal}})\n'
+IN_AIR, ABOVE = CUBE.format(3), CUBE.format(0.3)
+TURNED = "turned = p.getQuaternionFromEuler([0.4, 0.7, 0.1])\n"
+
+SCENES: dict[str, tuple[str, dict[str, int]]] = {
+    "free fall": (GRAVITY + IN_AIR + "steps(50)", {"flight": 50}),
+    "tumbling bounces": (
+        FLOOR + TURNED + ABOVE
+        + "for one in (0, b): p.changeDynamics(one, -1, restitution=0.8)\n"
+        "p.resetBasePositionAndOrientation(b, [0, 0, 0.3], turned)\n"
+        "p.resetBaseVelocity(b, [0.3, 0, 0], [3, -5, 7])\nsteps(200)",
+        {},
+    ),
+    "pushes": (
+        GRAVITY + TURNED + IN_AIR
+        + """
+p.resetBasePositionAndOrientation(b, [0, 0, 3], turned)
+p.resetBaseVelocity(b, [0.3, 0, 0], [3, -5, 7])
+for i in range(80):
+    x, y, z = p.getBasePositionAndOrientation(b)[0]
+    if 10 <= i < 20:
+        p.applyExternalForce(b, -1, [0.5, 0.1, 0], [x + 0.01, y, z + 0.02], p.WORLD_FRAME)
+    if 30 <= i < 40:
+        p.applyExternalForce(b, -1, [0.5, 0.1, 0], [0.01, -0.02, 0.02], p.LINK_FRAME)
+    if 50 <= i < 60:
+        p.applyExternalTorque(b, -1, [1e-4, 2e-4, 0], p.WORLD_FRAME)
+    if 65 <= i < 75:
+        p.applyExternalTorque(b, -1, [1e-4, 2e-4, 0], p.LINK_FRAME)
+    p.stepSimulation()
+""",
+        {"flight": 40, "pushed": 40},
+    ),
+    "put elsewhere": (
+        GRAVITY + IN_AIR
+        + "steps(30)\np.resetBasePositionAndOrientation(b, [1, 0, 5], [0, 0, 0, 1])\n"
+        "steps(30)\np.resetBaseVelocity(b, [1, 0, 2], [0, 3, 1])\nsteps(40)",
+        {"flight": 98, "set": 3},
+    ),
+    "restored": (
+        FLOOR + ABOVE
+        + "steps(30)\ns = p.saveState()\nsteps(50)\np.restoreState(s)\nsteps(20)",
+        {"set": 2},
+    ),
+    "timestep": (
+        GRAVITY + IN_AIR
+        + "p.resetBaseVelocity(b, [1, 0, 0], [1, 2, 3])\nsteps(30)\np.setTimeStep(1 / 100)\n"
+        "steps(30)\np.setPhysicsEngineParameter(fixedTimeStep=1 / 500)\nsteps(30)",
+        {"flight": 90},
+    ),
+    "gravity along x": ("p.setGravity(-9.81, 0, 0)\n" + IN_AIR + "steps(30)", {"flight": 30}),
+    "damping and gravity": (
+        GRAVITY + IN_AIR
+        + "steps(20)\np.changeDynamics(b, -1, linearDamping=0, angularDamping=0)\nsteps(20)\n"
+        "p.changeDynamics(b, -1, linearDamping=0.5)\nsteps(20)\n"
+        "p.changeDynamics(b, -1, linearDamping=-1)\nsteps(10)\np.setGravity(0, 0, -1)\nsteps(10)",
+        {"flight": 80},
+    ),
+    "mass": (
+        FLOOR + ABOVE + "steps(30)\np.changeDynamics(b, -1, mass=3)\nsteps(90)", {"set": 1},
+    ),
+    "removed and loaded": (
+        FLOOR + ABOVE + "steps(40)\np.removeBody(b)\nsteps(40)\n" + ABOVE + "steps(40)",
+        {"flight": 79, "set": 2},
+    ),
+    "reset": (
+        "for gravity in (-9.81, -20, -1):\n    p.resetSimulation()\n"
+        '    p.setGravity(0, 0, gravity)\n    p.loadURDF("plane.urdf")\n    '
+        + ABOVE + "    p.changeDynamics(b, -1, linearDamping=0.1 + gravity / 100)\n    steps(30)",
+        {"set": 3},
+    ),
+    "rolling friction": (
+        FLOOR + 'b = p.loadURDF("sphere_small.urdf", [0, 0, 0.1], useMaximalCoordinates={maximal})'
+        "\np.changeDynamics(b, -1, rollingFriction=0.01, spinningFriction=0.01)\n"
+        "p.resetBaseVelocity(b, [1, 0, 0], [0, 3, 9])\nsteps(150)",
+        {"set": 1},
+    ),
+    "spring": (
+        FLOOR + ABOVE + "p.changeDynamics(b, -1, contactStiffness=1000, contactDamping=10)\n"
+        "steps(150)",
+        {"set": 1},
+    ),
+    "pushed on the floor": (
+        FLOOR + CUBE.format(0.025)
+        + "steps(10)\nfor i in range(30):\n"
+        "    p.applyExternalForce(b, -1, [0.5, 0, 0], [0, 0, 0], p.LINK_FRAME)\n    steps(1)",
+        {"pushed": 30, "set": 1},
+    ),
+}  # fmt: skip
+"""Scenes of one body, the last that is loaded, and how many samples are what; all are explained."""
+
+Analyzed = Callable[[str], tuple[ScriptRecording, ScriptAnalysis]]
+
+
+@pytest.fixture(scope="session")
+def analyzed(tmp_path_factory: pytest.TempPathFactory) -> Analyzed:
+    """Return a function from a scene to its recording and what is said of it, made once each."""
+    folder, known = tmp_path_factory.mktemp("scenes"), dict[str, Any]()
+
+    def call(scene: str) -> tuple[ScriptRecording, ScriptAnalysis]:
+        if scene not in known:
+            recording = scenes.record(scene, folder / f"{len(known)}.rrd")
+            known[scene] = recording, analyze(recording.seen, at_s=(0.1,))
+        return known[scene]  # type: ignore[no-any-return]
+
+    return call
+
+
+def steps_with_forces(seen: Seen, number: int) -> set[int]:
+    """Return the steps in which PyBullet reports a force on a body."""
+    acts = pl.any_horizontal(pl.col("normal_force_n", "friction_1_n", "friction_2_n") != 0)
+    its = (pl.col("body_a") == number) | (pl.col("body_b") == number)
+    return set(seen.contacts.filter(its, acts)["step"].to_list())
+
+
+def steps_that_are(analysis: ScriptAnalysis, number: int, segment: str) -> list[int]:
+    its = (pl.col("body") == number) & (pl.col("segment") == segment)
+    return analysis.table.filter(its)["step"].to_list()
+
+
+def check_flights(body: BodyAnalysis) -> None:
+    """Check that the terms of each flight add up to its error, and leave nothing to rounding."""
+    for flight in body.flights:
+        for moment in (flight, *flight.at):
+            if moment.terms_m is None:
+                continue
+            terms = np.array(astuple(moment.terms_m))
+            # Bodies are some metres away: positions are doubles to 9e-16 m.
+            assert np.abs(terms.sum(axis=0) - moment.error_m).max() <= 2e-15
+            assert np.abs(terms[3]).max() < (1e-13 if ROUNDS_ONCE else 1e-9)
+
+
+@pytest.mark.parametrize("maximal", [False, True], ids=["reduced", "maximal"])
+@pytest.mark.parametrize("name", SCENES)
+def test_every_sample_is_explained(analyzed: Analyzed, name: str, *, maximal: bool) -> None:
+    text, expected = SCENES[name]
+    recording, analysis = analyzed(text.replace("{maximal}", str(maximal)))
+    body = analysis.bodies[-1]
+    counts = body.segments
+    assert body.unexplained == []
+    assert analysis.explained["samples"] == analysis.explained["of"] == sum(counts.values())
+    assert counts["jointed"] == counts["still"] == 0
+    assert {name: counts[name] for name in expected} == expected
+    touched = steps_with_forces(recording.seen, body.id)
+    pushed = {one.at.step + 1 for one in recording.seen.pushes}
+    assert set(steps_that_are(analysis, body.id, "contact")) == touched - pushed
+    assert set(steps_that_are(analysis, body.id, "pushed")) == pushed
+    assert not touched & set(steps_that_are(analysis, body.id, "flight"))
+    check_flights(body)
+    assert "law-mismatch" not in codes(analysis)
+
+
+def test_gravity_along_x_has_an_error_but_no_terms(analyzed: Analyzed) -> None:
+    text, _ = SCENES["gravity along x"]
+    _, analysis = analyzed(text.replace("{maximal}", "True"))
+    (flight,) = body_of(analysis, 0).flights
+    assert flight.terms_m is None
+    # Semi-implicit Euler falls short by g t dt / 2 (a btRigidBody is not damped).
+    assert flight.error_m[0] == pytest.approx(-9.81 * flight.end_s / 240 / 2, rel=1e-9)
+    assert flight.error_m[1:] == (0.0, 0.0)
+
+
+def test_a_flight_begins_where_a_call_put_the_body(analyzed: Analyzed) -> None:
+    text, _ = SCENES["put elsewhere"]
+    recording, analysis = analyzed(text.replace("{maximal}", "False"))
+    body = body_of(analysis, 0)
+    spans = [(one.first_step, one.last_step) for one in body.flights]
+    assert spans == [(0, 30), (30, 60), (60, 100)]
+    # From where it was put, where PyBullet lets it rest, and not from where it was.
+    last = recording.seen.states.filter(step=60).row(0, named=True)
+    z_m = 5.0 - 9.81 * (30 / 240) ** 2 / 2
+    assert body.flights[1].error_m == pytest.approx(
+        (last["x_m"] - 1.0, last["y_m"], last["z_m"] - z_m), abs=1e-14
+    )
+    assert -3e-3 < body.flights[1].error_m[2] < 0
+
+
+def test_each_timestep_damping_and_gravity_begins_a_flight(analyzed: Analyzed) -> None:
+    expected = {
+        "timestep": [(0, 30), (30, 60), (60, 90)],
+        "damping and gravity": [(0, 20), (20, 40), (40, 60), (60, 70), (70, 80)],
+        "reset": [(0, 30), (30, 60), (60, 90)],
+    }
+    for name, spans in expected.items():
+        _, analysis = analyzed(SCENES[name][0].replace("{maximal}", "False"))
+        flights = analysis.bodies[-1].flights
+        assert [(one.first_step, one.last_step) for one in flights] == spans, name
+    ends = [one.end_s for one in analyzed_timestep(analyzed)]
+    assert ends == pytest.approx([30 / 240, 30 / 240 + 30 / 100, 30 / 240 + 30 / 100 + 30 / 500])
+
+
+def analyzed_timestep(analyzed: Analyzed) -> list[Any]:
+    return body_of(analyzed(SCENES["timestep"][0].replace("{maximal}", "False"))[1], 0).flights
+
+
+def test_a_body_that_is_loaded_again_has_its_own_damping(analyzed: Analyzed) -> None:
+    _, analysis = analyzed(SCENES["reset"][0].replace("{maximal}", "True"))
+    for flight, damping in zip(analysis.bodies[-1].flights, (0.0019, -0.1, 0.09), strict=True):
+        assert flight.terms_m is not None
+        assert (flight.terms_m.damping[2] > 0) == (damping > 0)
+    assert "teleported" not in codes(analysis)  # nothing was moved: it is another body
+
+
+SETTINGS = (
+    "useSplitImpulse=1, splitImpulsePenetrationThreshold=0", "enableConeFriction=1",
+    "constraintSolverType=p.CONSTRAINT_SOLVER_LCP_DANTZIG", "contactSlop=0.001",
+    "warmStartingFactor=0", "frictionERP=0.3", "globalCFM=0.01", "contactERP=0.5", "enableSAT=1",
+    "numSolverIterations=3", "restitutionVelocityThreshold=0", "contactBreakingThreshold=0.001",
+)  # fmt: skip
+"""Of the engine: they change what contact gives, and not that it adds up."""
+
+
+@pytest.mark.parametrize("maximal", [False, True], ids=["reduced", "maximal"])
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_contact_adds_up_whatever_the_solver_is_told(
+    analyzed: Analyzed, setting: str, *, maximal: bool
+) -> None:
+    scene = f"""
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+p.setPhysicsEngineParameter({setting})
+s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05, 0.1, 0.2])
+b = p.createMultiBody(1, s, basePosition=[0, 0, 0.3], baseOrientation=[0.1, 0.3, 0.2, 0.9],
+    useMaximalCoordinates={maximal})
+p.resetBaseVelocity(b, [0.4, 0, 0], [3, -2, 5])
+steps(150)
+"""
+    _, analysis = analyzed(scene)
+    assert analysis.explained == {"samples": 151, "of": 151}
+    assert body_of(analysis, 1).segments["contact"] > 20
+
+
+# -- held against steps that are taken again -------------------------------------------------------
+
+
+@pytest.mark.parametrize("coordinates", MODES)
+def test_flights_are_those_of_a_world_with_nothing_in_it(
+    analyzed: Analyzed, coordinates: Any
+) -> None:
+    """Each step of a flight, taken in a fresh world from the recorded state, leads to the next."""
+    maximal = coordinates == "maximal"
+    scene = FLOOR + ABOVE + "p.resetBaseVelocity(b, [0.5, -0.2, 1])\nsteps(140)"
+    recording, analysis = analyzed(scene.replace("{maximal}", str(maximal)))
+    states = recording.seen.states.filter(body=1)
+    flown = steps_that_are(analysis, 1, "flight")
+    flown = flown[: body_of(analysis, 1).flights[0].last_step]
+    assert len(flown) > 50
+    client = p.connect(p.DIRECT)
+    try:
+        p.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=client)
+        p.setGravity(0, 0, -9.81, physicsClientId=client)
+        one = p.loadURDF("cube_small.urdf", useMaximalCoordinates=maximal, physicsClientId=client)
+        for step in flown[::7]:
+            before, after = (states.filter(step=each).row(0)[3:] for each in (step - 1, step))
+            p.resetBasePositionAndOrientation(one, before[:3], before[3:7], physicsClientId=client)
+            p.resetBaseVelocity(one, before[7:10], before[10:], physicsClientId=client)
+            p.stepSimulation(client)
+            pose = p.getBasePositionAndOrientation(one, client)
+            found = [value for part in (*pose, *p.getBaseVelocity(one, client)) for value in part]
+            assert found == pytest.approx(after, rel=0, abs=0 if ROUNDS_ONCE else 1e-12)
+    finally:
+        p.disconnect(client)
+
+
+@pytest.mark.parametrize("column", ["x_m", "qz", "vy_m_s", "wx_rad_s"])
+def test_a_state_that_was_altered_is_unexplained(analyzed: Analyzed, column: str) -> None:
+    scene = FLOOR + TURNED + ABOVE + "p.resetBaseVelocity(b, [0.5, 0, 1], [1, 2, 3])\nsteps(200)"
+    recording, before = analyzed(scene.replace("{maximal}", "False"))
+    assert before.explained["samples"] == before.explained["of"]
+    altered = pl.when(pl.col("step") == 40).then(pl.col(column) + 1e-9).otherwise(pl.col(column))
+    seen = replace(recording.seen, states=recording.seen.states.with_columns(altered.alias(column)))
+    analysis = analyze(seen)
+    assert steps_that_are(analysis, 1, "unexplained") == [40, 41]
+    (held,) = body_of(analysis, 1).unexplained
+    assert (held.samples, held.first_step) == (2, 40)
+    assert 1e-10 < held.deviation < 1e-6
+    finding = found(analysis, "law-mismatch")
+    assert (finding.body, finding.step) == ("1_cube_small", 40)
+
+
+def test_a_contact_that_was_altered_is_unexplained(analyzed: Analyzed) -> None:
+    recording, _ = analyzed(SCENES["mass"][0].replace("{maximal}", "False"))
+    contacts = recording.seen.contacts
+    step = max(steps_with_forces(recording.seen, 1))
+    force = pl.col("normal_force_n")
+    changed = pl.when(pl.col("step") == step).then(force * (1 + 1e-6)).otherwise(force)
+    seen = replace(recording.seen, contacts=contacts.with_columns(changed.alias("normal_force_n")))
+    analysis = analyze(seen)
+    assert steps_that_are(analysis, 1, "unexplained") == [step]
+    assert found(analysis, "law-mismatch").step == step
+
+
+# -- what the laws do not cover is said to be that -------------------------------------------------
+
+
+def test_contact_of_several_substeps_is_unexplained(analyzed: Analyzed) -> None:
+    scene = FLOOR + ABOVE + "p.setPhysicsEngineParameter(numSubSteps=4)\nsteps(100)"
+    recording, analysis = analyzed(scene.replace("{maximal}", "False"))
+    body = body_of(analysis, 1)
+    (held,) = body.unexplained
+    assert "substeps" in held.reason
+    assert held.first_step <= min(steps_with_forces(recording.seen, 1))
+    assert body.segments["flight"] == held.first_step - 1 == body.flights[0].last_step
+    check_flights(body)
+    assert not {"law-mismatch", "teleported"} & {*codes(analysis)}
+
+
+def test_a_push_in_several_substeps_is_called_that(analyzed: Analyzed) -> None:
+    scene = GRAVITY + IN_AIR + "p.setPhysicsEngineParameter(numSubSteps=4)\n" + (
+        "steps(5)\np.applyExternalTorque(b, -1, [1e-3, 0, 0], p.WORLD_FRAME)\nsteps(5)"
+    )  # fmt: skip
+    _, analysis = analyzed(scene.replace("{maximal}", "False"))
+    (held,) = body_of(analysis, 0).unexplained
+    assert (held.samples, held.first_step) == (1, 6)
+    assert held.reason == "a push in a step of several substeps"
+
+
+def test_a_constraint_is_jointed_while_it_holds(analyzed: Analyzed) -> None:
+    scene = """
+p.setGravity(0, 0, -9.81)
+b = p.loadURDF("cube_small.urdf", [0, 0, 3])
+c = p.loadURDF("cube_small.urdf", [1, 0, 3])
+steps(30)
+held = p.createConstraint(b, -1, -1, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0, 0, 3])
+steps(30)
+p.removeConstraint(held)
+steps(30)
+"""
+    _, analysis = analyzed(scene)
+    assert steps_that_are(analysis, 0, "jointed") == [*range(31, 61)]
+    spans = [(one.first_step, one.last_step) for one in body_of(analysis, 0).flights]
+    assert spans == [(0, 30), (60, 90)]
+    assert body_of(analysis, 1).segments["flight"] == 90
+    assert "law-mismatch" not in codes(analysis)
+
+
+def test_a_body_that_fell_asleep_is_still(analyzed: Analyzed) -> None:
+    """Told so when it is loaded, or later; PyBullet waits for two seconds."""
+    scene = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+p.loadURDF("cube_small.urdf", [0, 0, 0.06], flags=p.URDF_ENABLE_SLEEPING)
+b = p.loadURDF("cube_small.urdf", [1, 0, 0.06])
+p.changeDynamics(b, -1, activationState=p.ACTIVATION_STATE_ENABLE_SLEEPING)
+c = p.loadURDF("cube_small.urdf", [2, 0, 0.06])
+p.changeDynamics(c, -1, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)
+steps(600)
+"""
+    _, analysis = analyzed(scene)
+    for number in (1, 2):
+        body = body_of(analysis, number)
+        (held,) = body.unexplained
+        assert held.samples == 1
+        assert "asleep" in held.reason
+        assert steps_that_are(analysis, number, "still") == [*range(held.first_step + 1, 601)]
+    assert body_of(analysis, 3).segments["still"] == 0
+    assert body_of(analysis, 3).unexplained == []
+    assert "law-mismatch" not in codes(analysis)
+
+
+REASONS = {
+    "continuous collision detection": FLOOR + ABOVE
+    + "p.changeDynamics(b, -1, ccdSweptSphereRadius=0.02)\np.resetBaseVelocity(b, [0, 0, -40])\n"
+    "steps(5)",
+    "has turned it, or changed its mass": FLOOR + CUBE.format(0.03)
+    + "steps(30)\np.changeDynamics(b, -1, mass=3)\nsteps(30)",
+}  # fmt: skip
+"""Why a sample of a btRigidBody is unexplained, and what does it."""
+
+
+@pytest.mark.parametrize("reason", REASONS)
+def test_what_is_known_to_be_unknown_is_no_mismatch(analyzed: Analyzed, reason: str) -> None:
+    _, analysis = analyzed(REASONS[reason].replace("{maximal}", "True"))
+    (held,) = body_of(analysis, 1).unexplained
+    assert held.samples == 1
+    assert reason in held.reason
+    assert "law-mismatch" not in codes(analysis)
+
+
+def test_a_mass_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None:
+    """PyBullet loses the mass of a btRigidBody that is told its inertia alone, as memory has it."""
+    recording, _ = analyzed(SCENES["free fall"][0].replace("{maximal}", "True"))
+    lost = [
+        replace(one, reported={**one.reported, "mass_kg": np.array([np.nan])})
+        for one in recording.seen.dynamics
+    ]
+    analysis = analyze(replace(recording.seen, dynamics=lost))
+    (held,) = body_of(analysis, 0).unexplained
+    assert (held.samples, held.reason) == (50, "a mass that is 0 or no number")
+    assert "law-mismatch" not in codes(analysis)
+    json.dumps(analysis.as_json(), allow_nan=False)
+
+
+# -- bodies, worlds, clients -----------------------------------------------------------------------
+
+
+def test_what_has_joints_is_measured_and_what_meets_it_is_explained(analyzed: Analyzed) -> None:
+    scene = """
+p.setGravity(0, 0, -9.81)
+k = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)
+p.loadURDF("cube_small.urdf", [0.05, 0, 1.6])
+steps(100)
+"""
+    _, analysis = analyzed(scene)
+    robot, cube = analysis.bodies
+    assert robot.segments["jointed"] == 100
+    assert robot.flights == robot.contacts == robot.unexplained == []
+    assert cube.unexplained == []
+    assert [one.body for one in cube.contacts[0].by] == ["0_model"]
+    assert cube.contacts[0].by[0].link >= 0
+    assert analysis.explained == {"samples": 101, "of": 101}
+
+
+def test_worlds_that_follow_each_other_have_no_step_between_them(analyzed: Analyzed) -> None:
+    scene = """
+p.disconnect()
+for n in range(3):
+    p.connect(p.DIRECT)
+    p.setAdditionalSearchPath(pybullet_data.getDataPath())
+    p.setGravity(0, 0, -9.81 - n)
+    p.loadURDF("plane.urdf")
+    p.loadURDF("cube_small.urdf", [0, 0, 0.3])
+    steps(30)
+    p.disconnect()
+"""
+    recording, analysis = analyzed(scene)
+    body = body_of(analysis, 1)
+    first = int(recording.seen.states["step"].to_numpy().min())
+    starts = [first + 31 * n for n in range(3)]
+    assert steps_that_are(analysis, 1, "set") == starts
+    assert [one.first_step for one in body.flights] == starts
+    check_flights(body)
+    for flight, gravity in zip(body.flights, (-9.81, -10.81, -11.81), strict=True):
+        assert flight.terms_m is not None
+        time_s = 30 / 240
+        assert flight.terms_m.timestep[2] == pytest.approx(gravity * time_s / 240 / 2, rel=1e-9)
+
+
+def test_clients_side_by_side_are_judged_by_themselves(analyzed: Analyzed) -> None:
+    scene = """
+other = p.connect(p.DIRECT)
+for c in (0, other):
+    p.setGravity(0, 0, -9.81 * (1 + c), c)
+    p.setAdditionalSearchPath(pybullet_data.getDataPath(), c)
+    p.loadURDF("plane.urdf", physicsClientId=c)
+    p.loadURDF("cube_small.urdf", [0, 0, 0.3], physicsClientId=c)
+p.setTimeStep(1 / 100, other)
+for i in range(100):
+    p.stepSimulation(0)
+    if i % 2:
+        p.stepSimulation(other)
+"""
+    _, analysis = analyzed(scene)
+    one, other = body_of(analysis, 1), body_of(analysis, 3)
+    assert one.unexplained == other.unexplained == []
+    assert sum(one.segments.values()) == 101
+    assert sum(other.segments.values()) == 51
+    assert {by.body for contact in one.contacts for by in contact.by} == {"0_plane"}
+    assert {by.body for contact in other.contacts for by in contact.by} == {"2_plane"}
+    assert one.flights[0].end_s == one.flights[0].last_step / 240
+    assert other.flights[0].end_s == pytest.approx(other.flights[0].last_step / 100, rel=1e-15)
+
+
+def test_a_pile_is_explained_and_its_contacts_add_up(analyzed: Analyzed) -> None:
+    """What contact gave to each body is what its energy of motion and its weight did not."""
+    scene = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+for i in range(4):
+    p.loadURDF("cube_small.urdf", [0.01 * i, 0, 0.1 + 0.08 * i], [0.1 * i, 0.03, 0, 1],
+        useMaximalCoordinates=i % 2)
+steps(150)
+"""
+    _, analysis = analyzed(scene)
+    assert analysis.explained["samples"] == analysis.explained["of"] == 4 * 151
+    for body in analysis.bodies[1:]:
+        check_flights(body)
+        rows = analysis.table.filter(pl.col("body") == body.id)
+        of_contacts = sum(one.energy_j for one in body.contacts)
+        assert rows["contact_j"].sum() == pytest.approx(of_contacts, rel=1e-12, abs=1e-15)
+        for contact in body.contacts:
+            pushers = np.sum([one.impulse_n_s for one in contact.by], axis=0)
+            assert pushers == pytest.approx(np.array(contact.impulse_n_s), abs=1e-12)
+            of_pushers = sum(one.energy_j for one in contact.by)
+            assert of_pushers == pytest.approx(contact.energy_j, abs=1e-12)
+
+
+# -- the experiment itself -------------------------------------------------------------------------
+
+ARTICLE = """
+import pybullet as p
+import pybullet_data
+
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+box = p.loadURDF("cube_small.urdf", [0, 0, 1])
+for _ in range(240):
+    p.stepSimulation()
+"""
+
+
+@pytest.fixture(scope="module")
+def article(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder in which the article's program was recorded by the command."""
+    folder = tmp_path_factory.mktemp("article")
+    folder.joinpath("article.py").write_text(ARTICLE)
+    done = drop_here("record", "--out", "article.rrd", "article.py", folder=folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_the_articles_program_has_the_four_terms_of_the_experiment(
+    article: Path, drop: Drop, recorded: Recorder
+) -> None:
+    done = drop("analyze", article / "article.rrd", "--out", "layer.rrd", "--json")
+    assert done.returncode == 0, done.stderr
+    box = json.loads(done.stdout)["bodies"][1]
+    (flight,) = box["flights"]
+    (at,) = flight["at"]
+    (moment,) = judge(recorded(), at_s=(0.3,)).at
+    assert moment.terms_m is not None
+    assert (at["step"], at["time_s"]) == (moment.step, moment.time_s)
+    assert at["error_m"][2] == moment.error_m
+    assert round(at["error_m"][2] * 1e3, 1) == -1.8
+    for name, value_m in vars(moment.terms_m).items():
+        assert at["terms_m"][name][2] == value_m, name
+    assert box["segments"]["flight"] + box["segments"]["contact"] == 240
+
+
+# -- the command -----------------------------------------------------------------------------------
+
+
+def test_the_layer_opens_and_has_states(article: Path, drop: Drop, tmp_path: Path) -> None:
+    done = drop("analyze", article / "article.rrd", "--out", "layer.rrd", "--table", "all.parquet")
+    assert done.returncode == 0, done.stderr
+    layer = tmp_path / "layer.rrd"
+    assert "1 file verified" in rerun_rrd("verify", layer)
+    assert "StateChange" in rerun_rrd("print", "-vv", layer)
+    table = pl.read_parquet(tmp_path / "all.parquet")
+    assert table["step"].to_list() == [*range(241)]
+    assert table.filter(step=72)["error_z_m"].item() == pytest.approx(-1.8203476e-3, rel=1e-7)
+
+
+def test_a_layer_is_no_recording(article: Path, drop: Drop) -> None:
+    assert drop("analyze", article / "article.rrd", "--out", "layer.rrd").returncode == 0
+    done = drop("analyze", "layer.rrd")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert len(done.stderr.splitlines()) == 1
+    assert "layer.rrd" in done.stderr
+
+
+def test_what_is_printed_fits_a_terminal(article: Path, drop: Drop) -> None:
+    done = drop("analyze", article / "article.rrd", "--out", "layer.rrd")
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert any(line.split()[:2] == ["total", "+0.0000"] and "-1.8203 mm" in line for line in lines)
+    assert "default-damping" in done.stdout
+
+
+def test_long_names_and_many_bodies_fit_too(
+    analyzed: Analyzed, capfd: pytest.CaptureFixture[str]
+) -> None:
+    scene = """
+import pathlib, shutil, tempfile
+folder = pathlib.Path(tempfile.mkdtemp())
+file = folder / ("a_long_name_of_a_file_" * 5 + ".urdf")
+file.write_text(
+    '<robot name="ball"><link name="base"><inertial><mass value="1"/><inertia ixx="1" iyy="1"'
+    ' izz="1" ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry><sphere radius="0.03"/>'
+    '</geometry></collision></link></robot>')
+p.setGravity(0, 0, -9.81)
+for i in range(15):
+    p.loadURDF(str(file), [0, 0, 1000 + 0.05 * i])
+steps(60)
+shutil.rmtree(folder)
+"""
+    _, analysis = analyzed(scene)
+    told = replace(analysis, origin={"script": "scene.py", "ended": "finished"})
+    show_script(told, as_json=False)
+    lines = capfd.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert any("15 bodies" in line for line in lines)
+
+
+def test_one_body_is_told_of_by_name_or_number(article: Path, drop: Drop) -> None:
+    told = [
+        json.loads(drop("analyze", article / "article.rrd", "--out", f"{n}.rrd", "--json",
+                        "--body", which).stdout)
+        for n, which in enumerate(("1", "1_cube_small", "cube_small.urdf"))
+    ]  # fmt: skip
+    for one in told:
+        assert [body["id"] for body in one["bodies"]] == [1]
+        assert one["bodies"] == told[0]["bodies"]
+    done = drop("analyze", article / "article.rrd", "--out", "layer.rrd", "--body", "duck")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1
+    assert "--body" in done.stderr
+    assert "1 (cube_small.urdf)" in done.stderr

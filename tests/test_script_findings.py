@@ -1,0 +1,348 @@
+"""What `drop analyze` finds in a script's recording: each with its body, step and line.
+
+Each finding has a scene that provokes it, and one in which its advice was followed: it is gone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import polars as pl
+import pytest
+import scenes
+from scenes import analyze, codes, found, site
+
+from pipeline.analysis.script.results import ScriptAnalysis
+from pipeline.recording.script_reader import ScriptRecording
+
+
+class Case(NamedTuple):
+    """A scene that provokes a finding; what is said of it; and the same with its advice taken."""
+
+    code: str
+    scene: str
+    body: str | None
+    step: int | None
+    line: int | None
+    """Of the call that caused it."""
+    remedied: str
+
+
+GRAVITY = "p.setGravity(0, 0, -9.81)\n"
+FLOOR = GRAVITY + 'p.loadURDF("plane.urdf")\n'
+CUBE = 'b = p.loadURDF("cube_small.urdf", [0, 0, {}])\n'
+BOX = (
+    "b = p.createMultiBody({}, p.createCollisionShape(p.GEOM_BOX, halfExtents=[{}]), "
+    "basePosition=[{}])\n"
+)
+WALL = GRAVITY + BOX.format("0", "0.005, 1, 1", "1, 0, 0.5") + "wall = b\n"
+BULLET = BOX.format("1", "0.02, 0.02, 0.02", "0, 0, 0.5") + "p.resetBaseVelocity(b, [90, 0, 0])\n"
+ROBOT = GRAVITY + 'r = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)\n'
+DRIVEN = "p.setJointMotorControl2(r, 1, p.POSITION_CONTROL, targetPosition=1, force={})\n"
+INERTIA = (
+    GRAVITY + BOX.format("1", "0.05, 0.05, 0.05", "0, 0, 1")
+    + "p.changeDynamics(b, -1, linearDamping=0)\n"
+    "p.changeDynamics(b, -1, localInertiaDiagonal=[{}])\n"
+    "p.changeDynamics(b, -1, lateralFriction=1)\nsteps(2)"
+)  # fmt: skip
+BOUNCE = FLOOR + CUBE.format(0.2) + "for one in (0, b): p.changeDynamics(one, -1, restitution=1)\n"
+STACK = (
+    FLOOR + BOX.format("1", "0.05, 0.05, 0.05", "0, 0, 0.05") + BOX.format("{}", "0.05, 0.05, 0.05",
+    "0, 0, 0.16") + "steps(20)"
+)  # fmt: skip
+CHAIN = (
+    GRAVITY
+    + """s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.1])
+p.createMultiBody(1, s, basePosition=[0, 0, 1], linkMasses=[1, 1], flags={},
+    linkCollisionShapeIndices=[s, s], linkVisualShapeIndices=[-1] * 2,
+    linkPositions=[[0, 0, 0.3], [0, 0, -0.2]], linkOrientations=[[0, 0, 0, 1]] * 2,
+    linkInertialFramePositions=[[0, 0, 0]] * 2,
+    linkInertialFrameOrientations=[[0, 0, 0, 1]] * 2, linkParentIndices=[0, 1],
+    linkJointTypes=[p.JOINT_REVOLUTE] * 2, linkJointAxis=[[0, 1, 0]] * 2)
+steps(3)
+"""
+)
+WINDOW = "p.disconnect()\np.connect(p.GUI)\n" + GRAVITY + BOX.format("1", "1, 1, 1", "0, 0, 9")
+
+CASES = [
+    Case(
+        "not-stepped", FLOOR + CUBE.format(1), None, None, None,
+        FLOOR + CUBE.format(1) + "steps(1)",
+    ),
+    Case(
+        "no-gravity", CUBE.format(1) + "steps(5)", None, None, None,
+        GRAVITY + CUBE.format(1) + "steps(5)",
+    ),
+    Case(
+        "default-damping", GRAVITY + CUBE.format(3) + "steps(80)", "0_cube_small", 0, None,
+        GRAVITY + CUBE.format(3) + "p.changeDynamics(b, -1, linearDamping=0)\nsteps(80)",
+    ),
+    Case(
+        "timestep-too-long", FLOOR + CUBE.format(2) + "p.setTimeStep(0.05)\nsteps(15)",
+        "1_cube_small", 13, None, FLOOR + CUBE.format(2) + "p.setTimeStep(0.005)\nsteps(150)",
+    ),
+    Case(
+        "deep-penetration", FLOOR + CUBE.format(1) + "steps(150)", None, 109, None,
+        FLOOR + CUBE.format(1) + "p.setTimeStep(1 / 1000)\nsteps(600)",
+    ),
+    Case(
+        "deep-penetration",
+        FLOOR + CUBE.format(0.1)
+        + "p.changeDynamics(b, -1, contactStiffness=30, contactDamping=1)\nsteps(100)",
+        None, 40, None,
+        FLOOR + CUBE.format(0.1)
+        + "p.changeDynamics(b, -1, contactStiffness=3000, contactDamping=1)\nsteps(100)",
+    ),
+    Case(
+        "tunnelled", WALL + BULLET + "steps(8)", "1_box", 3, None,
+        WALL + BULLET + "p.setTimeStep(1 / 4800)\nsteps(160)",
+    ),
+    Case(
+        "energy-gained", FLOOR + CUBE.format(0.005) + "p.setTimeStep(1 / 1000)\nsteps(50)",
+        "1_cube_small", 1, None,
+        FLOOR + CUBE.format(0.005) + "p.setPhysicsEngineParameter(contactERP=0)\n"
+        "p.setTimeStep(1 / 1000)\nsteps(50)",
+    ),
+    Case(
+        "energy-gained", FLOOR + CUBE.format(0.005) + "p.setTimeStep(1 / 1000)\nsteps(50)",
+        "1_cube_small", 1, None, FLOOR + CUBE.format(0.025) + "p.setTimeStep(1 / 1000)\nsteps(50)",
+    ),
+    Case(
+        "energy-gained",
+        FLOOR + CUBE.format(0.2)
+        + "for one in (0, b): p.changeDynamics(one, -1, restitution=1.2)\nsteps(100)",
+        "1_cube_small", 46, None,
+        FLOOR + CUBE.format(0.2)
+        + "for one in (0, b): p.changeDynamics(one, -1, restitution=0.9)\nsteps(100)",
+    ),
+    Case(  # what goes in by 3 mm before it bounces is pushed out as well
+        "energy-gained", BOUNCE + "steps(100)", "1_cube_small", 46, None,
+        BOUNCE + "p.setPhysicsEngineParameter(contactERP=0)\nsteps(100)",
+    ),
+    Case(
+        "teleported",
+        GRAVITY + CUBE.format(3) + "steps(20)\n"
+        "p.resetBasePositionAndOrientation(ornObj=[0, 0, 0, 1], posObj=[1, 0, 3], bodyUniqueId=b)\n"
+        "steps(5)",
+        "0_cube_small", 20, 4,
+        GRAVITY + CUBE.format(3)
+        + "p.resetBasePositionAndOrientation(b, [1, 0, 3], [0, 0, 0, 1])\nsteps(25)",
+    ),
+    Case(
+        "teleported",
+        GRAVITY + CUBE.format(3) + "s = p.saveState()\nsteps(20)\np.restoreState(s)\nsteps(5)",
+        "0_cube_small", 20, 5, GRAVITY + CUBE.format(3) + "s = p.saveState()\nsteps(25)",
+    ),
+    Case(
+        "velocity-clamped",
+        GRAVITY + CUBE.format(3) + "p.resetBaseVelocity(b, [0, 0, 0], [0, 0, 150])\nsteps(5)",
+        "0_cube_small", 1, None,
+        GRAVITY + 'b = p.loadURDF("cube_small.urdf", [0, 0, 3], useMaximalCoordinates=True)\n'
+        "p.resetBaseVelocity(b, [0, 0, 0], [0, 0, 150])\nsteps(5)",
+    ),
+    Case(
+        "motor-at-limit", ROBOT + DRIVEN.format(5) + "steps(30)", "0_model", 1, None,
+        ROBOT + DRIVEN.format(5000) + "steps(30)",
+    ),
+    Case(
+        "joint-beyond-limits",
+        ROBOT + "p.resetJointState(r, 1, 3)\np.resetJointState(r, 2, 0)\nsteps(3)", "0_model", 3, 3,
+        ROBOT + "p.resetJointState(r, 1, 2)\nsteps(3)",
+    ),
+    Case(
+        "impossible-inertia", INERTIA.format("0.001, 0.001, 0.01"), "0_box", 0, 4,
+        INERTIA.format("0.001, 0.001, 0.0015"),
+    ),
+    Case(
+        "inertia-far-from-shape", INERTIA.format("1, 1, 1"), "0_box", 0, 4,
+        INERTIA.format("0.001, 0.001, 0.001"),
+    ),
+    Case("mass-ratio", STACK.format(500), None, 12, None, STACK.format(50)),
+    Case(
+        "real-time", WINDOW + "p.setRealTimeSimulation(1)\nimport time; time.sleep(0.1)", None,
+        None, 5, WINDOW + "steps(20)",
+    ),
+    Case(
+        "unseeded", "import random\nx = random.random()\n" + FLOOR + "steps(1)", None, None, 2,
+        "import random\nrandom.seed(0)\nx = random.random()\n" + FLOOR + "steps(1)",
+    ),
+    Case(
+        "timestep-changed", GRAVITY + CUBE.format(3) + "steps(9)\np.setTimeStep(0.01)\nsteps(9)",
+        None, 9, 4, GRAVITY + CUBE.format(3) + "p.setTimeStep(0.01)\nsteps(18)",
+    ),
+    Case(
+        "self-collision", CHAIN.format("p.URDF_USE_SELF_COLLISION"), "0_box", 0, None,
+        CHAIN.format(0),
+    ),
+    Case(
+        "starts-in-contact", FLOOR + CUBE.format(0.01) + "steps(5)", "1_cube_small", 0, None,
+        FLOOR + CUBE.format(0.025) + "steps(5)",
+    ),
+    Case(
+        "joints-not-explained", ROBOT + "steps(2)", None, None, None,
+        GRAVITY + CUBE.format(1) + "steps(2)",
+    ),
+]  # fmt: skip
+
+HARMLESS = {
+    "a trap door that is gone": (
+        "tunnelled", WALL + BULLET + "steps(1)\np.removeBody(wall)\nsteps(7)",
+    ),
+    "a wall that comes later": (
+        "tunnelled", GRAVITY + BULLET + "steps(6)\n" + BOX.format("0", "0.005, 1, 1", "1, 0, 0.5")
+        + "steps(2)",
+    ),
+    "a wall that is not to be met": (
+        "tunnelled", WALL + BULLET + "p.setCollisionFilterPair(b, wall, -1, -1, 0)\nsteps(8)",
+    ),
+    "a picture of a wall": (
+        "tunnelled",
+        GRAVITY + "p.createMultiBody(0, -1, p.createVisualShape(p.GEOM_BOX, "
+        "halfExtents=[0.005, 1, 1]), [1, 0, 0.5])\n" + BULLET + "steps(8)",
+    ),
+    "a wall that is turned, and its corner": (
+        "tunnelled",
+        GRAVITY + "p.createMultiBody(0, p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.005, 0.3,"
+        " 0.3]), basePosition=[0.6, 0, 0.5], baseOrientation=[0, 0, 0.15, 0.989])\n"
+        + BOX.format("1", "0.02, 0.02, 0.02", "0, 0.27, 0.5")
+        + "p.changeDynamics(b, -1, linearDamping=0)\np.resetBaseVelocity(b, [99, 0, 0])\nsteps(6)",
+    ),
+    "nothing to meet": ("timestep-too-long", GRAVITY + BULLET + "steps(5)"),
+    "a new scene": (
+        "teleported",
+        "for n in range(2):\n    p.resetSimulation()\n    " + GRAVITY + "    "
+        + CUBE.format("3 + n") + "    steps(20)",
+    ),
+    "a new scene with another timestep": (
+        "timestep-changed",
+        "for n in range(2):\n    p.resetSimulation()\n    p.setTimeStep(0.01 / (1 + n))\n    "
+        + GRAVITY + "    " + CUBE.format(3) + "    steps(20)",
+    ),
+    "substeps": (
+        "teleported",
+        FLOOR + CUBE.format(0.1) + "p.setPhysicsEngineParameter(numSubSteps=4)\nsteps(60)",
+    ),
+    "soft contact": (
+        "teleported",
+        FLOOR + CUBE.format(0.1)
+        + "p.changeDynamics(b, -1, contactStiffness=900, contactDamping=9)\n"
+        "p.setPhysicsEngineParameter(numSubSteps=4)\nsteps(60)",
+    ),
+    "gravity that is off on purpose": (
+        "no-gravity", "p.setGravity(0, 0, 0)\n" + CUBE.format(3) + "steps(3)",
+    ),
+    "no damping by default": (
+        "default-damping",
+        GRAVITY + 'p.loadURDF("cube_small.urdf", [0, 0, 3], useMaximalCoordinates=True)\nsteps(80)',
+    ),
+    "damping that was asked for": (
+        "default-damping",
+        GRAVITY + CUBE.format(3) + "p.changeDynamics(b, -1, linearDamping=0.04)\nsteps(80)",
+    ),
+    "a bounce": (
+        "energy-gained",
+        FLOOR + CUBE.format(0.2)
+        + "for one in (0, b): p.changeDynamics(one, -1, restitution=0.95)\nsteps(100)",
+    ),
+    "a hammer": (
+        "energy-gained",
+        FLOOR + BOX.format("1", "0.05, 0.05, 0.05", "0, 0, 0.05") + "a = b\n"
+        + BOX.format("1", "0.05, 0.05, 0.05", "-0.2, 0, 0.05")
+        + "p.resetBaseVelocity(b, [5, 0, 0])\nsteps(60)",
+    ),
+    "a hundred times as heavy": ("mass-ratio", STACK.format(100)),
+    "heavy on the ground": (
+        "mass-ratio", FLOOR + BOX.format("9999", "1, 1, 1", "0, 0, 1") + "steps(3)",
+    ),
+    "a motor that holds a velocity": (
+        "motor-at-limit",
+        ROBOT + "p.setJointMotorControl2(r, 1, p.VELOCITY_CONTROL, targetVelocity=9, force=1)\n"
+        "steps(30)",
+    ),
+    "a script that asks for real time without a window": (
+        "real-time", FLOOR + CUBE.format(1) + "p.setRealTimeSimulation(1)\nsteps(3)",
+    ),
+    "half a millimetre": ("starts-in-contact", FLOOR + CUBE.format(0.0245) + "steps(3)"),
+}  # fmt: skip
+"""What looks like a finding, and is none."""
+
+Analyzed = Callable[[str], ScriptAnalysis]
+
+
+@pytest.fixture(scope="module")
+def recorded_scene(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], ScriptRecording]:
+    """Return a function from a scene to its recording, made once."""
+    folder, known = tmp_path_factory.mktemp("findings"), dict[str, ScriptRecording]()
+
+    def call(scene: str) -> ScriptRecording:
+        if scene not in known:
+            known[scene] = scenes.record(scene, Path(folder, "scene.rrd"))
+        return known[scene]
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def analyzed(recorded_scene: Callable[[str], ScriptRecording]) -> Analyzed:
+    """Return a function from a scene to what is said of it."""
+    return lambda scene: analyze(recorded_scene(scene).seen)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.code)
+def test_a_finding_says_what_when_and_where(analyzed: Analyzed, case: Case) -> None:
+    analysis = analyzed(case.scene)
+    finding = found(analysis, case.code)
+    where = None if case.line is None else site(case.line)
+    assert (finding.body, finding.step, finding.site) == (case.body, case.step, where)
+    assert finding.body is None or finding.message.startswith(finding.body)
+    assert where is None or finding.message.endswith(f"({where})")
+    assert "law-mismatch" not in codes(analysis)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.code)
+def test_a_finding_is_gone_where_its_advice_was_followed(analyzed: Analyzed, case: Case) -> None:
+    remedied = codes(analyzed(case.remedied))
+    assert case.code not in remedied
+    assert "law-mismatch" not in remedied
+
+
+@pytest.mark.parametrize("name", HARMLESS)
+def test_what_only_looks_like_it_is_no_finding(analyzed: Analyzed, name: str) -> None:
+    code, scene = HARMLESS[name]
+    assert not {code, "law-mismatch"} & {*codes(analyzed(scene))}
+
+
+def test_a_motion_that_nothing_explains_is_a_mismatch(
+    recorded_scene: Callable[[str], ScriptRecording],
+) -> None:
+    seen = recorded_scene(GRAVITY + CUBE.format(3) + "steps(80)").seen
+    assert "law-mismatch" not in codes(analyze(seen))
+    late = pl.col("step") >= 50
+    altered = pl.when(late).then(pl.col("vx_m_s") + 1e-6).otherwise(pl.col("vx_m_s"))
+    seen = replace(seen, states=seen.states.with_columns(vx_m_s=altered))
+    finding = found(analyze(seen), "law-mismatch")
+    assert (finding.body, finding.step) == ("0_cube_small", 50)
+
+
+def test_every_finding_has_a_case() -> None:
+    """Of those that the code can say."""
+    folder = Path(scenes.__file__).parents[1] / "pipeline/analysis/script"
+    text = "".join(path.read_text() for path in sorted(folder.glob("*_findings.py")))
+    known = {part.partition('"')[0] for part in text.split('e.finding(\n')[1:]
+             for part in [part.partition('"')[2]]}  # fmt: skip
+    assert known == {case.code for case in CASES} | {"law-mismatch"}
+
+
+def test_what_was_put_inside_is_told_to_stand_outside(analyzed: Analyzed) -> None:
+    placed, _, _, bounced = (one for one in CASES if one.code == "energy-gained")
+    assert "place it outside" in found(analyzed(placed.scene), "energy-gained").message
+    assert "place it outside" not in found(analyzed(bounced.scene), "energy-gained").message
+
+
+def test_a_springy_contact_is_told_its_stiffness(analyzed: Analyzed) -> None:
+    rigid, springy = (one for one in CASES if one.code == "deep-penetration")
+    assert "contactStiffness" in found(analyzed(springy.scene), "deep-penetration").message
+    assert "contactStiffness" not in found(analyzed(rigid.scene), "deep-penetration").message
