@@ -549,7 +549,7 @@ def test_an_image_that_was_altered_is_damage(golden: Path, tmp_path: Path) -> No
         values = [[list(png) for png in row] for row in pngs]
         field = batch.schema.field(index)
         column = pa.array(values, type=field.type)
-        return [Chunk.from_record_batch(batch.set_column(index, field, column))]
+        return Chunk.from_record_batch(batch.set_column(index, field, column))
 
     altered = rewritten(golden, tmp_path / "altered.rrd", "camera/0/image", change)
     with pytest.raises(RecordingError, match="its frames fail their checksum"):
