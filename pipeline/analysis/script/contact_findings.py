@@ -229,8 +229,8 @@ def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     yield e.finding(
         "mass-ratio",
         f"{mine} and {other} touch, and one is {found[row]:.4g} times as heavy as the other: "
-        "Bullet's solver needs many iterations for that, and they sink into each other; keep "
-        "within 1:100, or raise numSolverIterations",
+        "Bullet's solver takes many iterations to agree on their forces; keep within 1:100, or "
+        "raise numSolverIterations",
         step=int(contacts.step[row]),
     )
 

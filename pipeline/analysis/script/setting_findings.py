@@ -155,8 +155,8 @@ def _of_inertia(e: Evidence, number: int, told: Dynamics) -> Iterator[ScriptFind
             yield e.finding(
                 "inertia-far-from-shape",
                 f"{part}has a moment of inertia of {high:.3g} kg m²; {mass_kg:.3g} kg within its "
-                f"shape have {most:.3g} at most: it spins far too "
-                f"{'slowly' if high > most else 'easily'}; {remedy}",
+                f"shape have {most:.3g} at most: a torque turns "
+                f"it {'less' if high > most else 'far more'} than its shape can; {remedy}",
                 body=number,
                 step=told.at.step,
                 site=site if by_call else None,
