@@ -99,6 +99,12 @@ class Law(Protocol):
     def step(self, before: Motion) -> Motion:
         """Return what one timestep makes of each sample."""
 
+    def turned_by(self, angular_impulse_n_m_s: Float64) -> Float64:
+        """Return what angular impulses add to the spin [rad/s], both in the body's axes, (n, 3)."""
+
+    def unlimited(self, before: Motion) -> Motion:
+        """Return the same as `step`, as if the engine had no limit of velocity."""
+
     def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
         """Return where one step of the integrator takes each sample with these velocities."""
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.laws import bullet_air, bullet_spin
 from pipeline.laws.base import Drag, ExactPath, Motion
 from pipeline.laws.base import Vector as Triple
-from pipeline.laws.bullet_air import MAX_COORDINATE_VELOCITY_M_S, BulletBody
+from pipeline.laws.bullet_air import EPSILON, MAX_COORDINATE_VELOCITY_M_S, BulletBody
 from pipeline.laws.bullet_spin import ARRAYS, Quaternion, Vector
 from pipeline.scenario import Coordinates
 
@@ -77,6 +77,11 @@ class BulletLaw(BulletBody):
         pull = float(np.linalg.norm(self.gravity_m_s2))
         return v + dt * (v * (drag + w) + pull), w + dt * w * (spin_drag + w * uneven)
 
+    def unlimited(self, before: Motion) -> Motion:
+        """Return the same as `step`, as if the engine had no limit of velocity."""
+        with np.errstate(all="ignore"):  # it may overflow: what the limit is there for
+            return self._steps(before, math.inf)
+
     def limited(self, before: Motion) -> NDArray[np.bool_]:
         """Return in which of these timesteps a velocity was held at ±100, shape (n,)."""
         if self.coordinates == "maximal":
@@ -86,8 +91,7 @@ class BulletLaw(BulletBody):
             fastest = np.abs(np.hstack((with_it.velocity_m_s, with_it.spin_rad_s))).max(axis=1)
             if not (fastest >= MAX_COORDINATE_VELOCITY_M_S).any():
                 return np.zeros(len(before), dtype=bool)
-        with np.errstate(all="ignore"):  # it may overflow: what the limit is there for
-            without = self._steps(before, math.inf)
+        without = self.unlimited(before)
         fast = with_it.velocity_m_s != without.velocity_m_s
         return np.asarray((fast | (with_it.spin_rad_s != without.spin_rad_s)).any(axis=1))
 
@@ -102,6 +106,18 @@ class BulletLaw(BulletBody):
             return x, q, v, w
 
         return _in_blocks(stepped, before)
+
+    def turned_by(self, angular_impulse_n_m_s: Float64) -> Float64:
+        """Return what angular impulses add to the spin [rad/s], both in the body's axes, (n, 3).
+
+        What has no inertia is not turned: a btRigidBody about that axis, a btMultiBody about none
+        (`btMultiBody::solveImatrix`).
+        """
+        inertia = np.array(self.inertia_kg_m2)
+        if self.coordinates == "reduced" and inertia.min() < EPSILON:
+            return np.zeros_like(angular_impulse_n_m_s)
+        turned = np.zeros_like(angular_impulse_n_m_s)
+        return np.asarray(np.divide(angular_impulse_n_m_s, inertia, out=turned, where=inertia > 0))
 
     def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
         """Return where one step of the integrator takes each sample with these velocities."""

@@ -19,6 +19,7 @@ Source: Newton and Euler; checked against PyBullet in `tests/test_segments.py`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,14 +108,22 @@ def balance_of(
     np.add.at(scales, touches.step, np.stack((sizes[0], sizes[0] * sizes[1]), axis=1))
     touched = scales[:, 0] > 0
     impulse_n_s, turn_n_m_s = forces[:, :3], forces[:, 3:]
-    given, turned = impulse_n_s, turn_n_m_s
-    if pushed is not None:
-        given, turned = given + dt * pushed[0], turned + dt * pushed[1]
-        scales += dt * np.stack([np.linalg.norm(each, axis=1) for each in pushed], axis=1)
+    start_m_s, start_rad_s = alone.velocity_m_s, alone.spin_rad_s
     inertia = np.array(law.inertia_kg_m2)
-    spun = rotate(before.orientation, rotate_inverse(before.orientation, turned) / inertia)
-    velocity_m_s = law.held(alone.velocity_m_s + given / law.mass_kg)
-    spin_rad_s = law.held(alone.spin_rad_s + spun)
+
+    def spun(turned: Float64) -> Float64:
+        own = law.turned_by(rotate_inverse(before.orientation, turned))
+        return rotate(before.orientation, own)
+
+    if pushed is not None:
+        # With the law's step, before the engine holds a velocity at its limit; contact comes after.
+        force_n, torque_n_m = pushed
+        free = law.unlimited(before)
+        start_m_s = law.held(free.velocity_m_s + dt * force_n / law.mass_kg)
+        start_rad_s = law.held(free.spin_rad_s + spun(dt * torque_n_m))
+        scales += dt * np.stack([np.linalg.norm(each, axis=1) for each in pushed], axis=1)
+    velocity_m_s = law.held(start_m_s + impulse_n_s / law.mass_kg)
+    spin_rad_s = law.held(start_rad_s + spun(turn_n_m_s))
     mean_m_s = (alone.velocity_m_s + motion.velocity_m_s)[touches.step] / 2
     mean_rad_s = (alone.spin_rad_s + motion.spin_rad_s)[touches.step] / 2
     point_j = np.sum(impulse * mean_m_s + turn * mean_rad_s, axis=1)
@@ -130,7 +139,7 @@ def balance_of(
         velocity_m_s=velocity_m_s,
         spin_rad_s=spin_rad_s,
         velocity_scale_m_s=scales[:, 0] / law.mass_kg + fastest,
-        spin_scale_rad_s=scales[:, 1] / inertia.min() + quickest,
+        spin_scale_rad_s=scales[:, 1] / (inertia.min() or math.inf) + quickest,
         point_energy_j=point_j,
         energy_j=energy_j,
     )

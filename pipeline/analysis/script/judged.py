@@ -38,8 +38,8 @@ REASONS = (
     "links of a btRigidBody, which PyBullet does not show",
     "soft bodies, whose contact PyBullet does not report",
     "a mass that is 0 or no number",
-    "contact of a btRigidBody as soon as a call has turned it, or changed its mass: Bullet pushes "
-    "it with the inertia of before",
+    "contact with or a push of a btRigidBody as soon as a call has turned it, or changed its mass: "
+    "Bullet turns it with the inertia of before",
     "a cause that nothing recorded here tells",
 )
 """Why a sample is unexplained, by number; 0 of one that is not."""
@@ -174,7 +174,7 @@ def judged(
         reason[part] = SOFT if soft else _reason(track.body, epoch, law)
     forced = np.hstack((track.force_n, track.torque_n_m)).any(axis=1)
     reason[forced & (reason == SUBSTEPS)] = PUSHES
-    reason[_stale(track, touches) & (reason == UNKNOWN)] = STALE
+    reason[_stale(track, touches, forced) & (reason == UNKNOWN)] = STALE
     open_ = code == UNEXPLAINED
     code[open_ & (track.constrained | _with(touches, springy, track))] = JOINTED
     code[(code != UNEXPLAINED) & track.put & track.led & (code != JOINTED)] = SET
@@ -202,15 +202,16 @@ def _with(touches: Touches, bodies: frozenset[int], track: Track) -> Flags:
     return found
 
 
-def _stale(track: Track, touches: Touches) -> Flags:
-    """Return in which samples a btRigidBody was touched right after it was turned or changed."""
-    changed, last = track.put.copy(), None
+def _stale(track: Track, touches: Touches, forced: Flags) -> Flags:
+    """Return in which samples a btRigidBody was pushed right after it was turned or changed."""
+    # The first step of all follows whatever calls have made of the body since it was loaded.
+    changed, last = track.put | np.append(False, ~track.led[:-1]), None
     for epoch in track.epochs:
         changed[epoch.rows.start] |= epoch.dynamics is not last
         last = epoch.dynamics
         if epoch.dynamics.reported["kind"][0] != RIGID:
             changed[epoch.rows] = False
-    return changed & np.isin(np.arange(len(track)), touches.step)
+    return changed & (forced | np.isin(np.arange(len(track)), touches.step))
 
 
 def _reason(body: Body, epoch: Epoch, law: Law) -> int:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline.analysis.general.mechanics import rotate
 from pipeline.analysis.general.samples import motion_of
 from pipeline.laws.base import Motion
-from pipeline.seen import At, Body, Dynamics, OfBody, Push, Seen, Settings
+from pipeline.seen import At, Body, Dynamics, OfBody, Seen, Settings
 from pipeline.states import BASE
 
 Float64 = NDArray[np.float64]
@@ -88,7 +88,7 @@ def _track(seen: Seen, body: Body, rows: pl.DataFrame) -> Track:
             put[row] = led[row] = True
             for name in _STATE:
                 getattr(before, name)[row] = base[name][0]
-    force_n, torque_n_m = _pushes(told.pushes, steps, before)
+    force_n, torque_n_m = _pushes(told, steps, motion, before)
     return Track(
         body,
         steps,
@@ -125,22 +125,33 @@ def _row_after(steps: Int64, at: At) -> int | None:
     return row if row < len(steps) and steps[row] == at.step + 1 else None
 
 
-def _pushes(pushes: Sequence[Push], steps: Int64, before: Motion) -> tuple[Float64, Float64]:
+def _pushes(told: OfBody, steps: Int64, motion: Motion, before: Motion) -> tuple[Float64, Float64]:
     """Return forces [N] and torques about the centre of mass [N m] of each step, world axes.
 
     What is given in the body's axes turns with it; a force there acts at a point that is given from
-    the centre of mass (`processApplyExternalForceCommand`; held by `tests/test_scripts.py`).
+    the centre of mass (`processApplyExternalForceCommand`). Both are worked out where the body is
+    at the call: one that is put elsewhere after it keeps them.
     """
     force_n, torque_n_m = np.zeros((2, len(steps), 3))
-    for push in pushes:
+    for push in told.pushes:
         row = _row_after(steps, push.at)
         if row is None:
             continue
-        turn = before.orientation[row : row + 1]
+        position_m, turn = before.position_m[row], before.orientation[row : row + 1]
+        earlier = [
+            one
+            for one in told.puts
+            if one.at.step == push.at.step and _order(one.at) < _order(push.at)
+        ]
+        if earlier:
+            base = earlier[-1].states[earlier[-1].states["link"] == BASE]
+            position_m, turn = base["position_m"][0], base["orientation"]
+        elif row and steps[row - 1] == push.at.step:
+            position_m, turn = motion.position_m[row - 1], motion.orientation[row - 1 : row]
         vector = np.array([push.vector])
         arm_m = np.array([push.position_m])
         if push.in_world_axes:
-            arm_m = arm_m - before.position_m[row]
+            arm_m = arm_m - position_m
         else:
             vector, arm_m = rotate(turn, vector), rotate(turn, arm_m)
         if push.torque:

@@ -248,8 +248,8 @@ class Watch:
             which = (name, _text(arguments.get("jointIndex")))
             if which in world.moved.get(_body(arguments), ()):
                 world.sync()
-        elif name in MOVES_ALL and world.moved:
-            world.sync()
+        elif name in PUSHES or (name in MOVES_ALL and world.moved):
+            world.sync()  # what pushes acts at a point and along axes of where the body is now
 
     def _after_change(
         self,
@@ -308,6 +308,7 @@ class Watch:
                 position=_vector(arguments.get("posObj")),
                 flags=_number(arguments.get("flags", 0)),
             )  # fmt: skip
+            self._guarded(world, world.sync)
 
     def _connecting(self, _: str, original: Any) -> Callable[..., Any]:
         def connect(*args: Any, **kwargs: Any) -> Any:
