@@ -205,7 +205,9 @@ def _with(touches: Touches, bodies: frozenset[int], track: Track) -> Flags:
 def _stale(track: Track, touches: Touches, forced: Flags) -> Flags:
     """Return in which samples a btRigidBody was pushed right after it was turned or changed."""
     # The first step of all follows whatever calls have made of the body since it was loaded.
-    changed, last = track.put | np.append(False, ~track.led[:-1]), None
+    changed, last = np.zeros(len(track), dtype=bool), None
+    changed[1:] = ~track.led[:-1]
+    changed |= track.put
     for epoch in track.epochs:
         changed[epoch.rows.start] |= epoch.dynamics is not last
         last = epoch.dynamics
