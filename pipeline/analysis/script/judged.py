@@ -172,7 +172,7 @@ def judged(
         point_energy_j[points] = found.balance.point_energy_j
         falls[part] = found.code == FLIGHT
         reason[part] = SOFT if soft else _reason(track.body, epoch, law)
-    forced = np.hstack((track.force_n, track.torque_n_m)).any(axis=1)
+    forced = np.asarray(np.hstack((track.force_n, track.torque_n_m)).any(axis=1))
     reason[forced & (reason == SUBSTEPS)] = PUSHES
     reason[_stale(track, touches, forced) & (reason == UNKNOWN)] = STALE
     open_ = code == UNEXPLAINED
