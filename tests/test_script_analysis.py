@@ -228,6 +228,65 @@ steps(150)
 """Scenes that were called a mismatch by mistake."""
 
 
+def test_a_push_of_what_is_gone_is_not_of_what_has_its_id(analyzed: Analyzed) -> None:
+    _, analysis = analyzed("""
+shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+b = p.createMultiBody(1, shape, -1, [0, 0, 1])
+steps(10)
+p.applyExternalForce(b, -1, [5, 0, 0], [0, 0, 0], p.LINK_FRAME)
+p.removeBody(b)
+p.createMultiBody(2, shape, -1, [0, 0, 1])
+steps(10)
+""")
+    assert "law-mismatch" not in codes(analysis)
+    assert all(one.segments["pushed"] == 0 for one in analysis.bodies)
+
+
+def test_a_push_that_the_limit_holds_is_a_finding(analyzed: Analyzed) -> None:
+    _, analysis = analyzed("""
+shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .15, .2])
+b = p.createMultiBody(1, shape, -1, [0, 0, 9])
+for _ in range(30):
+    p.applyExternalForce(b, -1, [0, 0, 3000], [0, 0, 0], p.LINK_FRAME)
+    p.stepSimulation()
+""")
+    found = next(one for one in analysis.findings if one.code == "velocity-clamped")
+    assert found.step == 9  # after 8 of 12.5 m/s, less damping
+    assert analysis.bodies[0].unexplained == []
+
+
+def test_a_body_that_loses_its_mass_on_the_way_is_recorded_on(analyzed: Analyzed) -> None:
+    _, analysis = analyzed("""
+shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .15, .2])
+b = p.createMultiBody(1, shape, -1, [0, 0, 3])
+p.setGravity(0, 0, -9.81)
+steps(20)
+p.changeDynamics(b, -1, mass=0)
+steps(20)
+p.changeDynamics(b, -1, mass=1)
+steps(20)
+""")
+    (body,) = analysis.bodies
+    assert sum(body.segments.values()) == 61
+    (held,) = body.unexplained
+    assert (held.reason, held.samples) == ("a mass that is 0 or no number", 20)
+    assert "law-mismatch" not in codes(analysis)
+
+
+def test_a_state_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None:
+    _, analysis = analyzed("""
+shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .15, .2])
+b = p.createMultiBody(1, shape, -1, [0, 0, 3])
+p.setGravity(0, 0, -9.81)
+steps(20)
+p.resetBasePositionAndOrientation(b, [0, 0, 3], [0, 0, 0, 0])
+steps(20)
+""")
+    (held,) = analysis.bodies[0].unexplained
+    assert (held.reason, held.first_step) == ("a state that is not finite", 21)
+    assert not {"law-mismatch", "velocity-clamped"} & set(codes(analysis))
+
+
 @pytest.mark.parametrize("maximal", [False, True])
 @pytest.mark.parametrize("name", FOUND_ONCE)
 def test_what_was_found_once_is_explained(analyzed: Analyzed, name: str, *, maximal: bool) -> None:

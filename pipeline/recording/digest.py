@@ -71,6 +71,11 @@ def inputs_digest(properties: Mapping[str, Mapping[str, Any]]) -> str:
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
+def closing_digest(closing: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a script's closing property, but for the digest itself."""
+    return inputs_digest({"closing": {k: v for k, v in closing.items() if k != "closing_sha256"}})
+
+
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return values as they are read back: None is not written, a list of one is its element."""
     return {

@@ -17,7 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.recording import pictures, schema, writer
-from pipeline.recording.digest import FrameDigest, RowsDigest, ToldDigest, inputs_digest
+from pipeline.recording.digest import (
+    FrameDigest,
+    RowsDigest,
+    ToldDigest,
+    closing_digest,
+    inputs_digest,
+)
 from pipeline.recording.gathering import Gathering
 from pipeline.recording.writer import Chunk, Times
 from pipeline.seen import (
@@ -108,7 +114,7 @@ class Script:
         yield writer.property_chunk(schema.RECORDING_PROPERTY, self._closing(how))
 
     def _closing(self, ending: Ending) -> dict[str, Any]:
-        return {
+        closing = {
             "schema_version": schema.SCHEMA_VERSION,
             "samples": self.samples,
             "bodies": len(self.bodies),
@@ -125,6 +131,7 @@ class Script:
             "inputs_sha256": inputs_digest({schema.ORIGIN_PROPERTY: self.origin}),
             **{f"made_with_{name}": value for name, value in ending.made_with.items()},
         }
+        return closing | {"closing_sha256": closing_digest(closing)}
 
     def _on(self, event: Event) -> Iterator[Chunk]:
         match event:
@@ -146,7 +153,9 @@ class Script:
                 self._gravity[client] = np.concatenate(
                     [told[f"gravityAcceleration{axis}"] for axis in "XYZ"]
                 )
-                yield from self._told(schema.SETTINGS, at, {"client": client, **told})
+                # Times of the viewer are for looking at; this is the one that others are added to.
+                first = {"client": client, "time_s": at.time_s}
+                yield from self._told(schema.SETTINGS, at, first | told)
             case Motor(at, body, joint, mode, force):
                 driven = {"body": body.number, "joint": joint, "mode": mode, "force": force}
                 yield from self._told(schema.MOTORS, at, driven)

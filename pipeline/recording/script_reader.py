@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from pipeline.recording import columns, rows, schema
 from pipeline.recording.checks import damaged
 from pipeline.recording.columns import Properties
 from pipeline.recording.contents import chunks_of, closing_of, gather
-from pipeline.recording.digest import RowsDigest, ToldDigest, inputs_digest
+from pipeline.recording.digest import RowsDigest, ToldDigest, closing_digest, inputs_digest
 from pipeline.recording.script import joint_rows
 from pipeline.seen import (
     Appearance,
@@ -107,6 +107,7 @@ def read_script(path: Path) -> ScriptRecording:
                 "told": _told_digest(told),
                 "joints": _joints_digests(seen),
                 "inputs": inputs_digest({schema.ORIGIN_PROPERTY: origin}),
+                "closing": closing_digest(closing),
             },
             closing,
             path,
@@ -138,11 +139,15 @@ def _seen(
             for at, values in told[schema.DYNAMICS]
         ],
         given=[
-            Given(at, bodies[_one(values, "body")], _values(values, but="body"))
+            Given(at, bodies[_one(values, "body")], _values(values, but=("body",)))
             for at, values in told[schema.GIVEN]
         ],
         settings=[
-            Settings(at, _one(values, "client"), _values(values, but="client"))
+            Settings(
+                replace(at, time_s=_one(values, "time_s")),
+                _one(values, "client"),
+                _values(values, but=("client", "time_s")),
+            )
             for at, values in told[schema.SETTINGS]
         ],
         pushes=[
@@ -203,9 +208,11 @@ def _one(values: Values, name: str) -> Any:  # noqa: ANN401 - what a row may hol
     return value
 
 
-def _values(values: Values, *, but: str) -> dict[str, Any]:
+def _values(values: Values, *, but: tuple[str, ...]) -> dict[str, Any]:
     return {
-        name: held[0] if len(held) == 1 else held for name, held in values.items() if name != but
+        name: held[0] if len(held) == 1 else held
+        for name, held in values.items()
+        if name not in but
     }
 
 

@@ -59,6 +59,8 @@ class Balance:
     """What each contact point gave, or took: shape (points,)."""
     energy_j: Float64
     """The same of each step, shape (samples,)."""
+    held: NDArray[np.bool_]
+    """Whether the engine held a velocity at its limit when forces or contact were added."""
 
     def closes(self, motion: Motion) -> NDArray[np.bool_]:
         """Return in which samples the recorded velocities are those of law and impulses."""
@@ -119,11 +121,14 @@ def balance_of(
         # With the law's step, before the engine holds a velocity at its limit; contact comes after.
         force_n, torque_n_m = pushed
         free = law.unlimited(before)
-        start_m_s = law.held(free.velocity_m_s + dt * force_n / law.mass_kg)
-        start_rad_s = law.held(free.spin_rad_s + spun(dt * torque_n_m))
+        start_m_s = free.velocity_m_s + dt * force_n / law.mass_kg
+        start_rad_s = free.spin_rad_s + spun(dt * torque_n_m)
         scales += dt * np.stack([np.linalg.norm(each, axis=1) for each in pushed], axis=1)
-    velocity_m_s = law.held(start_m_s + impulse_n_s / law.mass_kg)
-    spin_rad_s = law.held(start_rad_s + spun(turn_n_m_s))
+    first = _limited(law, start_m_s, start_rad_s)
+    start_m_s, start_rad_s = law.held(start_m_s), law.held(start_rad_s)
+    summed_m_s = start_m_s + impulse_n_s / law.mass_kg
+    summed_rad_s = start_rad_s + spun(turn_n_m_s)
+    velocity_m_s, spin_rad_s = law.held(summed_m_s), law.held(summed_rad_s)
     mean_m_s = (alone.velocity_m_s + motion.velocity_m_s)[touches.step] / 2
     mean_rad_s = (alone.spin_rad_s + motion.spin_rad_s)[touches.step] / 2
     point_j = np.sum(impulse * mean_m_s + turn * mean_rad_s, axis=1)
@@ -142,7 +147,14 @@ def balance_of(
         spin_scale_rad_s=scales[:, 1] / (inertia.min() or math.inf) + quickest,
         point_energy_j=point_j,
         energy_j=energy_j,
+        held=first | _limited(law, summed_m_s, summed_rad_s),
     )
+
+
+def _limited(law: Law, *velocities: Float64) -> NDArray[np.bool_]:
+    """Return in which samples a velocity is beyond the engine's limit."""
+    beyond = [np.isfinite(each) & (each != law.held(each)) for each in velocities]
+    return np.asarray(np.hstack(beyond).any(axis=1))
 
 
 def _largest(*velocities: Float64) -> Float64:

@@ -167,7 +167,7 @@ def segments_of(
         balance.touched | forced, _off(motion.spin_rad_s, balance.spin_rad_s), fall_rad_s
     )
     deviation = np.max([place_m, turn, off_m_s, off_rad_s], axis=0)
-    held = law.limited(before)
+    held = law.limited(before) | balance.held
     held[0] = False
     return Segments(code, deviation, balance, held)
 

@@ -20,7 +20,7 @@ from pipeline.analysis.general.segments import (
     segments_of,
     unbroken,
 )
-from pipeline.analysis.script.tracks import Epoch, Flags, Track
+from pipeline.analysis.script.tracks import NUMBERS, Epoch, Flags, Track
 from pipeline.laws.base import EXACT_MACHINES, Law
 from pipeline.laws.lookup import RIGID, law_of
 from pipeline.seen import Body
@@ -40,10 +40,13 @@ REASONS = (
     "a mass that is 0 or no number",
     "contact with or a push of a btRigidBody as soon as a call has turned it, or changed its mass: "
     "Bullet turns it with the inertia of before",
+    "a state that is not finite",
     "a cause that nothing recorded here tells",
 )
 """Why a sample is unexplained, by number; 0 of one that is not."""
-SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, STALE, UNKNOWN = range(1, len(REASONS))
+SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, STALE, INFINITE, UNKNOWN = range(
+    1, len(REASONS)
+)
 
 DISABLE_SLEEPING = 2
 """Of `activationState`."""
@@ -174,6 +177,8 @@ def judged(
         reason[part] = SOFT if soft else _reason(track.body, epoch, law)
     forced = np.asarray(np.hstack((track.force_n, track.torque_n_m)).any(axis=1))
     reason[forced & (reason == SUBSTEPS)] = PUSHES
+    states = [getattr(each, name) for each in (track.motion, track.before) for name in NUMBERS]
+    reason[~np.isfinite(np.hstack(states)).all(axis=1)] = INFINITE
     reason[_stale(track, touches, forced) & (reason == UNKNOWN)] = STALE
     open_ = code == UNEXPLAINED
     code[open_ & (track.constrained | _with(touches, springy, track))] = JOINTED
@@ -234,9 +239,8 @@ def _is_given(given: Mapping[str, Any], name: str) -> bool:
 
 def _asleep(track: Track, code: Int8, reason: Int8) -> None:
     """Take note of samples at which a body that may fall asleep did not move at all."""
-    names = ("position_m", "orientation", "velocity_m_s", "spin_rad_s")
-    after = [getattr(track.motion, name) for name in names]
-    before = [getattr(track.before, name) for name in names]
+    after = [getattr(track.motion, name) for name in NUMBERS]
+    before = [getattr(track.before, name) for name in NUMBERS]
     same = (np.hstack(after) == np.hstack(before)).all(axis=1) & track.led
     at_rest = ~np.hstack(after[2:]).any(axis=1)
     may = np.zeros(len(track), dtype=bool)

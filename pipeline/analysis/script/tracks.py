@@ -86,7 +86,7 @@ def _track(seen: Seen, body: Body, rows: pl.DataFrame) -> Track:
         if one.counts and row is not None:
             base = one.states[one.states["link"] == BASE]
             put[row] = led[row] = True
-            for name in _STATE:
+            for name in NUMBERS:
                 getattr(before, name)[row] = base[name][0]
     force_n, torque_n_m = _pushes(told, steps, motion, before)
     return Track(
@@ -103,7 +103,8 @@ def _track(seen: Seen, body: Body, rows: pl.DataFrame) -> Track:
     )
 
 
-_STATE = ("position_m", "orientation", "velocity_m_s", "spin_rad_s")
+NUMBERS = ("position_m", "orientation", "velocity_m_s", "spin_rad_s")
+"""Of a motion."""
 
 
 def _life_of(told: OfBody, steps: Int64) -> NDArray[np.intp]:
@@ -116,7 +117,7 @@ def _life_of(told: OfBody, steps: Int64) -> NDArray[np.intp]:
 
 
 def _pairs(one: Motion, other: Motion) -> Iterator[tuple[Float64, Float64]]:
-    return ((getattr(one, name), getattr(other, name)) for name in _STATE)
+    return ((getattr(one, name), getattr(other, name)) for name in NUMBERS)
 
 
 def _row_after(steps: Int64, at: At) -> int | None:
@@ -133,10 +134,11 @@ def _pushes(told: OfBody, steps: Int64, motion: Motion, before: Motion) -> tuple
     at the call: one that is put elsewhere after it keeps them.
     """
     force_n, torque_n_m = np.zeros((2, len(steps), 3))
+    life = _life_of(told, steps)
     for push in told.pushes:
         row = _row_after(steps, push.at)
-        if row is None:
-            continue
+        if row is None or _order(told.came[life[row]].at) > _order(push.at):
+            continue  # what was pushed has gone before the step
         position_m, turn = before.position_m[row], before.orientation[row : row + 1]
         earlier = [
             one

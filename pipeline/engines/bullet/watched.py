@@ -320,9 +320,9 @@ class Decoder:
         known = self._bodies[body]
         yield from self._gathered(known.world)
         known.dynamics = dynamics
-        moving = _moving(dynamics, known.told["joints"])
+        moving = {*known.body.moving, *_moving(dynamics, known.told["joints"])}
         known.body = replace(
-            known.body, moving=moving, shapes=_shapes(known.told["visual"], dynamics)
+            known.body, moving=tuple(sorted(moving)), shapes=_shapes(known.told["visual"], dynamics)
         )
         yield from self._tell_call()
         yield Dynamics(self._at(known.world), known.body, _reported(dynamics))

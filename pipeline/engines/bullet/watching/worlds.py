@@ -39,11 +39,12 @@ class Body:
         self.spherical = any(info[2] == SPHERICAL for info in self.joint_infos)
         self.dynamics = self.read_dynamics()
         self.soft = self.dynamics[0][10] == SOFT
+        self.had_mass = self.dynamics[0][0] != 0
 
     @property
     def moves(self) -> bool:
         """Whether time moves it, and not only calls."""
-        return not self.soft and (self.dynamics[0][0] != 0 or bool(self.joints))
+        return not self.soft and (self.had_mass or bool(self.joints))
 
     def read_dynamics(self) -> list[Any]:
         """Return what the engine says of base and links, in this order."""
@@ -230,6 +231,8 @@ class World:
             dynamics = body.read_dynamics()
             if dynamics != body.dynamics:
                 body.dynamics = dynamics
+                # What is in motion when a call takes its mass goes on.
+                body.had_mass |= dynamics[0][0] != 0
                 self._pipe.note("dynamics", body=body.number, dynamics=_plain(dynamics))
         self.changed = set()
         self._lay_out()
