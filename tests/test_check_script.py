@@ -554,3 +554,26 @@ def test_an_image_that_was_altered_is_damage(golden: Path, tmp_path: Path) -> No
     altered = rewritten(golden, tmp_path / "altered.rrd", "camera/0/image", change)
     with pytest.raises(RecordingError, match="its frames fail their checksum"):
         check_script(altered, golden)
+
+
+@pytest.mark.parametrize(
+    ("entity", "name", "value"),
+    [
+        ("__properties/recording", "ended", ["finishee"]),
+        ("__properties/recording", "made_with_real_time", [True]),
+        ("engine", "time_s", [0.5]),
+    ],
+)
+def test_what_is_said_of_a_recording_is_held_too(
+    golden: Path, tmp_path: Path, entity: str, name: str, value: list[Any]
+) -> None:
+    def change(chunk: Chunk) -> list[Chunk]:
+        batch = chunk.to_record_batch()
+        index = batch.schema.get_field_index(name)
+        rows = batch.column(index).to_pylist()
+        column = pa.array([value, *rows[1:]], type=batch.schema.field(index).type)
+        return Chunk.from_record_batch(batch.set_column(index, batch.schema.field(index), column))
+
+    altered = rewritten(golden, tmp_path / "altered.rrd", entity, change)
+    with pytest.raises(RecordingError, match="fails its checksum"):
+        read_script(altered)
