@@ -62,15 +62,7 @@ def analyze(
         If a file cannot be written, or would replace what the same command reads or writes.
     """
     path = Path(recording)
-    layer = layer_of(path) if out is None else Path(out)
-    tables = [] if table is None else [Path(table)]
-    check_apart([layer, *tables], inputs=[path])
-    check_target(layer, force=force or out is None)
-    check_suffix("--out", layer, (".rrd",))
-    if out is None and not force and layer.is_file() and not is_layer(layer):
-        raise refused(layer)
-    for one in tables:
-        check_table(one, force=force)
+    layer, tables = outputs_of(path, out, table, force=force)
     progress("analyzing", 0, _PARTS)
     read_back = read(path)
     progress("analyzing", 1, _PARTS)
@@ -91,3 +83,27 @@ def analyze(
         write_table(one, analysis.table, force=force)
     progress("analyzing", _PARTS, _PARTS)
     return replace(analysis, recording=path, layer=layer, partial=read_back.partial)
+
+
+def outputs_of(
+    recording: Path, out: Path | str | None, table: Path | str | None, *, force: bool
+) -> tuple[Path, list[Path]]:
+    """Return the layer and the tables to write, if they may be written.
+
+    Raises
+    ------
+    ScenarioError
+        If a file has another suffix.
+    OutputError
+        If a file cannot be written, or would replace what the same command reads or writes.
+    """
+    layer = layer_of(recording) if out is None else Path(out)
+    tables = [] if table is None else [Path(table)]
+    check_apart([layer, *tables], inputs=[recording])
+    check_target(layer, force=force or out is None)
+    check_suffix("--out", layer, (".rrd",))
+    if out is None and not force and layer.is_file() and not is_layer(layer):
+        raise refused(layer)
+    for one in tables:
+        check_table(one, force=force)
+    return layer, tables

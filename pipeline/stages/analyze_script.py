@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 
 from pipeline.analysis.script.analysis import script_analysis_of
 from pipeline.analysis.script.results import ScriptAnalysis
-from pipeline.errors import check_suffix
-from pipeline.files.outputs import check_apart, check_target, refused
-from pipeline.files.table import check_table, write_table
-from pipeline.recording.layer import is_layer, layer_of
+from pipeline.files.table import write_table
 from pipeline.recording.script_layer import write_script_layer
 from pipeline.recording.script_reader import read_script
 from pipeline.seen import body_named
+from pipeline.stages.analyze import outputs_of
+from pipeline.stages.narrative import findings_listed
 
 if TYPE_CHECKING:
     from pipeline.recording.drop import Progress  # its module loads Rerun
@@ -64,15 +63,7 @@ def analyze_script(
         If a file cannot be written, or would replace what the same command reads or writes.
     """
     path = Path(recording)
-    layer = layer_of(path) if out is None else Path(out)
-    tables = [] if table is None else [Path(table)]
-    check_apart([layer, *tables], inputs=[path])
-    check_target(layer, force=force or out is None)
-    check_suffix("--out", layer, (".rrd",))
-    if out is None and not force and layer.is_file() and not is_layer(layer):
-        raise refused(layer)
-    for one in tables:
-        check_table(one, force=force)
+    layer, tables = outputs_of(path, out, table, force=force)
     progress("analyzing", 0, 3)
     read_back = read_script(path)
     progress("analyzing", 1, 3)
@@ -118,10 +109,4 @@ def _findings(analysis: ScriptAnalysis) -> Iterator[str]:
         "explained, step by step."
     )
     yield ""
-    yield "## Findings"
-    yield ""
-    if not analysis.findings:
-        yield "None: nothing in this recording needs a second look."
-    for finding in analysis.findings:
-        yield f"- **{finding.code}**: {finding.message}"
-        yield ""
+    yield from findings_listed(analysis.findings)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
-from pipeline.analysis.drop.results import Analysis, Moment
+from pipeline.analysis.drop.results import Analysis, Finding, Moment
+from pipeline.analysis.script.results import ScriptFinding
 
 
 def events(analysis: Analysis) -> list[tuple[int, str]]:
@@ -51,7 +52,7 @@ def _millimetres(value_m: float) -> str:
 
 def findings_markdown(analysis: Analysis) -> str:
     """Return what the analysis found, as a text to read."""
-    return "\n".join([*_moments(analysis), *_findings(analysis)])
+    return "\n".join([*_moments(analysis), *findings_listed(analysis.findings)])
 
 
 def _moments(analysis: Analysis) -> Iterator[str]:
@@ -68,11 +69,12 @@ def _moments(analysis: Analysis) -> Iterator[str]:
         yield ""
 
 
-def _findings(analysis: Analysis) -> Iterator[str]:
+def findings_listed(findings: Sequence[Finding | ScriptFinding]) -> Iterator[str]:
+    """Yield findings as a chapter of a text."""
     yield "## Findings"
     yield ""
-    if not analysis.findings:
+    if not findings:
         yield "None: nothing in this recording needs a second look."
-    for finding in analysis.findings:
+    for finding in findings:
         yield f"- **{finding.code}**: {finding.message}"
         yield ""
