@@ -696,8 +696,10 @@ def test_a_layer_is_no_recording(article: Path, drop: Drop) -> None:
     assert drop("analyze", article / "article.rrd", "--out", "layer.rrd").returncode == 0
     done = drop("analyze", "layer.rrd")
     assert (done.returncode, done.stdout) == (1, "")
-    assert len(done.stderr.splitlines()) == 1
-    assert "layer.rrd" in done.stderr
+    assert done.stderr.splitlines() == [
+        "drop: layer.rrd must be a recording, got a layer, as RUN.analysis.rrd is of RUN.rrd; give "
+        "the recording that it belongs to"
+    ]
 
 
 def test_what_is_printed_fits_a_terminal(article: Path, drop: Drop) -> None:

@@ -96,6 +96,11 @@ def closing_of(properties: Mapping[str, Properties], path: Path) -> Properties |
     if closing is None:
         if is_part(path):
             return None
+        if not properties:  # that of what was run is written first
+            raise RecordingError(
+                f"{path} must be a recording, got a layer, as RUN.analysis.rrd is of RUN.rrd; give "
+                "the recording that it belongs to"
+            )
         raise _unfinished(path, "it lacks the property that is written last")
     version = closing.get("schema_version")
     if version == 1:
