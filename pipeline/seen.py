@@ -196,6 +196,22 @@ class Motor:
 
 
 @dataclass(frozen=True)
+class Solver:
+    """How often the contact solver of a simulation stopped before it was done."""
+
+    at: At
+    client: int
+    steps: int
+    """In which it used all its iterations and left more than 0.01 m/s unsolved."""
+    first_step: int
+    left_m_s: float
+    """The most that was left of a velocity that a contact, joint or motor asks for."""
+    worst_step: int
+    iterations: int
+    """That it might use then."""
+
+
+@dataclass(frozen=True)
 class Constraint:
     """A constraint that came between bodies, or went."""
 
@@ -272,8 +288,8 @@ class Samples:
 
 
 Event = (
-    Appearance | Dynamics | Settings | Given | Call | Push | Motor | Constraint | Put | Image
-    | Samples
+    Appearance | Dynamics | Settings | Given | Call | Push | Motor | Solver | Constraint | Put
+    | Image | Samples
 )  # fmt: skip
 
 
@@ -289,6 +305,8 @@ class Seen:
     settings: list[Settings]
     pushes: list[Push]
     motors: list[Motor]
+    solvers: list[Solver]
+    """One of each simulation whose solver stopped early."""
     constraints: list[Constraint]
     calls: list[Call]
     puts: list[Put]

@@ -315,6 +315,32 @@ def test_step_and_time_go_on_over_a_reset(bench: Bench) -> None:
     assert put == [40, 80]
 
 
+def test_a_step_returns_what_it_returns_without_us(bench: Bench) -> None:
+    """It is asked what the solver did; a script that asks for that too gets it, and no other."""
+    script = bench.script(
+        scripts.HEAD
+        + """
+p.loadURDF("cube_small.urdf")
+print(p.stepSimulation())
+p.setPhysicsEngineParameter(reportSolverAnalytics=1)
+print(p.stepSimulation())
+p.setPhysicsEngineParameter(reportSolverAnalytics=0)
+print(p.stepSimulation())
+p.setPhysicsEngineParameter(reportSolverAnalytics=1)
+p.resetSimulation()
+p.loadURDF("cube_small.urdf")
+print(p.stepSimulation())
+if not os.fork():
+    print(p.stepSimulation(), flush=True)
+    os._exit(0)
+os.wait()
+"""
+    )
+    bare = bench.bare(script)
+    assert "numIterationsUsed" in bare.stdout
+    assert bench.record(script)[1] == bare.stdout
+
+
 def test_clients_one_after_the_other_go_on(bench: Bench) -> None:
     bench.record(bench.script(scripts.PLAIN["disconnects"]))
     steps = [step for step, _, _ in states(bench.out)]

@@ -49,6 +49,14 @@ INERTIA = (
     "p.changeDynamics(b, -1, lateralFriction=1)\nsteps(2)"
 )  # fmt: skip
 BOUNCE = FLOOR + CUBE.format(0.2) + "for one in (0, b): p.changeDynamics(one, -1, restitution=1)\n"
+PILE = (
+    FLOOR
+    + """p.setPhysicsEngineParameter(numSolverIterations={})
+for i in range(8): p.loadURDF("cube_small.urdf", [0, 0, 0.0249 + 0.0499 * i])
+p.changeDynamics(8, -1, mass=5)
+steps(60)
+"""
+)
 STACK = (
     FLOOR + BOX.format("1", "0.05, 0.05, 0.05", "0, 0, 0.05") + BOX.format("{}", "0.05, 0.05, 0.05",
     "0, 0, 0.16") + "steps(20)"
@@ -160,6 +168,7 @@ CASES = [
         "inertia-far-from-shape", INERTIA.format("1, 1, 1"), "0_box", 0, 4,
         INERTIA.format("0.001, 0.001, 0.001"),
     ),
+    Case("solver-stopped-early", PILE.format(3), None, 1, None, PILE.format(2000)),
     Case("mass-ratio", STACK.format(500), None, 12, None, STACK.format(50)),
     Case(
         "real-time", WINDOW + "p.setRealTimeSimulation(1)\nimport time; time.sleep(0.1)", None,
@@ -252,6 +261,9 @@ HARMLESS = {
         FLOOR + BOX.format("1", "0.05, 0.05, 0.05", "0, 0, 0.05") + "a = b\n"
         + BOX.format("1", "0.05, 0.05, 0.05", "-0.2, 0, 0.05")
         + "p.resetBaseVelocity(b, [5, 0, 0])\nsteps(60)",
+    ),
+    "an impact that takes all iterations": (
+        "solver-stopped-early", FLOOR + CUBE.format(0.5) + "steps(120)",
     ),
     "a hundred times as heavy": ("mass-ratio", STACK.format(100)),
     "heavy on the ground": (

@@ -87,7 +87,7 @@ def _install(hooks: Any, worlds: Any, witness: _Witness, *, blind: bool) -> None
             world._read_engine()
         world.moved, world._later = {}, []
 
-    def count(world: Any) -> None:
+    def count(world: Any, _: Any) -> None:
         world.step += 1
         world._steps_since += 1
         world.time_s = world._since + world._steps_since * world.timestep_s

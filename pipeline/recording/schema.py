@@ -89,6 +89,8 @@ PUSHES = "pushes"
 """A row per force or torque from outside."""
 MOTORS = "motors"
 """A row per joint when it is driven in another way: mode, greatest force."""
+SOLVER = "solver"
+"""A row per simulation whose contact solver stopped before it was done, when it is over."""
 CONSTRAINTS = "constraints"
 """A row per constraint that comes or goes: what it holds together."""
 CALLS = "calls"
@@ -98,7 +100,7 @@ SHAPE_NUMBERS = {"size_m": 3, "position_m": 3, "orientation": 4, "rgba": 4}
 JOINTS = "joints"
 """Below a body's state: positions, velocities and torques of its joints, a row per step."""
 
-TOLD = (BODIES, SET, DYNAMICS, GIVEN, SETTINGS, PUSHES, MOTORS, CONSTRAINTS, CALLS)
+TOLD = (BODIES, SET, DYNAMICS, GIVEN, SETTINGS, PUSHES, MOTORS, SOLVER, CONSTRAINTS, CALLS)
 """Entities with rows of named lists; which they are is held by one digest."""
 
 # -- what is drawn --------------------------------------------------------------------------------

@@ -43,6 +43,7 @@ from pipeline.seen import (
     Put,
     Samples,
     Settings,
+    Solver,
 )
 from pipeline.states import Rows
 
@@ -159,6 +160,10 @@ class Script:
             case Motor(at, body, joint, mode, force):
                 driven = {"body": body.number, "joint": joint, "mode": mode, "force": force}
                 yield from self._told(schema.MOTORS, at, driven)
+            case Solver(at):
+                told = {one.name: getattr(event, one.name) for one in fields(event)}
+                del told["at"]
+                yield from self._told(schema.SOLVER, at, told)
             case Constraint(at, client, number, bodies, there):
                 holds = np.array(bodies, np.int64)
                 held = {"client": client, "number": number, "bodies": holds, "there": there}

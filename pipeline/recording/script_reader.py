@@ -33,6 +33,7 @@ from pipeline.seen import (
     Seen,
     Settings,
     Shape,
+    Solver,
 )
 from pipeline.states import STATE
 
@@ -171,6 +172,10 @@ def _seen(
                 _one(values, "force"),
             )
             for at, values in told[schema.MOTORS]
+        ],
+        solvers=[
+            Solver(at, **{name: _one(values, name) for name in values})
+            for at, values in told[schema.SOLVER]
         ],
         constraints=[
             Constraint(

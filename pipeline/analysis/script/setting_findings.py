@@ -13,6 +13,8 @@ from pipeline.analysis.script.results import ScriptFinding
 from pipeline.fields import fraction
 from pipeline.seen import Dynamics
 
+OFTEN = 10
+"""Steps in which the solver stops early that are more than an impact."""
 TINY_INERTIA = 1e-3
 """Share of m R² below which no usual shape has its greatest moment of inertia; a rod has 1/3."""
 
@@ -24,6 +26,7 @@ def findings(e: Evidence) -> Iterator[ScriptFinding]:
     yield from _real_time(e)
     yield from _timestep_changed(e)
     yield from _unseeded(e)
+    yield from _stopped_early(e)
     yield from _inertia(e)
 
 
@@ -96,6 +99,20 @@ def _timestep_changed(e: Evidence) -> Iterator[ScriptFinding]:
                 "on; set it once, before the first step",
                 step=at.step,
                 site=e.site(("setTimeStep", "setPhysicsEngineParameter"), at),
+            )
+
+
+def _stopped_early(e: Evidence) -> Iterator[ScriptFinding]:
+    for one in e.seen.solvers:
+        if one.steps >= OFTEN:
+            yield e.finding(
+                "solver-stopped-early",
+                f"the contact solver of simulation {one.client} used all its {one.iterations} "
+                f"iterations in {one.steps} steps from step {one.first_step} on, and left up to "
+                f"{one.left_m_s:.3g} m/s of what contacts, joints or motors ask for (step "
+                f"{one.worst_step}): stacks sink and joints give way by that; call "
+                f"p.setPhysicsEngineParameter(numSolverIterations={4 * one.iterations})",
+                step=one.first_step,
             )
 
 

@@ -37,6 +37,7 @@ from pipeline.seen import (
     Samples,
     Settings,
     Shape,
+    Solver,
 )
 from pipeline.states import BASE, CONTACT, STATE, Rows
 
@@ -273,6 +274,11 @@ class Decoder:
     ) -> Iterator[Event]:
         self._worlds[world] = _World(client, first_step, first_time_s)
         yield from ()
+
+    def _on_solver(self, world: int, **early: Any) -> Iterator[Event]:  # noqa: ANN401
+        its = self._worlds[world]
+        yield from self._tell_call()
+        yield Solver(self._at(its), its.client, **early)
 
     def _on_over(self, world: int, **_: object) -> Iterator[Event]:
         yield from self._gathered(self._worlds[world])

@@ -296,6 +296,9 @@ class Watch:
             world.recoloured.add(body)
         if name in SETS_ENGINE:
             world.stale_engine = True
+            if "reportSolverAnalytics" in arguments and name == "setPhysicsEngineParameter":
+                world.returns_analytics = bool(arguments["reportSolverAnalytics"])
+                world.analytics = world.analytics and world.returns_analytics
             if name in ("setPhysicsEngineParameter", "setDefaultContactERP"):
                 world.given.update(_values(arguments))
         if name == "setRealTimeSimulation":
@@ -437,13 +440,13 @@ class Watch:
     def _step(self, world: World, original: Any, args: Any, kwargs: Any) -> Any:
         self._guarded(world, world.before_step)
         result = original(*args, **kwargs)
-        if self._guarded(world, world.after_step):
+        if self._guarded(world, lambda: world.after_step(result)):
             self._steps += 1
             self.clock.step(world.time_s)
             if self._steps == self._limit_steps:
                 self.stop("steps")
             self._check_time()
-        return result
+        return () if world.analytics and not world.returns_analytics else result
 
     def _set_real_time(self, world: World, on: bool) -> None:
         """Let a simulation run by itself, as it does in a window; without one it never does."""
@@ -533,11 +536,14 @@ class Watch:
                     error=f"{type(error).__name__}: {error}")  # fmt: skip
             self._worlds.pop(world.client, None)
             self._real_time_since.pop(world.client, None)
+            world.restore()
             return False
         return True
 
     def _forked(self) -> None:
         if self.on and os.getpid() != self._process:
+            for world in self._worlds.values():
+                world.restore()
             self.remove()
             self.pipe.leave()
 

@@ -18,6 +18,8 @@ FIXED, SPHERICAL = 4, 2
 """Kinds of joint, as `getJointInfo` numbers them."""
 SOFT = 3
 """Kind of body, as `getDynamicsInfo` numbers them."""
+LEFT_M_S = 0.01
+"""A contact or motor whose velocity is off by more when the solver stops was not solved."""
 ALL = None
 """Said of bodies: a call may have moved any of them."""
 
@@ -133,6 +135,12 @@ class World:
         self.stale_bodies = self.stale_engine = True
         self._later: list[tuple[int | None, str, dict[str, Any]]] = []
         self._motors: dict[tuple[int | None, Any], Any] = {}
+        self.returns_analytics = False
+        """Whether the script itself has steps return what the solver did."""
+        self.analytics: bool | None = False
+        """Whether steps return it now; None where this PyBullet cannot."""
+        self._early = {"steps": 0, "first_step": 0, "left_m_s": 0.0, "worst_step": 0,
+            "iterations": 0}  # fmt: skip
         self.bodies: dict[int, Body] = {}
         self.timestep_s = 0.0
         self._sampled = False
@@ -195,6 +203,7 @@ class World:
         self.fresh, self.moved, self.changed, self.recoloured = set(), {}, set(), set()
         self.stale_bodies = self.stale_engine = True
         self.given, self._later, self._motors = {}, [], {}
+        self.analytics, self.returns_analytics = self.analytics and False, False
 
     def _list_bodies(self) -> None:
         p, client = self._p, self.client
@@ -298,17 +307,50 @@ class World:
             self.sync(sample_follows=not self._sampled)
         if not self._sampled:
             self.sample()
+        if self.analytics is False:
+            self._report_analytics(on=True)
 
-    def after_step(self) -> None:
-        """Send the sample that a step has led to."""
+    def _report_analytics(self, *, on: bool) -> None:
+        """Have steps return what the solver did: nothing else is another by that."""
+        try:
+            self._p.setPhysicsEngineParameter(
+                reportSolverAnalytics=int(on), physicsClientId=self.client
+            )
+            self.analytics = on
+        except TypeError:
+            self.analytics = None
+
+    def restore(self) -> None:
+        """Have steps return what they do without us."""
+        if self.analytics and not self.returns_analytics:
+            self._report_analytics(on=False)
+
+    def after_step(self, islands: Any) -> None:
+        """Send the sample that a step has led to; note what its solver left."""
+        if self.analytics and islands and self._engine is not None:
+            most = self._engine["numSolverIterations"]
+            left = [one["remainingResidual"] for one in islands if one["numIterationsUsed"] >= most]
+            left_m_s = max(left, default=0.0) ** 0.5
+            if left_m_s > LEFT_M_S:
+                self._note_early(left_m_s, int(most))
         self.step += 1
         self._steps_since += 1
         self.time_s = self._since + self._steps_since * self.timestep_s
         self.sample()
 
+    def _note_early(self, left_m_s: float, iterations: int) -> None:
+        early, step = self._early, self.step + 1
+        early["first_step"] = early["first_step"] or step
+        early["steps"] += 1
+        if left_m_s > early["left_m_s"]:
+            early.update(left_m_s=left_m_s, worst_step=step, iterations=iterations)
+
     def end(self) -> None:
         """Send what there is to say of a simulation that is over."""
+        self.restore()
         self.sync(sample_follows=not self._sampled)
+        if self._early["steps"]:
+            self._pipe.note("solver", world=self.number, **self._early)
         if not self._sampled and self.bodies:
             self.sample()
         self._pipe.note("over", world=self.number, step=self.step)
