@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import Any, Literal, Self, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Self, Union, get_args, get_origin, get_type_hints
 
 from pipeline.errors import ScenarioError
 from pipeline.kinds import TEXT, Kind
@@ -223,6 +223,9 @@ class Optioned:
             object.__setattr__(self, name, value)  # frozen for everybody else
 
 
+UNIONS = (UnionType, Union)
+"""Both are of `X | None`: the second where X is a Literal."""
+
 # -- types ----------------------------------------------------------------------------------------
 
 
@@ -246,7 +249,7 @@ def _of_kind(value: Any, hint: Any) -> Any:  # noqa: ANN401
     if get_origin(hint) is Literal:
         if value in arguments:
             return value
-    elif isinstance(hint, UnionType):
+    elif get_origin(hint) in UNIONS:
         if value is None and NoneType in arguments:
             return None
         for argument in arguments:
@@ -267,7 +270,7 @@ def _kind(hint: Any) -> str:  # noqa: ANN401
     arguments = get_args(hint)
     if get_origin(hint) is Literal:
         return " or ".join(arguments)
-    if isinstance(hint, UnionType):
+    if get_origin(hint) in UNIONS:
         return " or ".join(_kind(argument) for argument in arguments if argument is not NoneType)
     if get_origin(hint) is tuple:
         return f"{len(arguments)} times {_kind(arguments[0])}"

@@ -35,11 +35,16 @@ class EngineReport:
 
     timestep_s: float = _reported("as the engine has it")
     substeps: int = _reported("steps that the engine makes of one; 0 is one")
-    solver_iterations: int = _reported("most iterations of the contact solver per step")
+    solver_iterations: int | None = _reported(
+        "most iterations of the contact solver per step", default=None
+    )
     gravity_m_s2: Vector = _reported("as the engine has it: x, y, z")
     body_name: str = _reported("name of the body in its URDF")
     body_sha256: str = _reported("digest of the URDF")
-    body_type: str = _reported("btMultiBody (reduced coordinates) or btRigidBody (maximal ones)")
+    body_type: str = _reported(
+        "what the body is in the engine; in PyBullet btMultiBody (reduced coordinates) or "
+        "btRigidBody (maximal ones)"
+    )
     joints: int = _reported("how many the body has; the theory is that of a body without any")
     mass_kg: float = _reported("of the body, all its links together")
     link_masses_kg: tuple[float, ...] = _reported("of its links one by one, the base first")
@@ -47,17 +52,20 @@ class EngineReport:
     link_inertias_kg_m2: tuple[float, ...] = _reported(
         "three of each link, the base first, each about its own centre of mass"
     )
-    lateral_friction: float = _reported("of the body, against sliding")
-    rolling_friction: float = _reported("of the body, against rolling")
-    spinning_friction: float = _reported("of the body, against spinning in place")
+    lateral_friction: float | None = _reported("of the body, against sliding", default=None)
+    rolling_friction: float | None = _reported("of the body, against rolling", default=None)
+    spinning_friction: float | None = _reported(
+        "of the body, against spinning in place", default=None
+    )
     restitution: float | None = _reported(
-        "of the body; of a btRigidBody, which reports none, that of the same URDF as a btMultiBody"
+        "of the body; of a btRigidBody, which reports none, that of the same URDF as a btMultiBody",
+        default=None,
     )
     contact_stiffness_n_m: float | None = _reported(
         "of a contact that gives way like a spring, as a URDF's <contact> can ask for", default=None
     )
     contact_damping_n_s_m: float | None = _reported("of such a contact", default=None)
-    collision_margin_m: float = _reported("margin around the body's shape")
+    collision_margin_m: float | None = _reported("margin around the body's shape", default=None)
     shape: str = _reported("of the body's collision: box, sphere, …; compound, or none")
     shape_dimensions_m: tuple[float, ...] = _reported(
         "of that shape, as PyBullet gives them: a box's three edges"
@@ -78,7 +86,14 @@ class EngineReport:
     floor_restitution: float | None = _reported(
         "of the floor; a bounce uses the product of this and the body's", default=None
     )
-    pybullet_api: int = _reported("PyBullet's own number of its interface")
+    solref: tuple[float, ...] | None = _reported(
+        "MuJoCo's time constant and damping ratio of a contact", default=None
+    )
+    solimp: tuple[float, ...] | None = _reported(
+        "MuJoCo's five numbers of how a contact's impedance grows with its depth", default=None
+    )
+    engine_version: str | None = _reported("of an engine other than PyBullet", default=None)
+    pybullet_api: int | None = _reported("PyBullet's own number of its interface", default=None)
     pybullet_version: str | None = _reported("of PyBullet", default=None)
     pybullet_build: str | None = _reported("when the engine was compiled", default=None)
     pybullet_wheel: str | None = _reported(

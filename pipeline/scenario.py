@@ -27,8 +27,35 @@ from pipeline.kinds import (
 )
 
 Coordinates = Literal["reduced", "maximal"]
+Engine = Literal["bullet", "mujoco", "dart", "drake", "physx"]
+Integrator = Literal["euler", "rk4", "implicit", "implicitfast", "discrete", "continuous"]
 Renderer = Literal["tiny", "egl"]
 View = Literal["standard", "close", "follow"]
+
+ENGINES: dict[Engine, str] = {
+    "bullet": "PyBullet", "mujoco": "MuJoCo", "dart": "DART", "drake": "Drake", "physx": "PhysX",
+}  # fmt: skip
+"""The engines by the names that their users know."""
+INTEGRATORS: dict[Engine, tuple[Integrator, ...]] = {
+    "mujoco": ("euler", "rk4", "implicit", "implicitfast"),
+    "drake": ("discrete", "continuous"),
+}
+"""Those of the engines that have several, the default first."""
+EXACT_INTEGRATORS = ("rk4", "continuous")
+"""Those without an error where gravity is all that acts."""
+ENGINES_WITH: dict[str, tuple[Engine, ...]] = {
+    "linear_damping": ("bullet", "physx"),
+    "angular_damping": ("bullet", "physx"),
+    "restitution": ("bullet", "dart", "physx"),
+    "restitution_threshold_m_s": ("bullet",),
+    "friction": ("bullet", "mujoco", "dart", "drake", "physx"),
+    "contact_erp": ("bullet",),
+    "solver_residual": ("bullet", "mujoco"),
+    "solver_iterations": ("bullet", "mujoco", "physx"),
+    "substeps": ("bullet",),
+    "coordinates": ("bullet",),
+}
+"""The engines that have an option, where not all do: by its field."""
 
 GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.0}
 BYTES_PER_SAMPLE = 480
@@ -141,12 +168,20 @@ class Scenario(Optioned):
         "--coordinates", "reduced (btMultiBody) or maximal (btRigidBody).",
         default="reduced", choices=get_args(Coordinates),
     )  # fmt: skip
+    engine: Engine = option(
+        "--engine", "Engine that drops the body.", default="bullet", choices=get_args(Engine)
+    )
+    integrator: Integrator | None = option(
+        "--integrator", "Of MuJoCo (euler …) or Drake (discrete …).",
+        default=None, shown="default", choices=get_args(Integrator),
+    )  # fmt: skip
     stepped: bool = option("--no-step", "Mistake 1: never call stepSimulation.", default=True)
     gravity_set: bool = option("--no-gravity", "Mistake 2: never call setGravity.", default=True)
     floor: bool = option("--no-floor", "Mistake 3: leave out the floor.", default=True)
 
     def __post_init__(self) -> None:
         self.check_domains()
+        self._check_engine()
         if not self.body or "\0" in self.body:
             raise ScenarioError(f"--body must name a URDF file, got {shown(self.body)}")
         if self.floor and not self.height_m > 0:
@@ -175,6 +210,18 @@ class Scenario(Optioned):
         if self.substeps is not None:
             self._check_substeps(self.substeps)
 
+    def _check_engine(self) -> None:
+        """Make sure that the engine has the options that were given."""
+        name, integrators = ENGINES[self.engine], INTEGRATORS.get(self.engine, ())
+        for field, engines in ENGINES_WITH.items():
+            spec = self.options()[field]
+            if self.engine not in engines and spec.written(getattr(self, field)) != spec.default:
+                others = " and ".join(ENGINES[each] for each in engines)
+                raise ScenarioError(f"{spec.name} is an option of {others}, not of {name}; omit it")
+        if self.integrator is not None and self.integrator not in integrators:
+            takes = f"takes {', '.join(integrators)}" if integrators else "has one only: omit it"
+            raise ScenarioError(f"--integrator of {name} {takes}, got {self.integrator}")
+
     def _check_substeps(self, substeps: int) -> None:
         taken = _substeps_taken(self.timestep_s, substeps)
         if taken != {substeps}:
@@ -186,6 +233,11 @@ class Scenario(Optioned):
                 f"it takes {min(taken)} in some of {self.timestep_s:.12g} s: dt / (dt/N) is "
                 f"rounded; try {next(near)}"
             )
+
+    @property
+    def effective_integrator(self) -> Integrator | None:
+        """The integrator that the engine uses; None where it has one only."""
+        return self.integrator or next(iter(INTEGRATORS.get(self.engine, ())), None)
 
     @property
     def steps(self) -> int:

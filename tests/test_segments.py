@@ -23,7 +23,6 @@ from watched import Watched, random_throw, thrown
 from pipeline.analysis.general.balance import Balance, balance_of
 from pipeline.analysis.general.contacts import Contacts
 from pipeline.analysis.general.flights import Flight, decomposed
-from pipeline.analysis.general.mechanics import rotate_inverse
 from pipeline.analysis.general.segments import (
     CONTACT,
     EXPLAINED,
@@ -38,6 +37,7 @@ from pipeline.analysis.general.segments import (
 )
 from pipeline.laws.base import Motion
 from pipeline.laws.bullet import BulletLaw
+from pipeline.laws.rotations import rotate_inverse
 
 THROWS = 60
 

@@ -13,7 +13,6 @@ import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from types import UnionType
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import polars as pl
@@ -39,6 +38,7 @@ from pipeline.analysis.script import results as script
 from pipeline.analysis.script.cause import OtherCall
 from pipeline.analysis.script.comparison import ScriptComparison
 from pipeline.analysis.script.difference import Difference
+from pipeline.fields import UNIONS
 from pipeline.report import EngineReport
 from pipeline.scenario import Scenario
 from pipeline.seen import Call
@@ -322,7 +322,7 @@ def _schema(hint: Any) -> Schema:  # noqa: ANN401
         return {"type": "array", "items": _schema(hint[0])}
     if isinstance(hint, tuple):
         return _nullable(_schema(hint[0]))
-    if isinstance(hint, UnionType):  # of one type and None, or of several scalars
+    if get_origin(hint) in UNIONS:  # of one type and None, or of several scalars
         kinds = [SCALARS[one]["type"] for one in arguments if one in SCALARS]
         if len(kinds) > 1:
             return {"type": [*kinds, "null"]}

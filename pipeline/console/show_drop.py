@@ -19,6 +19,7 @@ from pipeline.console.output import (
     titled,
 )
 from pipeline.fields import LARGE, decimals, engineering, fraction
+from pipeline.scenario import ENGINES, ENGINES_WITH, EXACT_INTEGRATORS
 
 if TYPE_CHECKING:
     from pipeline.analysis.drop.results import Analysis, Bounce, Moment
@@ -128,15 +129,18 @@ def _story(analysis: Analysis) -> list[str]:
     """Tell a drop from its release to its rest, in lines of at most 80 characters."""
     scenario = analysis.scenario
     first, last = analysis.table.row(0, named=True), analysis.table.row(-1, named=True)
-    damping = "default" if scenario["linear_damping"] is None else f"{scenario['linear_damping']:g}"
+    damping = ""
+    if scenario["engine"] in ENGINES_WITH["linear_damping"]:
+        given = scenario["linear_damping"]
+        damping = ", damping default" if given is None else f", damping {given:g}"
     body = escape(Path(scenario["body"]).name)
     lines = [
-        f"[bold]{body}[/] dropped from {decimals(first['simulated_m'], 4)} m, "
-        f"timestep {fraction(scenario['timestep_s'])} s, damping {damping}",
+        f"[bold]{body}[/] dropped{_engine(scenario)} from {decimals(first['simulated_m'], 4)} m, "
+        f"timestep {fraction(scenario['timestep_s'])} s" + damping,
         f"after {last['time_s']:.4g} s its centre is at {decimals(last['simulated_m'], 4)} m",
     ]
     for moment in analysis.at:
-        lines += ["", *_moment(moment, scenario["linear_damping"])]
+        lines += ["", *_moment(moment, scenario)]
     coverage = analysis.coverage
     if coverage.samples < coverage.of:
         covered = {0: "no sample", 1: "sample 0"}.get(
@@ -156,7 +160,15 @@ def _titled(title: str, words: str) -> list[str]:
     return titled(title, words, column=_TITLE, style="bold")
 
 
-def _moment(moment: Moment, linear_damping: float | None) -> list[str]:
+def _engine(scenario: dict[str, Any]) -> str:
+    """Say which engine dropped the body, and how it steps; nothing of PyBullet."""
+    if scenario["engine"] == "bullet":
+        return ""
+    integrator = f" ({scenario['integrator']})" if scenario["integrator"] else ""
+    return f" in {ENGINES[scenario['engine']]}{integrator}"
+
+
+def _moment(moment: Moment, scenario: dict[str, Any]) -> list[str]:
     lines = [
         f"[bold]At {moment.time_s:.4g} s[/] (step {moment.step})",
         f"  simulated      {decimals(moment.simulated_m, 4):>10} m",
@@ -166,12 +178,19 @@ def _moment(moment: Moment, linear_damping: float | None) -> list[str]:
     terms = moment.terms_m
     if terms is None:
         return [*lines, "  not broken down: the law of free flight does not cover it"]
-    drag = "Bullet's default drag" if linear_damping is None and terms.damping else "drag"
+    drag = "drag"
+    if scenario["linear_damping"] is None and terms.damping:
+        drag = "Bullet's default drag"
+    engine = ENGINES[scenario["engine"]]
     why = {
-        "timestep": "Euler moves with the end-of-step velocity",
-        "damping": f"{drag}; independent of timestep",
+        "timestep": "Euler moves with the end-of-step velocity"
+        if scenario["integrator"] not in EXACT_INTEGRATORS
+        else "none: the integrator is exact where only gravity acts",
+        "damping": f"{drag}; independent of timestep"
+        if scenario["engine"] in ENGINES_WITH["linear_damping"]
+        else f"none: {engine} does not damp a free body",
         "interaction": "timestep × damping",
-        "rounding": "double precision",
+        "rounding": "single precision" if scenario["engine"] == "physx" else "double precision",
     }
     return [
         *lines,
@@ -285,6 +304,10 @@ def _rest(analysis: Analysis) -> list[str]:
     if rest.expected_m is None or rest.error_m is None:
         return lines + _titled("", "nothing says how high a body lies that is turned like this")
     error = f"{decimals(rest.error_m * 1e6, 2, '+')} µm off {rest.expected_m:g} m"
+    if rest.sinks_m is not None:
+        depth = decimals(rest.sinks_m * 1e6, 2)
+        sinks = f"MuJoCo's soft contact carries it at a depth of {depth} µm (solref, solimp)"
+        return lines + _titled("", f"{error}: {sinks}")
     if rest.terms_m is None:
         return lines + _titled("", f"{error}; the contact law does not cover this landing")
     terms = rest.terms_m

@@ -96,11 +96,32 @@ class Law(Protocol):
     def drag(self) -> Drag:
         """What the damping is in continuous time."""
 
+    @property
+    def epsilon(self) -> float:
+        """Unit of rounding of the engine's numbers, relative: 2^-52 of float64."""
+
+    @property
+    def semi_implicit(self) -> bool:
+        """Whether it moves the body with the velocity at the end of the step, as Euler does.
+
+        Else along the mean of both, which is exact where gravity is all that acts.
+        """
+
+    @property
+    def moves_exactly(self) -> bool:
+        """Whether `moved` gives the engine's positions to the last bit."""
+
+    def released(self, start: Motion) -> Motion:
+        """Return what the engine keeps of a state that it is given."""
+
     def step(self, before: Motion) -> Motion:
         """Return what one timestep makes of each sample."""
 
-    def turned_by(self, angular_impulse_n_m_s: Float64) -> Float64:
-        """Return what angular impulses add to the spin [rad/s], both in the body's axes, (n, 3)."""
+    def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:
+        """Return what angular impulses add to the spin [rad/s], both in the body's axes, (n, 3).
+
+        In steps from these samples.
+        """
 
     def unlimited(self, before: Motion) -> Motion:
         """Return the same as `step`, as if the engine had no limit of velocity."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,18 @@ class BulletLaw(BulletBody):
     def drag(self) -> Drag:
         """What the damping is in continuous time."""
         return drag_of(self.linear_damping, self.coordinates)
+
+    epsilon: ClassVar[float] = EPSILON
+    semi_implicit: ClassVar[bool] = True
+
+    @property
+    def moves_exactly(self) -> bool:
+        """Whether `moved` gives the engine's positions to the last bit."""
+        return self.substeps == 1
+
+    def released(self, start: Motion) -> Motion:
+        """Return what the engine keeps of a state that it is given."""
+        return start
 
     def step(self, before: Motion) -> Motion:
         """Return what one timestep makes of each sample."""
@@ -107,7 +120,7 @@ class BulletLaw(BulletBody):
 
         return _in_blocks(stepped, before)
 
-    def turned_by(self, angular_impulse_n_m_s: Float64) -> Float64:
+    def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:  # noqa: ARG002
         """Return what angular impulses add to the spin [rad/s], both in the body's axes, (n, 3).
 
         What has no inertia is not turned: a btRigidBody about that axis, a btMultiBody about none

@@ -8,26 +8,42 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.laws.base import Drag, Law
 from pipeline.laws.bullet import BulletLaw, drag_of
 from pipeline.laws.bullet_air import effective_damping
+from pipeline.laws.mujoco import MujocoLaw
 from pipeline.laws.theory import Fall
 from pipeline.report import EngineReport
-from pipeline.scenario import Coordinates, Scenario
+from pipeline.scenario import EXACT_INTEGRATORS, Coordinates, Scenario
 
 
 def fall_of(scenario: Scenario) -> Fall:
     """Return the release and the air of a scenario, as the engine has them."""
-    damping = effective_damping(scenario.linear_damping, scenario.coordinates)
+    drag = Drag(0.0, 0.0)
+    if scenario.engine == "bullet":
+        damping = effective_damping(scenario.linear_damping, scenario.coordinates)
+        drag = drag_of(damping, scenario.coordinates)
     return Fall(
         position_m=(0.0, 0.0, scenario.height_m),
         velocity_m_s=scenario.velocity_m_s,
         gravity_m_s2=scenario.effective_gravity_m_s2,
-        drag=drag_of(damping, scenario.coordinates),
+        drag=drag,
     )
 
 
-def law_for(scenario: Scenario, report: EngineReport) -> BulletLaw:
+def law_for(scenario: Scenario, report: EngineReport) -> Law:
     """Return the law of one rigid body that nothing touches, as the engine has been told."""
+    if scenario.engine == "mujoco":
+        integrator = scenario.effective_integrator
+        assert integrator is not None
+        return MujocoLaw(
+            timestep_s=scenario.timestep_s,
+            gravity_m_s2=(0.0, 0.0, scenario.effective_gravity_m_s2),
+            mass_kg=report.mass_kg,
+            inertia_kg_m2=report.inertia_kg_m2,
+            integrator=integrator,
+            semi_implicit=integrator not in EXACT_INTEGRATORS,
+        )
     return BulletLaw(
         timestep_s=scenario.timestep_s,
         substeps=scenario.substeps or 1,

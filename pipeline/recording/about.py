@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pipeline.fields import fraction
 from pipeline.report import EngineReport
-from pipeline.scenario import Camera, Scenario
+from pipeline.scenario import ENGINES, Camera, Scenario
 
 
 def about(scenario: Scenario, camera: Camera | None, engine: EngineReport) -> str:
@@ -31,10 +31,10 @@ def about(scenario: Scenario, camera: Camera | None, engine: EngineReport) -> st
         "frames": "none"
         if camera is None
         else f"every {camera.capture_every} steps, {camera.view} camera",
-        "engine": f"pybullet {engine.pybullet_version}, {engine.pybullet_build}",
+        "engine": _engine(scenario, engine),
     }
     table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
-    return f"""# A body dropped in PyBullet
+    return f"""# A body dropped in {ENGINES[scenario.engine]}
 
 Everything that happened in one simulated fall. Each sample is the state **before** a step, so
 sample 0 is the release.
@@ -46,14 +46,22 @@ sample 0 is the release.
 ## How to read it
 
 - **World**: the body, the trail it leaves, the floor and the camera; z up, metres.
-- **Height of the centre**: simulated, beside free fall (no air) and damped fall (Bullet's damping
-  in continuous time). Theory stops where the body would lie on the floor.
+- **Height of the centre**: simulated, beside free fall (no air) and damped fall (the engine's
+  damping in continuous time). Theory stops where the body would lie on the floor.
 - `state`: position, orientation and velocities of each part as float64; `contacts`: every contact
   point, with its forces. Every number is computed from these; the 3-D view is rounded to float32.
 - `sim_step` is the key; `sim_time` is step × timestep, in whole nanoseconds.
 
 `drop analyze` says where each millimetre between the curves comes from.
 """
+
+
+def _engine(scenario: Scenario, engine: EngineReport) -> str:
+    if scenario.engine == "bullet":
+        return f"pybullet {engine.pybullet_version}, {engine.pybullet_build}"
+    integrator = scenario.effective_integrator
+    said = f"{ENGINES[scenario.engine]} {engine.engine_version}"
+    return f"{said}, {integrator}" if integrator else said
 
 
 def _orientation(orientation: tuple[float, ...]) -> str:

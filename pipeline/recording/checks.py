@@ -18,6 +18,11 @@ from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 from pipeline.states import BASE, BODY, FLOOR
 
 AGAIN = "record it again with: drop simulate"
+BULLET_REPORTS = (
+    "solver_iterations", "lateral_friction", "rolling_friction", "spinning_friction", "restitution",
+    "collision_margin_m", "pybullet_api",
+)  # fmt: skip
+"""What PyBullet says of itself in every recording of it."""
 
 
 def damaged(path: Path, what: str) -> RecordingError:
@@ -41,8 +46,10 @@ def check_engine(engine: EngineReport, scenario: Scenario, path: Path) -> None:
         raise damaged(path, f"its engine must report masses and inertias of {links} links")
     if engine.mass_kg != math.fsum(masses_kg) or engine.inertia_kg_m2 != moments[:3]:
         raise damaged(path, "its engine reports another mass or inertia of the body than of links")
-    if scenario.floor and engine.floor_restitution is None:
-        raise damaged(path, "its engine must report floor_restitution, and does not")
+    if scenario.engine == "bullet":
+        for name in (*BULLET_REPORTS, *["floor_restitution"] * scenario.floor):
+            if getattr(engine, name) is None:
+                raise damaged(path, f"its engine must report {name}, and does not")
     gravity_m_s2 = (0.0, 0.0, scenario.effective_gravity_m_s2)
     if (engine.timestep_s, engine.gravity_m_s2) != (scenario.timestep_s, gravity_m_s2):
         raise damaged(path, "its engine reports another timestep or gravity than its scenario")
@@ -95,6 +102,8 @@ _MOTION = tuple(name for names in _COLUMNS.values() if len(names) > 1 for name i
 
 ROUNDING = 1e-12
 """Of a release, which is recorded as it was given."""
+SINGLE = 2.0**-22
+"""The same where the engine computes with float32."""
 UNIT = 1e-6
 """How far an orientation may be from a quaternion of length 1, which Bullet makes it each step."""
 
@@ -134,7 +143,8 @@ def check_states(states: pl.DataFrame, scenario: Scenario, path: Path) -> None:
         given, found = np.array(value), np.array(states.select(_COLUMNS[component]).row(0))
         if component == "orientation" and found @ given < 0:  # its negative is the same orientation
             found = -found
-        off = ~(np.abs(found - given) <= ROUNDING * np.maximum(1, np.abs(given)))
+        rounding = ROUNDING if scenario.engine != "physx" else SINGLE
+        off = ~(np.abs(found - given) <= rounding * np.maximum(1, np.abs(given)))
         _refuse(path, "state", steps[:1], [off.any()], "is not the release that its scenario says")
     if not scenario.stepped:
         parts = states.filter(pl.col("step") == 0).select(_MOTION).to_numpy()

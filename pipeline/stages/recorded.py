@@ -16,6 +16,7 @@ from pipeline.engines.bullet.camera_frames import Photographer
 from pipeline.engines.bullet.engine import engine_versions
 from pipeline.engines.bullet.visible_world import world_from_camera
 from pipeline.engines.bullet.world import World
+from pipeline.engines.other_world import OtherWorld
 from pipeline.laws import theory
 from pipeline.laws.lookup import fall_of
 from pipeline.recording import drop
@@ -31,7 +32,7 @@ while they are packed, shorter ones for the index at the end of the file."""
 
 
 def recorded(
-    world: World, photographer: Photographer | None, batch: int, progress: Progress
+    world: World | OtherWorld, photographer: Photographer | None, batch: int, progress: Progress
 ) -> Iterator[Chunk]:
     """Let the body of a world fall, and yield the recording of it."""
     scenario, photography, gl_renderer = world.scenario, None, None
@@ -59,7 +60,7 @@ def recorded(
     )
 
 
-def made_with(world: World, *, gl_renderer: str | None = None) -> EngineReport:
+def made_with(world: World | OtherWorld, *, gl_renderer: str | None = None) -> EngineReport:
     """Return what a world reports, with the versions of all that takes part in a recording."""
     versions: dict[str, Any] = engine_versions() | library_versions()
     return replace(world.report(), gl_renderer=gl_renderer or None, **versions)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pipeline.engines.bullet.camera_frames import Photographer
 from pipeline.engines.bullet.engine import find_body
-from pipeline.engines.bullet.world import World
+from pipeline.engines.worlds import world_of
 from pipeline.errors import check_suffix
 from pipeline.files.outputs import check_apart, check_room, check_target
 from pipeline.recording import writer
@@ -117,7 +117,8 @@ def simulate(
             photographer = stack.enter_context(
                 Photographer(scenario, camera, frames=frames, note=note, assistant=assistant)
             )
-        world = stack.enter_context(World(scenario))
+        world = world_of(scenario)
+        stack.enter_context(world)
         chunks = recorded(world, photographer, batch, progress)
         if url is not None:
             chunks = shown(chunks, url=url, recording_id=recording_id, look=look, note=note)

@@ -15,8 +15,10 @@ import polars as pl
 from pipeline.analysis.drop.one_sample import moment_in_the_air
 from pipeline.analysis.drop.results import Moment
 from pipeline.analysis.general.statistics import Moments
-from pipeline.engines.bullet.lasting_world import LastingWorld, Worlds
+from pipeline.engines.bullet.lasting_world import LastingWorld
 from pipeline.engines.bullet.probe import believe
+from pipeline.engines.other_world import OtherWorld
+from pipeline.engines.worlds import Worlds
 from pipeline.errors import DropError, OutputError
 from pipeline.files.outputs import make_folder
 from pipeline.files.whole import onto_disk
@@ -151,7 +153,7 @@ class RunShard:
         world.skip(scenario.steps - step)
         return moment, world.height_m()
 
-    def _record(self, world: LastingWorld, run: int, path: Path, step: int) -> Batch:
+    def _record(self, world: LastingWorld | OtherWorld, run: int, path: Path, step: int) -> Batch:
         """Record a fall as `drop simulate` does, and return its samples up to `step` at least."""
         from pipeline.recording import writer
         from pipeline.stages.recorded import BATCH, recorded
@@ -190,7 +192,7 @@ class RunShard:
             at_s=[self.at_s],
         ).at[0]
 
-    def _analyzed(self, world: LastingWorld, fall: Batch) -> Moment:
+    def _analyzed(self, world: LastingWorld | OtherWorld, fall: Batch) -> Moment:
         from pipeline.analysis.drop.analysis import analysis_of
         from pipeline.recording.rows import tables_of
         from pipeline.stages.recorded import made_with

@@ -18,12 +18,11 @@ from pipeline.analysis.general.segments import (
     still_segments,
 )
 from pipeline.laws import theory
-from pipeline.laws.base import EXACT_MACHINES, Motion
-from pipeline.laws.bullet import BulletLaw
+from pipeline.laws.base import EXACT_MACHINES, Law, Motion
 from pipeline.laws.lookup import fall_of, law_for
 from pipeline.laws.theory import Fall
 from pipeline.report import EngineReport
-from pipeline.scenario import Scenario
+from pipeline.scenario import ENGINES, EXACT_INTEGRATORS, Scenario
 from pipeline.states import BODY
 
 Float64 = NDArray[np.float64]
@@ -51,7 +50,7 @@ class Case:
         return fall_of(self.scenario)
 
     @cached_property
-    def law(self) -> BulletLaw:
+    def law(self) -> Law:
         """The law of the body as long as nothing touches it; of one rigid body."""
         return law_for(self.scenario, self.engine)
 
@@ -64,7 +63,7 @@ class Case:
             return jointed_segments(len(self.samples))
         exact = self.engine.machine in EXACT_MACHINES
         segments = segments_of(self.samples, self.law, self.touches, exact=exact)
-        return segments.placed_at(self.samples, self._release)
+        return segments.placed_at(self.samples, self._release, self.law)
 
     @property
     def _release(self) -> Motion:
@@ -87,6 +86,14 @@ class Case:
     def substeps(self) -> int:
         """How many steps the engine makes of each timestep."""
         return self.scenario.substeps or 1
+
+    @property
+    def hides_contacts(self) -> bool:
+        """Whether contact may act within a timestep that the engine does not report.
+
+        Of several substeps, or stages of a step, it reports the last one's.
+        """
+        return self.substeps > 1 or self.scenario.effective_integrator in EXACT_INTEGRATORS
 
     @property
     def substep_s(self) -> float:
@@ -133,6 +140,16 @@ class Case:
         return floor_m is None or self.fall.height_m > floor_m + TOUCHING_M
 
     @property
+    def engine_name(self) -> str:
+        """The engine by the name that its laws go by."""
+        return "Bullet" if self.is_bullet else ENGINES[self.scenario.engine]
+
+    @property
+    def is_bullet(self) -> bool:
+        """Whether PyBullet dropped the body: its calls and its contact are known here."""
+        return self.scenario.engine == "bullet"
+
+    @property
     def is_rigid(self) -> bool:
         """Whether the body is one rigid link: the laws here are those of one."""
         return self.engine.joints == 0
@@ -154,8 +171,11 @@ class Case:
         return self.is_rigid and self.engine.shape == "box"
 
     def over_floor(self, position_m: Float64) -> bool:
-        """Whether positions [m], shape (n, 3), are above or below the floor, not past its edge."""
-        return bool((np.abs(position_m[:, :2]) < FLOOR_REACH_M).all())
+        """Whether positions [m], shape (n, 3), are above or below the floor, not past its edge.
+
+        That of other engines has none.
+        """
+        return not self.is_bullet or bool((np.abs(position_m[:, :2]) < FLOOR_REACH_M).all())
 
 
 def case_of(

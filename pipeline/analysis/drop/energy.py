@@ -104,7 +104,8 @@ def _work(case: Case) -> tuple[Float64, Float64, Float64]:
         drag = free - before - dt * gravity
         damping_j += mass_kg / 2 * np.sum(drag * (before + after), axis=1)
         clamp_j += mass_kg / 2 * np.sum((after - free) * (before + after), axis=1)
-        integrator_j -= mass_kg * dt / 2 * ((after - before) @ gravity)
+        if law.semi_implicit:
+            integrator_j -= mass_kg * dt / 2 * ((after - before) @ gravity)
         before = after
     return damping_j, clamp_j, integrator_j
 

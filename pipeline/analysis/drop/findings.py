@@ -83,16 +83,23 @@ def _never_moved(e: Evidence) -> Iterator[Finding]:
         yield Finding(
             "no-gravity",
             f"the engine's gravity is 0 m/s² and the centre is at {decimals(heights_m[-1], 4)} m "
-            "at the end: PyBullet starts without gravity; call p.setGravity(0, 0, -9.81), i.e. "
-            "omit --no-gravity",
+            "at the end: "
+            + _call(e, "PyBullet starts without gravity; call p.setGravity(0, 0, -9.81), i.e. ")
+            + "omit --no-gravity",
         )
     if not scenario.stepped and e.mismatch is None:
         yield Finding(
             "not-stepped",
             f"all {len(heights_m)} samples are the same to the last bit, at "
-            f"{decimals(heights_m[0], 4)} m: time passes only in p.stepSimulation(); call it once "
-            "per sample, i.e. omit --no-step",
+            f"{decimals(heights_m[0], 4)} m: "
+            + _call(e, "time passes only in p.stepSimulation(); call it once per sample, i.e. ")
+            + "omit --no-step",
         )
+
+
+def _call(e: Evidence, words: str) -> str:
+    """Return words that name a call of PyBullet; nothing where another engine dropped the body."""
+    return words if e.case.is_bullet else ""
 
 
 def _joints(e: Evidence) -> Iterator[Finding]:
@@ -114,7 +121,9 @@ def _no_floor(e: Evidence) -> Iterator[Finding]:
         yield Finding(
             "no-floor",
             f"the centre went down to {decimals(lowest_m, 4)} m without a contact: there is "
-            'nothing to land on; call p.loadURDF("plane.urdf"), i.e. omit --no-floor',
+            "nothing to land on; "
+            + _call(e, 'call p.loadURDF("plane.urdf"), i.e. ')
+            + "omit --no-floor",
         )
     low = position_m[:, 2] + e.case.engine.reach_m < 0
     if e.case.scenario.floor and low.any() and not e.case.over_floor(position_m[low][:1]):
@@ -148,7 +157,7 @@ def _tunnelled(e: Evidence) -> Iterator[Finding]:
         moved_m = float(np.linalg.norm(position_m[step] - position_m[step - 1]))
         reason = (
             f"it moved {moved_m:.4g} m in a step, and contact is looked for between steps only; "
-            "shorten the step with p.setTimeStep, i.e. --timestep"
+            f"shorten the step with {_call(e, 'p.setTimeStep, i.e. ')}--timestep"
         )
     yield Finding("tunnelled", f"{where}: {reason}")
 
@@ -163,7 +172,11 @@ def _law_mismatch(e: Evidence) -> Iterator[Finding]:
     if e.mismatch is None:
         return
     step, deviation = e.mismatch.step, e.mismatch.deviation
-    made = f"what pybullet {e.case.engine.pybullet_version or '?'} makes of the samples before it"
+    engine = e.case.engine
+    which = f"pybullet {engine.pybullet_version or '?'}"
+    if not e.case.is_bullet:
+        which = f"{e.case.engine_name} {engine.engine_version or '?'}"
+    made = f"what {which} makes of the samples before it"
     if not e.case.scenario.stepped:
         made = "the release, although no step was taken"
     yield Finding(
@@ -187,7 +200,8 @@ def _starts_in_contact(e: Evidence) -> Iterator[Finding]:
 
 
 def _damping(e: Evidence) -> Iterator[Finding]:
-    if e.case.scenario.linear_damping is not None or not e.case.scenario.stepped:
+    told = e.case.scenario.linear_damping is not None
+    if told or not e.case.scenario.stepped or not e.case.is_bullet:
         return
     if e.case.scenario.coordinates == "maximal":
         yield Finding(
@@ -255,12 +269,13 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
         per_step_m *= e.case.substep_s
         reason = (
             f"contact acts only once it is inside, and it moves {decimals(per_step_m * 1e3, 1)} mm "
-            "down in a step; shorten the step with p.setTimeStep, i.e. --timestep"
+            f"down in a step; shorten the step with {_call(e, 'p.setTimeStep, i.e. ')}--timestep"
         )
         yield Finding(
             "deep-penetration",
             f"the body sinks {decimals(depth_m * 1e3, 1)} mm into the floor, "
-            f"{depth_m / tall_m:.0%} of its height: {_spring(e.case) or reason}",
+            f"{depth_m / tall_m:.0%} of its height: "
+            f"{_spring(e.case) or _soft(e.case) or reason}",
         )
 
 
@@ -272,6 +287,16 @@ def _spring(case: Case) -> str | None:
         f"the body's URDF asks for a contact that gives way like a spring, of "
         f"{case.engine.contact_stiffness_n_m:g} N/m; omit <stiffness> and <damping> from its "
         "<contact>, or set them with p.changeDynamics"
+    )
+
+
+def _soft(case: Case) -> str | None:
+    """Say why contact gives way in MuJoCo, where a shorter timestep does not help."""
+    if case.engine.solref is None:
+        return None
+    return (
+        f"MuJoCo's contact is a spring with a time constant of {case.engine.solref[0]:g} s; a "
+        "smaller one in the solref of the geoms makes it stiffer"
     )
 
 
@@ -324,7 +349,7 @@ def _bounces(e: Evidence) -> Iterator[Finding]:
 def _swallowed(e: Evidence) -> Iterator[Finding]:
     """Report the first arrival that stays although it would bounce without the threshold."""
     threshold_m_s, restitution = restitution_threshold_m_s(e.case), e.case.engine.pair_restitution
-    if restitution is None or e.case.is_springy:
+    if restitution is None or e.case.is_springy or not e.case.is_bullet:
         return
     # What gravity takes back within a step or two is no bounce either.
     least_m_s = max(SWALLOWED_M_S, -2 * e.case.fall.gravity_m_s2 * e.case.timestep_s) / restitution
@@ -360,6 +385,11 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
         else:
             causes += ", unless p.setPhysicsEngineParameter(contactSlop=0) is called"
         yield Finding("rest-below-expected", f"{lower}: {causes}")
+    elif rest.sinks_m is not None:
+        yield Finding(
+            "rest-below-expected",
+            f"{lower}, where {_points(e.case)} carry the weight: {_soft(e.case)}",
+        )
     elif e.case.scenario.contact_erp == 0 and e.law is not None and e.tumbled_step is None:
         yield Finding(
             "rest-below-expected",
@@ -368,9 +398,14 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
         )
 
 
+def _points(case: Case) -> str:
+    points = int(case.samples.contact_points[-1])
+    return "1 point" if points == 1 else f"{points} points"
+
+
 def _solver_stop(case: Case) -> str:
     """Say where the solver stops, and what takes that away; which came first is not recorded."""
-    iterations = case.engine.solver_iterations
+    iterations = case.engine.solver_iterations or ENOUGH_ITERATIONS
     if case.scenario.solver_residual == 0:
         return f"after {iterations} iterations; more with --solver-iterations take"
     if iterations < ENOUGH_ITERATIONS:

@@ -15,7 +15,8 @@ from pipeline.analysis.drop.case import Case
 from pipeline.analysis.drop.phases import Phases, crossing_time, touching
 from pipeline.analysis.drop.posture import FLAT_RAD, flat_height_m, stands, tilt_rad, turned_rad
 from pipeline.analysis.drop.results import Bounce, Contact, Impact, Landing, Rest, RestTerms
-from pipeline.laws import bullet_contact, theory
+from pipeline.laws import bullet_contact, mujoco_contact, theory
+from pipeline.laws.bullet import BulletLaw
 from pipeline.laws.bullet_contact import CONTACT_ERP, CONTACT_SLOP_M, RESTITUTION_THRESHOLD_M_S
 
 Float64 = NDArray[np.float64]
@@ -30,6 +31,8 @@ ROUNDED = 1e-9
 """Share of the approach by which two ways to compute a rebound may differ."""
 AT_REST_M_S = 1e-4
 """A predicted path that is slower than this has come to rest."""
+SUNK_M = 1e-9
+"""By how much a body at rest may be off MuJoCo's closed form, to be explained by it."""
 
 
 # -- when it lands --------------------------------------------------------------------------------
@@ -60,7 +63,7 @@ def find_landing(case: Case) -> Landing | None:
 
 def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact | None:
     """Return when the body meets the floor, or None if it never does."""
-    if phases.contact_step is None or (case.substeps > 1 and not case.is_rigid):
+    if phases.contact_step is None or (case.hides_contacts and not case.is_rigid):
         return None  # of several substeps the first contact may not be reported
     samples, floor_m = case.samples, case.floor_height_m
     height_m, turned = samples.height_m, turned_rad(case) > FLAT_RAD
@@ -69,10 +72,14 @@ def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact |
     crossing_s = penetration_m = None
     if floor_m is not None and case.is_rigid:
         # With substeps the way between two samples is not straight, and may be deeper than both.
-        if case.starts_above and case.substeps == 1 and not turned[: phases.contact_step + 1].any():
+        if (
+            case.starts_above
+            and not case.hides_contacts
+            and not turned[: phases.contact_step + 1].any()
+        ):
             crossing_s = crossing_time(height_m[: phases.contact_step], floor_m, case.timestep_s)
         over = case.over_floor(samples.position_m[lowest : lowest + 1])
-        if over and case.substeps == 1 and not turned[lowest]:
+        if over and not case.hides_contacts and not turned[lowest]:
             penetration_m = max(0.0, floor_m - float(height_m[lowest]))
     return Impact(
         time_free_fall_s=landing.time_free_fall_s if landing else None,
@@ -98,7 +105,8 @@ def covers(case: Case) -> bool:
     sideways = any((*case.scenario.velocity_m_s[:2], *case.scenario.spin_rad_s))
     floor_m = case.floor_height_m
     return (
-        case.is_box
+        isinstance(case.law, BulletLaw)
+        and case.is_box
         and not case.is_springy
         and case.scenario.stepped
         and floor_m is not None
@@ -138,6 +146,7 @@ def _law(
     *,
     contact_erp: float | None = None,
 ) -> Path:
+    assert isinstance(case.law, BulletLaw)
     assert case.floor_height_m is not None
     assert case.engine.pair_restitution is not None
     return Path(
@@ -203,7 +212,7 @@ def episodes(case: Case) -> Iterator[Episode]:
 
     Nothing with substeps: PyBullet reports the contact of the last of them only.
     """
-    if case.substeps > 1:
+    if case.hides_contacts:
         return
     touches = touching(case.samples)
     edges = np.diff(np.concatenate(([False], touches, [False])).astype(np.int8))
@@ -224,7 +233,9 @@ def _approach_m_s(case: Case, step: int) -> float:
 
     Restitution acts on what the step would have made of the velocity without a contact.
     """
-    return -bullet_contact.free_velocity(case.law, case.samples.velocity_m_s[step])
+    if isinstance(case.law, BulletLaw):
+        return -bullet_contact.free_velocity(case.law, case.samples.velocity_m_s[step])
+    return -float(case.law.free_velocities(case.samples.velocity_m_s[step : step + 1])[0, 2])
 
 
 def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
@@ -336,16 +347,35 @@ def find_rest(
     if expected_m is None:
         return Rest(last_m, None, None, phases.rest_step, None)
     terms = None
-    settles = law is not None and abs(law.velocity_m_s[-10:]).max() < AT_REST_M_S
-    sinks = not _bounces_on(case) and _contact_erp(case) > 0
-    if law is not None and settles and sinks and tumbled_step is None:
-        law_end_m = float(law.height_m[-1])
-        terms = RestTerms(
-            slop=-CONTACT_SLOP_M,
-            solver=last_m - law_end_m,
-            settling=law_end_m - (expected_m - CONTACT_SLOP_M),
-        )
-    return Rest(last_m, expected_m, last_m - expected_m, phases.rest_step, terms)
+    if law is not None and tumbled_step is None:
+        terms = _rest_terms(case, law, last_m, expected_m)
+    error_m = last_m - expected_m
+    return Rest(last_m, expected_m, error_m, phases.rest_step, terms, _sinks_m(case, error_m))
+
+
+def _rest_terms(case: Case, law: Path, last_m: float, expected_m: float) -> RestTerms | None:
+    """Return why the body lies where it lies; None where the law has not come to rest either."""
+    settles = abs(law.velocity_m_s[-10:]).max() < AT_REST_M_S
+    if not settles or _bounces_on(case) or not _contact_erp(case) > 0:
+        return None
+    law_end_m = float(law.height_m[-1])
+    return RestTerms(
+        slop=-CONTACT_SLOP_M,
+        solver=last_m - law_end_m,
+        settling=law_end_m - (expected_m - CONTACT_SLOP_M),
+    )
+
+
+def _sinks_m(case: Case, error_m: float) -> float | None:
+    """Return how deep MuJoCo's soft contact lets a body sink [m]; None where it lies elsewhere."""
+    solref, solimp = case.engine.solref, case.engine.solimp
+    points, gravity_m_s2 = int(case.samples.contact_points[-1]), -case.fall.gravity_m_s2
+    if solref is None or solimp is None or not points or gravity_m_s2 <= 0:
+        return None
+    depth_m = mujoco_contact.rest_depth_m(gravity_m_s2, points, solref, solimp)
+    if depth_m is None or abs(error_m + depth_m) > SUNK_M:
+        return None
+    return depth_m
 
 
 def _bounces_on(case: Case) -> bool:
@@ -353,6 +383,7 @@ def _bounces_on(case: Case) -> bool:
 
     Then it comes to rest above the slop, where what it bounces up with just takes it there.
     """
+    assert isinstance(case.law, BulletLaw)
     falls_m_s = bullet_contact.free_velocity(case.law, (0.0, 0.0, 0.0))
     threshold_m_s = restitution_threshold_m_s(case)
     restitution = case.engine.pair_restitution or 0.0

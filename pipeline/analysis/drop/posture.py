@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.analysis.drop.case import Case
-from pipeline.analysis.general.mechanics import rotate, rotate_inverse
+from pipeline.laws.rotations import rotate, rotate_inverse
 
 Float64 = NDArray[np.float64]
 
@@ -52,11 +52,11 @@ def tilt_rad(case: Case) -> Float64:
 def tumbled_step(case: Case, touching: NDArray[np.bool_]) -> int | None:
     """Return the first sample that touches the floor tilted; None where none does.
 
-    With substeps PyBullet does not report every touch: then it is the first from the first on.
+    Where not every touch is reported it is the first from the first on.
     """
     if not case.is_rigid:
         return None
-    if case.substeps > 1:
+    if case.hides_contacts:
         touching = np.logical_or.accumulate(touching)
     tumbling = np.flatnonzero(touching & (tilt_rad(case) > FLAT_RAD))
     return int(tumbling[0]) if len(tumbling) else None

@@ -172,6 +172,9 @@ class Rest:
     """First sample of the rest; None where the body goes on creeping or turning."""
     terms_m: RestTerms | None
     """None where the contact law does not cover the landing."""
+    sinks_m: float | None = None
+    """How deep MuJoCo's soft contact lets a body sink under its weight, by its closed form; None
+    where the body lies elsewhere, and in other engines."""
 
 
 @dataclass(frozen=True)

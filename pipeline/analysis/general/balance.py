@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.analysis.general.contacts import Touches
-from pipeline.analysis.general.mechanics import rotate, rotate_inverse
 from pipeline.laws.base import Law, Motion
+from pipeline.laws.rotations import rotate, rotate_inverse
 
 Float64 = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def balance_of(
     inertia = np.array(law.inertia_kg_m2)
 
     def spun(turned: Float64) -> Float64:
-        own = law.turned_by(rotate_inverse(before.orientation, turned))
+        own = law.turned_by(rotate_inverse(before.orientation, turned), before)
         return rotate(before.orientation, own)
 
     if pushed is not None:

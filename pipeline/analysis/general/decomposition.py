@@ -65,7 +65,9 @@ def decompose(law: Law, fall: Fall, simulated_m: Float64, *, first: int = 0) -> 
     last = first + len(simulated_m) - 1
     time_s = np.arange(first, last + 1, dtype=np.float64) * law.timestep_s
     free_fall_m = theory.free_fall_position(fall, time_s)
-    timestep_m = theory.timestep_displacement(fall, time_s, law.step_s)
+    timestep_m = np.zeros_like(free_fall_m)
+    if law.semi_implicit:
+        timestep_m = theory.timestep_displacement(fall, time_s, law.step_s)
     damping_m = theory.damping_displacement(fall, time_s)
     law_m = law.exact_path(fall.position_m, fall.velocity_m_s, steps=last, first=first)
     explained_m = free_fall_m + timestep_m + damping_m

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.analysis.general.samples import Samples
 from pipeline.laws.base import Motion
+from pipeline.laws.rotations import rotate, rotate_inverse
 from pipeline.report import EngineReport
 
 Float64 = NDArray[np.float64]
@@ -91,20 +92,6 @@ def _about_centre_of_mass(
     # Differences of equal velocities leave rounding, which is no momentum.
     nothing = np.linalg.norm(total, axis=1) < ROUNDING * scale
     return np.where(nothing[:, None], 0.0, total)
-
-
-def rotate(orientation: Float64, vectors: Float64) -> Float64:
-    """Turn vectors, shape (n, 3), by unit quaternions x, y, z, w, shape (n, 4).
-
-    Source: v + 2 u × (u × v + w v), the vector form of q v q*.
-    """
-    axis, w = orientation[:, :3], orientation[:, 3:]
-    return vectors + 2 * np.cross(axis, np.cross(axis, vectors) + w * vectors)
-
-
-def rotate_inverse(orientation: Float64, vectors: Float64) -> Float64:
-    """Turn vectors back by unit quaternions x, y, z, w; shapes (n, 4) and (n, 3)."""
-    return rotate(orientation * [-1, -1, -1, 1], vectors)
 
 
 def max_relative_drift(values: Float64) -> float | None:

@@ -30,11 +30,11 @@ SEGMENTS: tuple[Segment, ...] = get_args(Segment)
 FLIGHT, CONTACT, PUSHED, SET, JOINTED, STILL, UNEXPLAINED = range(len(SEGMENTS))
 EXPLAINED = (FLIGHT, CONTACT, PUSHED, SET, STILL)
 
-ULPS = 16 * 2.0**-52
-"""Share of a step's terms that velocities may be off while a body turns; seen: 5 of the 16."""
-ORIENTED = 4e-15
-"""By how much components of an orientation may be off: it is read back through a matrix, and sin
-and cos are not the engine's; seen: 7e-16."""
+ULPS = 16
+"""Units of rounding of a step's terms that velocities may be off while a body turns; seen: 5."""
+ORIENTED = 18
+"""By how many of them components of an orientation may be off: it is read back through a matrix,
+and sin and cos are not the engine's; seen: 3."""
 
 
 @dataclass(frozen=True)
@@ -50,14 +50,14 @@ class Segments:
     held: NDArray[np.bool_]
     """Whether the engine held a velocity at its limit in the law's step to each sample."""
 
-    def placed_at(self, motion: Motion, start: Motion) -> Segments:
+    def placed_at(self, motion: Motion, start: Motion, law: Law) -> Segments:
         """Return the same where the first sample is held against a start that is known."""
-        first = motion.at(slice(1))
+        first, start = motion.at(slice(1)), law.released(start)
         turned = _off(_same_way(first.orientation, start.orientation), start.orientation)
         placed = [_off(getattr(first, name), getattr(start, name)) for name in _VECTORS]
         code, deviation = self.code.copy(), self.deviation.copy()
         deviation[0] = np.max([turned, *placed])
-        if not (turned[0] <= ORIENTED and max(each[0] for each in placed) == 0):
+        if not (turned[0] <= ORIENTED * law.epsilon and max(each[0] for each in placed) == 0):
             code[0] = UNEXPLAINED
         return replace(self, code=code, deviation=deviation)
 
@@ -131,21 +131,21 @@ def segments_of(
     before = motion.before() if before is None else before
     balance = balance_of(motion, law, touches, pushed, before=before)
     several, bits = law.substeps > 1, law.bits(before)
-    exactly = 0.0 if exact else FUSED
+    exactly, ulps = 0.0 if exact else FUSED, ULPS * law.epsilon
 
     # With one step to a sample its own velocities moved it, whatever gave it these.
     alone = balance.law
     moved = alone if several else law.moved(before, motion.velocity_m_s, motion.spin_rad_s)
     position, orientation = motion.position_m, _same_way(motion.orientation, moved.orientation)
     terms_m_s, terms_rad_s = law.terms(before)
-    turns = np.where(bits | (not several), exactly, ULPS)
+    turns = np.where(bits | law.moves_exactly, exactly, ulps)
     place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
     there = place_m <= turns * (np.abs(position).max(axis=1) + law.timestep_s * terms_m_s)
-    there &= turn <= ORIENTED + exactly + turns * law.timestep_s * terms_rad_s
+    there &= turn <= ORIENTED * law.epsilon + exactly + turns * law.timestep_s * terms_rad_s
 
     # What the solver tries at a point and takes back leaves rounding.
     near = np.isin(np.arange(len(motion)), touches.step)
-    rounded = np.where(bits & ~near, exactly, ULPS)
+    rounded = np.where(bits & ~near, exactly, ulps)
     fall_m_s = _off(motion.velocity_m_s, alone.velocity_m_s)
     fall_rad_s = _off(motion.spin_rad_s, alone.spin_rad_s)
     free = fall_m_s <= rounded * (terms_m_s + np.abs(motion.velocity_m_s).max(axis=1))

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.analysis.general.contacts import Contacts, Touches
-from pipeline.analysis.general.mechanics import rotate_inverse
 from pipeline.analysis.general.segments import (
     FLIGHT,
     JOINTED,
@@ -23,6 +22,7 @@ from pipeline.analysis.general.segments import (
 from pipeline.analysis.script.tracks import NUMBERS, Epoch, Flags, Track
 from pipeline.laws.base import EXACT_MACHINES, Law
 from pipeline.laws.lookup import RIGID, law_of
+from pipeline.laws.rotations import rotate_inverse
 from pipeline.seen import Body
 
 Float64 = NDArray[np.float64]

@@ -11,9 +11,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from pipeline.analysis.general.mechanics import rotate
 from pipeline.analysis.general.samples import motion_of
 from pipeline.laws.base import Motion
+from pipeline.laws.rotations import rotate
 from pipeline.seen import At, Body, Dynamics, OfBody, Seen, Settings
 from pipeline.states import BASE
 

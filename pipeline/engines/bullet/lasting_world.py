@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Self
 
 from pipeline.engines.bullet.engine import p
 from pipeline.engines.bullet.world import FAR_M, World, no_number
@@ -88,35 +87,3 @@ class LastingWorld(World):
         if not all(map(math.isfinite, position)):
             raise no_number(self.scenario.steps)
         return float(position[2])
-
-
-class Worlds:
-    """Hands out a world for each scenario, the last one as long as it serves; use it in `with`."""
-
-    def __init__(self) -> None:
-        self._kept: LastingWorld | None = None
-
-    def world_of(self, scenario: Scenario) -> LastingWorld:
-        """Return a world at the release of a scenario; the one returned before is no longer valid.
-
-        Raises
-        ------
-        ScenarioError
-            If the body cannot be found or loaded, or has no mass.
-        """
-        kept, self._kept = self._kept, None  # not kept if anything fails from here on
-        if kept is not None and kept.serves(scenario):
-            kept.restart(scenario)
-        else:
-            if kept is not None:
-                kept.close()
-            kept = LastingWorld(scenario)
-        self._kept = kept
-        return kept
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._kept is not None:
-            self._kept.close()

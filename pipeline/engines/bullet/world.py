@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from pipeline.engines.bullet.c_output import c_output_moved_aside
 from pipeline.engines.bullet.engine import data_folder, find_body, p
 from pipeline.engines.bullet.touching import ROUNDING_M, touching_height
+from pipeline.engines.session import Shape
 from pipeline.errors import DropError, ScenarioError
 from pipeline.kinds import Quaternion
 from pipeline.report import LARGEST, EngineReport
@@ -257,6 +258,20 @@ class World:
             floor_lateral_friction=floor and floor[1],
             floor_restitution=floor and floor[5],
             pybullet_api=p.getAPIVersion(),
+        )
+
+    def shapes(self) -> tuple[Shape, ...]:
+        """Return what the base collides with."""
+        return tuple(
+            Shape(
+                SHAPES.get(kind, "unknown shape"),
+                size_m if kind == p.GEOM_BOX else (size_m[1] or size_m[0], size_m[0], 0.0),
+                position_m,
+                orientation,
+            )
+            for _, _, kind, size_m, _, position_m, orientation in p.getCollisionShapeData(
+                self._body, -1, physicsClientId=self._client
+            )
         )
 
     def _dynamics(self, body: int | None = None, link: int = -1) -> Any:  # noqa: ANN401

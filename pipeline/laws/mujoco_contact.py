@@ -1,0 +1,50 @@
+"""How deep a body at rest lies in the floor in MuJoCo: its contacts are springs.
+
+A contact point of depth p holds the body with the acceleration d k p / (1 - d), where the impedance
+d grows with p, and k follows from `solref` (documentation, "Solver parameters"). At rest n points
+carry g between them:
+
+    p = g (1 - d) / (d k n)      d = d0 + (dw - d0) y(p / width)      k = d / (dw² τ² ζ²)
+
+Mass and size cancel. The source of d's form: `engine_core_constraint.c`, `getimpedance`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from scipy.optimize import brentq
+
+
+def rest_depth_m(
+    gravity_m_s2: float, points: int, solref: Sequence[float], solimp: Sequence[float]
+) -> float | None:
+    """Return the depth [m] at which so many points carry a body.
+
+    None for what `solref` says otherwise: two negative numbers are stiffness and damping.
+    """
+    time_constant_s, ratio = solref
+    d0, dw, width_m, _, _ = solimp
+    if time_constant_s <= 0 or ratio <= 0 or width_m <= 0:
+        return None
+
+    def off(depth_m: float) -> float:
+        d = impedance(depth_m, solimp)
+        stiffness = d / (dw * time_constant_s * ratio) ** 2
+        return depth_m - gravity_m_s2 * (1 - d) / (d * stiffness * points)
+
+    deepest_m = gravity_m_s2 * (1 - d0) / (d0 * d0) * (dw * time_constant_s * ratio) ** 2 / points
+    depth_m: float = brentq(off, 0.0, deepest_m, xtol=1e-16, rtol=1e-14)
+    return depth_m
+
+
+def impedance(depth_m: float, solimp: Sequence[float]) -> float:
+    """Return d of a contact of this depth [m]: from d0 to dw within the width, along a power."""
+    d0, dw, width_m, middle, power = solimp
+    x = min(depth_m / width_m, 1.0)
+    if x < middle:
+        y = math.pow(x, power) / math.pow(middle, power - 1)
+    else:
+        y = 1 - math.pow(1 - x, power) / math.pow(1 - middle, power - 1)
+    return d0 + (dw - d0) * y

@@ -1,0 +1,22 @@
+"""Turn vectors between the world's axes and a body's."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
+
+def rotate(orientation: Float64, vectors: Float64) -> Float64:
+    """Turn vectors, shape (n, 3), by unit quaternions x, y, z, w, shape (n, 4).
+
+    Source: v + 2 u × (u × v + w v), the vector form of q v q*.
+    """
+    axis, w = orientation[:, :3], orientation[:, 3:]
+    return vectors + 2 * np.cross(axis, np.cross(axis, vectors) + w * vectors)
+
+
+def rotate_inverse(orientation: Float64, vectors: Float64) -> Float64:
+    """Turn vectors back by unit quaternions x, y, z, w; shapes (n, 4) and (n, 3)."""
+    return rotate(orientation * [-1, -1, -1, 1], vectors)

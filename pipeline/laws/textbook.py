@@ -1,0 +1,150 @@
+"""The step of the engines that follow a textbook: no damping, no limit, one step a sample.
+
+    v' = v + dt g            x' = x + dt v'                  semi-implicit Euler
+    v' = v + dt g            x' = x + dt (v + v')/2          exact where gravity is all that acts
+
+An engine's own law is one of these with its own order of operations and its own spin.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from decimal import Context, Decimal, localcontext
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.laws.base import Drag, ExactPath, Motion, Vector
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextbookLaw(ABC):
+    """What these laws share; see `pipeline.laws.base.Law` for what each method is."""
+
+    timestep_s: float
+    """Time between two samples [s]."""
+    gravity_m_s2: Vector
+    """World axes."""
+    mass_kg: float
+    inertia_kg_m2: Vector
+    """Principal moments, about the body's axes."""
+    semi_implicit: bool = True
+    """Whether it moves the body with the velocity at the end of the step."""
+
+    substeps: ClassVar[int] = 1
+    epsilon: ClassVar[float] = 2.0**-52
+    """Unit of rounding of the engine's numbers."""
+
+    @property
+    def step_s(self) -> float:
+        """Timestep of the integrator [s]."""
+        return self.timestep_s
+
+    @property
+    def moves_exactly(self) -> bool:
+        """Whether `moved` gives the engine's positions to the last bit."""
+        return self.semi_implicit
+
+    @property
+    def drag(self) -> Drag:
+        """None: these engines damp nothing by themselves."""
+        return Drag(0.0, 0.0)
+
+    @abstractmethod
+    def velocities(self, before: Motion) -> tuple[Float64, Float64]:
+        """Return velocity [m/s] and spin [rad/s] after a step, shape (n, 3) each."""
+
+    @abstractmethod
+    def bits(self, before: Motion) -> NDArray[np.bool_]:
+        """Return from which samples `step` gives the engine's velocities to the last bit, (n,)."""
+
+    @abstractmethod
+    def terms(self, before: Motion) -> tuple[Float64, Float64]:
+        """Return the size of all that a timestep adds up to velocity and spin, shape (n,)."""
+
+    @abstractmethod
+    def turned(self, before: Motion, spin_rad_s: Float64) -> Float64:
+        """Return the orientations that a step with these spins leads to, shape (n, 4)."""
+
+    def released(self, start: Motion) -> Motion:
+        """Return what the engine keeps of a state that it is given."""
+        return start
+
+    def step(self, before: Motion) -> Motion:
+        """Return what one timestep makes of each sample."""
+        return self.moved(before, *self.velocities(before))
+
+    def unlimited(self, before: Motion) -> Motion:
+        """Return the same: there is no limit."""
+        return self.step(before)
+
+    def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
+        """Return where one step of the integrator takes each sample with these velocities."""
+        mean_m_s = velocity_m_s
+        if not self.semi_implicit:
+            mean_m_s = (before.velocity_m_s + velocity_m_s) / 2
+        position_m = before.position_m + self.timestep_s * mean_m_s
+        return Motion(position_m, self.turned(before, spin_rad_s), velocity_m_s, spin_rad_s)
+
+    def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:  # noqa: ARG002
+        """Return what angular impulses add to the spin [rad/s], both in the body's axes, (n, 3)."""
+        return np.asarray(angular_impulse_n_m_s / np.array(self.inertia_kg_m2))
+
+    def limited(self, before: Motion) -> NDArray[np.bool_]:
+        """Return that no velocity is held at a limit, shape (n,)."""
+        return np.zeros(len(before), dtype=bool)
+
+    def free_velocities(self, velocity_m_s: Float64) -> Float64:
+        """Return what a step makes of many velocities [m/s], shape (n, 3)."""
+        return np.asarray(velocity_m_s + self.timestep_s * np.array(self.gravity_m_s2))
+
+    def held(self, velocity_m_s: Float64) -> Float64:
+        """Return velocities [m/s] as they are: there is no limit."""
+        return velocity_m_s
+
+    def spin_kept(self, spin_rad_s: Float64) -> Float64:
+        """Return that nothing is damped, shape (n,)."""
+        return np.ones(len(spin_rad_s))
+
+    def exact_path(
+        self, position_m: Vector, velocity_m_s: Vector, *, steps: int, first: int = 0
+    ) -> ExactPath:
+        """Return the positions from sample `first` to `steps` of a flight, in exact arithmetic.
+
+        x0 + n dt v0 + dt² g n (n + 1)/2, or n² for n (n + 1) where it is exact; 40 digits.
+        """
+        nearest, left_out = np.empty((2, steps + 1 - first, 3))
+        with localcontext(Context(prec=40)):
+            dt, more = Decimal(self.timestep_s), int(self.semi_implicit)
+            for axis, numbers in enumerate(
+                zip(position_m, velocity_m_s, self.gravity_m_s2, strict=True)
+            ):
+                x, v, g = map(Decimal, numbers)
+                for row, n in enumerate(range(first, steps + 1)):
+                    exact = x + n * dt * v + dt * dt * g * (n * (n + more)) / 2
+                    nearest[row, axis] = near = float(exact)
+                    left_out[row, axis] = float(exact - Decimal(near))
+        return ExactPath(nearest, left_out)
+
+
+def turned_about(orientation: Float64, spin_body: Float64, timestep_s: float) -> Float64:
+    """Return q exp(ω dt/2) of unit quaternions q and spins ω in the body's axes, shape (n, 4)."""
+    speed = np.linalg.norm(spin_body, axis=1, keepdims=True)
+    axis = np.divide(spin_body, speed, out=np.zeros_like(spin_body), where=speed > 0)
+    half = timestep_s * speed / 2
+    x, y, z, w = (orientation / np.linalg.norm(orientation, axis=1, keepdims=True)).T
+    a, b, c = (axis * np.sin(half)).T
+    d = np.cos(half)[:, 0]
+    return np.stack(
+        (
+            w * a + x * d + y * c - z * b,
+            w * b - x * c + y * d + z * a,
+            w * c + x * b - y * a + z * d,
+            w * d - x * a - y * b - z * c,
+        ),
+        axis=1,
+    )

@@ -1,0 +1,265 @@
+"""A drop in MuJoCo: recorded as MuJoCo takes it, and explained by MuJoCo's own law."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco_drop
+import numpy as np
+import polars as pl
+import pytest
+from conftest import Drop, Recorder, judge
+
+from pipeline import Scenario, simulate
+from pipeline.analysis.drop.case import case_of
+from pipeline.analysis.general.mechanics import max_relative_drift
+from pipeline.analysis.general.segments import FLIGHT, segments_of
+from pipeline.engines import other_world
+from pipeline.errors import ScenarioError
+from pipeline.laws.mujoco_contact import rest_depth_m
+from pipeline.laws.rotations import rotate
+from pipeline.recording.reader import read
+from pipeline.recording.rows import tables_of
+from pipeline.scenario import INTEGRATORS
+from pipeline.stages.recorded import made_with
+from pipeline.states import Batch
+
+STATE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "vx_m_s", "vy_m_s", "vz_m_s"]
+SPIN = ["wx_rad_s", "wy_rad_s", "wz_rad_s"]
+MUJOCO = {"euler": "Euler", "rk4": "RK4", "implicit": "implicit", "implicitfast": "implicitfast"}
+BLOCK = {"body": "block.urdf"}
+SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
+
+
+def drawn(seed: int) -> dict[str, object]:
+    """Return a scenario of a body in the air; every other one is thrown, every third spins."""
+    rng = np.random.default_rng(seed)
+    timestep_s = float(rng.choice([1 / 240, 1 / 1000, 0.01, 0.0003]))
+    values: dict[str, object] = {
+        "engine": "mujoco",
+        "height_m": float(rng.uniform(50, 200)),
+        "timestep_s": timestep_s,
+        "duration_s": 60 * timestep_s,
+        "gravity_m_s2": float(rng.uniform(-20, 20)),
+        "mass_kg": float(10 ** rng.uniform(-3, 3)),
+    }
+    if seed % 2:
+        values["velocity_m_s"] = tuple(rng.uniform(-5, 5, 3).tolist())
+    if seed % 3 == 0:
+        values["spin_rad_s"] = tuple(rng.uniform(-9, 9, 3).tolist())
+    return values
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS["mujoco"])
+def test_every_step_in_the_air_follows_the_law(integrator: str) -> None:
+    to_the_bit = 0
+    for seed in range(100):
+        body = BLOCK if seed % 5 == 0 else {}
+        scenario = Scenario(**drawn(seed), **body, integrator=integrator)  # type: ignore[arg-type]
+        with other_world.OtherWorld(scenario) as world:
+            states, contacts = tables_of(Batch.joined(world.samples(100)))
+            case = case_of(scenario, made_with(world), states, contacts)
+        assert case.segments.counts()["flight"] == 60, (seed, case.segments.first_unexplained)
+        if seed % 2 or seed % 3 == 0 or integrator == "rk4":
+            continue
+        after = case.law.step(case.samples.before())  # straight up or down
+        to_the_bit += np.array_equal(after.velocity_m_s[1:], case.samples.velocity_m_s[1:])
+        to_the_bit += np.array_equal(after.position_m[1:], case.samples.position_m[1:])
+    assert to_the_bit == (0 if integrator == "rk4" else 2 * 33)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS["mujoco"])
+def test_what_is_recorded_is_what_mujoco_does(recorded: Recorder, integrator: str) -> None:
+    """Also on the floor, by a model that shares nothing with ours but its numbers."""
+    thrown: dict[str, object] = {"velocity_m_s": (1.0, -0.5, 2.0), "spin_rad_s": (3.0, 5.0, -2.0)}
+    recording = recorded(engine="mujoco", integrator=integrator, **BLOCK, **thrown)
+    engine = recording.engine
+    bare = mujoco_drop.drive(
+        steps=240, integrator=MUJOCO[integrator], mass_kg=engine.mass_kg,
+        inertia_kg_m2=engine.inertia_kg_m2, edges_m=engine.shape_dimensions_m,  # type: ignore[arg-type]
+        **thrown,  # type: ignore[arg-type]
+    )  # fmt: skip
+    assert (recording.contacts["step"].n_unique() or 0) > 5
+    assert np.array_equal(recording.states.select(STATE).to_numpy(), bare[:, :10])
+
+
+def test_the_integrator_is_all_there_is_of_the_error(recorded: Recorder) -> None:
+    (moment,) = judge(recorded(engine="mujoco")).at
+    assert moment.simulated_m == 0.5524187499999997
+    assert moment.terms_m is not None
+    assert moment.terms_m.timestep == pytest.approx(-6.13125e-3, rel=1e-12)
+    assert moment.terms_m.damping == 0
+    assert moment.error_m == pytest.approx(-6.13125e-3, rel=1e-9)
+
+
+def test_runge_kutta_has_no_error_but_rounding(recorded: Recorder) -> None:
+    analysis = judge(recorded(engine="mujoco", integrator="rk4"))
+    (moment,) = analysis.at
+    assert moment.terms_m is not None
+    assert moment.terms_m.timestep == 0
+    assert abs(moment.error_m) < 1e-14
+    assert analysis.energy.integrator_j == 0
+    assert abs(analysis.energy.closing_j or 1.0) < 1e-13
+
+
+def test_a_law_that_is_another_one_is_noticed(recorded: Recorder) -> None:
+    """The other integrators' law, and a number that is off by a few units of its last place."""
+    recording = recorded(engine="mujoco", **BLOCK, height_m=6.0, spin_rad_s=(3.0, 5.0, -2.0))
+    assert judge(recording).explained.why is None
+    states = recording.states
+    for column in (*STATE, *SPIN):
+        off = 1e-9 if column in SPIN else 1e-12
+        moved = pl.when(pl.col("step") == 100).then(pl.col(column) + off).otherwise(column)
+        altered = states.with_columns(moved.alias(column))
+        case = case_of(recording.scenario, recording.engine, altered, recording.contacts)
+        assert case.segments.first_unexplained == 100, column
+    case = case_of(recording.scenario, recording.engine, states, recording.contacts)
+    for integrator in ("rk4", "implicit"):
+        other = Scenario(**{**vars_of(recording.scenario), "integrator": integrator})
+        law = case_of(other, recording.engine, states, recording.contacts).law
+        found = segments_of(case.samples, law, case.touches)
+        assert found.code[1] != FLIGHT, integrator
+
+
+def vars_of(scenario: Scenario) -> dict[str, object]:
+    return {name: getattr(scenario, name) for name in scenario.options()}
+
+
+def test_on_the_floor_every_force_is_accounted_for(recorded: Recorder) -> None:
+    tumbling = {"orientation": (20.0, 30.0, 0.0), "velocity_m_s": (1.0, 0.0, 0.0)}
+    for integrator in ("euler", "implicit", "implicitfast"):
+        analysis = judge(
+            recorded(engine="mujoco", integrator=integrator, solver_residual=0.0, **tumbling)
+        )
+        assert analysis.explained.why is None
+        assert analysis.segments.contact > 50
+        assert "law-mismatch" not in {finding.code for finding in analysis.findings}
+
+
+def test_what_the_solver_leaves_is_said(recorded: Recorder) -> None:
+    analysis = judge(recorded(engine="mujoco", timestep_s=1 / 960))
+    assert analysis.segments.unexplained
+    assert "--solver-residual 0" in (analysis.explained.why or "")
+    assert "law-mismatch" not in {finding.code for finding in analysis.findings}
+    assert judge(
+        recorded(engine="mujoco", timestep_s=1 / 960, solver_residual=0.0)
+    ).segments.unexplained == 0  # fmt: skip
+
+
+def test_runge_kutta_claims_nothing_of_contact(recorded: Recorder) -> None:
+    analysis = judge(recorded(engine="mujoco", integrator="rk4"))
+    assert analysis.segments.contact == 0
+    assert "stages" in (analysis.explained.why or "")
+    assert analysis.bounces == []
+    assert "law-mismatch" not in {finding.code for finding in analysis.findings}
+
+
+@pytest.mark.parametrize("mass_kg", [None, 50.0])
+@pytest.mark.parametrize("gravity_m_s2", [-9.81, -1.62])
+def test_the_rest_has_a_closed_form(
+    recorded: Recorder, mass_kg: float | None, gravity_m_s2: float
+) -> None:
+    analysis = judge(
+        recorded(engine="mujoco", mass_kg=mass_kg, gravity_m_s2=gravity_m_s2, duration_s=4.0)
+    )
+    rest = analysis.rest
+    assert rest is not None
+    assert rest.sinks_m == rest_depth_m(-gravity_m_s2, 4, SOLREF, SOLIMP)
+    assert rest.error_m == pytest.approx(-rest.sinks_m, abs=1e-9)
+    if gravity_m_s2 == -9.81:
+        assert rest.sinks_m == pytest.approx(107.755420e-6, abs=1e-12)
+        (finding,) = (f for f in analysis.findings if f.code == "rest-below-expected")
+        assert "107.76 µm" in finding.message
+        assert "0.02 s" in finding.message
+
+
+def test_a_shorter_time_constant_is_stiffer() -> None:
+    depths = [rest_depth_m(9.81, 4, (constant, 1.0), SOLIMP) for constant in (0.02, 0.01, 0.005)]
+    assert all(depth is not None for depth in depths)
+    assert depths == sorted(depths, reverse=True)  # type: ignore[type-var]
+    assert rest_depth_m(9.81, 4, (-100.0, -10.0), SOLIMP) is None
+
+
+def test_the_same_run_is_the_same_to_the_bit(tmp_path: Path, drop_process: Drop) -> None:
+    tumbling = ("--spin", "3,5,-2", "--velocity", "1,0,1", "--no-camera", "--engine", "mujoco")
+    for name in ("a.rrd", "b.rrd"):
+        assert drop_process("simulate", *tumbling, "--out", name).returncode == 0
+    a, b = (read(tmp_path / name) for name in ("a.rrd", "b.rrd"))
+    assert a.states.equals(b.states)
+    assert a.contacts.equals(b.contacts)
+
+
+def test_frames_are_drawn_from_its_poses(tmp_path: Path) -> None:
+    """The picture of a pose is the same, whichever engine led to it."""
+    short = {"duration_s": 1 / 240, "height_m": 0.5}
+    from pipeline.recording.reader import frames
+
+    for engine in ("bullet", "mujoco"):
+        simulate(Scenario(engine=engine, **short), tmp_path / f"{engine}.rrd")  # type: ignore[arg-type]
+    pictures = [dict(frames(tmp_path / f"{engine}.rrd")) for engine in ("bullet", "mujoco")]
+    assert pictures[0][0] == pictures[1][0]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--restitution", "0.5"], "--restitution is an option of PyBullet"),
+        (["--linear-damping", "0"], "not of MuJoCo; omit it"),
+        (["--coordinates", "maximal"], "--coordinates is an option of PyBullet, not of MuJoCo"),
+        (["--integrator", "discrete"], "takes euler, rk4, implicit, implicitfast, got discrete"),
+        (["--body", "r2d2.urdf"], "a body of one link"),
+        (["--body", "duck_vhacd.urdf"], "drop it with --engine bullet"),
+    ],
+)
+def test_what_it_does_not_have_is_said_in_a_line(drop: Drop, options: list[str], said: str) -> None:
+    done = drop("simulate", "--engine", "mujoco", "--out", "x.rrd", *options)
+    assert done.returncode == 2
+    assert said in " ".join(done.stderr.split())
+
+
+def test_an_integrator_of_pybullet_is_refused(drop: Drop) -> None:
+    done = drop("simulate", "--integrator", "rk4", "--out", "x.rrd")
+    assert done.returncode == 2
+    assert "--integrator of PyBullet has one only: omit it" in " ".join(done.stderr.split())
+
+
+def test_an_engine_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(other_world.SESSIONS, "mujoco", "not_installed_here:Session")
+    with pytest.raises(ScenarioError, match=r"pip install 'drop-physics\[mujoco\]'"):
+        other_world.OtherWorld(Scenario(engine="mujoco"))
+
+
+def test_its_own_settings_reach_it(recorded: Recorder) -> None:
+    slow = {"velocity_m_s": (2.0, 0.0, 0.0), "height_m": 0.025, "duration_s": 0.5}
+    slides = [
+        float(recorded(engine="mujoco", friction=mu, **slow).states["x_m"][-1])
+        for mu in (None, 0.1)
+    ]
+    assert slides[1] > 1.5 * slides[0]
+    report = recorded(engine="mujoco", friction=0.1, solver_iterations=7).engine
+    assert (report.lateral_friction, report.solver_iterations) == (0.1, 7)
+    assert report.restitution is None
+    assert report.solref == SOLREF
+    assert report.solimp == SOLIMP
+
+
+def test_a_drop_without_a_step_stays(recorded: Recorder) -> None:
+    analysis = judge(recorded(engine="mujoco", stepped=False))
+    assert [finding.code for finding in analysis.findings] == ["not-stepped"]
+    assert "stepSimulation" not in analysis.findings[0].message
+
+
+def test_angular_momentum_drifts_as_measured() -> None:
+    """By the first order of the timestep with Euler; 2.7e-11 with the Runge-Kutta method."""
+    inertia = np.array([0.80833, 0.68333, 0.14167])
+    drifts = {}
+    for integrator in ("Euler", "implicit", "RK4"):
+        rows = mujoco_drop.drive(
+            steps=10_000, timestep_s=1e-3, gravity_m_s2=0.0, integrator=integrator, mass_kg=1.0,
+            inertia_kg_m2=tuple(inertia.tolist()), spin_rad_s=(0.1, 5.0, 0.1), height_m=50.0,
+        )  # fmt: skip
+        momentum = rotate(rows[:, 3:7], rows[:, 10:] * inertia)
+        drifts[integrator] = max_relative_drift(momentum) or 0.0
+    assert drifts["Euler"] == pytest.approx(0.01307, abs=2e-6)
+    assert drifts["implicit"] == pytest.approx(0.01245, abs=2e-6)
+    assert drifts["RK4"] < 1e-10
