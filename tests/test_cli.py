@@ -79,8 +79,8 @@ def test_scenario_options_reach_the_recording(drop: Drop) -> None:
         "spin_rad_s": [1.0, 2.0, 3.0], "body": "cube_small.urdf", "mass_kg": 0.2,
         "restitution": 0.5, "contact_erp": 0.1, "solver_residual": 0.0, "solver_iterations": 20,
         "orientation": [90.0, 0.0, 45.0], "friction": 0.3, "restitution_threshold_m_s": 0.1,
-        "substeps": 2, "coordinates": "maximal", "engine": "bullet", "integrator": None, "stepped": True, "gravity_set": True,
-        "floor": False,
+        "substeps": 2, "coordinates": "maximal", "engine": "bullet", "integrator": None,
+        "stepped": True, "gravity_set": True, "floor": False,
     }  # fmt: skip
 
 

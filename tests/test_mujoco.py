@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco_drop
@@ -12,13 +13,14 @@ from conftest import Drop, Recorder, judge
 
 from pipeline import Scenario, simulate
 from pipeline.analysis.drop.case import case_of
+from pipeline.analysis.drop.comparison import Comparison, Side, compare
 from pipeline.analysis.general.mechanics import max_relative_drift
 from pipeline.analysis.general.segments import FLIGHT, segments_of
 from pipeline.engines import other_world
 from pipeline.errors import ScenarioError
 from pipeline.laws.mujoco_contact import rest_depth_m
 from pipeline.laws.rotations import rotate
-from pipeline.recording.reader import read
+from pipeline.recording.reader import Recording, frames, read
 from pipeline.recording.rows import tables_of
 from pipeline.scenario import INTEGRATORS
 from pipeline.stages.recorded import made_with
@@ -192,8 +194,6 @@ def test_the_same_run_is_the_same_to_the_bit(tmp_path: Path, drop_process: Drop)
 def test_frames_are_drawn_from_its_poses(tmp_path: Path) -> None:
     """The picture of a pose is the same, whichever engine led to it."""
     short = {"duration_s": 1 / 240, "height_m": 0.5}
-    from pipeline.recording.reader import frames
-
     for engine in ("bullet", "mujoco"):
         simulate(Scenario(engine=engine, **short), tmp_path / f"{engine}.rrd")  # type: ignore[arg-type]
     pictures = [dict(frames(tmp_path / f"{engine}.rrd")) for engine in ("bullet", "mujoco")]
@@ -263,3 +263,62 @@ def test_angular_momentum_drifts_as_measured() -> None:
     assert drifts["Euler"] == pytest.approx(0.01307, abs=2e-6)
     assert drifts["implicit"] == pytest.approx(0.01245, abs=2e-6)
     assert drifts["RK4"] < 1e-10
+
+
+def compared(run: Recording, golden: Recording) -> Comparison:
+    return compare(
+        *(Side(one.scenario, one.engine, one.states, one.contacts) for one in (run, golden))
+    )
+
+
+def test_moving_from_pybullet_says_where_they_part_and_why(recorded: Recorder) -> None:
+    found = compared(recorded(engine="mujoco"), recorded())
+    assert not found.same
+    assert found.same_experiment
+    assert found.first is not None
+    assert found.first.step == 2  # the first step begins without a velocity to damp
+    assert found.looks_like is not None
+    assert "part at step 2" in found.looks_like
+    assert "mm apart: damping -18.01" in found.looks_like
+    assert "--linear-damping 0 and they agree to the bit until contact" in found.looks_like
+
+
+def test_what_it_promises_of_pybullet_without_damping_holds(recorded: Recorder) -> None:
+    found = compared(recorded(engine="mujoco"), recorded(linear_damping=0.0))
+    assert [setting.name for setting in found.differences] == ["engine"]
+    assert found.first is not None
+    assert found.first.step == 108
+    assert (found.looks_like or "").startswith(
+        "MuJoCo and PyBullet agree to the bit until contact (step 108)"
+    )
+
+
+def test_engines_with_another_integrator_part_by_the_timestep(recorded: Recorder) -> None:
+    found = compared(recorded(engine="mujoco", integrator="rk4"), recorded(linear_damping=0.0))
+    assert "part at step 1" in (found.looks_like or "")
+    assert "mm apart: timestep +9.11" in (found.looks_like or "")
+
+
+def test_nothing_is_promised_that_the_law_does_not_give(recorded: Recorder) -> None:
+    """MuJoCo's own gravity is altered: PyBullet without damping would not follow it."""
+    golden = recorded()
+    run = recorded(engine="mujoco")
+    states = run.states.with_columns(pl.col("z_m") + 1e-6 * pl.col("step"))
+    found = compared(replace(run, states=states), golden)
+    assert "agree" not in (found.looks_like or "")
+
+
+def test_another_mass_is_another_experiment(recorded: Recorder) -> None:
+    found = compared(recorded(engine="mujoco", mass_kg=0.2), recorded())
+    assert "mass_kg" in [setting.name for setting in found.differences]
+    assert not found.same_experiment
+    assert found.looks_like is None
+
+
+def test_a_sweep_has_a_row_of_each_engine(tmp_path: Path, drop: Drop) -> None:
+    done = drop("sweep", "--engine", "bullet,mujoco", "--out", "engines", "--json")
+    assert done.returncode == 0, done.stderr
+    table = pl.read_parquet(tmp_path / "engines/results.parquet").sort("engine")
+    assert table["engine"].to_list() == ["bullet", "mujoco"]
+    assert table["simulated_m"].to_list() == [0.5567296523863766, 0.5524187499999997]
+    assert table["damping_m"][1] == 0

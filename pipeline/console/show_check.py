@@ -50,7 +50,7 @@ def _lines(check: Check) -> list[str]:
     if compared is None:
         return _titled("golden", f"{check.golden} is now {check.recording}")
     lines = _titled("same" if check.same else "differs", f"{check.recording} and {check.golden}")
-    if not compared.differences and compared.largest_difference_m is not None:
+    if compared.same_experiment and compared.largest_difference_m is not None:
         lines += _titled("positions", _positions(check, compared))
     for difference in compared.differences:
         is_option = difference.name in Scenario.options()
@@ -61,7 +61,7 @@ def _lines(check: Check) -> list[str]:
                 else ("engine", setting_line(difference))
             )
         )
-    if not compared.differences and check.first is not None:
+    if compared.same_experiment and check.first is not None:
         lines += _titled("first", _first(check.first))
     if compared.looks_like is not None:
         lines += _titled("looks like", compared.looks_like)

@@ -15,15 +15,19 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from pipeline.analysis.drop.case import case_of
+from pipeline.analysis.drop.engines_apart import apart
 from pipeline.analysis.drop.fitted_law import POSITION, likeness
 from pipeline.analysis.general.samples import base_of
 from pipeline.laws.base import EXACT_MACHINES, FUSED
 from pipeline.report import EngineReport
-from pipeline.scenario import Scenario
+from pipeline.scenario import ENGINES_WITH, Scenario
 
 Float64 = NDArray[np.float64]
 
 IN_CONTACT_M = 1e-9
+OF_EVERY_ENGINE = ("timestep_s", "gravity_m_s2", "mass_kg", "inertia_kg_m2", "body_sha256")
+"""What two different engines must have in common to be compared."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,11 @@ class Comparison:
         """Whether it is the same physics."""
         return not self.differences and self.first is None
 
+    @property
+    def same_experiment(self) -> bool:
+        """Whether at most the engine is another one."""
+        return all(setting.name == "engine" for setting in self.differences)
+
 
 def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
     """Compare a fall with the golden one: settings first, then the samples.
@@ -108,21 +117,27 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
     distance_m = np.abs(mine_m - theirs_m).max(axis=1)
     farthest = int(np.argmax(distance_m))
     first = _first_difference(run, golden, tolerance_m)
+    looks_like = None
+    if not differences and first is not None:
+        looks_like = likeness(
+            run.states,
+            golden.states,
+            timestep_s=golden.scenario.timestep_s,
+            first=first.step,
+            airborne=_airborne(run, golden),
+        )
+    elif [setting.name for setting in differences] == ["engine"]:
+        cases = [
+            case_of(one.scenario, one.engine, one.states, one.contacts) for one in (run, golden)
+        ]
+        looks_like = apart(*cases, parts_at=None if first is None else first.step)
     return Comparison(
         differences=differences,
         versions=versions,
         first=first,
         largest_difference_m=float(distance_m[farthest]),
         largest_difference_step=farthest,
-        looks_like=None
-        if first is None or differences
-        else likeness(
-            run.states,
-            golden.states,
-            timestep_s=golden.scenario.timestep_s,
-            first=first.step,
-            airborne=_airborne(run, golden),
-        ),
+        looks_like=looks_like,
     )
 
 
@@ -133,9 +148,20 @@ def _scenario_differences(run: Side, golden: Side) -> list[Setting]:
     mine, theirs = asdict(run.scenario), asdict(golden.scenario)
     if run.engine.body_sha256 == golden.engine.body_sha256:
         theirs["body"] = mine["body"]  # the same file under another name
+    not_shared = _not_shared(run, golden)
     return [
-        Setting(name, value, theirs[name]) for name, value in mine.items() if value != theirs[name]
+        Setting(name, value, theirs[name])
+        for name, value in mine.items()
+        if value != theirs[name] and name not in not_shared
     ]
+
+
+def _not_shared(run: Side, golden: Side) -> set[str]:
+    """Return the options that one of two different engines does not have."""
+    engines = {side.scenario.engine for side in (run, golden)}
+    if len(engines) == 1:
+        return set()
+    return {"integrator"} | {name for name, have in ENGINES_WITH.items() if not engines <= {*have}}
 
 
 def _engine_settings(run: Side, golden: Side) -> list[Setting]:
@@ -144,7 +170,9 @@ def _engine_settings(run: Side, golden: Side) -> list[Setting]:
     return [
         Setting(name, value, theirs[name])
         for name, value in mine.items()
-        if None not in (value, theirs[name]) and value != theirs[name]
+        if None not in (value, theirs[name])
+        and value != theirs[name]
+        and (run.scenario.engine == golden.scenario.engine or name in OF_EVERY_ENGINE)
     ]
 
 
