@@ -44,7 +44,7 @@ INTEGRATORS: dict[Engine, tuple[Integrator, ...]] = {
 EXACT_INTEGRATORS = ("rk4", "continuous")
 """Those without an error where gravity is all that acts."""
 ENGINES_WITH: dict[str, tuple[Engine, ...]] = {
-    "linear_damping": ("bullet", "physx"),
+    "linear_damping": ("bullet", "dart", "drake", "physx"),
     "angular_damping": ("bullet", "physx"),
     "restitution": ("bullet", "dart", "physx"),
     "restitution_threshold_m_s": ("bullet",),

@@ -19,7 +19,7 @@ from pipeline.console.output import (
     titled,
 )
 from pipeline.fields import LARGE, decimals, engineering, fraction
-from pipeline.scenario import ENGINES, ENGINES_WITH, EXACT_INTEGRATORS
+from pipeline.scenario import ENGINES, EXACT_INTEGRATORS
 
 if TYPE_CHECKING:
     from pipeline.analysis.drop.results import Analysis, Bounce, Moment
@@ -129,10 +129,9 @@ def _story(analysis: Analysis) -> list[str]:
     """Tell a drop from its release to its rest, in lines of at most 80 characters."""
     scenario = analysis.scenario
     first, last = analysis.table.row(0, named=True), analysis.table.row(-1, named=True)
-    damping = ""
-    if scenario["engine"] in ENGINES_WITH["linear_damping"]:
-        given = scenario["linear_damping"]
-        damping = ", damping default" if given is None else f", damping {given:g}"
+    given, damping = scenario["linear_damping"], ""
+    if given is not None or scenario["engine"] == "bullet":
+        damping = f", damping {'default' if given is None else f'{given:g}'}"
     body = escape(Path(scenario["body"]).name)
     lines = [
         f"[bold]{body}[/] dropped{_engine(scenario)} from {decimals(first['simulated_m'], 4)} m, "
@@ -187,8 +186,8 @@ def _moment(moment: Moment, scenario: dict[str, Any]) -> list[str]:
         if scenario["integrator"] not in EXACT_INTEGRATORS
         else "none: the integrator is exact where only gravity acts",
         "damping": f"{drag}; independent of timestep"
-        if scenario["engine"] in ENGINES_WITH["linear_damping"]
-        else f"none: {engine} does not damp a free body",
+        if scenario["engine"] == "bullet" or scenario["linear_damping"]
+        else f"none: {engine} does not damp by itself",
         "interaction": "timestep × damping",
         "rounding": "single precision" if scenario["engine"] == "physx" else "double precision",
     }
@@ -273,10 +272,9 @@ def _bounce(analysis: Analysis, bounce: Bounce) -> str:
         said += " in this recording"
     body, floor = analysis.engine.restitution, analysis.engine.floor_restitution
     if bounce.predicted_apex_m is not None and body is not None and floor is not None:
-        said += (
-            f"; a restitution of {body * floor:.4g} ({body:g} × {floor:g}) alone gives "
-            f"{_positive_mm(bounce.predicted_apex_m)} mm"
-        )
+        pair = analysis.engine.combined_restitution
+        asked = f"{body * floor:.4g} ({body:g} × {floor:g})" if pair is None else f"{pair:.4g}"
+        said += f"; a restitution of {asked} alone gives {_positive_mm(bounce.predicted_apex_m)} mm"
     said += f". Effective restitution {bounce.effective_restitution:.4f}"
     if bounce.correction_m_s is not None and abs(bounce.correction_m_s) >= 5e-4:
         said += f": the position correction changes the rebound by {bounce.correction_m_s:+.3f} m/s"
@@ -306,7 +304,10 @@ def _rest(analysis: Analysis) -> list[str]:
     error = f"{decimals(rest.error_m * 1e6, 2, '+')} µm off {rest.expected_m:g} m"
     if rest.sinks_m is not None:
         depth = decimals(rest.sinks_m * 1e6, 2)
-        sinks = f"MuJoCo's soft contact carries it at a depth of {depth} µm (solref, solimp)"
+        by = "MuJoCo's soft contact (solref, solimp)"
+        if analysis.engine.modulus_pa is not None:
+            by = f"Drake's compliant contact (modulus {analysis.engine.modulus_pa:.0e} Pa)"
+        sinks = f"{by} carries it at a depth of {depth} µm"
         return lines + _titled("", f"{error}: {sinks}")
     if rest.terms_m is None:
         return lines + _titled("", f"{error}; the contact law does not cover this landing")

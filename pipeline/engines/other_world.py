@@ -23,6 +23,9 @@ Float64 = NDArray[np.float64]
 
 SESSIONS: dict[Engine, str] = {
     "mujoco": "pipeline.engines.mujoco:MujocoSession",
+    "dart": "pipeline.engines.dart:DartSession",
+    "drake": "pipeline.engines.drake:DrakeSession",
+    "physx": "pipeline.engines.physx:PhysxSession",
 }
 """Where each engine is driven; imported when it is asked for."""
 SHAPES = ("box", "sphere", "cylinder", "capsule")
@@ -76,8 +79,15 @@ class OtherWorld:
 
     def skip(self, steps: int) -> None:
         """Take steps whose samples nobody reads."""
-        for _ in range(steps if self.scenario.stepped else 0):
+        for step in range(steps if self.scenario.stepped else 0):
+            self._step(step)
+
+    def _step(self, step: int) -> None:
+        """Take a step; some engines raise where others go on with nan."""
+        try:
             self._session.step()
+        except RuntimeError:
+            raise no_number(step) from None
 
     def height_m(self) -> float:
         """Return the height of the centre at the end of the fall [m].
@@ -112,10 +122,11 @@ class OtherWorld:
             states, contacts = np.zeros(min(batch, samples - start), STATE), bytearray()
             for row, sample in enumerate(range(start, min(start + batch, samples))):
                 if self.scenario.stepped and sample:
-                    session.step()
+                    self._step(sample)
                     for point in session.contacts():
                         contacts += _ROW(sample, BODY, BASE, FLOOR, BASE, *point)
-                state = session.state()
+                with np.errstate(all="ignore"):  # what is no number is refused below
+                    state = session.state()
                 states[row] = (
                     sample, BODY, BASE, state[:3], state[3:7], state[7:10], state[10:],
                 )  # fmt: skip

@@ -10,7 +10,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pipeline.kinds import Quaternion, Vector
+
+Float64 = NDArray[np.float64]
 
 Numbers = tuple[float, ...]
 
@@ -37,6 +42,21 @@ class RigidBody:
     mass_kg: float
     inertia_kg_m2: Vector
     shapes: tuple[Shape, ...]
+
+
+def force_of_point(
+    position_m: Float64, normal: Float64, distance_m: float, force_n: Float64
+) -> Numbers:
+    """Return the numbers of a contact point from the whole force on the body, shape (3,).
+
+    What is not along the normal is friction.
+    """
+    push_n = float(normal @ force_n)
+    friction = force_n - push_n * normal
+    size_n = float(np.linalg.norm(friction))
+    along = friction / size_n if size_n else np.zeros(3)
+    point, up, nothing = position_m.tolist(), normal.tolist(), (0.0, 0.0, 0.0)
+    return (*point, *point, *up, distance_m, push_n, size_n, *along.tolist(), 0.0, *nothing)
 
 
 class Session(Protocol):

@@ -17,6 +17,11 @@ FUSED = 1e-12
 """Relative difference that a compiler may make elsewhere, where it fuses multiply and add."""
 
 
+ORIENTED = 18
+"""By how many units of rounding components of an orientation may be off: it is read back through a
+matrix, and sin and cos are not the engine's; seen: 3."""
+
+
 class Drag(NamedTuple):
     """The drag of v' = g - a v - b |v| v, in continuous time."""
 
@@ -99,6 +104,13 @@ class Law(Protocol):
     @property
     def epsilon(self) -> float:
         """Unit of rounding of the engine's numbers, relative: 2^-52 of float64."""
+
+    @property
+    def oriented(self) -> float:
+        """By how much components of an orientation may be off after a step."""
+
+    def covers(self, before: Motion) -> NDArray[np.bool_]:
+        """Return of which samples the law is that of the engine, as far as it is known, (n,)."""
 
     @property
     def semi_implicit(self) -> bool:

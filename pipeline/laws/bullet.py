@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.laws import bullet_air, bullet_spin
-from pipeline.laws.base import Drag, ExactPath, Motion
+from pipeline.laws.base import ORIENTED, Drag, ExactPath, Motion
 from pipeline.laws.base import Vector as Triple
 from pipeline.laws.bullet_air import EPSILON, MAX_COORDINATE_VELOCITY_M_S, BulletBody
 from pipeline.laws.bullet_spin import ARRAYS, Quaternion, Vector
@@ -53,12 +53,17 @@ class BulletLaw(BulletBody):
         return drag_of(self.linear_damping, self.coordinates)
 
     epsilon: ClassVar[float] = EPSILON
+    oriented: ClassVar[float] = ORIENTED * EPSILON
     semi_implicit: ClassVar[bool] = True
 
     @property
     def moves_exactly(self) -> bool:
         """Whether `moved` gives the engine's positions to the last bit."""
         return self.substeps == 1
+
+    def covers(self, before: Motion) -> NDArray[np.bool_]:
+        """Return that the law is that of all samples, shape (n,)."""
+        return np.ones(len(before), dtype=bool)
 
     def released(self, start: Motion) -> Motion:
         """Return what the engine keeps of a state that it is given."""

@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from pipeline.laws.base import Drag, Law
 from pipeline.laws.bullet import BulletLaw, drag_of
 from pipeline.laws.bullet_air import effective_damping
+from pipeline.laws.dart import DartLaw
+from pipeline.laws.drake import DrakeLaw
 from pipeline.laws.mujoco import MujocoLaw
+from pipeline.laws.physx import DEFAULT_ANGULAR_DAMPING, PhysxLaw
 from pipeline.laws.theory import Fall
 from pipeline.report import EngineReport
 from pipeline.scenario import EXACT_INTEGRATORS, Coordinates, Scenario
@@ -19,10 +22,11 @@ from pipeline.scenario import EXACT_INTEGRATORS, Coordinates, Scenario
 
 def fall_of(scenario: Scenario) -> Fall:
     """Return the release and the air of a scenario, as the engine has them."""
-    drag = Drag(0.0, 0.0)
     if scenario.engine == "bullet":
         damping = effective_damping(scenario.linear_damping, scenario.coordinates)
         drag = drag_of(damping, scenario.coordinates)
+    else:
+        drag = Drag(scenario.linear_damping or 0.0, 0.0)
     return Fall(
         position_m=(0.0, 0.0, scenario.height_m),
         velocity_m_s=scenario.velocity_m_s,
@@ -33,17 +37,8 @@ def fall_of(scenario: Scenario) -> Fall:
 
 def law_for(scenario: Scenario, report: EngineReport) -> Law:
     """Return the law of one rigid body that nothing touches, as the engine has been told."""
-    if scenario.engine == "mujoco":
-        integrator = scenario.effective_integrator
-        assert integrator is not None
-        return MujocoLaw(
-            timestep_s=scenario.timestep_s,
-            gravity_m_s2=(0.0, 0.0, scenario.effective_gravity_m_s2),
-            mass_kg=report.mass_kg,
-            inertia_kg_m2=report.inertia_kg_m2,
-            integrator=integrator,
-            semi_implicit=integrator not in EXACT_INTEGRATORS,
-        )
+    if scenario.engine != "bullet":
+        return _textbook_law(scenario, report)
     return BulletLaw(
         timestep_s=scenario.timestep_s,
         substeps=scenario.substeps or 1,
@@ -54,6 +49,27 @@ def law_for(scenario: Scenario, report: EngineReport) -> Law:
         angular_damping=effective_damping(scenario.angular_damping, scenario.coordinates),
         coordinates=scenario.coordinates,
     )
+
+
+def _textbook_law(scenario: Scenario, report: EngineReport) -> Law:
+    integrator = scenario.effective_integrator
+    body: dict[str, Any] = {
+        "timestep_s": scenario.timestep_s,
+        "gravity_m_s2": (0.0, 0.0, scenario.effective_gravity_m_s2),
+        "mass_kg": report.mass_kg,
+        "inertia_kg_m2": report.inertia_kg_m2,
+        "linear_damping": scenario.linear_damping or 0.0,
+        "semi_implicit": integrator not in EXACT_INTEGRATORS,
+    }
+    if scenario.engine == "mujoco":
+        assert integrator is not None
+        return MujocoLaw(**body, integrator=integrator)
+    if scenario.engine == "physx":
+        damping = scenario.angular_damping
+        return PhysxLaw(
+            **body, angular_damping=DEFAULT_ANGULAR_DAMPING if damping is None else damping
+        )
+    return DartLaw(**body) if scenario.engine == "dart" else DrakeLaw(**body)
 
 
 RIGID = 1

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pipeline.laws.base import Motion
 from pipeline.laws.rotations import rotate, rotate_inverse
-from pipeline.laws.textbook import TextbookLaw, turned_about
+from pipeline.laws.textbook import TextbookLaw, size_of_terms, turned_about
 from pipeline.scenario import Integrator
 
 Float64 = NDArray[np.float64]
@@ -119,21 +119,8 @@ class MujocoLaw(TextbookLaw):
         return np.asarray(exact & (self.integrator != "rk4"))
 
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of all that a timestep adds up to velocity and spin, shape (n,).
-
-        Forces are taken to the centre of mass from a point beside it by the rounding of x. A spin
-        is turned by a quaternion of length 1 to a few units, there and back.
-        """
-        dt, inertia = self.timestep_s, self.inertia_kg_m2
-        x, v, w = (
-            np.linalg.norm(each, axis=1)
-            for each in (before.position_m, before.velocity_m_s, before.spin_rad_s)
-        )
-        pull = float(np.linalg.norm(self.gravity_m_s2))
-        uneven = max(inertia) / min(inertia)
-        arm = self.mass_kg / min(inertia)
-        linear = v + dt * (pull + v * w + x * w**2 * uneven)
-        return linear, 8 * w + dt * (w**2 * uneven + arm * (v**2 + x * (pull + v * w)))
+        """Return the size of all that a timestep adds up to velocity and spin, shape (n,)."""
+        return size_of_terms(self, before)
 
 
 def _cross_matrix(vectors: Float64) -> Float64:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,3 +22,8 @@ def rotate(orientation: Float64, vectors: Float64) -> Float64:
 def rotate_inverse(orientation: Float64, vectors: Float64) -> Float64:
     """Turn vectors back by unit quaternions x, y, z, w; shapes (n, 4) and (n, 3)."""
     return rotate(orientation * [-1, -1, -1, 1], vectors)
+
+
+def matrix(orientation: Sequence[float]) -> Float64:
+    """Return the rotation matrix of a unit quaternion x, y, z, w, shape (3, 3)."""
+    return rotate(np.tile(orientation, (3, 1)), np.eye(3)).T

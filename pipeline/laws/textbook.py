@@ -1,24 +1,28 @@
-"""The step of the engines that follow a textbook: no damping, no limit, one step a sample.
+"""The step of the engines that follow a textbook: no limit, one step a sample.
 
-    v' = v + dt g            x' = x + dt v'                  semi-implicit Euler
+    v' = k (v + dt g)        x' = x + dt v'                  semi-implicit Euler
     v' = v + dt g            x' = x + dt (v + v')/2          exact where gravity is all that acts
 
-An engine's own law is one of these with its own order of operations and its own spin.
+k is what the damping d leaves, 1 without any. An engine's own law is one of these with its own
+order of operations, and its own spin.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from decimal import Context, Decimal, localcontext
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.laws.base import Drag, ExactPath, Motion, Vector
+from pipeline.laws.base import ORIENTED, Drag, ExactPath, Motion, Vector
+from pipeline.laws.rotations import rotate, rotate_inverse
 
 Float64 = NDArray[np.float64]
+Number = TypeVar("Number", float, Decimal)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,12 +36,16 @@ class TextbookLaw(ABC):
     mass_kg: float
     inertia_kg_m2: Vector
     """Principal moments, about the body's axes."""
+    linear_damping: float = 0.0
+    """d of v' = g - d v, in continuous time [1/s]."""
     semi_implicit: bool = True
     """Whether it moves the body with the velocity at the end of the step."""
 
     substeps: ClassVar[int] = 1
     epsilon: ClassVar[float] = 2.0**-52
     """Unit of rounding of the engine's numbers."""
+    oriented: ClassVar[float] = ORIENTED * epsilon
+    """By how much components of an orientation may be off."""
 
     @property
     def step_s(self) -> float:
@@ -51,8 +59,16 @@ class TextbookLaw(ABC):
 
     @property
     def drag(self) -> Drag:
-        """None: these engines damp nothing by themselves."""
-        return Drag(0.0, 0.0)
+        """What the damping is in continuous time; these engines have none by default."""
+        return Drag(self.linear_damping, 0.0)
+
+    def kept(self, number: Callable[[float], Number]) -> Number:
+        """Return what a step's damping leaves of a velocity: 1/(1 + dt d), it is implicit."""
+        return 1 / (1 + number(self.timestep_s) * number(self.linear_damping))
+
+    def covers(self, before: Motion) -> NDArray[np.bool_]:
+        """Return that the law is that of all samples, shape (n,)."""
+        return np.ones(len(before), dtype=bool)
 
     @abstractmethod
     def velocities(self, before: Motion) -> tuple[Float64, Float64]:
@@ -100,14 +116,15 @@ class TextbookLaw(ABC):
 
     def free_velocities(self, velocity_m_s: Float64) -> Float64:
         """Return what a step makes of many velocities [m/s], shape (n, 3)."""
-        return np.asarray(velocity_m_s + self.timestep_s * np.array(self.gravity_m_s2))
+        pulled = velocity_m_s + self.timestep_s * np.array(self.gravity_m_s2)
+        return np.asarray(self.kept(float) * pulled)
 
     def held(self, velocity_m_s: Float64) -> Float64:
         """Return velocities [m/s] as they are: there is no limit."""
         return velocity_m_s
 
     def spin_kept(self, spin_rad_s: Float64) -> Float64:
-        """Return that nothing is damped, shape (n,)."""
+        """Return that no spin is damped, shape (n,)."""
         return np.ones(len(spin_rad_s))
 
     def exact_path(
@@ -115,20 +132,38 @@ class TextbookLaw(ABC):
     ) -> ExactPath:
         """Return the positions from sample `first` to `steps` of a flight, in exact arithmetic.
 
-        x0 + n dt v0 + dt² g n (n + 1)/2, or n² for n (n + 1) where it is exact; 40 digits.
+        With 40 digits.
         """
         nearest, left_out = np.empty((2, steps + 1 - first, 3))
+        path = self._damped if self.linear_damping else self._undamped
         with localcontext(Context(prec=40)):
-            dt, more = Decimal(self.timestep_s), int(self.semi_implicit)
-            for axis, numbers in enumerate(
+            for axis, start in enumerate(
                 zip(position_m, velocity_m_s, self.gravity_m_s2, strict=True)
             ):
-                x, v, g = map(Decimal, numbers)
-                for row, n in enumerate(range(first, steps + 1)):
-                    exact = x + n * dt * v + dt * dt * g * (n * (n + more)) / 2
+                x, v, g = map(Decimal, start)
+                for row, exact in enumerate(path(x, v, g, first, steps)):
                     nearest[row, axis] = near = float(exact)
                     left_out[row, axis] = float(exact - Decimal(near))
         return ExactPath(nearest, left_out)
+
+    def _undamped(
+        self, x: Decimal, v: Decimal, g: Decimal, first: int, last: int
+    ) -> Iterator[Decimal]:
+        """Yield x0 + n dt v0 + dt² g n (n + 1)/2, or n² for n (n + 1) where it is exact."""
+        dt, more = Decimal(self.timestep_s), int(self.semi_implicit)
+        for n in range(first, last + 1):
+            yield x + n * dt * v + dt * dt * g * (n * (n + more)) / 2
+
+    def _damped(
+        self, x: Decimal, v: Decimal, g: Decimal, first: int, last: int
+    ) -> Iterator[Decimal]:
+        """Yield the same step by step."""
+        dt, kept = Decimal(self.timestep_s), self.kept(Decimal)
+        for n in range(last + 1):
+            if n >= first:
+                yield x
+            v = kept * (v + dt * g)
+            x += dt * v
 
 
 def turned_about(orientation: Float64, spin_body: Float64, timestep_s: float) -> Float64:
@@ -148,3 +183,32 @@ def turned_about(orientation: Float64, spin_body: Float64, timestep_s: float) ->
         ),
         axis=1,
     )
+
+
+def explicit_spin(before: Motion, inertia_kg_m2: Vector, timestep_s: float) -> Float64:
+    """Return the spin after a step with an explicit gyroscopic term [rad/s], world axes, (n, 3).
+
+    ω' = ω + dt I^-1 (-ω × I ω), the forward Euler step of Euler's equation.
+    """
+    inertia = np.array(inertia_kg_m2)
+    spin = rotate_inverse(before.orientation, before.spin_rad_s)
+    change = rotate(before.orientation, -np.cross(spin, inertia * spin) / inertia)
+    return before.spin_rad_s + timestep_s * change
+
+
+def size_of_terms(law: TextbookLaw, before: Motion) -> tuple[Float64, Float64]:
+    """Return what a step adds up where it takes forces to the centre of mass, shape (n,) each.
+
+    From a point beside it by the rounding of x; v × m v is a torque then, which cancels but for
+    rounding.
+    """
+    dt, inertia = law.timestep_s, law.inertia_kg_m2
+    x, v, w = (
+        np.linalg.norm(each, axis=1)
+        for each in (before.position_m, before.velocity_m_s, before.spin_rad_s)
+    )
+    pull = float(np.linalg.norm(law.gravity_m_s2))
+    uneven = max(inertia) / min(inertia)
+    arm = law.mass_kg / min(inertia)
+    linear = v + dt * (pull + v * w + x * w**2 * uneven)
+    return linear, 8 * w + dt * (w**2 * uneven + arm * (v**2 + x * (pull + v * w)))

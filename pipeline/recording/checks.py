@@ -18,6 +18,8 @@ from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 from pipeline.states import BASE, BODY, FLOOR
 
 AGAIN = "record it again with: drop simulate"
+SINGLE = 2.0**-22
+"""Relative rounding of what an engine with float32 is given and reports."""
 BULLET_REPORTS = (
     "solver_iterations", "lateral_friction", "rolling_friction", "spinning_friction", "restitution",
     "collision_margin_m", "pybullet_api",
@@ -50,8 +52,13 @@ def check_engine(engine: EngineReport, scenario: Scenario, path: Path) -> None:
         for name in (*BULLET_REPORTS, *["floor_restitution"] * scenario.floor):
             if getattr(engine, name) is None:
                 raise damaged(path, f"its engine must report {name}, and does not")
-    gravity_m_s2 = (0.0, 0.0, scenario.effective_gravity_m_s2)
-    if (engine.timestep_s, engine.gravity_m_s2) != (scenario.timestep_s, gravity_m_s2):
+    told = (scenario.timestep_s, 0.0, 0.0, scenario.effective_gravity_m_s2)
+    reported = (engine.timestep_s, *engine.gravity_m_s2)
+    rounding = SINGLE if scenario.engine == "physx" else 0.0
+    if not all(
+        math.isclose(one, other, rel_tol=rounding)
+        for one, other in zip(reported, told, strict=True)
+    ):
         raise damaged(path, "its engine reports another timestep or gravity than its scenario")
 
 
@@ -81,7 +88,9 @@ def check_settings(engine: EngineReport, scenario: Scenario, path: Path) -> None
         given["mass_kg"] = scenario.mass_kg
     for name, value in given.items():
         # The engine keeps the inverse of a mass.
-        if value is not None and not math.isclose(reported[name] or 0.0, value):
+        rounding = SINGLE if scenario.engine == "physx" else 1e-9
+        near = math.isclose(reported[name] or 0.0, value or 0.0, rel_tol=rounding)
+        if value is not None and not near:
             raise damaged(
                 path, f"its scenario says that {name} is {value:g}, its engine {reported[name]}"
             )
@@ -102,8 +111,6 @@ _MOTION = tuple(name for names in _COLUMNS.values() if len(names) > 1 for name i
 
 ROUNDING = 1e-12
 """Of a release, which is recorded as it was given."""
-SINGLE = 2.0**-22
-"""The same where the engine computes with float32."""
 UNIT = 1e-6
 """How far an orientation may be from a quaternion of length 1, which Bullet makes it each step."""
 

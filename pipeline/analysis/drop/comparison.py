@@ -26,6 +26,7 @@ from pipeline.scenario import ENGINES_WITH, Scenario
 Float64 = NDArray[np.float64]
 
 IN_CONTACT_M = 1e-9
+SINGLE = 2.0**-22
 OF_EVERY_ENGINE = ("timestep_s", "gravity_m_s2", "mass_kg", "inertia_kg_m2", "body_sha256")
 """What two different engines must have in common to be compared."""
 
@@ -167,13 +168,21 @@ def _not_shared(run: Side, golden: Side) -> set[str]:
 def _engine_settings(run: Side, golden: Side) -> list[Setting]:
     """Return what the two engines report differently; what only one reports is no difference."""
     mine, theirs = asdict(run.engine), asdict(golden.engine)
+    same_engine = run.scenario.engine == golden.scenario.engine
     return [
         Setting(name, value, theirs[name])
         for name, value in mine.items()
         if None not in (value, theirs[name])
         and value != theirs[name]
-        and (run.scenario.engine == golden.scenario.engine or name in OF_EVERY_ENGINE)
+        and (same_engine or _apart(name, value, theirs[name]))
     ]
+
+
+def _apart(name: str, value: Any, other: Any) -> bool:  # noqa: ANN401
+    """Whether two engines report another experiment; one of them may round to float32."""
+    if name not in OF_EVERY_ENGINE:
+        return False
+    return isinstance(value, str) or not np.allclose(value, other, rtol=SINGLE, atol=0)
 
 
 def _engine_differences(run: Side, golden: Side) -> list[Setting]:

@@ -271,11 +271,12 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
             f"contact acts only once it is inside, and it moves {decimals(per_step_m * 1e3, 1)} mm "
             f"down in a step; shorten the step with {_call(e, 'p.setTimeStep, i.e. ')}--timestep"
         )
+        soft = _soft(e.case) if e.case.scenario.engine == "mujoco" else None
         yield Finding(
             "deep-penetration",
             f"the body sinks {decimals(depth_m * 1e3, 1)} mm into the floor, "
             f"{depth_m / tall_m:.0%} of its height: "
-            f"{_spring(e.case) or _soft(e.case) or reason}",
+            f"{_spring(e.case) or soft or reason}",
         )
 
 
@@ -291,7 +292,12 @@ def _spring(case: Case) -> str | None:
 
 
 def _soft(case: Case) -> str | None:
-    """Say why contact gives way in MuJoCo, where a shorter timestep does not help."""
+    """Say why contact gives way where a shorter timestep does not help."""
+    if case.engine.modulus_pa is not None:
+        return (
+            f"Drake's contact is compliant, with a modulus of {case.engine.modulus_pa:.0e} Pa; a "
+            "larger one among the proximity properties of the shape makes it stiffer"
+        )
     if case.engine.solref is None:
         return None
     return (

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from pipeline.analysis.drop.case import Case
 from pipeline.analysis.drop.phases import Phases, crossing_time, touching
-from pipeline.analysis.drop.posture import FLAT_RAD, flat_height_m, stands, tilt_rad, turned_rad
+from pipeline.analysis.drop.posture import (
+    FLAT_RAD,
+    face_up,
+    flat_height_m,
+    stands,
+    tilt_rad,
+    turned_rad,
+)
 from pipeline.analysis.drop.results import Bounce, Contact, Impact, Landing, Rest, RestTerms
 from pipeline.laws import bullet_contact, mujoco_contact, theory
 from pipeline.laws.bullet import BulletLaw
@@ -32,7 +39,7 @@ ROUNDED = 1e-9
 AT_REST_M_S = 1e-4
 """A predicted path that is slower than this has come to rest."""
 SUNK_M = 1e-9
-"""By how much a body at rest may be off MuJoCo's closed form, to be explained by it."""
+"""By how much a body at rest may be off a closed form of its contact, to be explained by it."""
 
 
 # -- when it lands --------------------------------------------------------------------------------
@@ -367,12 +374,18 @@ def _rest_terms(case: Case, law: Path, last_m: float, expected_m: float) -> Rest
 
 
 def _sinks_m(case: Case, error_m: float) -> float | None:
-    """Return how deep MuJoCo's soft contact lets a body sink [m]; None where it lies elsewhere."""
-    solref, solimp = case.engine.solref, case.engine.solimp
-    points, gravity_m_s2 = int(case.samples.contact_points[-1]), -case.fall.gravity_m_s2
-    if solref is None or solimp is None or not points or gravity_m_s2 <= 0:
-        return None
-    depth_m = mujoco_contact.rest_depth_m(gravity_m_s2, points, solref, solimp)
+    """Return how deep soft contact lets a body sink at rest [m]; None where it lies elsewhere."""
+    engine, gravity_m_s2 = case.engine, -case.fall.gravity_m_s2
+    points, depth_m = int(case.samples.contact_points[-1]), None
+    if gravity_m_s2 > 0 and points and engine.solref is not None and engine.solimp is not None:
+        depth_m = mujoco_contact.rest_depth_m(gravity_m_s2, points, engine.solref, engine.solimp)
+    if gravity_m_s2 > 0 and engine.modulus_pa is not None and case.is_box:
+        axis, _ = face_up(case, len(case.samples) - 1)
+        edges_m = np.array(engine.shape_dimensions_m)
+        area_m2 = float(np.prod(np.delete(edges_m, axis)))
+        # A pressure field that grows to the modulus from the faces to the middle.
+        stiffness_n_m = engine.modulus_pa * area_m2 / (edges_m[axis] / 2)
+        depth_m = engine.mass_kg * gravity_m_s2 / float(stiffness_n_m)
     if depth_m is None or abs(error_m + depth_m) > SUNK_M:
         return None
     return depth_m

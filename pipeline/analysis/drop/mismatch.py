@@ -10,9 +10,15 @@ from pipeline.analysis.drop.case import Case
 from pipeline.analysis.drop.phases import Phases
 from pipeline.analysis.drop.results import ContactPhase, Coverage, Explained
 from pipeline.analysis.general.segments import CONTACT
+from pipeline.scenario import Engine
 
 LEFT_M_S2 = 0.02
 """Acceleration at a body's edge that MuJoCo's solver may leave unbalanced; seen: 0.004."""
+NO_BALANCE: dict[Engine, str] = {
+    "drake": "Drake gives contact forces to its solver's tolerance, and no torque of a patch",
+    "physx": "SAPIEN reports no friction, and PhysX moves what it touches by another rule",
+}
+"""Why the contact of an engine is not explained."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +38,10 @@ def find_mismatch(case: Case, phases: Phases) -> Mismatch | None:
     step = case.segments.first_unexplained
     if step is None or (case.scenario.stepped and not case.is_rigid):
         return None
-    if step >= max(1, phases.airborne) and _uncovered(case, step) is not None:
+    met = step >= max(1, phases.airborne) or _near_unbalanced(case, step)
+    if met and _uncovered(case, step) is not None:
+        return None
+    if _unknown(case, step):
         return None
     return Mismatch(step, float(case.segments.deviation[step]))
 
@@ -66,8 +75,9 @@ def _uncovered(case: Case, step: int) -> str | None:
     if case.substeps > 1:
         return "it may have touched: of several substeps PyBullet reports the last one's contact"
     if case.hides_contacts:
-        name = case.engine_name
-        return f"it may have touched: of the stages of a step {name} reports the last one's contact"
+        return f"it may have touched: {case.engine_name} reports the contact of a step's last stage"
+    if _near_unbalanced(case, step):
+        return NO_BALANCE[case.scenario.engine]
     balance = case.segments.balance
     touched = balance is not None and bool(balance.touched[step])
     if touched and (case.engine.rolling_friction or case.engine.spinning_friction):
@@ -78,6 +88,19 @@ def _uncovered(case: Case, step: int) -> str | None:
     if touched and step == 1 and case.scenario.coordinates == "maximal":
         return "a btRigidBody is pushed in its first step with the inertia of how it was loaded"
     return None
+
+
+def _near_unbalanced(case: Case, step: int) -> bool:
+    """Whether a step had contact points, touching or not, in an engine that explains none."""
+    return case.scenario.engine in NO_BALANCE and bool((case.touches.step == step).any())
+
+
+def _unknown(case: Case, step: int) -> str | None:
+    """Return why no law of a step is known; None where it is."""
+    if not case.is_rigid or case.law.covers(case.samples.before())[step]:
+        return None
+    name, integrator = case.engine_name, case.scenario.effective_integrator
+    return f"no law of a step is known of {name}'s {integrator} integration of spin or damping"
 
 
 def _nearly(case: Case, step: int) -> bool:
@@ -92,7 +115,7 @@ def explained_of(case: Case, mismatch: Mismatch | None) -> Explained:
     samples, step = int(segments.explained.sum()), segments.first_unexplained
     if step is None:
         return Explained(samples, of, (of - 1) * case.timestep_s, None)
-    why = None if mismatch is not None else _uncovered(case, step)
+    why = None if mismatch is not None else _unknown(case, step) or _uncovered(case, step)
     return Explained(
         samples,
         of,
@@ -136,6 +159,9 @@ def coverage_of(
         ends.append((mismatch.step, f"the state does not follow {case.engine_name}'s law"))
     if clamped is not None:
         ends.append((clamped, "a velocity is held at Bullet's limit of 100"))
+    step = case.segments.first_unexplained
+    if step is not None and mismatch is None:
+        ends.append((step, _unknown(case, step) or _uncovered(case, step) or "it is unexplained"))
     ends.append((case.lands_at, "free fall has reached the floor, and there is no theory"))
     ends.append((phases.airborne, "the body is, or has been, in contact"))
     samples, why = min(ends, key=lambda end: end[0])

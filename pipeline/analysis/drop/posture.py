@@ -78,7 +78,7 @@ def flat_height_m(case: Case, step: int) -> float | None:
         return case.engine.rest_height_m
     if not _has_sharp_faces(case):
         return case.engine.rest_height_m if turned_rad(case)[step] <= SMALL_RAD else None
-    axis, sign = _face_up(case, step)
+    axis, sign = face_up(case, step)
     offset_m = case.engine.shape_position_m or (0.0, 0.0, 0.0)
     up = rotate(_shape_orientation(case), sign * np.eye(3)[axis : axis + 1])[0]
     return case.engine.shape_dimensions_m[axis] / 2 - float(up @ np.array(offset_m))
@@ -88,7 +88,7 @@ def stands(case: Case) -> bool:
     """Whether a box is released with its centre of mass above its lowest face; else it topples."""
     position_m = np.array([case.engine.shape_position_m or (0.0, 0.0, 0.0)])
     offset_m = rotate_inverse(_shape_orientation(case), position_m)[0]
-    axis, _ = _face_up(case, 0)
+    axis, _ = face_up(case, 0)
     inside = np.abs(offset_m) < np.array(case.engine.shape_dimensions_m) / 2
     return bool(np.delete(inside, axis).all())
 
@@ -120,7 +120,8 @@ def _up_in_box(case: Case) -> Float64:
     return rotate_inverse(np.broadcast_to(_shape_orientation(case), (len(up), 4)), up)
 
 
-def _face_up(case: Case, step: int) -> tuple[int, float]:
+def face_up(case: Case, step: int) -> tuple[int, float]:
+    """Return the axis of a box that is nearest to the vertical, and its sign there."""
     up = _up_in_box(case)[step]
     axis = int(np.abs(up).argmax())
     return axis, float(np.sign(up[axis]))

@@ -173,8 +173,8 @@ class Rest:
     terms_m: RestTerms | None
     """None where the contact law does not cover the landing."""
     sinks_m: float | None = None
-    """How deep MuJoCo's soft contact lets a body sink under its weight, by its closed form; None
-    where the body lies elsewhere, and in other engines."""
+    """How deep the soft contact of MuJoCo or Drake lets a body sink under its weight, by its closed
+    form; None where the body lies elsewhere, and in other engines."""
 
 
 @dataclass(frozen=True)

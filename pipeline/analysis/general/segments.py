@@ -32,9 +32,6 @@ EXPLAINED = (FLIGHT, CONTACT, PUSHED, SET, STILL)
 
 ULPS = 16
 """Units of rounding of a step's terms that velocities may be off while a body turns; seen: 5."""
-ORIENTED = 18
-"""By how many of them components of an orientation may be off: it is read back through a matrix,
-and sin and cos are not the engine's; seen: 3."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,7 @@ class Segments:
         placed = [_off(getattr(first, name), getattr(start, name)) for name in _VECTORS]
         code, deviation = self.code.copy(), self.deviation.copy()
         deviation[0] = np.max([turned, *placed])
-        if not (turned[0] <= ORIENTED * law.epsilon and max(each[0] for each in placed) == 0):
+        if not (turned[0] <= law.oriented and max(each[0] for each in placed) == 0):
             code[0] = UNEXPLAINED
         return replace(self, code=code, deviation=deviation)
 
@@ -141,7 +138,7 @@ def segments_of(
     turns = np.where(bits | law.moves_exactly, exactly, ulps)
     place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
     there = place_m <= turns * (np.abs(position).max(axis=1) + law.timestep_s * terms_m_s)
-    there &= turn <= ORIENTED * law.epsilon + exactly + turns * law.timestep_s * terms_rad_s
+    there &= turn <= law.oriented + exactly + turns * law.timestep_s * terms_rad_s
 
     # What the solver tries at a point and takes back leaves rounding.
     near = np.isin(np.arange(len(motion)), touches.step)

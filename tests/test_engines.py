@@ -1,0 +1,224 @@
+"""The same drop in every engine: recorded as it takes it, and explained by its own law.
+
+MuJoCo has more in `test_mujoco`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from conftest import Drop, Recorder, judge
+
+from pipeline import Scenario
+from pipeline.analysis.drop.case import Case, case_of
+from pipeline.analysis.drop.comparison import Side, compare
+from pipeline.engines import other_world
+from pipeline.errors import DropError, ScenarioError
+from pipeline.recording.reader import read
+from pipeline.recording.rows import tables_of
+from pipeline.stages.recorded import made_with
+from pipeline.states import Batch
+
+MODULES = {"mujoco": "mujoco", "dart": "dartpy", "drake": "pydrake", "physx": "sapien"}
+OTHERS = [
+    pytest.param(engine, marks=[] if engine == "mujoco" else [pytest.mark.needs(module)])
+    for engine, module in MODULES.items()
+]
+DRAKE, PHYSX, DART = (pytest.mark.needs(MODULES[name]) for name in ("drake", "physx", "dart"))
+BODIES = ("cube_small.urdf", "sphere_small.urdf", "block.urdf", "lego/lego.urdf")
+TUMBLING = {
+    "orientation": (20.0, 30.0, 0.0), "velocity_m_s": (1.0, 0.0, 0.0), "spin_rad_s": (1.0, 2.0, 0.0)
+}  # fmt: skip
+SINGLE = 2.0**-23
+
+
+def drawn(engine: str, seed: int) -> Scenario:
+    """Return a scenario of a body in the air; every other one is thrown, every third spins."""
+    rng = np.random.default_rng(seed)
+    timestep_s = float(rng.choice([1 / 240, 1 / 1000, 0.01, 0.0003]))
+    values: dict[str, object] = {
+        "engine": engine,
+        "height_m": float(rng.uniform(50, 100)),
+        "timestep_s": timestep_s,
+        "duration_s": 60 * timestep_s,
+        "gravity_m_s2": float(rng.uniform(-20, 20)),
+        "mass_kg": float(10 ** rng.uniform(-2, 2)),
+        "body": BODIES[seed % 4],
+    }
+    if seed % 2:
+        values["velocity_m_s"] = tuple(rng.uniform(-5, 5, 3).tolist())
+    if seed % 3 == 0:
+        values["spin_rad_s"] = tuple(rng.uniform(-9, 9, 3).tolist())
+        values["orientation"] = tuple(rng.uniform(-90, 90, 3).tolist())
+    if seed % 5 == 0 and engine != "mujoco":
+        values["linear_damping"] = float(rng.uniform(0, 1))
+    return Scenario(**values)  # type: ignore[arg-type]
+
+
+def dropped(scenario: Scenario) -> Case:
+    with other_world.OtherWorld(scenario) as world:
+        states, contacts = tables_of(Batch.joined(world.samples(1000)))
+        return case_of(scenario, made_with(world), states, contacts)
+
+
+@pytest.mark.parametrize("engine", OTHERS)
+def test_every_step_in_the_air_follows_the_law(engine: str) -> None:
+    to_the_bit = 0
+    for seed in range(100):
+        case = dropped(drawn(engine, seed))
+        assert case.segments.counts()["flight"] == 60, (seed, case.segments.first_unexplained)
+        after = case.law.step(case.samples.before())
+        same = np.array_equal(after.velocity_m_s[1:], case.samples.velocity_m_s[1:])
+        to_the_bit += same and np.array_equal(after.position_m[1:], case.samples.position_m[1:])
+    # MuJoCo and DART: those that fall straight, without spin. Drake and PhysX: all of them.
+    assert to_the_bit >= {"mujoco": 33, "dart": 33, "drake": 100, "physx": 100}[engine]
+
+
+@PHYSX
+def test_physx_spins_by_its_law_to_the_bit() -> None:
+    for seed in range(0, 60, 3):
+        case = dropped(drawn("physx", seed))
+        after = case.law.step(case.samples.before())
+        assert np.array_equal(after.spin_rad_s[1:], case.samples.spin_rad_s[1:])
+
+
+@pytest.mark.parametrize("engine", OTHERS)
+def test_an_altered_sample_is_noticed(engine: str) -> None:
+    case = dropped(drawn(engine, 9))
+    assert case.segments.first_unexplained is None
+    scenario = case.scenario
+    with other_world.OtherWorld(scenario) as world:
+        states, contacts = tables_of(Batch.joined(world.samples(1000)))
+        report = made_with(world)
+    off = 1e-3 if engine == "physx" else 1e-7
+    for column in ("x_m", "vz_m_s", "wy_rad_s", "qx"):
+        moved = pl.when(pl.col("step") == 30).then(pl.col(column) + off).otherwise(column)
+        altered = case_of(scenario, report, states.with_columns(moved.alias(column)), contacts)
+        assert altered.segments.first_unexplained == 30, column
+
+
+@pytest.mark.parametrize(
+    ("engine", "height_m", "error_mm"),
+    [
+        ("mujoco", 0.5524187499999997, -6.13125),
+        pytest.param("dart", 0.5524187499999997, -6.13125, marks=DART),
+        pytest.param("drake", 0.5524187499999997, -6.13125, marks=DRAKE),
+        pytest.param("physx", 0.5524188876152039, -6.13111, marks=PHYSX),
+    ],
+)
+def test_all_share_the_integrator(
+    recorded: Recorder, engine: str, height_m: float, error_mm: float
+) -> None:
+    (moment,) = judge(recorded(engine=engine)).at
+    assert moment.simulated_m == height_m
+    assert moment.error_m * 1e3 == pytest.approx(error_mm, abs=5e-6)
+    assert moment.terms_m is not None
+    assert moment.terms_m.timestep * 1e3 == pytest.approx(-6.13125, rel=1e-12)
+    assert moment.terms_m.damping == 0
+    rounding_m = abs(moment.terms_m.rounding)
+    assert 1e-8 < rounding_m < 2e-7 if engine == "physx" else rounding_m < 1e-15
+
+
+@pytest.mark.parametrize("engine", OTHERS)
+def test_the_same_run_is_the_same_to_the_bit(
+    tmp_path: Path, drop_process: Drop, engine: str
+) -> None:
+    tumbling = ("--spin", "3,5,-2", "--velocity", "1,0,1", "--no-camera", "--engine", engine)
+    for name in ("a.rrd", "b.rrd"):
+        done = drop_process("simulate", *tumbling, "--out", name)
+        assert done.returncode == 0, done.stderr
+        assert done.stderr == ""
+    a, b = (read(tmp_path / name) for name in ("a.rrd", "b.rrd"))
+    assert a.states.equals(b.states)
+    assert a.contacts.equals(b.contacts)
+
+
+@pytest.mark.parametrize("engine", OTHERS)
+def test_nothing_false_is_said_of_contact(recorded: Recorder, engine: str) -> None:
+    """A body that tumbles is explained, or the reason is given; nobody altered the recording."""
+    for scenario in ({}, TUMBLING, {"timestep_s": 1 / 960}, {"body": "sphere_small.urdf"}):
+        analysis = judge(recorded(engine=engine, **scenario))
+        codes = {finding.code for finding in analysis.findings}
+        assert not codes & {"law-mismatch", "default-damping", "bounce-swallowed"}
+        assert "PyBullet" not in str(analysis.findings)
+        if analysis.segments.unexplained:
+            assert "what the engine makes" not in (analysis.explained.why or "")
+        else:
+            assert analysis.explained.why is None
+
+
+@DART
+def test_dart_accounts_for_every_force(recorded: Recorder) -> None:
+    for scenario in ({}, TUMBLING, {"body": "block.urdf", "restitution": 0.6}):
+        analysis = judge(recorded(engine="dart", **scenario))
+        assert analysis.explained.why is None
+        assert analysis.segments.contact > 10
+
+
+@DRAKE
+def test_drake_rests_as_deep_as_its_modulus_lets_it(recorded: Recorder) -> None:
+    analysis = judge(recorded(engine="drake", mass_kg=0.2, duration_s=2.0))
+    assert analysis.rest is not None
+    assert analysis.rest.error_m is not None
+    assert analysis.rest.sinks_m == pytest.approx(0.2 * 9.81 * 0.025 / (1e7 * 0.05**2), rel=1e-12)
+    assert analysis.rest.error_m == pytest.approx(-analysis.rest.sinks_m, abs=1e-9)
+    (finding,) = (f for f in analysis.findings if f.code == "rest-below-expected")
+    assert "modulus of 1e+07 Pa" in finding.message
+
+
+@DRAKE
+def test_drake_continuous_has_no_error_but_rounding(recorded: Recorder) -> None:
+    analysis = judge(recorded(engine="drake", integrator="continuous"))
+    (moment,) = analysis.at
+    assert moment.terms_m is not None
+    assert moment.terms_m.timestep == 0
+    assert abs(moment.error_m) < 1e-14
+    spinning = judge(recorded(engine="drake", integrator="continuous", spin_rad_s=(1.0, 2.0, 3.0)))
+    assert spinning.coverage.samples == 1
+    assert "no law of a step is known" in spinning.coverage.why
+    assert "law-mismatch" not in {finding.code for finding in spinning.findings}
+
+
+@PHYSX
+def test_restitution_is_combined_as_the_engine_does(recorded: Recorder) -> None:
+    ball = {"body": "sphere_small.urdf", "restitution": 0.5, "height_m": 0.5}
+    physx, dart = (recorded(engine=engine, **ball).engine for engine in ("physx", "dart"))
+    assert physx.pair_restitution == 0.5
+    assert dart.pair_restitution == 0.25
+    for engine, asked in (("physx", 0.5), ("dart", 0.25)):
+        bounce = judge(recorded(engine=engine, **ball)).bounces[0]
+        assert bounce.effective_restitution == pytest.approx(asked, rel=0.02)
+
+
+@DRAKE
+def test_what_an_engine_cannot_compute_is_one_line() -> None:
+    """A slab that falls through Drake's floor in one step becomes non-finite there."""
+    scenario = Scenario(engine="drake", body="block.urdf", height_m=5.0, spin_rad_s=(90.0, 90.0, 0))
+    with other_world.OtherWorld(scenario) as world, pytest.raises(DropError, match="non-finite"):
+        list(world.samples(1000))
+
+
+@pytest.mark.parametrize("engine", OTHERS)
+def test_moving_from_pybullet_only_the_damping_differs(recorded: Recorder, engine: str) -> None:
+    sides = (recorded(engine=engine), recorded())
+    found = compare(*(Side(s.scenario, s.engine, s.states, s.contacts) for s in sides))
+    if engine != "physx":
+        assert "--linear-damping 0 and they agree to the bit until contact" in str(found.looks_like)
+    assert "damping -1" in str(found.looks_like)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"engine": "dart", "contact_erp": 0.1}, "--contact-erp is an option of PyBullet, not of"),
+        ({"engine": "drake", "restitution": 0.5}, "not of Drake; omit it"),
+        ({"engine": "physx", "integrator": "rk4"}, "--integrator of PhysX has one only"),
+        ({"engine": "drake", "integrator": "rk4"}, "takes discrete, continuous, got rk4"),
+    ],
+)
+def test_an_option_that_it_does_not_have(options: dict[str, object], said: str) -> None:
+    with pytest.raises(ScenarioError, match=said):
+        Scenario(**options)  # type: ignore[arg-type]
