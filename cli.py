@@ -510,7 +510,9 @@ def view(
         raise ScenarioError(f"--against takes one recording to compare, got {len(runs)}")
     with ExitStack() as stack:
         if against is None:
-            shown = view.view(runs, web=web)
+            from pipeline.stages.view_engines import opened
+
+            shown = stack.enter_context(opened(runs, web=web))
         else:
             from pipeline.stages.view_golden import with_golden
 

@@ -21,6 +21,14 @@ TERMS = {
     "rounding": ROUNDING,
 }
 """Of the error, in the order in which they are named everywhere."""
+ENGINES = {
+    "bullet": SIMULATED,
+    "mujoco": "#ee6677",
+    "dart": "#228833",
+    "drake": "#ccbb44",
+    "physx": "#aa3377",
+}
+"""Paul Tol's bright ones, which no term has."""
 KINETIC = "#f0e442"
 ROTATION = "#cc79a7"
 POTENTIAL = "#56b4e9"

@@ -56,6 +56,8 @@ ENGINES_WITH: dict[str, tuple[Engine, ...]] = {
     "coordinates": ("bullet",),
 }
 """The engines that have an option, where not all do: by its field."""
+WITHOUT = {"linear_damping": 0.0, "angular_damping": 0.0, "substeps": 1}
+"""What an engine does that does not have the option."""
 
 GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.0}
 BYTES_PER_SAMPLE = 480
@@ -215,7 +217,10 @@ class Scenario(Optioned):
         name, integrators = ENGINES[self.engine], INTEGRATORS.get(self.engine, ())
         for field, engines in ENGINES_WITH.items():
             spec = self.options()[field]
-            if self.engine not in engines and spec.written(getattr(self, field)) != spec.default:
+            value = getattr(self, field)
+            if value == WITHOUT.get(field) or self.engine in engines:
+                continue
+            if spec.written(value) != spec.default:
                 others = " and ".join(ENGINES[each] for each in engines)
                 raise ScenarioError(f"{spec.name} is an option of {others}, not of {name}; omit it")
         if self.integrator is not None and self.integrator not in integrators:

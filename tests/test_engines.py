@@ -5,21 +5,28 @@ MuJoCo has more in `test_mujoco`.
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
 from conftest import Drop, Recorder, judge
+from rerun.chunk import RrdReader
 
-from pipeline import Scenario
+from pipeline import Scenario, colours, simulate
 from pipeline.analysis.drop.case import Case, case_of
 from pipeline.analysis.drop.comparison import Side, compare
 from pipeline.engines import other_world
 from pipeline.errors import DropError, ScenarioError
-from pipeline.recording.reader import read
+from pipeline.recording import golden_layer, writer
+from pipeline.recording.reader import read, recording_id
 from pipeline.recording.rows import tables_of
+from pipeline.scenario import ENGINES
 from pipeline.stages.recorded import made_with
+from pipeline.stages.view_engines import opened
 from pipeline.states import Batch
 
 MODULES = {"mujoco": "mujoco", "dart": "dartpy", "drake": "pydrake", "physx": "sapien"}
@@ -222,3 +229,83 @@ def test_moving_from_pybullet_only_the_damping_differs(recorded: Recorder, engin
 def test_an_option_that_it_does_not_have(options: dict[str, object], said: str) -> None:
     with pytest.raises(ScenarioError, match=said):
         Scenario(**options)  # type: ignore[arg-type]
+
+
+# -- side by side ---------------------------------------------------------------------------------
+
+
+def swept(drop: Drop, *options: str) -> dict[str, Any]:
+    done = drop("sweep", "--out", "swept", "--no-record", "--json", *options)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def test_a_sweep_says_what_each_does_on_the_floor(tmp_path: Path, drop: Drop) -> None:
+    found = swept(drop, "--engine", "bullet,mujoco", "--plot", "engines.svg")
+    bullet, mujoco = found["engines"]
+    assert (bullet["engine"], mujoco["engine"]) == ("bullet", "mujoco")
+    assert bullet["rest_error_m"] == pytest.approx(-11.98e-6, abs=1e-8)
+    assert (bullet["rest_cause"], mujoco["rest_cause"]) == ("slop, solver", "soft contact")
+    assert mujoco["penetration_m"] == pytest.approx(25.41e-3, abs=1e-5)
+    assert mujoco["contact_j"] == pytest.approx(-0.9476, abs=1e-4)
+    assert min(bullet["step_us"], mujoco["step_us"]) > 0
+    drawn = (tmp_path / "engines.svg").read_text()
+    assert all(name in drawn for name in (">PyBullet<", ">MuJoCo<", "around the first impact"))
+    for engine in ("bullet", "mujoco"):
+        assert f"stroke: {colours.ENGINES[engine]}" in drawn
+
+
+def test_a_sweep_of_a_spinning_body_says_what_drifts_and_its_order(drop: Drop) -> None:
+    spinning = ("--spin", "1,9,1", "--gravity", "zero", "--no-floor", "--body", "block.urdf")
+    found = swept(
+        drop, *spinning, "--engine", "mujoco", "--integrator", "euler,rk4",
+        "--timestep", "1/500,1/1000", "--duration", "1",
+    )["engines"]  # fmt: skip
+    drifts = {(one["timestep_s"], one["order"] is None): one for one in found}
+    assert len(drifts) == 2
+    orders = [one["order"] for one in found if one["order"] is not None]
+    assert orders == [pytest.approx(1, abs=0.01), pytest.approx(4, abs=0.05)]
+
+
+def test_an_engine_that_fails_is_a_row_and_the_others_are_compared(drop: Drop) -> None:
+    found = swept(drop, "--engine", "bullet,mujoco", "--restitution", "0.5")
+    assert found["failed"] == 1
+    assert [one["engine"] for one in found["engines"]] == ["bullet"]
+
+
+def test_recordings_of_one_drop_open_as_one_a_colour_for_each(tmp_path: Path) -> None:
+    paths = [tmp_path / f"{engine}.rrd" for engine in ("bullet", "mujoco")]
+    for path in paths:
+        simulate(Scenario(engine=path.stem), path, camera=None)  # type: ignore[arg-type]
+    with opened(paths, web=True) as shown:
+        layers = [Path(one) for one in shown.viewer.command if one.endswith("/0.rrd")]
+        (layer,) = layers
+        assert shown.recordings == paths
+        assert recording_id(layer) == recording_id(paths[0])
+        chunks = list(RrdReader(layer).stream())
+        assert {"/world/MuJoCo", "/height/MuJoCo"} <= {chunk.entity_path for chunk in chunks}
+        seen = str([chunk.to_record_batch().to_pydict() for chunk in chunks if chunk.is_static])
+        assert str(writer.rgba(colours.ENGINES["mujoco"]) - 0xFF + golden_layer.ALPHA) in seen
+    simulate(Scenario(engine="mujoco", height_m=2.0), tmp_path / "other.rrd", camera=None)
+    with opened([paths[0], tmp_path / "other.rrd"], web=True) as shown:
+        assert not any("drop-" in one for one in shown.viewer.command)
+
+
+@DART
+@DRAKE
+@PHYSX
+def test_the_table_of_the_readme_is_what_the_engines_do(drop: Drop) -> None:
+    found = swept(drop, "--engine", ",".join(ENGINES))
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    for row, one in zip(found["table"], found["engines"], strict=True):
+        (line,) = re.findall(rf"^\| {ENGINES[row['engine']]} \|(.*)\|$", readme, re.MULTILINE)
+        cells = [cell.strip().split(" ")[0] for cell in line.split("|")]
+        numbers = [
+            f"{row['error_m'] * 1e3:+.3f}",
+            f"{row['timestep_m'] * 1e3:+.3f}",
+            f"{row['damping_m'] * 1e3:+.3f}" if row["damping_m"] else "0",
+            f"{one['penetration_m'] * 1e3:.2f}",
+            "" if one["rest_error_m"] is None else f"{one['rest_error_m'] * 1e6:+.2f}",
+        ]
+        assert cells == numbers

@@ -204,7 +204,7 @@ def test_frames_are_drawn_from_its_poses(tmp_path: Path) -> None:
     ("options", "said"),
     [
         (["--restitution", "0.5"], "--restitution is an option of PyBullet"),
-        (["--linear-damping", "0"], "not of MuJoCo; omit it"),
+        (["--linear-damping", "0.1"], "not of MuJoCo; omit it"),
         (["--coordinates", "maximal"], "--coordinates is an option of PyBullet, not of MuJoCo"),
         (["--integrator", "discrete"], "takes euler, rk4, implicit, implicitfast, got discrete"),
         (["--body", "r2d2.urdf"], "a body of one link"),

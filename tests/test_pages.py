@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from generators import pages
-from generators.pages import DOCS, ROOT, WALKTHROUGH, Block, PageError, blocks, pictures
+from generators.pages import DOCS, ENGINES, ROOT, WALKTHROUGH, Block, PageError, blocks, pictures
 from generators.pictures import alike
 from generators.typed import INSTEAD, PROGRAMS
 from regenerate import is_current
@@ -20,7 +20,10 @@ from pipeline.laws.base import EXACT_MACHINES
 
 AGAIN = "a page is stale; make it again with: python docs/regenerate.py"
 PAGES = pages.pages()
-MARKS = {"catalog.md": [pytest.mark.needs("datafusion")]}
+MARKS = {
+    "catalog.md": [pytest.mark.needs("datafusion")],
+    "engines.md": [pytest.mark.needs(module) for module in ("dartpy", "pydrake", "sapien")],
+}
 MARKS |= {name: [pytest.mark.long] for name in ("README.md", "walkthrough.md")}
 TRANSLATED = [page for page in PAGES if pages.translations(page)]
 
@@ -41,7 +44,7 @@ def test_what_a_page_says_to_type_works_prints_what_it_shows_and_draws_its_pictu
 ) -> None:
     made = pages.played(page)
     drawn = [path for path in made if path.suffix != ".md"]
-    assert len(drawn) == (6 if page == WALKTHROUGH else 0)
+    assert len(drawn) == {WALKTHROUGH: 6, ENGINES: 1}.get(page, 0)
     for path in drawn:
         assert is_current(path, made[path]), f"{path.name}: {AGAIN}"
         assert path.stat().st_size < (300_000 if path.suffix == ".webp" else 60_000)
@@ -67,7 +70,7 @@ def test_a_translation_has_the_blocks_options_and_pictures_of_its_page() -> None
 def _without_words(pattern: str, text: str) -> list[str]:
     """Return what a pattern finds, without comments and the words at the head of a table."""
     found = re.findall(pattern, text, re.DOTALL | re.MULTILINE)
-    return [re.sub(r" +# .*| *オプション|^option$", "", one) for one in found]
+    return [re.sub(r" +# .*| *オプション|エンジン|^(option|engine)$", "", one) for one in found]
 
 
 def test_no_picture_is_left_behind() -> None:
@@ -115,9 +118,11 @@ def test_every_extra_that_a_page_names_exists() -> None:
         extra
         for text in texts
         for found in re.findall(r"'(?:\.|drop-physics)\[(.*?)\]'|--extra (\w+)", text)
-        for extra in filter(None, found)
+        for extra in ",".join(found).split(",")
+        if extra
     }
-    assert named == {"catalog", "ray", "test", "dev"}
+    engines = {"mujoco", "dart", "drake", "physx"}
+    assert named == {"catalog", "ray", "test", "dev"} | engines
     assert named <= set(extras)
 
 

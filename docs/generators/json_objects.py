@@ -45,6 +45,7 @@ from pipeline.seen import Call
 from pipeline.stages.check import Check
 from pipeline.stages.render import Rendering
 from pipeline.stages.simulate import Simulation
+from pipeline.stages.sweep_engines import EngineRun
 from pipeline.sweeping.folder import SCHEMA as SWEEP_COLUMNS
 from pipeline.sweeping.folder import TERMS
 
@@ -227,12 +228,13 @@ STATISTICS = Object(
 SWEEP = Object(
     {"runs": int, "failed": int, "results": Path, "table": [ROW], "at_s": float,
      "plot": Path | None, "convergence": [STUDY],
-     "statistics": [STATISTICS], "narrow_enough": bool | None},
+     "statistics": [STATISTICS], "engines": list[EngineRun], "narrow_enough": bool | None},
     {"runs": "How many runs there are.", "failed": "How many of them failed.",
      "results": "The Parquet file with the table.", "at_s": "The time that was taken apart.",
      "plot": "The plot; null where none was asked for.", "table": "A row for each run.",
      "convergence": "One for each set of runs that differ in the timestep only.",
      "statistics": "One for each scenario that is sampled.",
+     "engines": "One for each run, where engines are compared or the body spins.",
      "narrow_enough": "Whether `--until-ci` was reached."},
     frozenset({"runs", "failed", "results", "table"}),
 )  # fmt: skip

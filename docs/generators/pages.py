@@ -19,8 +19,8 @@ stays where it was:
     Rest        0.0250 m: the position is the body's centre, not its underside
     …
 
-A translation has the blocks of its page. A picture of the walkthrough is the file of its name that
-a command made.
+A translation has the blocks of its page. A picture of the walkthrough, or of the page on engines,
+is the file of its name that a command made.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from generators.typed import ROOT, possible, run_command, run_python
 
 DOCS = ROOT / "docs"
 WALKTHROUGH = DOCS / "walkthrough.md"
+ENGINES = DOCS / "engines.md"
 REFERENCES = {"commands.md", "json.md", "recording.md"}
 """Pages that the other generators write, from the code."""
 CUT = "…"
@@ -61,8 +62,8 @@ for _ in range(240):
 
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _PICTURE = re.compile(r"(?:(?<=\]\()|(?<=srcset=\")|(?<=src=\"))images/[^)\"]+")
-_VARIES = re.compile(r"[\d.,]+ kB, [\d.]+ s$")
-"""How large a recording became, and how long it took."""
+_VARIES = re.compile(r"[\d.,]+ kB, [\d.]+ s$| +[\d.]+ µs$")
+"""How large a recording became, and how long it took; what a step of an engine takes."""
 
 
 class PageError(Exception):
@@ -122,7 +123,7 @@ def played(page: Path) -> dict[Path, bytes]:
             quoted = list(_quoted(blocks(text), folder))
         except PageError as error:
             raise PageError(f"{page.name}: {error}") from None
-        wanted = pictures(text) if page == WALKTHROUGH else []
+        wanted = pictures(text) if page in (WALKTHROUGH, ENGINES) else []
         drawn = {DOCS / one: small(_found(folder, Path(one).name)) for one in wanted}
     texts = {path: path.read_text(encoding="utf-8") for path in [page, *translations(page)]}
     return {path: _filled(text, quoted).encode() for path, text in texts.items()} | drawn

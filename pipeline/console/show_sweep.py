@@ -57,11 +57,13 @@ def show_sweep(sweep: Sweep, *, as_json: bool) -> None:
     else:
         lines += ["", *_rows(sweep)]
     for group in sweep.studies[:MOST_STUDIES]:
-        if group.study is not None:
+        if group.study is not None and any(run.error_m for run in group.study.runs):
             lines += ["", *_study(group, group.study, sweep.at_s)]
     more = len(sweep.studies) - MOST_STUDIES
     if more > 0:
         lines += ["", f"[dim]… and {more:,} more such sets of runs: see --json[/]"]
+    if sweep.engine_runs:
+        lines += ["", *_engines(sweep)]
     lines += ["", *_failures(sweep), *_files(sweep)]
     print_lines(*lines)
 
@@ -83,6 +85,7 @@ def _json(sweep: Sweep) -> dict[str, Any]:
             group.values | {"summaries": [asdict(statistic) for statistic in group.statistics]}
             for group in sweep.statistics
         ],
+        "engines": [asdict(one) for one in sweep.engine_runs],
         "narrow_enough": sweep.narrow_enough,
         "table": sweep.table().to_dicts(),
     }
@@ -208,6 +211,58 @@ def readable_step(timestep_s: float) -> str:
 def _orders(orders: Sequence[float | None], last: int, width: int, decimals: int) -> str:
     texts = ["–" if order is None else f"{order:.{decimals}f}" for order in orders[-last:]]
     return "".join(text.rjust(width) for text in texts)
+
+
+# -- engines --------------------------------------------------------------------------------------
+
+
+def _engines(sweep: Sweep) -> list[str]:
+    """Return a table of what each engine does on the floor, and one of what drifts."""
+    runs, table = sweep.engine_runs, sweep.table(MOST_ROWS).to_dicts()
+    labels = [
+        [name, *(_cut(sweep.written(field, table[one.run][field])) for one in runs)]
+        for field, name in sweep.axes
+    ]
+    floor = {
+        "impact": [_unit(one.impact_s, 1, "s", 4) for one in runs],
+        "deepest": [_unit(one.penetration_m, 1e3, "mm", 2) for one in runs],
+        "at rest": [_unit(one.rest_error_m, 1e6, "µm", 2, "+") for one in runs],
+        "cause": [one.rest_cause or "–" for one in runs],
+        "contact": [_unit(one.contact_j, 1, "J", 4, "+") for one in runs],
+        "a step": [f"{one.step_us:6.1f} µs" for one in runs],
+    }
+    drift = {
+        "angular momentum": [_drift(one.angular_momentum_drift) for one in runs],
+        "order": [_unit(one.order, 1, "", 3) for one in runs],
+        "energy": [_drift(one.energy_drift) for one in runs],
+    }
+    lines = []
+    if any(one.impact_s is not None or one.penetration_m is not None for one in runs):
+        lines += [*_heading("on the floor"), *_table(labels, floor)]
+    if any(one.angular_momentum_drift is not None for one in runs):
+        lines += [""] if lines else []
+        lines += [*_heading("drift before the first contact"), *_table(labels, drift)]
+    return lines
+
+
+def _table(labels: list[list[str]], columns: dict[str, list[str]]) -> list[str]:
+    cells = [_aligned(one, str.ljust) for one in labels]
+    for name, values in columns.items():
+        align: Callable[[str, int], str] = str.ljust if name == "cause" else str.rjust
+        width = max(map(len, (name, *values)))
+        cells.append([align(cell, width) for cell in (name, *values)])
+    rows = [escape("  ".join(row).rstrip()) for row in zip(*cells, strict=True)]
+    return [f"[dim]{rows[0]}[/]", *rows[1:]]
+
+
+def _unit(value: float | None, per_si: float, unit: str, places: int, sign: str = "") -> str:
+    if value is None:
+        return "–"
+    return f"{decimals(round(value * per_si, places) + 0.0, places, sign)} {unit}".rstrip()
+
+
+def _drift(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2e}"
 
 
 # -- chance ---------------------------------------------------------------------------------------

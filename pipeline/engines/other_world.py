@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import math
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from importlib import metadata
 from typing import Any, Self
 
 import numpy as np
@@ -20,6 +22,7 @@ from pipeline.scenario import ENGINES, ENGINES_WITH, Engine, Scenario
 from pipeline.states import BASE, BODY, CONTACT, FLOOR, STATE, Batch
 
 Float64 = NDArray[np.float64]
+Build = Callable[[Scenario, RigidBody], Session]
 
 SESSIONS: dict[Engine, str] = {
     "mujoco": "pipeline.engines.mujoco:MujocoSession",
@@ -28,6 +31,10 @@ SESSIONS: dict[Engine, str] = {
     "physx": "pipeline.engines.physx:PhysxSession",
 }
 """Where each engine is driven; imported when it is asked for."""
+DISTRIBUTIONS: dict[Engine, str] = {
+    "mujoco": "mujoco", "dart": "dartpy", "drake": "drake", "physx": "sapien",
+}  # fmt: skip
+"""What is installed of each."""
 SHAPES = ("box", "sphere", "cylinder", "capsule")
 """Those that every engine here has."""
 BULLETS_OWN = (
@@ -42,13 +49,20 @@ _ROW = struct.Struct("<5q19d").pack
 class OtherWorld:
     """One body above one floor in an engine; use it in a `with` statement.
 
+    Parameters
+    ----------
+    scenario
+        What to drop, and how.
+    build
+        From scenario and body to the session that drops it; None for that of the scenario's engine.
+
     Raises
     ------
     ScenarioError
         If the engine is not installed, or the body is not one that it takes.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, build: Build | None = None) -> None:
         self.scenario = scenario
         # What the others take is not for PyBullet, which only looks at the body.
         plain: dict[str, Any] = {name: None for name in ENGINES_WITH if name != "coordinates"}
@@ -57,7 +71,7 @@ class OtherWorld:
             self.rest_height_m = read.rest_height_m
             self._read = read.report()
             body = rigid_body(read, self._read)
-        self._session = _session(scenario, body)
+        self._session = (build or _installed(scenario.engine))(scenario, body)
 
     def __enter__(self) -> Self:
         return self
@@ -137,6 +151,15 @@ class OtherWorld:
             yield found
 
 
+def other_versions(engines: Iterable[Engine]) -> dict[str, str]:
+    """Return the versions of those engines that are installed, but for PyBullet's."""
+    found = {}
+    for engine in engines:
+        with contextlib.suppress(KeyError, metadata.PackageNotFoundError):
+            found[f"{engine}_version"] = metadata.version(DISTRIBUTIONS[engine])
+    return found
+
+
 def rigid_body(world: World, report: EngineReport) -> RigidBody:
     """Return the body that PyBullet has read from a URDF.
 
@@ -158,16 +181,16 @@ def rigid_body(world: World, report: EngineReport) -> RigidBody:
     return RigidBody(report.body_name, report.mass_kg, report.inertia_kg_m2, shapes)
 
 
-def _session(scenario: Scenario, body: RigidBody) -> Session:
-    module, name = SESSIONS[scenario.engine].split(":")
+def _installed(engine: Engine) -> Build:
+    """Return what builds the session of an engine."""
+    module, name = SESSIONS[engine].split(":")
     try:
-        build = getattr(importlib.import_module(module), name)
+        build: Build = getattr(importlib.import_module(module), name)
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("pipeline"):
             raise
         raise ScenarioError(
-            f"--engine {scenario.engine} needs {ENGINES[scenario.engine]}, which is not installed; "
-            f"try: pip install 'drop-physics[{scenario.engine}]'"
+            f"--engine {engine} needs {ENGINES[engine]}, which is not installed; "
+            f"try: pip install 'drop-physics[{engine}]'"
         ) from None
-    session: Session = build(scenario, body)
-    return session
+    return build

@@ -46,19 +46,19 @@ class Panel:
     cancelling_timestep_s: float | None
 
 
-def check_plot(path: Path, *, timesteps: int) -> None:
+def check_plot(path: Path, *, timesteps: int, engines: bool) -> None:
     """Make sure that there is something to plot, before any work is done for it.
 
     Raises
     ------
     ScenarioError
-        If the suffix is neither .png nor .svg, or there are not two timesteps.
+        If the suffix is neither .png nor .svg, or there are neither two timesteps nor engines.
     """
     check_suffix("--plot", path, (".png", ".svg"))
-    if timesteps < 2:
+    if timesteps < 2 and not engines:
         raise ScenarioError(
             f"--plot shows errors over the timestep and needs two or more, got {timesteps}; "
-            "try --timestep 1/240,1/480,1/960"
+            "try --timestep 1/240,1/480,1/960, or several engines"
         )
 
 

@@ -198,7 +198,8 @@ def _tensor(moments: list[np.float32], axes: list[Columns]) -> list[Columns]:
     def entry(i: int, j: int) -> Single:
         low, high = min(i, j), max(i, j)
         a, b, c = (moment * axes[low][k] for k, moment in enumerate(moments))
-        return a * axes[high][0] + b * axes[high][1] + c * axes[high][2]
+        made: Single = a * axes[high][0] + b * axes[high][1] + c * axes[high][2]
+        return made
 
     return [(entry(i, 0), entry(i, 1), entry(i, 2)) for i in range(3)]
 

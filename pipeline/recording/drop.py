@@ -14,7 +14,7 @@ from pipeline.recording.about import about
 from pipeline.recording.digest import FrameDigest, RowsDigest, inputs_digest
 from pipeline.recording.writer import Chunk
 from pipeline.report import EngineReport
-from pipeline.scenario import Camera, Scenario
+from pipeline.scenario import ENGINES, Camera, Scenario
 from pipeline.states import Batch, Rows, poses_of
 
 Float64 = NDArray[np.float64]
@@ -73,11 +73,12 @@ def chunks_of(
         inputs[schema.CAMERA_PROPERTY] = asdict(camera)
     for name, values in inputs.items():
         yield writer.property_chunk(name, values)
-    yield from writer.scene_chunks(camera, half_size_m, floor=scenario.floor)
+    colour = colours.ENGINES[scenario.engine]
+    yield from writer.scene_chunks(camera, half_size_m, floor=scenario.floor, colour=colour)
     if photography is not None and photography.camera.view != "follow":
         pose = photography.pose(photography.camera)
         yield writer.camera_chunk(None, scenario.timestep_s, pose[None])
-    yield from _curve_styles()
+    yield from _curve_styles(scenario)
     yield writer.document_chunk(schema.ABOUT, about(scenario, camera, engine))
 
     timestep_s, samples, done = scenario.timestep_s, scenario.steps + 1, 0
@@ -94,7 +95,7 @@ def chunks_of(
         yield from _heights(base, timestep_s, theory_m)
         lit = base[base["step"] % strobe == 0]
         if len(lit):
-            yield writer.trail_chunk(lit["step"], timestep_s, lit["position_m"])
+            yield writer.trail_chunk(lit["step"], timestep_s, lit["position_m"], colour)
         if photography is not None:
             yield from _frames(photography, scenario, base, pictures, progress)
         done += len(base)
@@ -114,8 +115,11 @@ def chunks_of(
     )
 
 
-def _curve_styles() -> Iterator[Chunk]:
-    yield writer.curve_style_chunk(schema.HEIGHT_SIMULATED, "simulated [m]", colours.SIMULATED)
+def _curve_styles(scenario: Scenario) -> Iterator[Chunk]:
+    engine = scenario.engine
+    name = "simulated" if engine == "bullet" else ENGINES[engine]
+    colour = colours.ENGINES[engine]
+    yield writer.curve_style_chunk(schema.HEIGHT_SIMULATED, f"{name} [m]", colour)
     yield writer.curve_style_chunk(schema.HEIGHT_FREE_FALL, "free fall [m]", colours.FREE_FALL)
     yield writer.curve_style_chunk(
         schema.HEIGHT_DAMPED_FALL, "damped fall [m]", colours.DAMPED_FALL

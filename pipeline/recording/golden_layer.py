@@ -1,4 +1,4 @@
-"""A golden recording as a layer of another one: its bodies and their heights, in grey.
+"""A recording as a layer of another one: its bodies and their heights, in a colour of their own.
 
 It carries the other recording's id, so that the viewer shows both as one.
 """
@@ -6,9 +6,11 @@ It carries the other recording's id, so that the viewer shows both as one.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
+from rerun.blueprint import Blueprint
 from rerun.chunk import Chunk, RrdReader
 
 from pipeline import colours
@@ -16,51 +18,72 @@ from pipeline.recording import schema, writer
 
 ALPHA = 0x60
 """Of 255: what is under it is seen."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """What the layer's bodies and curves are called, and their colour."""
+
+    name: str
+    colour: str
+
+
+GOLDEN = Style(schema.GOLDEN, colours.GOLDEN)
 COLOURS = (":colors", ":albedo_factor")
 """Components that say which colour something has."""
 
 
 def write_golden_layer(
-    path: Path, golden: Path, *, recording_id: str, labels: Collection[str] | None
+    path: Path,
+    golden: Path,
+    *,
+    recording_id: str,
+    labels: Collection[str] | None = None,
+    style: Style = GOLDEN,
+    blueprint: Blueprint | None = None,
 ) -> None:
-    """Write what is to be seen of a golden recording that was read, and is what was written.
+    """Write what is to be seen of another recording that was read, and is what was written.
 
     Parameters
     ----------
     path
         The file to write.
     golden
-        The golden recording.
+        The other recording: a golden one, or that of another engine.
     recording_id
         Of the recording that it is shown with.
     labels
         Labels of the bodies of a script that are to be seen; None for the body of a drop.
+    style
+        How they are shown.
+    blueprint
+        The layout of both together; None for that of the recording.
     """
-    moved = dict(_moved(labels))
-    writer.record(path, _chunks(golden, moved), recording_id=recording_id, blueprint=None)
+    chunks = _chunks(golden, dict(_moved(labels, style.name)), style)
+    writer.record(path, chunks, recording_id=recording_id, blueprint=blueprint)
 
 
-def _moved(labels: Collection[str] | None) -> Iterator[tuple[str, str]]:
-    """Yield entities of the golden recording, and where they are shown."""
+def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str]]:
+    """Yield entities of the other recording, and where they are shown."""
     if labels is None:
-        yield schema.BOX, f"{schema.WORLD}/{schema.GOLDEN}"
-        yield schema.HEIGHT_SIMULATED, f"{schema.HEIGHT}/{schema.GOLDEN}"
+        yield schema.BOX, f"{schema.WORLD}/{name}"
+        yield schema.HEIGHT_SIMULATED, f"{schema.HEIGHT}/{name}"
         return
     for label in labels:
         for parent in (schema.WORLD, schema.HEIGHT):
-            yield f"{parent}/{label}", f"{parent}/{schema.GOLDEN}/{label}"
+            yield f"{parent}/{label}", f"{parent}/{name}/{label}"
 
 
-def _chunks(golden: Path, moved: dict[str, str]) -> Iterator[Chunk]:
+def _chunks(golden: Path, moved: dict[str, str], style: Style) -> Iterator[Chunk]:
     for chunk in RrdReader(golden).stream():
         top, rest = _parted(chunk.entity_path.removeprefix("/"))
         if top not in moved:
             continue
         entity = "/".join([moved[top], *rest])
         if "SeriesLines:names" in chunk.to_record_batch().schema.names:
-            yield writer.curve_style_chunk(entity, f"golden {_name(top)}", colours.GOLDEN)
+            yield writer.curve_style_chunk(entity, f"{style.name} {_name(top)}", style.colour)
         else:
-            yield from _grey(chunk.with_entity_path(entity))
+            yield _coloured(chunk.with_entity_path(entity), style.colour)
 
 
 def _parted(entity: str) -> tuple[str, list[str]]:
@@ -73,15 +96,15 @@ def _name(entity: str) -> str:
     return "[m]" if entity == schema.HEIGHT_SIMULATED else entity.partition("/")[2]
 
 
-def _grey(chunk: Chunk) -> list[Chunk]:
+def _coloured(chunk: Chunk, colour: str) -> Chunk:
     """Return a chunk with another colour, if it has any."""
     batch = chunk.to_record_batch()
     for index, field in enumerate(batch.schema):
         if field.name.endswith(COLOURS):
             lists = batch.column(index)
-            grey = pa.array(
-                [writer.rgba(colours.GOLDEN) - 0xFF + ALPHA] * len(lists.values), pa.uint32()
-            )
-            column = pa.ListArray.from_arrays(lists.offsets, grey, type=field.type)
+            seen_through = writer.rgba(colour) - 0xFF + ALPHA
+            values = pa.array([seen_through] * len(lists.values), pa.uint32())
+            column = pa.ListArray.from_arrays(lists.offsets, values, type=field.type)
             batch = batch.set_column(index, field, column)
-    return Chunk.from_record_batch(batch)
+    (made,) = Chunk.from_record_batch(batch)
+    return made

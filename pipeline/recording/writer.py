@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from rerun import bindings  # type: ignore[attr-defined]
 from rerun.chunk import Chunk, LazyChunkStream
 
-from pipeline import colours
 from pipeline.recording import schema
 from pipeline.recording.sealing import seal, unfinished
 from pipeline.scenario import Camera
@@ -134,7 +133,9 @@ def _typed(value: Value) -> pa.Array:
     return pa.array([value] if isinstance(value, str) else np.atleast_1d(np.asarray(value)))
 
 
-def scene_chunks(camera: Camera | None, half_size_m: Float64, *, floor: bool) -> Iterator[Chunk]:
+def scene_chunks(
+    camera: Camera | None, half_size_m: Float64, *, floor: bool, colour: str
+) -> Iterator[Chunk]:
     """Yield what does not change in the 3-D view: axes, floor, the box's size, the camera's lens.
 
     Parameters
@@ -145,6 +146,8 @@ def scene_chunks(camera: Camera | None, half_size_m: Float64, *, floor: bool) ->
         Half the body's extent along its own axes [m], shape (3,).
     floor
         Whether there is a floor.
+    colour
+        Of the body.
     """
     z_up = rr.ViewCoordinates.RIGHT_HAND_Z_UP
     yield _static(schema.WORLD, rr.ViewCoordinates.columns(xyz=[z_up.coordinates]))
@@ -162,7 +165,7 @@ def scene_chunks(camera: Camera | None, half_size_m: Float64, *, floor: bool) ->
         schema.BOX,
         rr.Boxes3D.columns(
             half_sizes=[half_size_m],
-            colors=[rgba(colours.SIMULATED)],
+            colors=[rgba(colour)],
             fill_mode=[rr.components.FillMode.Solid],
         ),
     )
@@ -343,7 +346,7 @@ def _noticed(values: Float64, resolution: float) -> NDArray[np.bool_]:
     return np.concatenate(([True], changes)) | np.concatenate((changes, [True]))
 
 
-def trail_chunk(steps: Steps, timestep_s: float, positions_m: Float64) -> Chunk:
+def trail_chunk(steps: Steps, timestep_s: float, positions_m: Float64, colour: str) -> Chunk:
     """Return points that the body leaves behind [m], shape (n, 3): a stroboscope's picture."""
     n, radius = len(steps), -1.5  # negative: in points of the screen, seen from any distance
     return Chunk.from_columns(
@@ -353,7 +356,7 @@ def trail_chunk(steps: Steps, timestep_s: float, positions_m: Float64) -> Chunk:
             positions=positions_m,
             radii=[radius] * n,
             # As plain numbers three or four colours would be taken for the parts of one.
-            colors=np.full(n, rgba(colours.SIMULATED), dtype=np.uint32),
+            colors=np.full(n, rgba(colour), dtype=np.uint32),
         ),
     )
 

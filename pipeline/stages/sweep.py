@@ -15,19 +15,22 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from pipeline import colours
 from pipeline.analysis.drop.one_sample import DEFAULT_AT_S
 from pipeline.analysis.general.statistics import Moments
 from pipeline.engines.bullet.engine import body_digest, engine_versions, find_body
 from pipeline.engines.bullet.probe import verdicts
+from pipeline.engines.other_world import other_versions
 from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.files.outputs import check_apart, check_room, check_target
 from pipeline.files.whole import written_whole
-from pipeline.scenario import Camera, Scenario
+from pipeline.scenario import ENGINES, Camera, Scenario
+from pipeline.stages.sweep_engines import MOST_RUNS, EngineRun, Fall, engine_falls
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
 from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
 from pipeline.sweeping.folder import TERMS, Folder, mark_of
-from pipeline.sweeping.plan import Plan, name_of
+from pipeline.sweeping.plan import Plan, label_of, name_of
 from pipeline.workers import cores
 
 SHORT_STEPS = 200_000
@@ -56,6 +59,8 @@ class Sweep:
     """One for each set of scenarios that differ in the timestep only."""
     statistics: list[Group]
     """One for each scenario that is sampled."""
+    engine_runs: list[EngineRun]
+    """What each run did beyond its error, where engines are compared, or spins."""
     narrow_enough: bool | None
     """Whether `until_ci_m` was reached; None where none was asked for."""
 
@@ -140,7 +145,8 @@ def sweep(
     if plot is not None:
         from pipeline.figures.convergence_plot import check_plot
 
-        check_plot(Path(plot), timesteps=len(dict(plan.lists).get("timestep_s", ())))
+        timesteps = len(dict(plan.lists).get("timestep_s", ()))
+        check_plot(Path(plot), timesteps=timesteps, engines="engine" in plan.axes)
         check_target(Path(plot), force=force)
         check_apart([Path(plot)], inputs=bodies)
     work = RunShard(plan, Path(out).resolve(), at_s, record, camera, verdicts(), force=force)
@@ -181,8 +187,10 @@ def sweep(
             first = results.select("error").first().collect().item()
             which = "the run failed" if runs == 1 else f"all {runs:,} runs failed, the first"
             raise DropError(f"{which} with: {first}")
-        studies = studies_of(plan, results)
-        if plot is not None:
+        studies, falls = studies_of(plan, results), engine_falls(plan, results)
+        if plot is not None and "timestep_s" not in plan.axes:
+            _plot_engines(Path(plot), plan, falls, dark=dark, force=force)
+        elif plot is not None:
             _plot(Path(plot), studies, at_s, dark=dark, force=force)
     return Sweep(
         plan=plan,
@@ -194,6 +202,7 @@ def sweep(
         plot=None if plot is None else Path(plot),
         studies=studies,
         statistics=statistics_of(plan, results),
+        engine_runs=[fall.run for fall in falls],
         narrow_enough=None if until_ci_m is None else ledger.needed is not None,
     )
 
@@ -250,6 +259,7 @@ def _identity(work: RunShard) -> dict[str, Any]:
         "camera": None if work.camera is None else asdict(work.camera),
         "made_with": {
             **engine_versions(),
+            **other_versions(work.plan.engines),
             "drop_version": metadata.version("drop-physics"),
             "numpy_version": metadata.version("numpy"),
             "machine": platform.machine(),
@@ -312,6 +322,36 @@ class _Ledger:
             interval = (self._explained if self._explained.count else self._errors).interval
             if interval is not None and interval[1] - interval[0] <= self._until_ci_m:
                 self.needed = self._followed
+
+
+def _plot_engines(path: Path, plan: Plan, falls: list[Fall], *, dark: bool, force: bool) -> None:
+    from pipeline.figures.engines_plot import Curve, plot_engines
+
+    if not falls:
+        raise DropError(
+            "--plot has nothing to show: engines are compared in sweeps of up to "
+            f"{MOST_RUNS} runs without --samples"
+        )
+    curves = [
+        Curve(
+            label=_short_label(plan, fall.run.run),
+            colour=colours.ENGINES[fall.run.engine],
+            time_s=np.arange(len(fall.height_m)) * np.float64(fall.run.timestep_s),
+            height_m=fall.height_m,
+            floor_height_m=fall.floor_height_m,
+        )
+        for fall in falls
+    ]
+    with written_whole(path, force=force) as file:
+        plot_engines(curves, file, format="svg" if path.suffix == ".svg" else "png", dark=dark)
+
+
+def _short_label(plan: Plan, run: int) -> str:
+    """Return an engine's name, and the values of what else differs."""
+    values = plan.values(run)
+    others = {name: values[name] for name in plan.axes if name != "engine"}
+    name = ENGINES[values["engine"]]
+    return f"{name}, {label_of(others)}" if others else name
 
 
 def _plot(path: Path, studies: list[Group], at_s: float, *, dark: bool, force: bool) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 from pipeline.errors import ScenarioError
 from pipeline.fields import exact
-from pipeline.scenario import Scenario
+from pipeline.scenario import Engine, Scenario
 from pipeline.sweeping.sampling import Variation, drawn, variations_of
 
 MOST_RUNS = 1_000_000_000_000
@@ -53,6 +53,11 @@ class Plan:
             for value in variation.values
         ]
         return sorted({*listed, *drawn_from} or {Scenario().body})
+
+    @property
+    def engines(self) -> list[Engine]:
+        """Return every engine that a run may have."""
+        return sorted(set(dict(self.lists).get("engine", ())) or {Scenario().engine})
 
     @property
     def shard_runs(self) -> int:

@@ -1,0 +1,151 @@
+"""What each run of a sweep over engines does beyond its error: impact, contact, rest, cost, drift.
+
+Each scenario is dropped once more, in memory: its row has one sample only.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.analysis.drop.analysis import analysis_of
+from pipeline.analysis.drop.results import Analysis, Rest
+from pipeline.engines.worlds import Worlds
+from pipeline.recording.rows import tables_of
+from pipeline.scenario import Engine, Scenario
+from pipeline.stages.recorded import BATCH, made_with
+from pipeline.states import Batch
+from pipeline.sweeping.plan import Plan
+
+Float64 = NDArray[np.float64]
+
+MOST_RUNS = 30
+"""More are not dropped again."""
+TIMED_STEPS, TIMED_FALLS = 1000, 3
+"""Steps that are timed at most, and how often: the quickest counts."""
+
+
+@dataclass(frozen=True)
+class EngineRun:
+    """One scenario in one engine."""
+
+    run: int
+    """Its number in the sweep."""
+    engine: Engine
+    """The engine."""
+    timestep_s: float
+    """Its timestep."""
+    impact_s: float | None
+    """When its centre came down to the rest height; None where that is not known."""
+    penetration_m: float | None
+    """How deep it sank at most."""
+    rest_error_m: float | None
+    """Its height at rest, minus that at which it touches the floor; None where it moves on."""
+    rest_cause: str | None
+    """Why it does not lie at that height; None where nothing proves one."""
+    contact_j: float | None
+    """What contact took of its energy, or gave."""
+    energy_drift: float | None
+    """Largest relative change of the energy before the first contact."""
+    angular_momentum_drift: float | None
+    """The same of the angular momentum; None where there is none."""
+    step_us: float
+    """Time that a step takes here [µs]; nothing is read meanwhile."""
+    order: float | None = None
+    """By which power of the timestep the drift of the angular momentum has shrunk since the run
+    before, in the same engine; None where that is no shorter step of the same scenario."""
+
+
+@dataclass(frozen=True)
+class Fall:
+    """The way of one such run, to be drawn."""
+
+    run: EngineRun
+    height_m: Float64
+    """Of all samples, shape (n,)."""
+    floor_height_m: float | None
+    """At which it touches the floor; None without one."""
+
+
+def engine_falls(plan: Plan, results: pl.LazyFrame) -> list[Fall]:
+    """Return what the runs of a sweep over engines do, those that did not fail.
+
+    Nothing for other sweeps, where no run spins, and for large ones.
+    """
+    drawn, spins = plan.samples is not None, "spin_rad_s" in dict(plan.lists)
+    if drawn or plan.runs > MOST_RUNS or not ("engine" in plan.axes or spins):
+        return []
+    failed = set(results.filter(pl.col("error").is_not_null()).select("run").collect()["run"])
+    with Worlds() as worlds:
+        found = [
+            _dropped(worlds, run, Scenario(**plan.values(run)))
+            for run in range(plan.runs)
+            if run not in failed
+        ]
+    runs = [fall.run for fall in found]
+    return [
+        replace(fall, run=replace(fall.run, order=_order(plan, fall.run, runs))) for fall in found
+    ]
+
+
+def _order(plan: Plan, run: EngineRun, runs: list[EngineRun]) -> float | None:
+    """Return the order of a run's drift, against the next longer timestep of its scenario."""
+
+    def others(one: EngineRun) -> dict[str, Any]:
+        return {name: value for name, value in plan.values(one.run).items() if name != "timestep_s"}
+
+    longer = [one for one in runs if one.timestep_s > run.timestep_s and others(one) == others(run)]
+    if not longer:
+        return None
+    before = min(longer, key=lambda one: one.timestep_s)
+    coarse, fine = before.angular_momentum_drift, run.angular_momentum_drift
+    if not coarse or not fine:
+        return None
+    return math.log(coarse / fine) / math.log(before.timestep_s / run.timestep_s)
+
+
+def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> Fall:
+    world = worlds.world_of(scenario)
+    states, contacts = tables_of(Batch.joined(world.samples(BATCH)))
+    analysis = analysis_of(scenario, made_with(world), states, contacts)
+    impact, rest = analysis.impact, analysis.rest
+    of_engine = EngineRun(
+        run=run,
+        engine=scenario.engine,
+        timestep_s=scenario.timestep_s,
+        impact_s=None if impact is None else impact.time_simulated_s,
+        penetration_m=None if impact is None else impact.penetration_m,
+        rest_error_m=None if rest is None else rest.error_m,
+        rest_cause=None if rest is None else _cause(rest, analysis),
+        contact_j=None if impact is None else analysis.energy.contact_j,
+        energy_drift=analysis.conservation.energy_max_rel_drift,
+        angular_momentum_drift=analysis.conservation.angular_momentum_max_rel_drift,
+        step_us=min(_timed(worlds, scenario)),
+    )
+    floor_m = analysis.engine.rest_height_m if scenario.floor else None
+    return Fall(of_engine, analysis.table["simulated_m"].to_numpy(), floor_m)
+
+
+def _cause(rest: Rest, analysis: Analysis) -> str | None:
+    if rest.terms_m is not None:
+        return "slop, solver"
+    if rest.sinks_m is not None:
+        return "soft contact" if analysis.engine.solref is not None else "compliance"
+    return None
+
+
+def _timed(worlds: Worlds, scenario: Scenario) -> Iterator[float]:
+    """Yield how long a step takes [µs], some times."""
+    steps = min(scenario.steps, TIMED_STEPS)
+    for _ in range(TIMED_FALLS):
+        world = worlds.world_of(scenario)
+        began = time.perf_counter()
+        world.skip(steps)
+        yield (time.perf_counter() - began) / steps * 1e6
