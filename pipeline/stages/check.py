@@ -110,14 +110,7 @@ def check(
         if not os.path.lexists(golden):
             raise there_is_none(path, golden)
         return _checked(run, _whole(golden), tolerance_m)
-    check_target(golden, force=True)
-    check_apart([golden], inputs=[path])
-    check_suffix("--against", golden, (".rrd",))
-    if os.path.lexists(golden) and not is_recording(golden):
-        raise OutputError(
-            f"{golden} is not a recording that drop made, or is damaged, and is left as it is; "
-            "remove it, or give --against another name"
-        )
+    check_replaceable(golden, path)
     try:
         before = _checked(run, _whole(golden), tolerance_m)
     except RecordingError:  # there is none yet, or none that can be read
@@ -130,6 +123,27 @@ def check_tolerance(tolerance_m: float) -> None:
     """Raise a ScenarioError if a tolerance is not a length."""
     if not (math.isfinite(tolerance_m) and tolerance_m >= 0):
         raise ScenarioError(f"--tolerance must be finite and at least 0, got {tolerance_m!r}")
+
+
+def check_replaceable(golden: Path, recording: Path, *, of_script: bool = False) -> None:
+    """Make sure that a recording can become the golden one.
+
+    Raises
+    ------
+    ScenarioError
+        If the golden recording's name does not end in .rrd.
+    OutputError
+        If it cannot be written, is the recording itself, or is no recording of this kind.
+    """
+    check_target(golden, force=True)
+    check_apart([golden], inputs=[recording])
+    check_suffix("--against", golden, (".rrd",))
+    if os.path.lexists(golden) and not is_recording(golden, of_script=of_script):
+        kind = "the recording of a script" if of_script else "a recording that drop made"
+        raise OutputError(
+            f"{golden} is not {kind}, or is damaged, and is left as it is; remove it, or give "
+            "--against another name"
+        )
 
 
 def there_is_none(recording: Path, golden: Path) -> RecordingError:

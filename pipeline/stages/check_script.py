@@ -13,14 +13,18 @@ import numpy as np
 from pipeline.analysis.script.cause import Side
 from pipeline.analysis.script.comparison import ScriptComparison, compare_scripts
 from pipeline.analysis.script.difference import Difference
-from pipeline.errors import OutputError, RecordingError, check_suffix
-from pipeline.files.outputs import check_apart, check_target
+from pipeline.errors import RecordingError
 from pipeline.files.whole import replaced
 from pipeline.recording.contents import is_script
-from pipeline.recording.reader import is_recording
 from pipeline.recording.script_reader import ScriptRecording, read_script
 from pipeline.recording.script_scene import frames_of_cameras
-from pipeline.stages.check import Frames, check_tolerance, pixels, there_is_none
+from pipeline.stages.check import (
+    Frames,
+    check_replaceable,
+    check_tolerance,
+    pixels,
+    there_is_none,
+)
 
 __all__ = ["ScriptCheck", "check_script", "is_script"]
 
@@ -103,14 +107,7 @@ def check_script(
                 "make one with: drop record"
             )
         return _checked(run, _whole(golden), tolerance_m)
-    check_target(golden, force=True)
-    check_apart([golden], inputs=[path])
-    check_suffix("--against", golden, (".rrd",))
-    if os.path.lexists(golden) and not is_recording(golden, of_script=True):
-        raise OutputError(
-            f"{golden} is not the recording of a script, or is damaged, and is left as it is; "
-            "remove it, or give --against another name"
-        )
+    check_replaceable(golden, path, of_script=True)
     try:
         before = _checked(run, _whole(golden), tolerance_m)
     except RecordingError:  # there is none yet, or none that can be read
