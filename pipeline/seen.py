@@ -197,18 +197,20 @@ class Motor:
 
 @dataclass(frozen=True)
 class Solver:
-    """How often the contact solver of a simulation stopped before it was done."""
+    """How often the solver of a simulation stopped while it still changed something."""
 
     at: At
     client: int
-    steps: int
-    """In which it used all its iterations and left more than 0.01 m/s unsolved."""
-    first_step: int
-    left_m_s: float
-    """The most that was left of a velocity that a contact, joint or motor asks for."""
-    worst_step: int
     iterations: int
-    """That it might use then."""
+    """That it might use."""
+    looked: int
+    """Steps with that limit of which it is known what the solver did: every eighth."""
+    steps: int
+    """In which it used all of them, and the last still changed a velocity by over 0.01."""
+    first_step: int
+    last_change: float
+    """The most that a last iteration changed a velocity by [m/s or rad/s]."""
+    worst_step: int
 
 
 @dataclass(frozen=True)
@@ -306,7 +308,7 @@ class Seen:
     pushes: list[Push]
     motors: list[Motor]
     solvers: list[Solver]
-    """One of each simulation whose solver stopped early."""
+    """One of each simulation, and limit of iterations, whose solver stopped early."""
     constraints: list[Constraint]
     calls: list[Call]
     puts: list[Put]

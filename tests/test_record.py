@@ -28,6 +28,7 @@ from pipeline.engines.bullet.watched import Frames
 from pipeline.engines.bullet.watching import pipe
 from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.recording import schema
+from pipeline.recording.script_reader import read_script
 from pipeline.stages.record import Recorded, record_script
 
 BANNER = "pybullet build time"
@@ -324,8 +325,14 @@ p.loadURDF("cube_small.urdf")
 print(p.stepSimulation())
 p.setPhysicsEngineParameter(reportSolverAnalytics=1)
 print(p.stepSimulation())
-p.setPhysicsEngineParameter(reportSolverAnalytics=0)
+p.setPhysicsEngineParameter(reportSolverAnalytics=-1)
 print(p.stepSimulation())
+p.setPhysicsEngineParameter(reportSolverAnalytics=2)
+print(p.stepSimulation())
+p.setPhysicsEngineParameter(reportSolverAnalytics=3)
+print(p.stepSimulation())
+p.setPhysicsEngineParameter(reportSolverAnalytics=0)
+print([p.stepSimulation() for _ in range(20)])
 p.setPhysicsEngineParameter(reportSolverAnalytics=1)
 p.resetSimulation()
 p.loadURDF("cube_small.urdf")
@@ -334,11 +341,55 @@ if not os.fork():
     print(p.stepSimulation(), flush=True)
     os._exit(0)
 os.wait()
+p.resetSimulation()
+import sys
+del sys.modules["pybullet"]
+import pybullet as again
+again.loadURDF("cube_small.urdf")
+print([again.stepSimulation() for _ in range(20)])
 """
     )
     bare = bench.bare(script)
     assert "numIterationsUsed" in bare.stdout
     assert bench.record(script)[1] == bare.stdout
+
+
+def test_a_solver_with_more_islands_than_pybullet_reports_is_not_asked(bench: Bench) -> None:
+    """PyBullet keeps 64 reports and reads past them: what it finds there may end the process."""
+    script = bench.script(
+        scripts.HEAD
+        + """
+p.setPhysicsEngineParameter(minimumSolverIslandSize=1, numSolverIterations=1)
+ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)
+plate = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.2, 0.2, 0.1])
+for i in range(100):
+    p.createMultiBody(0, plate, -1, [i, 0, 0])
+    p.createMultiBody(1, ball, -1, [i, 0, 0.199])
+p.setGravity(0, 0, -10)
+for _ in range(64):
+    p.stepSimulation()
+"""
+    )
+    bench.record(script)
+    assert read_script(bench.out).seen.solvers == []
+
+
+def test_a_block_leaves_what_a_step_returns_as_it_was(bench: Bench) -> None:
+    script = bench.script(
+        scripts.HEAD
+        + """
+from pipeline import record
+p.loadURDF("cube_small.urdf")
+p.setPhysicsEngineParameter(reportSolverAnalytics=1)
+found = [p.stepSimulation()]
+with record("out.rrd"):
+    found += [p.stepSimulation() for _ in range(9)]
+found.append(p.stepSimulation())
+print({len(one[0]) for one in found})
+"""
+    )
+    done = bench.bare(script)
+    assert done.stdout == "{4}\n", done.stderr
 
 
 def test_clients_one_after_the_other_go_on(bench: Bench) -> None:

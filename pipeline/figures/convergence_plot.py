@@ -46,7 +46,7 @@ class Panel:
     cancelling_timestep_s: float | None
 
 
-def check_plot(path: Path, *, timesteps: int, engines: bool) -> None:
+def check_plot(path: Path, *, timesteps: int, engines: bool = False) -> None:
     """Make sure that there is something to plot, before any work is done for it.
 
     Raises

@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import math
 import platform
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -59,10 +59,10 @@ class Sweep:
     """One for each set of scenarios that differ in the timestep only."""
     statistics: list[Group]
     """One for each scenario that is sampled."""
-    engine_runs: list[EngineRun]
-    """What each run did beyond its error, where engines are compared, or spins."""
     narrow_enough: bool | None
     """Whether `until_ci_m` was reached; None where none was asked for."""
+    engine_runs: Sequence[EngineRun] = ()
+    """What each run did beyond its error, where engines are compared or the body spins."""
 
     @property
     def axes(self) -> list[tuple[str, str]]:

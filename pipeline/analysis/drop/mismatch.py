@@ -159,10 +159,10 @@ def coverage_of(
         ends.append((mismatch.step, f"the state does not follow {case.engine_name}'s law"))
     if clamped is not None:
         ends.append((clamped, "a velocity is held at Bullet's limit of 100"))
+    ends.append((case.lands_at, "free fall has reached the floor, and there is no theory"))
+    ends.append((phases.airborne, "the body is, or has been, in contact"))
     step = case.segments.first_unexplained
     if step is not None and mismatch is None:
         ends.append((step, _unknown(case, step) or _uncovered(case, step) or "it is unexplained"))
-    ends.append((case.lands_at, "free fall has reached the floor, and there is no theory"))
-    ends.append((phases.airborne, "the body is, or has been, in contact"))
     samples, why = min(ends, key=lambda end: end[0])
     return Coverage(samples, of, why if samples == of else f"from sample {samples} on {why}")

@@ -13,8 +13,8 @@ from pipeline.analysis.script.results import ScriptFinding
 from pipeline.fields import fraction
 from pipeline.seen import Dynamics
 
-OFTEN = 10
-"""Steps in which the solver stops early that are more than an impact."""
+OFTEN = 5
+"""Steps, of those looked at, in which the solver stops early that are more than an impact."""
 TINY_INERTIA = 1e-3
 """Share of m R² below which no usual shape has its greatest moment of inertia; a rod has 1/3."""
 
@@ -107,11 +107,12 @@ def _stopped_early(e: Evidence) -> Iterator[ScriptFinding]:
         if one.steps >= OFTEN:
             yield e.finding(
                 "solver-stopped-early",
-                f"the contact solver of simulation {one.client} used all its {one.iterations} "
-                f"iterations in {one.steps} steps from step {one.first_step} on, and left up to "
-                f"{one.left_m_s:.3g} m/s of what contacts, joints or motors ask for (step "
-                f"{one.worst_step}): stacks sink and joints give way by that; call "
-                f"p.setPhysicsEngineParameter(numSolverIterations={4 * one.iterations})",
+                f"in {one.steps} of the {one.looked} steps that were looked at, from step "
+                f"{one.first_step} on, the solver of simulation {one.client} used all its "
+                f"iterations, {one.iterations}, and the last one still changed a velocity by up to "
+                f"{one.last_change:.3g} m/s or rad/s (step {one.worst_step}): what is not solved "
+                "lets stacks sink and joints give way; try p.setPhysicsEngineParameter("
+                f"numSolverIterations={4 * one.iterations}), of which a long chain takes more",
                 step=one.first_step,
             )
 

@@ -236,6 +236,8 @@ class Watch:
                     result = original(*args, **kwargs)
                 except Exception as error:
                     self.pipe.note("raised", error=f"{type(error).__name__}: {error}")
+                    if name in MOVES_ALL:  # some bodies, before it failed
+                        world.moved[ALL] = set()
                     raise
                 self._after_change(world, name, arguments, result)
                 return result
@@ -297,8 +299,9 @@ class Watch:
         if name in SETS_ENGINE:
             world.stale_engine = True
             if "reportSolverAnalytics" in arguments and name == "setPhysicsEngineParameter":
-                world.returns_analytics = bool(arguments["reportSolverAnalytics"])
-                world.analytics = world.analytics and world.returns_analytics
+                value = int(arguments["reportSolverAnalytics"])
+                if value >= 0:  # the engine leaves it as it is else
+                    world.returns_analytics = bool(value & 1)
             if name in ("setPhysicsEngineParameter", "setDefaultContactERP"):
                 world.given.update(_values(arguments))
         if name == "setRealTimeSimulation":
@@ -439,14 +442,19 @@ class Watch:
 
     def _step(self, world: World, original: Any, args: Any, kwargs: Any) -> Any:
         self._guarded(world, world.before_step)
-        result = original(*args, **kwargs)
+        asked = world.asks_solver()
+        try:
+            result = original(*args, **kwargs)
+        finally:
+            if asked:
+                world.report_solver(on=False)
         if self._guarded(world, lambda: world.after_step(result)):
             self._steps += 1
             self.clock.step(world.time_s)
             if self._steps == self._limit_steps:
                 self.stop("steps")
             self._check_time()
-        return () if world.analytics and not world.returns_analytics else result
+        return () if asked else result
 
     def _set_real_time(self, world: World, on: bool) -> None:
         """Let a simulation run by itself, as it does in a window; without one it never does."""
@@ -536,14 +544,11 @@ class Watch:
                     error=f"{type(error).__name__}: {error}")  # fmt: skip
             self._worlds.pop(world.client, None)
             self._real_time_since.pop(world.client, None)
-            world.restore()
             return False
         return True
 
     def _forked(self) -> None:
         if self.on and os.getpid() != self._process:
-            for world in self._worlds.values():
-                world.restore()
             self.remove()
             self.pipe.leave()
 

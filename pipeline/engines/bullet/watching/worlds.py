@@ -6,6 +6,7 @@ what `tests/test_record.py` holds, over many scripts.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterable, Sequence
 from types import SimpleNamespace
@@ -18,8 +19,13 @@ FIXED, SPHERICAL = 4, 2
 """Kinds of joint, as `getJointInfo` numbers them."""
 SOFT = 3
 """Kind of body, as `getDynamicsInfo` numbers them."""
-LEFT_M_S = 0.01
-"""A contact or motor whose velocity is off by more when the solver stops was not solved."""
+LEAST_CHANGE = 0.01
+"""A last iteration that still changes a velocity by more was not the last one needed [m/s, rad/s].
+"""
+ASKED_EVERY = 8
+"""Of so many steps one returns what the solver did: asking takes as long as recording a box."""
+MOST_ISLANDS = 64
+"""Groups of touching bodies that PyBullet has room for in what a step returns."""
 ALL = None
 """Said of bodies: a call may have moved any of them."""
 
@@ -135,12 +141,12 @@ class World:
         self.stale_bodies = self.stale_engine = True
         self._later: list[tuple[int | None, str, dict[str, Any]]] = []
         self._motors: dict[tuple[int | None, Any], Any] = {}
-        self.returns_analytics = False
-        """Whether the script itself has steps return what the solver did."""
-        self.analytics: bool | None = False
-        """Whether steps return it now; None where this PyBullet cannot."""
-        self._early = {"steps": 0, "first_step": 0, "left_m_s": 0.0, "worst_step": 0,
-            "iterations": 0}  # fmt: skip
+        self.returns_analytics: bool | None = None if method == "before" else False
+        """Whether the script itself has steps return what the solver did; None if nobody knows."""
+        self._answers = True
+        """Whether this PyBullet can be asked."""
+        self._early: dict[int, dict[str, Any]] = {}
+        """By most iterations: how often the solver was seen to use them all."""
         self.bodies: dict[int, Body] = {}
         self.timestep_s = 0.0
         self._sampled = False
@@ -203,7 +209,7 @@ class World:
         self.fresh, self.moved, self.changed, self.recoloured = set(), {}, set(), set()
         self.stale_bodies = self.stale_engine = True
         self.given, self._later, self._motors = {}, [], {}
-        self.analytics, self.returns_analytics = self.analytics and False, False
+        self.returns_analytics = False
 
     def _list_bodies(self) -> None:
         p, client = self._p, self.client
@@ -307,50 +313,63 @@ class World:
             self.sync(sample_follows=not self._sampled)
         if not self._sampled:
             self.sample()
-        if self.analytics is False:
-            self._report_analytics(on=True)
 
-    def _report_analytics(self, *, on: bool) -> None:
-        """Have steps return what the solver did: nothing else is another by that."""
+    def asks_solver(self) -> bool:
+        """Have the next step return what the solver did, and return whether it will.
+
+        Every few steps, since it takes two calls. Nothing else is another by that, but the engine
+        has room for so many islands of bodies only, and reads beyond it.
+        """
+        if (
+            self._answers and self.returns_analytics is False and self.step % ASKED_EVERY == 0
+            and len(self._moving) <= MOST_ISLANDS
+        ):  # fmt: skip
+            return self.report_solver(on=True)
+        return False
+
+    def report_solver(self, *, on: bool) -> bool:
+        """Have steps return what the solver did, or no more; return whether this PyBullet can."""
         try:
             self._p.setPhysicsEngineParameter(
                 reportSolverAnalytics=int(on), physicsClientId=self.client
             )
-            self.analytics = on
         except TypeError:
-            self.analytics = None
-
-    def restore(self) -> None:
-        """Have steps return what they do without us."""
-        if self.analytics and not self.returns_analytics:
-            self._report_analytics(on=False)
+            self._answers = False
+        return self._answers
 
     def after_step(self, islands: Any) -> None:
         """Send the sample that a step has led to; note what its solver left."""
-        if self.analytics and islands and self._engine is not None:
-            most = self._engine["numSolverIterations"]
-            left = [one["remainingResidual"] for one in islands if one["numIterationsUsed"] >= most]
-            left_m_s = max(left, default=0.0) ** 0.5
-            if left_m_s > LEFT_M_S:
-                self._note_early(left_m_s, int(most))
+        if islands and self._engine is not None:
+            self._note_solver(islands[:MOST_ISLANDS], int(self._engine["numSolverIterations"]))
         self.step += 1
         self._steps_since += 1
         self.time_s = self._since + self._steps_since * self.timestep_s
         self.sample()
 
-    def _note_early(self, left_m_s: float, iterations: int) -> None:
-        early, step = self._early, self.step + 1
+    def _note_solver(self, islands: Any, most: int) -> None:
+        """Note whether the solver has used all its iterations, and by how much the last one acted.
+
+        Of a velocity; an engine that has lost a body reports no number of its island.
+        """
+        early = self._early.setdefault(most, {"iterations": most, "looked": 0, "steps": 0,
+            "first_step": 0, "last_change": 0.0, "worst_step": 0})  # fmt: skip
+        early["looked"] += 1
+        acted = [one["remainingResidual"] for one in islands if one["numIterationsUsed"] >= most]
+        last = max((one for one in acted if math.isfinite(one)), default=0.0) ** 0.5
+        if last <= LEAST_CHANGE:
+            return
+        step = self.step + 1
         early["first_step"] = early["first_step"] or step
         early["steps"] += 1
-        if left_m_s > early["left_m_s"]:
-            early.update(left_m_s=left_m_s, worst_step=step, iterations=iterations)
+        if last > early["last_change"]:
+            early.update(last_change=last, worst_step=step)
 
     def end(self) -> None:
         """Send what there is to say of a simulation that is over."""
-        self.restore()
         self.sync(sample_follows=not self._sampled)
-        if self._early["steps"]:
-            self._pipe.note("solver", world=self.number, **self._early)
+        for early in self._early.values():
+            if early["steps"]:
+                self._pipe.note("solver", world=self.number, **early)
         if not self._sampled and self.bodies:
             self.sample()
         self._pipe.note("over", world=self.number, step=self.step)
