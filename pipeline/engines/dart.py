@@ -19,6 +19,8 @@ from pipeline.kinds import Quaternion
 from pipeline.laws.rotations import matrix
 from pipeline.scenario import Scenario
 
+FARTHEST = 1e12
+"""Coordinates that ODE's collision detector takes: at 2^53 it ends the process [m, rad]."""
 SHAPES: dict[str, Callable[..., Any]] = {
     "box": lambda a, b, c: dartpy.dynamics.BoxShape((a, b, c)),
     "sphere": lambda radius, *_: dartpy.dynamics.SphereShape(radius),
@@ -65,7 +67,15 @@ class DartSession:
                 surface.setRestitutionCoeff(scenario.restitution)
 
     def step(self) -> None:
-        """Take one timestep."""
+        """Take one timestep.
+
+        Raises
+        ------
+        RuntimeError
+            If the body is where its collision detector would end the process.
+        """
+        if not (np.abs(self._joint.getPositions()) < FARTHEST).all():
+            raise RuntimeError("the body is too far away")
         self._world.step()
 
     def state(self) -> Numbers:

@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 
 from pipeline.laws.base import Motion
 from pipeline.laws.rotations import rotate_inverse
-from pipeline.laws.textbook import TextbookLaw, explicit_spin, size_of_terms, turned_about
+from pipeline.laws.textbook import UPRIGHT, TextbookLaw, explicit_spin, size_of_terms, turned_about
 
 Float64 = NDArray[np.float64]
-
-UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,12 +1,12 @@
 """MuJoCo's step of one free body, with each of its integrators.
 
-A body that falls or rises straight, without spin, follows it to the last bit: its acceleration is
-(g m)(1/m), force times the inverse of the mass, or (g m)/m in the implicit ones. What it is thrown
-sideways with gives it a torque v × m v, which is 0 but for rounding (`engine_core_smooth.c`,
-`mj_rne`): then velocities are within a few units of 2^-52 of what the step adds up, and positions
-are still exact. The integrators are those of `engine_forward.c` (`mj_EulerSkip`, `mj_implicitSkip`,
-`mj_RungeKutta`); `mju_quatIntegrate` turns the body. Checked against MuJoCo 4.0 in
-`tests/test_mujoco.py`.
+A body that falls or rises straight, without spin or turn, follows it to the last bit: its
+acceleration is (g m)(1/m), force times the inverse of the mass, or (g m)/m in the implicit ones.
+What it is thrown sideways with gives it a torque v × m v, which is 0 but for rounding
+(`engine_core_smooth.c`, `mj_rne`): then velocities are within a few units of 2^-52 of what the step
+adds up, and positions are still exact. The integrators are those of `engine_forward.c`
+(`mj_EulerSkip`, `mj_implicitSkip`, `mj_RungeKutta`); `mju_quatIntegrate` turns the body. Checked
+against MuJoCo 4.0 in `tests/test_mujoco.py`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pipeline.laws.base import Motion
 from pipeline.laws.rotations import rotate, rotate_inverse
-from pipeline.laws.textbook import TextbookLaw, size_of_terms, turned_about
+from pipeline.laws.textbook import UPRIGHT, TextbookLaw, size_of_terms, turned_about
 from pipeline.scenario import Integrator
 
 Float64 = NDArray[np.float64]
@@ -111,11 +111,12 @@ class MujocoLaw(TextbookLaw):
     def bits(self, before: Motion) -> NDArray[np.bool_]:
         """Return from which samples `step` gives the engine's velocities to the last bit, (n,).
 
-        Those without spin of which v × m v is 0 as computed.
+        Those without spin or turn of which v × m v is 0 as computed.
         """
         v = before.velocity_m_s
         momentum = self.mass_kg * v
-        exact = (np.cross(v, momentum) == 0).all(axis=1) & ~before.spin_rad_s.any(axis=1)
+        turned = (before.orientation != UPRIGHT).any(axis=1) | before.spin_rad_s.any(axis=1)
+        exact = (np.cross(v, momentum) == 0).all(axis=1) & ~turned
         return np.asarray(exact & (self.integrator != "rk4"))
 
     def terms(self, before: Motion) -> tuple[Float64, Float64]:

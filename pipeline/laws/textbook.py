@@ -24,6 +24,8 @@ from pipeline.laws.rotations import rotate, rotate_inverse
 Float64 = NDArray[np.float64]
 Number = TypeVar("Number", float, Decimal)
 
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
 
 @dataclass(frozen=True, kw_only=True)
 class TextbookLaw(ABC):

@@ -28,7 +28,7 @@ Float64 = NDArray[np.float64]
 class EnergyLedger:
     """Change of the mechanical energy over a recording, by cause [J]; `closing_j` is the rest.
 
-    Of a body with joints there is no ledger of causes.
+    Where there is no law, of a body with joints or otherwise, there is no ledger of causes.
     """
 
     initial_j: float
@@ -65,7 +65,7 @@ def ledger(case: Case, energies: Mechanics, *, airborne: int) -> EnergyLedger:
         other steps change besides is booked to contact.
     """
     total_j, spin_j = energies.total_j, energies.kinetic_angular_j
-    if not case.is_rigid:
+    if not case.is_rigid or not case.law.covers(case.samples).all():
         return EnergyLedger(initial_j=float(total_j[0]), final_j=float(total_j[-1]))
     damping_j, clamp_j, integrator_j = _work(case)
     last = max(airborne - 1, 0)

@@ -138,7 +138,11 @@ def segments_of(
     turns = np.where(bits | law.moves_exactly, exactly, ulps)
     place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
     there = place_m <= turns * (np.abs(position).max(axis=1) + law.timestep_s * terms_m_s)
-    there &= turn <= law.oriented + exactly + turns * law.timestep_s * terms_rad_s
+    # As uncertain as the spin that turned it, which may be read back through a rotation too.
+    turned_rad = law.timestep_s * np.linalg.norm(motion.spin_rad_s, axis=1)
+    there &= (
+        turn <= law.oriented + exactly + ulps * turned_rad + turns * law.timestep_s * terms_rad_s
+    )
 
     # What the solver tries at a point and takes back leaves rounding.
     near = np.isin(np.arange(len(motion)), touches.step)
