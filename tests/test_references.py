@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,6 +14,8 @@ from typing import Any
 import pytest
 import scenes
 from generators.json_objects import COMMANDS
+from generators.pages import blocks
+from generators.typed import run_python
 from jsonschema import Draft202012Validator
 from regenerate import is_current, references
 from typer.testing import CliRunner
@@ -160,6 +163,24 @@ def test_every_entry_of_the_recordings_reference_is_described() -> None:
     rows = [line for line in page.splitlines() if line.startswith("| `")]
     assert len(rows) > 100
     assert [row for row in rows if row.endswith("|  |")] == []
+
+
+@pytest.mark.parametrize(
+    "library", ["polars", pytest.param("datafusion", marks=pytest.mark.needs("datafusion"))]
+)
+def test_a_recording_is_read_as_its_reference_says(
+    library: str, tmp_path: Path, standard: Run
+) -> None:
+    page = blocks((SCHEMAS.parent / "recording.md").read_text(encoding="utf-8"))
+    (code,) = (one.text for one in page if one.kind == "python" and library in one.text)
+    (shown,) = (one.text for one in page if one.kind == "text")
+    (tmp_path / "recordings").mkdir()
+    shutil.copy(standard.simulation.recording, tmp_path / "recordings/run.rrd")
+    assert run_python(code, tmp_path) == (0, shown)
+    assert standard.analysis.impact is not None
+    depth_m = standard.analysis.impact.penetration_m
+    assert depth_m is not None
+    assert f"distance {-depth_m:.4f} m" in shown
 
 
 def test_a_schema_misses_a_key_that_stays_and_lets_a_new_one_pass(printed: Any) -> None:

@@ -101,7 +101,7 @@ CONTRACT: dict[type, set[str]] = {
 _HEAD = """# JSON
 
 *Made by `python docs/regenerate.py` from the types that the program prints. The folder
-[schemas/](schemas/) says the same in JSON Schema (draft 2020-12); the tests validate real output
+`docs/schemas/` says the same in JSON Schema (draft 2020-12); the tests validate real output
 against it.*
 
 With `--json` a command prints exactly one JSON object to standard output. Units are in the names.

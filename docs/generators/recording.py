@@ -11,6 +11,7 @@ from pathlib import Path
 import polars as pl
 import pyarrow as pa
 
+from generators.typed import run_python
 from pipeline import Camera, Scenario, analyze, simulate
 from pipeline.analysis.general.decomposition import TERMS
 from pipeline.fields import Option
@@ -159,6 +160,59 @@ the step that led here. A component is a list: one after the other, what each co
 it. Read back, a point is a row of the table `contacts`.
 """
 
+_POLARS = """import polars as pl
+from rerun.chunk import RrdReader
+
+
+def table(entity: str) -> pl.DataFrame:
+    chunks = RrdReader("recordings/run.rrd").stream().filter(content=entity).to_chunks()
+    return pl.concat([pl.from_arrow(chunk.to_record_batch()) for chunk in chunks])
+
+
+touching = table("/state").join(table("/contacts"), on="sim_step")
+rows = touching.select(
+    "sim_step",
+    pl.col("position_m").list.get(2).alias("height_m"),  # z of the first part
+    pl.col("distance_m").list.min(),  # of all contact points
+)
+lowest = rows.sort("height_m").row(0, named=True)
+print("step {sim_step}: height {height_m:.4f} m, distance {distance_m:.4f} m".format(**lowest))
+"""
+_DATAFRAME = """from datafusion import col, functions
+from rerun.chunk import RrdReader
+
+store = RrdReader("recordings/run.rrd").stream().collect()
+samples = store.reader(index="sim_step", contents=["/state", "/contacts"])
+touching = samples.filter(col("/contacts:distance_m").is_not_null())
+rows = touching.select(
+    col("sim_step"),
+    col("/state:position_m")[2].alias("height_m"),
+    functions.array_min(col("/contacts:distance_m")).alias("distance_m"),
+)
+lowest = rows.sort("height_m").limit(1).to_pylist()[0]
+print("step {sim_step}: height {height_m:.4f} m, distance {distance_m:.4f} m".format(**lowest))
+"""
+_READING = """## Reading it
+
+How deep does the box sink into the floor? With polars, a table per entity:
+
+```python
+{polars}```
+
+With Rerun's own dataframe API, which joins the entities and needs the extra `catalog`;
+[many recordings](catalog.md) are queried the same way:
+
+```python
+{dataframe}```
+
+Both print
+
+```text
+{printed}```
+
+Neither verifies the digests; `drop analyze` does, and its `--table` writes the table above.
+"""
+
 
 @dataclass
 class Entity:
@@ -178,6 +232,10 @@ def made() -> dict[str, str]:
         simulate(CHOSEN, path, camera=Camera(capture_every=120, size_px=(32, 24)))
         table = analyze(path).table
         run, layer = _entities(path), _entities(layer_of(path))
+        shown = Path(name, "recordings/run.rrd")
+        shown.parent.mkdir()
+        simulate(Scenario(), shown, camera=None)
+        printed = run_python(_POLARS, Path(name))[1]
     parts = [
         _HEAD,
         _STATE,
@@ -196,6 +254,7 @@ def made() -> dict[str, str]:
         "## The table of `drop analyze --table`\n\nOne row per sample. Error terms are null where "
         "the law of free flight does not hold.\n",
         _table(table),
+        _READING.format(polars=_POLARS, dataframe=_DATAFRAME, printed=printed),
     ]
     return {"recording.md": "\n".join(parts)}
 

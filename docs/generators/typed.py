@@ -27,6 +27,7 @@ PROGRAMS = {
     "pip": (":", "installs; the extras that it names are looked up"),
     "pytest": (":", "runs these tests; the files and tests that it names are looked up"),
     "python3.11": (":", "makes an environment"),
+    "sphinx-build": (":", "builds the site: tests/test_site.py does"),
     "source": (":", "enters it"),
     "rerun": ("ls", "opens a window; its files must be there"),
     "ssh": (":", "needs another machine"),
