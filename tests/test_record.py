@@ -315,6 +315,46 @@ def test_step_and_time_go_on_over_a_reset(bench: Bench) -> None:
     assert put == [40, 80]
 
 
+@pytest.mark.parametrize("timestep", ["nan", "inf", "-inf", "1e12"])
+def test_a_timestep_that_is_no_time_costs_no_recording(bench: Bench, timestep: str) -> None:
+    script = bench.script(
+        scripts.HEAD
+        + f"""
+p.setGravity(0, 0, 0)
+p.createMultiBody(1, basePosition=[0, 0, 1])
+for timestep in [1 / 4, float("{timestep}"), 1 / 2]:
+    p.setTimeStep(timestep)
+    p.stepSimulation()
+    p.stepSimulation()
+p.disconnect()
+p.connect(p.DIRECT)
+p.createMultiBody(1)
+p.stepSimulation()
+show(p)
+"""
+    )
+    recorded, printed = bench.record(script, steps=100)
+    assert (recorded.ended, printed) == ("finished", bench.bare(script).stdout)
+    times_s = [row["sim_time"] / 1e9 for row in rows(bench.out, "state")]
+    assert times_s[:3] == [0, 0.25, 0.5]
+    notes = closing(bench.out).get("notes")
+    if timestep == "1e12":
+        assert (times_s[3:7], notes) == ([9e9] * 4, None)
+        return
+    assert times_s[3:8] == [0.5, 0.5, 1.0, 1.5, 1.5]
+    assert notes == [f"from step 2 on its timestep is {timestep} s: such a step counts as no time"]
+
+
+def test_a_timestep_that_is_no_number_is_analyzed(bench: Bench) -> None:
+    script = bench.script(
+        scripts.PLAIN["box"] + "p.setTimeStep(float('nan'))\np.stepSimulation()\n"
+    )
+    bench.record(script)
+    done = bench.drop("analyze", "out.rrd")
+    assert done.returncode == 0, done.stderr
+    assert "from 1/240 s to nan s" in " ".join(done.stdout.split())
+
+
 def test_a_step_returns_what_it_returns_without_us(bench: Bench) -> None:
     """It is asked what the solver did; a script that asks for that too gets it, and no other."""
     script = bench.script(

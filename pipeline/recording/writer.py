@@ -249,7 +249,9 @@ def times(at: Times) -> list[rr.TimeColumn]:
     """Return the timelines of rows."""
     found = [
         rr.TimeColumn(schema.STEP_TIMELINE, sequence=at.steps),
-        rr.TimeColumn(schema.TIME_TIMELINE, duration=at.times_s),
+        rr.TimeColumn(
+            schema.TIME_TIMELINE, duration=np.clip(at.times_s, -schema.LONGEST_S, schema.LONGEST_S)
+        ),
     ]
     if at.calls is not None:
         found.append(rr.TimeColumn(schema.CALL_TIMELINE, sequence=at.calls))
