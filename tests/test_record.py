@@ -28,6 +28,7 @@ from pipeline.engines.bullet.watched import Frames
 from pipeline.engines.bullet.watching import pipe
 from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.recording import schema
+from pipeline.recording.script_reader import read_script
 from pipeline.stages.record import Recorded, record_script
 
 BANNER = "pybullet build time"
@@ -313,6 +314,15 @@ def test_step_and_time_go_on_over_a_reset(bench: Bench) -> None:
     assert {body for _, body, _ in states(bench.out)} == {1}
     put = [row["sim_step"] for row in put_rows(bench.out, 1)]
     assert put == [40, 80]
+
+
+@pytest.mark.parametrize("how", [{"seed": 2**63 - 1}, {"seed": 1 - 2**63}, {"steps": 2**63 - 1}])
+def test_the_largest_numbers_that_are_taken_are_read_back(
+    bench: Bench, how: dict[str, int]
+) -> None:
+    bench.record(bench.script(scripts.PLAIN["box"]), **how)
+    origin = read_script(bench.out).origin
+    assert {name: origin[name] for name in how} == how
 
 
 @pytest.mark.parametrize("timestep", ["nan", "inf", "-inf", "1e12"])
@@ -733,6 +743,11 @@ def test_what_is_no_script_is_one_line(bench: Bench) -> None:
     script = bench.script("pass")
     with pytest.raises(ScenarioError, match="--steps must be at least 1"):
         bench.record(script, steps=0)
+    with pytest.raises(ScenarioError, match="--steps must be at least 1 and below 2"):
+        bench.record(script, steps=2**63)
+    for seed in (2**63, -(2**63)):
+        with pytest.raises(ScenarioError, match="--seed must be between"):
+            bench.record(script, seed=seed)
     with pytest.raises(ScenarioError, match="--duration must be above 0"):
         bench.record(script, duration_s=0.0)
     bench.out.write_text("mine")
