@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from rerun import bindings  # type: ignore[attr-defined]
 from rerun.chunk import Chunk, LazyChunkStream
 
+from pipeline.files.outputs import translated
 from pipeline.recording import schema
 from pipeline.recording.sealing import seal, unfinished
 from pipeline.scenario import Camera
@@ -95,7 +96,8 @@ def record(
         with tempfile.TemporaryDirectory() as folder:
             layout = Path(folder, "layout.rbl")
             layout_of = blueprint if isinstance(blueprint, rrb.Blueprint) else blueprint()
-            layout_of.save(schema.APPLICATION_ID, str(layout))
+            with translated(layout):
+                layout_of.save(schema.APPLICATION_ID, str(layout))
             # Rerun keeps the stream that it saved through, with two threads that wake all the time.
             bindings.flush_and_cleanup_orphaned_recordings()
             seal(part, path, blueprint=layout, rows=rows, force=force or ours)
