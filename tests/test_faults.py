@@ -1051,6 +1051,15 @@ def test_standard_output_or_error_that_is_closed_or_full_is_no_other_end(
         assert not read(short / "new.rrd").partial
 
 
+def test_standard_output_that_may_not_be_so_large_is_what_is_named(short: Path) -> None:
+    done = subprocess.run(
+        ["bash", "-c", f'ulimit -f 0; "{sys.executable}" -m cli sweep --help >out.txt'],
+        cwd=short, env=environment(), capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert_one_line("", done.stderr, "standard output cannot be written: the file is too large")
+
+
 def main() -> None:
     """Kill many runs by hand."""
     parser = argparse.ArgumentParser(description=__doc__)

@@ -11,6 +11,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 from collections.abc import Iterator
@@ -692,6 +693,25 @@ def _runs(pid: int) -> bool:
         return "zombie" not in Path(f"/proc/{pid}/status").read_text()
     except OSError:
         return False
+
+
+def test_a_limit_on_the_size_of_files_is_one_line(bench: Bench) -> None:
+    """Below a megabyte what script and recorder share has no room."""
+    bench.script(scripts.PLAIN["box"])
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 19, 1 << 19)); "
+    main = "from pipeline.console.running import main; main()"
+    block = "from pipeline import record; record('block.rrd').__enter__()"
+    for run, *arguments in ((main, "record", "script.py"), (block,)):
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", limit + run, *arguments], cwd=bench.folder,
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 1
+        said = done.stderr.strip().splitlines()[-1]
+        assert "a temporary file of 1.0 MB, which the script's process writes to," in said
+        assert f"in {tempfile.gettempdir()}: File too large; make room there" in said
+        assert run == block or said == done.stderr.strip()
+    assert not list(bench.folder.glob("**/*.rrd*"))
 
 
 def test_a_full_disk_is_one_line_and_ends_the_script(bench: Bench) -> None:
