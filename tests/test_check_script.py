@@ -392,6 +392,55 @@ def test_the_same_calls_and_other_numbers_are_another_engine(golden: Path) -> No
     assert [one.name for one in found.versions] == ["pybullet_api"]
 
 
+GRAVITY = "p.setGravity(0, 0, -9.81)\n"
+LENS = "p.computeProjectionMatrixFOV(60, 1, 0.1, 10))\n"
+
+
+def test_a_simulation_without_bodies_is_no_difference(recording: Record, golden: Path) -> None:
+    more = recording((GRAVITY, f"{GRAVITY}z = p.connect(p.DIRECT)\np.setGravity(1, 1, 1, z)\n"))
+    for one, other in ((more, golden), (golden, more)):
+        assert compared(one, other).same
+
+
+def test_connecting_is_no_call_and_is_the_cause_all_the_same(
+    recording: Record, golden: Path
+) -> None:
+    again = recording((LENS, f"{LENS}p.disconnect()\np.connect(p.DIRECT)\n"))
+    for one, other in ((again, golden), (golden, again)):
+        found = compared(one, other)
+        assert found.first is not None
+        assert (found.first.column, found.cause) == (
+            "engine.rows",
+            "another text of the script, but the same calls, and a simulation that begins or ends "
+            "elsewhere: that the script connects to PyBullet, or disconnects, is no call",
+        )
+
+
+def test_the_same_calls_at_other_steps_are_the_cause(recording: Record, golden: Path) -> None:
+    later = recording(("for step in range(60)", "p.stepSimulation()\nfor step in range(60)"))
+    found = compared(later, golden)
+    assert found.other_call is None or found.other_call.moved
+    assert found.cause == (
+        "another text of the script, but the same calls, at other steps: setJointMotorControl2 at "
+        "sim.py:11 after step 1, golden 0"
+    )
+
+
+def test_what_is_not_told_of_a_long_list_may_be_the_cause(golden: Path) -> None:
+    theirs = side(golden)
+    first, *others = theirs.seen.calls
+    shortened = replace(first, arguments="[0, 1, … 40 values]")
+    setting = theirs.seen.settings[0]
+    stronger = replace(setting, values={**setting.values, "gravityAccelerationX": 1.0})
+    seen = replace(theirs.seen, calls=[shortened, *others])
+    settings = [stronger, *theirs.seen.settings[1:]]
+    mine = replace(theirs, seen=replace(seen, settings=settings))
+    assert compare_scripts(mine, replace(theirs, seen=seen)).cause == (
+        "the same calls, as far as their arguments are told, which those of "
+        f"{first.function} at sim.py:{first.line} are in part"
+    )
+
+
 def test_another_text_with_the_same_calls_is_the_same_physics(
     recording: Record, golden: Path, drop: Drop
 ) -> None:
