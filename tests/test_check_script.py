@@ -346,11 +346,29 @@ def test_a_joint_and_a_contact_point_are_held_to_the_bit(golden: Path) -> None:
     assert (first.step, first.column, first.difference) == (step, "contact_points", -1.0)
 
 
-def test_an_image_that_differs(recording: Record, golden: Path) -> None:
+def test_an_image_that_differs(recording: Record, golden: Path, drop: Drop) -> None:
     found = check_script(recording(("[1, 1, 1], [0", "[1, 1, 2], [0")), golden)
     assert found.first == Difference(60, None, None, "frame")
     assert found.frames is not None
     assert (found.frames.compared, found.frames.differing) == (1, 1)
+    assert found.comparison is not None
+    assert found.comparison.looks_like == "every state is the same all the same"
+    assert found.comparison.cause == (
+        "another text of the script, but the same calls, other images: another camera, which is no "
+        "call, or a file that is drawn has changed"
+    )
+    said = drop("check", found.recording, "--against", golden).stdout
+    assert "cause       another text of the script" in said
+
+
+def test_an_image_that_differs_after_another_call_has_that_for_its_cause(
+    recording: Record, golden: Path
+) -> None:
+    held = ("p.getCameraImage(16, 16", "p.setGravity(0, 0, -9.81)\np.getCameraImage(16, 15")
+    found = check_script(recording(held), golden)
+    assert found.first == Difference(60, None, None, "frame")
+    assert found.comparison is not None
+    assert found.comparison.cause == "another script: its text and its calls differ"
 
 
 # -- its cause ------------------------------------------------------------------------------------

@@ -155,6 +155,31 @@ def cause(
     )
 
 
+def cause_of_images(
+    run: Side, golden: Side, *, call: OtherCall | None, made: Sequence[Setting]
+) -> str:
+    """Say in a sentence why images differ where nothing else does.
+
+    Parameters
+    ----------
+    run, golden
+        The two recordings.
+    call
+        The first other call, where it came before the first image that differs.
+    made
+        What made them, where it differs.
+    """
+    if call is not None:
+        return _of_calls(run, golden)
+    lead = "another text of the script, but " if _other_text(run, golden) else ""
+    changed = ", ".join(f"{one.name} {one.value}, golden {one.golden}" for one in made)
+    because = f"made with {changed}, or " if made else ""
+    return (
+        f"{lead}the same calls, other images: {because}another camera, which is no call, or a file "
+        "that is drawn has changed"
+    )
+
+
 def _of_steps(run: Sequence[Call], golden: Sequence[Call], until: int) -> str:
     """Say which of the same calls is first made at another step, if one is by then."""
     for one, other in zip(run, golden, strict=False):
