@@ -23,6 +23,8 @@ from pipeline.kinds import TEXT, Kind
 
 def fraction(value: float) -> str:
     """Write 1/240 where a float is 1/240, else the number."""
+    if not math.isfinite(value):
+        return str(value)
     exact = Fraction(value).limit_denominator(1_000_000)
     plain = float(f"{value:.9g}") == value
     if float(exact) == value and (exact.denominator > 10 or not plain):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -57,6 +58,11 @@ class Model:
     """What the file of a mesh held; empty where it is none."""
     suffix: str
     """Of that file."""
+
+
+def counted_s(timestep_s: float) -> float:
+    """Return what a step adds to the time [s]: nothing where its timestep is not finite."""
+    return timestep_s if math.isfinite(timestep_s) else 0.0
 
 
 Pose = tuple[tuple[float, ...], tuple[float, ...]]

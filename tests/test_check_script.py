@@ -346,11 +346,29 @@ def test_a_joint_and_a_contact_point_are_held_to_the_bit(golden: Path) -> None:
     assert (first.step, first.column, first.difference) == (step, "contact_points", -1.0)
 
 
-def test_an_image_that_differs(recording: Record, golden: Path) -> None:
+def test_an_image_that_differs(recording: Record, golden: Path, drop: Drop) -> None:
     found = check_script(recording(("[1, 1, 1], [0", "[1, 1, 2], [0")), golden)
     assert found.first == Difference(60, None, None, "frame")
     assert found.frames is not None
     assert (found.frames.compared, found.frames.differing) == (1, 1)
+    assert found.comparison is not None
+    assert found.comparison.looks_like == "every state is the same all the same"
+    assert found.comparison.cause == (
+        "another text of the script, but the same calls, other images: another camera, which is no "
+        "call, or a file that is drawn has changed"
+    )
+    said = drop("check", found.recording, "--against", golden).stdout
+    assert "cause       another text of the script" in said
+
+
+def test_an_image_that_differs_after_another_call_has_that_for_its_cause(
+    recording: Record, golden: Path
+) -> None:
+    held = ("p.getCameraImage(16, 16", "p.setGravity(0, 0, -9.81)\np.getCameraImage(16, 15")
+    found = check_script(recording(held), golden)
+    assert found.first == Difference(60, None, None, "frame")
+    assert found.comparison is not None
+    assert found.comparison.cause == "another script: its text and its calls differ"
 
 
 # -- its cause ------------------------------------------------------------------------------------
@@ -390,6 +408,55 @@ def test_the_same_calls_and_other_numbers_are_another_engine(golden: Path) -> No
     assert found.cause is not None
     assert "another engine or machine, made with pybullet_api 1, golden 2" in found.cause
     assert [one.name for one in found.versions] == ["pybullet_api"]
+
+
+GRAVITY = "p.setGravity(0, 0, -9.81)\n"
+LENS = "p.computeProjectionMatrixFOV(60, 1, 0.1, 10))\n"
+
+
+def test_a_simulation_without_bodies_is_no_difference(recording: Record, golden: Path) -> None:
+    more = recording((GRAVITY, f"{GRAVITY}z = p.connect(p.DIRECT)\np.setGravity(1, 1, 1, z)\n"))
+    for one, other in ((more, golden), (golden, more)):
+        assert compared(one, other).same
+
+
+def test_connecting_is_no_call_and_is_the_cause_all_the_same(
+    recording: Record, golden: Path
+) -> None:
+    again = recording((LENS, f"{LENS}p.disconnect()\np.connect(p.DIRECT)\n"))
+    for one, other in ((again, golden), (golden, again)):
+        found = compared(one, other)
+        assert found.first is not None
+        assert (found.first.column, found.cause) == (
+            "engine.rows",
+            "another text of the script, but the same calls, and a simulation that begins or ends "
+            "elsewhere: that the script connects to PyBullet, or disconnects, is no call",
+        )
+
+
+def test_the_same_calls_at_other_steps_are_the_cause(recording: Record, golden: Path) -> None:
+    later = recording(("for step in range(60)", "p.stepSimulation()\nfor step in range(60)"))
+    found = compared(later, golden)
+    assert found.other_call is None or found.other_call.moved
+    assert found.cause == (
+        "another text of the script, but the same calls, at other steps: setJointMotorControl2 at "
+        "sim.py:11 after step 1, golden 0"
+    )
+
+
+def test_what_is_not_told_of_a_long_list_may_be_the_cause(golden: Path) -> None:
+    theirs = side(golden)
+    first, *others = theirs.seen.calls
+    shortened = replace(first, arguments="[0, 1, … 40 values]")
+    setting = theirs.seen.settings[0]
+    stronger = replace(setting, values={**setting.values, "gravityAccelerationX": 1.0})
+    seen = replace(theirs.seen, calls=[shortened, *others])
+    settings = [stronger, *theirs.seen.settings[1:]]
+    mine = replace(theirs, seen=replace(seen, settings=settings))
+    assert compare_scripts(mine, replace(theirs, seen=seen)).cause == (
+        "the same calls, as far as their arguments are told, which those of "
+        f"{first.function} at sim.py:{first.line} are in part"
+    )
 
 
 def test_another_text_with_the_same_calls_is_the_same_physics(
@@ -440,9 +507,13 @@ def test_two_clients_are_compared_each_by_its_steps(tmp_path: Path) -> None:
 
 def test_an_altered_recording_is_refused_by_its_checksum(golden: Path, tmp_path: Path) -> None:
     altered = rewritten(golden, tmp_path / "altered.rrd", schema.STATES.entity, _altered)
-    with pytest.raises(RecordingError, match="state fails its checksum"):
+    with pytest.raises(
+        RecordingError, match="state fails its checksum; record it again with: drop record"
+    ):
         check_script(altered, golden)
-    with pytest.raises(RecordingError, match="state fails its checksum"):
+    with pytest.raises(
+        RecordingError, match="state fails its checksum; record it again with: drop record"
+    ):
         check_script(golden, altered)
 
 
@@ -575,5 +646,5 @@ def test_what_is_said_of_a_recording_is_held_too(
         return Chunk.from_record_batch(batch.set_column(index, batch.schema.field(index), column))
 
     altered = rewritten(golden, tmp_path / "altered.rrd", entity, change)
-    with pytest.raises(RecordingError, match="fails its checksum"):
+    with pytest.raises(RecordingError, match="fails its checksum; .*: drop record"):
         read_script(altered)

@@ -30,13 +30,14 @@ from typing import Any
 
 import polars as pl
 import pytest
+import rerun.blueprint as rrb
 from command import drop_here, environment, run_here, wait_for
 from conftest import Drop, descendants_of
 from PIL import Image
 
 from pipeline import Scenario, analyze, check, render, simulate
 from pipeline.errors import OutputError, RecordingError, ScenarioError
-from pipeline.files.outputs import MOST_PARTS, check_room, part_of
+from pipeline.files.outputs import MOST_PARTS, check_room, part_of, translated
 from pipeline.files.whole import opened
 from pipeline.recording import sealing
 from pipeline.recording.reader import Recording, read
@@ -45,6 +46,7 @@ from pipeline.stages import run as run_stage
 from pipeline.stages.record import record_script
 from pipeline.stages.recorded import BATCH
 from pipeline.stages.sweep import sweep
+from pipeline.sweeping.folder import Folder
 from pipeline.sweeping.plan import plan_of
 from pipeline.workers import cores
 
@@ -232,6 +234,42 @@ def test_a_full_disk_leaves_nothing_half_of_anything_else(
         assert (disk / "run.rrd").read_bytes() == data
         assert [one.name for one in disk.iterdir()] == ["run.rrd"]
         assert "what was recorded" not in said[1]
+
+
+def test_a_full_disk_names_the_file_that_is_written_and_not_the_one_it_is_made_of(
+    tmp_path: Path,
+) -> None:
+    disk, script = tmp_path / "disk", tmp_path / "script.py"
+    disk.mkdir()
+    script.write_text("import pybullet as p\np.connect(p.DIRECT)\np.stepSimulation()\n")
+    record_script(str(script), out=tmp_path / "run.rrd")
+    with small_disk(disk, 12):
+        code, *said = told(("check", "../run.rrd", "--against", "golden.rrd", "--update"), disk)
+        assert code == 1, said
+        assert_one_line(*said, "drop: golden.rrd.part cannot be written")
+        assert not list(disk.iterdir())
+
+
+def test_a_rename_that_fails_names_the_file_that_was_to_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OutputError, match=r"^b cannot be written: "), translated(Path("c")):
+        Path("a").rename("b")
+    folder = Folder(tmp_path / "sweep")
+    with pytest.raises(OutputError, match=r"^b cannot be written: "), folder.claimed({}):
+        Path("a").rename("b")
+
+
+def test_a_layout_that_cannot_be_kept_meanwhile_is_what_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise RuntimeError("No space left on device (os error 28)")
+
+    monkeypatch.setattr(rrb.Blueprint, "save", full)
+    with pytest.raises(OutputError, match=r"layout\.rbl cannot be written: No space left on dev"):
+        simulate(Scenario(), tmp_path / "run.rrd", camera=None)
 
 
 @pytest.mark.parametrize("room_kb", [12, 40, 60, 90, 150])
@@ -1011,6 +1049,15 @@ def test_standard_output_or_error_that_is_closed_or_full_is_no_other_end(
     assert (ended, len(said.splitlines())) == (code, lines), said
     if command.startswith("simulate"):
         assert not read(short / "new.rrd").partial
+
+
+def test_standard_output_that_may_not_be_so_large_is_what_is_named(short: Path) -> None:
+    done = subprocess.run(
+        ["bash", "-c", f'ulimit -f 0; "{sys.executable}" -m cli sweep --help >out.txt'],
+        cwd=short, env=environment(), capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert_one_line("", done.stderr, "standard output cannot be written: the file is too large")
 
 
 def main() -> None:

@@ -11,6 +11,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 from collections.abc import Iterator
@@ -314,6 +315,55 @@ def test_step_and_time_go_on_over_a_reset(bench: Bench) -> None:
     assert {body for _, body, _ in states(bench.out)} == {1}
     put = [row["sim_step"] for row in put_rows(bench.out, 1)]
     assert put == [40, 80]
+
+
+@pytest.mark.parametrize("how", [{"seed": 2**63 - 1}, {"seed": 1 - 2**63}, {"steps": 2**63 - 1}])
+def test_the_largest_numbers_that_are_taken_are_read_back(
+    bench: Bench, how: dict[str, int]
+) -> None:
+    bench.record(bench.script(scripts.PLAIN["box"]), **how)
+    origin = read_script(bench.out).origin
+    assert {name: origin[name] for name in how} == how
+
+
+@pytest.mark.parametrize("timestep", ["nan", "inf", "-inf", "1e12"])
+def test_a_timestep_that_is_no_time_costs_no_recording(bench: Bench, timestep: str) -> None:
+    script = bench.script(
+        scripts.HEAD
+        + f"""
+p.setGravity(0, 0, 0)
+p.createMultiBody(1, basePosition=[0, 0, 1])
+for timestep in [1 / 4, float("{timestep}"), 1 / 2]:
+    p.setTimeStep(timestep)
+    p.stepSimulation()
+    p.stepSimulation()
+p.disconnect()
+p.connect(p.DIRECT)
+p.createMultiBody(1)
+p.stepSimulation()
+show(p)
+"""
+    )
+    recorded, printed = bench.record(script, steps=100)
+    assert (recorded.ended, printed) == ("finished", bench.bare(script).stdout)
+    times_s = [row["sim_time"] / 1e9 for row in rows(bench.out, "state")]
+    assert times_s[:3] == [0, 0.25, 0.5]
+    notes = closing(bench.out).get("notes")
+    if timestep == "1e12":
+        assert (times_s[3:7], notes) == ([9e9] * 4, None)
+        return
+    assert times_s[3:8] == [0.5, 0.5, 1.0, 1.5, 1.5]
+    assert notes == [f"from step 2 on its timestep is {timestep} s: such a step counts as no time"]
+
+
+def test_a_timestep_that_is_no_number_is_analyzed(bench: Bench) -> None:
+    script = bench.script(
+        scripts.PLAIN["box"] + "p.setTimeStep(float('nan'))\np.stepSimulation()\n"
+    )
+    bench.record(script)
+    done = bench.drop("analyze", "out.rrd")
+    assert done.returncode == 0, done.stderr
+    assert "from 1/240 s to nan s" in " ".join(done.stdout.split())
 
 
 def test_a_step_returns_what_it_returns_without_us(bench: Bench) -> None:
@@ -695,6 +745,38 @@ def _runs(pid: int) -> bool:
         return False
 
 
+@pytest.mark.parametrize("held", [0, 12, 100])
+def test_what_was_killed_before_anything_was_written_says_so(bench: Bench, held: int) -> None:
+    bench.record(bench.script(scripts.PLAIN["box"]))
+    bench.folder.joinpath("a.rrd.part").write_bytes(bench.out.read_bytes()[:held])
+    for verb in ("analyze", "render"):
+        done = bench.drop(verb, "a.rrd.part")
+        assert done.returncode == 1
+        assert done.stderr == (
+            "drop: a.rrd.part holds nothing yet: what wrote it, a drop or a script's recording, "
+            "was stopped before its first rows were whole; record it again\n"
+        )
+
+
+def test_a_limit_on_the_size_of_files_is_one_line(bench: Bench) -> None:
+    """Below a megabyte what script and recorder share has no room."""
+    bench.script(scripts.PLAIN["box"])
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 19, 1 << 19)); "
+    main = "from pipeline.console.running import main; main()"
+    block = "from pipeline import record; record('block.rrd').__enter__()"
+    for run, *arguments in ((main, "record", "script.py"), (block,)):
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", limit + run, *arguments], cwd=bench.folder,
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 1
+        said = done.stderr.strip().splitlines()[-1]
+        assert "a temporary file of 1.0 MB, which the script's process writes to," in said
+        assert f"in {tempfile.gettempdir()}: File too large; make room there" in said
+        assert run == block or said == done.stderr.strip()
+    assert not list(bench.folder.glob("**/*.rrd*"))
+
+
 def test_a_full_disk_is_one_line_and_ends_the_script(bench: Bench) -> None:
     script = bench.script(STEPS)
     done = bench.drop("record", "--out", "/dev/full", script)
@@ -744,6 +826,11 @@ def test_what_is_no_script_is_one_line(bench: Bench) -> None:
     script = bench.script("pass")
     with pytest.raises(ScenarioError, match="--steps must be at least 1"):
         bench.record(script, steps=0)
+    with pytest.raises(ScenarioError, match="--steps must be at least 1 and below 2"):
+        bench.record(script, steps=2**63)
+    for seed in (2**63, -(2**63)):
+        with pytest.raises(ScenarioError, match="--seed must be between"):
+            bench.record(script, seed=seed)
     with pytest.raises(ScenarioError, match="--duration must be above 0"):
         bench.record(script, duration_s=0.0)
     bench.out.write_text("mine")

@@ -132,6 +132,44 @@ def test_what_cannot_be_shown_is_said_in_a_line(record: Record, tmp_path: Path, 
     assert "which only a drop has" in done.stderr
 
 
+NOT_FINITE = """
+p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=.1), -1, [0, 0, float("nan")])
+p.applyExternalForce(body, -1, [float("inf"), 0, 0], [0, 0, 0], p.LINK_FRAME)
+for step in range(24):
+    p.stepSimulation()
+"""
+
+
+@pytest.mark.parametrize("view", ["standard", "close", "follow"])
+def test_a_body_whose_position_is_not_finite_is_not_drawn_there(
+    record: Record, tmp_path: Path, view: str
+) -> None:
+    path = record(FALLS + NOT_FINITE)
+    render_script(path, out=tmp_path / "gone.gif", view=view)  # type: ignore[arg-type]
+    shown = [len(redness(one)) for one in pictures(tmp_path / "gone.gif")]
+    assert len(shown) == 13
+    assert shown[10] > 0
+    assert shown[11:] == [0, 0]
+
+
+def test_a_body_whose_position_was_never_finite_is_not_looked_at(
+    record: Record, tmp_path: Path
+) -> None:
+    path = record(FALLS + NOT_FINITE)
+    with pytest.raises(RecordingError, match="no position of 2_sphere is finite: there is nothing"):
+        render_script(path, out=tmp_path / "a.gif", view="follow", body="2")
+    assert not list(tmp_path.iterdir())
+
+
+def test_bodies_far_apart_are_seen_though_nothing_is_in_their_middle(
+    record: Record, tmp_path: Path
+) -> None:
+    ball = "p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=.1), -1, [{}, 0, 0])"
+    apart = "\n".join(["import pybullet as p", "p.connect(p.DIRECT)", *map(ball.format, (0, 90))])
+    path = record(apart + "\np.stepSimulation()\n")
+    assert render_script(path, out=tmp_path / "far.gif", view="standard").frames == 1
+
+
 def test_a_drop_has_its_frames_already(drop: Drop) -> None:
     drop("simulate", "--no-camera", "--duration", "0.1", "--out", "run.rrd")
     done = drop("render", "run.rrd", "--camera", "follow")

@@ -114,6 +114,8 @@ def test_one_component_of_a_vector_can_be_drawn() -> None:
         (["velocity=uniform:1:2"], "choice"),
         (["solver_iterations=uniform:1:9"], "whole numbers"),
         (["height=truncnormal:0:1:50:60"], "8 SPREAD"),
+        (["solver_iterations=integers:1:99999999999999999999"], "out of bounds"),
+        (["velocity_z=uniform:-1e308:1e308"], "cannot be drawn"),
         (["height=uniform:1:2", "height=normal:1:1"], "twice"),
         (["velocity_z=normal:1:1", "velocity=choice:1,2,3:0,0,0"], "twice"),
     ],

@@ -146,8 +146,9 @@ def _verdict(error: BaseException) -> tuple[str, int]:
 
     if isinstance(error, DropError):
         return str(error), error.exit_code
-    if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
-        return "standard output cannot be written: no space left; send it elsewhere", 1
+    full = {errno.ENOSPC: "no space left", errno.EFBIG: "the file is too large; see: ulimit -f"}
+    if isinstance(error, OSError) and error.errno in full and error.filename is None:
+        return f"standard output cannot be written: {full[error.errno]}; send it elsewhere", 1
     if isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)
         command = "drop" if context is None else context.command_path

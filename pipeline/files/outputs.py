@@ -234,6 +234,12 @@ def check_room(path: Path, needed_bytes: int) -> None:
         )
 
 
+def written(error: OSError) -> str | None:
+    """Return the file that could not be written: of a copy or a rename the second, if any."""
+    name: str | None = error.filename2 or error.filename
+    return name
+
+
 @contextlib.contextmanager
 def translated(path: Path) -> Iterator[None]:
     """Turn what the system and Rerun say of a failed write into one line of ours."""
@@ -241,7 +247,7 @@ def translated(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         reason = error.strerror or str(error)
-        raise OutputError(f"{error.filename or path} cannot be written: {reason}") from error
+        raise OutputError(f"{written(error) or path} cannot be written: {reason}") from error
     except RuntimeError as error:  # Rerun's writer, and its command line
         found = re.search(r"([\w ]+) \(os error \d+\)", str(error))
         if found is None:

@@ -19,6 +19,8 @@ SCHEMA_VERSION = 2
 
 STEP_TIMELINE = "sim_step"
 TIME_TIMELINE = "sim_time"
+LONGEST_S = 9e9
+"""Of a time on it [s]: the viewer has nanoseconds in 64 bits, which are 292 years."""
 CALL_TIMELINE = "call"
 """In a script's recording: how many of its calls were before."""
 

@@ -30,7 +30,7 @@ class Part:
     models: list[Model] = field(default_factory=list)
     times_s: list[float] = field(default_factory=list)
     poses: list[Pose | None] = field(default_factory=list)
-    """None from when on its body is gone."""
+    """None from when on its body is gone, or where its numbers are not finite."""
 
     def at(self, time_s: float) -> Pose | None:
         """Return where it is at a time; None where it is not there."""
@@ -123,7 +123,8 @@ def _add_poses(part: Part, chunk: Chunk, path: Path) -> None:
     ):
         row = bisect.bisect_right(part.times_s, time_s)
         part.times_s.insert(row, time_s)
-        part.poses.insert(row, (tuple(position), tuple(orientation)))
+        is_there = np.isfinite([*position, *orientation]).all()
+        part.poses.insert(row, (tuple(position), tuple(orientation)) if is_there else None)
 
 
 def _times_s(chunk: Chunk) -> list[float]:
@@ -137,7 +138,7 @@ def _times_s(chunk: Chunk) -> list[float]:
 def _numbers(chunk: Chunk, name: str, width: int, path: Path) -> NDArray[np.float64]:
     values = chunk.batch.column(chunk.batch.schema.get_field_index(name)).to_pylist()
     found = np.array([row[0] for row in values], dtype=np.float64)
-    if found.shape != (len(values), width) or not np.isfinite(found).all():
+    if found.shape != (len(values), width):
         raise damaged(path, f"{chunk.entity} must hold {width} numbers for each {name}")
     return found
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from rerun import bindings  # type: ignore[attr-defined]
 from rerun.chunk import Chunk, LazyChunkStream
 
+from pipeline.files.outputs import translated
 from pipeline.recording import schema
 from pipeline.recording.sealing import seal, unfinished
 from pipeline.scenario import Camera
@@ -95,7 +96,8 @@ def record(
         with tempfile.TemporaryDirectory() as folder:
             layout = Path(folder, "layout.rbl")
             layout_of = blueprint if isinstance(blueprint, rrb.Blueprint) else blueprint()
-            layout_of.save(schema.APPLICATION_ID, str(layout))
+            with translated(layout):
+                layout_of.save(schema.APPLICATION_ID, str(layout))
             # Rerun keeps the stream that it saved through, with two threads that wake all the time.
             bindings.flush_and_cleanup_orphaned_recordings()
             seal(part, path, blueprint=layout, rows=rows, force=force or ours)
@@ -249,7 +251,9 @@ def times(at: Times) -> list[rr.TimeColumn]:
     """Return the timelines of rows."""
     found = [
         rr.TimeColumn(schema.STEP_TIMELINE, sequence=at.steps),
-        rr.TimeColumn(schema.TIME_TIMELINE, duration=at.times_s),
+        rr.TimeColumn(
+            schema.TIME_TIMELINE, duration=np.clip(at.times_s, -schema.LONGEST_S, schema.LONGEST_S)
+        ),
     ]
     if at.calls is not None:
         found.append(rr.TimeColumn(schema.CALL_TIMELINE, sequence=at.calls))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.analysis.script.cause import Side
-from pipeline.analysis.script.comparison import ScriptComparison, compare_scripts
+from pipeline.analysis.script.comparison import ScriptComparison, compare_scripts, with_images
 from pipeline.analysis.script.difference import Difference
 from pipeline.errors import RecordingError
 from pipeline.files.whole import replaced
@@ -133,6 +133,8 @@ def _checked(run: ScriptRecording, golden: ScriptRecording, tolerance_m: float) 
     pictures = _compare_images(run, golden, until=comparison.samples_part_at)
     if tolerance_m:
         pictures = replace(pictures, first_step=None)
+    if comparison.same and pictures.first_step is not None:
+        comparison = with_images(comparison, *sides, step=pictures.first_step)
     return ScriptCheck(run.path, golden.path, tolerance_m, comparison, pictures)
 
 

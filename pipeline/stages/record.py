@@ -28,6 +28,8 @@ from pipeline.seen import Ending
 FOLDER = Path("recordings")
 DURATION_S = 60.0
 """Simulated time after which a script is stopped that was given no end."""
+LARGEST_INT = 2**63 - 1
+"""What a whole number in a recording goes up to."""
 SEEDED_CLOCK_S = 1e9
 """What the clock of a seeded script shows at first [s]: a morning in September 2001."""
 
@@ -115,10 +117,12 @@ def record_script(
     """
     began = time.perf_counter()
     digest = _checked(target, is_module)
-    if steps is not None and steps < 1:
-        raise ScenarioError(f"--steps must be at least 1, got {steps}")
+    if steps is not None and not 1 <= steps <= LARGEST_INT:
+        raise ScenarioError(f"--steps must be at least 1 and below 2**63, got {steps}")
     if duration_s is not None and not 0 < duration_s < float("inf"):
         raise ScenarioError(f"--duration must be above 0 s, got {duration_s:g}")
+    if seed is not None and abs(seed) > LARGEST_INT:
+        raise ScenarioError(f"--seed must be between -2**63 and 2**63, got {seed}")
     if steps is None and duration_s is None:
         duration_s = DURATION_S
     interpreter = python or sys.executable

@@ -15,7 +15,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 import uuid
 from collections.abc import Iterator
@@ -25,8 +24,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from pipeline.engines.bullet.script import Listener
-from pipeline.engines.bullet.watching import ending, pipe, start
+from pipeline.engines.bullet.script import Listener, shared_block
+from pipeline.engines.bullet.watching import ending, start
 from pipeline.engines.bullet.watching.hooks import Stop
 from pipeline.errors import DropError, OutputError, ScenarioError, check_suffix
 from pipeline.files.outputs import check_target
@@ -83,8 +82,7 @@ def record(
         raise ScenarioError(f"steps and duration_s must be above 0, got {steps} and {duration_s}")
     if steps is None and duration_s is None:
         duration_s = DURATION_S
-    with tempfile.TemporaryFile() as memory:
-        memory.truncate(pipe.BLOCK_BYTES)
+    with shared_block() as memory:
         reading, writing = os.pipe()
         told = {"reading": reading, "block": memory.fileno(), "out": str(path), "force": force}
         with subprocess.Popen(

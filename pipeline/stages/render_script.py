@@ -132,15 +132,19 @@ def _drawn_at(parts: Sequence[Part]) -> list[float]:
 def _cameras(seen: Seen, view: View, body: str | None, times_s: Sequence[float]) -> list[Camera]:
     """Return where the camera stands in each picture."""
     number = _body_of(seen, body)
-    positions_m = seen.states.select("x_m", "y_m", "z_m").to_numpy()
-    near_m = positions_m[np.abs(positions_m - np.median(positions_m, axis=0)).max(axis=1) < FAR_M]
-    low_m, high_m = near_m.min(axis=0), near_m.max(axis=0)
+    low_m, high_m = _near(seen.states.select("x_m", "y_m", "z_m").to_numpy())
     if view == "standard" or number is None:
         reach_m = max(LEAST_REACH_M, float(np.linalg.norm(high_m - low_m)) / 2)
         centre_m = (low_m + high_m) / 2
         return [_looking(centre_m, 2 * reach_m, view)] * len(times_s)
     its = seen.states.filter(pl.col("body") == number)
     first = its.filter(pl.col("link") == its["link"].min()).sort("step")
+    first = first.filter(pl.all_horizontal(pl.col("x_m", "y_m", "z_m").is_finite()))
+    if first.is_empty():
+        raise RecordingError(
+            f"no position of {seen.bodies[number].label} is finite: there is nothing to look at; "
+            "try --camera standard"
+        )
     way_m = first.select("x_m", "y_m", "z_m").to_numpy()
     times = Times(seen, seen.bodies[number].client)
     at_s = np.array([times.of(step) for step in first["step"].to_list()])
@@ -151,6 +155,17 @@ def _cameras(seen: Seen, view: View, body: str | None, times_s: Sequence[float])
     rows = np.clip(np.searchsorted(at_s, np.array(times_s) + 1e-9, side="right") - 1, 0, None)
     targets_m = way_m[rows] if view == "follow" else np.repeat(way_m[-1:], len(times_s), axis=0)
     return [_looking(target_m, distance_m, view) for target_m in targets_m]
+
+
+def _near(positions_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return low and high corners of a box around positions, shape (n, 3), but for far ones."""
+    positions_m = positions_m[np.isfinite(positions_m).all(axis=1)]
+    if not len(positions_m):
+        return np.zeros(3), np.zeros(3)
+    away_m = np.abs(positions_m - np.median(positions_m, axis=0)).max(axis=1)
+    # Between two places that are far apart the median has nothing near it.
+    near_m = positions_m[away_m <= max(FAR_M, away_m.min())]
+    return near_m.min(axis=0), near_m.max(axis=0)
 
 
 def _looking(target_m: NDArray[np.float64], distance_m: float, view: View) -> Camera:

@@ -23,7 +23,7 @@ import polars as pl
 
 from pipeline.errors import OutputError, RecordingError
 from pipeline.fields import Option
-from pipeline.files.outputs import make_folder, part_of
+from pipeline.files.outputs import make_folder, part_of, written
 from pipeline.files.table import written_by_polars
 from pipeline.files.whole import lock, opened, written_whole
 from pipeline.scenario import Scenario
@@ -116,7 +116,7 @@ class Folder:
                 yield
         except OSError as error:
             raise OutputError(
-                f"{error.filename or self.path} cannot be written: {error.strerror or error}; "
+                f"{written(error) or self.path} cannot be written: {error.strerror or error}; "
                 "choose another folder with --out"
             ) from None
 

@@ -194,6 +194,10 @@ def _variation(text: str) -> Variation:
         raise ScenarioError(f"--vary takes numbers after {kind}, got {text!r}") from None
     if not (all(map(math.isfinite, values)) and DISTRIBUTIONS[kind].holds(values)):
         raise ScenarioError(f"--vary must have {DISTRIBUTIONS[kind].rule} for {kind}, got {text!r}")
+    try:
+        DISTRIBUTIONS[kind].draw(stream_of(0, 0), values)
+    except (ValueError, OverflowError) as error:  # a range that is too wide for numpy
+        raise ScenarioError(f"--vary {text!r} cannot be drawn: {error}") from None
     return Variation(field, axis, kind, values)
 
 

@@ -17,6 +17,8 @@ Facts = Mapping[str, Any]
 MADE_WITH = "made_with_"
 DID = ("unseeded", "real_time")
 """What a recording says that it was made with, and is what the script did."""
+SHORTENED = re.compile(r"… \d+ values")
+"""Stands in a call's arguments for what is not told of a long list."""
 FOLDER = re.compile(r"(?<=['\"])(?:/|[A-Za-z]:[/\\])(?:[^'\"]*[/\\])?")
 """Of an absolute path in a call's arguments: it is one machine's."""
 
@@ -127,6 +129,13 @@ def cause(
         return f"{lead}the same calls as far as both go: it ended {mine}, golden {theirs}"
     if call is not None:
         return _of_calls(run, golden)
+    if said := _of_steps(run.seen.calls, golden.seen.calls, first.step):
+        return f"{lead}{said}"
+    if any(one.column == "engine.rows" for one in told):  # told of each connection, and after calls
+        return (
+            f"{lead}the same calls, and a simulation that begins or ends elsewhere: that the "
+            "script connects to PyBullet, or disconnects, is no call"
+        )
     changed = ", ".join(f"{one.name} {one.value}, golden {one.golden}" for one in made)
     because = f"made with {changed}" if made else ""
     if any(one.column.startswith(("bodies.", "dynamics.")) for one in told):
@@ -134,10 +143,52 @@ def cause(
         return f"{lead}the same calls made other bodies: {because or files}"
     if made:
         return f"{lead}the same calls, other numbers: another engine or machine, {because}"
+    part = next((one for one in run.seen.calls if told and SHORTENED.search(one.arguments)), None)
+    if part is not None:
+        return (
+            f"{lead}the same calls, as far as their arguments are told, which those of "
+            f"{part.function} at {part.file}:{part.line} are in part"
+        )
     return (
         f"{lead}the same calls, other numbers, and the same versions: another build or processor, "
         "or memory that PyBullet reads before it writes it, which drop record --twice shows"
     )
+
+
+def cause_of_images(
+    run: Side, golden: Side, *, call: OtherCall | None, made: Sequence[Setting]
+) -> str:
+    """Say in a sentence why images differ where nothing else does.
+
+    Parameters
+    ----------
+    run, golden
+        The two recordings.
+    call
+        The first other call, where it came before the first image that differs.
+    made
+        What made them, where it differs.
+    """
+    if call is not None:
+        return _of_calls(run, golden)
+    lead = "another text of the script, but " if _other_text(run, golden) else ""
+    changed = ", ".join(f"{one.name} {one.value}, golden {one.golden}" for one in made)
+    because = f"made with {changed}, or " if made else ""
+    return (
+        f"{lead}the same calls, other images: {because}another camera, which is no call, or a file "
+        "that is drawn has changed"
+    )
+
+
+def _of_steps(run: Sequence[Call], golden: Sequence[Call], until: int) -> str:
+    """Say which of the same calls is first made at another step, if one is by then."""
+    for one, other in zip(run, golden, strict=False):
+        if one.at.step != other.at.step and min(one.at.step, other.at.step) <= until:
+            return (
+                f"the same calls, at other steps: {one.function} at {one.file}:{one.line} after "
+                f"step {one.at.step}, golden {other.at.step}"
+            )
+    return ""
 
 
 def _of_calls(run: Side, golden: Side) -> str:

@@ -7,14 +7,21 @@ Calls are told, and do not count: what they did to the world does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipeline.analysis.drop.comparison import Setting
-from pipeline.analysis.script.cause import OtherCall, Side, cause, other_call, versions
+from pipeline.analysis.script.cause import (
+    OtherCall,
+    Side,
+    cause,
+    cause_of_images,
+    other_call,
+    versions,
+)
 from pipeline.analysis.script.difference import LED, TOLD, Difference, Found, When
-from pipeline.analysis.script.likeness import looks_like
+from pipeline.analysis.script.likeness import STATES_ARE_THE_SAME, looks_like
 from pipeline.analysis.script.sample_differences import (
     Faced,
     allowed,
@@ -101,6 +108,24 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
         cause=why,
         samples_part_at=None if parted is None else parted[0].step,
     )
+
+
+def with_images(found: ScriptComparison, run: Side, golden: Side, *, step: int) -> ScriptComparison:
+    """Say why an image differs, first that of a step, in two recordings of which nothing else does.
+
+    Parameters
+    ----------
+    found
+        What was compared but the images: all is the same to the bit.
+    run, golden
+        The two recordings.
+    step
+        That of the first image that differs.
+    """
+    call = found.other_call
+    counts = call is not None and not call.moved and call.when.step <= step
+    why = cause_of_images(run, golden, call=call if counts else None, made=found.versions)
+    return replace(found, looks_like=STATES_ARE_THE_SAME, cause=why)
 
 
 def _earliest(*found: Found | None) -> Found | None:

@@ -9,6 +9,8 @@ from pipeline.analysis.script.difference import Difference
 from pipeline.analysis.script.sample_differences import Faced
 from pipeline.seen import Body
 
+STATES_ARE_THE_SAME = "every state is the same all the same"
+
 
 def looks_like(of: Faced, state: Difference | None) -> str:
     """Say in a sentence how far apart bodies are.
@@ -21,7 +23,7 @@ def looks_like(of: Faced, state: Difference | None) -> str:
         The first state that differs; None where none does.
     """
     if state is None:
-        return "every state is the same all the same"
+        return STATES_ARE_THE_SAME
     if state.column == "there":
         has, lacks = ("it", "golden") if state.value else ("golden", "it")
         return f"{has} has {state.body} at step {state.step}, {lacks} has not"

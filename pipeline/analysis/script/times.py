@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.seen import Seen, Settings
+from pipeline.seen import Seen, Settings, counted_s
 
 
 class Times:
@@ -22,7 +22,7 @@ class Times:
         number = max(0, bisect.bisect_right(self._steps, step - 1) - 1)
         told = self._settings[number]
         timestep_s = float(np.ravel(told.values["fixedTimeStep"])[0])
-        return told.at.time_s + (step - told.at.step) * timestep_s
+        return told.at.time_s + (step - told.at.step) * counted_s(timestep_s)
 
     def nearest(self, time_s: float, first: int, last: int) -> int | None:
         """Return the step nearest to a time, of those from `first` to `last`; None outside."""

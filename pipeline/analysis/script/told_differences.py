@@ -28,13 +28,16 @@ FOLLOWS = ("number", "label", "name", "bounds_m")
 
 
 def told_differences(run: Seen, golden: Seen) -> Iterator[Found]:
-    """Yield what differs first in what was told of each body and each client."""
+    """Yield what differs first in what was told of each body and each client that has any."""
     for label, at, *there in _coming(run, golden):
         yield When(at.step, TOLD, at.call), Difference(at.step, label, None, "there", *there)
     both = labels_of(run) & labels_of(golden)
     mine, theirs = (_told(seen, both) for seen in (run, golden))
     ends = [_ends(seen) for seen in (run, golden)]
+    clients = {body.client for seen in (run, golden) for body in seen.bodies.values()}
     for key in {**mine, **theirs}:
+        if key[2] not in clients:  # without bodies there is nothing for settings to act on
+            continue
         last = [one.get(key[2], 0) for one in ends]
         yield from _first(key, mine.get(key, []), theirs.get(key, []), last)
 

@@ -13,10 +13,13 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
+
+from rich.filesize import decimal
 
 from pipeline.engines.bullet.watched import Decoder
 from pipeline.engines.bullet.watching import pipe
-from pipeline.errors import DropError
+from pipeline.errors import DropError, OutputError
 from pipeline.seen import Ending, Event
 
 WATCHING = Path(__file__).with_name("watching")
@@ -58,6 +61,33 @@ class Program:
     begins_s: float | None = None
     """What its clock shows at first [s], where that is virtual."""
     perturb: str = PERTURB
+
+
+def shared_block() -> IO[bytes]:
+    """Return a file without a name that a watched process and its listener both map.
+
+    Raises
+    ------
+    OutputError
+        If there is no room for it.
+    """
+    try:
+        block = tempfile.TemporaryFile()  # noqa: SIM115 - whoever asked closes it
+        try:
+            block.truncate(pipe.BLOCK_BYTES)
+            # On a full disk a process that maps it would be ended where it first writes to it.
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(block.fileno(), 0, pipe.BLOCK_BYTES)
+        except BaseException:
+            block.close()
+            raise
+    except OSError as error:
+        raise OutputError(
+            f"a temporary file of {decimal(pipe.BLOCK_BYTES)}, which the script's process writes "
+            f"to, cannot be made in {tempfile.tempdir or 'any folder'}: {error.strerror}; make "
+            "room there, name another folder as TMPDIR, or see: ulimit -f"
+        ) from error
+    return block
 
 
 class Listener:
@@ -132,8 +162,7 @@ class Script(Listener):
     """
 
     def __init__(self, program: Program, *, stdout: int, stderr: int | None = None) -> None:
-        self._block = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `_let_go`
-        self._block.truncate(pipe.BLOCK_BYTES)
+        self._block = shared_block()
         reading, writing = os.pipe()
         super().__init__(reading, self._block.fileno())
         self._interrupted_at: float | None = None

@@ -38,6 +38,7 @@ from pipeline.seen import (
     Settings,
     Shape,
     Solver,
+    counted_s,
 )
 from pipeline.states import BASE, CONTACT, STATE, Rows
 
@@ -124,6 +125,8 @@ class _World:
         self.samples: list[bytes] = []
         self.contacts: list[tuple[int, bytes]] = []
         self.sampled = False
+        self.timeless = False
+        """Whether a timestep was not finite."""
         self.first = 0
         """Step of the first of these samples."""
 
@@ -272,6 +275,8 @@ class Decoder:
     def _on_world(
         self, world: int, client: int, first_step: int, first_time_s: float, **_: object
     ) -> Iterator[Event]:
+        if not math.isfinite(first_time_s):
+            first_time_s = max((one.time_s(one.step) for one in self._worlds.values()), default=0.0)
         self._worlds[world] = _World(client, first_step, first_time_s)
         yield from ()
 
@@ -289,9 +294,16 @@ class Decoder:
         its = self._worlds[world]
         yield from self._gathered(its)
         its.step = step
-        if settings["fixedTimeStep"] != its.timestep_s:
-            its.since_step, its.since_s = step, time_s
-            its.timestep_s = settings["fixedTimeStep"]
+        timestep_s = settings["fixedTimeStep"]
+        if timestep_s != its.timestep_s:
+            # What has added up a timestep that is no number tells no time any more.
+            its.since_s = time_s if math.isfinite(time_s) else its.time_s(step)
+            its.since_step, its.timestep_s = step, counted_s(timestep_s)
+        if not math.isfinite(timestep_s) and not its.timeless:
+            its.timeless = True
+            self.faults.append(
+                f"from step {step} on its timestep is {timestep_s} s: such a step counts as no time"
+            )
         yield from self._tell_call()
         yield Settings(self._at(its, step), its.client, settings)
 
