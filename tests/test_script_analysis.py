@@ -255,6 +255,9 @@ for _ in range(30):
     assert analysis.bodies[0].unexplained == []
 
 
+NO_MASS = "a mass that is not above 0 or not finite, or whose inverse is not"
+
+
 def test_a_body_that_loses_its_mass_on_the_way_is_recorded_on(analyzed: Analyzed) -> None:
     _, analysis = analyzed("""
 shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .15, .2])
@@ -269,8 +272,44 @@ steps(20)
     (body,) = analysis.bodies
     assert sum(body.segments.values()) == 61
     (held,) = body.unexplained
-    assert (held.reason, held.samples) == ("a mass that is 0 or no number", 20)
+    assert (held.reason, held.samples) == (NO_MASS, 20)
     assert "law-mismatch" not in codes(analysis)
+
+
+@pytest.mark.parametrize("timestep", ["0", "1e-17", "-1 / 240"])
+@pytest.mark.parametrize("maximal", [False, True])
+def test_a_timestep_that_is_none_has_no_law(
+    analyzed: Analyzed, timestep: str, *, maximal: bool
+) -> None:
+    """It is skipped by Bullet, as that of 1e-17 s is, or turns time back; one that may sleep too."""
+    _, analysis = analyzed(f"""
+ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
+b = p.createMultiBody(1, ball, -1, [0, 0, 5], useMaximalCoordinates={maximal})
+p.changeDynamics(b, -1, activationState=p.ACTIVATION_STATE_ENABLE_SLEEPING)
+p.setGravity(0, 0, -9.81)
+steps(3)
+p.setTimeStep({timestep})
+steps(3)
+p.setTimeStep(1 / 240)
+steps(3)
+""")
+    (body,) = analysis.bodies
+    (held,) = body.unexplained
+    assert held.reason.startswith("a timestep below 2.2e-16 s")
+    assert (held.first_step, held.samples, body.segments["flight"]) == (4, 3, 6)
+    assert "law-mismatch" not in codes(analysis)
+
+
+def test_a_mass_that_nothing_can_be_divided_by_is_said_to_be_that(analyzed: Analyzed) -> None:
+    for mass in ("-5", "1e-320"):
+        _, analysis = analyzed(f"""
+ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
+b = p.createMultiBody({mass}, ball, -1, [0, 0, 5])
+steps(3)
+""")
+        (held,) = analysis.bodies[0].unexplained
+        assert (held.reason, held.samples) == (NO_MASS, 3)
+        assert "law-mismatch" not in codes(analysis)
 
 
 def test_a_state_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None:
@@ -535,7 +574,7 @@ def test_a_mass_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None
     ]
     analysis = analyze(replace(recording.seen, dynamics=lost))
     (held,) = body_of(analysis, 0).unexplained
-    assert (held.samples, held.reason) == (50, "a mass that is 0 or no number")
+    assert (held.samples, held.reason) == (50, NO_MASS)
     assert "law-mismatch" not in codes(analysis)
     json.dumps(analysis.as_json(), allow_nan=False)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +22,7 @@ from pipeline.analysis.general.segments import (
 )
 from pipeline.analysis.script.tracks import NUMBERS, Epoch, Flags, Track
 from pipeline.laws.base import EXACT_MACHINES, Law
+from pipeline.laws.bullet_air import EPSILON
 from pipeline.laws.lookup import RIGID, law_of
 from pipeline.laws.rotations import rotate_inverse
 from pipeline.seen import Body
@@ -37,16 +39,17 @@ REASONS = (
     "continuous collision detection (ccdSweptSphereRadius), which stops a body on its way",
     "links of a btRigidBody, which PyBullet does not show",
     "soft bodies, whose contact PyBullet does not report",
-    "a mass that is 0 or no number",
+    "a mass that is not above 0 or not finite, or whose inverse is not",
+    "a timestep below 2.2e-16 s, or not finite, of which the law knows no step",
     "contact with or a push of a btRigidBody as soon as a call has turned it, or changed its mass: "
     "Bullet turns it with the inertia of before",
     "a state that is not finite",
     "a cause that nothing recorded here tells",
 )
 """Why a sample is unexplained, by number; 0 of one that is not."""
-SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, STALE, INFINITE, UNKNOWN = range(
-    1, len(REASONS)
-)
+(
+    SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, TIMELESS, STALE, INFINITE, UNKNOWN,
+) = range(1, len(REASONS))  # fmt: skip
 
 DISABLE_SLEEPING = 2
 """Of `activationState`."""
@@ -153,8 +156,11 @@ def judged(
         if law is None:
             code[part] = np.where(track.led[part], JOINTED, code[part])
             continue
-        if not law.mass_kg > 0:
+        if not _has_inverse(law.mass_kg):
             reason[part] = MASSLESS
+            continue
+        if not EPSILON <= law.timestep_s < math.inf:
+            reason[part] = TIMELESS
             continue
         points = (touches.step >= part.start) & (touches.step < part.stop)
         theirs = touches.at(points, touches.step[points] - part.start)
@@ -189,6 +195,11 @@ def judged(
         track, code, reason, deviation, falls, held, impulse_n_s, energy_j, touches,
         point_energy_j, laws,
     )  # fmt: skip
+
+
+def _has_inverse(mass_kg: float) -> bool:
+    """Whether a mass is one that the engine can divide by."""
+    return mass_kg > 0 and 0 < 1 / mass_kg < math.inf
 
 
 def _touches(track: Track, contacts: Contacts) -> Touches:
@@ -249,4 +260,5 @@ def _asleep(track: Track, code: Int8, reason: Int8) -> None:
         may[epoch.rows] = (track.body.can_sleep or told > 0) and not int(told) & DISABLE_SLEEPING
     open_ = (code == UNEXPLAINED) & may
     code[open_ & same & at_rest] = STILL
-    reason[open_ & ~(same & at_rest)] = SLEEP
+    known = np.isin(reason, (MASSLESS, TIMELESS, INFINITE))
+    reason[open_ & ~(same & at_rest) & ~known] = SLEEP

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,6 +23,8 @@ class Times:
         number = max(0, bisect.bisect_right(self._steps, step - 1) - 1)
         told = self._settings[number]
         timestep_s = float(np.ravel(told.values["fixedTimeStep"])[0])
+        if not math.isfinite(timestep_s):  # no time passes then
+            timestep_s = 0.0
         return told.at.time_s + (step - told.at.step) * timestep_s
 
     def nearest(self, time_s: float, first: int, last: int) -> int | None:
