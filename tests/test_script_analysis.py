@@ -326,6 +326,35 @@ steps(20)
     assert not {"law-mismatch", "velocity-clamped"} & set(codes(analysis))
 
 
+INFINITE = {
+    "gravity": "p.setGravity(0, 0, float('inf'))",
+    "velocity": "p.resetBaseVelocity(b, [float('inf'), 0, 0])",
+    "mass": "p.changeDynamics(b, -1, mass=float('inf'))",
+    "position": "p.resetBasePositionAndOrientation(b, [0, 0, float('inf')], [0, 0, 0, 1])",
+}
+"""Calls that make states infinite."""
+
+
+@pytest.mark.parametrize("maximal", [False, True])
+@pytest.mark.parametrize("call", INFINITE)
+def test_nothing_is_printed_of_states_that_are_infinite(
+    tmp_path: Path, drop: Drop, call: str, *, maximal: bool
+) -> None:
+    """No warning of numpy's, by which pytest would fail, when they are recorded and analyzed."""
+    script, recording = tmp_path / "scene.py", tmp_path / "scene.rrd"
+    script.write_text(
+        f"{scenes.HEAD}p.setGravity(0, 0, -9.81)\n"
+        "ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)\n"
+        f"b = p.createMultiBody(1, ball, -1, [0, 0, 5], useMaximalCoordinates={maximal})\n"
+        f"steps(3)\n{INFINITE[call]}\nsteps(3)\n"
+    )
+    made = drop("record", "--out", str(recording), str(script))
+    assert "Warning" not in made.stderr
+    told = drop("analyze", str(recording))
+    assert "Warning" not in told.stderr
+    assert "law-mismatch" not in told.stdout
+
+
 @pytest.mark.parametrize("maximal", [False, True])
 @pytest.mark.parametrize("name", FOUND_ONCE)
 def test_what_was_found_once_is_explained(analyzed: Analyzed, name: str, *, maximal: bool) -> None:

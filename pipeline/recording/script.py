@@ -401,6 +401,7 @@ def _shown(seen: Samples) -> NDArray[np.bool_]:
     return shown
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of states that are not finite
 def energy_j(
     parts: Rows,
     mass_kg: NDArray[np.float64],

@@ -43,6 +43,7 @@ from pipeline.seen import Body, Dynamics, Seen
 Float64 = NDArray[np.float64]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of states that are not finite, which are named
 def script_analysis_of(
     seen: Seen, origin: Mapping[str, Any], *, at_s: Sequence[float] = ()
 ) -> ScriptAnalysis:
