@@ -224,6 +224,13 @@ p.loadURDF("random_urdfs/000/000.urdf", [0, 0, .3], turned, {maximal},
            flags=p.URDF_USE_INERTIA_FROM_FILE)
 steps(150)
 """,
+    "an impulse that is tried and taken back, of a spin of 0": """
+p.setGravity(0, 0, -9.81)
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+p.createMultiBody(0, box, useMaximalCoordinates={maximal})
+p.createMultiBody(1, box, -1, [.02, 0, .165], useMaximalCoordinates={maximal})
+steps(30)
+""",
 }
 """Scenes that were called a mismatch by mistake."""
 
@@ -281,7 +288,7 @@ steps(20)
 def test_a_timestep_that_is_none_has_no_law(
     analyzed: Analyzed, timestep: str, *, maximal: bool
 ) -> None:
-    """It is skipped by Bullet, as that of 1e-17 s is, or turns time back; one that may sleep too."""
+    """Bullet skips it, as that of 1e-17 s, or turns time back; so with what may fall asleep."""
     _, analysis = analyzed(f"""
 ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
 b = p.createMultiBody(1, ball, -1, [0, 0, 5], useMaximalCoordinates={maximal})
