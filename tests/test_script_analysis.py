@@ -601,6 +601,38 @@ def test_what_is_known_to_be_unknown_is_no_mismatch(analyzed: Analyzed, reason: 
     assert "law-mismatch" not in codes(analysis)
 
 
+SPLIT = {
+    "": 0.04, "splitImpulsePenetrationThreshold=-0.02": 0.04,
+    "splitImpulsePenetrationThreshold=0": 0.0, "contactSlop=0.015": 0.055, "useSplitImpulse=0": 1.0,
+}  # fmt: skip
+"""What the engine is told, and from which depth on it splits impulses [m], but for a usual slop."""
+
+
+@pytest.mark.parametrize("told", SPLIT)
+def test_what_is_deep_in_a_rigid_body_is_moved_beside_the_law(
+    analyzed: Analyzed, told: str
+) -> None:
+    """A replay without split impulse is explained; so is a btMultiBody, which knows none."""
+    scene = """
+p.setGravity(0, 0, -9.81)
+p.setPhysicsEngineParameter({})
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+p.createMultiBody(0, box, useMaximalCoordinates=True)
+b = p.createMultiBody(1, box, -1, [.02, 0, .14], useMaximalCoordinates={})
+steps(30)
+"""
+    recording, analysis = analyzed(scene.format(told, True))
+    deep = recording.seen.contacts.filter(pl.col("distance_m") + 1e-5 <= -SPLIT[told])
+    held = body_of(analysis, 1).unexplained
+    assert [one.samples for one in held] == [deep["step"].n_unique()] * (
+        told != "useSplitImpulse=0"
+    )
+    assert all(one.reason.startswith("a btRigidBody deep in another one") for one in held)
+    for of in (analysis, analyzed(scene.format(told, False))[1]):
+        assert "law-mismatch" not in codes(of)
+    assert body_of(of, 1).unexplained == []
+
+
 def test_a_mass_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None:
     """PyBullet loses the mass of a btRigidBody that is told its inertia alone, as memory has it."""
     recording, _ = analyzed(SCENES["free fall"][0].replace("{maximal}", "True"))

@@ -38,6 +38,7 @@ from pipeline.analysis.script.results import (
 from pipeline.analysis.script.times import Times
 from pipeline.analysis.script.tracks import tracks_of
 from pipeline.laws.base import Motion
+from pipeline.laws.lookup import RIGID
 from pipeline.seen import Body, Dynamics, Seen
 
 Float64 = NDArray[np.float64]
@@ -64,6 +65,7 @@ def script_analysis_of(
         for one in seen.dynamics
         if (np.nan_to_num(one.reported["contact_stiffness"], nan=-1.0) >= 0).any()
     )
+    rigid = frozenset(one.body.number for one in seen.dynamics if one.reported["kind"][0] == RIGID)
     rolling = frozenset(
         one.body.number
         for one in seen.dynamics
@@ -76,6 +78,7 @@ def script_analysis_of(
             track,
             contacts,
             springy=springy,
+            rigid=rigid,
             rolling=rolling,
             soft=any(one.soft for one in seen.bodies.values() if one.client == track.body.client),
             stepped=samples.get(track.body.client, 0) > 1,
