@@ -692,6 +692,37 @@ for n in range(3):
         assert flight.terms_m.timestep[2] == pytest.approx(gravity * time_s / 240 / 2, rel=1e-9)
 
 
+def test_what_stands_is_still_at_the_samples_at_which_it_is_there(analyzed: Analyzed) -> None:
+    """As many as a body that moves would have; also where nothing moves beside it."""
+    scene = """
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+p.createMultiBody(1, box, -1, [0, 0, 9])
+steps(20)
+late = p.createMultiBody({mass}, box, -1, [5, 0, 9])
+steps(10)
+p.removeBody(late)
+steps(10)
+late = p.createMultiBody({mass}, box, -1, [5, 0, 9])
+steps(5)
+beside = p.connect(p.DIRECT)
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1], physicsClientId=beside)
+p.createMultiBody(0, box, physicsClientId=beside)
+for _ in range(30):
+    p.stepSimulation(physicsClientId=beside)
+"""
+    for mass in (0, 1):
+        recording, analysis = analyzed(scene.format(mass=mass))
+        counts = [sum(body.segments.values()) for body in analysis.bodies]
+        assert counts == [46, 10 + 5, 31]
+        assert recording.ended is not None
+        assert recording.ended["samples"] == 46 + 31
+    assert [one.segments["still"] for one in analyzed(scene.format(mass=0))[1].bodies] == [
+        0,
+        15,
+        31,
+    ]
+
+
 def test_clients_side_by_side_are_judged_by_themselves(analyzed: Analyzed) -> None:
     scene = """
 other = p.connect(p.DIRECT)

@@ -184,7 +184,7 @@ def _tried(
     """Return where a point touches, and what an impulse there may add to velocity and spin, (n,).
 
     One that stops the point: with v its speed and r its way from the centre it changes the velocity
-    by v at most, and the spin by v m r / (I + m r²), I the least moment of inertia..
+    by v at most, and the spin by v m r / (I + m r²), I the least moment of inertia.
     """
     near = np.isin(np.arange(len(before)), touches.step)
     arm_m = np.zeros(len(before))

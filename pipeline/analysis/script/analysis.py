@@ -36,7 +36,7 @@ from pipeline.analysis.script.results import (
     Unexplained,
 )
 from pipeline.analysis.script.times import Times
-from pipeline.analysis.script.tracks import tracks_of
+from pipeline.analysis.script.tracks import order, tracks_of
 from pipeline.laws.base import Motion
 from pipeline.laws.lookup import RIGID
 from pipeline.seen import Body, Dynamics, Seen
@@ -121,6 +121,22 @@ def _samples_of_clients(seen: Seen) -> dict[int, int]:
     return dict(counts.iter_rows())
 
 
+def _there(seen: Seen, body: Body, known: int) -> int:
+    """Return at how many samples of its simulation a body without any of its own was there.
+
+    `known` is how many those who have some have, for recordings that do not say.
+    """
+    found, came = 0, seen.by_body[body.number].came
+    went = [one for one in seen.appearances if one.body.number == body.number and not one.there]
+    last = seen.samples.get(body.client, known) - 1
+    for one in came:
+        ends = [each.at.step for each in went if order(each.at) > order(one.at)]
+        # What goes at step 0 does so before there is a sample.
+        end = min([last, *(step or -1 for step in ends)])
+        found += max(0, end - one.at.step - one.sampled + 1)
+    return found
+
+
 def _engine(seen: Seen) -> dict[str, Any]:
     last = {one.client: one.values for one in seen.settings}
     return {
@@ -141,7 +157,7 @@ def _body(
     dynamics = seen.by_body[body.number].dynamics
     counts: dict[str, int] = dict.fromkeys(SEGMENTS, 0)
     if found is None:
-        counts["still"] = samples.get(body.client, 1)
+        counts["still"] = _there(seen, body, samples.get(body.client, 1))
     else:
         held = np.bincount(found.code, minlength=len(SEGMENTS)).tolist()
         counts |= zip(SEGMENTS, held, strict=True)
