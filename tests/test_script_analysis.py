@@ -889,3 +889,25 @@ def test_one_body_is_told_of_by_name_or_number(article: Path, drop: Drop) -> Non
     assert len(done.stderr.splitlines()) == 1
     assert "--body" in done.stderr
     assert "1 (cube_small.urdf)" in done.stderr
+
+
+def test_what_is_said_of_one_body_is_of_it_alone(
+    analyzed: Analyzed, capfd: pytest.CaptureFixture[str]
+) -> None:
+    scene = f"""
+{FLOOR}
+for height in (1, 2):
+    p.loadURDF("cube_small.urdf", [height, 0, height], useMaximalCoordinates=True)
+p.setPhysicsEngineParameter(numSubSteps=2)
+steps(110)
+"""
+    _, analysis = analyzed(scene)
+    whole = replace(analysis, origin={"script": "scene.py", "ended": "finished"})
+    assert whole.explained["of"] == 2 * 111
+    held = sum(one.samples for one in body_of(whole, 1).unexplained)
+    assert held
+    assert whole.of_body(1).explained == {"samples": 111 - held, "of": 111}
+    show_script(whole.of_body(2), as_json=False)
+    told = capfd.readouterr().out
+    assert "1 of 3 bodies" in told
+    assert "all 111 samples of 2_cube_small" in told

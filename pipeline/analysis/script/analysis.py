@@ -65,7 +65,9 @@ def script_analysis_of(
         for one in seen.dynamics
         if (np.nan_to_num(one.reported["contact_stiffness"], nan=-1.0) >= 0).any()
     )
-    rigid = frozenset(one.body.number for one in seen.dynamics if one.reported["kind"][0] == RIGID)
+    maximal = frozenset(
+        one.body.number for one in seen.dynamics if one.reported["kind"][0] == RIGID
+    )
     rolling = frozenset(
         one.body.number
         for one in seen.dynamics
@@ -78,7 +80,7 @@ def script_analysis_of(
             track,
             contacts,
             springy=springy,
-            rigid=rigid,
+            rigid=maximal,
             rolling=rolling,
             soft=any(one.soft for one in seen.bodies.values() if one.client == track.body.client),
             stepped=samples.get(track.body.client, 0) > 1,
@@ -97,16 +99,16 @@ def script_analysis_of(
         )
         for number, body in sorted(seen.bodies.items())
     ]
-    rigid = [one for one in found.values() if not one.track.body.joints]
+    explained = {number: _explained(found.get(number)) for number in seen.bodies}
     return ScriptAnalysis(
         origin=dict(origin),
         engine=_engine(seen),
         bodies=bodies,
         findings=findings_of(Evidence(seen, found, contacts, times, bodies, samples)),
         explained={
-            "samples": sum(int(np.isin(one.code, EXPLAINED).sum()) for one in rigid),
-            "of": sum(int((one.code != JOINTED).sum()) for one in rigid),
+            name: sum(one[name] for one in explained.values()) for name in ("samples", "of")
         },
+        by_body=explained,
         table=pl.concat(
             [_empty(), *(_table(one, energies[number], times) for number, one in found.items())]
         ),
@@ -119,6 +121,14 @@ def _samples_of_clients(seen: Seen) -> dict[int, int]:
     steps = seen.states.select("step", pl.col("body").replace_strict(clients, default=0)).unique()
     counts = steps.group_by("body").len()
     return dict(counts.iter_rows())
+
+
+def _explained(found: Judged | None) -> dict[str, int]:
+    """Return how many samples a body without joints has, and how many of them are explained."""
+    if found is None or found.track.body.joints:
+        return {"samples": 0, "of": 0}
+    counted = found.code != JOINTED
+    return {"samples": int(np.isin(found.code, EXPLAINED).sum()), "of": int(counted.sum())}
 
 
 def _there(seen: Seen, body: Body, known: int) -> int:
