@@ -911,3 +911,17 @@ steps(110)
     told = capfd.readouterr().out
     assert "1 of 3 bodies" in told
     assert "all 111 samples of 2_cube_small" in told
+
+
+def test_a_time_that_is_not_in_the_recording_is_wrong_usage(
+    article: Path, drop: Drop, tmp_path: Path
+) -> None:
+    """As with a drop: in one line, and nothing is written."""
+    for at in ("1.01", "-1", "nan", "inf"):
+        done = drop("analyze", article / "article.rrd", "--out", "layer.rrd", "--at", at)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.startswith("drop: --at must lie within the recording, 0 to 1 s, got ")
+        assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "layer.rrd").exists()
+    done = drop("analyze", article / "article.rrd", "--out", "layer.rrd", "--at", "1")
+    assert done.returncode == 0, done.stderr
