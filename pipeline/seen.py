@@ -318,6 +318,8 @@ class Seen:
     constraints: list[Constraint]
     calls: list[Call]
     puts: list[Put]
+    samples: Mapping[int, int]
+    """How many samples each simulation has, by client; empty where that is not known."""
     states: pl.DataFrame
     """One row per step and part, in the order of body, link and step."""
     contacts: pl.DataFrame

@@ -224,6 +224,13 @@ p.loadURDF("random_urdfs/000/000.urdf", [0, 0, .3], turned, {maximal},
            flags=p.URDF_USE_INERTIA_FROM_FILE)
 steps(150)
 """,
+    "an impulse that is tried and taken back, of a spin of 0": """
+p.setGravity(0, 0, -9.81)
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+p.createMultiBody(0, box, useMaximalCoordinates={maximal})
+p.createMultiBody(1, box, -1, [.02, 0, .165], useMaximalCoordinates={maximal})
+steps(30)
+""",
 }
 """Scenes that were called a mismatch by mistake."""
 
@@ -255,6 +262,9 @@ for _ in range(30):
     assert analysis.bodies[0].unexplained == []
 
 
+NO_MASS = "a mass that is not above 0 or not finite, or whose inverse is not"
+
+
 def test_a_body_that_loses_its_mass_on_the_way_is_recorded_on(analyzed: Analyzed) -> None:
     _, analysis = analyzed("""
 shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .15, .2])
@@ -269,8 +279,44 @@ steps(20)
     (body,) = analysis.bodies
     assert sum(body.segments.values()) == 61
     (held,) = body.unexplained
-    assert (held.reason, held.samples) == ("a mass that is 0 or no number", 20)
+    assert (held.reason, held.samples) == (NO_MASS, 20)
     assert "law-mismatch" not in codes(analysis)
+
+
+@pytest.mark.parametrize("timestep", ["0", "1e-17", "-1 / 240"])
+@pytest.mark.parametrize("maximal", [False, True])
+def test_a_timestep_that_is_none_has_no_law(
+    analyzed: Analyzed, timestep: str, *, maximal: bool
+) -> None:
+    """Bullet skips it, as that of 1e-17 s, or turns time back; so with what may fall asleep."""
+    _, analysis = analyzed(f"""
+ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
+b = p.createMultiBody(1, ball, -1, [0, 0, 5], useMaximalCoordinates={maximal})
+p.changeDynamics(b, -1, activationState=p.ACTIVATION_STATE_ENABLE_SLEEPING)
+p.setGravity(0, 0, -9.81)
+steps(3)
+p.setTimeStep({timestep})
+steps(3)
+p.setTimeStep(1 / 240)
+steps(3)
+""")
+    (body,) = analysis.bodies
+    (held,) = body.unexplained
+    assert held.reason.startswith("a timestep below 2.2e-16 s")
+    assert (held.first_step, held.samples, body.segments["flight"]) == (4, 3, 6)
+    assert "law-mismatch" not in codes(analysis)
+
+
+def test_a_mass_that_nothing_can_be_divided_by_is_said_to_be_that(analyzed: Analyzed) -> None:
+    for mass in ("-5", "1e-320"):
+        _, analysis = analyzed(f"""
+ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
+b = p.createMultiBody({mass}, ball, -1, [0, 0, 5])
+steps(3)
+""")
+        (held,) = analysis.bodies[0].unexplained
+        assert (held.reason, held.samples) == (NO_MASS, 3)
+        assert "law-mismatch" not in codes(analysis)
 
 
 def test_a_state_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None:
@@ -285,6 +331,35 @@ steps(20)
     (held,) = analysis.bodies[0].unexplained
     assert (held.reason, held.first_step) == ("a state that is not finite", 21)
     assert not {"law-mismatch", "velocity-clamped"} & set(codes(analysis))
+
+
+INFINITE = {
+    "gravity": "p.setGravity(0, 0, float('inf'))",
+    "velocity": "p.resetBaseVelocity(b, [float('inf'), 0, 0])",
+    "mass": "p.changeDynamics(b, -1, mass=float('inf'))",
+    "position": "p.resetBasePositionAndOrientation(b, [0, 0, float('inf')], [0, 0, 0, 1])",
+}
+"""Calls that make states infinite."""
+
+
+@pytest.mark.parametrize("maximal", [False, True])
+@pytest.mark.parametrize("call", INFINITE)
+def test_nothing_is_printed_of_states_that_are_infinite(
+    tmp_path: Path, drop: Drop, call: str, *, maximal: bool
+) -> None:
+    """No warning of numpy's, by which pytest would fail, when they are recorded and analyzed."""
+    script, recording = tmp_path / "scene.py", tmp_path / "scene.rrd"
+    script.write_text(
+        f"{scenes.HEAD}p.setGravity(0, 0, -9.81)\n"
+        "ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)\n"
+        f"b = p.createMultiBody(1, ball, -1, [0, 0, 5], useMaximalCoordinates={maximal})\n"
+        f"steps(3)\n{INFINITE[call]}\nsteps(3)\n"
+    )
+    made = drop("record", "--out", str(recording), str(script))
+    assert "Warning" not in made.stderr
+    told = drop("analyze", str(recording))
+    assert "Warning" not in told.stderr
+    assert "law-mismatch" not in told.stdout
 
 
 @pytest.mark.parametrize("maximal", [False, True])
@@ -526,6 +601,38 @@ def test_what_is_known_to_be_unknown_is_no_mismatch(analyzed: Analyzed, reason: 
     assert "law-mismatch" not in codes(analysis)
 
 
+SPLIT = {
+    "": 0.04, "splitImpulsePenetrationThreshold=-0.02": 0.04,
+    "splitImpulsePenetrationThreshold=0": 0.0, "contactSlop=0.015": 0.055, "useSplitImpulse=0": 1.0,
+}  # fmt: skip
+"""What the engine is told, and from which depth on it splits impulses [m], but for a usual slop."""
+
+
+@pytest.mark.parametrize("told", SPLIT)
+def test_what_is_deep_in_a_rigid_body_is_moved_beside_the_law(
+    analyzed: Analyzed, told: str
+) -> None:
+    """A replay without split impulse is explained; so is a btMultiBody, which knows none."""
+    scene = """
+p.setGravity(0, 0, -9.81)
+p.setPhysicsEngineParameter({})
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+p.createMultiBody(0, box, useMaximalCoordinates=True)
+b = p.createMultiBody(1, box, -1, [.02, 0, .14], useMaximalCoordinates={})
+steps(30)
+"""
+    recording, analysis = analyzed(scene.format(told, True))
+    deep = recording.seen.contacts.filter(pl.col("distance_m") + 1e-5 <= -SPLIT[told])
+    held = body_of(analysis, 1).unexplained
+    assert [one.samples for one in held] == [deep["step"].n_unique()] * (
+        told != "useSplitImpulse=0"
+    )
+    assert all(one.reason.startswith("a btRigidBody deep in another one") for one in held)
+    for of in (analysis, analyzed(scene.format(told, False))[1]):
+        assert "law-mismatch" not in codes(of)
+    assert body_of(of, 1).unexplained == []
+
+
 def test_a_mass_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None:
     """PyBullet loses the mass of a btRigidBody that is told its inertia alone, as memory has it."""
     recording, _ = analyzed(SCENES["free fall"][0].replace("{maximal}", "True"))
@@ -535,7 +642,7 @@ def test_a_mass_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None
     ]
     analysis = analyze(replace(recording.seen, dynamics=lost))
     (held,) = body_of(analysis, 0).unexplained
-    assert (held.samples, held.reason) == (50, "a mass that is 0 or no number")
+    assert (held.samples, held.reason) == (50, NO_MASS)
     assert "law-mismatch" not in codes(analysis)
     json.dumps(analysis.as_json(), allow_nan=False)
 
@@ -583,6 +690,37 @@ for n in range(3):
         assert flight.terms_m is not None
         time_s = 30 / 240
         assert flight.terms_m.timestep[2] == pytest.approx(gravity * time_s / 240 / 2, rel=1e-9)
+
+
+def test_what_stands_is_still_at_the_samples_at_which_it_is_there(analyzed: Analyzed) -> None:
+    """As many as a body that moves would have; also where nothing moves beside it."""
+    scene = """
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+p.createMultiBody(1, box, -1, [0, 0, 9])
+steps(20)
+late = p.createMultiBody({mass}, box, -1, [5, 0, 9])
+steps(10)
+p.removeBody(late)
+steps(10)
+late = p.createMultiBody({mass}, box, -1, [5, 0, 9])
+steps(5)
+beside = p.connect(p.DIRECT)
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1], physicsClientId=beside)
+p.createMultiBody(0, box, physicsClientId=beside)
+for _ in range(30):
+    p.stepSimulation(physicsClientId=beside)
+"""
+    for mass in (0, 1):
+        recording, analysis = analyzed(scene.format(mass=mass))
+        counts = [sum(body.segments.values()) for body in analysis.bodies]
+        assert counts == [46, 10 + 5, 31]
+        assert recording.ended is not None
+        assert recording.ended["samples"] == 46 + 31
+    assert [one.segments["still"] for one in analyzed(scene.format(mass=0))[1].bodies] == [
+        0,
+        15,
+        31,
+    ]
 
 
 def test_clients_side_by_side_are_judged_by_themselves(analyzed: Analyzed) -> None:
@@ -751,3 +889,39 @@ def test_one_body_is_told_of_by_name_or_number(article: Path, drop: Drop) -> Non
     assert len(done.stderr.splitlines()) == 1
     assert "--body" in done.stderr
     assert "1 (cube_small.urdf)" in done.stderr
+
+
+def test_what_is_said_of_one_body_is_of_it_alone(
+    analyzed: Analyzed, capfd: pytest.CaptureFixture[str]
+) -> None:
+    scene = f"""
+{FLOOR}
+for height in (1, 2):
+    p.loadURDF("cube_small.urdf", [height, 0, height], useMaximalCoordinates=True)
+p.setPhysicsEngineParameter(numSubSteps=2)
+steps(110)
+"""
+    _, analysis = analyzed(scene)
+    whole = replace(analysis, origin={"script": "scene.py", "ended": "finished"})
+    assert whole.explained["of"] == 2 * 111
+    held = sum(one.samples for one in body_of(whole, 1).unexplained)
+    assert held
+    assert whole.of_body(1).explained == {"samples": 111 - held, "of": 111}
+    show_script(whole.of_body(2), as_json=False)
+    told = capfd.readouterr().out
+    assert "1 of 3 bodies" in told
+    assert "all 111 samples of 2_cube_small" in told
+
+
+def test_a_time_that_is_not_in_the_recording_is_wrong_usage(
+    article: Path, drop: Drop, tmp_path: Path
+) -> None:
+    """As with a drop: in one line, and nothing is written."""
+    for at in ("1.01", "-1", "nan", "inf"):
+        done = drop("analyze", article / "article.rrd", "--out", "layer.rrd", "--at", at)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.startswith("drop: --at must lie within the recording, 0 to 1 s, got ")
+        assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "layer.rrd").exists()
+    done = drop("analyze", article / "article.rrd", "--out", "layer.rrd", "--at", "1")
+    assert done.returncode == 0, done.stderr

@@ -5,6 +5,7 @@ Each finding has a scene that provokes it, and one in which its advice was follo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -277,6 +278,13 @@ HARMLESS = {
     "a script that asks for real time without a window": (
         "real-time", FLOOR + CUBE.format(1) + "p.setRealTimeSimulation(1)\nsteps(3)",
     ),
+    "a light foot on a heavy body": (
+        "velocity-clamped",
+        FLOOR + "c = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)\n"
+        "a, b = (p.createMultiBody(m, c, -1, [0, 0, z]) for m, z in ((1, 0.2), (1000, 0.6)))\n"
+        "p.createConstraint(b, -1, a, -1, p.JOINT_FIXED, [0, 0, 1], [0, 0, -0.2], [0, 0, 0.2])\n"
+        "steps(60)",
+    ),
     "half a millimetre": ("starts-in-contact", FLOOR + CUBE.format(0.0245) + "steps(3)"),
 }  # fmt: skip
 """What looks like a finding, and is none."""
@@ -337,6 +345,25 @@ def test_a_motion_that_nothing_explains_is_a_mismatch(
     seen = replace(seen, states=seen.states.with_columns(vx_m_s=altered))
     finding = found(analyze(seen), "law-mismatch")
     assert (finding.body, finding.step) == ("0_cube_small", 50)
+
+
+def test_a_velocity_is_held_by_a_step_and_not_where_it_is_told(analyzed: Analyzed) -> None:
+    scene = GRAVITY + CUBE.format(3) + "steps(5)\n" + CUBE.format(9)
+    scene += "p.resetBaseVelocity(b, [0, 0, 0], [0, 0, 150])\nsteps(5)"
+    assert found(analyzed(scene), "velocity-clamped").step == 6
+
+
+def test_what_damping_moves_is_what_is_gone_without(
+    recorded_scene: Callable[[str], ScriptRecording],
+) -> None:
+    """In this fast flight a fifth more than the term of damping alone."""
+    fast = GRAVITY + CUBE.format(9) + "p.setTimeStep(1 / 60)\np.resetBaseVelocity(b, [60, 0, 30])\n"
+    with_it = recorded_scene(f"{fast}steps(6)").seen
+    without = recorded_scene(f"{fast}p.changeDynamics(b, -1, linearDamping=0)\nsteps(6)").seen
+    ends_m = [seen.states.select("x_m", "y_m", "z_m").row(-1) for seen in (with_it, without)]
+    moved_mm = math.dist(*ends_m) * 1e3
+    message = found(analyze(with_it), "default-damping").message
+    assert f"is moved {moved_mm:.3g} mm by damping" in message
 
 
 def test_every_finding_has_a_case() -> None:

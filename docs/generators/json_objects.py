@@ -164,8 +164,9 @@ ANALYSIS = _object(
     scenario=Scenario, table=None, contact_phases=None,
 )  # fmt: skip
 SCRIPT_ANALYSIS = _object(
-    script.ScriptAnalysis, {"recording", "origin", "bodies", "findings", "explained"}, table=None
-)
+    script.ScriptAnalysis, {"recording", "origin", "bodies", "findings", "explained"},
+    table=None, by_body=None,
+)  # fmt: skip
 RENDERING = _object(Rendering, plot=Path | None, speed=None)
 ROW = Object(
     {name: COLUMNS.get(kind, list[float]) | None

@@ -51,11 +51,14 @@ def show_script(analysis: ScriptAnalysis, *, as_json: bool) -> None:
 def _story(analysis: ScriptAnalysis) -> list[str]:
     origin, explained = analysis.origin, analysis.explained
     ended = ENDED.get(str(origin["ended"]), "never finished")
-    lines = [f"[bold]{escape(str(origin['script']))}[/] {ended}, {_bodies(len(analysis.bodies))}"]
+    shown, there = len(analysis.bodies), len(analysis.by_body)
+    bodies = _bodies(there) if shown == there else f"{shown} of {_bodies(there)}"
+    lines = [f"[bold]{escape(str(origin['script']))}[/] {ended}, {bodies}"]
     if explained["of"]:
         whole = explained["samples"] == explained["of"]
         words = "all" if whole else f"{explained['samples']:,} of"
-        words += f" {explained['of']:,} samples of bodies without joints, step by step"
+        whose = "bodies without joints" if shown == there else analysis.bodies[0].label
+        words += f" {explained['of']:,} samples of {whose}, step by step"
         lines += _titled("Explained", words)
     moving = [one for one in analysis.bodies if one.segments["still"] < sum(one.segments.values())]
     still = [one.label for one in analysis.bodies if one not in moving]

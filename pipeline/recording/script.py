@@ -69,6 +69,8 @@ class Script:
     def __init__(self, origin: Mapping[str, Any]) -> None:
         self.origin = origin
         self.samples = self.frames = 0
+        self._ends: dict[int, int] = {}
+        """The last step that each simulation has a sample of, by client."""
         self.bodies: dict[int, Body] = {}
         """All that were ever there, by number."""
         self.cameras: dict[str, int] = {}
@@ -118,6 +120,10 @@ class Script:
         closing = {
             "schema_version": schema.SCHEMA_VERSION,
             "samples": self.samples,
+            "samples_of_clients": [
+                self._ends.get(client, -1) + 1 for client in range(max(self._ends, default=-1) + 1)
+            ]
+            or None,
             "bodies": len(self.bodies),
             "frames": self.frames,
             "ended": ending.how,
@@ -203,6 +209,8 @@ class Script:
         self._contacts.update(seen.contacts)
         self._reach(seen.states["position_m"])
         self.samples += len(seen.steps)
+        if len(seen.steps):
+            self._ends[seen.client] = int(seen.steps[-1])
         self.stepped |= bool(len(seen.steps)) and bool(seen.steps[-1] > 0)
         if len(seen.contacts):
             which = np.unique(seen.contacts["step"])
@@ -401,6 +409,7 @@ def _shown(seen: Samples) -> NDArray[np.bool_]:
     return shown
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of states that are not finite
 def energy_j(
     parts: Rows,
     mass_kg: NDArray[np.float64],

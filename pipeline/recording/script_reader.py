@@ -199,6 +199,7 @@ def _seen(
             for at, values in told[schema.CALLS]
         ],
         puts=[_put(at, values, bodies) for at, values in told[schema.SET]],
+        samples=dict(enumerate(_list(closing.get("samples_of_clients")))),
         states=states.sort("body", "link", "step", maintain_order=True),
         contacts=contacts.sort("step", maintain_order=True),
         joints={numbers[label]: _joined(parts) for label, parts in jointed.items()},

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 
 from pipeline.analysis.script.analysis import script_analysis_of
 from pipeline.analysis.script.results import ScriptAnalysis
+from pipeline.analysis.script.times import Times
+from pipeline.errors import ScenarioError
 from pipeline.files.table import write_table
 from pipeline.recording.script_layer import write_script_layer
 from pipeline.recording.script_reader import read_script
-from pipeline.seen import body_named
+from pipeline.seen import Seen, body_named
 from pipeline.stages.analyze import outputs_of
 from pipeline.stages.narrative import findings_listed
 
@@ -58,7 +60,7 @@ def analyze_script(
     RecordingError
         If the recording is missing, damaged or not that of a script.
     ScenarioError
-        If there is no such body, or a file has another suffix.
+        If there is no such body, a time is not within the recording, or a file has another suffix.
     OutputError
         If a file cannot be written, or would replace what the same command reads or writes.
     """
@@ -70,6 +72,7 @@ def analyze_script(
     ended = read_back.ended or {}
     origin = read_back.origin | {name: ended.get(name) for name in ("ended", "error")}
     analysis = script_analysis_of(read_back.seen, origin, at_s=at_s or DEFAULT_AT_S)
+    _check_times(at_s, read_back.seen, analysis)
     if body is None:
         told = analysis
     else:
@@ -88,6 +91,19 @@ def analyze_script(
         write_table(one, analysis.table, force=force)
     progress("analyzing", 3, 3)
     return replace(told, recording=path, layer=layer, partial=read_back.partial)
+
+
+def _check_times(at_s: Sequence[float], seen: Seen, analysis: ScriptAnalysis) -> None:
+    """Raise an error where a time that is asked for is not that of any simulation."""
+    clients = {one.client for one in seen.settings}
+    ends_s = [Times(seen, one).of(seen.samples.get(one, 1) - 1) for one in clients]
+    # Time may go back, where a timestep is below 0.
+    end_s = max([0.0, *ends_s, *analysis.table["time_s"].drop_nulls()])
+    for time_s in at_s:
+        if not 0 <= time_s <= end_s * (1 + 1e-12):
+            raise ScenarioError(
+                f"--at must lie within the recording, 0 to {end_s:g} s, got {time_s:g}"
+            )
 
 
 def _events(analysis: ScriptAnalysis) -> Iterator[tuple[int, float, str]]:

@@ -52,7 +52,9 @@ class Contacts:
         position_m = np.where(is_a, self.position_a_m[rows], self.position_b_m[rows])
         other = np.where(is_a[:, 0], self.body_b[rows], self.body_a[rows])
         other_link = np.where(is_a[:, 0], self.link_b[rows], self.link_a[rows])
-        return Touches(self.step[rows], position_m, sign * force_n, other, other_link)
+        return Touches(
+            self.step[rows], position_m, sign * force_n, self.distance_m[rows], other, other_link
+        )
 
     def _sides_of(self, body: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """Return the points of a body in order, and whether it is the second of their two."""
@@ -79,6 +81,8 @@ class Touches:
     """Where on this part."""
     force_n: Float64
     """Normal force and both frictions, on this part."""
+    distance_m: Float64
+    """Negative where they overlap, (points,)."""
     other_body: Int64
     """What pushes, (points,)."""
     other_link: Int64
@@ -90,7 +94,7 @@ class Touches:
             step=step,
             **{
                 name: getattr(self, name)[points]
-                for name in ("position_m", "force_n", "other_body", "other_link")
+                for name in ("position_m", "force_n", "distance_m", "other_body", "other_link")
             },
         )
 

@@ -31,7 +31,11 @@ FLIGHT, CONTACT, PUSHED, SET, JOINTED, STILL, UNEXPLAINED = range(len(SEGMENTS))
 EXPLAINED = (FLIGHT, CONTACT, PUSHED, SET, STILL)
 
 ULPS = 16
-"""Units of rounding of a step's terms that velocities may be off while a body turns; seen: 5."""
+"""Units of rounding of a step's terms that velocities may be off while a body turns; seen: 5.
+
+Where something touched and gave no force, of what it may have given: seen, in 5,822 samples of 596
+recordings, 0.8, and 6.3 in one, where what touched was 80 times as fast.
+"""
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,10 @@ class Segments:
     balance: Balance | None
     """What contact did; None without a law."""
     held: NDArray[np.bool_]
-    """Whether the engine held a velocity at its limit in the law's step to each sample."""
+    """Whether the engine held a velocity at its limit in the step to each sample.
+
+    Where law and contacts do not lead to a sample, they do not tell what was held in its step.
+    """
 
     def placed_at(self, motion: Motion, start: Motion, law: Law) -> Segments:
         """Return the same where the first sample is held against a start that is known."""
@@ -139,18 +146,18 @@ def segments_of(
     place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
     there = place_m <= turns * (np.abs(position).max(axis=1) + law.timestep_s * terms_m_s)
     # As uncertain as the spin that turned it, which may be read back through a rotation too.
-    turned_rad = law.timestep_s * np.linalg.norm(motion.spin_rad_s, axis=1)
-    there &= (
-        turn <= law.oriented + exactly + ulps * turned_rad + turns * law.timestep_s * terms_rad_s
-    )
+    dt, spin_rad_s = law.timestep_s, np.linalg.norm(motion.spin_rad_s, axis=1)
+    there &= turn <= law.oriented + exactly + dt * (ulps * spin_rad_s + turns * terms_rad_s)
 
-    # What the solver tries at a point and takes back leaves rounding.
-    near = np.isin(np.arange(len(motion)), touches.step)
+    # What the solver tries at a point and takes back leaves rounding: of a spin too that is 0 then.
+    sum_m_s = terms_m_s + np.abs(motion.velocity_m_s).max(axis=1)
+    sum_rad_s = terms_rad_s + np.abs(motion.spin_rad_s).max(axis=1)
+    near, tried_m_s, tried_rad_s = _tried(law, before, touches, sum_m_s, sum_rad_s)
     rounded = np.where(bits & ~near, exactly, ulps)
     fall_m_s = _off(motion.velocity_m_s, alone.velocity_m_s)
     fall_rad_s = _off(motion.spin_rad_s, alone.spin_rad_s)
-    free = fall_m_s <= rounded * (terms_m_s + np.abs(motion.velocity_m_s).max(axis=1))
-    free &= fall_rad_s <= rounded * (terms_rad_s + np.abs(motion.spin_rad_s).max(axis=1))
+    free = fall_m_s <= rounded * (sum_m_s + tried_m_s)
+    free &= fall_rad_s <= rounded * (sum_rad_s + tried_rad_s)
     balanced = balance.closes(motion) if not several else np.zeros(len(motion), dtype=bool)
 
     forced = np.zeros(len(motion), dtype=bool) if pushed is None else np.hstack(pushed).any(axis=1)
@@ -168,9 +175,27 @@ def segments_of(
         balance.touched | forced, _off(motion.spin_rad_s, balance.spin_rad_s), fall_rad_s
     )
     deviation = np.max([place_m, turn, off_m_s, off_rad_s], axis=0)
-    held = law.limited(before) | balance.held
-    held[0] = False
+    follows = (code == FLIGHT) | (np.isin(code, (CONTACT, PUSHED)) & balanced)
+    held = (law.limited(before) | balance.held) & follows
     return Segments(code, deviation, balance, held)
+
+
+def _tried(
+    law: Law, before: Motion, touches: Touches, sum_m_s: Float64, sum_rad_s: Float64
+) -> tuple[NDArray[np.bool_], Float64, Float64]:
+    """Return where a point touches, and what an impulse there may add to velocity and spin, (n,).
+
+    One that stops the point: with v its speed and r its way from the centre it changes the velocity
+    by v at most, and the spin by v m r / (I + m r²), I the least moment of inertia.
+    """
+    near = np.isin(np.arange(len(before)), touches.step)
+    arm_m = np.zeros(len(before))
+    way_m = touches.position_m - before.position_m[touches.step]
+    np.maximum.at(arm_m, touches.step, np.linalg.norm(way_m, axis=1))
+    speed_m_s = np.where(near, sum_m_s + sum_rad_s * arm_m, 0.0)
+    turning = min(law.inertia_kg_m2) / law.mass_kg + arm_m**2
+    turn_per_m = np.divide(arm_m, turning, out=np.zeros_like(arm_m), where=turning > 0)
+    return near, sum_rad_s * arm_m, speed_m_s * turn_per_m
 
 
 def still_segments(motion: Motion) -> Segments:

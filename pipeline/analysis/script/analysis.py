@@ -36,13 +36,15 @@ from pipeline.analysis.script.results import (
     Unexplained,
 )
 from pipeline.analysis.script.times import Times
-from pipeline.analysis.script.tracks import tracks_of
+from pipeline.analysis.script.tracks import order, tracks_of
 from pipeline.laws.base import Motion
+from pipeline.laws.lookup import RIGID
 from pipeline.seen import Body, Dynamics, Seen
 
 Float64 = NDArray[np.float64]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of states that are not finite, which are named
 def script_analysis_of(
     seen: Seen, origin: Mapping[str, Any], *, at_s: Sequence[float] = ()
 ) -> ScriptAnalysis:
@@ -63,6 +65,9 @@ def script_analysis_of(
         for one in seen.dynamics
         if (np.nan_to_num(one.reported["contact_stiffness"], nan=-1.0) >= 0).any()
     )
+    maximal = frozenset(
+        one.body.number for one in seen.dynamics if one.reported["kind"][0] == RIGID
+    )
     rolling = frozenset(
         one.body.number
         for one in seen.dynamics
@@ -75,6 +80,7 @@ def script_analysis_of(
             track,
             contacts,
             springy=springy,
+            rigid=maximal,
             rolling=rolling,
             soft=any(one.soft for one in seen.bodies.values() if one.client == track.body.client),
             stepped=samples.get(track.body.client, 0) > 1,
@@ -93,16 +99,16 @@ def script_analysis_of(
         )
         for number, body in sorted(seen.bodies.items())
     ]
-    rigid = [one for one in found.values() if not one.track.body.joints]
+    explained = {number: _explained(found.get(number)) for number in seen.bodies}
     return ScriptAnalysis(
         origin=dict(origin),
         engine=_engine(seen),
         bodies=bodies,
         findings=findings_of(Evidence(seen, found, contacts, times, bodies, samples)),
         explained={
-            "samples": sum(int(np.isin(one.code, EXPLAINED).sum()) for one in rigid),
-            "of": sum(int((one.code != JOINTED).sum()) for one in rigid),
+            name: sum(one[name] for one in explained.values()) for name in ("samples", "of")
         },
+        by_body=explained,
         table=pl.concat(
             [_empty(), *(_table(one, energies[number], times) for number, one in found.items())]
         ),
@@ -115,6 +121,30 @@ def _samples_of_clients(seen: Seen) -> dict[int, int]:
     steps = seen.states.select("step", pl.col("body").replace_strict(clients, default=0)).unique()
     counts = steps.group_by("body").len()
     return dict(counts.iter_rows())
+
+
+def _explained(found: Judged | None) -> dict[str, int]:
+    """Return how many samples a body without joints has, and how many of them are explained."""
+    if found is None or found.track.body.joints:
+        return {"samples": 0, "of": 0}
+    counted = found.code != JOINTED
+    return {"samples": int(np.isin(found.code, EXPLAINED).sum()), "of": int(counted.sum())}
+
+
+def _there(seen: Seen, body: Body, known: int) -> int:
+    """Return at how many samples of its simulation a body without any of its own was there.
+
+    `known` is how many those who have some have, for recordings that do not say.
+    """
+    found, came = 0, seen.by_body[body.number].came
+    went = [one for one in seen.appearances if one.body.number == body.number and not one.there]
+    last = seen.samples.get(body.client, known) - 1
+    for one in came:
+        ends = [each.at.step for each in went if order(each.at) > order(one.at)]
+        # What goes at step 0 does so before there is a sample.
+        end = min([last, *(step or -1 for step in ends)])
+        found += max(0, end - one.at.step - one.sampled + 1)
+    return found
 
 
 def _engine(seen: Seen) -> dict[str, Any]:
@@ -137,7 +167,7 @@ def _body(
     dynamics = seen.by_body[body.number].dynamics
     counts: dict[str, int] = dict.fromkeys(SEGMENTS, 0)
     if found is None:
-        counts["still"] = samples.get(body.client, 1)
+        counts["still"] = _there(seen, body, samples.get(body.client, 1))
     else:
         held = np.bincount(found.code, minlength=len(SEGMENTS)).tolist()
         counts |= zip(SEGMENTS, held, strict=True)

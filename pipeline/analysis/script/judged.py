@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +22,8 @@ from pipeline.analysis.general.segments import (
 )
 from pipeline.analysis.script.tracks import NUMBERS, Epoch, Flags, Track
 from pipeline.laws.base import EXACT_MACHINES, Law
+from pipeline.laws.bullet_air import EPSILON
+from pipeline.laws.bullet_contact import CONTACT_SLOP_M
 from pipeline.laws.lookup import RIGID, law_of
 from pipeline.laws.rotations import rotate_inverse
 from pipeline.seen import Body
@@ -37,17 +40,23 @@ REASONS = (
     "continuous collision detection (ccdSweptSphereRadius), which stops a body on its way",
     "links of a btRigidBody, which PyBullet does not show",
     "soft bodies, whose contact PyBullet does not report",
-    "a mass that is 0 or no number",
+    "a mass that is not above 0 or not finite, or whose inverse is not",
+    "a timestep below 2.2e-16 s, or not finite, of which the law knows no step",
+    "a btRigidBody deep in another one: Bullet takes that back beside its law (split impulse, from "
+    "40 mm on by default; p.setPhysicsEngineParameter(useSplitImpulse=0) ends it)",
     "contact with or a push of a btRigidBody as soon as a call has turned it, or changed its mass: "
     "Bullet turns it with the inertia of before",
     "a state that is not finite",
     "a cause that nothing recorded here tells",
 )
 """Why a sample is unexplained, by number; 0 of one that is not."""
-SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, STALE, INFINITE, UNKNOWN = range(
-    1, len(REASONS)
-)
+(
+    SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, TIMELESS, SPLIT, STALE, INFINITE,
+    UNKNOWN,
+) = range(1, len(REASONS))  # fmt: skip
 
+SPLITS = {"contactSlop": CONTACT_SLOP_M, "splitImpulsePenetrationThreshold": -0.04}
+"""What decides where Bullet splits an impulse [m]: `btContactSolverInfo.h`."""
 DISABLE_SLEEPING = 2
 """Of `activationState`."""
 
@@ -110,6 +119,7 @@ def judged(
     contacts: Contacts,
     *,
     springy: frozenset[int],
+    rigid: frozenset[int],
     rolling: frozenset[int],
     soft: bool,
     stepped: bool,
@@ -125,6 +135,8 @@ def judged(
         The contact points of all bodies.
     springy
         Bodies whose contact gives way like a spring.
+    rigid
+        Those that are btRigidBodies.
     rolling
         Bodies with rolling or spinning friction, whose torque PyBullet does not report.
     soft
@@ -140,7 +152,7 @@ def judged(
     reason = np.zeros(rows, np.int8)
     deviation, energy_j = np.zeros((2, rows))
     impulse_n_s, point_energy_j = np.zeros((rows, 3)), np.zeros(len(touches.step))
-    falls, held = np.zeros((2, rows), dtype=bool)
+    falls, held, split = np.zeros((3, rows), dtype=bool)
     laws: list[tuple[Epoch, Law | None]] = []
     jointed = bool(track.body.joints)
     rolls = _with(touches, rolling, track)
@@ -153,8 +165,11 @@ def judged(
         if law is None:
             code[part] = np.where(track.led[part], JOINTED, code[part])
             continue
-        if not law.mass_kg > 0:
+        if not _has_inverse(law.mass_kg):
             reason[part] = MASSLESS
+            continue
+        if not EPSILON <= law.timestep_s < math.inf:
+            reason[part] = TIMELESS
             continue
         points = (touches.step >= part.start) & (touches.step < part.stop)
         theirs = touches.at(points, touches.step[points] - part.start)
@@ -175,10 +190,13 @@ def judged(
         point_energy_j[points] = found.balance.point_energy_j
         falls[part] = found.code == FLIGHT
         reason[part] = SOFT if soft else _reason(track.body, epoch, law)
+        # It moves bodies, and leaves their velocities alone.
+        split[part] = _deep(epoch, theirs, rigid) & found.balance.closes(track.motion.at(part))
     forced = np.asarray(np.hstack((track.force_n, track.torque_n_m)).any(axis=1))
     reason[forced & (reason == SUBSTEPS)] = PUSHES
     states = [getattr(each, name) for each in (track.motion, track.before) for name in NUMBERS]
     reason[~np.isfinite(np.hstack(states)).all(axis=1)] = INFINITE
+    reason[split & (reason == UNKNOWN)] = SPLIT
     reason[_stale(track, touches, forced) & (reason == UNKNOWN)] = STALE
     open_ = code == UNEXPLAINED
     code[open_ & (track.constrained | _with(touches, springy, track))] = JOINTED
@@ -189,6 +207,11 @@ def judged(
         track, code, reason, deviation, falls, held, impulse_n_s, energy_j, touches,
         point_energy_j, laws,
     )  # fmt: skip
+
+
+def _has_inverse(mass_kg: float) -> bool:
+    """Whether a mass is one that the engine can divide by."""
+    return mass_kg > 0 and 0 < 1 / mass_kg < math.inf
 
 
 def _touches(track: Track, contacts: Contacts) -> Touches:
@@ -221,6 +244,24 @@ def _stale(track: Track, touches: Touches, forced: Flags) -> Flags:
     return changed & (forced | np.isin(np.arange(len(track)), touches.step))
 
 
+def _deep(epoch: Epoch, touches: Touches, rigid: frozenset[int]) -> Flags:
+    """Return in which samples a btRigidBody is so deep in another one that Bullet moves them apart.
+
+    `btSequentialImpulseConstraintSolver::setupContactConstraint`: where distance and slop are not
+    above a threshold. PyBullet takes no notice of a threshold or slop that is told below 0.
+    """
+    found = np.zeros(epoch.rows.stop - epoch.rows.start, dtype=bool)
+    told = epoch.settings.values
+    if epoch.dynamics.reported["kind"][0] == RIGID and told.get("set_useSplitImpulse", 1) != 0:
+        slop_m, most_m = (
+            float(value) if (value := np.ravel(told.get(f"set_{name}", -1))[0]) >= 0 else default
+            for name, default in SPLITS.items()
+        )
+        deep = touches.distance_m + slop_m <= most_m
+        found[touches.step[deep & np.isin(touches.other_body, list(rigid))]] = True
+    return found
+
+
 def _reason(body: Body, epoch: Epoch, law: Law) -> int:
     """Return why the samples of an epoch may be unexplained."""
     if law.substeps > 1:
@@ -249,4 +290,5 @@ def _asleep(track: Track, code: Int8, reason: Int8) -> None:
         may[epoch.rows] = (track.body.can_sleep or told > 0) and not int(told) & DISABLE_SLEEPING
     open_ = (code == UNEXPLAINED) & may
     code[open_ & same & at_rest] = STILL
-    reason[open_ & ~(same & at_rest)] = SLEEP
+    known = np.isin(reason, (MASSLESS, TIMELESS, INFINITE))
+    reason[open_ & ~(same & at_rest) & ~known] = SLEEP

@@ -175,9 +175,10 @@ def _again(more: int) -> str:
 def _damped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
     flights = next(one.flights for one in e.bodies if one.id == number)
     moved = [
-        (float(np.linalg.norm(flight.terms_m.damping)), flight)
+        # What is gone without damping: its term, and what it and the timestep do to each other.
+        (float(np.linalg.norm(np.add(terms_m.damping, terms_m.interaction))), flight)
         for flight in flights
-        if flight.terms_m is not None
+        if (terms_m := flight.terms_m) is not None
     ]
     if not moved:
         return

@@ -13,6 +13,9 @@ from pipeline.analysis.general.jsonable import jsonable
 
 Vector = tuple[float, float, float]
 
+UNTOLD = ("table", "by_body")
+"""Of a script's analysis, what its JSON object leaves out."""
+
 
 @dataclass(frozen=True)
 class Moment:
@@ -177,6 +180,8 @@ class ScriptAnalysis:
     """What is worth a second look, the gravest first."""
     explained: dict[str, int]
     """Samples of bodies without joints, and how many of them are explained."""
+    by_body: dict[int, dict[str, int]]
+    """The same of each body that was ever there, by number."""
     table: pl.DataFrame
     """One row per sample and body: step, time, segment, error in flight, energy."""
     recording: Path | None = None
@@ -188,10 +193,11 @@ class ScriptAnalysis:
 
     def as_json(self) -> dict[str, Any]:
         """Return the contract's JSON object; what does not exist is null."""
-        return {name: jsonable(value) for name, value in vars(self).items() if name != "table"}
+        return {name: jsonable(value) for name, value in vars(self).items() if name not in UNTOLD}
 
     def of_body(self, number: int) -> ScriptAnalysis:
         """Return what is told of one body, and its findings."""
         (body,) = (one for one in self.bodies if one.id == number)
         findings = [one for one in self.findings if one.body in (None, body.label)]
-        return replace(self, bodies=[body], findings=findings)
+        explained = self.by_body[number]
+        return replace(self, bodies=[body], findings=findings, explained=explained)

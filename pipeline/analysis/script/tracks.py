@@ -137,13 +137,13 @@ def _pushes(told: OfBody, steps: Int64, motion: Motion, before: Motion) -> tuple
     life = _life_of(told, steps)
     for push in told.pushes:
         row = _row_after(steps, push.at)
-        if row is None or _order(told.came[life[row]].at) > _order(push.at):
+        if row is None or order(told.came[life[row]].at) > order(push.at):
             continue  # what was pushed has gone before the step
         position_m, turn = before.position_m[row], before.orientation[row : row + 1]
         earlier = [
             one
             for one in told.puts
-            if one.at.step == push.at.step and _order(one.at) < _order(push.at)
+            if one.at.step == push.at.step and order(one.at) < order(push.at)
         ]
         if earlier:
             base = earlier[-1].states[earlier[-1].states["link"] == BASE]
@@ -168,18 +168,19 @@ def _constrained(seen: Seen, told: OfBody, steps: Int64) -> Flags:
     """Return in which steps a constraint held a body; what comes anew is held by none."""
     found = np.zeros(len(steps), dtype=bool)
     for one in told.constraints:
-        ends = [other.at.step for other in told.came if _order(other.at) > _order(one.at)]
+        ends = [other.at.step for other in told.came if order(other.at) > order(one.at)]
         ends += [
             other.at.step
             for other in seen.constraints
             if (other.client, other.number, other.there) == (one.client, one.number, False)
-            and _order(other.at) > _order(one.at)
+            and order(other.at) > order(one.at)
         ]
         found |= (steps > one.at.step) & (steps <= min(ends, default=steps[-1]))
     return found
 
 
-def _order(at: At) -> tuple[int, int]:
+def order(at: At) -> tuple[int, int]:
+    """Return what moments are sorted by."""
     return at.step, at.call
 
 
@@ -198,7 +199,7 @@ def _epochs(seen: Seen, body: Body, steps: Int64, led: Flags) -> Iterator[Epoch]
         of_engine, of_body, last_given, life = told[:, first].tolist()
         values: dict[str, Any] = {}
         for one in given[: last_given + 1]:
-            if _order(one.at) >= _order(came[life].at):
+            if order(one.at) >= order(came[life].at):
                 values |= {
                     name: value for name, value in one.values.items() if _counts(name, value)
                 }
