@@ -24,14 +24,17 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.transforms import Bbox
 from PIL import Image
 
-from pipeline import colours
+from pipeline import colours, render, simulate
 from pipeline.errors import ScenarioError
 from pipeline.figures import animation, convergence_plot, style
 from pipeline.figures.animation import check_animation
 from pipeline.figures.gif import Gif, delay_cs, write_gif
 from pipeline.figures.plot import Facts, build_figure, facts_of, plot_drop
+from pipeline.scenario import Scenario
 
 Pixels = np.ndarray
 
@@ -383,6 +386,97 @@ def test_no_words_lie_on_others_or_off_the_page(name: str) -> None:
         assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1, one
     for (one, box), (other, other_box) in itertools.combinations(boxes, 2):
         assert not box.overlaps(other_box), (one, other)
+
+
+STRIKING = {
+    "the impact in the middle": (table_of(gravity_m_s2=1.62, steps=480), None),
+    "lands where the rest is told": (table_of(steps=115), Facts("", impact_s=0.448, rest_m=0.025)),
+    "bounces where the rest is told": (
+        table_of(steps=250, restitution=0.2),
+        Facts("", impact_s=0.448, rest_m=0.025),
+    ),
+    "flies over the impact": (
+        table_of().with_columns(pl.col("simulated_m").reverse()),
+        Facts("", impact_s=0.97, rest_m=None),
+    ),
+}
+"""Where words stood, a curve or the line of the impact ran."""
+
+
+@pytest.mark.parametrize("name", [*TABLES, *STRIKING])
+def test_no_word_is_struck_through(name: str) -> None:
+    table, facts = STRIKING[name] if name in STRIKING else (TABLES[name], None)
+    figure = build_figure(table, facts)
+    figure.draw_without_rendering()
+    panels = axes_of(figure)
+    words = [*figure.texts, *(text for axes in panels.values() for text in axes.texts)]
+    words += [axis.label for axes in panels.values() for axis in (axes.xaxis, axes.yaxis)]
+    words += [axes._left_title for axes in panels.values()]
+    struck = [
+        (text.get_text(), line.get_label())
+        for axes in panels.values()
+        for line in axes.lines
+        for text in words
+        if text.get_text() and runs_through(line, text.get_window_extent())
+    ]
+    assert struck == []
+
+
+def runs_through(line: Line2D, box: Bbox) -> bool:
+    """Whether a curve has a point in a box, where a thousand are drawn between two samples."""
+    x, y = line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float)).T
+    places = np.linspace(0, len(x) - 1, 1000 * max(1, len(x) - 1) + 1)
+    x, y = (np.interp(places, np.arange(len(x)), of) for of in (x, y))
+    return bool(((box.x0 < x) & (x < box.x1) & (box.y0 < y) & (y < box.y1)).any())
+
+
+def test_impact_and_rest_are_told_wherever_there_is_room() -> None:
+    for name, (table, facts) in STRIKING.items():
+        said = " ".join(texts(axes_of(build_figure(table, facts))["height"]))
+        assert "impact at" in said, name
+        assert ("rests at" in said) == (facts is None or facts.rest_m is not None), name
+
+
+@pytest.mark.parametrize("floor", [True, False])
+def test_beside_a_body_that_nobody_stepped_no_theory_falls(floor: bool) -> None:
+    fallen = table_of(floor=floor, steps=240)
+    nothing = [pl.lit(None, pl.Float64).alias(f"{name}_m") for name in TERMS]
+    table = fallen.with_columns(*nothing, simulated_m=pl.lit(1.0), phase=pl.lit("falling"))
+    figure = build_figure(table)
+    axes = axes_of(figure)["height"]
+    assert [one.get_label() for one in axes.lines] == ["simulated"]
+    assert [one.get_text() for one in figure.legends[0].get_texts()] == ["simulated"]
+    assert axes.get_ylim()[0] == 0
+    moved = table.with_columns(simulated_m=1.0 - 1e-6 * pl.col("time_s"))
+    assert len(axes_of(build_figure(moved))["height"].lines) == 3
+
+
+def test_without_weight_theory_stays_where_the_body_does() -> None:
+    (above, *_) = build_figure(TABLES["not stepped"]).axes  # its theory has no weight either
+    drawn = {str(line.get_label()): np.asarray(line.get_ydata()) for line in above.lines}
+    assert drawn.keys() == {"free fall", "damped fall", "simulated"}
+    assert all((heights == 1).all() for heights in drawn.values())
+
+
+@pytest.mark.parametrize(
+    ("scenario", "title"),
+    [
+        (Scenario(), "cube_small.urdf dropped from 1 m"),
+        (Scenario(velocity_m_s=(0, 0, 3), height_m=2), "cube_small.urdf thrown from 2 m"),
+        (Scenario(velocity_m_s=(-1, 0, 0)), "cube_small.urdf thrown from 1 m"),
+        (Scenario(spin_rad_s=(0, 5, 0)), "cube_small.urdf dropped from 1 m"),
+        (Scenario(stepped=False, floor=False), "cube_small.urdf dropped from 1 m"),
+    ],
+    ids=["dropped", "up", "sideways", "spun", "not stepped"],
+)
+def test_the_title_says_whether_it_was_thrown(
+    scenario: Scenario, title: str, tmp_path: Path
+) -> None:
+    simulate(scenario, tmp_path / "run.rrd", camera=None)
+    render(tmp_path / "run.rrd", plot=tmp_path / "run.svg")
+    drawn = (tmp_path / "run.svg").read_text()
+    assert f">{title}</text>" in drawn
+    assert (">free fall</text>" in drawn) == scenario.stepped
 
 
 @pytest.mark.parametrize("format", ["png", "svg"])
@@ -754,5 +848,5 @@ def test_panels_for_which_there_is_no_room_are_counted(count: int, said: str) ->
 
 def test_one_timestep_is_no_convergence() -> None:
     with pytest.raises(ScenarioError, match="needs two or more, got 1"):
-        convergence_plot.check_plot(Path("errors.png"), timesteps=1)
+        convergence_plot.check_plot(Path("errors.png"), timesteps=1, engines=False)
     convergence_plot.check_plot(Path("errors.svg"), timesteps=2)
