@@ -724,10 +724,23 @@ def test_the_colours_are_those_that_readers_have_learnt() -> None:
     assert (colours.SIMULATED, colours.DAMPED_FALL, colours.FREE_FALL) == (
         "#0072b2", "#56b4e9", "#8a8f98",
     )  # fmt: skip
-    # Yellow for what moves, purple for what turns, sky blue for what lies high.
+    # Vermilion for what moves, purple for what turns, sky blue for what lies high.
     assert (colours.KINETIC, colours.ROTATION, colours.POTENTIAL) == (
-        "#f0e442", "#cc79a7", "#56b4e9",
+        "#d55e00", "#cc79a7", "#56b4e9",
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("colour", [colours.TOTAL_IN_VIEWER, colours.KINETIC, colours.SIMULATED])
+@pytest.mark.parametrize("page", ["#ffffff", "#0d1011"], ids=["light", "dark"])
+def test_what_matters_in_the_viewer_is_seen_in_both_of_its_themes(colour: str, page: str) -> None:
+    """WCAG 2 asks for a contrast of 3 where a line is told from its background."""
+
+    def luminance(of: str) -> float:
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgba(of)]
+        return float(np.dot(linear[:3], (0.2126, 0.7152, 0.0722)))
+
+    dark, light = sorted((luminance(colour), luminance(page)))
+    assert (light + 0.05) / (dark + 0.05) > 3
 
 
 def test_an_empty_table_is_refused() -> None:
@@ -849,4 +862,4 @@ def test_panels_for_which_there_is_no_room_are_counted(count: int, said: str) ->
 def test_one_timestep_is_no_convergence() -> None:
     with pytest.raises(ScenarioError, match="needs two or more, got 1"):
         convergence_plot.check_plot(Path("errors.png"), timesteps=1, engines=False)
-    convergence_plot.check_plot(Path("errors.svg"), timesteps=2)
+    convergence_plot.check_plot(Path("errors.svg"), timesteps=2, engines=False)

@@ -48,7 +48,7 @@ ANALYZED = ALONE | {
     "Simulated minus free fall [mm]": Look(
         moves=True,
         colours=(
-            colours.TOTAL_ON_DARK,
+            colours.TOTAL_IN_VIEWER,
             colours.TIMESTEP,
             colours.DAMPING,
             colours.INTERACTION,
