@@ -26,10 +26,10 @@ ENGINES = {
     "bullet": SIMULATED,
     "mujoco": "#ee6677",
     "dart": "#228833",
-    "drake": "#ccbb44",
+    "drake": "#a39128",
     "physx": "#aa3377",
 }
-"""Paul Tol's bright ones, which no term has."""
+"""Paul Tol's bright ones, which no term has; the yellow is darker, to be seen on white."""
 KINETIC = "#d55e00"
 ROTATION = "#cc79a7"
 POTENTIAL = "#56b4e9"

@@ -730,7 +730,10 @@ def test_the_colours_are_those_that_readers_have_learnt() -> None:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("colour", [colours.TOTAL_IN_VIEWER, colours.KINETIC, colours.SIMULATED])
+@pytest.mark.parametrize(
+    "colour",
+    [colours.TOTAL_IN_VIEWER, colours.KINETIC, colours.SIMULATED, *colours.ENGINES.values()],
+)
 @pytest.mark.parametrize("page", ["#ffffff", "#0d1011"], ids=["light", "dark"])
 def test_what_matters_in_the_viewer_is_seen_in_both_of_its_themes(colour: str, page: str) -> None:
     """WCAG 2 asks for a contrast of 3 where a line is told from its background."""
@@ -846,7 +849,13 @@ def test_the_total_dips_where_timestep_and_damping_cancel() -> None:
     assert list(mark.get_xdata()) == [1 / 341] * 2
     (said,) = (one for one in axes.texts if "cancel" in one.get_text())
     assert said.get_text().endswith("cancel at 1/341 s")
-    assert said.get_position()[0] == 1 / 341
+    assert said.xy[0] == 1 / 341
+    axes.get_figure().draw_without_rendering()
+    assert said.get_bbox_patch() is not None  # it hides what it lies on: not the total
+    dip = axes.transData.transform(np.column_stack([times, total]))
+    hidden = said.get_bbox_patch().get_window_extent()
+    half = 3 / 2 * 150 / 72  # of the total's width [px]
+    assert not any(hidden.contains(x + half, y) for x, y in dip)
 
 
 @pytest.mark.parametrize(

@@ -133,8 +133,12 @@ def _cameras(seen: Seen, view: View, body: str | None, times_s: Sequence[float])
     """Return where the camera stands in each picture."""
     number = _body_of(seen, body)
     positions_m = seen.states.select("x_m", "y_m", "z_m").to_numpy()
-    near_m = positions_m[np.abs(positions_m - np.median(positions_m, axis=0)).max(axis=1) < FAR_M]
-    low_m, high_m = near_m.min(axis=0), near_m.max(axis=0)
+    is_near = np.abs(positions_m - np.median(positions_m, axis=0)).max(axis=1) < FAR_M
+    near_m = positions_m[is_near]
+    sizes_m = {number: _radius_m(one.bounds_m) for number, one in seen.bodies.items()}
+    round_m = np.array([sizes_m.get(one, 0.0) for one in seen.states["body"].to_list()])
+    around_m = round_m[is_near, None]
+    low_m, high_m = (near_m - around_m).min(axis=0), (near_m + around_m).max(axis=0)
     if view == "standard" or number is None:
         reach_m = max(LEAST_REACH_M, float(np.linalg.norm(high_m - low_m)) / 2)
         centre_m = (low_m + high_m) / 2
@@ -151,6 +155,13 @@ def _cameras(seen: Seen, view: View, body: str | None, times_s: Sequence[float])
     rows = np.clip(np.searchsorted(at_s, np.array(times_s) + 1e-9, side="right") - 1, 0, None)
     targets_m = way_m[rows] if view == "follow" else np.repeat(way_m[-1:], len(times_s), axis=0)
     return [_looking(target_m, distance_m, view) for target_m in targets_m]
+
+
+def _radius_m(bounds_m: Sequence[float]) -> float:
+    """Return how far a body's largest part reaches from its middle [m]; 0 of one without bounds."""
+    edges_m = np.reshape(bounds_m, (-1, 6))
+    radius_m = float((edges_m[:, 3:] - edges_m[:, :3]).max(initial=0.0)) / 2
+    return radius_m if radius_m < FAR_M else 0.0  # as wide as a floor: nobody sees the whole
 
 
 def _looking(target_m: NDArray[np.float64], distance_m: float, view: View) -> Camera:
