@@ -1,7 +1,8 @@
 """Make what is generated in these documents anew: `python docs/regenerate.py [PAGE.md …]`.
 
 The outputs and pictures that pages show are those of their commands; the references are written
-from the code. `tests/test_pages.py` and `tests/test_references.py` fail where one is stale.
+from the code. `tests/test_pages.py` and `tests/test_references.py` fail where one is stale. The
+picture of the viewer is made only when it is asked for: `python docs/regenerate.py viewer.png`.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from generators import commands, json_objects, pages, recording, typed, validation
+from generators import commands, json_objects, pages, readme, recording, typed, validation
 from generators.pictures import alike
 
 
@@ -34,6 +35,10 @@ def main(names: list[str]) -> None:
     write(references())
     if not names or "validation.md" in names:
         write({pages.DOCS / name: text.encode() for name, text in validation.made().items()})
+    if not names or "README.md" in names:
+        write(readme.made())
+    if readme.VIEWER.name in names:
+        write(readme.viewer_picture())
     for page in pages.pages():
         if not names or page.name in names:
             write(pages.played(page))

@@ -9,7 +9,8 @@ DAMPED_FALL = "#56b4e9"
 GOLDEN = "#c3c8cf"
 """What a golden recording adds to another."""
 TOTAL = "#222222"
-TOTAL_ON_DARK = "#e6edf3"
+TOTAL_IN_VIEWER = "#8f5fd0"
+"""The viewer has a light theme and a dark one, and a curve one colour for both."""
 TIMESTEP = "#d55e00"
 DAMPING = "#009e73"
 INTERACTION = "#cc79a7"
@@ -25,11 +26,11 @@ ENGINES = {
     "bullet": SIMULATED,
     "mujoco": "#ee6677",
     "dart": "#228833",
-    "drake": "#ccbb44",
+    "drake": "#a39128",
     "physx": "#aa3377",
 }
-"""Paul Tol's bright ones, which no term has."""
-KINETIC = "#f0e442"
+"""Paul Tol's bright ones, which no term has; the yellow is darker, to be seen on white."""
+KINETIC = "#d55e00"
 ROTATION = "#cc79a7"
 POTENTIAL = "#56b4e9"
 SEGMENTS = {

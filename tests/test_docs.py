@@ -80,7 +80,7 @@ def test_the_readme_names_every_option() -> None:
 
 def test_the_pictures_in_the_readme_are_there_and_small() -> None:
     names = re.findall(r"(?:!\[.*?\]\(|src(?:set)?=\")(.*?)[)\"]", README)
-    assert len(names) == 4
+    assert len(names) == 5
     for name in names:
         assert (ROOT / name).stat().st_size < 300_000
 

@@ -8,16 +8,19 @@ import tomllib
 from itertools import chain
 from pathlib import Path
 
+import numpy as np
 import pytest
-from generators import pages
+from generators import pages, readme
 from generators.pages import DOCS, ENGINES, ROOT, WALKTHROUGH, Block, PageError, blocks, pictures
 from generators.pictures import alike
 from generators.typed import INSTEAD, PROGRAMS
+from PIL import Image
 from regenerate import is_current
 
 from pipeline import Scenario, render, simulate
 from pipeline.laws.base import EXACT_MACHINES
 
+README = ROOT / "README.md"
 AGAIN = "a page is stale; make it again with: python docs/regenerate.py"
 PAGES = pages.pages()
 MARKS = {
@@ -52,6 +55,32 @@ def test_what_a_page_says_to_type_works_prints_what_it_shows_and_draws_its_pictu
         pytest.skip("the rounding shown is that of x86-64")
     for path in [page, *pages.translations(page)]:
         assert text_of(path) == made[path].decode(), AGAIN
+
+
+def test_the_pictures_of_the_readme_are_what_its_commands_draw() -> None:
+    made = readme.made()
+    for path, picture in made.items():
+        assert is_current(path, picture), f"{path.name}: {AGAIN}"
+        assert path.stat().st_size < 300_000
+    for page in (README, *pages.translations(README)):
+        text = text_of(page)
+        first, *others = pictures(text.replace("docs/images/", "images/"))
+        assert first == "images/film-dark.gif"  # of a light and a dark one, which a browser takes
+        assert {Path(one).name for one in (first, *others)} == {
+            readme.VIEWER.name, *(path.name for path in made)
+        }  # fmt: skip
+        assert all(command in text for command in readme.FILM)
+
+
+def test_the_box_of_the_first_picture_is_large() -> None:
+    """It is grey, and the only thing that is: see how much of the middle row it takes."""
+    with Image.open(DOCS / "images/film.gif") as film:
+        assert film.n_frames > 20
+        for number in range(film.n_frames):
+            film.seek(number)
+            rgb = np.asarray(film.convert("RGB"), dtype=int)[150, :400]
+            grey = (np.ptp(rgb, axis=1) < 8) & (rgb.max(axis=1) < 0xD0)
+            assert grey.sum() > 50
 
 
 def test_a_translation_has_the_blocks_options_and_pictures_of_its_page() -> None:

@@ -39,6 +39,8 @@ PHOTOGRAPHS = (
         p.getCameraImage(64, 48, view, lens, renderer=p.ER_TINY_RENDERER)
 """
 )
+BALL = FALLS.replace("GEOM_BOX", "GEOM_SPHERE").replace("halfExtents=[.1, .1, .1]", "radius=.5")
+BALL = BALL.replace("[0, 0, 1])", "[0, 0, 1.5])")
 NOTHING = "import pybullet as p\np.connect(p.DIRECT)\np.stepSimulation()\n"
 
 Record = Callable[[str], Path]
@@ -116,6 +118,19 @@ def test_the_view_asked_for_is_drawn_even_where_there_are_frames(
 ) -> None:
     render_script(record(PHOTOGRAPHS), out=tmp_path / "drawn.gif", view="standard")
     assert pictures(tmp_path / "drawn.gif")[0].shape == (360, 480, 3)
+
+
+def test_the_standard_view_sees_the_whole_of_what_moves(record: Record, tmp_path: Path) -> None:
+    """A ball 1 m wide that starts higher than it is wide: neither it nor its fall is cut off."""
+    render_script(record(BALL), out=tmp_path / "ball.gif")
+    shown = pictures(tmp_path / "ball.gif")
+    for picture in (shown[0], shown[-1]):
+        red = redness(picture)
+        height, width = picture.shape[:2]
+        assert len(red) > 100
+        assert red.min() > 0
+        assert red[:, 0].max() < height - 1
+        assert red[:, 1].max() < width - 1
 
 
 def test_what_cannot_be_shown_is_said_in_a_line(record: Record, tmp_path: Path, drop: Drop) -> None:

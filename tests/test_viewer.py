@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun.blueprint as rrb
 from conftest import Drop, Planted
 from numpy.typing import NDArray
 from rerun.chunk import Chunk, RrdReader
@@ -28,9 +29,10 @@ from viewer import Look, Viewer, binary, complaints, free_port, isolated, vulkan
 
 from pipeline import Scenario, colours, simulate
 from pipeline.analysis.general.decomposition import TERMS
-from pipeline.recording import blueprint, schema, writer
+from pipeline.recording import blueprint, schema, script_layer, writer
 from pipeline.recording import viewer as program
 from pipeline.recording.reader import read
+from pipeline.recording.script_layout import world_view
 from pipeline.stages import view
 from pipeline.stages.run import Run
 
@@ -48,7 +50,7 @@ ANALYZED = ALONE | {
     "Simulated minus free fall [mm]": Look(
         moves=True,
         colours=(
-            colours.TOTAL_ON_DARK,
+            colours.TOTAL_IN_VIEWER,
             colours.TIMESTEP,
             colours.DAMPING,
             colours.INTERACTION,
@@ -282,6 +284,61 @@ def test_web_is_served_on_loopback_only_and_nobody_is_counted(here: Path) -> Non
     assert process.returncode == 128 + signal.SIGTERM
     assert not any(map(listens, ports))
     assert not list(home.rglob("analytics*"))
+
+
+def test_the_names_of_a_scripts_curves_stand_where_no_flight_is() -> None:
+    """A fall begins at the upper left, its error at zero, and at first it goes below."""
+    world = world_view(np.zeros(3), np.ones(3))
+    shown = _views(script_layer._layout(world, flying=1).root_container)
+    corners = {
+        one.name.split(" [")[0]: one.properties["PlotLegend"].corner
+        for one in shown
+        if one.name and one.properties.get("PlotLegend")
+    }
+    wanted = {
+        "Simulated minus free fall": rrb.Corner2D.LeftTop,
+        "Heights of free bodies": rrb.Corner2D.RightTop,
+    }
+    found = {name: corner.as_arrow_array().to_pylist() for name, corner in corners.items()}
+    assert found == {name: [corner.value] for name, corner in wanted.items()}
+
+
+def _views(container: rrb.Container | rrb.View) -> Iterator[rrb.View]:
+    if isinstance(container, rrb.View):
+        yield container
+        return
+    for one in container.contents:
+        yield from _views(one)
+
+
+@needs_vulkan
+def test_no_address_that_a_page_may_open_has_a_time_yet(standard: Run) -> None:
+    """Once one has, `drop view --web` can start where the window does: see `docs/viewing.md`."""
+    files = (standard.simulation.recording, standard.analysis.layer)
+    served = program.viewer(files, web=True)
+    process = subprocess.Popen(
+        served.command,
+        env=os.environ | {"CI": "true", "BROWSER": "true", "RUST_LOG": "error"},
+    )
+    try:
+        wait_until(lambda: listens(served.port))
+        with pytest.raises((ConnectionError, RuntimeError)):  # nor does it take orders
+            ViewerClient.connect(served.url).set_time("sim_time", duration=0.3)
+        with Viewer() as viewer:
+            viewer.client.open(f"{served.url}#when=sim_time@0.3s")
+            wait_until(
+                lambda: any(
+                    one.current_time is not None for one in viewer.client.get_state().recordings
+                )
+            )
+            viewer.settled()
+            (shown,) = viewer.client.get_state().recordings
+            assert (shown.current_timeline, shown.current_time) == ("sim_time", 0)
+            with pytest.raises((ConnectionError, RuntimeError), match="not loaded"):
+                viewer.client.open(f"{shown.location}#when=sim_time@0.3s")
+    finally:
+        process.terminate()
+        process.wait()
 
 
 def test_the_web_viewer_ends_with_a_command_that_is_killed(here: Path) -> None:

@@ -223,9 +223,10 @@ def _mark_cancelling(axes: Axes, timestep_s: float, ink: Ink) -> None:
     if not last < timestep_s < first:
         return
     axes.axvline(timestep_s, color=ink.faint, lw=0.9, ls=(0, (2, 2)), zorder=0.8)
-    axes.text(
-        timestep_s, 0.42, f" timestep and damping\n cancel at 1/{1 / timestep_s:.0f} s", size=9,
-        color=ink.faint, transform=axes.get_xaxis_transform(), bbox=_clear(ink),
+    axes.annotate(
+        f"timestep and damping\ncancel at 1/{1 / timestep_s:.0f} s", (timestep_s, 0.42),
+        xycoords=axes.get_xaxis_transform(), xytext=(7, 0), textcoords="offset points", size=9,
+        color=ink.faint, bbox=_clear(ink),
     )  # fmt: skip
 
 

@@ -53,7 +53,7 @@ def draw_terms(axes: Axes, explained: pl.DataFrame, time: Unit, ink: Ink) -> Uni
     if largest < NOTHING_M:
         axes.set_ylim(-1, 1)
     if not len(explained):
-        why = "no theory here for these samples"
+        why = "no theory covers these samples"
         axes.text(0.5, 0.6, why, transform=axes.transAxes, ha="center", color=ink.faint)
         axes.set_yticks([])
         return unit

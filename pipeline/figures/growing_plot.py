@@ -17,7 +17,7 @@ from pipeline import colours
 from pipeline.figures import style
 from pipeline.figures.error_panel import COLUMNS, draw_terms
 from pipeline.figures.height_panel import CURVES, draw_heights
-from pipeline.figures.plot import until_it_bounces
+from pipeline.figures.plot import with_theory_that_applies
 
 if TYPE_CHECKING:
     import polars as pl
@@ -75,7 +75,7 @@ class GrowingPlot:
         below.set_xlabel(f"time [{self._time.name}]", size=9)
         draw_heights(
             above,
-            until_it_bounces(table),
+            with_theory_that_applies(table),
             impact_s=None,
             rest_m=None,
             time=self._time,
@@ -84,7 +84,8 @@ class GrowingPlot:
         draw_terms(below, table.drop_nulls(COLUMNS), self._time, self._ink)
         for line in above.lines:
             line.set_linewidth(0.6 * line.get_linewidth())
-        heights = {label: colour for label, colour, _ in CURVES.values()}
+        drawn = {line.get_label() for line in above.lines}
+        heights = {label: colour for label, colour, _ in CURVES.values() if label in drawn}
         for axes, what, names in (
             (above, "height", heights | {"simulated": self._ink.simulated}),
             (below, "error", {"total": self._ink.text} | SEEN),

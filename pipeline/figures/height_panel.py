@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,10 +14,12 @@ from pipeline.figures.style import (
     METRES,
     SECONDS,
     Ink,
+    Place,
     Unit,
     mark_time,
     thinned,
     unit_for,
+    write_clear,
 )
 
 if TYPE_CHECKING:
@@ -65,33 +68,21 @@ def draw_heights(
     axes.set_ylim((bottom - 0.06 * room * (bottom < 0)) * unit.per_si, top * unit.per_si)
     axes.set_ylabel(f"height of the centre [{unit.name}]")
     axes.tick_params(bottom=False)
+    high = Place((1, 1), ("axes fraction", "axes fraction"), (0, 1), "right")
     if impact_s is not None:
         mark_time(axes, impact_s, time, ink)
         late = impact_s * time.per_si > 0.6 * axes.get_xlim()[1]
-        axes.annotate(
-            f"impact at {impact_s * time.per_si:.4g} {time.name}",
-            (impact_s * time.per_si, 1),
-            xycoords=("data", "axes fraction"),
-            xytext=(-5 if late else 5, 1),
-            textcoords="offset points",
-            ha="right" if late else "left",
-            va="top",
-            size=10,
-            color=ink.faint,
-        )
+        left = Place((impact_s * time.per_si, 1), ("data", "axes fraction"), (-5, 1), "right")
+        right = replace(left, offset=(5, 1), align="left")
+        said = f"impact at {impact_s * time.per_si:.4g} {time.name}"
+        write_clear(axes, said, [left, right] if late else [right, left], ink)
+        high = replace(left, offset=(-5, -14))  # below these words
     if rest_m is not None:
         rest = unit_for(abs(rest_m), METRES, usual="mm")
-        axes.annotate(
-            f"rests at {rest_m * rest.per_si:.3f} {rest.name}",
-            (1, rest_m * unit.per_si),
-            xycoords=("axes fraction", "data"),
-            xytext=(0, 6),
-            textcoords="offset points",
-            ha="right",
-            va="bottom",
-            size=10,
-            color=ink.faint,
-        )
+        low = Place((1, rest_m * unit.per_si), ("axes fraction", "data"), (0, 6), "right", "bottom")
+        lower = replace(low, offset=(0, -6), above="top")
+        said = f"rests at {rest_m * rest.per_si:.3f} {rest.name}"
+        write_clear(axes, said, [low, lower, high], ink)
 
 
 def _reach(table: pl.DataFrame) -> tuple[float, float]:
@@ -102,6 +93,8 @@ def _reach(table: pl.DataFrame) -> tuple[float, float]:
 
 def _draw_curves(axes: Axes, table: pl.DataFrame, times: Float64, unit: Unit, ink: Ink) -> None:
     for name, (label, colour, width) in CURVES.items():
+        if table[f"{name}_m"].is_null().all():
+            continue
         dots = name == "simulated" and len(table) <= FEW_POINTS
         axes.plot(
             times,
@@ -143,7 +136,9 @@ def enlarge_impact(axes: Axes, table: pl.DataFrame, impact_s: float, ink: Ink) -
     lowest, highest = _reach(near)
     unit = unit_for(highest, METRES, usual="mm")
     time = unit_for(to_s, SECONDS, usual="ms")
-    panel = axes.inset_axes((0.60, 0.33, 0.40, 0.50))
+    # Its numbers stand on its left, and the line of the impact must not run through them.
+    left = max(0.60, impact_s / float(times_s[-1]) + 0.12)
+    panel = axes.inset_axes((left, 0.33, 1 - left, 0.50))
     panel.set_label("impact")
     panel.set_title("impact, enlarged", size=10, color=ink.faint, loc="left", pad=5)
     _draw_curves(panel, near, (near["time_s"].to_numpy() - impact_s) * time.per_si, unit, ink)

@@ -23,6 +23,7 @@ from pipeline.figures.facts import Facts as Facts
 from pipeline.figures.gif import MADE_BY_DROP
 from pipeline.figures.height_panel import CURVES, draw_heights, enlarge_impact, stays_low
 
+THEORY = ("free_fall_m", "damped_fall_m")
 BOUNCE = 0.01
 """A bounce is seen from here on, as a share of the largest height."""
 LINE = 92
@@ -134,13 +135,13 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
         raise ValueError("a plot needs at least one sample, got an empty table")
     facts = facts or facts_of(table)
     ink = style.DARK if dark else style.LIGHT
-    table = until_it_bounces(table)
+    table = with_theory_that_applies(table)
     explained = table.drop_nulls(COLUMNS)
     end_s = float(table["time_s"][-1])
     time = style.unit_for(end_s, style.SECONDS, usual="s")
     # After an early impact the right half of both panels is empty and takes what there is to say;
     # else it is said beside them.
-    roomy = len(explained) > 0 and float(explained["time_s"][-1]) < 0.56 * end_s
+    roomy = not len(explained) or float(explained["time_s"][-1]) < 0.56 * end_s
     with style.plain(ink):
         figure = Figure(figsize=(8, 6), dpi=150)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.15, 1])
@@ -157,7 +158,7 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
         if roomy and facts.impact_s is not None and stays_low(table, facts.impact_s):
             enlarge_impact(above, table, facts.impact_s, ink)
         unit = draw_terms(below, explained, time, ink)
-        if facts.impact_s is not None:
+        if facts.impact_s is not None and len(explained):
             style.mark_time(below, facts.impact_s, time, ink)
         if len(explained):
             row = row_at(explained, facts.at_s)
@@ -174,6 +175,23 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
             columnspacing=1.4,
         )
     return figure
+
+
+def with_theory_that_applies(table: pl.DataFrame) -> pl.DataFrame:
+    """Leave out theory where it is of something else: of a body that never moved, or of a bounce.
+
+    Nobody learns from a fall of 4 m beside a simulation that nobody stepped.
+    """
+    if _stands_still(table):
+        return table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in THEORY)
+    return until_it_bounces(table)
+
+
+def _stands_still(table: pl.DataFrame) -> bool:
+    """Whether the body never moves while theory does; without weight neither does."""
+    first = table.row(0, named=True)
+    moves = {name: bool((table[name] != first[name]).any()) for name in ("simulated_m", *THEORY)}
+    return not moves["simulated_m"] and any(moves[name] for name in THEORY)
 
 
 def until_it_bounces(table: pl.DataFrame) -> pl.DataFrame:

@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import matplotlib
 import numpy as np
+from matplotlib.path import Path
+from matplotlib.transforms import Bbox
 
 from pipeline import colours
 
 if TYPE_CHECKING:
     import polars as pl
     from matplotlib.axes import Axes
+    from matplotlib.text import Text
 
 MOST_POINTS = 2000
 """Points drawn per curve: more than there are pixels."""
@@ -135,6 +138,58 @@ def seconds(value_s: float) -> str:
     if whole > 1 and math.isclose(whole * value_s, 1, rel_tol=1e-9):
         return f"1/{whole} s"
     return f"{value_s:.6g} s"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a note may stand, as matplotlib's `annotate` takes it."""
+
+    at: tuple[float, float]
+    of: tuple[str, str]
+    """Of what the two are coordinates."""
+    offset: tuple[float, float]
+    """From there [points]."""
+    align: Literal["left", "right"]
+    above: Literal["top", "bottom"] = "top"
+    """Which edge of the words stands there."""
+
+
+def write_clear(axes: Axes, said: str, places: Sequence[Place], ink: Ink) -> None:
+    """Write a note at the first place where no line and no other note is; nowhere if there is none.
+
+    Lines must have been drawn, and limits set.
+    """
+    for place in places:
+        note = axes.annotate(
+            said,
+            place.at,
+            xycoords=place.of,
+            xytext=place.offset,
+            textcoords="offset points",
+            ha=place.align,
+            va=place.above,
+            size=10,
+            color=ink.faint,
+        )
+        if not is_struck(axes, note):
+            return
+        note.remove()
+
+
+def is_struck(axes: Axes, note: Text) -> bool:
+    """Whether a line of a panel runs through a note in it, or another note lies on it."""
+    box = note.get_window_extent()
+    if any(box.overlaps(one.get_window_extent()) for one in axes.texts if one is not note):
+        return True
+    if box.y0 < axes.bbox.y0:
+        return True  # there are the numbers of the axis
+    for line in axes.lines:
+        points = line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float))
+        half = 0.5 * line.get_linewidth() * axes.figure.dpi / 72  # of its width, in pixels
+        near = Bbox.from_extents(box.x0 - half, box.y0 - half, box.x1 + half, box.y1 + half)
+        if Path(points).intersects_bbox(near, filled=False):
+            return True
+    return False
 
 
 def mark_time(axes: Axes, time_s: float, time: Unit, ink: Ink) -> None:

@@ -18,7 +18,7 @@ from pipeline.recording.blueprint import layout
 from pipeline.recording.reader import Recording, entities
 
 ERROR_CURVES = {
-    "error_m": ("total", colours.TOTAL_ON_DARK),
+    "error_m": ("total", colours.TOTAL_IN_VIEWER),
     **{f"{name}_m": (name, colour) for name, colour in colours.TERMS.items()},
 }
 """Column of the analysis table -> its name under `error/`, and its colour."""
@@ -27,9 +27,12 @@ ENERGY_CURVES = {
     "kinetic_linear_j": ("kinetic", colours.KINETIC),
     "kinetic_angular_j": ("rotation", colours.ROTATION),
     "potential_j": ("potential", colours.POTENTIAL),
-    "energy_j": ("total", colours.TOTAL_ON_DARK),
+    "energy_j": ("total", colours.TOTAL_IN_VIEWER),
 }
 """Column of the analysis table -> its name under `energy/`, and its colour."""
+
+WIDE = 3.0
+"""A total's width, as it is the sum of the others [points]."""
 
 _TOP = {
     schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.EVENTS, schema.FINDINGS, schema.SEGMENTS,
@@ -104,8 +107,9 @@ def _chunks(
     for column, (name, colour) in ERROR_CURVES.items():
         number, curve = f"{schema.ERROR}/{name}", f"{schema.ERROR_MM}/{name}"
         values_m = explained[column].to_numpy()
-        yield writer.curve_style_chunk(number, f"{name} [m]", colour)
-        yield writer.curve_style_chunk(curve, f"{name} [mm]", colour)
+        width = WIDE if name == "total" else writer.CURVE_WIDTH
+        yield writer.curve_style_chunk(number, f"{name} [m]", colour, width=width)
+        yield writer.curve_style_chunk(curve, f"{name} [mm]", colour, width=width)
         if len(steps):
             yield writer.numbers_chunk(number, steps, timestep_s, values_m)
             yield writer.numbers_chunk(curve, steps, timestep_s, values_m * 1e3)
@@ -114,7 +118,8 @@ def _chunks(
     resolution_j = schema.ENERGY_RESOLUTION * (largest_j or 1.0)
     for column, (name, colour) in ENERGY_CURVES.items():
         entity = f"{schema.ENERGY}/{name}"
-        yield writer.curve_style_chunk(entity, f"{name} [J]", colour)
+        width = WIDE if name == "total" else writer.CURVE_WIDTH
+        yield writer.curve_style_chunk(entity, f"{name} [J]", colour, width=width)
         yield writer.curve_chunk(
             entity,
             steps,

@@ -136,12 +136,17 @@ def _layout(world: rrb.Spatial3DView, *, flying: int) -> rrb.Blueprint:
     states = rrb.StateTimelineView(origin=schema.SEGMENTS, name="What each body does")
     curves: list[rrb.View] = [states]
     if flying:
-        legend = rrb.PlotLegend(visible=3 * flying <= MOST_NAMES)
+        # Errors begin at zero and grow; what falls is high up on the left.
+        legend = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=3 * flying <= MOST_NAMES)
         name = "Simulated minus free fall [mm], from the start of each flight"
         errors = rrb.TimeSeriesView(origin=schema.ERROR_MM, name=name, plot_legend=legend)
         curves.append(errors)
     energies = rrb.TimeSeriesView(origin=schema.ENERGIES, name="Energies [J]")
-    heights = rrb.TimeSeriesView(origin=schema.HEIGHT, name="Heights of free bodies [m]")
+    heights = rrb.TimeSeriesView(
+        origin=schema.HEIGHT,
+        name="Heights of free bodies [m]",
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
+    )
     log = rrb.TextLogColumns(timeline_columns=[schema.TIME_TIMELINE], text_log_columns=["body"])
     texts = rrb.Vertical(
         rrb.TextDocumentView(origin=schema.FINDINGS, name="Findings"),

@@ -32,6 +32,8 @@ Float64 = NDArray[np.float64]
 Steps = NDArray[np.int64]
 __all__ = ["Chunk"]  # for the stages, which hand chunks on and know nothing else of Rerun
 
+CURVE_WIDTH = 2.0
+"""Of a curve in the viewer [points]."""
 PICTURE_DISTANCE = {"standard": 0.225, "close": 0.6, "follow": 0.6}
 """How far before the camera its picture is shown, as a share of the way to what it looks at."""
 
@@ -204,7 +206,7 @@ def document_chunk(entity: str, markdown: str) -> Chunk:
 
 
 @functools.cache
-def curve_style_chunk(entity: str, name: str, colour: str, *, width: float = 2.0) -> Chunk:
+def curve_style_chunk(entity: str, name: str, colour: str, *, width: float = CURVE_WIDTH) -> Chunk:
     """Return how a curve is drawn: its name with unit, its colour as `#rrggbb`, its width."""
     return _static(
         entity, rr.SeriesLines.columns(names=[name], colors=[rgba(colour)], widths=[width])

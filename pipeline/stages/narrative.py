@@ -16,7 +16,10 @@ def events(analysis: Analysis) -> list[tuple[int, str]]:
     found += [(one.step, _sum(one)) for one in analysis.at]
     impact, rest = analysis.impact, analysis.rest
     if impact is not None:
-        found.append((impact.step, f"first contact, arriving at {impact.speed_m_s:.3f} m/s"))
+        # `impact.step` is the first sample that the contact has acted on; the body is in the floor,
+        # and perhaps deepest, a step earlier.
+        touches = min(impact.step, impact.lowest_step)
+        found.append((touches, f"first contact, arriving at {impact.speed_m_s:.3f} m/s"))
     if analysis.tumbled_step is not None:
         found.append((analysis.tumbled_step, "tumbles from here on"))
     if impact is not None and impact.penetration_m is not None:

@@ -162,8 +162,9 @@ def _facts(scenario: Scenario, analysis: Analysis) -> Facts:
     for name in ("body", "height_m", "timestep_s", "duration_s"):  # said already, or on the axis
         others.pop(name, None)
     impact, rest = analysis.impact, analysis.rest
+    released = "thrown" if any(scenario.velocity_m_s) else "dropped"
     return Facts(
-        title=f"{scenario.body} dropped from {scenario.height_m:g} m",
+        title=f"{scenario.body} {released} from {scenario.height_m:g} m",
         subtitle=f"timestep {fraction(scenario.timestep_s)} s, {label_of(told | others)}",
         at_s=analysis.at[0].time_s if analysis.at else None,
         impact_s=None if impact is None else impact.time_simulated_s,

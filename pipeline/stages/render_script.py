@@ -132,7 +132,10 @@ def _drawn_at(parts: Sequence[Part]) -> list[float]:
 def _cameras(seen: Seen, view: View, body: str | None, times_s: Sequence[float]) -> list[Camera]:
     """Return where the camera stands in each picture."""
     number = _body_of(seen, body)
-    low_m, high_m = _near(seen.states.select("x_m", "y_m", "z_m").to_numpy())
+    positions_m = seen.states.select("x_m", "y_m", "z_m").to_numpy()
+    sizes_m = {number: _radius_m(one.bounds_m) for number, one in seen.bodies.items()}
+    round_m = np.array([sizes_m.get(one, 0.0) for one in seen.states["body"].to_list()])
+    low_m, high_m = _near(positions_m, round_m)
     if view == "standard" or number is None:
         reach_m = max(LEAST_REACH_M, float(np.linalg.norm(high_m - low_m)) / 2)
         centre_m = (low_m + high_m) / 2
@@ -157,15 +160,29 @@ def _cameras(seen: Seen, view: View, body: str | None, times_s: Sequence[float])
     return [_looking(target_m, distance_m, view) for target_m in targets_m]
 
 
-def _near(positions_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return low and high corners of a box around positions, shape (n, 3), but for far ones."""
-    positions_m = positions_m[np.isfinite(positions_m).all(axis=1)]
+def _near(
+    positions_m: NDArray[np.float64], round_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return low and high corners of a box around bodies at positions, (n, 3), but for far ones.
+
+    `round_m` is how far each reaches around its own, shape (n,).
+    """
+    there = np.isfinite(positions_m).all(axis=1)
+    positions_m, around_m = positions_m[there], round_m[there, None]
     if not len(positions_m):
         return np.zeros(3), np.zeros(3)
     away_m = np.abs(positions_m - np.median(positions_m, axis=0)).max(axis=1)
     # Between two places that are far apart the median has nothing near it.
-    near_m = positions_m[away_m <= max(FAR_M, away_m.min())]
-    return near_m.min(axis=0), near_m.max(axis=0)
+    near = away_m <= max(FAR_M, away_m.min())
+    low_m, high_m = positions_m - around_m, positions_m + around_m
+    return low_m[near].min(axis=0), high_m[near].max(axis=0)
+
+
+def _radius_m(bounds_m: Sequence[float]) -> float:
+    """Return how far a body's largest part reaches from its middle [m]; 0 of one without bounds."""
+    edges_m = np.reshape(bounds_m, (-1, 6))
+    radius_m = float((edges_m[:, 3:] - edges_m[:, :3]).max(initial=0.0)) / 2
+    return radius_m if radius_m < FAR_M else 0.0  # as wide as a floor: nobody sees the whole
 
 
 def _looking(target_m: NDArray[np.float64], distance_m: float, view: View) -> Camera:
