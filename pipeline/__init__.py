@@ -2,10 +2,13 @@
 
 A `Scenario` is dropped in PyBullet by `simulate`, which puts everything that happened into one
 Rerun recording. From there on the recording is all there is: `analyze` reads it back and takes its
-error apart, `render` makes a gif and a plot of it. `run` does the three in a row. `record` records
-what a block of Python does with PyBullet, `record_script` what somebody's script does.
+error apart, `render` makes a gif and a plot of it. `run` does the three in a row, `sweep` does many
+drops. `record` records what a block of Python does with PyBullet, `record_script` what somebody's
+script does. `check` compares a recording with a golden one.
 
     from pipeline import Scenario, simulate, analyze, render
+
+A result prints as the terminal shows it; in a notebook it comes with its plot.
 
 The names here are loaded when they are first used, so that importing the package costs nothing.
 """
@@ -33,6 +36,10 @@ if TYPE_CHECKING:
     from pipeline.stages.run import run as run
     from pipeline.stages.simulate import Simulation as Simulation
     from pipeline.stages.simulate import simulate as simulate
+    from pipeline.stages.sweep import Sweep as Sweep
+    from pipeline.stages.sweep import sweep as sweep
+    from pipeline.sweeping.plan import Plan as Plan
+    from pipeline.sweeping.plan import plan_of as plan_of
 
 _HOMES = {
     "DropError": "pipeline.errors",
@@ -52,9 +59,17 @@ _HOMES = {
     "Rendering": "pipeline.stages.render",
     "run": "pipeline.stages.run",
     "Run": "pipeline.stages.run",
+    "sweep": "pipeline.stages.sweep",
+    "Sweep": "pipeline.stages.sweep",
+    "Plan": "pipeline.sweeping.plan",
+    "plan_of": "pipeline.sweeping.plan",
 }
 
 __all__ = list(_HOMES)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]  # what `dir`, `help` and the Tab key show
 
 
 def __getattr__(name: str) -> object:

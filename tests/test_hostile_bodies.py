@@ -345,7 +345,7 @@ def test_what_ends_bullet_is_one_line_here(tmp_path: Path, kind: str) -> None:
     urdf, files = DEADLY[kind]
     for name, content in files.items():
         written(tmp_path, content, name)
-    with pytest.raises(ScenarioError, match="--body must be a URDF that Bullet can load") as raised:
+    with pytest.raises(ScenarioError, match="body must be a URDF that Bullet can load") as raised:
         find_body(str(written(tmp_path, urdf)))
     one_line(raised.value)
 

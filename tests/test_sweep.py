@@ -597,7 +597,7 @@ def test_a_part_that_this_sweep_did_not_write_is_not_believed(
     alter(copied / "parts" / "part-000001.parquet")
     (copied / "parts" / "part-000002.parquet").unlink()
     before = files_in(copied)
-    with pytest.raises(OutputError, match=r"part-000001\.parquet must have the stamp .*--force"):
+    with pytest.raises(OutputError, match=r"part-000001\.parquet must have the stamp .*force=True"):
         sweep(THREE, copied, record=False)
     assert files_in(copied) == before
     swept = sweep(THREE, copied, record=False, force=True)
@@ -640,7 +640,7 @@ def test_results_that_this_sweep_did_not_write_are_not_replaced(
     ALTERED[how](copied / "results.parquet")
     (copied / "parts" / "part-000001.parquet").unlink()
     before = files_in(copied)
-    with pytest.raises(OutputError, match=r"results\.parquet must have the stamp .*--force"):
+    with pytest.raises(OutputError, match=r"results\.parquet must have the stamp .*force=True"):
         sweep(THREE, copied, record=False)
     assert files_in(copied) == before
     sweep(THREE, copied, record=False, force=True)
@@ -706,7 +706,7 @@ def test_recordings_of_others_stay_when_runs_are_not_needed(tmp_path: Path) -> N
 
 def test_a_list_of_lists_of_lists_is_no_sweep(copied: Path) -> None:
     (copied / "sweep.json").write_text("[" * 100_000 + "]" * 100_000)
-    with pytest.raises(OutputError, match=r"sweep\.json is damaged; choose another --out"):
+    with pytest.raises(OutputError, match=r"sweep\.json is damaged; choose another out"):
         sweep(THREE, copied, record=False)
 
 

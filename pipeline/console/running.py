@@ -145,7 +145,7 @@ def _verdict(error: BaseException) -> tuple[str, int]:
     import typer
 
     if isinstance(error, DropError):
-        return str(error), error.exit_code
+        return error.in_options, error.exit_code
     if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
         return "standard output cannot be written: no space left; send it elsewhere", 1
     if isinstance(error, typer.TyperException):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,7 +34,7 @@ def show_simulation(simulation: Simulation, *, as_json: bool) -> None:
     if as_json:
         print_json(_simulation_json(simulation))
     else:
-        print_lines(*_simulation_lines(simulation))
+        print_lines(*simulation_lines(simulation))
 
 
 def show_analysis(analysis: Analysis, *, as_json: bool) -> None:
@@ -46,7 +47,7 @@ def show_analysis(analysis: Analysis, *, as_json: bool) -> None:
     if as_json:
         print_json(analysis.as_json())
     else:
-        print_lines(*_story(analysis))
+        print_lines(*analysis_lines(analysis))
 
 
 def show_rendering(rendering: Rendering, *, as_json: bool) -> None:
@@ -54,7 +55,7 @@ def show_rendering(rendering: Rendering, *, as_json: bool) -> None:
     if as_json:
         print_json(_rendering_json(rendering))
     else:
-        print_lines(*_rendering_lines(rendering))
+        print_lines(*rendering_lines(rendering))
 
 
 def show_run(run: Run, *, as_json: bool) -> None:
@@ -67,15 +68,20 @@ def show_run(run: Run, *, as_json: bool) -> None:
                 "render": _rendering_json(run.rendering),
             }
         )
-        return
-    recording = run.simulation.recording
-    print_lines(
-        *_story(run.analysis),
+    else:
+        print_lines(*run_lines(run))
+
+
+def run_lines(run: Run) -> list[str]:
+    """Tell the whole story of a drop, and where it lies."""
+    command = shlex.join(["drop", "view", str(run.simulation.recording)])
+    return [
+        *analysis_lines(run.analysis),
         "",
-        *_simulation_lines(run.simulation),
-        *_rendering_lines(run.rendering),
-        *made("see it move", f"drop view {recording}", column=_FILE),
-    )
+        *simulation_lines(run.simulation),
+        *rendering_lines(run.rendering),
+        *made("see it move", command, column=_FILE),
+    ]
 
 
 def _simulation_json(simulation: Simulation) -> dict[str, Any]:
@@ -98,7 +104,8 @@ def _rendering_json(rendering: Rendering) -> dict[str, Any]:
     }
 
 
-def _simulation_lines(simulation: Simulation) -> list[str]:
+def simulation_lines(simulation: Simulation) -> list[str]:
+    """Say what was recorded."""
     facts = (
         f"{counted(simulation.samples, 'sample')}, {counted(simulation.frames, 'frame')}, "
         f"{simulation.bytes / 1e3:,.0f} kB, {simulation.wall_s:.1f} s"
@@ -106,7 +113,8 @@ def _simulation_lines(simulation: Simulation) -> list[str]:
     return made("recording", simulation.recording, facts, column=_FILE)
 
 
-def _rendering_lines(rendering: Rendering) -> list[str]:
+def rendering_lines(rendering: Rendering) -> list[str]:
+    """Say what was rendered, and how it plays."""
     lines = []
     if rendering.gif is not None:
         facts = f"{counted(rendering.frames, 'frame')}, {rendering.frames / rendering.fps:.2f} s"
@@ -125,7 +133,7 @@ def _speed(speed: float) -> str:
     return f"{1 / speed:.4g} times slower" if speed < 1 else f"{speed:.4g} times faster"
 
 
-def _story(analysis: Analysis) -> list[str]:
+def analysis_lines(analysis: Analysis) -> list[str]:
     """Tell a drop from its release to its rest, in lines of at most 80 characters."""
     scenario = analysis.scenario
     first, last = analysis.table.row(0, named=True), analysis.table.row(-1, named=True)

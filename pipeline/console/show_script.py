@@ -45,10 +45,11 @@ def show_script(analysis: ScriptAnalysis, *, as_json: bool) -> None:
     if as_json:
         print_json(analysis.as_json())
     else:
-        print_lines(*_story(analysis))
+        print_lines(*analysis_lines(analysis))
 
 
-def _story(analysis: ScriptAnalysis) -> list[str]:
+def analysis_lines(analysis: ScriptAnalysis) -> list[str]:
+    """Tell what the bodies of a script did."""
     origin, explained = analysis.origin, analysis.explained
     ended = ENDED.get(str(origin["ended"]), "never finished")
     lines = [f"[bold]{escape(str(origin['script']))}[/] {ended}, {_bodies(len(analysis.bodies))}"]

@@ -46,7 +46,12 @@ def show_sweep(sweep: Sweep, *, as_json: bool) -> None:
     """Print what a sweep made and found."""
     if as_json:
         print_json(_json(sweep))
-        return
+    else:
+        print_lines(*sweep_lines(sweep))
+
+
+def sweep_lines(sweep: Sweep) -> list[str]:
+    """Tell what a sweep found: its runs, how the error converges or spreads, its files."""
     lines = [
         f"[bold]{counted(sweep.runs, 'run')}[/], errors at {sweep.at_s:g} s in mm, "
         "simulated minus free fall"
@@ -64,8 +69,7 @@ def show_sweep(sweep: Sweep, *, as_json: bool) -> None:
         lines += ["", f"[dim]… and {more:,} more such sets of runs: see --json[/]"]
     if sweep.engine_runs:
         lines += ["", *_engines(sweep)]
-    lines += ["", *_failures(sweep), *_files(sweep)]
-    print_lines(*lines)
+    return [*lines, "", *_failures(sweep), *_files(sweep)]
 
 
 def _json(sweep: Sweep) -> dict[str, Any]:

@@ -27,7 +27,12 @@ def show_view(view: View, *, as_json: bool) -> None:
                 "page": view.viewer.page,
             }
         )
-        return
+    else:
+        print_lines(*view_lines(view))
+
+
+def view_lines(view: View) -> list[str]:
+    """Say what is shown, and where."""
     lines = titled("showing", " ".join(map(str, [*view.recordings, *view.layers])), column=19)
     if view.golden is not None:
         step = view.first_difference
@@ -36,4 +41,4 @@ def show_view(view: View, *, as_json: bool) -> None:
         lines += titled("golden, in grey", f"{view.golden}: {found}", column=19)
     if view.viewer.page is not None:
         lines += titled("open in a browser", f"{view.viewer.page}   (Ctrl-C ends it)", column=19)
-    print_lines(*lines)
+    return lines

@@ -20,13 +20,14 @@ from pipeline.recording.contents import is_script
 from pipeline.recording.reader import is_recording
 from pipeline.recording.script_reader import ScriptRecording, read_script
 from pipeline.recording.script_scene import frames_of_cameras
+from pipeline.shown import Shown
 from pipeline.stages.check import Frames, check_tolerance, pixels, there_is_none
 
 __all__ = ["ScriptCheck", "check_script", "is_script"]
 
 
 @dataclass(frozen=True)
-class ScriptCheck:
+class ScriptCheck(Shown, lines_of="pipeline.console.show_script_check:check_lines"):
     """Whether the recording of a script is the same physics as a golden one, and where not."""
 
     recording: Path

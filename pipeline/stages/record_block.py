@@ -152,5 +152,5 @@ if __name__ == "__main__":
     try:
         answered = _record(json.loads(sys.argv[1]))
     except DropError as failure:
-        answered = {"error": "; ".join([str(failure), *getattr(failure, "__notes__", [])])}
+        answered = {"error": "; ".join([failure.in_options, *getattr(failure, "__notes__", [])])}
     print(json.dumps(answered))

@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import math
 import platform
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -25,12 +25,13 @@ from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.files.outputs import check_apart, check_room, check_target
 from pipeline.files.whole import written_whole
 from pipeline.scenario import ENGINES, Camera, Scenario
+from pipeline.shown import Shown
 from pipeline.stages.sweep_engines import MOST_RUNS, EngineRun, Fall, engine_falls
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
 from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
 from pipeline.sweeping.folder import TERMS, Folder, mark_of
-from pipeline.sweeping.plan import Plan, label_of, name_of
+from pipeline.sweeping.plan import Plan, label_of, name_of, plan_of
 from pipeline.workers import cores
 
 SHORT_STEPS = 200_000
@@ -43,7 +44,7 @@ Progress = Callable[[int, int, int], None]
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(Shown, lines_of="pipeline.console.show_sweep:sweep_lines"):
     """What a sweep made."""
 
     plan: Plan
@@ -84,7 +85,7 @@ class Sweep:
 
 
 def sweep(
-    plan: Plan,
+    plan: Plan | Mapping[str, Any],
     out: Path | str,
     *,
     at_s: float = DEFAULT_AT_S,
@@ -103,7 +104,8 @@ def sweep(
     Parameters
     ----------
     plan
-        Which scenarios.
+        Which scenarios: lists of values by field of `Scenario`, as {"timestep_s": [1/240, 1/480]},
+        or a plan, which `plan_of` makes of lists and of what is drawn.
     out
         The folder for results and recordings; made if missing. The same plan goes on in it where
         it stopped, another one is rejected.
@@ -140,6 +142,8 @@ def sweep(
     DropError
         If all runs fail, workers die again and again, or Ray does not answer.
     """
+    if not isinstance(plan, Plan):
+        plan = plan_of(plan)
     _check(plan, until_ci_m=until_ci_m, jobs=jobs, at_s=at_s)
     bodies = _bodies(plan)
     if plot is not None:
