@@ -4,7 +4,8 @@ A `Scenario` is dropped in PyBullet by `simulate`, which puts everything that ha
 Rerun recording. From there on the recording is all there is: `analyze` reads it back and takes its
 error apart, `render` makes a gif and a plot of it. `run` does the three in a row, `sweep` does many
 drops. `record` records what a block of Python does with PyBullet, `record_script` what somebody's
-script does. `check` compares a recording with a golden one.
+script does. `check` compares a recording with a golden one, and `info`
+says what one is.
 
     from pipeline import Scenario, simulate, analyze, render
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from pipeline.stages.analyze import analyze as analyze
     from pipeline.stages.check import Check as Check
     from pipeline.stages.check import check as check
+    from pipeline.stages.info import Info as Info
+    from pipeline.stages.info import info as info
     from pipeline.stages.record import Recorded as Recorded
     from pipeline.stages.record import record_script as record_script
     from pipeline.stages.record_block import record as record
@@ -52,6 +55,8 @@ _HOMES = {
     "Analysis": "pipeline.analysis.drop.results",
     "check": "pipeline.stages.check",
     "Check": "pipeline.stages.check",
+    "info": "pipeline.stages.info",
+    "Info": "pipeline.stages.info",
     "record": "pipeline.stages.record_block",
     "record_script": "pipeline.stages.record",
     "Recorded": "pipeline.stages.record",

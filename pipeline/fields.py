@@ -30,6 +30,11 @@ def fraction(value: float) -> str:
     return f"{value:.9g}"
 
 
+def counted(number: int, thing: str, things: str = "") -> str:
+    """Return how many there are of a thing: 1 sample, 1,000 samples."""
+    return f"{number:,} {thing if number == 1 else things or thing + 's'}"
+
+
 LARGE = 1e6
 """From here on a number is written in powers of ten."""
 
@@ -37,9 +42,12 @@ LARGE = 1e6
 def decimals(value: float, places: int, sign: str = "") -> str:
     """Write a number with so many decimals; a large one as engineers do: 9.81e9, -12.5e6.
 
-    `sign` is that of Python's formats: `+` writes one before every number.
+    `sign` is that of Python's formats: `+` writes one before every number. What is nothing in so
+    many decimals has no minus.
     """
-    return f"{value:{sign}.{places}f}" if abs(value) < LARGE else engineering(value, sign)
+    if abs(value) >= LARGE:
+        return engineering(value, sign)
+    return f"{round(value, places) + 0.0:{sign}.{places}f}"
 
 
 def engineering(value: float, sign: str = "") -> str:

@@ -173,9 +173,9 @@ def test_what_bullet_would_read_otherwise_or_wait_for_is_refused(
     written(folder, "mtllib pipe.obj\n" + TETRAHEDRON, "materials.obj")
     written(folder, "mtllib a.mtl\n" + TETRAHEDRON, "texture.obj")
     written(folder, "newmtl a\nmap_Kd pipe.png\n", "a.mtl")
-    refused(written(folder, SPELLED[kind]), "--body")
+    refused(written(folder, SPELLED[kind]), "body must")
     monkeypatch.chdir(folder)
-    refused(Path("own.urdf"), "--body")
+    refused(Path("own.urdf"), "body must")
 
 
 def test_meshes_are_found_where_bullet_finds_them(tmp_path: Path) -> None:

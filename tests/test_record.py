@@ -691,7 +691,7 @@ def test_what_is_no_script_is_one_line(bench: Bench) -> None:
     assert "nothing.py" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     script = bench.script("pass")
-    with pytest.raises(ScenarioError, match="^steps must be at least 1"):
+    with pytest.raises(ScenarioError, match=r"^steps must be at least 1"):
         bench.record(script, steps=0)
     with pytest.raises(ScenarioError, match="duration_s must be above 0"):
         bench.record(script, duration_s=0.0)

@@ -780,7 +780,7 @@ def test_if_all_fail_the_sweep_has_failed(drop: Drop, tmp_path: Path) -> None:
         (["--plot", "errors.png"], "two or more"),
         (["--plot", "errors.pdf"], ".png or .svg"),
         (["--until-ci", "1e-3"], "--samples"),
-        (["--until-ci", "0", "--samples", "3"], "above 0"),
+        (["--until-ci", "0", "--samples", "3", "--vary", "mass=uniform:1:2"], "above 0"),
         (["--jobs", "0"], "--jobs"),
         (["--at", "x"], "--at"),
         (["--at", "-1"], "--at"),
@@ -978,4 +978,8 @@ def _is_alive(pid: str) -> bool:
 
 def test_nothing_is_asked_of_an_impossible_combination() -> None:
     with pytest.raises(ScenarioError, match="one scenario"):
-        sweep(plan_of({"height_m": "1,2"}, samples=3), "unused", until_ci_m=1.0)
+        sweep(
+            plan_of({"height_m": "1,2"}, samples=3, vary=["mass=uniform:1:2"]),
+            "unused",
+            until_ci_m=1.0,
+        )

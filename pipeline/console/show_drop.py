@@ -12,6 +12,7 @@ from rich.markup import escape
 
 from pipeline.console.output import (
     counted,
+    finding,
     made,
     millimetres,
     note,
@@ -158,8 +159,8 @@ def analysis_lines(analysis: Analysis) -> list[str]:
     lines += ["", *_explained(analysis), *_flights(analysis), *_contacts(analysis)]
     if analysis.findings:
         lines.append("")
-    for finding in analysis.findings:
-        lines += _titled("Finding", f"{finding.code}: {finding.message}")
+    for one in analysis.findings:
+        lines += finding(one.code, one.message, column=_TITLE)
     return lines
 
 

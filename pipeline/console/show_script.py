@@ -12,6 +12,7 @@ from rich.markup import escape
 from pipeline.analysis.script.results import Moment, Vector
 from pipeline.console.output import (
     counted,
+    finding,
     millimetres,
     note,
     print_json,
@@ -72,10 +73,10 @@ def analysis_lines(analysis: ScriptAnalysis) -> list[str]:
     if analysis.findings:
         lines.append("")
     told: Counter[str] = Counter()
-    for finding in analysis.findings:
-        told[finding.code] += 1
-        if told[finding.code] <= MOST_OF_A_CODE:
-            lines += _titled("Finding", f"{finding.code}: {finding.message}")
+    for one in analysis.findings:
+        told[one.code] += 1
+        if told[one.code] <= MOST_OF_A_CODE:
+            lines += finding(one.code, one.message, column=TITLE)
     for code, count in told.items():
         if count > MOST_OF_A_CODE:
             lines += _titled("", f"{code}: {count - MOST_OF_A_CODE} more, see --json")
@@ -87,7 +88,7 @@ def _titled(title: str, words: str) -> list[str]:
 
 
 def _bodies(number: int) -> str:
-    return f"{number:,} {'body' if number == 1 else 'bodies'}"
+    return counted(number, "body", "bodies")
 
 
 def _table_of_bodies(bodies: list[BodyAnalysis]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import TYPE_CHECKING
 
 from pipeline.console.output import note, print_json, print_lines, titled
@@ -13,7 +14,9 @@ if TYPE_CHECKING:
 def show_view(view: View, *, as_json: bool) -> None:
     """Print what is shown, and where."""
     for layer in view.stale:
-        note(f"{layer} belongs to an earlier recording; make it again with: drop analyze")
+        recording = str(layer).removesuffix(".analysis.rrd") + ".rrd"
+        again = shlex.join(["drop", "analyze", recording])
+        note(f"{layer} belongs to an earlier recording; make it again with: {again}")
     if as_json:
         print_json(
             {

@@ -36,6 +36,9 @@ from pipeline.recording.script_layout import layout
 from pipeline.stages.record import DURATION_S, Recorded, recorded_of
 from pipeline.workers import module_path
 
+BLOCK = "a block of Python"
+"""What is said of it where a script has its name."""
+
 
 class Block:
     """A block that is recorded; `recorded` says what of, once it has ended."""
@@ -128,7 +131,7 @@ def _record(told: dict[str, Any]) -> dict[str, Any]:
     script = Script(
         {
             "kind": "script",
-            "script": "a block of Python",
+            "script": BLOCK,
             "drop_version": metadata.version("drop-physics"),
         }
     )
@@ -140,9 +143,7 @@ def _record(told: dict[str, Any]) -> dict[str, Any]:
         blueprint=lambda: layout(script),
         force=told["force"],
     )
-    recorded = recorded_of(
-        script, listener.ending(), path, recording_id=recording_id, name="a block of Python"
-    )
+    recorded = recorded_of(script, listener.ending(), path, recording_id=recording_id, name=BLOCK)
     wall_s = time.perf_counter() - began
     return asdict(recorded) | {"recording": str(path), "wall_s": wall_s}
 

@@ -22,6 +22,7 @@ from pipeline.engines.bullet.engine import body_digest, engine_versions, find_bo
 from pipeline.engines.bullet.probe import verdicts
 from pipeline.engines.other_world import other_versions
 from pipeline.errors import DropError, OutputError, ScenarioError
+from pipeline.fields import counted
 from pipeline.files.outputs import check_apart, check_room, check_target
 from pipeline.files.whole import written_whole
 from pipeline.scenario import ENGINES, Camera, Scenario
@@ -177,7 +178,7 @@ def sweep(
         except BaseException as stop:
             there = sum(len(plan.runs_of(shard)) for shard in folder.finished())
             stop.add_note(
-                f"{there:,} of {plan.runs:,} runs are in {folder.path}; run the same "
+                f"{there:,} of {counted(plan.runs, 'run')} done in {folder.path}; run the same "
                 "command again to resume"
             )
             raise

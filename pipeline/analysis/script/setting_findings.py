@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.analysis.script.evidence import Evidence
 from pipeline.analysis.script.results import ScriptFinding
-from pipeline.fields import fraction
+from pipeline.fields import counted, fraction
 from pipeline.seen import Dynamics
 
 OFTEN = 10
@@ -107,10 +107,11 @@ def _stopped_early(e: Evidence) -> Iterator[ScriptFinding]:
         if one.steps >= OFTEN:
             yield e.finding(
                 "solver-stopped-early",
-                f"the contact solver of simulation {one.client} used all its {one.iterations} "
-                f"iterations in {one.steps} steps from step {one.first_step} on, and left up to "
-                f"{one.left_m_s:.3g} m/s of what contacts, joints or motors ask for (step "
-                f"{one.worst_step}): stacks sink and joints give way by that; call "
+                f"the contact solver of simulation {one.client} used all of its "
+                f"{counted(one.iterations, 'iteration')} in {one.steps} steps from step "
+                f"{one.first_step} on, and left up to {one.left_m_s:.3g} m/s of "
+                f"what contacts, joints or motors ask for (step {one.worst_step}): stacks sink "
+                "and joints give way by that; call "
                 f"p.setPhysicsEngineParameter(numSolverIterations={4 * one.iterations})",
                 step=one.first_step,
             )

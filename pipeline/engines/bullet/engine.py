@@ -39,8 +39,9 @@ def find_body(body: str) -> Path:
                 if theirs not in candidate.resolve().parents:
                     try_body(candidate)
                 return candidate
+    why = "which is a folder" if Path(body).is_dir() else "which is in neither place"
     raise ScenarioError(
-        f"--body must be a URDF file of pybullet_data or a path, got {body[:200]!r}; "
+        f"--body must be a URDF file, here or in pybullet_data, got {body[:200]!r}, {why}; "
         "try cube_small.urdf or ./my_body.urdf"
     )
 
