@@ -29,7 +29,7 @@ from pipeline.engines.bullet import probe
 from pipeline.engines.bullet.engine import find_body, p
 from pipeline.engines.bullet.urdf import check_urdf
 from pipeline.engines.bullet.world import World
-from pipeline.errors import DropError, OutputError, ScenarioError
+from pipeline.errors import OutputError, ScenarioError
 from pipeline.fields import Option, Optioned
 from pipeline.scenario import MAX_STEPS
 from pipeline.stages.sweep import sweep

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from typing import TYPE_CHECKING
 
-from pipeline.console.output import counted, print_json, print_lines, titled
+from pipeline.console.output import print_json, print_lines, titled
 
 if TYPE_CHECKING:
     from pipeline.stages.info import Info
@@ -28,7 +28,7 @@ def info_lines(info: Info) -> list[str]:
     more = len(info.bodies) - MOST_BODIES
     bodies = [*info.bodies[:MOST_BODIES], *([f"and {more:,} more: see --json"] if more > 0 else [])]
     touching = f"{info.contact_samples:,} of them in contact" if info.contact_samples else ""
-    times = f"{counted(info.samples, 'sample')} in {info.duration_s:.9g} s"
+    times = f"{info.samples:,} in {info.duration_s:.9g} s"
     analyze = shlex.join(["drop", "analyze", str(info.recording)])
     told = {
         "recording": f"{info.recording}, {info.bytes / 1e3:,.0f} kB, {state}",

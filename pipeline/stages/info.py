@@ -21,6 +21,7 @@ from pipeline.recording.script_scene import frames_of_cameras
 from pipeline.scenario import Scenario
 from pipeline.seen import Body, Seen
 from pipeline.shown import Shown
+from pipeline.stages.record import DURATION_S
 from pipeline.stages.record_block import BLOCK
 from pipeline.sweeping.plan import replay_command
 
@@ -55,7 +56,7 @@ class Info(Shown, lines_of="pipeline.console.show_info:info_lines"):
     engine: str
     """What made it."""
     command: str | None
-    """What makes it again; of a script, where the script lies. None of a block of Python."""
+    """What makes its physics again; of a script, where the script lies. None of a block of Python."""
     layer: Path | None
     """The analysis beside it; None where there is none, or it is of another recording."""
 
@@ -113,7 +114,7 @@ def _of_script(found: ScriptRecording) -> Info:
     options = [
         word
         for name, value in limits.items()
-        if value is not None
+        if value is not None and (name, value) != ("duration_s", DURATION_S)
         for word in (f"--{name.removesuffix('_s')}", f"{value:.9g}")
     ]
     samples = ended.get("samples", seen.states["step"].n_unique())
