@@ -7,6 +7,7 @@ import os
 import sys
 import textwrap
 import unicodedata
+from collections.abc import Sequence
 from typing import Any, TextIO
 
 from pipeline.fields import counted as counted
@@ -91,6 +92,24 @@ def finding(code: str, message: str, *, column: int) -> list[str]:
     """Return a finding with Rich's markup: its code stands out."""
     first, *others = titled("Finding", f"{code}: {message}", column=column, style="bold")
     return [first.replace(f"{code}:", f"[yellow]{code}[/]:", 1), *others]
+
+
+def listed(title: str, pairs: Sequence[tuple[str, str]], *, column: int) -> list[str]:
+    """Return a table beside its title, with Rich's markup; the first row is its heading.
+
+    Each row has two parts; on a narrow terminal the second stands below the first.
+    """
+    from rich.markup import escape
+
+    wide = column + max(len(one) + len(other) for one, other in pairs) <= width()
+    heading, *rows = (
+        [one + other] if wide else [one.rstrip(), *([f"  {other}"] if other else [])]
+        for one, other in pairs
+    )
+    indent = " " * (column if wide else 2)
+    lines = [f"[bold]{title:<{column}}[/][dim]{heading[0]}[/]"]
+    lines += [f"{indent}[dim]{part}[/]" for part in heading[1:]]
+    return [*lines, *(f"{indent}{escape(part)}" for row in rows for part in row)]
 
 
 def made(title: str, path: object, facts: str = "", *, column: int) -> list[str]:

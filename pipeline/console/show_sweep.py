@@ -59,10 +59,10 @@ def _failed(sweep: Sweep) -> str:
 
 def sweep_lines(sweep: Sweep) -> list[str]:
     """Tell what a sweep found: its runs, how the error converges or spreads, its files."""
-    lines = [
-        f"[bold]{counted(sweep.runs, 'run')}[/], errors at {sweep.at_s:g} s in mm, "
-        "simulated minus free fall"
-    ]
+    runs = counted(sweep.runs, "run")
+    words = f"{runs}, errors at {sweep.at_s:g} s in mm, simulated minus free fall"
+    first, *others = titled("", words, column=0)
+    lines = [first.replace(runs, f"[bold]{runs}[/]", 1), *others]
     if sweep.statistics:
         for group in sweep.statistics:
             lines += ["", *_statistics(group)]
@@ -128,7 +128,8 @@ def _rows(sweep: Sweep) -> list[str]:
         failed = number and shown[number - 1]["error"] is not None
         lines.append(f"[dim]{line}[/]" if not number else f"[red]{line}[/]" if failed else line)
     if left_out:
-        lines.append(f"[dim]without {', '.join(left_out)}: see {escape(str(sweep.results))}[/]")
+        without = f"without {', '.join(left_out)}: see {sweep.results}"
+        lines += [f"[dim]{line}[/]" for line in titled("", without, column=0)]
     if sweep.runs > len(shown):
         lines.append(f"[dim]… and {sweep.runs - len(shown):,} more in {sweep.results}[/]")
     return lines

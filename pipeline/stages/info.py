@@ -56,7 +56,7 @@ class Info(Shown, lines_of="pipeline.console.show_info:info_lines"):
     engine: str
     """What made it."""
     command: str | None
-    """What makes its physics again; of a script, where the script lies. None of a block of Python."""
+    """What makes its physics again; None of a block of Python."""
     layer: Path | None
     """The analysis beside it; None where there is none, or it is of another recording."""
 
