@@ -950,7 +950,7 @@ def test_interrupted_it_stops_at_once_and_says_how_to_go_on(
     # Two seconds are promised, and it takes a fifth of one; the rest is for a machine under load.
     assert time.monotonic() - began < 5
     assert (long_sweep.returncode, stdout, len(stderr.splitlines())) == (130, "", 1)
-    assert "of 20,000 runs are in s; run the same command again to resume" in stderr
+    assert "of 20,000 runs done in s; run the same command again to resume" in stderr
     assert not list(tmp_path.glob("s/parts/*.part"))
     assert_they_end(children)
 

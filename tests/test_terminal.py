@@ -698,7 +698,7 @@ def test_printed_view_names_files_and_where_they_are_seen(
 def test_nothing_has_no_minus(value: float) -> None:
     assert [decimals(value, 2), decimals(value, 2, "+")] == ["0.00", "+0.00"]
     assert decimals(-0.006, 2) == "-0.01"
-    assert caption(0.0, value / 100, value / 10).count("−") == 0
+    assert caption(0.0, value / 100, value / 10_000).count("−") == 0
 
 
 @pytest.mark.parametrize(
@@ -866,7 +866,7 @@ def test_what_is_no_recording_is_called_what_it_is(
         kinds |= {
             "a.analysis.rrd": "must be a recording, got a layer, as",
             "a.analysis.rrd.part": "must be a recording, got an unfinished layer, as",
-            "empty.rrd.part": "lacks its scenario",
+            "empty.rrd.part": "does not begin like a Rerun file",
         }
     for name, said in kinds.items():
         done = drop(verb, name, *(["--against", "b.rrd"] if verb == "check" else []))
@@ -879,7 +879,10 @@ def test_a_mesh_that_cannot_be_loaded_is_named(drop: Drop, tmp_path: Path) -> No
     mesh = '<geometry><mesh filename="{}"/></geometry>'
     body = '<robot name="a"><link name="a"><collision>{}</collision></link></robot>'
     (tmp_path / "bad.obj").write_text("this is no mesh\n")
-    for name, said in (("no.obj", "there is no mesh 'no.obj'"), ("bad.obj", "bad.obj")):
+    for name, said in (
+        ("no.obj", "there is no mesh 'no.obj'"),
+        ("bad.obj", "bad.obj': it has no faces"),
+    ):
         (tmp_path / "own.urdf").write_text(body.format(mesh.format(name)))
         done = drop("simulate", "-o", "a.rrd", "--body", "own.urdf")
         assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
