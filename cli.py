@@ -27,6 +27,7 @@ app = App(
     name="drop",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["--help", "-h"]},
     help="Drop a box in PyBullet, keep everything in one Rerun recording, and learn where each "
     "millimetre of the error comes from.",
     epilog="Start with: drop run",
@@ -92,7 +93,9 @@ def _drop(
 @takes_scenario
 def simulate(
     *,
-    out: Annotated[Path, typer.Option(metavar="RUN.rrd", help="The recording to write.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="RUN.rrd", help="The recording to write.")
+    ],
     spawn: Annotated[bool, typer.Option("--spawn", help="Show the fall live in a viewer.")] = False,
     connect: Annotated[
         str | None,
@@ -130,7 +133,12 @@ def analyze(
     at: At = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="LAYER.rrd", help="The layer to write. [default: RUN.analysis.rrd]"),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="LAYER.rrd",
+            help="The layer to write. [default: RUN.analysis.rrd]",
+        ),
     ] = None,
     table: Annotated[
         Path | None,
@@ -179,6 +187,8 @@ def render(
     out: Annotated[
         Path | None,
         typer.Option(
+            "--out",
+            "-o",
             metavar="FILE",
             help="The .gif, .webp, .apng or .mp4 to write. [default: RUN.gif]",
         ),
@@ -244,7 +254,10 @@ def render(
 def run(
     *,
     out_dir: Annotated[
-        Path, typer.Option(metavar="DIR", help="Where the files go; created if missing.")
+        Path,
+        typer.Option(
+            "--out-dir", "-o", metavar="DIR", help="Where the files go; created if missing."
+        ),
     ] = Path("recordings"),
     at: At = None,
     fps: Fps = None,
@@ -323,7 +336,10 @@ def sweep(
     out: Annotated[
         Path,
         typer.Option(
-            metavar="DIR", help="Where results and recordings go; run the command again to resume."
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Where results and recordings go; run the command again to resume.",
         ),
     ],
     at: Annotated[
@@ -408,7 +424,7 @@ def sweep(
             force=force,
             progress=report,
         )
-    show_sweep(swept, as_json=json)
+    raise typer.Exit(show_sweep(swept, as_json=json))
 
 
 @app.command(
@@ -428,6 +444,8 @@ def record(
     out: Annotated[
         Path | None,
         typer.Option(
+            "--out",
+            "-o",
             metavar="RUN.rrd",
             help="The recording to write. [default: recordings/SCRIPT.rrd, numbered]",
         ),
@@ -480,6 +498,18 @@ def record(
         stdout=output.descriptor(sys.stderr if json else sys.stdout), note=output.note,
     )  # fmt: skip
     raise typer.Exit(show_record(recorded, as_json=json))
+
+
+@app.command(
+    short_help="Say what a recording is.",
+    epilog="Example: drop info recordings/run.rrd",
+)
+def info(run: Run, *, json: Json = False) -> None:
+    """Say what a recording is: of what, how long, of which bodies, and whether it is whole."""
+    from pipeline.console.show_info import show_info
+    from pipeline.stages.info import info
+
+    show_info(info(run), as_json=json)
 
 
 @app.command(

@@ -2,10 +2,14 @@
 
 A `Scenario` is dropped in PyBullet by `simulate`, which puts everything that happened into one
 Rerun recording. From there on the recording is all there is: `analyze` reads it back and takes its
-error apart, `render` makes a gif and a plot of it. `run` does the three in a row. `record` records
-what a block of Python does with PyBullet, `record_script` what somebody's script does.
+error apart, `render` makes a gif and a plot of it. `run` does the three in a row, `sweep` does many
+drops. `record` records what a block of Python does with PyBullet, `record_script` what somebody's
+script does. `check` compares a recording with a golden one, and `info`
+says what one is.
 
     from pipeline import Scenario, simulate, analyze, render
+
+A result prints as the terminal shows it; in a notebook it comes with its plot.
 
 The names here are loaded when they are first used, so that importing the package costs nothing.
 """
@@ -24,6 +28,8 @@ if TYPE_CHECKING:
     from pipeline.stages.analyze import analyze as analyze
     from pipeline.stages.check import Check as Check
     from pipeline.stages.check import check as check
+    from pipeline.stages.info import Info as Info
+    from pipeline.stages.info import info as info
     from pipeline.stages.record import Recorded as Recorded
     from pipeline.stages.record import record_script as record_script
     from pipeline.stages.record_block import record as record
@@ -33,6 +39,10 @@ if TYPE_CHECKING:
     from pipeline.stages.run import run as run
     from pipeline.stages.simulate import Simulation as Simulation
     from pipeline.stages.simulate import simulate as simulate
+    from pipeline.stages.sweep import Sweep as Sweep
+    from pipeline.stages.sweep import sweep as sweep
+    from pipeline.sweeping.plan import Plan as Plan
+    from pipeline.sweeping.plan import plan_of as plan_of
 
 _HOMES = {
     "DropError": "pipeline.errors",
@@ -45,6 +55,8 @@ _HOMES = {
     "Analysis": "pipeline.analysis.drop.results",
     "check": "pipeline.stages.check",
     "Check": "pipeline.stages.check",
+    "info": "pipeline.stages.info",
+    "Info": "pipeline.stages.info",
     "record": "pipeline.stages.record_block",
     "record_script": "pipeline.stages.record",
     "Recorded": "pipeline.stages.record",
@@ -52,9 +64,17 @@ _HOMES = {
     "Rendering": "pipeline.stages.render",
     "run": "pipeline.stages.run",
     "Run": "pipeline.stages.run",
+    "sweep": "pipeline.stages.sweep",
+    "Sweep": "pipeline.stages.sweep",
+    "Plan": "pipeline.sweeping.plan",
+    "plan_of": "pipeline.sweeping.plan",
 }
 
 __all__ = list(_HOMES)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]  # what `dir`, `help` and the Tab key show
 
 
 def __getattr__(name: str) -> object:

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from numbers import Integral, Real
@@ -32,6 +32,11 @@ def fraction(value: float) -> str:
     return f"{value:.9g}"
 
 
+def counted(number: int, thing: str, things: str = "") -> str:
+    """Return how many there are of a thing: 1 sample, 1,000 samples."""
+    return f"{number:,} {thing if number == 1 else things or thing + 's'}"
+
+
 LARGE = 1e6
 """From here on a number is written in powers of ten."""
 
@@ -39,9 +44,12 @@ LARGE = 1e6
 def decimals(value: float, places: int, sign: str = "") -> str:
     """Write a number with so many decimals; a large one as engineers do: 9.81e9, -12.5e6.
 
-    `sign` is that of Python's formats: `+` writes one before every number.
+    `sign` is that of Python's formats: `+` writes one before every number. What is nothing in so
+    many decimals has no minus.
     """
-    return f"{value:{sign}.{places}f}" if abs(value) < LARGE else engineering(value, sign)
+    if abs(value) >= LARGE:
+        return engineering(value, sign)
+    return f"{round(value, places) + 0.0:{sign}.{places}f}"
 
 
 def engineering(value: float, sign: str = "") -> str:
@@ -151,7 +159,15 @@ class Option:
         for one in value if isinstance(value, tuple) else (value,):
             is_number = isinstance(one, int | float) and not isinstance(one, bool)
             if is_number and not self.contains(one):
-                raise ScenarioError(f"{self.name} must be {self.domain()}, got {shown(one)}")
+                raise ScenarioError(
+                    f"{self.name} must be {self.domain()}, got {shown(one)}{self._meant(one)}"
+                )
+
+    def _meant(self, value: float) -> str:
+        """Ask whether a frequency was given where a fraction belongs: 240 for 1/240."""
+        if "/" not in self.default or not value > self.high or not self.contains(1 / value):
+            return ""
+        return f"; did you mean 1/{value:.9g}?"
 
 
 def option(
@@ -204,6 +220,37 @@ class Optioned:
                 values[name] = spec.read(raw)
         return cls(**values)
 
+    @classmethod
+    def checked(cls, name: str, given: object) -> Any:  # noqa: ANN401
+        """Return a field's value, its type and domain checked; a whole number becomes a float.
+
+        Raises
+        ------
+        ScenarioError
+            If it is of another type, or lies outside its domain.
+        """
+        spec, hint = cls.options()[name], _hints(cls)[name]  # type: ignore[arg-type]
+        try:
+            value = _of_kind(given, hint)
+        except (TypeError, OverflowError):
+            raise ScenarioError(f"{spec.name} must be {_kind(hint)}, got {shown(given)}") from None
+        spec.check(value)
+        return value
+
+    @classmethod
+    def listed(cls, name: str, given: object) -> tuple[Any, ...]:
+        """Return several values of a field: text as the command line's, a list, or one value.
+
+        Raises
+        ------
+        ScenarioError
+            If one of them is not one.
+        """
+        if isinstance(given, str):
+            return cls.options()[name].read_list(given)
+        values = given if isinstance(given, Iterable) and not isinstance(given, tuple) else [given]
+        return tuple(cls.checked(name, value) for value in values)
+
     def check_domains(self) -> None:
         """Check every value's type and domain; a whole number becomes a float where one belongs.
 
@@ -212,16 +259,8 @@ class Optioned:
         ScenarioError
             If one is of another type, or lies outside its domain.
         """
-        hints = _hints(type(self))  # type: ignore[arg-type]
-        for name, spec in self.options().items():
-            given = getattr(self, name)
-            try:
-                value = _of_kind(given, hints[name])
-            except (TypeError, OverflowError):
-                raise ScenarioError(
-                    f"{spec.name} must be {_kind(hints[name])}, got {shown(given)}"
-                ) from None
-            spec.check(value)
+        for name in self.options():
+            value = self.checked(name, getattr(self, name))
             object.__setattr__(self, name, value)  # frozen for everybody else
 
 

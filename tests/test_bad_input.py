@@ -59,7 +59,7 @@ TEXTS = st.one_of(
 
 
 def one_line(error: BaseException) -> str:
-    text = str(error)
+    text = error.in_options if isinstance(error, DropError) else str(error)
     assert len(text.splitlines()) == 1
     assert len(text) < 600
     return text
@@ -154,7 +154,7 @@ def test_every_option_that_becomes_a_number_is_read_like_that() -> None:
 
 @pytest.mark.parametrize("values", ["uniform:1:1_0", "choice:1:1_0", "uniform:1:١٠"])
 def test_nor_is_another_number_drawn(values: str) -> None:
-    with pytest.raises(ScenarioError, match="--vary"):
+    with pytest.raises(ScenarioError, match="vary"):
         plan_of({}, samples=2, vary=[f"height={values}"])
 
 
@@ -190,7 +190,7 @@ def test_a_body_starts_above_its_floor_and_anywhere_without_one() -> None:
     assert Scenario(height_m=0.01).height_m == 0.01
     for height_m in (0.0, -3.0):
         assert Scenario(height_m=height_m, floor=False).height_m == height_m
-        with pytest.raises(ScenarioError, match="--height must be above 0"):
+        with pytest.raises(ScenarioError, match="height_m must be above 0"):
             Scenario(height_m=height_m)
 
 
@@ -212,10 +212,10 @@ def test_angles_are_turns_about_the_worlds_axes_x_then_y_then_z(angles: Any) -> 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("1,2", "--orientation takes angles R,P,Y"),
-        ("0,0,0,0", "--orientation must not be the quaternion"),
-        ("361,0,0", "--orientation must be at least -360"),
-        ("a,b,c", "--orientation takes"),
+        ("1,2", "orientation takes angles R,P,Y"),
+        ("0,0,0,0", "orientation must not be the quaternion"),
+        ("361,0,0", "orientation must be at least -360"),
+        ("a,b,c", "orientation takes"),
     ],
 )
 def test_what_is_no_orientation_is_refused(text: str, said: str) -> None:
@@ -276,7 +276,7 @@ def extreme(extremes: dict[str, Any], steps: int) -> Scenario:
     try:
         return Scenario(**extremes | {"duration_s": timestep_s * steps})
     except ScenarioError as error:
-        assume("--substeps" not in str(error))
+        assume("substeps" not in str(error))
         raise
 
 
@@ -383,7 +383,7 @@ MALFORMED = {
 @pytest.mark.parametrize("kind", MALFORMED)
 def test_a_malformed_urdf_is_one_line(tmp_path: Path, kind: str) -> None:
     (tmp_path / "own.urdf").write_text(MALFORMED[kind])
-    with pytest.raises(ScenarioError, match="--body") as raised:
+    with pytest.raises(ScenarioError, match="body must") as raised:
         simulate(Scenario(body=str(tmp_path / "own.urdf")), tmp_path / "run.rrd", camera=None)
     one_line(raised.value)
     assert not (tmp_path / "run.rrd").exists()

@@ -154,3 +154,11 @@ def test_rounding_is_as_small_as_the_readme_says(scenario: Scenario, tmp_path: P
         assert f"{abs(rounding_m[72]) * 1e16:.1f} × 10⁻¹⁶ m above" in README
     if scenario == Scenario(height_m=1000, duration_s=10):
         assert f"{np.abs(rounding_m).max() * 1e12:.1f} × 10⁻¹² m after 10 s" in README
+
+
+def test_the_reference_says_what_every_exit_code_means() -> None:
+    commands = " ".join((ROOT / "docs/commands.md").read_text(encoding="utf-8").split())
+    assert (
+        "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 a check found a difference, 130 stopped by "
+        "Ctrl-C (143 by SIGTERM)" in commands
+    )

@@ -173,9 +173,9 @@ def test_what_bullet_would_read_otherwise_or_wait_for_is_refused(
     written(folder, "mtllib pipe.obj\n" + TETRAHEDRON, "materials.obj")
     written(folder, "mtllib a.mtl\n" + TETRAHEDRON, "texture.obj")
     written(folder, "newmtl a\nmap_Kd pipe.png\n", "a.mtl")
-    refused(written(folder, SPELLED[kind]), "--body")
+    refused(written(folder, SPELLED[kind]), "body must")
     monkeypatch.chdir(folder)
-    refused(Path("own.urdf"), "--body")
+    refused(Path("own.urdf"), "body must")
 
 
 def test_meshes_are_found_where_bullet_finds_them(tmp_path: Path) -> None:
@@ -345,7 +345,7 @@ def test_what_ends_bullet_is_one_line_here(tmp_path: Path, kind: str) -> None:
     urdf, files = DEADLY[kind]
     for name, content in files.items():
         written(tmp_path, content, name)
-    with pytest.raises(ScenarioError, match="--body must be a URDF that Bullet can load") as raised:
+    with pytest.raises(ScenarioError, match="body must be a URDF that Bullet can load") as raised:
         find_body(str(written(tmp_path, urdf)))
     one_line(raised.value)
 

@@ -824,14 +824,14 @@ def test_what_is_no_script_is_one_line(bench: Bench) -> None:
     assert "nothing.py" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     script = bench.script("pass")
-    with pytest.raises(ScenarioError, match="--steps must be at least 1"):
+    with pytest.raises(ScenarioError, match=r"^steps must be at least 1"):
         bench.record(script, steps=0)
-    with pytest.raises(ScenarioError, match="--steps must be at least 1 and below 2"):
+    with pytest.raises(ScenarioError, match="steps must be at least 1 and below 2"):
         bench.record(script, steps=2**63)
     for seed in (2**63, -(2**63)):
-        with pytest.raises(ScenarioError, match="--seed must be between"):
+        with pytest.raises(ScenarioError, match="seed must be between"):
             bench.record(script, seed=seed)
-    with pytest.raises(ScenarioError, match="--duration must be above 0"):
+    with pytest.raises(ScenarioError, match="duration_s must be above 0"):
         bench.record(script, duration_s=0.0)
     bench.out.write_text("mine")
     done = bench.drop("record", "--out", "out.rrd", script)

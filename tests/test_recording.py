@@ -215,7 +215,7 @@ def test_a_failing_run_leaves_the_part_and_no_recording(
 def test_an_existing_recording_is_kept_unless_forced(tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
     path.write_bytes(b"precious")
-    with pytest.raises(OutputError, match="--force"):
+    with pytest.raises(OutputError, match="force=True"):
         simulate(Scenario(), path, camera=None)
     assert path.read_bytes() == b"precious"
     simulate(Scenario(), path, camera=None, force=True)

@@ -82,6 +82,7 @@ def test_a_schema_is_one(command: str) -> None:
             )
         ),
         ["render run.rrd"],
+        ["info run.rrd"],
         ["run --duration 0.1 --no-camera"],
         ["check run.rrd --against run.rrd", f"check run.rrd --against {GOLDEN}"],
         ["simulate --out new.rrd --no-camera --timestep 1/480", "check new.rrd --against run.rrd"],
@@ -135,6 +136,11 @@ steps(30)
 p.setPhysicsEngineParameter(numSubSteps=0)
 steps(60)
 """
+
+
+def test_what_info_prints_of_a_script_is_what_the_schema_says(printed: Any, tmp_path: Path) -> None:
+    scenes.record(SCENE, tmp_path / "script.rrd")
+    Draft202012Validator(strict(schema_of("info"))).validate(printed("info script.rrd"))
 
 
 def test_what_view_prints_is_what_the_schema_says(

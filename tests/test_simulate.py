@@ -138,7 +138,7 @@ def test_links_are_part_of_the_body() -> None:
 
 def test_a_body_with_joints_is_refused_in_maximal_coordinates() -> None:
     """PyBullet places its base only, and reports neither its links nor their contacts."""
-    with pytest.raises(ScenarioError, match=r"has 15; use --coordinates reduced"):
+    with pytest.raises(ScenarioError, match=r"has 15; use coordinates='reduced'"):
         World(Scenario(body="r2d2.urdf", coordinates="maximal"))
 
 
@@ -308,7 +308,7 @@ def test_a_state_that_is_no_number_any_more_is_an_error_and_no_recording(
     """The engine's position, orientation, velocity or spin from step 50 on, in the second batch."""
     lose_numbers(monkeypatch, call, place, number, step=50)
     monkeypatch.setattr("pipeline.stages.simulate.BATCH", 40)
-    with pytest.raises(DropError, match=r"becomes non-finite at step 50 .*; try .*--timestep"):
+    with pytest.raises(DropError, match=r"becomes non-finite at step 50 .*; try .*timestep_s"):
         simulate(Scenario(), tmp_path / "run.rrd", camera=None)
     assert not (tmp_path / "run.rrd").exists()
 
@@ -466,5 +466,5 @@ def test_a_btrigidbody_without_a_mass_cannot_be_given_one(tmp_path: Path) -> Non
     with World(Scenario(body=urdf, mass_kg=1.0)) as world:
         (fall,) = world.samples(1000)
         assert fall.base["position_m"][-1, 2] < 1
-    with pytest.raises(ScenarioError, match="--coordinates reduced"):
+    with pytest.raises(ScenarioError, match="coordinates='reduced'"):
         World(Scenario(body=urdf, mass_kg=1.0, coordinates="maximal"))

@@ -598,7 +598,7 @@ def test_a_part_that_this_sweep_did_not_write_is_not_believed(
     alter(copied / "parts" / "part-000001.parquet")
     (copied / "parts" / "part-000002.parquet").unlink()
     before = files_in(copied)
-    with pytest.raises(OutputError, match=r"part-000001\.parquet must have the stamp .*--force"):
+    with pytest.raises(OutputError, match=r"part-000001\.parquet must have the stamp .*force=True"):
         sweep(THREE, copied, record=False)
     assert files_in(copied) == before
     swept = sweep(THREE, copied, record=False, force=True)
@@ -641,7 +641,7 @@ def test_results_that_this_sweep_did_not_write_are_not_replaced(
     ALTERED[how](copied / "results.parquet")
     (copied / "parts" / "part-000001.parquet").unlink()
     before = files_in(copied)
-    with pytest.raises(OutputError, match=r"results\.parquet must have the stamp .*--force"):
+    with pytest.raises(OutputError, match=r"results\.parquet must have the stamp .*force=True"):
         sweep(THREE, copied, record=False)
     assert files_in(copied) == before
     sweep(THREE, copied, record=False, force=True)
@@ -707,7 +707,7 @@ def test_recordings_of_others_stay_when_runs_are_not_needed(tmp_path: Path) -> N
 
 def test_a_list_of_lists_of_lists_is_no_sweep(copied: Path) -> None:
     (copied / "sweep.json").write_text("[" * 100_000 + "]" * 100_000)
-    with pytest.raises(OutputError, match=r"sweep\.json is damaged; choose another --out"):
+    with pytest.raises(OutputError, match=r"sweep\.json is damaged; choose another out"):
         sweep(THREE, copied, record=False)
 
 
@@ -781,7 +781,7 @@ def test_if_all_fail_the_sweep_has_failed(drop: Drop, tmp_path: Path) -> None:
         (["--plot", "errors.png"], "two or more"),
         (["--plot", "errors.pdf"], ".png or .svg"),
         (["--until-ci", "1e-3"], "--samples"),
-        (["--until-ci", "0", "--samples", "3"], "above 0"),
+        (["--until-ci", "0", "--samples", "3", "--vary", "mass=uniform:1:2"], "above 0"),
         (["--jobs", "0"], "--jobs"),
         (["--at", "x"], "--at"),
         (["--at", "-1"], "--at"),
@@ -951,7 +951,7 @@ def test_interrupted_it_stops_at_once_and_says_how_to_go_on(
     # Two seconds are promised, and it takes a fifth of one; the rest is for a machine under load.
     assert time.monotonic() - began < 5
     assert (long_sweep.returncode, stdout, len(stderr.splitlines())) == (130, "", 1)
-    assert "of 20,000 runs are in s; run the same command again to resume" in stderr
+    assert "of 20,000 runs done in s; run the same command again to resume" in stderr
     assert not list(tmp_path.glob("s/parts/*.part"))
     assert_they_end(children)
 
@@ -979,4 +979,8 @@ def _is_alive(pid: str) -> bool:
 
 def test_nothing_is_asked_of_an_impossible_combination() -> None:
     with pytest.raises(ScenarioError, match="one scenario"):
-        sweep(plan_of({"height_m": "1,2"}, samples=3), "unused", until_ci_m=1.0)
+        sweep(
+            plan_of({"height_m": "1,2"}, samples=3, vary=["mass=uniform:1:2"]),
+            "unused",
+            until_ci_m=1.0,
+        )

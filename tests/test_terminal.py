@@ -28,13 +28,14 @@ from pipeline.analysis.drop.comparison import Comparison, Place, Setting
 from pipeline.analysis.drop.convergence import StudiedRun, study_of
 from pipeline.analysis.general.statistics import Summary
 from pipeline.console import output
-from pipeline.console.output import millimetres
+from pipeline.console.output import counted, millimetres
 from pipeline.console.progress import rate
 from pipeline.console.show_check import DIFFERS, show_check
 from pipeline.console.show_drop import show_analysis, show_rendering, show_simulation
 from pipeline.console.show_sweep import readable_step, show_sweep
 from pipeline.console.show_view import show_view
 from pipeline.fields import decimals, engineering
+from pipeline.figures.composition import caption
 from pipeline.recording.viewer import Viewer
 from pipeline.stages.check import Check, Frames
 from pipeline.stages.render import Rendering
@@ -70,11 +71,11 @@ Terminal = Callable[..., Seen]
 
 @pytest.fixture
 def terminal(tmp_path: Path) -> Terminal:
-    """Return the command line, run in this process, in a terminal of 80 columns."""
+    """Return the command line, run in this process, in a terminal, of 80 columns or others."""
 
-    def call(*arguments: object, **more: str) -> Seen:
+    def call(*arguments: object, columns: int = 80, **more: str) -> Seen:
         ours, theirs = pty.openpty()
-        fcntl.ioctl(ours, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+        fcntl.ioctl(ours, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
         inherited = {name: text for name, text in environment().items()
                      if name not in ("COLUMNS", "NO_COLOR", "FORCE_COLOR")}  # fmt: skip
         with ThreadPoolExecutor(1) as reader:
@@ -130,6 +131,62 @@ def test_no_line_is_wider_than_a_terminal_of_80_columns(
     assert "Traceback" not in seen.raw
     assert "DROP_DEBUG" not in seen.raw
     assert [line for line in seen.lines if len(line) > 80] == []
+
+
+SCRIPT = """
+import pybullet as p, pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+for place in range({boxes}):
+    p.loadURDF("cube_small.urdf", [place, 0, 0.2 + 0.1 * place])
+for _ in range(120):
+    p.stepSimulation()
+"""
+
+
+@pytest.mark.parametrize("columns", [20, 50, 64, 100, 140])
+def test_lines_are_as_wide_as_the_terminal_between_50_and_100_columns(
+    terminal: Terminal, drop_process: Drop, tmp_path: Path, standard: Run, columns: int
+) -> None:
+    (tmp_path / "run.rrd").write_bytes(standard.simulation.recording.read_bytes())
+    for boxes in (1, 3):
+        (tmp_path / "script.py").write_text(SCRIPT.format(boxes=boxes))
+        drop_process("record", "-o", f"script-{boxes}.rrd", "script.py")
+    widest = 0
+    for command in (
+        "--help", "record -h", "analyze run.rrd", "info run.rrd", "info script-3.rrd",
+        "analyze script-1.rrd", "analyze script-3.rrd", "analyze no-recording-of-this-name.rrd",
+        f"sweep -o s{columns} --timestep 1/240,1/480,1/960 --no-record", "render run.rrd",
+    ):  # fmt: skip
+        seen = terminal(*command.split(), columns=columns)
+        told = [line.rstrip() for line in seen.lines if "━" not in line]
+        assert [line for line in told if len(line) > min(max(columns, 50), 100)] == [], command
+        widest = max(widest, *map(len, told))
+    assert widest > min(max(columns, 50), 100) - 5
+
+
+def test_the_width_is_that_of_columns_where_it_is_set(
+    terminal: Terminal, drop: Drop, tmp_path: Path, standard: Run
+) -> None:
+    (tmp_path / "run.rrd").write_bytes(standard.simulation.recording.read_bytes())
+    assert max(map(len, terminal("check", "-h", COLUMNS="60").lines)) <= 60
+    assert max(map(len, terminal("check", "-h", COLUMNS="wide", columns=60).lines)) <= 60
+    assert max(map(len, terminal("check", "-h", columns=0).lines)) > 70
+    piped = drop("analyze", "run.rrd").stdout
+    assert 76 < max(map(len, piped.splitlines())) <= 80
+
+
+def test_codes_and_errors_stand_out_on_terminals_only(
+    terminal: Terminal, drop: Drop, tmp_path: Path, standard: Run
+) -> None:
+    (tmp_path / "run.rrd").write_bytes(standard.simulation.recording.read_bytes())
+    assert "\x1b[33mdefault-damping\x1b[0m: " in terminal("analyze", "run.rrd").raw
+    assert "Finding     default-damping: " in drop("analyze", "run.rrd").stdout
+    assert "\x1b[1;31mdrop:\x1b[0m no.rrd is not" in terminal("analyze", "no.rrd").raw
+    assert "\x1b" not in terminal("analyze", "no.rrd", NO_COLOR="1").raw
+    assert drop("analyze", "no.rrd").stderr.startswith("drop: no.rrd is not")
 
 
 def test_colours_are_for_terminals_that_want_them(
@@ -215,7 +272,7 @@ def test_what_takes_long_has_a_bar_with_count_rate_and_time_left(
 ) -> None:
     (tmp_path / "run.rrd").write_bytes(standard.simulation.recording.read_bytes())
     seen = terminal(*command.split())
-    assert seen.code == 0
+    assert seen.code == (1 if "1 failed" in what else 0)
     shown = [line for line in seen.lines if line.startswith(what)]
     assert any(
         re.search(r"━ +[\d,]+/[\d,]+ +[\d,.]+/(s|min) +\d:\d\d:\d\d left", line) for line in shown
@@ -353,7 +410,7 @@ def swept(tmp_path: Path, **change: Any) -> Sweep:
     plain: dict[str, Any] = {
         "plan": plan_of({"timestep_s": "1/240,1/480,1/960,1/1920"}), "at_s": 0.3, "runs": 4,
         "failed": 1, "computed": 3, "results": path, "plot": None, "studies": [],
-        "statistics": [], "narrow_enough": None,
+        "statistics": [], "engine_runs": [], "narrow_enough": None,
     }  # fmt: skip
     return Sweep(**plain | change)
 
@@ -532,7 +589,7 @@ def test_printed_json_of_a_sweep_is_what_it_found(
         "runs": 4, "failed": 1, "at_s": 0.3, "plot": "errors.svg", "narrow_enough": True,
         "engines": [],
         "results": str(made.results), "convergence": [], "table": made.table().to_dicts(),
-        "statistics": [{"height_m": 2.0, "summaries": [asdict(total)]}],
+        "statistics": [{"height_m": 2.0, "summaries": [asdict(total)]}], "engines": [],
     }  # fmt: skip
 
 
@@ -638,6 +695,94 @@ def test_printed_view_names_files_and_where_they_are_seen(
     assert told["command"] == ["rerun", "run.rrd"]
 
 
+@pytest.mark.parametrize("value", [-0.0, -1e-9, -0.004])
+def test_nothing_has_no_minus(value: float) -> None:
+    assert [decimals(value, 2), decimals(value, 2, "+")] == ["0.00", "+0.00"]
+    assert decimals(-0.006, 2) == "-0.01"
+    assert caption(0.0, value / 100, value / 10_000).count("−") == 0
+
+
+@pytest.mark.parametrize(
+    ("number", "said"), [(0, "0 runs"), (1, "1 run"), (2, "2 runs"), (1000, "1,000 runs")]
+)
+def test_one_of_a_thing_is_counted_as_one(number: int, said: str) -> None:
+    assert counted(number, "run") == said
+    assert counted(number, "body", "bodies").endswith("body") == (number == 1)
+
+
+def test_texts_of_findings_name_options_that_exist() -> None:
+    """Whatever looks like an option in the judge's sources is one of a command."""
+    options = {
+        name for one in COMMAND.commands.values() for param in one.params for name in param.opts
+    }
+    found = {
+        name
+        for path in (ROOT / "pipeline/analysis").rglob("*.py")
+        for name in re.findall(r"(?<![\w-])--[a-z][a-z-]+", path.read_text(encoding="utf-8"))
+    }
+    assert len(found) > 10
+    assert found <= options
+
+
+def test_printed_commands_can_be_pasted(drop: Drop, tmp_path: Path) -> None:
+    """In a folder whose name has a space and a quote."""
+    folder = "it's a folder"
+    missing = drop("simulate", "-o", f"{folder}/new.rrd", "--no-camera").stderr
+    assert shlex.split(missing.partition("make it with: ")[2]) == ["mkdir", "-p", folder]
+    told = drop("run", "--no-camera", "--out-dir", folder).stdout
+    command = told.partition("see it move")[2].strip()
+    assert shlex.split(command) == ["drop", "view", f"{folder}/run.rrd"]
+    told = drop("info", f"{folder}/run.rrd").stdout
+    assert shlex.split(told.partition("again")[2].splitlines()[0])[:2] == ["drop", "simulate"]
+    (tmp_path / folder / "run.analysis.rrd").unlink()
+    told = " ".join(drop("info", f"{folder}/run.rrd").stdout.split())
+    assert shlex.split(told.partition("none yet: ")[2]) == ["drop", "analyze", f"{folder}/run.rrd"]
+
+
+# -- drop info ------------------------------------------------------------------------------------
+
+
+def test_info_says_what_a_drop_is_in_ten_lines(drop: Drop, tmp_path: Path, standard: Run) -> None:
+    (tmp_path / "run.rrd").write_bytes(standard.simulation.recording.read_bytes())
+    done = drop("info", "run.rrd")
+    assert (done.returncode, done.stderr) == (0, "")
+    told = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
+    assert len(told) <= 10
+    assert told["recording"].endswith(" kB, whole, as it was written")
+    assert told["drop"] == "cube_small.urdf dropped from 1 m"
+    assert told["bodies"] == "cube_small.urdf, 0.1 kg"
+    assert told["samples"].startswith("241 in 1 s, 132 of them in contact")
+    assert told["frames"] == "41"
+    assert told["analysis"] == "none yet: drop analyze run.rrd"
+    drop("analyze", "run.rrd")
+    assert "analysis    run.analysis.rrd\n" in drop("info", "run.rrd").stdout
+    # A layer that belongs to another recording is not its analysis.
+    drop("simulate", "-o", "run.rrd", "--force", "--no-camera", "--height", "2", "--no-floor")
+    told = json.loads(drop("info", "run.rrd", "--json").stdout)
+    assert (told["layer"], told["frames"], told["contact_samples"]) == (None, 0, 0)
+    again = shlex.split(told["command"])
+    assert again[-3:] == ["--height", "2.0", "--no-floor"]
+    drop(*again[1:])
+    assert drop("check", "again.rrd", "--against", "run.rrd").returncode == 0
+
+
+def test_info_says_what_the_recording_of_a_script_is(drop_process: Drop, tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(SCRIPT.format(boxes=2))
+    words = ("record", "--seed", "1", "--steps", "60")
+    drop_process(*words, "-o", "s.rrd", "script.py", "--its own")
+    done = drop_process("info", "s.rrd")
+    told = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
+    assert len(told) <= 10
+    assert told["script"] == "script.py '--its own', steps"
+    assert told["bodies"] == "0_plane, held still; 1_cube_small, 0.1 kg; 2_cube_small, 0.1 kg"
+    assert told["samples"].startswith("61 in 0.25 s, ")
+    assert shlex.split(told["again"]) == [
+        "drop", "record", "--steps", "60", "--seed", "1", "script.py", "--its own",
+    ]  # fmt: skip
+    (tmp_path / "s.rrd").rename(tmp_path / "s.rrd.part")
+    assert json.loads(drop_process("info", "s.rrd.part", "--json").stdout)["complete"]
+
+
 # -- where to start -------------------------------------------------------------------------------
 
 
@@ -685,6 +830,17 @@ def test_the_examples_work_one_after_the_other(drop: Drop, tmp_path: Path, stand
             "--fps takes a number or a fraction such as 1/480, got 'fast'",
         ),
         (["sweep", "--out", "s", "--jobs", "1.5"], "--jobs takes a whole number, got '1.5'"),
+        (
+            ["simulate", "-o", "a.rrd", "--timestep", "240"],
+            "at most 10, got 240.0; did you mean 1/240?",
+        ),
+        (["sweep", "-o", "s", "--samples", "9"], "--samples draws nothing without --vary; add"),
+        (
+            ["simulate", "-o", "a.rrd", "--body", "no.urdf"],
+            "here or in pybullet_data, got 'no.urdf', which is in neither place; try cube",
+        ),
+        (["simulate", "-o", "a.rrd", "--body", "."], "got '.', which is a folder; try cube"),
+        (["simulate", "-o", "a.rrd", "--body"], "option '--body' requires an argument"),
         (["--show-completion", "tcsh"], "takes bash, zsh, fish, got 'tcsh'"),
     ],
 )
@@ -694,6 +850,63 @@ def test_a_slip_is_answered_with_what_was_meant(
     done = drop(*arguments)
     assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
     assert said in done.stderr
+
+
+@pytest.mark.parametrize("verb", ["analyze", "render", "check", "info", "view"])
+def test_what_is_no_recording_is_called_what_it_is(
+    drop: Drop, tmp_path: Path, standard: Run, verb: str
+) -> None:
+    layer = standard.analysis.layer
+    assert layer is not None
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "a.analysis.rrd").write_bytes(layer.read_bytes())
+    (tmp_path / "a.analysis.rrd.part").write_bytes(layer.read_bytes()[:3000])
+    (tmp_path / "empty.rrd.part").touch()
+    kinds = {"folder": "is a folder; name a recording in it, such as folder/run.rrd"}
+    if verb != "view":  # which shows layers, too
+        kinds |= {
+            "a.analysis.rrd": "must be a recording, got a layer, as",
+            "a.analysis.rrd.part": "must be a recording, got an unfinished layer, as",
+            "empty.rrd.part": "does not begin like a Rerun file",
+        }
+    for name, said in kinds.items():
+        done = drop(verb, name, *(["--against", "b.rrd"] if verb == "check" else []))
+        assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (1, "", 1)
+        assert done.stderr.startswith(f"drop: {name} "), done.stderr
+        assert said in done.stderr
+
+
+def test_a_mesh_that_cannot_be_loaded_is_named(drop: Drop, tmp_path: Path) -> None:
+    mesh = '<geometry><mesh filename="{}"/></geometry>'
+    body = '<robot name="a"><link name="a"><collision>{}</collision></link></robot>'
+    (tmp_path / "bad.obj").write_text("this is no mesh\n")
+    for name, said in (
+        ("no.obj", "there is no mesh 'no.obj'"),
+        ("bad.obj", "bad.obj': it has no faces"),
+    ):
+        (tmp_path / "own.urdf").write_text(body.format(mesh.format(name)))
+        done = drop("simulate", "-o", "a.rrd", "--body", "own.urdf")
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert "own.urdf" in done.stderr
+        assert said in done.stderr
+
+
+def test_a_sweep_with_failed_runs_fails_and_says_how_many(drop: Drop) -> None:
+    words = ("sweep", "-o", "s", "--duration", "1,0.3001,0.3002", "--no-record")
+    for more in ((), ("--json",)):  # the second time nothing is computed any more
+        done = drop(*words, *more)
+        assert done.returncode == 1
+        assert done.stderr == "drop: 2 of 3 runs failed; their rows in s/results.parquet say why\n"
+    assert json.loads(done.stdout)["failed"] == 2
+    assert drop("sweep", "-o", "t", "--duration", "1,2", "--no-record").returncode == 0
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_short_options_are_the_long_ones(drop: Drop, name: str) -> None:
+    assert drop(name, "-h").stdout == drop(name, "--help").stdout
+    long = {"run": "--out-dir", "check": None, "info": None, "view": None}.get(name, "--out")
+    shorts = {param.opts[0]: param.opts for param in COMMAND.commands[name].params}
+    assert long is None or shorts[long] == [long, "-o"]
 
 
 def test_gravity_that_points_up_is_noted_and_recorded(drop: Drop) -> None:

@@ -12,8 +12,10 @@ _HEAD = """# Commands
 *Made by `python docs/regenerate.py`; `drop COMMAND --help` prints the same.*
 
 Results go to standard output, everything else to standard error. Exit codes: 0 done, 1 failed,
-2 wrong usage, 3 a check found a difference. With `--json` standard output is exactly one JSON
-object: [json.md](json.md) describes it.
+2 wrong usage, 3 a check found a difference, 130 stopped by Ctrl-C (143 by SIGTERM). A sweep fails
+where one of its runs does; `record` makes its recording whole on Ctrl-C, and exits with 0. With
+`--json` standard output is exactly one JSON object: [json.md](json.md) describes it. On a terminal
+lines are as wide as that is, from 50 to 100 columns.
 """
 WIDTH = 90
 

@@ -43,6 +43,7 @@ from pipeline.report import EngineReport
 from pipeline.scenario import Scenario
 from pipeline.seen import Call
 from pipeline.stages.check import Check
+from pipeline.stages.info import Info
 from pipeline.stages.render import Rendering
 from pipeline.stages.simulate import Simulation
 from pipeline.stages.sweep_engines import EngineRun
@@ -279,6 +280,8 @@ COMMANDS: dict[str, Object] = {
     "check": CHECK,
     "sweep": SWEEP,
     "record": RECORD,
+    "info": _object(Info, {"recording", "recording_id", "kind", "complete", "samples", "bodies",
+                           "frames", "bytes"}),
     "view": VIEW,
 }  # fmt: skip
 

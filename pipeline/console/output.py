@@ -4,16 +4,35 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import sys
 import textwrap
 import unicodedata
+from collections.abc import Sequence
 from typing import Any, TextIO
 
+from pipeline.fields import counted as counted
 from pipeline.fields import decimals
 
 WIDTH = 80
-"""Columns that a line of ours takes at most, where no name in it is longer."""
+"""Columns that a line of ours takes in a pipe, where no name in it is longer."""
+NARROWEST, WIDEST = 50, 100
+"""Columns that it takes at least and at most on a terminal, as far as that has them."""
+
+
+def width(stream: TextIO | None = None) -> int:
+    """Return how many columns a line may take: those of the terminal, within reason.
+
+    Not `shutil.get_terminal_size`, which asks descriptor 1: that leads nowhere here, see
+    `running`.
+    """
+    stream = stream or sys.stdout
+    if not stream.isatty():
+        return WIDTH
+    try:
+        columns = int(os.environ["COLUMNS"])
+    except (KeyError, ValueError):
+        columns = os.get_terminal_size(stream.fileno()).columns
+    return min(max(columns or WIDTH, NARROWEST), WIDEST)
 
 
 def harmless(text: str) -> str:
@@ -50,14 +69,9 @@ def millimetres(value_m: float) -> str:
     return f"{text:>10} mm"
 
 
-def counted(number: int, thing: str) -> str:
-    """Return how many there are of a thing: 1 sample, 1,000 samples."""
-    return f"{number:,} {thing}{'s' * (number != 1)}"
-
-
-def beside(title: str, words: str, column: int, width: int = WIDTH) -> list[str]:
+def beside(title: str, words: str, column: int) -> list[str]:
     """Return words beside a title, wrapped in a column of their own; below it where it is long."""
-    lines = textwrap.wrap(words, width - column, break_on_hyphens=False, break_long_words=False)
+    lines = textwrap.wrap(words, width() - column, break_on_hyphens=False, break_long_words=False)
     if not lines or (title and len(title) > column - 2):
         lines.insert(0, "")
     titles = [title, *[""] * (len(lines) - 1)]
@@ -74,6 +88,30 @@ def titled(title: str, words: str, *, column: int, style: str = "") -> list[str]
     return [head + escape(first[column:]), *map(escape, others)]
 
 
+def finding(code: str, message: str, *, column: int) -> list[str]:
+    """Return a finding with Rich's markup: its code stands out."""
+    first, *others = titled("Finding", f"{code}: {message}", column=column, style="bold")
+    return [first.replace(f"{code}:", f"[yellow]{code}[/]:", 1), *others]
+
+
+def listed(title: str, pairs: Sequence[tuple[str, str]], *, column: int) -> list[str]:
+    """Return a table beside its title, with Rich's markup; the first row is its heading.
+
+    Each row has two parts; on a narrow terminal the second stands below the first.
+    """
+    from rich.markup import escape
+
+    wide = column + max(len(one) + len(other) for one, other in pairs) <= width()
+    heading, *rows = (
+        [one + other] if wide else [one.rstrip(), *([f"  {other}"] if other else [])]
+        for one, other in pairs
+    )
+    indent = " " * (column if wide else 2)
+    lines = [f"[bold]{title:<{column}}[/][dim]{heading[0]}[/]"]
+    lines += [f"{indent}[dim]{part}[/]" for part in heading[1:]]
+    return [*lines, *(f"{indent}{escape(part)}" for row in rows for part in row)]
+
+
 def made(title: str, path: object, facts: str = "", *, column: int) -> list[str]:
     """Return the line of a file that was made; what is said of it goes below a long name."""
     from rich.markup import escape
@@ -81,7 +119,7 @@ def made(title: str, path: object, facts: str = "", *, column: int) -> list[str]
     head = f"[dim]{title}[/]{'':<{column - len(title)}}{escape(str(path))}"
     if not facts:
         return [head]
-    fits = column + len(str(path)) + 3 + len(facts) <= WIDTH
+    fits = column + len(str(path)) + 3 + len(facts) <= width()
     return [f"{head}   {facts}"] if fits else [head, f"{'':<{column}}{facts}"]
 
 
@@ -105,14 +143,25 @@ def note(sentence: str) -> None:
     print(one_line(f"drop: {sentence}"), file=sys.stderr)
 
 
+def error(sentence: str) -> None:
+    """Say what went wrong, on standard error; on a terminal the beginning is red."""
+    line = one_line(f"drop: {sentence}")
+    if wants_colour(sys.stderr):
+        line = f"\x1b[1;31mdrop:\x1b[0m{line.removeprefix('drop:')}"
+    print(line, file=sys.stderr)
+
+
 def one_line(sentence: str) -> str:
     """Return a sentence as one line; a terminal gets it wrapped at words, with an indent."""
     line = harmless(" ".join(sentence.split()))
     if not sys.stderr.isatty():
         return line
-    columns = shutil.get_terminal_size().columns
     return textwrap.fill(
-        line, columns, subsequent_indent="      ", break_long_words=False, break_on_hyphens=False
+        line,
+        width(sys.stderr),
+        subsequent_indent="      ",
+        break_long_words=False,
+        break_on_hyphens=False,
     )
 
 

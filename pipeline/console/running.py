@@ -12,6 +12,7 @@ import signal
 import sys
 from typing import TYPE_CHECKING
 
+from pipeline.console.output import width
 from pipeline.errors import DropError
 
 if TYPE_CHECKING:
@@ -74,7 +75,9 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
         The signals that came, filled by their handler before it raises.
     """
     try:
-        code = load()(prog_name="drop", standalone_mode=False)
+        command = load()
+        how = {"terminal_width": width()} if sys.stdout.isatty() else {}
+        code = command(prog_name="drop", standalone_mode=False, **how)
         sys.stdout.flush()
     except (BrokenPipeError, SystemExit) as error:
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
@@ -86,10 +89,10 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
         # A signal that arrives inside a library may come out as that library's own error.
         said, code = _stopped(received[0]) if received else _verdict(error)
         line = "; ".join([said, *getattr(error, "__notes__", [])])
-        from pipeline.console.output import one_line
+        from pipeline.console.output import error as say
 
         with contextlib.suppress(OSError):
-            print(one_line(f"drop: {line}"), file=sys.stderr)
+            say(line)
     return code if isinstance(code, int) else 0
 
 
@@ -145,7 +148,7 @@ def _verdict(error: BaseException) -> tuple[str, int]:
     import typer
 
     if isinstance(error, DropError):
-        return str(error), error.exit_code
+        return error.in_options, error.exit_code
     full = {errno.ENOSPC: "no space left", errno.EFBIG: "the file is too large; see: ulimit -f"}
     if isinstance(error, OSError) and error.errno in full and error.filename is None:
         return f"standard output cannot be written: {full[error.errno]}; send it elsewhere", 1

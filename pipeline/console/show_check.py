@@ -22,7 +22,7 @@ def show_check(check: Check, *, as_json: bool) -> int:
     if as_json:
         print_json(_json(check))
     else:
-        print_lines(*_lines(check))
+        print_lines(*check_lines(check))
     return 0 if check.same or check.updated else DIFFERS
 
 
@@ -45,7 +45,8 @@ def _json(check: Check) -> dict[str, Any]:
     }
 
 
-def _lines(check: Check) -> list[str]:
+def check_lines(check: Check) -> list[str]:
+    """Say whether the two are the same, and if not, where and how."""
     compared = check.comparison
     if compared is None:
         return _titled("golden", f"{check.golden} is now {check.recording}")

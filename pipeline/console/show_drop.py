@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,10 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 
 from pipeline.console.output import (
+    beside,
     counted,
+    finding,
+    listed,
     made,
     millimetres,
     note,
@@ -33,7 +37,7 @@ def show_simulation(simulation: Simulation, *, as_json: bool) -> None:
     if as_json:
         print_json(_simulation_json(simulation))
     else:
-        print_lines(*_simulation_lines(simulation))
+        print_lines(*simulation_lines(simulation))
 
 
 def show_analysis(analysis: Analysis, *, as_json: bool) -> None:
@@ -46,7 +50,7 @@ def show_analysis(analysis: Analysis, *, as_json: bool) -> None:
     if as_json:
         print_json(analysis.as_json())
     else:
-        print_lines(*_story(analysis))
+        print_lines(*analysis_lines(analysis))
 
 
 def show_rendering(rendering: Rendering, *, as_json: bool) -> None:
@@ -54,7 +58,7 @@ def show_rendering(rendering: Rendering, *, as_json: bool) -> None:
     if as_json:
         print_json(_rendering_json(rendering))
     else:
-        print_lines(*_rendering_lines(rendering))
+        print_lines(*rendering_lines(rendering))
 
 
 def show_run(run: Run, *, as_json: bool) -> None:
@@ -67,15 +71,20 @@ def show_run(run: Run, *, as_json: bool) -> None:
                 "render": _rendering_json(run.rendering),
             }
         )
-        return
-    recording = run.simulation.recording
-    print_lines(
-        *_story(run.analysis),
+    else:
+        print_lines(*run_lines(run))
+
+
+def run_lines(run: Run) -> list[str]:
+    """Tell the whole story of a drop, and where it lies."""
+    command = shlex.join(["drop", "view", str(run.simulation.recording)])
+    return [
+        *analysis_lines(run.analysis),
         "",
-        *_simulation_lines(run.simulation),
-        *_rendering_lines(run.rendering),
-        *made("see it move", f"drop view {recording}", column=_FILE),
-    )
+        *simulation_lines(run.simulation),
+        *rendering_lines(run.rendering),
+        *made("see it move", command, column=_FILE),
+    ]
 
 
 def _simulation_json(simulation: Simulation) -> dict[str, Any]:
@@ -98,7 +107,8 @@ def _rendering_json(rendering: Rendering) -> dict[str, Any]:
     }
 
 
-def _simulation_lines(simulation: Simulation) -> list[str]:
+def simulation_lines(simulation: Simulation) -> list[str]:
+    """Say what was recorded."""
     facts = (
         f"{counted(simulation.samples, 'sample')}, {counted(simulation.frames, 'frame')}, "
         f"{simulation.bytes / 1e3:,.0f} kB, {simulation.wall_s:.1f} s"
@@ -106,7 +116,8 @@ def _simulation_lines(simulation: Simulation) -> list[str]:
     return made("recording", simulation.recording, facts, column=_FILE)
 
 
-def _rendering_lines(rendering: Rendering) -> list[str]:
+def rendering_lines(rendering: Rendering) -> list[str]:
+    """Say what was rendered, and how it plays."""
     lines = []
     if rendering.gif is not None:
         facts = f"{counted(rendering.frames, 'frame')}, {rendering.frames / rendering.fps:.2f} s"
@@ -125,7 +136,7 @@ def _speed(speed: float) -> str:
     return f"{1 / speed:.4g} times slower" if speed < 1 else f"{speed:.4g} times faster"
 
 
-def _story(analysis: Analysis) -> list[str]:
+def analysis_lines(analysis: Analysis) -> list[str]:
     """Tell a drop from its release to its rest, in lines of at most 80 characters."""
     scenario = analysis.scenario
     first, last = analysis.table.row(0, named=True), analysis.table.row(-1, named=True)
@@ -133,9 +144,14 @@ def _story(analysis: Analysis) -> list[str]:
     if given is not None or scenario["engine"] == "bullet":
         damping = f", damping {'default' if given is None else f'{given:g}'}"
     body = escape(Path(scenario["body"]).name)
+    dropped = (
+        f"{body} dropped{_engine(scenario)} from {decimals(first['simulated_m'], 4)} m, "
+        f"timestep {fraction(scenario['timestep_s'])} s{damping}"
+    )
+    headline, *others = beside("", dropped, 0)
     lines = [
-        f"[bold]{body}[/] dropped{_engine(scenario)} from {decimals(first['simulated_m'], 4)} m, "
-        f"timestep {fraction(scenario['timestep_s'])} s" + damping,
+        headline.replace(body, f"[bold]{body}[/]", 1),
+        *others,
         f"after {last['time_s']:.4g} s its centre is at {decimals(last['simulated_m'], 4)} m",
     ]
     for moment in analysis.at:
@@ -150,8 +166,8 @@ def _story(analysis: Analysis) -> list[str]:
     lines += ["", *_explained(analysis), *_flights(analysis), *_contacts(analysis)]
     if analysis.findings:
         lines.append("")
-    for finding in analysis.findings:
-        lines += _titled("Finding", f"{finding.code}: {finding.message}")
+    for one in analysis.findings:
+        lines += finding(one.code, one.message, column=_TITLE)
     return lines
 
 
@@ -195,12 +211,19 @@ def _moment(moment: Moment, scenario: dict[str, Any]) -> list[str]:
         *lines,
         "",
         *(
-            f"  {name:<12} {millimetres(getattr(terms, name))}   [dim]{reason}[/]"
+            line
             for name, reason in why.items()
+            for line in _term(name, getattr(terms, name), reason)
         ),
         f"  {'':<12} {'─' * 13}",
         f"  {'total':<12} [bold]{millimetres(moment.error_m)}[/]",
     ]
+
+
+def _term(name: str, value_m: float, reason: str) -> list[str]:
+    head = f"  {name:<12} {millimetres(value_m)}"
+    lines = beside(head, reason, len(head) + 3)
+    return [f"{line[: len(head) + 3]}[dim]{line[len(head) + 3 :]}[/]" for line in lines]
 
 
 def _impact(analysis: Analysis) -> list[str]:
@@ -359,37 +382,39 @@ def _explained(analysis: Analysis) -> list[str]:
 
 def _flights(analysis: Analysis) -> list[str]:
     """Return a table of what each flight is off free fall at its end, from its first sample on."""
-    if not analysis.flights:
-        return []
-    header = f"{'from':>9} {'to':>9}   {'x off':>12} {'y off':>12} {'z off':>12}"
     rows = [
-        f"{flight.start_s:7.4f} s {flight.end_s:7.4f} s  "
-        + " ".join(f"{round(length_m * 1e3, 4) + 0.0:+9.4f} mm" for length_m in flight.error_m)
+        (
+            f"{flight.start_s:7.4f} s {flight.end_s:7.4f} s  ",
+            " ".join(f"{round(length_m * 1e3, 4) + 0.0:+9.4f} mm" for length_m in flight.error_m),
+        )
         for flight in analysis.flights[:_MOST_FLIGHTS]
     ]
+    header = (f"{'from':>9} {'to':>9}   ", f"{'x off':>12} {'y off':>12} {'z off':>12}")
     return _listed("Flights", header, rows, len(analysis.flights), "flight")
 
 
 def _contacts(analysis: Analysis) -> list[str]:
     """Return a table of what each contact gave to the body."""
     phases, dt = analysis.contact_phases, analysis.scenario["timestep_s"]
-    if not phases:
-        return []
-    header = f"{'from':>9} {'to':>9}   {'impulse':>12} {'largest':>12} {'kinetic':>12}"
     rows = [
-        f"{phase.first_step * dt:7.4f} s {phase.last_step * dt:7.4f} s  "
-        f"{math.hypot(*phase.impulse_n_s):9.4g} Ns {phase.largest_force_n:10.4g} N "
-        f"{phase.kinetic_j + 0.0:+10.3g} J"
+        (
+            f"{phase.first_step * dt:7.4f} s {phase.last_step * dt:7.4f} s  ",
+            f"{math.hypot(*phase.impulse_n_s):9.4g} Ns {phase.largest_force_n:10.4g} N "
+            f"{phase.kinetic_j + 0.0:+10.3g} J",
+        )
         for phase in phases[:_MOST_FLIGHTS]
     ]
+    header = (f"{'from':>9} {'to':>9}   ", f"{'impulse':>12} {'largest':>12} {'kinetic':>12}")
     return _listed("Contacts", header, rows, len(phases), "contact")
 
 
-def _listed(title: str, header: str, rows: list[str], count: int, name: str) -> list[str]:
-    more = count - len(rows)
-    indent = " " * _TITLE
-    lines = [f"[bold]{title:<{_TITLE}}[/][dim]{header}[/]", *(indent + row for row in rows)]
-    return [*lines, f"{indent}and {more} more {name}{'s' * (more > 1)}"] if more else lines
+def _listed(
+    title: str, header: tuple[str, str], rows: list[tuple[str, str]], count: int, name: str
+) -> list[str]:
+    if not rows:
+        return []
+    lines, more = listed(title, [header, *rows], column=_TITLE), count - len(rows)
+    return [*lines, f"{'':{_TITLE}}and {counted(more, f'more {name}')}"] if more else lines
 
 
 _TITLE = 12

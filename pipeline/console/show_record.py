@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from pipeline.console.output import made, note, print_json, print_lines
+from pipeline.console.output import counted, made, note, print_json, print_lines
 
 if TYPE_CHECKING:
     from pipeline.stages.record import Recorded
@@ -39,18 +39,19 @@ def show_record(recorded: Recorded, *, as_json: bool) -> int:
             }
         )
     else:
-        facts = (
-            f"{_count(recorded.samples, 'sample')}, {_count(recorded.bodies, 'body', 'bodies')}, "
-            f"{_count(recorded.frames, 'frame')}, {recorded.bytes / 1e6:.2f} MB, "
-            f"{recorded.wall_s:.1f} s"
-        )
-        lines = made("recorded", recorded.recording, facts, column=10)
-        print_lines(f"[dim]script[/]    {ENDED[recorded.ended]}", *lines, stream=sys.stderr)
+        print_lines(*record_lines(recorded), stream=sys.stderr)
     if recorded.ended != "failed":
         return 0
     note(f"the script failed: {recorded.error}; what it did until then is in {recorded.recording}")
     return 1
 
 
-def _count(number: int, one: str, more: str = "") -> str:
-    return f"{number:,} {one if number == 1 else more or one + 's'}"
+def record_lines(recorded: Recorded) -> list[str]:
+    """Say how the script ended, and what was recorded of it."""
+    facts = (
+        f"{counted(recorded.samples, 'sample')}, {counted(recorded.bodies, 'body', 'bodies')}, "
+        f"{counted(recorded.frames, 'frame')}, {recorded.bytes / 1e6:.2f} MB, "
+        f"{recorded.wall_s:.1f} s"
+    )
+    lines = made("recorded", recorded.recording, facts, column=10)
+    return [f"[dim]script[/]    {ENDED[recorded.ended]}", *lines]

@@ -12,12 +12,15 @@ from rich.markup import escape
 from pipeline.analysis.script.results import Moment, Vector
 from pipeline.console.output import (
     counted,
+    finding,
+    listed,
     millimetres,
     note,
     print_json,
     print_lines,
     titled,
 )
+from pipeline.console.output import width as columns
 from pipeline.console.show_record import ENDED
 
 if TYPE_CHECKING:
@@ -31,6 +34,8 @@ MOST_BODIES, MOST_ROWS, MOST_OF_A_CODE = 12, 6, 3
 """Bodies, flights, contacts and findings of one code that are told; all are in the JSON."""
 TITLE = 12
 """Columns that a title takes."""
+WIDE = 56
+"""Columns of a flight that is taken apart, with the unit in every row."""
 LONGEST_NAME, PAIR = 8, 66
 """Characters that a name may have at the end of a row, and in a row of its own."""
 
@@ -45,10 +50,11 @@ def show_script(analysis: ScriptAnalysis, *, as_json: bool) -> None:
     if as_json:
         print_json(analysis.as_json())
     else:
-        print_lines(*_story(analysis))
+        print_lines(*analysis_lines(analysis))
 
 
-def _story(analysis: ScriptAnalysis) -> list[str]:
+def analysis_lines(analysis: ScriptAnalysis) -> list[str]:
+    """Tell what the bodies of a script did."""
     origin, explained = analysis.origin, analysis.explained
     ended = ENDED.get(str(origin["ended"]), "never finished")
     shown, there = len(analysis.bodies), len(analysis.by_body)
@@ -74,10 +80,10 @@ def _story(analysis: ScriptAnalysis) -> list[str]:
     if analysis.findings:
         lines.append("")
     told: Counter[str] = Counter()
-    for finding in analysis.findings:
-        told[finding.code] += 1
-        if told[finding.code] <= MOST_OF_A_CODE:
-            lines += _titled("Finding", f"{finding.code}: {finding.message}")
+    for one in analysis.findings:
+        told[one.code] += 1
+        if told[one.code] <= MOST_OF_A_CODE:
+            lines += finding(one.code, one.message, column=TITLE)
     for code, count in told.items():
         if count > MOST_OF_A_CODE:
             lines += _titled("", f"{code}: {count - MOST_OF_A_CODE} more, see --json")
@@ -89,7 +95,7 @@ def _titled(title: str, words: str) -> list[str]:
 
 
 def _bodies(number: int) -> str:
-    return f"{number:,} {'body' if number == 1 else 'bodies'}"
+    return counted(number, "body", "bodies")
 
 
 def _table_of_bodies(bodies: list[BodyAnalysis]) -> list[str]:
@@ -120,11 +126,13 @@ def _flights(bodies: list[BodyAnalysis]) -> list[str]:
     longest = sorted(flights, key=lambda one: one[1].first_step - one[1].last_step)[:MOST_ROWS]
     longest.sort(key=lambda one: (one[1].first_step, one[0].id))
     width = max(len(body.label) for body, _ in longest)
-    header = f"{'from':>9} {'to':>9} {'x off':>13} {'y off':>12} {'z off':>12}"
+    header = (f"{'from':>9} {'to':>9}  ", f"{'x off':>12} {'y off':>12} {'z off':>12}")
     rows = [
-        f"{flight.start_s:7.4f} s {flight.end_s:7.4f} s  "
-        + " ".join(f"{round(m * 1e3, 4) + 0.0:+9.4f} mm" for m in flight.error_m)
-        + (f"  {body.label}" if width <= LONGEST_NAME else f"  {body.id}")
+        (
+            f"{flight.start_s:7.4f} s {flight.end_s:7.4f} s  ",
+            " ".join(f"{round(m * 1e3, 4) + 0.0:+9.4f} mm" for m in flight.error_m)
+            + (f"  {body.label}" if width <= LONGEST_NAME else f"  {body.id}"),
+        )
         for body, flight in longest
     ]
     more = f"and {counted(len(flights) - len(rows), 'shorter flight')}; their terms: --body"
@@ -141,7 +149,9 @@ def _taken_apart(flights: list[ScriptFlight]) -> list[str]:
         lines += ["", *_titled("Flight", words)]
         for moment in dict.fromkeys((*flight.at, ends)):
             at = f"at {moment.time_s:.4g} s"
-            lines.append(f"[dim]  {at:<{TITLE}} {'x':>10}    {'y':>10}    {'z':>10}[/]")
+            unit, gap = (" [mm]", " ") if columns() < WIDE else ("", "    ")
+            axes = gap.join(f"{axis + unit:>10}" for axis in "xyz")
+            lines.append(f"[dim]{escape(f'  {at:<{TITLE}} {axes}')}[/]")
             terms = {} if moment.terms_m is None else asdict(moment.terms_m)
             for name, values_m in terms.items():
                 lines.append(f"  {name:<{TITLE}} {_row(values_m)}")
@@ -153,7 +163,13 @@ def _taken_apart(flights: list[ScriptFlight]) -> list[str]:
 
 
 def _row(values_m: Vector) -> str:
-    return " ".join(map(millimetres, values_m))
+    return " ".join(map(_length, values_m))
+
+
+def _length(value_m: float) -> str:
+    """Return a length in mm; on a narrow terminal the heading has the unit."""
+    text = millimetres(value_m)
+    return text.removesuffix(" mm") if columns() < WIDE else text
 
 
 def _contacts(bodies: list[BodyAnalysis]) -> list[str]:
@@ -162,21 +178,24 @@ def _contacts(bodies: list[BodyAnalysis]) -> list[str]:
     if not contacts:
         return []
     greatest = sorted(contacts, key=lambda one: -math.hypot(*one[1].impulse_n_s))[:MOST_ROWS]
-    header = f"{'from':>9} {'to':>9} {'impulse':>13} {'at most':>12} {'energy':>12}"
+    header = (f"{'from':>9} {'to':>9}  ", f"{'impulse':>12} {'at most':>12} {'energy':>12}")
     rows = []
     for body, one in sorted(greatest, key=lambda pair: (pair[1].first_step, pair[0].id)):
         others = ", ".join(dict.fromkeys(pusher.body for pusher in one.by))
         pair = f"{body.label} on {others}" if len(bodies) > 1 else f"on {others}"
-        rows.append(
-            f"{one.start_s:7.4f} s {one.end_s:7.4f} s  {math.hypot(*one.impulse_n_s):9.4g} Ns "
-            f"{one.largest_force_n:10.4g} N {one.energy_j + 0.0:+10.3g} J"
+        when = f"{one.start_s:7.4f} s {one.end_s:7.4f} s  "
+        gave = (
+            f"{math.hypot(*one.impulse_n_s):9.4g} Ns {one.largest_force_n:10.4g} N "
+            f"{one.energy_j + 0.0:+10.3g} J"
         )
-        rows.append(f"[dim]{escape(pair if len(pair) <= PAIR else pair[: PAIR - 2] + ' …')}[/]")
+        most = min(PAIR, columns() - TITLE - 2)
+        rows += [(when, gave), (pair if len(pair) <= most else f"{pair[: most - 2]} …", "")]
     more = f"and {counted(len(contacts) - len(greatest), 'lighter contact')}"
     return _listed("Contacts", header, rows, more if len(contacts) > len(greatest) else None)
 
 
-def _listed(title: str, header: str, rows: list[str], more: str | None) -> list[str]:
-    indent = " " * TITLE
-    lines = ["", f"[bold]{title:<{TITLE}}[/][dim]{header}[/]", *(indent + row for row in rows)]
-    return lines if more is None else [*lines, indent + more]
+def _listed(
+    title: str, header: tuple[str, str], rows: list[tuple[str, str]], more: str | None
+) -> list[str]:
+    lines = ["", *listed(title, [header, *rows], column=TITLE)]
+    return lines if more is None else [*lines, " " * TITLE + more]

@@ -27,7 +27,7 @@ def show_script_check(check: ScriptCheck, *, as_json: bool) -> int:
     if as_json:
         print_json(_json(check))
     else:
-        print_lines(*_lines(check))
+        print_lines(*check_lines(check))
     return 0 if check.same or check.updated else DIFFERS
 
 
@@ -55,7 +55,8 @@ def _as_setting(one: Difference) -> dict[str, Any]:
     return {"name" if name == "column" else name: value for name, value in asdict(one).items()}
 
 
-def _lines(check: ScriptCheck) -> list[str]:
+def check_lines(check: ScriptCheck) -> list[str]:
+    """Say whether the two are the same, and if not, where and how."""
     compared = check.comparison
     updated = _titled("golden", f"{check.golden} is now {check.recording}")
     if compared is None:

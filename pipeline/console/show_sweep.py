@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -11,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 
 from pipeline.console.output import (
-    WIDTH,
     counted,
+    error,
     made,
     millimetres,
     print_json,
     print_lines,
     titled,
+    width,
 )
 from pipeline.fields import decimals, fraction
 
@@ -42,15 +42,27 @@ TERMS = {
 }
 
 
-def show_sweep(sweep: Sweep, *, as_json: bool) -> None:
-    """Print what a sweep made and found."""
+def show_sweep(sweep: Sweep, *, as_json: bool) -> int:
+    """Print what a sweep made and found; return the exit code: 1 where runs failed."""
     if as_json:
         print_json(_json(sweep))
-        return
-    lines = [
-        f"[bold]{counted(sweep.runs, 'run')}[/], errors at {sweep.at_s:g} s in mm, "
-        "simulated minus free fall"
-    ]
+    else:
+        print_lines(*sweep_lines(sweep))
+    if sweep.failed:
+        error(f"{_failed(sweep)}; their rows in {sweep.results} say why")
+    return 1 if sweep.failed else 0
+
+
+def _failed(sweep: Sweep) -> str:
+    return f"{sweep.failed:,} of {counted(sweep.runs, 'run')} failed"
+
+
+def sweep_lines(sweep: Sweep) -> list[str]:
+    """Tell what a sweep found: its runs, how the error converges or spreads, its files."""
+    runs = counted(sweep.runs, "run")
+    words = f"{runs}, errors at {sweep.at_s:g} s in mm, simulated minus free fall"
+    first, *others = titled("", words, column=0)
+    lines = [first.replace(runs, f"[bold]{runs}[/]", 1), *others]
     if sweep.statistics:
         for group in sweep.statistics:
             lines += ["", *_statistics(group)]
@@ -64,8 +76,7 @@ def show_sweep(sweep: Sweep, *, as_json: bool) -> None:
         lines += ["", f"[dim]… and {more:,} more such sets of runs: see --json[/]"]
     if sweep.engine_runs:
         lines += ["", *_engines(sweep)]
-    lines += ["", *_failures(sweep), *_files(sweep)]
-    print_lines(*lines)
+    return [*lines, "", *_failures(sweep), *_files(sweep)]
 
 
 def _json(sweep: Sweep) -> dict[str, Any]:
@@ -103,12 +114,11 @@ def _rows(sweep: Sweep) -> list[str]:
     labels = [[name, *(_cut(sweep.written(field, row[field])) for row in shown)]
               for field, name in sweep.axes]  # fmt: skip
     errors = [[name, *(_mm(row[term]) for row in shown)] for term, name in TERMS.items()]
-    room = max(WIDTH, shutil.get_terminal_size().columns)
     columns = [_aligned(one, str.ljust) for one in labels]
     columns += [_aligned(error, str.rjust) for error in errors]
     total = len(labels)
     left_out: list[str] = []
-    while len(columns) > 1 and sum(len(column[0]) + 2 for column in columns) - 2 > room:
+    while len(columns) > 1 and sum(len(column[0]) + 2 for column in columns) - 2 > width():
         at = -1 if len(columns) > total + 1 else total - 1
         total -= at == total - 1
         left_out.insert(0, columns.pop(at)[0].strip())
@@ -118,7 +128,8 @@ def _rows(sweep: Sweep) -> list[str]:
         failed = number and shown[number - 1]["error"] is not None
         lines.append(f"[dim]{line}[/]" if not number else f"[red]{line}[/]" if failed else line)
     if left_out:
-        lines.append(f"[dim]without {', '.join(left_out)}: see {escape(str(sweep.results))}[/]")
+        without = f"without {', '.join(left_out)}: see {sweep.results}"
+        lines += [f"[dim]{line}[/]" for line in titled("", without, column=0)]
     if sweep.runs > len(shown):
         lines.append(f"[dim]… and {sweep.runs - len(shown):,} more in {sweep.results}[/]")
     return lines
@@ -149,20 +160,20 @@ def _study(group: Group, study: Study, at_s: float) -> list[str]:
     """Tell what the timestep does."""
     steps = [fraction(run.timestep_s) for run in study.runs]
     pairs = [f"{coarse} → {fine}" for coarse, fine in itertools.pairwise(steps)]
-    width = max(map(len, pairs)) + 3
-    pairs = pairs[-max(1, min(3, (WIDTH - STUDY - 2) // width)) :]
+    wide = max(map(len, pairs)) + 3
+    pairs = pairs[-max(1, min(3, (width() - STUDY - 2) // wide)) :]
     limit_mm = study.limit_m * 1e3
     large = abs(limit_mm) >= 5e-3
     limit = f"{decimals(limit_mm, 2, '+') if large else f'{limit_mm:+.1e}'} mm"
     damped = study.damping_matters
-    free_fall = _orders(study.orders_free_fall, len(pairs), width, 2 if damped else 3)
-    heading = "".join(pair.rjust(width) for pair in pairs)
+    free_fall = _orders(study.orders_free_fall, len(pairs), wide, 2 if damped else 3)
+    heading = "".join(pair.rjust(wide) for pair in pairs)
     lines = [
         *_heading(group.label or "by timestep"),
         f"  [dim]{'order of accuracy':<{STUDY - 2}}{heading}[/]",
         f"{'    against free fall':<{STUDY}}{free_fall}{' [yellow]*[/]' if damped else ''}",
         f"{'    against damped fall':<{STUDY}}"
-        + _orders(study.orders_damped_fall, len(pairs), width, 3),
+        + _orders(study.orders_damped_fall, len(pairs), wide, 3),
     ]
     if damped:
         lines += _said("  *", f"meaningless: the error against free fall does not go to 0 but to "
@@ -304,9 +315,9 @@ def _cells(name: str, cells: Sequence[str], style: str = "") -> str:
 def _failures(sweep: Sweep) -> list[str]:
     if not sweep.failed:
         return []
-    first, runs = sweep.first_failure(), counted(sweep.runs, "run")
+    first = sweep.first_failure()
     return [
-        f"[red]{sweep.failed:,} of {runs} failed[/], see the column error; run {first['run']}:",
+        f"[red]{_failed(sweep)}[/], see the column error; run {first['run']}:",
         *titled("", first["error"], column=2),
         "",
     ]

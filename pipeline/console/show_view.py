@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import TYPE_CHECKING
 
 from pipeline.console.output import note, print_json, print_lines, titled
@@ -13,7 +14,9 @@ if TYPE_CHECKING:
 def show_view(view: View, *, as_json: bool) -> None:
     """Print what is shown, and where."""
     for layer in view.stale:
-        note(f"{layer} belongs to an earlier recording; make it again with: drop analyze")
+        recording = str(layer).removesuffix(".analysis.rrd") + ".rrd"
+        again = shlex.join(["drop", "analyze", recording])
+        note(f"{layer} belongs to an earlier recording; make it again with: {again}")
     if as_json:
         print_json(
             {
@@ -27,7 +30,12 @@ def show_view(view: View, *, as_json: bool) -> None:
                 "page": view.viewer.page,
             }
         )
-        return
+    else:
+        print_lines(*view_lines(view))
+
+
+def view_lines(view: View) -> list[str]:
+    """Say what is shown, and where."""
     lines = titled("showing", " ".join(map(str, [*view.recordings, *view.layers])), column=19)
     if view.golden is not None:
         step = view.first_difference
@@ -36,4 +44,4 @@ def show_view(view: View, *, as_json: bool) -> None:
         lines += titled("golden, in grey", f"{view.golden}: {found}", column=19)
     if view.viewer.page is not None:
         lines += titled("open in a browser", f"{view.viewer.page}   (Ctrl-C ends it)", column=19)
-    print_lines(*lines)
+    return lines

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pipeline.engines.bullet.world import World, check_numbers, no_number
 from pipeline.engines.session import RigidBody, Session
 from pipeline.errors import ScenarioError
+from pipeline.fields import counted
 from pipeline.report import EngineReport
 from pipeline.scenario import ENGINES, ENGINES_WITH, Engine, Scenario
 from pipeline.states import BASE, BODY, CONTACT, FLOOR, STATE, Batch
@@ -169,7 +170,7 @@ def rigid_body(world: World, report: EngineReport) -> RigidBody:
         If it has joints, or shapes that not every engine has.
     """
     body, shapes = world.scenario.body, world.shapes()
-    has = f"{report.joints} joints" if report.joints else ""
+    has = counted(report.joints, "joint") if report.joints else ""
     for shape in shapes:
         if shape.kind not in SHAPES:
             has = has or f"a shape that is a {shape.kind}"

@@ -72,5 +72,6 @@ class Composition:
 
 def caption(time_s: float, height_m: float, error_m: float) -> str:
     """Return a moment in words; all captions of a drop have their digits in the same places."""
-    error = f"{error_m * 1e3:+.3f}"
-    return f"t {time_s:.3f} s  height {height_m:.4f} m  error {error:>7} mm".replace("-", "−")
+    height = f"{round(height_m, 4) + 0.0:.4f}"
+    error = f"{round(error_m * 1e3, 3) + 0.0:+.3f}"
+    return f"t {time_s:.3f} s  height {height} m  error {error:>7} mm".replace("-", "−")

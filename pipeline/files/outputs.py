@@ -10,6 +10,7 @@ import contextlib
 import itertools
 import os
 import re
+import shlex
 import shutil
 import stat
 from collections.abc import Iterator, Sequence
@@ -82,7 +83,8 @@ def check_target(path: Path, *, force: bool) -> None:
         _check_home(folder)
         if not folder.is_dir():
             raise OutputError(
-                f"the folder {folder} does not exist; make it with: mkdir -p '{folder}'"
+                f"the folder {folder} does not exist; make it with: "
+                f"{shlex.join(['mkdir', '-p', str(folder)])}"
             )
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(f"the folder {folder} cannot be written to; choose another one")

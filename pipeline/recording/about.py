@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pipeline.fields import fraction
+from pipeline.fields import counted, fraction
 from pipeline.report import EngineReport
 from pipeline.scenario import ENGINES, Camera, Scenario
 
@@ -30,8 +30,8 @@ def about(scenario: Scenario, camera: Camera | None, engine: EngineReport) -> st
         "floor": floor,
         "frames": "none"
         if camera is None
-        else f"every {camera.capture_every} steps, {camera.view} camera",
-        "engine": _engine(scenario, engine),
+        else f"every {_every(camera.capture_every)}, {camera.view} camera",
+        "engine": engine_in_words(scenario, engine),
     }
     table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
     return f"""# A body dropped in {ENGINES[scenario.engine]}
@@ -56,7 +56,12 @@ sample 0 is the release.
 """
 
 
-def _engine(scenario: Scenario, engine: EngineReport) -> str:
+def _every(steps: int) -> str:
+    return "step" if steps == 1 else counted(steps, "step")
+
+
+def engine_in_words(scenario: Scenario, engine: EngineReport) -> str:
+    """Return the engine's name, its version, and what of it was chosen."""
     if scenario.engine == "bullet":
         return f"pybullet {engine.pybullet_version}, {engine.pybullet_build}"
     integrator = scenario.effective_integrator

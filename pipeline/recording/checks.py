@@ -12,7 +12,7 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.errors import RecordingError
-from pipeline.fields import shown
+from pipeline.fields import counted, shown
 from pipeline.recording import rrd, schema
 from pipeline.report import LARGEST, EngineReport
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
@@ -54,7 +54,9 @@ def check_engine(engine: EngineReport, scenario: Scenario, path: Path) -> None:
     links = 1 + engine.joints
     masses_kg, moments = engine.link_masses_kg, engine.link_inertias_kg_m2
     if (len(masses_kg), len(moments)) != (links, 3 * links):
-        raise damaged(path, f"its engine must report masses and inertias of {links} links")
+        raise damaged(
+            path, f"its engine must report masses and inertias of {counted(links, 'link')}"
+        )
     if engine.mass_kg != math.fsum(masses_kg) or engine.inertia_kg_m2 != moments[:3]:
         raise damaged(path, "its engine reports another mass or inertia of the body than of links")
     if scenario.engine == "bullet":
@@ -128,7 +130,7 @@ def check_parts(states: pl.DataFrame, engine: EngineReport, path: Path) -> None:
     """Check that every sample from the first on is there, with each part of the body once."""
     parts = 1 + engine.joints
     if not 1 <= parts <= len(states):
-        raise damaged(path, f"its engine reports {engine.joints:,} joints")
+        raise damaged(path, f"its engine reports {counted(engine.joints, 'joint')}")
     samples, rest = divmod(len(states), parts)
     due = {
         "step": np.repeat(np.arange(samples), parts),

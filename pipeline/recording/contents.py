@@ -27,6 +27,10 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
     """
     only: str | None = None
     try:
+        if path.is_dir():
+            raise RecordingError(
+                f"{path} is a folder; name a recording in it, such as {path / 'run.rrd'}"
+            )
         if not path.is_file():
             why = "not a regular file" if path.exists() else "not there"
             raise RecordingError(
@@ -98,13 +102,14 @@ def closing_of(properties: Mapping[str, Properties], path: Path) -> Properties |
     """
     closing = properties.get(schema.RECORDING_PROPERTY)
     if closing is None:
-        if is_part(path):
-            return None
-        if not properties:  # that of what was run is written first
+        if not properties and next(chunks_of(path), None):  # that of what was run is written first
+            part = "an unfinished layer" if is_part(path) else "a layer"
             raise RecordingError(
-                f"{path} must be a recording, got a layer, as RUN.analysis.rrd is of RUN.rrd; give "
+                f"{path} must be a recording, got {part}, as RUN.analysis.rrd is of RUN.rrd; give "
                 "the recording that it belongs to"
             )
+        if is_part(path):
+            return None
         raise _unfinished(path, "it lacks the property that is written last")
     version = closing.get("schema_version")
     if version == 1:

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import polars as pl
 
 from pipeline.errors import RecordingError, ScenarioError
-from pipeline.fields import shown
+from pipeline.fields import counted, shown
 from pipeline.recording import columns, png, rows, rrd, schema
 from pipeline.recording.checks import (
     check_camera,
@@ -188,7 +188,7 @@ def _check_frames(
     due = range(0, scenario.steps + 1, camera.capture_every) if camera else range(0)
     expected = due if closing is not None else due[: len(pictures)]
     if list(pictures) != list(itertools.islice(expected, len(pictures) + 1)):
-        raise damaged(path, f"it must hold {len(due):,} frames, got {len(pictures):,}")
+        raise damaged(path, f"it must hold {counted(len(due), 'frame')}, got {len(pictures):,}")
     for step, picture in pictures.items():
         # What a header claims is what a decoder reserves.
         if camera is None or png.size_px(picture) != camera.size_px:
@@ -262,7 +262,7 @@ def _check_written(
     if closing is not None and not samples == due == closing.get("samples"):
         raise damaged(path, f"it must hold {due:,} samples, got {samples:,}")
     if samples > due:
-        raise damaged(path, f"it must hold at most {due:,} samples, got {samples:,}")
+        raise damaged(path, f"it must hold at most {counted(due, 'sample')}, got {samples:,}")
     if closing is None:
         return
     if rows.digest_of(states, schema.STATES) != closing.get("state_sha256"):

@@ -22,6 +22,7 @@ from pipeline.recording import sealing
 from pipeline.recording.checks import again
 from pipeline.recording.reader import Recording, frames, is_recording, read
 from pipeline.scenario import Camera
+from pipeline.shown import Shown
 
 POSE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
 
@@ -41,7 +42,7 @@ class Frames:
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(Shown, lines_of="pipeline.console.show_check:check_lines"):
     """Whether a recording is the same physics as a golden one, and where it is not."""
 
     recording: Path

@@ -18,6 +18,7 @@ from pipeline.files.whole import replaced
 from pipeline.recording.contents import is_script
 from pipeline.recording.script_reader import ScriptRecording, read_script
 from pipeline.recording.script_scene import frames_of_cameras
+from pipeline.shown import Shown
 from pipeline.stages.check import (
     Frames,
     check_replaceable,
@@ -30,7 +31,7 @@ __all__ = ["ScriptCheck", "check_script", "is_script"]
 
 
 @dataclass(frozen=True)
-class ScriptCheck:
+class ScriptCheck(Shown, lines_of="pipeline.console.show_script_check:check_lines"):
     """Whether the recording of a script is the same physics as a golden one, and where not."""
 
     recording: Path

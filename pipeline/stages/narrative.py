@@ -7,6 +7,7 @@ from dataclasses import asdict
 
 from pipeline.analysis.drop.results import Analysis, Finding, Moment
 from pipeline.analysis.script.results import ScriptFinding
+from pipeline.fields import decimals
 
 
 def events(analysis: Analysis) -> list[tuple[int, str]]:
@@ -36,7 +37,7 @@ def events(analysis: Analysis) -> list[tuple[int, str]]:
 def _sum(moment: Moment) -> str:
     """Write an error as a sum on one line; what rounds to nothing is left out."""
     terms = moment.terms_m
-    said = f"{moment.error_m * 1e3:+.2f} mm off"
+    said = f"{decimals(moment.error_m * 1e3, 2, '+')} mm off"
     if terms is None:
         return said
     parts = [
@@ -49,7 +50,7 @@ def _sum(moment: Moment) -> str:
 
 def _millimetres(value_m: float) -> str:
     """Write a length in mm; what four decimals cannot show is given in powers of ten."""
-    value = value_m * 1e3
+    value = value_m * 1e3 + 0.0
     return f"{value:+.4f}" if value == 0 or abs(value) >= 5e-5 else f"{value:+.1e}"
 
 

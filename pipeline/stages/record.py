@@ -24,6 +24,7 @@ from pipeline.recording import writer
 from pipeline.recording.script import Script
 from pipeline.recording.script_layout import layout
 from pipeline.seen import Ending
+from pipeline.shown import Shown
 
 FOLDER = Path("recordings")
 DURATION_S = 60.0
@@ -35,7 +36,7 @@ SEEDED_CLOCK_S = 1e9
 
 
 @dataclass(frozen=True)
-class Recorded:
+class Recorded(Shown, lines_of="pipeline.console.show_record:record_lines"):
     """What a script's recording is."""
 
     recording: Path

@@ -35,6 +35,9 @@ from pipeline.recording.script_layout import layout
 from pipeline.stages.record import DURATION_S, Recorded, recorded_of
 from pipeline.workers import module_path
 
+BLOCK = "a block of Python"
+"""What is said of it where a script has its name."""
+
 
 class Block:
     """A block that is recorded; `recorded` says what of, once it has ended."""
@@ -126,7 +129,7 @@ def _record(told: dict[str, Any]) -> dict[str, Any]:
     script = Script(
         {
             "kind": "script",
-            "script": "a block of Python",
+            "script": BLOCK,
             "drop_version": metadata.version("drop-physics"),
         }
     )
@@ -138,9 +141,7 @@ def _record(told: dict[str, Any]) -> dict[str, Any]:
         blueprint=lambda: layout(script),
         force=told["force"],
     )
-    recorded = recorded_of(
-        script, listener.ending(), path, recording_id=recording_id, name="a block of Python"
-    )
+    recorded = recorded_of(script, listener.ending(), path, recording_id=recording_id, name=BLOCK)
     wall_s = time.perf_counter() - began
     return asdict(recorded) | {"recording": str(path), "wall_s": wall_s}
 
@@ -150,5 +151,5 @@ if __name__ == "__main__":
     try:
         answered = _record(json.loads(sys.argv[1]))
     except DropError as failure:
-        answered = {"error": "; ".join([str(failure), *getattr(failure, "__notes__", [])])}
+        answered = {"error": "; ".join([failure.in_options, *getattr(failure, "__notes__", [])])}
     print(json.dumps(answered))

@@ -23,6 +23,7 @@ from pipeline.recording.checks import again
 from pipeline.recording.contents import is_script
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
+from pipeline.shown import Shown
 from pipeline.sweeping.plan import label_of
 from pipeline.workers import Worker
 
@@ -35,7 +36,7 @@ __all__ = ["Rendering", "is_script", "render"]
 
 
 @dataclass(frozen=True)
-class Rendering:
+class Rendering(Shown, lines_of="pipeline.console.show_drop:rendering_lines"):
     """What was rendered; a path is None where there was nothing to render."""
 
     gif: Path | None
@@ -138,6 +139,11 @@ def render(
         plot=plotted,
         speed=played.speed if played else None,
     )
+
+
+def plot_of(analysis: Analysis, *, dark: bool = False) -> bytes:
+    """Return the plot of an analysis as PNG, as `render` draws it."""
+    return _plot(analysis.table, "png", _facts(Scenario(**analysis.scenario), analysis), dark)
 
 
 def _plot(*drawing: Any) -> bytes:  # noqa: ANN401

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from pipeline.figures.playback import EVERY_FRAME, Animation
 from pipeline.files.outputs import make_folder, reserved
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
+from pipeline.shown import Shown
 from pipeline.workers import Worker
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _DERIVED = (".analysis.rrd", ".gif", ".png")
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Shown, lines_of="pipeline.console.show_drop:run_lines"):
     """What the three stages made."""
 
     simulation: Simulation

@@ -25,6 +25,7 @@ from pipeline.scenario import (
     Camera,
     Scenario,
 )
+from pipeline.shown import Shown
 from pipeline.stages.recorded import BATCH, recorded
 from pipeline.workers import Worker
 
@@ -36,7 +37,7 @@ LARGE_BYTES = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Simulation:
+class Simulation(Shown, lines_of="pipeline.console.show_drop:simulation_lines"):
     """What a run made."""
 
     recording: Path

@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import math
 import platform
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -22,15 +22,17 @@ from pipeline.engines.bullet.engine import body_digest, engine_versions, find_bo
 from pipeline.engines.bullet.probe import verdicts
 from pipeline.engines.other_world import other_versions
 from pipeline.errors import DropError, OutputError, ScenarioError
+from pipeline.fields import counted
 from pipeline.files.outputs import check_apart, check_room, check_target
 from pipeline.files.whole import written_whole
 from pipeline.scenario import ENGINES, Camera, Scenario
+from pipeline.shown import Shown
 from pipeline.stages.sweep_engines import MOST_RUNS, EngineRun, Fall, engine_falls
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
 from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
 from pipeline.sweeping.folder import TERMS, Folder, mark_of
-from pipeline.sweeping.plan import Plan, label_of, name_of
+from pipeline.sweeping.plan import Plan, label_of, name_of, plan_of
 from pipeline.workers import cores
 
 SHORT_STEPS = 200_000
@@ -43,7 +45,7 @@ Progress = Callable[[int, int, int], None]
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(Shown, lines_of="pipeline.console.show_sweep:sweep_lines"):
     """What a sweep made."""
 
     plan: Plan
@@ -84,7 +86,7 @@ class Sweep:
 
 
 def sweep(
-    plan: Plan,
+    plan: Plan | Mapping[str, Any],
     out: Path | str,
     *,
     at_s: float = DEFAULT_AT_S,
@@ -103,7 +105,8 @@ def sweep(
     Parameters
     ----------
     plan
-        Which scenarios.
+        Which scenarios: lists of values by field of `Scenario`, as {"timestep_s": [1/240, 1/480]},
+        or a plan, which `plan_of` makes of lists and of what is drawn.
     out
         The folder for results and recordings; made if missing. The same plan goes on in it where
         it stopped, another one is rejected.
@@ -140,6 +143,8 @@ def sweep(
     DropError
         If all runs fail, workers die again and again, or Ray does not answer.
     """
+    if not isinstance(plan, Plan):
+        plan = plan_of(plan)
     _check(plan, until_ci_m=until_ci_m, jobs=jobs, at_s=at_s)
     bodies = _bodies(plan)
     if plot is not None:
@@ -173,7 +178,7 @@ def sweep(
         except BaseException as stop:
             there = sum(len(plan.runs_of(shard)) for shard in folder.finished())
             stop.add_note(
-                f"{there:,} of {plan.runs:,} runs are in {folder.path}; run the same "
+                f"{there:,} of {counted(plan.runs, 'run')} done in {folder.path}; run the same "
                 "command again to resume"
             )
             raise

@@ -106,8 +106,10 @@ class RunShard:
         except OutputError:
             raise
         except Exception as error:  # noqa: BLE001 - whatever it is, the others go on
-            known = isinstance(error, DropError)
-            return row | {"error": str(error) if known else f"{type(error).__name__}: {error}"}
+            said = f"{type(error).__name__}: {error}"
+            if isinstance(error, DropError):
+                said = error.in_options
+            return row | {"error": said}
         terms = moment.terms_m
         return row | {
             "step": moment.step,

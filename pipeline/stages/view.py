@@ -11,10 +11,11 @@ from pipeline.recording import viewer
 from pipeline.recording.layer import layer_of
 from pipeline.recording.reader import recording_id
 from pipeline.recording.viewer import Viewer
+from pipeline.shown import Shown
 
 
 @dataclass(frozen=True)
-class View:
+class View(Shown, lines_of="pipeline.console.show_view:view_lines"):
     """What is shown, and how the viewer is started."""
 
     recordings: list[Path]

@@ -97,13 +97,23 @@ class Plan:
 
 
 def plan_of(
-    given: Mapping[str, str | bool | None],
+    given: Mapping[str, Any],
     *,
     samples: int | None = None,
     seed: int = 0,
     vary: Sequence[str] = (),
 ) -> Plan:
-    """Read a sweep from command-line values by field name.
+    """Return the plan of a sweep.
+
+    Parameters
+    ----------
+    given
+        The values of each field of `Scenario` that is not left at its default: a list of them, one
+        alone, or text as on the command line.
+    samples, seed
+        How many runs each scenario gets, and the seed of what is drawn for them.
+    vary
+        What is drawn, such as `height=uniform:0.5:2`.
 
     Raises
     ------
@@ -111,12 +121,17 @@ def plan_of(
         If a value cannot be read or lies outside its domain, or the options do not go together.
     """
     lists: list[tuple[str, tuple[Any, ...]]] = []
+    for name in given.keys() - Scenario.options().keys():
+        raise ScenarioError(
+            f"a sweep takes fields of Scenario, got {name!r}; they are: "
+            f"{', '.join(Scenario.options())}"
+        )
     for name, spec in Scenario.options().items():
         raw = given.get(name)
         if isinstance(raw, bool):
             lists += [] if raw else [(name, (False,))]
         elif raw is not None:
-            values = spec.read_list(raw)
+            values = Scenario.listed(name, raw)
             if len(set(values)) < len(values):
                 raise ScenarioError(f"{spec.name} must list each value once, got {raw!r}")
             lists.append((name, values))
@@ -125,6 +140,10 @@ def plan_of(
         raise ScenarioError(f"--samples must be at least 1, got {samples}")
     if seed < 0:
         raise ScenarioError(f"--seed must be at least 0, got {seed}")
+    if samples is not None and not variations:
+        raise ScenarioError(
+            "--samples draws nothing without --vary; add --vary height=uniform:0.5:2, or omit it"
+        )
     if variations and samples is None:
         raise ScenarioError("--vary needs to know how often to draw; add --samples 1000")
     for variation in variations:

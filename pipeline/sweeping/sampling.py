@@ -180,7 +180,7 @@ def _variation(text: str) -> Variation:
             for value in values:
                 option.check(value)
         except ScenarioError as error:
-            raise ScenarioError(f"--vary {text!r} cannot be drawn: {error}") from None
+            raise ScenarioError(f"--vary {text!r} cannot be drawn: {error.in_options}") from None
         return Variation(field, axis, kind, values)
     if kind not in DISTRIBUTIONS or len(parameters) != len(DISTRIBUTIONS[kind].parameters):
         raise ScenarioError(f"--vary takes one of {FORMS}, got {text!r}")

@@ -19,7 +19,7 @@ from pipeline.analysis.drop.mismatch import Mismatch, joints_of
 from pipeline.analysis.drop.phases import Phases
 from pipeline.analysis.drop.posture import FLAT_RAD, extent_m, tilt_rad, tumbles
 from pipeline.analysis.drop.results import Bounce, Finding, Impact, Landing, Moment, Rest
-from pipeline.fields import decimals
+from pipeline.fields import counted, decimals
 
 DEEP_PENETRATION = 0.1
 """Share of the body's height that it may sink into the floor before it is worth reporting."""
@@ -405,15 +405,14 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
 
 
 def _points(case: Case) -> str:
-    points = int(case.samples.contact_points[-1])
-    return "1 point" if points == 1 else f"{points} points"
+    return counted(int(case.samples.contact_points[-1]), "point")
 
 
 def _solver_stop(case: Case) -> str:
     """Say where the solver stops, and what takes that away; which came first is not recorded."""
     iterations = case.engine.solver_iterations or ENOUGH_ITERATIONS
     if case.scenario.solver_residual == 0:
-        return f"after {iterations} iterations; more with --solver-iterations take"
+        return f"after {counted(iterations, 'iteration')}; more with --solver-iterations take"
     if iterations < ENOUGH_ITERATIONS:
         return f"early; --solver-residual 0 and more than {iterations} --solver-iterations take"
     return "early; --solver-residual 0 takes"

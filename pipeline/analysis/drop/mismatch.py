@@ -10,6 +10,7 @@ from pipeline.analysis.drop.case import Case
 from pipeline.analysis.drop.phases import Phases
 from pipeline.analysis.drop.results import ContactPhase, Coverage, Explained
 from pipeline.analysis.general.segments import CONTACT
+from pipeline.fields import counted
 from pipeline.scenario import Engine
 
 LEFT_M_S2 = 0.02
@@ -141,7 +142,7 @@ def contact_phases(case: Case) -> list[ContactPhase]:
 
 def joints_of(count: int) -> str:
     """Return a number of joints in words."""
-    return "1 joint" if count == 1 else f"{count} joints"
+    return counted(count, "joint")
 
 
 def coverage_of(

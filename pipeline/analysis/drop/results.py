@@ -13,6 +13,7 @@ from pipeline.analysis.drop.phases import Phase
 from pipeline.analysis.general.flights import Flight
 from pipeline.analysis.general.jsonable import jsonable
 from pipeline.report import EngineReport
+from pipeline.shown import Shown
 
 
 @dataclass(frozen=True)
@@ -251,7 +252,7 @@ class ContactPhase:
 
 
 @dataclass(frozen=True)
-class Analysis:
+class Analysis(Shown, lines_of="pipeline.console.show_drop:analysis_lines"):
     """Everything that a recording tells."""
 
     scenario: dict[str, Any]

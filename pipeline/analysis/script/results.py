@@ -10,6 +10,7 @@ import polars as pl
 
 from pipeline.analysis.general.flights import VectorTerms
 from pipeline.analysis.general.jsonable import jsonable
+from pipeline.shown import Shown
 
 Vector = tuple[float, float, float]
 
@@ -167,7 +168,7 @@ class ScriptFinding:
 
 
 @dataclass(frozen=True)
-class ScriptAnalysis:
+class ScriptAnalysis(Shown, lines_of="pipeline.console.show_script:analysis_lines"):
     """Everything that a script's recording tells."""
 
     origin: dict[str, Any]

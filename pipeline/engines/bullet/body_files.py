@@ -170,7 +170,7 @@ def _stl_problem(data: bytes) -> str:
 def _obj_problem(data: bytes) -> str:
     if cut := cut_lines(data, LONGEST_LINE):
         return cut
-    vertices, highest = 0, 0
+    vertices, highest, faces = 0, 0, 0
     for line in data.split(b"\n"):
         kind, *parts = line.split() or [b""]
         if kind == b"v":
@@ -180,6 +180,7 @@ def _obj_problem(data: bytes) -> str:
                 return f"{_quoted(line)} are no three finite numbers"
             vertices += 1
         elif kind == b"f":
+            faces += 1
             for part in parts:
                 indices = _indices(part)
                 if not indices or 0 in indices or max(map(abs, indices)) > LARGEST_INDEX:
@@ -187,6 +188,8 @@ def _obj_problem(data: bytes) -> str:
                 if indices[0] < -vertices:
                     return f"{_quoted(part)} is a vertex before the first"
                 highest = max(highest, indices[0])
+    if not faces:
+        return "it has no faces, so that there is nothing to meet or to draw"
     if highest > vertices:
         return f"a face has vertex {highest:,}, and there are {vertices:,}"
     return ""

@@ -32,15 +32,17 @@ def find_body(body: str) -> Path:
     ScenarioError
         If there is no such file in either place, or it is the user's own and Bullet cannot take it.
     """
-    theirs = data_folder().resolve()
+    theirs, why = data_folder().resolve(), "which is in neither place"
     for candidate in (Path(body), theirs / body):
         with contextlib.suppress(OSError):  # such as a name that is too long
             if candidate.is_file():
                 if theirs not in candidate.resolve().parents:
                     try_body(candidate)
                 return candidate
+            if candidate.is_dir():
+                why = "which is a folder"
     raise ScenarioError(
-        f"--body must be a URDF file of pybullet_data or a path, got {body[:200]!r}; "
+        f"--body must be a URDF file, here or in pybullet_data, got {body[:200]!r}, {why}; "
         "try cube_small.urdf or ./my_body.urdf"
     )
 

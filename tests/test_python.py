@@ -1,0 +1,178 @@
+"""Python as a door of its own: what is public, how results print, in which words errors speak."""
+
+from __future__ import annotations
+
+import inspect
+import pydoc
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import Drop
+
+import pipeline
+from pipeline import DropError, Run, Scenario, analyze, check, plan_of, simulate, sweep
+from pipeline.errors import PARAMETERS, OutputError, ScenarioError, in_parameters
+from pipeline.scenario import Camera
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_what_is_public_is_listed_and_helped_with() -> None:
+    functions = [
+        "analyze",
+        "check",
+        "record",
+        "record_script",
+        "render",
+        "run",
+        "simulate",
+        "sweep",
+    ]
+    assert set(functions) < set(dir(pipeline))
+    told = pydoc.render_doc(pipeline, renderer=pydoc.plaintext)
+    assert all(re.search(rf"^    {name}\(", told, re.MULTILINE) for name in functions)
+
+
+@pytest.mark.parametrize("page", ["README.md", "README.ja.md"])
+def test_the_readmes_script_runs_twice(page: str, tmp_path: Path) -> None:
+    (script,) = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text("utf-8"), re.DOTALL)
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True,
+            check=False,
+        )  # fmt: skip
+        assert (done.returncode, done.stderr) == (0, "")
+    assert {one.name for one in tmp_path.iterdir()} == {
+        "fine.rrd", "fine.analysis.rrd", "fine.gif", "fine.png",
+    }  # fmt: skip
+
+
+# -- how results print ----------------------------------------------------------------------------
+
+
+def test_a_result_prints_as_the_terminal_prints_it(
+    drop: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standard: Run
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("run.rrd").write_bytes(standard.simulation.recording.read_bytes())
+    assert f"{analyze('run.rrd')}\n" == drop("analyze", "run.rrd").stdout
+    assert (
+        f"{check('run.rrd', 'run.rrd')}\n"
+        == drop("check", "run.rrd", "--against", "run.rrd").stdout
+    )
+    rendered = pipeline.render("run.rrd")
+    assert f"{rendered}\n" == drop("render", "run.rrd").stdout
+    assert "see it move      drop view " in str(standard)
+    swept = sweep({"timestep_s": [1 / 240, 1 / 480]}, "a", record=False)
+    printed = drop("sweep", "--timestep", "1/240,1/480", "--out", "b", "--no-record").stdout
+    assert f"{swept}\n" == printed.replace("b/results", "a/results")
+    assert all("\x1b" not in str(one) for one in (standard, swept, rendered))
+
+
+def test_a_notebook_shows_text_table_and_plot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standard: Run
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shown = standard.analysis._repr_html_()
+    assert "timestep        -6.1313 mm" in shown
+    assert shown.count('<img style="max-width: 100%" src="data:image/png;base64,iVBOR') == 1
+    assert re.findall("data:image/(gif|png)", standard._repr_html_()) == ["gif", "png"]
+    swept = sweep({"timestep_s": [1 / 240, 1 / 480]}, "a", record=False, plot="a.svg")
+    shown = swept._repr_html_()
+    assert "<table" in shown
+    assert shown.count("data:image/svg+xml;base64,") == 1
+    made = simulate(Scenario(body=str(_body(tmp_path / "<b>.urdf"))), "<i>.rrd", camera=None)
+    assert "&lt;i&gt;.rrd" in made._repr_html_()
+    assert "<i>" not in made._repr_html_()
+    assert "&lt;b&gt;.urdf" in analyze("<i>.rrd")._repr_html_()
+
+
+def _body(path: Path) -> Path:
+    box = '<geometry><box size="0.1 0.1 0.1"/></geometry>'
+    path.write_text(
+        f'<robot name="box"><link name="box"><collision>{box}</collision><inertial>'
+        '<mass value="0.1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>'
+        "</inertial></link></robot>"
+    )
+    return path
+
+
+# -- in which words errors speak ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [Scenario, Camera])
+def test_every_options_parameter_is_its_field(kind: type[Scenario | Camera]) -> None:
+    for field, spec in kind.options().items():
+        said = field + "=False" if spec.is_flag else field
+        assert in_parameters(f"{spec.name} must") == f"{said} must"
+
+
+@pytest.mark.parametrize(
+    ("options", "parameters"),
+    [
+        ("try --timestep 1/480 or --mass 0.1", "try timestep_s=1/480 or mass_kg=0.1"),
+        ("--coordinates reduced; --jobs 1 to see", "coordinates='reduced'; jobs=1 to see"),
+        ("--against takes one, got '--force'", "against takes one, got '--force'"),
+        ("try --timestep 1/240,1/480", "try timestep_s 1/240,1/480"),
+        ("Bullet's --mass, the body's", "Bullet's mass_kg, the body's"),
+        ("again: drop check a --against b --update", "again: drop check a --against b --update"),
+        ("start one with: ray start --head", "start one with: ray start --head"),
+        ("drop it with --engine bullet", "drop it with engine='bullet'"),
+    ],
+)
+def test_options_become_parameters_and_commands_stay(options: str, parameters: str) -> None:
+    assert in_parameters(options) == parameters
+
+
+def test_an_error_speaks_of_parameters_in_python_and_of_options_on_the_command_line(
+    tmp_path: Path, drop: Drop
+) -> None:
+    with pytest.raises(ScenarioError) as raised:
+        Scenario(timestep_s=0)
+    assert str(raised.value).startswith("timestep_s must be at least 1e-09")
+    assert drop("simulate", "--out", "a.rrd", "--timestep", "0").stderr == (
+        f"drop: {raised.value.in_options}\n"
+    )
+    assert raised.value.in_options.startswith("--timestep must")
+    out = tmp_path / "run.rrd"
+    out.touch()
+    with pytest.raises(OutputError, match=r"or force=True$"):
+        simulate(Scenario(), out)
+    swept = drop("sweep", "--out", "s", "--duration", "1,0.3001", "--no-record")
+    assert "--duration must be a whole number of timesteps" in swept.stdout
+
+
+def test_the_parameters_are_those_of_the_functions() -> None:
+    taken = set(Scenario.options()) | set(Camera.options()) | {"camera"}
+    taken |= set(inspect.signature(pipeline.Animation).parameters)
+    for name in ("simulate", "analyze", "render", "run", "check", "sweep", "record"):
+        taken |= set(inspect.signature(getattr(pipeline, name)).parameters)
+    assert {one.partition("=")[0] for one in PARAMETERS.values()} <= taken
+
+
+# -- sweeps ---------------------------------------------------------------------------------------
+
+
+def test_a_plan_takes_values_as_well_as_texts() -> None:
+    given = {"timestep_s": [1 / 240, 1 / 480], "velocity_m_s": (0, 0, 1), "stepped": [True, False]}
+    plan = plan_of(given)
+    assert plan.lists == (
+        ("timestep_s", (1 / 240, 1 / 480)), ("velocity_m_s", ((0.0, 0.0, 1.0),)),
+        ("stepped", (True, False)),
+    )  # fmt: skip
+    assert plan_of({"timestep_s": "1/240,1/480"}) == plan_of({"timestep_s": [1 / 240, 1 / 480]})
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [({"timestep": [1]}, "got 'timestep'; they are: height_m, timestep_s"),
+     ({"timestep_s": [0]}, "timestep_s must be at least"),
+     ({"timestep_s": ["fast"]}, "timestep_s must be a number, got 'fast'"),
+     ({"height_m": [1, 1.0]}, "height_m must list each value once")],
+)  # fmt: skip
+def test_a_plan_that_cannot_be_says_why(given: dict[str, object], said: str) -> None:
+    with pytest.raises(DropError, match=re.escape(said)):
+        plan_of(given)
