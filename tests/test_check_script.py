@@ -507,9 +507,13 @@ def test_two_clients_are_compared_each_by_its_steps(tmp_path: Path) -> None:
 
 def test_an_altered_recording_is_refused_by_its_checksum(golden: Path, tmp_path: Path) -> None:
     altered = rewritten(golden, tmp_path / "altered.rrd", schema.STATES.entity, _altered)
-    with pytest.raises(RecordingError, match="state fails its checksum"):
+    with pytest.raises(
+        RecordingError, match="state fails its checksum; record it again with: drop record"
+    ):
         check_script(altered, golden)
-    with pytest.raises(RecordingError, match="state fails its checksum"):
+    with pytest.raises(
+        RecordingError, match="state fails its checksum; record it again with: drop record"
+    ):
         check_script(golden, altered)
 
 
@@ -642,5 +646,5 @@ def test_what_is_said_of_a_recording_is_held_too(
         return Chunk.from_record_batch(batch.set_column(index, batch.schema.field(index), column))
 
     altered = rewritten(golden, tmp_path / "altered.rrd", entity, change)
-    with pytest.raises(RecordingError, match="fails its checksum"):
+    with pytest.raises(RecordingError, match=r"fails its checksum; .*: drop record"):
         read_script(altered)

@@ -695,6 +695,19 @@ def _runs(pid: int) -> bool:
         return False
 
 
+@pytest.mark.parametrize("held", [0, 12, 100])
+def test_what_was_killed_before_anything_was_written_says_so(bench: Bench, held: int) -> None:
+    bench.record(bench.script(scripts.PLAIN["box"]))
+    bench.folder.joinpath("a.rrd.part").write_bytes(bench.out.read_bytes()[:held])
+    for verb in ("analyze", "render"):
+        done = bench.drop(verb, "a.rrd.part")
+        assert done.returncode == 1
+        assert done.stderr == (
+            "drop: a.rrd.part holds nothing yet: what wrote it, a drop or a script's recording, "
+            "was stopped before its first rows were whole; record it again\n"
+        )
+
+
 def test_a_limit_on_the_size_of_files_is_one_line(bench: Bench) -> None:
     """Below a megabyte what script and recorder share has no room."""
     bench.script(scripts.PLAIN["box"])

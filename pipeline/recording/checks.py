@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -12,12 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.errors import RecordingError
 from pipeline.fields import shown
-from pipeline.recording import schema
+from pipeline.recording import rrd, schema
 from pipeline.report import LARGEST, EngineReport
 from pipeline.scenario import STANDARD_CAMERA, Camera, Scenario
 from pipeline.states import BASE, BODY, FLOOR
 
-AGAIN = "record it again with: drop simulate"
 SINGLE = 2.0**-22
 """Relative rounding of what an engine with float32 is given and reports."""
 BULLET_REPORTS = (
@@ -29,7 +29,16 @@ BULLET_REPORTS = (
 
 def damaged(path: Path, what: str) -> RecordingError:
     """Return the error for a recording that is not what was written."""
-    return RecordingError(f"{path} is damaged: {what}; {AGAIN}")
+    return RecordingError(f"{path} is damaged: {what}; {again(path)}")
+
+
+def again(path: Path) -> str:
+    """Return what to try where a recording is of no use: the command that makes one of its kind."""
+    first = None
+    with contextlib.suppress(rrd.DamagedError, OSError):
+        first = next(rrd.chunks(path, unfinished=True), None)
+    of_script = first is not None and first.entity == f"__properties/{schema.ORIGIN_PROPERTY}"
+    return f"record it again with: drop {'record' if of_script else 'simulate'}"
 
 
 def check_engine(engine: EngineReport, scenario: Scenario, path: Path) -> None:

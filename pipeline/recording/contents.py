@@ -10,7 +10,7 @@ from pipeline.errors import RecordingError
 from pipeline.fields import shown
 from pipeline.files.outputs import free_part_of, is_part
 from pipeline.recording import columns, rrd, schema
-from pipeline.recording.checks import AGAIN, damaged
+from pipeline.recording.checks import again, damaged
 from pipeline.recording.columns import Properties
 
 MOST_VALUES = 1000
@@ -37,14 +37,18 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
             if chunk.application_id != schema.APPLICATION_ID:
                 raise RecordingError(
                     f"{path} must be a recording made by drop, got one of "
-                    f"{shown(chunk.application_id)}; {AGAIN}"
+                    f"{shown(chunk.application_id)}; {again(path)}"
                 )
             if chunk.recording_id != only:
-                raise RecordingError(f"{path} must hold one recording, got several; {AGAIN}")
+                raise RecordingError(f"{path} must hold one recording, got several; {again(path)}")
             yield chunk
+        if only is None and is_part(path):
+            raise _empty(path)
     except rrd.UnfinishedError as error:
         raise _unfinished(path, str(error)) from None
     except rrd.DamagedError as error:
+        if is_part(path) and not path.stat().st_size:
+            raise _empty(path) from None
         raise damaged(path, str(error)) from None
     except OSError as error:
         raise RecordingError(
@@ -104,13 +108,20 @@ def closing_of(properties: Mapping[str, Properties], path: Path) -> Properties |
         raise _unfinished(path, "it lacks the property that is written last")
     version = closing.get("schema_version")
     if version == 1:
-        raise RecordingError(f"{path} was made by an earlier version of drop; {AGAIN}")
+        raise RecordingError(f"{path} was made by an earlier version of drop; {again(path)}")
     if version != schema.SCHEMA_VERSION:
         raise RecordingError(
             f"{path} must be of schema {schema.SCHEMA_VERSION}, got {shown(version)}; read it "
-            f"with the drop that wrote it, or {AGAIN}"
+            f"with the drop that wrote it, or {again(path)}"
         )
     return closing
+
+
+def _empty(path: Path) -> RecordingError:
+    return RecordingError(
+        f"{path} holds nothing yet: what wrote it, a drop or a script's recording, was stopped "
+        "before its first rows were whole; record it again"
+    )
 
 
 def _unfinished(path: Path, what: str) -> RecordingError:

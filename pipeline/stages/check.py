@@ -19,7 +19,7 @@ from pipeline.figures.animation import decoded
 from pipeline.files.outputs import check_apart, check_target
 from pipeline.files.whole import replaced
 from pipeline.recording import sealing
-from pipeline.recording.checks import AGAIN
+from pipeline.recording.checks import again
 from pipeline.recording.reader import Recording, frames, is_recording, read
 from pipeline.scenario import Camera
 
@@ -238,4 +238,4 @@ def pixels(png: bytes, path: Path) -> NDArray[np.uint8]:
     try:
         return np.asarray(next(decoded([png])))
     except ValueError as error:
-        raise RecordingError(f"{path} is damaged: {error}; {AGAIN}") from None
+        raise RecordingError(f"{path} is damaged: {error}; {again(path)}") from None

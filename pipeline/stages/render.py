@@ -19,7 +19,7 @@ from pipeline.figures.gif import MADE_BY_DROP
 from pipeline.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation, Playback, playback
 from pipeline.files.outputs import check_apart, check_kind, check_target
 from pipeline.files.whole import written_whole
-from pipeline.recording.checks import AGAIN
+from pipeline.recording.checks import again
 from pipeline.recording.contents import is_script
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
@@ -152,7 +152,7 @@ def _refused(path: Path) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        raise RecordingError(f"{path} is damaged: {error}; {AGAIN}") from None
+        raise RecordingError(f"{path} is damaged: {error}; {again(path)}") from None
 
 
 def _facts(scenario: Scenario, analysis: Analysis) -> Facts:
