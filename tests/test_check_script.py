@@ -646,5 +646,5 @@ def test_what_is_said_of_a_recording_is_held_too(
         return Chunk.from_record_batch(batch.set_column(index, batch.schema.field(index), column))
 
     altered = rewritten(golden, tmp_path / "altered.rrd", entity, change)
-    with pytest.raises(RecordingError, match="fails its checksum; .*: drop record"):
+    with pytest.raises(RecordingError, match=r"fails its checksum; .*: drop record"):
         read_script(altered)

@@ -589,7 +589,7 @@ def test_printed_json_of_a_sweep_is_what_it_found(
         "runs": 4, "failed": 1, "at_s": 0.3, "plot": "errors.svg", "narrow_enough": True,
         "engines": [],
         "results": str(made.results), "convergence": [], "table": made.table().to_dicts(),
-        "statistics": [{"height_m": 2.0, "summaries": [asdict(total)]}], "engines": [],
+        "statistics": [{"height_m": 2.0, "summaries": [asdict(total)]}],
     }  # fmt: skip
 
 
