@@ -353,6 +353,15 @@ def test_a_velocity_is_held_by_a_step_and_not_where_it_is_told(analyzed: Analyze
     assert found(analyzed(scene), "velocity-clamped").step == 6
 
 
+def test_a_velocity_that_is_held_is_told_of_what_a_constraint_holds_too(analyzed: Analyzed) -> None:
+    """Where the law does not tell: at the step at which a component is 100 to the bit."""
+    scene = GRAVITY + CUBE.format(3) + "steps(9)\n" + (
+        "p.createConstraint(b, -1, -1, -1, p.JOINT_POINT2POINT, [0, 0, 0], [0, 0, 0], [0, 0, 9])\n"
+        "steps(9)"
+    )  # fmt: skip
+    assert found(analyzed(scene), "velocity-clamped").step == 10
+
+
 def test_what_damping_moves_is_what_is_gone_without(
     recorded_scene: Callable[[str], ScriptRecording],
 ) -> None:

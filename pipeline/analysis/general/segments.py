@@ -51,7 +51,7 @@ class Segments:
     held: NDArray[np.bool_]
     """Whether the engine held a velocity at its limit in the step to each sample.
 
-    Where law and contacts do not lead to a sample, they do not tell what was held in its step.
+    Where law and contacts do not lead to a sample, it is held if it got to the limit to the bit.
     """
 
     def placed_at(self, motion: Motion, start: Motion, law: Law) -> Segments:
@@ -176,8 +176,19 @@ def segments_of(
     )
     deviation = np.max([place_m, turn, off_m_s, off_rad_s], axis=0)
     follows = (code == FLIGHT) | (np.isin(code, (CONTACT, PUSHED)) & balanced)
-    held = (law.limited(before) | balance.held) & follows
+    held = np.where(follows, law.limited(before) | balance.held, _at_limit(law, before, motion))
     return Segments(code, deviation, balance, held)
+
+
+def _at_limit(law: Law, before: Motion, motion: Motion) -> NDArray[np.bool_]:
+    """Return which samples have a velocity at the engine's limit that they had not before, (n,)."""
+    found = np.zeros(len(motion), dtype=bool)
+    for name in ("velocity_m_s", "spin_rad_s"):
+        was, now = getattr(before, name), getattr(motion, name)
+        beyond = np.nextafter(now, np.copysign(np.inf, now))
+        reached = np.isfinite(now) & (law.held(beyond) == now) & (now != was)
+        found |= reached.any(axis=1)
+    return found
 
 
 def _tried(
