@@ -31,8 +31,9 @@ from shards import always_dies, double, first_is_quick, nap
 from pipeline import Scenario, analyze, simulate
 from pipeline.analysis.general.samples import base_of
 from pipeline.analysis.general.statistics import Moments
-from pipeline.engines.bullet.lasting_world import LastingWorld, Worlds
+from pipeline.engines.bullet.lasting_world import LastingWorld
 from pipeline.engines.bullet.world import World
+from pipeline.engines.worlds import Worlds
 from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.figures.convergence_plot import Panel, build_figure
 from pipeline.figures.style import LIGHT
