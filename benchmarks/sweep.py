@@ -48,6 +48,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     def ours(jobs: int, *options: str, runs: int = runs) -> Ran:
         return process(
             *DROP, "sweep", "--out", f"sweep-{next(number)}", "--samples", runs, "--jobs", jobs,
+            "--vary", "height=uniform:1:1.0001",  # --samples draws something
             *options, folder=folder,
         )  # fmt: skip
 

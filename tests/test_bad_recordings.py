@@ -1009,7 +1009,10 @@ def test_what_is_not_a_plain_file_is_one_line_and_no_waiting(
         os.mkfifo(path)
     elif kind == "device":
         path = Path("/dev/zero")
-    why = "not there" if kind == "missing" else "not a regular file"
+    why = {
+        "missing": "not a recording: it is not there",
+        "folder": "a folder; name a recording in it",
+    }.get(kind, "not a recording: it is not a regular file")
     stages: list[Callable[[], object]] = [
         lambda: read(path),
         lambda: list(frames(path)),
@@ -1019,7 +1022,7 @@ def test_what_is_not_a_plain_file_is_one_line_and_no_waiting(
     if kind != "missing":
         stages.append(lambda: check(sound.path, path))
     for stage in stages:
-        with pytest.raises(RecordingError, match=f"{path} is not a recording: it is {why}"):
+        with pytest.raises(RecordingError, match=f"{path} is {why}"):
             stage()
 
 
