@@ -867,7 +867,7 @@ def test_what_is_no_recording_is_called_what_it_is(
         kinds |= {
             "a.analysis.rrd": "must be a recording, got a layer, as",
             "a.analysis.rrd.part": "must be a recording, got an unfinished layer, as",
-            "empty.rrd.part": "does not begin like a Rerun file",
+            "empty.rrd.part": "holds nothing yet: what wrote it,",
         }
     for name, said in kinds.items():
         done = drop(verb, name, *(["--against", "b.rrd"] if verb == "check" else []))

@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
@@ -27,7 +27,6 @@ from pipeline.files.outputs import check_apart, check_room, check_target
 from pipeline.files.whole import written_whole
 from pipeline.scenario import ENGINES, Camera, Scenario
 from pipeline.shown import Shown
-from pipeline.stages.sweep_engines import MOST_RUNS, EngineRun, Fall, engine_falls
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
 from pipeline.stages.sweep_shard import RunShard, ShardDone
 from pipeline.sweeping import engines
@@ -35,6 +34,11 @@ from pipeline.sweeping.folder import TERMS, Folder, mark_of
 from pipeline.sweeping.plan import Plan, label_of, name_of, plan_of
 from pipeline.workers import cores
 
+if TYPE_CHECKING:
+    from pipeline.stages.sweep_engines import EngineRun, Fall
+
+MOST_RUNS = 30
+"""So many runs of a sweep over engines are dropped again; of more, none."""
 SHORT_STEPS = 200_000
 """A sweep of fewer steps is over before a second process would have started."""
 LEAST_BYTES = 50_000
@@ -192,7 +196,7 @@ def sweep(
             first = results.select("error").first().collect().item()
             which = "the run failed" if runs == 1 else f"all {runs:,} runs failed, the first"
             raise DropError(f"{which} with: {first}")
-        studies, falls = studies_of(plan, results), engine_falls(plan, results)
+        studies, falls = studies_of(plan, results), _falls(plan, results)
         if plot is not None and "timestep_s" not in plan.axes:
             _plot_engines(Path(plot), plan, falls, dark=dark, force=force)
         elif plot is not None:
@@ -327,6 +331,16 @@ class _Ledger:
             interval = (self._explained if self._explained.count else self._errors).interval
             if interval is not None and interval[1] - interval[0] <= self._until_ci_m:
                 self.needed = self._followed
+
+
+def _falls(plan: Plan, results: pl.LazyFrame) -> list[Fall]:
+    """Return what the runs of a sweep over engines, or of what spins, do beyond their error."""
+    spins = "spin_rad_s" in dict(plan.lists)
+    if plan.samples is not None or plan.runs > MOST_RUNS or not ("engine" in plan.axes or spins):
+        return []
+    from pipeline.stages.sweep_engines import engine_falls
+
+    return engine_falls(plan, results)
 
 
 def _plot_engines(path: Path, plan: Plan, falls: list[Fall], *, dark: bool, force: bool) -> None:

@@ -26,8 +26,6 @@ from pipeline.sweeping.plan import Plan
 
 Float64 = NDArray[np.float64]
 
-MOST_RUNS = 30
-"""More are not dropped again."""
 TIMED_STEPS, TIMED_FALLS = 1000, 3
 """Steps that are timed at most, and how often: the quickest counts."""
 
@@ -75,13 +73,7 @@ class Fall:
 
 
 def engine_falls(plan: Plan, results: pl.LazyFrame) -> list[Fall]:
-    """Return what the runs of a sweep over engines do, those that did not fail.
-
-    Nothing for other sweeps, where no run spins, and for large ones.
-    """
-    drawn, spins = plan.samples is not None, "spin_rad_s" in dict(plan.lists)
-    if drawn or plan.runs > MOST_RUNS or not ("engine" in plan.axes or spins):
-        return []
+    """Return what the runs of a sweep over engines do, those that did not fail."""
     failed = set(results.filter(pl.col("error").is_not_null()).select("run").collect()["run"])
     with Worlds() as worlds:
         found = [
