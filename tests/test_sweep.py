@@ -31,6 +31,7 @@ from shards import always_dies, double, first_is_quick, nap
 from pipeline import Scenario, analyze, simulate
 from pipeline.analysis.general.samples import base_of
 from pipeline.analysis.general.statistics import Moments
+from pipeline.engines.bullet.engine import p
 from pipeline.engines.bullet.lasting_world import LastingWorld
 from pipeline.engines.bullet.world import World
 from pipeline.engines.worlds import Worlds
@@ -247,6 +248,17 @@ def test_a_world_is_not_kept_where_a_bit_might_differ() -> None:
     assert not serves(substeps, substeps)
     assert not serves(replace(plain, friction=0.1), plain)
     assert not serves(replace(plain, restitution_threshold_m_s=0.1), plain)
+
+
+def test_a_sweep_leaves_no_world_behind(tmp_path: Path) -> None:
+    """Calls of PyBullet without a client's number mean the first one that there is."""
+
+    def connected() -> list[int]:
+        return [client for client in range(64) if p.isConnected(client)]
+
+    before = connected()
+    sweep(plan_of({"height_m": "1,2"}), tmp_path / "s", record=False, jobs=1)
+    assert connected() == before
 
 
 def test_worlds_are_built_only_where_they_must_be() -> None:

@@ -92,6 +92,25 @@ class OtherWorld:
             link_masses_kg=(reported["mass_kg"],), link_inertias_kg_m2=moments,
         )  # fmt: skip
 
+    def notes(self) -> Iterator[str]:
+        """Yield what the engine does not take from the URDF, each in a sentence.
+
+        A value of PyBullet's is that of the URDF's `<contact>`, or its own default.
+        """
+        theirs, name = self.report(), ENGINES[self.scenario.engine]
+        for field, option in (("lateral_friction", "friction"), ("restitution", "restitution")):
+            mine, other = getattr(self._read, field), getattr(theirs, field)
+            asked = getattr(self.scenario, option) is not None
+            if not asked and mine is not None and other is not None and not _near(mine, other):
+                yield (
+                    f"{name} has a {field.replace('_', ' ')} of {other:.4g} for this body, where "
+                    f"PyBullet has {mine:.4g}; to have the same, set --{option}"
+                )
+        for field in ("rolling_friction", "spinning_friction", "contact_stiffness_n_m"):
+            if getattr(self._read, field):
+                what = field.removesuffix("_n_m").replace("_", " ")
+                yield f"{name} leaves out the {what} that the URDF's <contact> gives to PyBullet"
+
     def skip(self, steps: int) -> None:
         """Take steps whose samples nobody reads."""
         for step in range(steps if self.scenario.stepped else 0):
@@ -180,6 +199,11 @@ def rigid_body(world: World, report: EngineReport) -> RigidBody:
             f"got {has} in {body!r}; drop it with --engine bullet"
         )
     return RigidBody(report.body_name, report.mass_kg, report.inertia_kg_m2, shapes)
+
+
+def _near(one: float, other: float) -> bool:
+    """Whether two engines have the same number; one may round to float32."""
+    return math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-12)
 
 
 def _installed(engine: Engine) -> Build:

@@ -51,5 +51,10 @@ class Worlds:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._kept is not None:
-            self._kept.close()
+        self.close()
+
+    def close(self) -> None:
+        """Close the world that is kept, if there is one."""
+        kept, self._kept = self._kept, None
+        if kept is not None:
+            kept.close()

@@ -120,6 +120,8 @@ def simulate(
             )
         world = world_of(scenario)
         stack.enter_context(world)
+        for said in world.notes():
+            note(said)
         chunks = recorded(world, photographer, batch, progress)
         if url is not None:
             chunks = shown(chunks, url=url, recording_id=recording_id, look=look, note=note)

@@ -28,7 +28,7 @@ from pipeline.files.whole import written_whole
 from pipeline.scenario import ENGINES, Camera, Scenario
 from pipeline.shown import Shown
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
-from pipeline.stages.sweep_shard import RunShard, ShardDone
+from pipeline.stages.sweep_shard import RunShard, ShardDone, release_world
 from pipeline.sweeping import engines
 from pipeline.sweeping.folder import TERMS, Folder, mark_of
 from pipeline.sweeping.plan import Plan, label_of, name_of, plan_of
@@ -186,6 +186,8 @@ def sweep(
                 "command again to resume"
             )
             raise
+        finally:
+            release_world()
         shards = plan.shards if ledger.needed is None else ledger.needed
         for shard in folder.finished() - set(range(shards)):
             folder.discard(plan, shard)

@@ -35,6 +35,11 @@ _worlds = Worlds()
 """This process's own."""
 
 
+def release_world() -> None:
+    """Close this process's own world: calls of PyBullet without a client's number may mean it."""
+    _worlds.close()
+
+
 @dataclass(frozen=True)
 class ShardDone:
     """What a worker reports: the rows themselves are in the shard's part."""

@@ -274,6 +274,10 @@ class World:
             )
         )
 
+    def notes(self) -> Iterator[str]:
+        """Yield what the engine does not take from the URDF: nothing, it takes all."""
+        yield from ()
+
     def _dynamics(self, body: int | None = None, link: int = -1) -> Any:  # noqa: ANN401
         """Return what `getDynamicsInfo` says of a body, this world's own by default."""
         return p.getDynamicsInfo(
