@@ -209,6 +209,14 @@ def test_what_an_engine_cannot_compute_is_one_line() -> None:
         list(world.samples(1000))
 
 
+@DART
+def test_dart_does_not_end_the_process_far_away(drop_process: Drop) -> None:
+    thrown = ("--engine", "dart", "--velocity", "0,0,1e4", "--timestep", "10", "--duration", "1e5")
+    done = drop_process("simulate", *thrown, "--gravity", "zero", "--no-camera", "--out", "x.rrd")
+    assert done.returncode == 1
+    assert "non-finite" in done.stderr
+
+
 @pytest.mark.parametrize("engine", OTHERS)
 def test_moving_from_pybullet_only_the_damping_differs(recorded: Recorder, engine: str) -> None:
     sides = (recorded(engine=engine), recorded())
