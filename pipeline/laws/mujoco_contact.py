@@ -14,8 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from scipy.optimize import brentq
-
 
 def rest_depth_m(
     gravity_m_s2: float, points: int, solref: Sequence[float], solimp: Sequence[float]
@@ -24,6 +22,8 @@ def rest_depth_m(
 
     None for what `solref` says otherwise: two negative numbers are stiffness and damping.
     """
+    from scipy.optimize import brentq  # slow to import, and needed here only
+
     time_constant_s, ratio = solref
     d0, dw, width_m, _, _ = solimp
     if time_constant_s <= 0 or ratio <= 0 or width_m <= 0:
