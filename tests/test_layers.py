@@ -134,3 +134,12 @@ def test_every_public_name_is_there_and_known_to_type_checkers() -> None:
     assert sorted(told) == sorted(pipeline.__all__)
     for name in pipeline.__all__:
         assert getattr(pipeline, name).__name__ == name
+
+
+def test_an_analysis_loads_no_library_that_few_need() -> None:
+    """Each takes as long as all the rest of it: it is imported where it is called."""
+    command = "import sys, pipeline.analysis.drop.analysis; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", command], capture_output=True, text=True, check=True, cwd=PACKAGE.parent
+    )
+    assert not {"scipy", "matplotlib", "pybullet", "rerun", "mujoco"} & {*done.stdout.split()}

@@ -210,9 +210,11 @@ def _damping(e: Evidence) -> Iterator[Finding]:
             "where a btMultiBody has 0.04; to have the same, set --linear-damping",
         )
     elif e.moment is not None and e.moment.terms_m is not None and e.moment.terms_m.damping:
+        # What is gone without it: what it does to the timestep's share too.
+        moves_m = e.moment.terms_m.damping + e.moment.terms_m.interaction
         yield Finding(
             "default-damping",
-            f"damping moves the body by {decimals(e.moment.terms_m.damping * 1e3, 2, '+')} mm at "
+            f"damping moves the body by {decimals(moves_m * 1e3, 2, '+')} mm at "
             f"{e.moment.time_s:.4g} s: PyBullet damps every body with 0.04 by default; "
             "call p.changeDynamics(body, -1, linearDamping=0), i.e. --linear-damping 0",
         )
