@@ -21,7 +21,7 @@ from pipeline.analysis.drop.case import Case, case_of
 from pipeline.analysis.drop.comparison import Side, compare
 from pipeline.engines import other_world
 from pipeline.errors import DropError, ScenarioError
-from pipeline.recording import golden_layer, writer
+from pipeline.recording import other_layer, writer
 from pipeline.recording.reader import read, recording_id
 from pipeline.recording.rows import tables_of
 from pipeline.scenario import ENGINES
@@ -298,7 +298,7 @@ def test_recordings_of_one_drop_open_as_one_a_colour_for_each(tmp_path: Path) ->
         chunks = list(RrdReader(layer).stream())
         assert {"/world/MuJoCo", "/height/MuJoCo"} <= {chunk.entity_path for chunk in chunks}
         seen = str([chunk.to_record_batch().to_pydict() for chunk in chunks if chunk.is_static])
-        assert str(writer.rgba(colours.ENGINES["mujoco"]) - 0xFF + golden_layer.ALPHA) in seen
+        assert str(writer.rgba(colours.ENGINES["mujoco"]) - 0xFF + other_layer.ALPHA) in seen
     simulate(Scenario(engine="mujoco", height_m=2.0), tmp_path / "other.rrd", camera=None)
     with opened([paths[0], tmp_path / "other.rrd"], web=True) as shown:
         assert not any("drop-" in one for one in shown.viewer.command)

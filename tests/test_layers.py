@@ -140,6 +140,10 @@ def test_an_analysis_loads_no_library_that_few_need() -> None:
     """Each takes as long as all the rest of it: it is imported where it is called."""
     command = "import sys, pipeline.analysis.drop.analysis; print(*sys.modules)"
     done = subprocess.run(
-        [sys.executable, "-c", command], capture_output=True, text=True, check=True, cwd=PACKAGE.parent
+        [sys.executable, "-c", command],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=PACKAGE.parent,
     )
     assert not {"scipy", "matplotlib", "pybullet", "rerun", "mujoco"} & {*done.stdout.split()}

@@ -85,11 +85,9 @@ def plot_convergence(
     dark
         Whether it is for a dark page.
     """
-    ink = style.DARK if dark else style.LIGHT
-    with style.plain(ink):
-        figure = build_figure(panels, title=title, ink=ink)
-        metadata = {"Date": None} if format == "svg" else {"Software": None}
-        figure.savefig(target, format=format, metadata=metadata)
+    style.save(
+        lambda ink: build_figure(panels, title=title, ink=ink), target, format=format, dark=dark
+    )
 
 
 def build_figure(panels: Sequence[Panel], *, title: str, ink: Ink) -> Figure:

@@ -55,11 +55,7 @@ def plot_engines(
     dark
         Whether it is for a dark page.
     """
-    ink = style.DARK if dark else style.LIGHT
-    with style.plain(ink):
-        figure = build_figure(curves, ink=ink)
-        metadata = {"Date": None} if format == "svg" else {"Software": None}
-        figure.savefig(target, format=format, metadata=metadata)
+    style.save(lambda ink: build_figure(curves, ink=ink), target, format=format, dark=dark)
 
 
 def build_figure(curves: Sequence[Curve], *, ink: Ink) -> Figure:

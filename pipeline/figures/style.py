@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -19,8 +19,12 @@ from matplotlib.transforms import Bbox
 from pipeline import colours
 
 if TYPE_CHECKING:
+    import pathlib
+    from typing import BinaryIO
+
     import polars as pl
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.text import Text
 
 MOST_POINTS = 2000
@@ -79,6 +83,20 @@ def plain(ink: Ink) -> Iterator[None]:
             }
         )
         yield
+
+
+def save(
+    build: Callable[[Ink], Figure],
+    target: pathlib.Path | BinaryIO,
+    *,
+    format: Literal["png", "svg"],  # noqa: A002
+    dark: bool,
+) -> None:
+    """Draw a figure for a light or a dark page, and write it; the same one gives the same bytes."""
+    ink = DARK if dark else LIGHT
+    with plain(ink):
+        metadata = {"Date": None} if format == "svg" else {"Software": None}
+        build(ink).savefig(target, format=format, metadata=metadata)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 from pipeline import colours
 from pipeline.recording.blueprint import layout
 from pipeline.recording.contents import is_script
-from pipeline.recording.golden_layer import Style, write_golden_layer
+from pipeline.recording.other_layer import Style, write_other_layer
 from pipeline.recording.reader import read, recording_id
 from pipeline.scenario import ENGINES, Engine, Scenario
 from pipeline.stages.view import View, view
@@ -48,7 +48,7 @@ def opened(recordings: Sequence[Path | str], *, web: bool = False) -> Iterator[V
         shown = view([first], web=web, more=list(layers.values()))
         for path, layer in layers.items():
             engine = scenarios[path].engine
-            write_golden_layer(
+            write_other_layer(
                 layer,
                 path,
                 recording_id=recording_id(first),

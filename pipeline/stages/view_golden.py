@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipeline.recording.contents import is_script
-from pipeline.recording.golden_layer import write_golden_layer
+from pipeline.recording.other_layer import write_other_layer
 from pipeline.recording.reader import recording_id
 from pipeline.recording.script_reader import read_script
 from pipeline.stages.check import check
@@ -45,7 +45,7 @@ def with_golden(recording: Path | str, against: Path | str, *, web: bool = False
         layer = Path(folder, "golden.rrd")
         shown = view([path], web=web, more=[layer])
         labels = _moving(golden) if of_script else None
-        write_golden_layer(layer, golden, recording_id=recording_id(path), labels=labels)
+        write_other_layer(layer, golden, recording_id=recording_id(path), labels=labels)
         yield replace(shown, golden=golden, same=found.same, first_difference=step)
 
 

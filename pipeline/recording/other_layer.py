@@ -33,9 +33,9 @@ COLOURS = (":colors", ":albedo_factor")
 """Components that say which colour something has."""
 
 
-def write_golden_layer(
+def write_other_layer(
     path: Path,
-    golden: Path,
+    other: Path,
     *,
     recording_id: str,
     labels: Collection[str] | None = None,
@@ -48,7 +48,7 @@ def write_golden_layer(
     ----------
     path
         The file to write.
-    golden
+    other
         The other recording: a golden one, or that of another engine.
     recording_id
         Of the recording that it is shown with.
@@ -59,7 +59,7 @@ def write_golden_layer(
     blueprint
         The layout of both together; None for that of the recording.
     """
-    chunks = _chunks(golden, dict(_moved(labels, style.name)), style)
+    chunks = _chunks(other, dict(_moved(labels, style.name)), style)
     writer.record(path, chunks, recording_id=recording_id, blueprint=blueprint)
 
 
@@ -74,8 +74,8 @@ def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str
             yield f"{parent}/{label}", f"{parent}/{name}/{label}"
 
 
-def _chunks(golden: Path, moved: dict[str, str], style: Style) -> Iterator[Chunk]:
-    for chunk in RrdReader(golden).stream():
+def _chunks(other: Path, moved: dict[str, str], style: Style) -> Iterator[Chunk]:
+    for chunk in RrdReader(other).stream():
         top, rest = _parted(chunk.entity_path.removeprefix("/"))
         if top not in moved:
             continue
