@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+from pipeline.messages import Message
+
 PARAMETERS = {
     "height": "height_m", "timestep": "timestep_s", "duration": "duration_s",
     "gravity": "gravity_m_s2", "velocity": "velocity_m_s", "spin": "spin_rad_s", "mass": "mass_kg",
@@ -44,16 +46,21 @@ def in_parameters(message: str) -> str:
 class DropError(Exception):
     """Something could not be done; the message says what, and what to do.
 
-    It is written with the names of options, as the command line prints it. As a text it has the
-    names of parameters, as whoever catches it in Python wrote them.
+    It is a template and the values that it names. It is written with the names of options, as the
+    command line prints it. As a text it has the names of parameters, as whoever catches it in
+    Python wrote them.
     """
 
     exit_code = 1
 
+    def __init__(self, template: str, /, **values: object) -> None:
+        super().__init__(Message(template, **values) if values else template)
+
     @property
     def in_options(self) -> str:
         """The message as the command line says it."""
-        return super().__str__()
+        message: str = self.args[0]
+        return message
 
     def __str__(self) -> str:
         return in_parameters(self.in_options)
@@ -84,4 +91,9 @@ def check_suffix(option: str, path: Path, suffixes: Iterable[str]) -> None:
     *others, last = suffixes
     if path.suffix not in (*others, last):
         allowed = f"{', '.join(others)} or {last}" if others else last
-        raise ScenarioError(f"{option} must end in {allowed}, got {str(path)!r}")
+        raise ScenarioError(
+            "{option} must end in {allowed}, got {path!r}",
+            option=option,
+            allowed=allowed,
+            path=str(path),
+        )

@@ -19,6 +19,7 @@ from typing import Any, Literal, Self, Union, get_args, get_origin, get_type_hin
 
 from pipeline.errors import ScenarioError
 from pipeline.kinds import TEXT, Kind
+from pipeline.messages import Message
 
 
 def fraction(value: float) -> str:
@@ -32,9 +33,11 @@ def fraction(value: float) -> str:
     return f"{value:.9g}"
 
 
-def counted(number: int, thing: str, things: str = "") -> str:
+def counted(number: int, thing: str, things: str = "") -> Message:
     """Return how many there are of a thing: 1 sample, 1,000 samples."""
-    return f"{number:,} {thing if number == 1 else things or thing + 's'}"
+    noun = Message(thing if number == 1 else things or f"{thing}s")
+    noun.template = thing  # what is translated: Japanese, the only translation, has no plural
+    return Message("{number:,} {noun}", number=number, noun=noun)
 
 
 LARGE = 1e6

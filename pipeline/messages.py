@@ -1,0 +1,70 @@
+"""Messages to the reader: English text that remembers its template, so that it can be translated.
+
+JSON and recordings hold the English text, whatever the reader's language; what a terminal shows
+goes through `translated`.
+"""
+
+from __future__ import annotations
+
+import functools
+import gettext
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Self
+
+LOCALE = Path(__file__).parent / "locale"
+"""Where the translations are: `LANGUAGE/LC_MESSAGES/drop.mo`, compiled from `drop.po`."""
+
+
+class Message(str):
+    """English text, made of a template and the values it names, as `str.format` does.
+
+    Without values a template is the text itself, braces and all. Values may be messages too.
+    Whatever is added to a message, before or after it, makes a longer message.
+    """
+
+    __slots__ = ("template", "values")
+    template: str
+    values: dict[str, object]
+
+    def __new__(cls, template: str, /, **values: object) -> Self:
+        """Fill the values into the template."""
+        message = super().__new__(cls, template.format_map(values) if values else template)
+        message.template, message.values = template, values
+        return message
+
+    def __getnewargs_ex__(self) -> tuple[tuple[str], dict[str, object]]:
+        return (self.template,), self.values
+
+    def __add__(self, other: str) -> Message:
+        return joined("", [self, other])
+
+    def __radd__(self, other: str) -> Message:
+        return joined("", [other, self])
+
+
+def joined(separator: str, parts: Iterable[str]) -> Message:
+    """Return messages and texts as one message, with a separator between them."""
+    values = {f"part{number}": part for number, part in enumerate(parts)}
+    return Message(separator.join(f"{{{name}}}" for name in values), **values)
+
+
+def translated(text: str) -> str:
+    """Return a message in the reader's language; English where there is no translation."""
+    if not isinstance(text, Message):
+        return text
+    template = _catalog().gettext(text.template)
+    if not text.values:
+        return template
+    return template.format_map(
+        {name: translated(v) if isinstance(v, str) else v for name, v in text.values.items()}
+    )
+
+
+@functools.cache
+def _catalog() -> gettext.NullTranslations:
+    """Return the translations for `DROP_LANG`, else for what the locale's variables name."""
+    language = os.environ.get("DROP_LANG")
+    languages = [language] if language else None
+    return gettext.translation("drop", LOCALE, languages, fallback=True)
