@@ -15,6 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.models import CommandFunctionType
 
 from pipeline.errors import ScenarioError
+from pipeline.messages import joined
 
 SHELLS = ("bash", "zsh", "fish")
 
@@ -43,8 +44,7 @@ class Command(TyperCommand):
         for param in params:
             is_argument = param.param_type_name == "argument"
             title = "Arguments" if is_argument else param.rich_help_panel or "Options"
-            called, said = param.get_help_record(ctx)
-            record = (param.metavar, param.help) if is_argument else (called, said)
+            record = (param.metavar, param.help) if is_argument else param.get_help_record(ctx)
             sections.setdefault(title, []).append(record)
         for title, records in sections.items():
             with formatter.section(title):
@@ -58,7 +58,12 @@ class Commands(TyperGroup):
         """Read the options; those of completion may name a shell, else it is the one around us."""
         if len(args) > 1 and args[0] in _COMPLETION:
             if args[1] not in SHELLS:
-                raise ScenarioError(f"{args[0]} takes {', '.join(SHELLS)}, got {args[1]!r}")
+                raise ScenarioError(
+                    "{option} takes {shells}, got {shell!r}",
+                    option=args[0],
+                    shells=joined(", ", SHELLS),
+                    shell=args[1],
+                )
             _COMPLETION[args[0]](ctx, None, args[1])
         return super().parse_args(ctx, args)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 import textwrap
 import unicodedata
@@ -12,6 +13,7 @@ from typing import Any, TextIO
 
 from pipeline.fields import counted as counted
 from pipeline.fields import decimals
+from pipeline.messages import Message, translated
 
 WIDTH = 80
 """Columns that a line of ours takes in a pipe, where no name in it is longer."""
@@ -44,8 +46,8 @@ def harmless(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(
-        one if one.isprintable() or unicodedata.category(one) == "Zs" else _escaped(one)
-        for one in text
+        letter if letter.isprintable() or unicodedata.category(letter) == "Zs" else _escaped(letter)
+        for letter in text
     )
 
 
@@ -69,29 +71,92 @@ def millimetres(value_m: float) -> str:
     return f"{text:>10} mm"
 
 
-def beside(title: str, words: str, column: int) -> list[str]:
-    """Return words beside a title, wrapped in a column of their own; below it where it is long."""
-    lines = textwrap.wrap(words, width() - column, break_on_hyphens=False, break_long_words=False)
-    if not lines or (title and len(title) > column - 2):
+def columns_of(text: str) -> int:
+    """Return how many columns of a terminal a text takes: Chinese and Japanese characters two."""
+    if text.isascii():
+        return len(text)
+    from rich.cells import cell_len
+
+    return cell_len(text)
+
+
+def left(text: str, columns: int) -> str:
+    """Return a text that begins its columns."""
+    return text + " " * (columns - columns_of(text))
+
+
+def right(text: str, columns: int) -> str:
+    """Return a text that ends its columns."""
+    return " " * (columns - columns_of(text)) + text
+
+
+def cut(text: str, columns: int) -> str:
+    """Return so many columns of a text."""
+    from rich.cells import set_cell_size
+
+    return set_cell_size(text, columns)
+
+
+_WIDE = "\u2e80-\ua4cf\uf900-\ufaff\uff01-\uff60"
+_UNBROKEN = re.compile(rf"[「\uff08(]*(?:[^{_WIDE}]+|.)[、。」ー\uff09):;,.…]*")
+"""Japanese has no spaces: a line may end after any character, but not before `、` or after `「`."""
+
+
+class _Part(str):
+    __slots__ = ()
+
+    def __len__(self) -> int:
+        return columns_of(str(self))
+
+
+class _Wrapper(textwrap.TextWrapper):
+    """Wraps at spaces and between Japanese characters, counting columns; never inside a name."""
+
+    def _split(self, text: str) -> list[str]:
+        chunks: list[str] = super()._split(text)
+        return [_Part(part) for chunk in chunks for part in _UNBROKEN.findall(chunk)]
+
+
+def wrapped(words: str, columns: int, indent: str = "") -> list[str]:
+    """Return words in lines of so many columns; from the second on they have an indent."""
+    wrapper = _Wrapper(
+        columns, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
+    )
+    return wrapper.wrap(words)
+
+
+def beside(title: str, words: str, column: int) -> list[tuple[str, str]]:
+    """Return words beside a title, wrapped in a column of their own; below it where it is long.
+
+    Both are in the reader's language. Each line has two parts, of which the first is as wide as
+    the title's column.
+    """
+    title = translated(title)
+    lines = wrapped(translated(words), width() - column)
+    if not lines or (title and columns_of(title) > column - 2):
         lines.insert(0, "")
     titles = [title, *[""] * (len(lines) - 1)]
-    return [f"{a:<{column}}{b}".rstrip() for a, b in zip(titles, lines, strict=True)]
+    return [(left(head, column), line) for head, line in zip(titles, lines, strict=True)]
 
 
 def titled(title: str, words: str, *, column: int, style: str = "") -> list[str]:
     """Return the same with Rich's markup: words are escaped, and the title may have a style."""
     from rich.markup import escape  # takes a tenth of the time of `drop --help`
 
-    first, *others = beside(title, words, column)
-    head = escape(first[:column])
+    lines = [
+        (escape(head if words else head.rstrip()), escape(words))
+        for head, words in beside(title, words, column)
+    ]
+    head, first = lines[0]
     head = f"[{style}]{head}[/]" if style else head
-    return [head + escape(first[column:]), *map(escape, others)]
+    return [head + first, *(head + line for head, line in lines[1:])]
 
 
 def finding(code: str, message: str, *, column: int) -> list[str]:
     """Return a finding with Rich's markup: its code stands out."""
-    first, *others = titled("Finding", f"{code}: {message}", column=column, style="bold")
-    return [first.replace(f"{code}:", f"[yellow]{code}[/]:", 1), *others]
+    words = Message("{code}: {message}", code=code, message=message)
+    first, *others = titled(Message("Finding"), words, column=column, style="bold")
+    return [first.replace(code, f"[yellow]{code}[/]", 1), *others]
 
 
 def listed(title: str, pairs: Sequence[tuple[str, str]], *, column: int) -> list[str]:
@@ -101,13 +166,13 @@ def listed(title: str, pairs: Sequence[tuple[str, str]], *, column: int) -> list
     """
     from rich.markup import escape
 
-    wide = column + max(len(one) + len(other) for one, other in pairs) <= width()
+    wide = column + max(columns_of(first + second) for first, second in pairs) <= width()
     heading, *rows = (
-        [one + other] if wide else [one.rstrip(), *([f"  {other}"] if other else [])]
-        for one, other in pairs
+        [first + second] if wide else [first.rstrip(), *([f"  {second}"] if second else [])]
+        for first, second in pairs
     )
     indent = " " * (column if wide else 2)
-    lines = [f"[bold]{title:<{column}}[/][dim]{heading[0]}[/]"]
+    lines = [f"[bold]{left(translated(title), column)}[/][dim]{heading[0]}[/]"]
     lines += [f"{indent}[dim]{part}[/]" for part in heading[1:]]
     return [*lines, *(f"{indent}{escape(part)}" for row in rows for part in row)]
 
@@ -116,11 +181,12 @@ def made(title: str, path: object, facts: str = "", *, column: int) -> list[str]
     """Return the line of a file that was made; what is said of it goes below a long name."""
     from rich.markup import escape
 
-    head = f"[dim]{title}[/]{'':<{column - len(title)}}{escape(str(path))}"
+    title, facts = translated(title), translated(facts)
+    head = f"[dim]{title}[/]{left('', column - columns_of(title))}{escape(str(path))}"
     if not facts:
         return [head]
-    fits = column + len(str(path)) + 3 + len(facts) <= width()
-    return [f"{head}   {facts}"] if fits else [head, f"{'':<{column}}{facts}"]
+    fits = column + columns_of(str(path)) + 3 + columns_of(facts) <= width()
+    return [f"{head}   {facts}"] if fits else [head, f"{left('', column)}{facts}"]
 
 
 def print_json(value: dict[str, Any]) -> None:
@@ -140,12 +206,12 @@ def descriptor(stream: TextIO) -> int:
 
 def note(sentence: str) -> None:
     """Say something that is worth knowing but no error, on standard error."""
-    print(one_line(f"drop: {sentence}"), file=sys.stderr)
+    print(one_line(f"drop: {translated(sentence)}"), file=sys.stderr)
 
 
 def error(sentence: str) -> None:
     """Say what went wrong, on standard error; on a terminal the beginning is red."""
-    line = one_line(f"drop: {sentence}")
+    line = one_line(f"drop: {translated(sentence)}")
     if wants_colour(sys.stderr):
         line = f"\x1b[1;31mdrop:\x1b[0m{line.removeprefix('drop:')}"
     print(line, file=sys.stderr)
@@ -156,13 +222,7 @@ def one_line(sentence: str) -> str:
     line = harmless(" ".join(sentence.split()))
     if not sys.stderr.isatty():
         return line
-    return textwrap.fill(
-        line,
-        width(sys.stderr),
-        subsequent_indent="      ",
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    return "\n".join(wrapped(line, width(sys.stderr), indent="      "))
 
 
 def print_lines(*lines: str, stream: TextIO | None = None) -> None:

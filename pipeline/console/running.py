@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.console.output import width
 from pipeline.errors import DropError
+from pipeline.messages import Message, joined
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -41,7 +42,7 @@ def main() -> None:
 
     def stop(number: int, _: object) -> None:
         received.append(number)
-        signal.signal(number, signal.SIG_DFL)  # whoever asks again wants it at once
+        signal.signal(number, signal.SIG_DFL)  # a second signal ends it at once
         raise Stopped
 
     def load() -> typer.Typer:
@@ -87,8 +88,8 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
         if os.environ.get("DROP_DEBUG") == "1":
             raise
         # A signal that arrives inside a library may come out as that library's own error.
-        said, code = _stopped(received[0]) if received else _verdict(error)
-        line = "; ".join([said, *getattr(error, "__notes__", [])])
+        sentence, code = _stopped(received[0]) if received else _verdict(error)
+        line = joined("; ", [sentence, *getattr(error, "__notes__", [])])
         from pipeline.console.output import error as say
 
         with contextlib.suppress(OSError):
@@ -140,7 +141,8 @@ def _send_nowhere(number: int) -> None:
 
 
 def _stopped(number: int) -> tuple[str, int]:
-    return "interrupted" if number == signal.SIGINT else "terminated", 128 + number
+    interrupted = number == signal.SIGINT
+    return Message("interrupted") if interrupted else Message("terminated"), 128 + number
 
 
 def _verdict(error: BaseException) -> tuple[str, int]:
@@ -149,24 +151,38 @@ def _verdict(error: BaseException) -> tuple[str, int]:
 
     if isinstance(error, DropError):
         return error.in_options, error.exit_code
-    full = {errno.ENOSPC: "no space left", errno.EFBIG: "the file is too large; see: ulimit -f"}
+    full = {
+        errno.ENOSPC: Message("no space left"),
+        errno.EFBIG: Message("the file is too large; see: ulimit -f"),
+    }
     if isinstance(error, OSError) and error.errno in full and error.filename is None:
-        return f"standard output cannot be written: {full[error.errno]}; send it elsewhere", 1
+        return Message(
+            "standard output cannot be written: {why}; send it elsewhere", why=full[error.errno]
+        ), 1
     if isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)
         command = "drop" if context is None else context.command_path
-        said = _unreadable(error) or error.format_message().rstrip(".")
-        return f"{said[:1].lower()}{said[1:]}; see: {command} --help", error.exit_code
-    return f"{type(error).__name__}: {error}; DROP_DEBUG=1 shows where", 1
+        sentence: str | None = _unreadable(error)
+        if sentence is None:
+            typers = error.format_message().rstrip(".")
+            sentence = f"{typers[:1].lower()}{typers[1:]}"
+        return Message(
+            "{error}; see: {command} --help", error=sentence, command=command
+        ), error.exit_code
+    return Message("{error}; DROP_DEBUG=1 shows where", error=f"{type(error).__name__}: {error}"), 1
 
 
-def _unreadable(error: BaseException) -> str | None:
-    """Return what to say of a text that is no number: Typer leaves the text out."""
+def _unreadable(error: BaseException) -> Message | None:
+    """Return what to say of a text that is not a number: Typer leaves the text out."""
     from pipeline.fields import shown
 
-    for one in getattr(error.__cause__, "errors", list)():
-        wanted = one.get("ctx", {}).get("error")
+    for details in getattr(error.__cause__, "errors", list)():
+        wanted = details.get("ctx", {}).get("error")
         if isinstance(wanted, DropError):
-            option = getattr(error, "param").opts[0]  # noqa: B009 - of some errors only
-            return f"{option} takes {wanted}, got {shown(one['input'])}"
+            return Message(
+                "{option} takes {wanted}, got {text}",
+                option=getattr(error, "param").opts[0],  # noqa: B009 - of some errors only
+                wanted=wanted.in_options,
+                text=shown(details["input"]),
+            )
     return None

@@ -6,12 +6,14 @@ import shlex
 from typing import TYPE_CHECKING
 
 from pipeline.console.output import print_json, print_lines, titled
+from pipeline.console.words import NONE, RECORDING, SCRIPT
+from pipeline.messages import Message, joined
 
 if TYPE_CHECKING:
     from pipeline.stages.info import Info
 
 MOST_BODIES = 6
-"""Bodies that are told; all are in the JSON."""
+"""Bodies that are listed; all are in the JSON."""
 
 
 def show_info(info: Info, *, as_json: bool) -> None:
@@ -24,25 +26,43 @@ def show_info(info: Info, *, as_json: bool) -> None:
 
 def info_lines(info: Info) -> list[str]:
     """Say what a recording is."""
-    state = "whole, as it was written" if info.complete else "never finished, unverified"
+    state = (
+        Message("whole, as it was written")
+        if info.complete
+        else Message("never finished, unverified")
+    )
     more = len(info.bodies) - MOST_BODIES
-    bodies = [*info.bodies[:MOST_BODIES], *([f"and {more:,} more: see --json"] if more > 0 else [])]
-    touching = f"{info.contact_samples:,} of them in contact" if info.contact_samples else ""
-    times = f"{info.samples:,} in {info.duration_s:.9g} s"
+    bodies = info.bodies[:MOST_BODIES]
+    if more > 0:
+        bodies = [*bodies, Message("and {more:,} more: see --json", more=more)]
+    samples = Message(
+        "{samples:,} in {duration:.9g} s", samples=info.samples, duration=info.duration_s
+    )
+    if info.contact_samples:
+        touching = Message("{samples:,} of them in contact", samples=info.contact_samples)
+        samples = joined(", ", [samples, touching])
     analyze = shlex.join(["drop", "analyze", str(info.recording)])
-    told = {
-        "recording": f"{info.recording}, {info.bytes / 1e3:,.0f} kB, {state}",
-        info.kind: info.what,
-        "bodies": "; ".join(bodies) or "none",
-        "samples": f"{times}, {touching}" if touching else times,
-        "frames": f"{info.frames:,}" if info.frames else "none",
-        "engine": info.engine,
-        "id": info.recording_id,
-        "again": info.command,
-        "analysis": f"{info.layer}" if info.layer else f"none yet: {analyze}",
+    lines: dict[Message, str | None] = {
+        RECORDING: Message(
+            "{recording}, {kilobytes:,.0f} kB, {state}",
+            recording=str(info.recording),
+            kilobytes=info.bytes / 1e3,
+            state=state,
+        ),
+        Message("drop") if info.kind == "drop" else SCRIPT: info.what,
+        Message("bodies"): joined("; ", bodies) if bodies else NONE,
+        Message("samples"): samples,
+        Message("frames"): f"{info.frames:,}" if info.frames else NONE,
+        Message("engine"): info.engine,
+        Message("id"): info.recording_id,
+        Message("again"): info.command,
+        Message("analysis"): str(info.layer)
+        if info.layer
+        else Message("none yet: {analyze}", analyze=analyze),
     }
-    lines = []
-    for title, words in told.items():
-        if words is not None:
-            lines += titled(title, words, column=12, style="dim")
-    return lines
+    return [
+        line
+        for title, words in lines.items()
+        if words is not None
+        for line in titled(title, words, column=12, style="dim")
+    ]
