@@ -37,6 +37,10 @@ def main(names: list[str]) -> None:
         write({pages.DOCS / name: text.encode() for name, text in validation.made().items()})
     if not names or "README.md" in names:
         write(readme.made())
+    if not names or "drop.po" in names:
+        from generators import translations  # takes Babel, which only [docs] brings
+
+        write(translations.made())
     if readme.VIEWER.name in names:
         write(readme.viewer_picture())
     for page in pages.pages():

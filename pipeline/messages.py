@@ -19,6 +19,8 @@ LOCALE = Path(__file__).parent / "locale"
 VARIABLES = ("DROP_LANG", "LANGUAGE", "LC_ALL", "LC_MESSAGES", "LANG")
 """The environment's, which name the reader's language; the first that is set counts."""
 
+_NOTHING = ""  # not written below, where it would be taken for a message
+
 
 class Message(str):
     """English text, made of a template and the values it names, as `str.format` does.
@@ -41,10 +43,10 @@ class Message(str):
         return (self.template,), self.values
 
     def __add__(self, other: str) -> Message:
-        return joined("", [self, other])
+        return joined(_NOTHING, [self, other])
 
     def __radd__(self, other: str) -> Message:
-        return joined("", [other, self])
+        return joined(_NOTHING, [other, self])
 
 
 def joined(separator: str, parts: Iterable[str]) -> Message:

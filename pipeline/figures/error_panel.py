@@ -17,6 +17,7 @@ from pipeline.figures.style import (
     signed,
     thinned,
     unit_for,
+    words,
 )
 
 if TYPE_CHECKING:
@@ -49,11 +50,11 @@ def draw_terms(axes: Axes, explained: pl.DataFrame, time: Unit, ink: Ink) -> Uni
     """
     largest = float(np.abs(explained.select(COLUMNS).to_numpy().astype(float)).max(initial=0))
     unit = _unit_of_error(largest, usual="mm")
-    axes.set_ylabel(f"simulated − free fall [{unit.name}]")
+    axes.set_ylabel(words("simulated − free fall [{unit}]", unit=unit.name))
     if largest < NOTHING_M:
         axes.set_ylim(-1, 1)
     if not len(explained):
-        why = "no theory covers these samples"
+        why = words("no theory covers these samples")
         axes.text(0.5, 0.6, why, transform=axes.transAxes, ha="center", color=ink.faint)
         axes.set_yticks([])
         return unit
@@ -128,7 +129,8 @@ def sum_up(
         axes.text(x, y, text, va="center", **where, **how)
 
     axes.plot(symbol, 0.94, **dot, linestyle="", **where)
-    write(symbol + 0.08 * wide, 0.94, f"at {at:.4g} {time.name}, in {unit.name}", color=ink.faint)
+    heading = words("at {at:.4g} {time}, in {unit}", at=at, time=time.name, unit=unit.name)
+    write(symbol + 0.08 * wide, 0.94, heading, color=ink.faint)
     for line, (name, term_m) in enumerate(terms_m.items()):
         y = 0.82 - 0.105 * line
         square: dict[str, Any] = {
@@ -139,8 +141,8 @@ def sum_up(
         }
         axes.plot(symbol, y, **square, markeredgewidth=0, linestyle="", **where)
         write(number, y, signed(term_m * unit.per_si, decimals), ha="right")
-        write(word, y, name)
+        write(word, y, words(name))
     axes.plot([left, left + wide], [0.44, 0.44], color=ink.faint, linewidth=0.9, **where)
     axes.plot([left, left + 0.06 * wide], [0.37, 0.37], color=ink.text, linewidth=2.4, **where)
     write(number, 0.37, signed(total_m * unit.per_si, decimals), ha="right", weight="bold")
-    write(word, 0.37, "total", weight="bold")
+    write(word, 0.37, words("total"), weight="bold")

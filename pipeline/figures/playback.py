@@ -32,7 +32,8 @@ class Animation:
     def __post_init__(self) -> None:
         if self.speed is not None and not (self.speed > 0 and math.isfinite(self.speed)):
             raise ScenarioError(
-                f"--speed must be above 0, got {self.speed:g}; 1 is real time, 0.25 slow motion"
+                "--speed must be above 0, got {speed:g}; 1 is real time, 0.25 slow motion",
+                speed=self.speed,
             )
 
 
@@ -84,8 +85,12 @@ def playback(animation: Animation, count: int, interval_s: float, *, most_fps: f
         fps = min(own_fps, most_fps)
     if (count - 1) * interval_s * fps > max(count, MOST_PICTURES) * speed:
         raise ScenarioError(
-            f"--speed and --fps must make at most {MOST_PICTURES:,} pictures, got {speed:g} and "
-            f"{fps:g} for {(count - 1) * interval_s:g} s; give a lower --fps"
+            "--speed and --fps must make at most {most:,} pictures, got {speed:g} and {fps:g} for "
+            "{duration:g} s; give a lower --fps",
+            most=MOST_PICTURES,
+            speed=speed,
+            fps=fps,
+            duration=(count - 1) * interval_s,
         )
     # The nearest recorded frame to each picture's time. 1e-9: the last one is not lost to rounding.
     pictures = math.floor((count - 1) * fps / own_fps * (1 + 1e-9)) + 1

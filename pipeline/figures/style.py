@@ -6,20 +6,23 @@ Nothing of the user's own matplotlib settings gets in: the same table gives the 
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
+import pathlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import matplotlib
 import numpy as np
+from matplotlib import font_manager
 from matplotlib.path import Path
 from matplotlib.transforms import Bbox
 
 from pipeline import colours
+from pipeline.messages import Message, translated
 
 if TYPE_CHECKING:
-    import pathlib
     from typing import BinaryIO
 
     import polars as pl
@@ -50,6 +53,36 @@ LIGHT = Ink(page="#ffffff", text=colours.TOTAL, faint="#5f6670", simulated=colou
 DARK = Ink(page="#0d1117", text="#e6edf3", faint="#9aa4af", simulated="#d8effd")
 
 
+JAPANESE = (
+    "Noto Sans CJK JP", "Noto Sans JP", "IPAexGothic", "IPAGothic", "TakaoGothic", "VL Gothic",
+    "Hiragino Sans", "Hiragino Kaku Gothic ProN", "Yu Gothic", "Meiryo", "MS Gothic",
+)  # fmt: skip
+"""Fonts of the usual systems, of which one is taken where it is installed."""
+
+
+@functools.cache
+def japanese_font() -> str | None:
+    """Return a font for Japanese; None where none is installed."""
+    fonts = {
+        font.name for font in font_manager.fontManager.ttflist if pathlib.Path(font.fname).is_file()
+    }
+    return next((name for name in JAPANESE if name in fonts), None)
+
+
+def words(template: str, /, **values: object) -> str:
+    """Return a message, or the one of a template, in the reader's language if a font has it."""
+    message = template if isinstance(template, Message) else Message(template, **values)
+    shown = translated(message)
+    return shown if shown == message or japanese_font() is not None else str(message)
+
+
+def families() -> list[str]:
+    """Return the fonts of a plot, which are searched in this order for each letter."""
+    # The first choice of sans-serif, DejaVu Sans, comes with matplotlib: alike on every machine.
+    font = japanese_font() if words("time [{unit}]", unit="s") != "time [s]" else None
+    return ["sans-serif"] if font is None else ["sans-serif", font]
+
+
 @contextlib.contextmanager
 def plain(ink: Ink) -> Iterator[None]:
     """Set matplotlib up for one figure, and leave its settings as they were."""
@@ -57,8 +90,7 @@ def plain(ink: Ink) -> Iterator[None]:
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(
             {
-                # Its first choice, DejaVu Sans, comes with matplotlib: alike on every machine.
-                "font.family": "sans-serif",
+                "font.family": families(),
                 "font.size": 11,
                 "figure.facecolor": ink.page,
                 "savefig.facecolor": ink.page,
@@ -172,14 +204,14 @@ class Place:
     """Which edge of the words stands there."""
 
 
-def write_clear(axes: Axes, said: str, places: Sequence[Place], ink: Ink) -> None:
+def write_clear(axes: Axes, text: str, places: Sequence[Place], ink: Ink) -> None:
     """Write a note at the first place where no line and no other note is; nowhere if there is none.
 
     Lines must have been drawn, and limits set.
     """
     for place in places:
         note = axes.annotate(
-            said,
+            text,
             place.at,
             xycoords=place.of,
             xytext=place.offset,
@@ -197,7 +229,7 @@ def write_clear(axes: Axes, said: str, places: Sequence[Place], ink: Ink) -> Non
 def is_struck(axes: Axes, note: Text) -> bool:
     """Whether a line of a panel runs through a note in it, or another note lies on it."""
     box = note.get_window_extent()
-    if any(box.overlaps(one.get_window_extent()) for one in axes.texts if one is not note):
+    if any(box.overlaps(text.get_window_extent()) for text in axes.texts if text is not note):
         return True
     if box.y0 < axes.bbox.y0:
         return True  # there are the numbers of the axis
