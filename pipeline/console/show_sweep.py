@@ -199,14 +199,14 @@ def _study(group: Group, study: Study, at_s: float) -> list[str]:
     limit = f"{decimals(limit_mm, 2, '+') if large else f'{limit_mm:+.1e}'} mm"
     damped = study.damping_matters
     free_fall = _orders(study.orders_free_fall, len(pairs), wide, 2 if damped else 3)
+    damped_fall = _orders(study.orders_damped_fall, len(pairs), wide, 3)
+    star = " [yellow]*[/]" if damped else ""
     heading = "".join(pair.rjust(wide) for pair in pairs)
     lines = [
         *_heading(group.label or Message("by timestep")),
-        f"  [dim]{left(localized('order of accuracy'), STUDY - 2)}{heading}[/]",
-        f"    {left(localized('against free fall'), STUDY - 4)}{free_fall}"
-        + (" [yellow]*[/]" if damped else ""),
-        f"    {left(localized('against damped fall'), STUDY - 4)}"
-        + _orders(study.orders_damped_fall, len(pairs), wide, 3),
+        "  [dim]" + left(localized("order of accuracy"), STUDY - 2) + f"{heading}[/]",
+        "    " + left(localized("against free fall"), STUDY - 4) + free_fall + star,
+        "    " + left(localized("against damped fall"), STUDY - 4) + damped_fall,
     ]
     if damped:
         words = Message(

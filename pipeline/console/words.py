@@ -54,7 +54,7 @@ def unfinished(recording: object, samples: int) -> Message:
 
 def span() -> str:
     """Return the heading of two columns of times: the first and the last."""
-    return f"{right(localized('from'), 9)} {right(localized('to'), 9)}"
+    return " ".join(right(end, 9) for end in (localized("from"), localized("to")))
 
 
 def errors_by_axis() -> str:
