@@ -230,16 +230,15 @@ def _titled(title: str, words: str) -> list[str]:
 
 
 def _moment(moment: Moment, scenario: dict[str, Any]) -> list[str]:
+    heights = (
+        (localized("simulated"), decimals(moment.simulated_m, 4)),
+        (localized("free fall"), decimals(moment.free_fall_m, 4)),
+        (localized("difference"), decimals(moment.error_m, 4, "+")),
+    )
+    column = max(14, *(columns_of(name) for name, _ in heights))
     lines = [
         localized("[bold]At {time:.4g} s[/] (step {step})", time=moment.time_s, step=moment.step),
-        *(
-            f"  {left(localized_name, 14)} {number:>10} m"
-            for localized_name, number in (
-                (localized("simulated"), decimals(moment.simulated_m, 4)),
-                (localized("free fall"), decimals(moment.free_fall_m, 4)),
-                (localized("difference"), decimals(moment.error_m, 4, "+")),
-            )
-        ),
+        *(f"  {left(name, column)} {height:>10} m" for name, height in heights),
     ]
     terms = moment.terms_m
     if terms is None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.console.output import print_json, print_lines, titled
 from pipeline.console.words import NONE, RECORDING, SCRIPT
-from pipeline.messages import Message, joined
+from pipeline.messages import Message, joined, localized, translated
 
 if TYPE_CHECKING:
     from pipeline.stages.info import Info
@@ -32,9 +32,9 @@ def info_lines(info: Info) -> list[str]:
         else Message("never finished, unverified")
     )
     more = len(info.bodies) - MOST_BODIES
-    bodies = info.bodies[:MOST_BODIES]
+    bodies = [*map(translated, info.bodies[:MOST_BODIES])]
     if more > 0:
-        bodies = [*bodies, Message("and {more:,} more: see --json", more=more)]
+        bodies.append(localized("and {more:,} more: see --json", more=more))
     samples = Message(
         "{samples:,} in {duration:.9g} s", samples=info.samples, duration=info.duration_s
     )
@@ -50,7 +50,7 @@ def info_lines(info: Info) -> list[str]:
             state=state,
         ),
         Message("drop") if info.kind == "drop" else SCRIPT: info.what,
-        Message("bodies"): joined("; ", bodies) if bodies else NONE,
+        Message("bodies"): "; ".join(bodies) if bodies else NONE,
         Message("samples"): samples,
         Message("frames"): f"{info.frames:,}" if info.frames else NONE,
         Message("engine"): info.engine,
