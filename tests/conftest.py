@@ -21,6 +21,7 @@ from pipeline.recording.reader import Recording, read
 from pipeline.recording.viewer import binary
 from pipeline.stages.run import Run, run
 
+os.environ["DROP_LANG"] = "en"  # in which the tests expect what is printed, wherever they run
 # The same examples every time: a test that fails is a change, and no bad luck.
 settings.register_profile("drop", derandomize=True, deadline=None)
 settings.load_profile("drop")

@@ -66,7 +66,9 @@ def run_command(command: str, folder: Path) -> tuple[int, str]:
     if words[:1] != ["drop"]:
         return _in_bash(command, folder)
     with contextlib.chdir(folder):
-        done = CliRunner(env={"COLUMNS": "80", "FORCE_COLOR": None}).invoke(app, words[1:])
+        done = CliRunner(env={"COLUMNS": "80", "FORCE_COLOR": None, "DROP_LANG": "en"}).invoke(
+            app, words[1:]
+        )
         dismiss()  # they were started in this folder, which will be gone
     if done.exception is None or isinstance(done.exception, SystemExit):
         return done.exit_code, done.output
@@ -94,7 +96,7 @@ def _in_bash(command: str, folder: Path) -> tuple[int, str]:
         ["bash", "-euc", head + command],
         cwd=folder,
         env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": str(ROOT), "COLUMNS": "80",
-             "ROOT": str(ROOT),
+             "DROP_LANG": "en", "ROOT": str(ROOT),
              "SCRATCH": str(folder), "SLURM_JOB_NODELIST": "node"},
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         timeout=120, check=False,
