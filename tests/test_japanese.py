@@ -173,7 +173,7 @@ def test_messages_within_messages_are_translated_too() -> None:
 CODE = re.compile(
     r"\S*[\w)]\.[a-z]\S*|--[\w-]+|[a-z]+(?:-[a-z]+)+|\bdrop view\b|\w+=\w+|\d[\d.e+-]*|\(body,"
 )
-NAMES = set("PyBullet Bullet mm Ns kB recordings run rrd gif png linearDamping".split())
+NAMES = {"PyBullet", "Bullet", "mm", "Ns", "kB", "run", "rrd", "gif", "png", "linearDamping"}
 
 
 @pytest.mark.usefixtures("japanese")

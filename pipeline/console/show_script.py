@@ -101,13 +101,14 @@ def analysis_lines(analysis: ScriptAnalysis) -> list[str]:
 
 def _headline(analysis: ScriptAnalysis) -> str:
     origin, shown, there = analysis.origin, len(analysis.bodies), len(analysis.by_body)
+    ended = ENDED.get(str(origin["ended"]), Message("never finished"))
     bodies = _bodies(there)
     if shown != there:
         bodies = Message("{shown} of {bodies}", shown=shown, bodies=bodies)
     return localized(
         "[bold]{script}[/] {ended}, {bodies}",
         script=escape(str(origin["script"])),
-        ended=ENDED.get(str(origin["ended"]), Message("never finished")),
+        ended=ended,
         bodies=bodies,
     )
 
