@@ -3,6 +3,7 @@
 The outputs and pictures that pages show are those of their commands; the references are written
 from the code. `tests/test_pages.py` and `tests/test_references.py` fail where one is stale. The
 picture of the viewer is made only when it is asked for: `python docs/regenerate.py viewer.png`.
+`drop.po`, the Japanese messages, gets those that are new: translate them there, and run it again.
 """
 
 from __future__ import annotations
