@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import logging
 import math
 import pathlib
 from collections.abc import Callable, Iterator, Sequence
@@ -84,9 +85,21 @@ def families() -> list[str]:
 
 
 @contextlib.contextmanager
+def _regular_for_bold() -> Iterator[None]:
+    """Take a font's regular face without a word where it has no bold one, as a Japanese font."""
+    fonts = logging.getLogger("matplotlib.font_manager")
+    level = fonts.level
+    fonts.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        fonts.setLevel(level)
+
+
+@contextlib.contextmanager
 def plain(ink: Ink) -> Iterator[None]:
     """Set matplotlib up for one figure, and leave its settings as they were."""
-    with matplotlib.rc_context():
+    with matplotlib.rc_context(), _regular_for_bold():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(
             {
