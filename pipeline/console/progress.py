@@ -7,7 +7,8 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from pipeline.console.output import wants_colour
+from pipeline.console.output import left, wants_colour
+from pipeline.messages import Message, localized, translated
 
 
 @contextlib.contextmanager
@@ -21,7 +22,9 @@ def progress() -> Iterator[Callable[[str, int, int], None]]:
 def sweep_progress() -> Iterator[Callable[[int, int, int], None]]:
     """Yield what a sweep reports to: runs done, how many of them failed, out of how many."""
     with _bars() as show:
-        yield lambda done, failed, total: show("runs", f"runs, {failed:,} failed", done, total)
+        yield lambda done, failed, total: show(
+            "runs", Message("runs, {failed:,} failed", failed=failed), done, total
+        )
 
 
 @contextlib.contextmanager
@@ -49,12 +52,12 @@ def _bars() -> Iterator[Callable[[str, str, int, int], None]]:
             return Text(rate(task.speed), justify="right")
 
     columns = (
-        TextColumn("{task.description:<16}"),
+        TextColumn("{task.description}"),
         BarColumn(bar_width=14),
         TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
         Rate(),
         TimeRemainingColumn(),
-        TextColumn("left"),
+        TextColumn(localized("left")),
     )
     console = Console(stderr=True, color_system="auto" if wants_colour(sys.stderr) else None)
     # The rate is that of the whole time: shares of a sweep come far apart.
@@ -62,6 +65,7 @@ def _bars() -> Iterator[Callable[[str, str, int, int], None]]:
         tasks: dict[str, Any] = {}
 
         def show(name: str, words: str, done: int, total: int) -> None:
+            words = left(translated(words), 16)
             if name not in tasks:  # what was there before says nothing of the rate
                 tasks[name] = bars.add_task(words, completed=done, total=total)
             bars.update(tasks[name], description=words, completed=done)
