@@ -948,7 +948,7 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     ),
     "10,000 columns": (
         lambda: message(arrow({f"c{number}": pa.nulls(1) for number in range(10_000)})),
-        "does not describe itself",
+        "has an unknown header",
     ),
     "a name of 10,000 characters": (
         lambda: message(arrow({"x": pa.nulls(1)}, entity="/" + "x" * 10_000)), "a name of",
@@ -1010,7 +1010,7 @@ def test_what_is_not_a_plain_file_is_one_line_and_no_waiting(
     elif kind == "device":
         path = Path("/dev/zero")
     why = {
-        "missing": "not a recording: it is not there",
+        "missing": "does not exist; make it with: drop simulate",
         "folder": "a folder; name a recording in it",
     }.get(kind, "not a recording: it is not a regular file")
     stages: list[Callable[[], object]] = [

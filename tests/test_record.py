@@ -1078,7 +1078,7 @@ def test_soft_bodies_are_named_and_said_to_be_left_out(bench: Bench) -> None:
     said: list[str] = []
     recorded, _ = bench.record(script, note=said.append)
     assert recorded.error == ""
-    expected = "the soft body 1_cloth_z_up is left out: PyBullet reports no position of it"
+    expected = "the soft body 1_cloth_z_up is left out: PyBullet does not report its position"
     assert expected in said
     assert closing(bench.out)["notes"] == [expected]
     assert {body for _, body, _ in states(bench.out)} == {2}
