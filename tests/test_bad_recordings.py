@@ -944,7 +944,7 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     ),
     "columns packed once more": (
         lambda: message(arrow({"x": one_list(zeros(10**6))}, compression="zstd")),
-        "packed in a way",
+        "unknown encoding",
     ),
     "10,000 columns": (
         lambda: message(arrow({f"c{number}": pa.nulls(1) for number in range(10_000)})),
@@ -1011,8 +1011,8 @@ def test_what_is_not_a_plain_file_is_one_line_and_no_waiting(
         path = Path("/dev/zero")
     why = {
         "missing": "does not exist; make it with: drop simulate",
-        "folder": "a folder; name a recording in it",
-    }.get(kind, "not a recording: it is not a regular file")
+        "folder": "is a folder; name a recording in it",
+    }.get(kind, "is not a recording: it is not a regular file")
     stages: list[Callable[[], object]] = [
         lambda: read(path),
         lambda: list(frames(path)),
@@ -1022,7 +1022,7 @@ def test_what_is_not_a_plain_file_is_one_line_and_no_waiting(
     if kind != "missing":
         stages.append(lambda: check(sound.path, path))
     for stage in stages:
-        with pytest.raises(RecordingError, match=f"{path} is {why}"):
+        with pytest.raises(RecordingError, match=f"{path} {why}"):
             stage()
 
 

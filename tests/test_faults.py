@@ -523,9 +523,9 @@ def test_a_part_that_is_a_link_is_not_followed(run_rrd: Path, precious: bytes) -
     part = run_rrd.with_name("new.rrd.part")
     for make in (lambda: part.symlink_to(run_rrd), lambda: os.mkfifo(part), part.mkdir):
         make()
-        with pytest.raises(OutputError, match=r"new\.rrd\.part is not a regular file"):
+        with pytest.raises(OutputError, match=r"new\.rrd\.part is in the way and is not a regular"):
             simulate(Scenario(duration_s=0.1), part.with_suffix(""), camera=None)
-        with pytest.raises(OutputError, match=r"new\.rrd\.part is not a regular file"):
+        with pytest.raises(OutputError, match=r"new\.rrd\.part is in the way and is not a regular"):
             opened(part)
         part.rmdir() if part.is_dir() and not part.is_symlink() else part.unlink()
     sealed = run_rrd.with_name("new.rrd.part.sealed")

@@ -184,9 +184,9 @@ def test_codes_and_errors_stand_out_on_terminals_only(
     (tmp_path / "run.rrd").write_bytes(standard.simulation.recording.read_bytes())
     assert "\x1b[33mdefault-damping\x1b[0m: " in terminal("analyze", "run.rrd").raw
     assert "Finding     default-damping: " in drop("analyze", "run.rrd").stdout
-    assert "\x1b[1;31mdrop:\x1b[0m no.rrd is not" in terminal("analyze", "no.rrd").raw
+    assert "\x1b[1;31mdrop:\x1b[0m no.rrd does not" in terminal("analyze", "no.rrd").raw
     assert "\x1b" not in terminal("analyze", "no.rrd", NO_COLOR="1").raw
-    assert drop("analyze", "no.rrd").stderr.startswith("drop: no.rrd is not")
+    assert drop("analyze", "no.rrd").stderr.startswith("drop: no.rrd does not")
 
 
 def test_colours_are_for_terminals_that_want_them(

@@ -41,8 +41,8 @@ def twice(entity: str) -> Message:
     return Message("its {entity} has a step twice", entity=entity)
 
 
-def not_so_many(entity: str, count: int, name: str) -> Message:
-    """Return what is wrong with rows that do not have so many numbers each."""
+def wrong_count(entity: str, count: int, name: str) -> Message:
+    """Return what is wrong with rows that have another number of values."""
     return Message(
         "{entity} must hold {count} numbers for each {name}", entity=entity, count=count, name=name
     )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline.fields import shown
 from pipeline.messages import Message
 from pipeline.recording import schema
-from pipeline.recording.checks import damaged, not_so_many, twice
+from pipeline.recording.checks import damaged, twice, wrong_count
 from pipeline.recording.rows import named
 from pipeline.recording.rrd import Chunk
 from pipeline.recording.schema import Table
@@ -48,7 +48,7 @@ def rows(chunk: Chunk, table: Table, path: Path) -> pl.DataFrame:
             counts = lengths // width
             read["step"] = np.repeat(steps, counts)
         if flat.null_count or not counts.all() or not np.array_equal(lengths, counts * width):
-            raise damaged(path, not_so_many(chunk.entity, width, component))
+            raise damaged(path, wrong_count(chunk.entity, width, component))
         # Copied, so that the rest of the chunk can be freed.
         read |= named(flat.to_numpy().reshape(-1, width), names)
     if len(np.unique(steps)) < len(steps):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import Message
 from pipeline.recording import columns, schema
-from pipeline.recording.checks import damaged, not_so_many
+from pipeline.recording.checks import damaged, wrong_count
 from pipeline.recording.columns import Properties
 from pipeline.recording.contents import chunks_of, closing_of, gather
 from pipeline.recording.digest import FrameDigest
@@ -140,7 +140,7 @@ def _numbers(chunk: Chunk, name: str, width: int, path: Path) -> NDArray[np.floa
     values = chunk.batch.column(chunk.batch.schema.get_field_index(name)).to_pylist()
     numbers = np.array([row[0] for row in values], dtype=np.float64)
     if numbers.shape != (len(values), width):
-        raise damaged(path, not_so_many(chunk.entity, width, name))
+        raise damaged(path, wrong_count(chunk.entity, width, name))
     return numbers
 
 
