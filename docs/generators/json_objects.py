@@ -266,7 +266,7 @@ VIEW = Object(
     {"recordings": list[Path], "layers": list[Path], "golden": Path | None,
      "same": bool | None, "first_difference": int | None, "command": list[str], "url": str,
      "page": str | None},
-    {"recordings": "What is shown.", "layers": "Their analyses, shown with them.",
+    {"recordings": "The recordings shown.", "layers": "Their analyses, shown with them.",
      "golden": "The recording it is compared with, with `--against`.",
      "same": "Whether the two are the same physics; null without `--against`.",
      "first_difference": "The first step at which anything differs; null if nothing does.",

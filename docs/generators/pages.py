@@ -10,8 +10,7 @@ of a block says how:
     yaml       a workflow, whose `run:` steps are commands
     mermaid    a picture, nothing to run; the same for a block of no kind
 
-In quoted output, a line `…` stands for omitted lines, and the same lines as before are shown around
-it:
+In quoted output, a line `…` stands for omitted lines; the excerpts around it stay the same ones:
 
     $ drop analyze recordings/run.rrd
     cube_small.urdf dropped from 1.0000 m, timestep 1/240 s, damping default

@@ -103,8 +103,8 @@ def frames_of_cameras(path: Path) -> dict[int, list[tuple[int, float, bytes]]]:
         for step, _, png in taken:
             digest.update(step, png)
         digests.append(digest.hexdigest())
-    found = digests[0] if len(digests) == 1 else digests or None
-    if closing is not None and closing.get("frames_sha256") != found:
+    frames_sha256 = digests[0] if len(digests) == 1 else digests or None
+    if closing is not None and closing.get("frames_sha256") != frames_sha256:
         raise damaged(path, Message("its frames fail their checksum"))
     return {camera: sorted(taken, key=lambda frame: frame[0]) for camera, taken in frames.items()}
 
