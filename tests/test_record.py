@@ -753,8 +753,8 @@ def test_what_was_killed_before_anything_was_written_says_so(bench: Bench, held:
         done = bench.drop(verb, "a.rrd.part")
         assert done.returncode == 1
         assert done.stderr == (
-            "drop: a.rrd.part holds nothing yet: what wrote it, a drop or a script's recording, "
-            "was stopped before its first rows were whole; record it again\n"
+            "drop: a.rrd.part holds nothing yet: the process that wrote it was stopped before its "
+            "first rows were complete; record it again\n"
         )
 
 
