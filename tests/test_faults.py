@@ -37,7 +37,7 @@ from PIL import Image
 
 from pipeline import Scenario, analyze, check, render, simulate
 from pipeline.errors import OutputError, RecordingError, ScenarioError
-from pipeline.files.outputs import MOST_PARTS, check_room, part_of, translated
+from pipeline.files.outputs import MOST_PARTS, check_room, output_errors, part_of
 from pipeline.files.whole import opened
 from pipeline.recording import sealing
 from pipeline.recording.reader import Recording, read
@@ -203,7 +203,7 @@ def test_a_disk_that_is_too_small_from_the_start_is_left_as_it_is(
     (tmp_path / "run.rrd").write_bytes(precious)
     code, *said = told(arguments, tmp_path)
     assert code == 1
-    assert_one_line(*said, "run.rrd needs some", "kB are free")
+    assert_one_line(*said, "run.rrd needs about", "kB are free")
     assert (tmp_path / "run.rrd").read_bytes() == precious
     assert [one.name for one in tmp_path.iterdir()] == ["run.rrd"]
 
@@ -254,7 +254,7 @@ def test_a_rename_that_fails_names_the_file_that_was_to_be(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(OutputError, match=r"^b cannot be written: "), translated(Path("c")):
+    with pytest.raises(OutputError, match=r"^b cannot be written: "), output_errors(Path("c")):
         Path("a").rename("b")
     folder = Folder(tmp_path / "sweep")
     with pytest.raises(OutputError, match=r"^b cannot be written: "), folder.claimed({}):
@@ -289,7 +289,7 @@ def test_a_sweep_whose_recordings_cannot_fit_is_not_begun(tmp_path: Path) -> Non
     arguments = ("--samples", "100000000000", "--vary", "height=uniform:1:2")
     code, *said = told(("sweep", "--out", "s", *arguments), tmp_path)
     assert code == 1
-    assert_one_line(*said, "s/recordings needs some 5.0 PB", "record less")
+    assert_one_line(*said, "s/recordings needs about 5.0 PB", "record less")
     assert not list(tmp_path.rglob("*.rrd*"))
 
 
@@ -523,9 +523,9 @@ def test_a_part_that_is_a_link_is_not_followed(run_rrd: Path, precious: bytes) -
     part = run_rrd.with_name("new.rrd.part")
     for make in (lambda: part.symlink_to(run_rrd), lambda: os.mkfifo(part), part.mkdir):
         make()
-        with pytest.raises(OutputError, match=r"new\.rrd\.part is not a regular file"):
+        with pytest.raises(OutputError, match=r"new\.rrd\.part is in the way and is not a regular"):
             simulate(Scenario(duration_s=0.1), part.with_suffix(""), camera=None)
-        with pytest.raises(OutputError, match=r"new\.rrd\.part is not a regular file"):
+        with pytest.raises(OutputError, match=r"new\.rrd\.part is in the way and is not a regular"):
             opened(part)
         part.rmdir() if part.is_dir() and not part.is_symlink() else part.unlink()
     sealed = run_rrd.with_name("new.rrd.part.sealed")
@@ -597,7 +597,7 @@ def test_a_run_that_was_stopped_can_be_repeated_and_what_it_left_stays(tmp_path:
         part = tmp_path / (f"run.rrd.{number}.part" if number > 1 else "run.rrd.part")
         with pytest.raises(KeyboardInterrupt) as raised:
             simulate(Scenario(duration_s=0.1), run, camera=None, progress=stop, note=notes.append)
-        assert raised.value.__notes__ == [f"what was recorded until then is in {part}"]
+        assert raised.value.__notes__ == [f"what had been recorded is in {part}"]
         assert len(notes) == number - 1
         assert not notes or f"this recording grows as {part}" in notes[-1]
         left[part] = part.read_bytes()
@@ -688,7 +688,7 @@ def test_a_recording_that_is_created_meanwhile_stays(run_rrd: Path) -> None:
     with pytest.raises(OutputError, match="created by another process") as raised:
         simulate(Scenario(duration_s=0.1), new, camera=None, progress=meanwhile)
     assert new.read_text() == "theirs"
-    assert raised.value.__notes__ == [f"what was recorded until then is in {new}.part"]
+    assert raised.value.__notes__ == [f"what had been recorded is in {new}.part"]
     assert not read(new.with_name("new.rrd.part")).partial
     said = str(raised.value).split()
     assert not [word for word in said if "new.rrd." in word]  # no file that is gone
@@ -708,7 +708,7 @@ def test_what_does_not_verify_is_not_said_to_stay(
         simulate(Scenario(duration_s=0.1), new, camera=None)
     assert {one.name for one in new.parent.iterdir()} == {"run.rrd", "new.rrd.part"}
     assert "sealed" not in str(raised.value)
-    assert raised.value.__notes__ == [f"what was recorded until then is in {new}.part"]
+    assert raised.value.__notes__ == [f"what had been recorded is in {new}.part"]
 
 
 def test_runs_at_once_in_one_folder_are_numbered(
