@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.analysis.drop.case import FLOOR_REACH_M, TOUCHING_M, Case
 from pipeline.analysis.drop.convergence import cancelling_timestep
 from pipeline.analysis.drop.landing import CORNERS, Path, episodes, restitution_threshold_m_s
-from pipeline.analysis.drop.mismatch import Mismatch, joints_of
+from pipeline.analysis.drop.mismatch import Mismatch
 from pipeline.analysis.drop.phases import Phases
 from pipeline.analysis.drop.posture import FLAT_RAD, extent_m, tilt_rad, tumbles
 from pipeline.analysis.drop.results import Bounce, Finding, Impact, Landing, Moment, Rest
@@ -121,7 +121,7 @@ def _joints(e: Evidence) -> Iterator[Finding]:
                 "the body has {joints}: the laws here are those of one rigid body, so its motion "
                 "and its contacts are recorded but not explained; drop a body of one link with "
                 "--body",
-                joints=joints_of(e.case.engine.joints),
+                joints=counted(e.case.engine.joints, "joint"),
             ),
         )
 
