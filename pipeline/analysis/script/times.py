@@ -1,4 +1,4 @@
-"""When a step of a script was: the timesteps before it, added up."""
+"""Times of a script's steps: the timesteps before each, added up."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ from pipeline.seen import Seen, Settings, counted_s
 
 
 class Times:
-    """Times of the steps of one simulation, which may change its timestep on the way."""
+    """Times of the steps of one simulation, which may change its timestep."""
 
     def __init__(self, seen: Seen, client: int) -> None:
-        self._settings: Sequence[Settings] = [one for one in seen.settings if one.client == client]
-        self._steps = [one.at.step for one in self._settings]
+        self._settings: Sequence[Settings] = [
+            settings for settings in seen.settings if settings.client == client
+        ]
+        self._steps = [settings.at.step for settings in self._settings]
 
     def of(self, step: int) -> float:
         """Return the time of a step [s]."""
         number = max(0, bisect.bisect_right(self._steps, step - 1) - 1)
-        told = self._settings[number]
-        timestep_s = float(np.ravel(told.values["fixedTimeStep"])[0])
-        return told.at.time_s + (step - told.at.step) * counted_s(timestep_s)
+        settings = self._settings[number]
+        timestep_s = float(np.ravel(settings.values["fixedTimeStep"])[0])
+        return settings.at.time_s + (step - settings.at.step) * counted_s(timestep_s)
 
     def nearest(self, time_s: float, first: int, last: int) -> int | None:
-        """Return the step nearest to a time, of those from `first` to `last`; None outside."""
+        """Return the step from `first` to `last` nearest to a time; None if that is outside."""
         if not self.of(first) <= time_s <= self.of(last):
             return None
         low = bisect.bisect_left(range(first, last + 1), time_s, key=self.of) + first
