@@ -10,7 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.general.contacts import contacts_of
-from pipeline.analysis.general.flights import taken_apart
+from pipeline.analysis.general.flights import error_and_terms
 from pipeline.analysis.general.mechanics import mechanics_of_part
 from pipeline.analysis.general.samples import motion_of
 from pipeline.analysis.general.segments import (
@@ -223,7 +223,7 @@ def _moment(found: Judged, times: Times, first: int, row: int) -> Moment:
     assert law is not None
     start = track.before.at(slice(first, first + 1))
     position_m, steps = track.motion.position_m[row], row - first + 1
-    error_m, terms_m = taken_apart(start, position_m, law, steps=steps)
+    error_m, terms_m = error_and_terms(start, position_m, law, steps=steps)
     held = bool(found.held[first : row + 1].any())
     step = int(track.steps[row])
     return Moment(step, times.of(step), error_m, None if held else terms_m)
