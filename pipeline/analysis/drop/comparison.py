@@ -48,8 +48,7 @@ class Setting:
     """A value of scenario, engine or camera that differs between the two sides."""
 
     name: str
-    """Its name in the recording; with `engine.` before it where scenario and engine both have it
-    and the engines differ."""
+    """Its name in the recording; `engine.` comes first where the scenario has it too."""
     value: Any
     """The value in the checked recording."""
     golden: Any
