@@ -21,13 +21,13 @@ class VectorTerms:
     """The four terms of an error along x, y and z [m]; they add up to it."""
 
     timestep: Vector
-    """What semi-implicit Euler does, without damping."""
+    """Error of semi-implicit Euler without damping."""
     damping: Vector
-    """What damping does, in continuous time."""
+    """Effect of damping in continuous time."""
     interaction: Vector
-    """What the two do to each other."""
+    """Interaction of the two."""
     rounding: Vector
-    """What double precision leaves."""
+    """Rounding of double precision."""
 
 
 @dataclass(frozen=True)
