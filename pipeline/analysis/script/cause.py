@@ -9,7 +9,7 @@ from itertools import zip_longest
 from typing import Any
 
 from pipeline.analysis.drop.comparison import Setting
-from pipeline.analysis.script.difference import TOLD, Difference, When
+from pipeline.analysis.script.difference import INPUT, Difference, When
 from pipeline.messages import Message, joined
 from pipeline.seen import Call, Seen
 
@@ -53,7 +53,7 @@ class OtherCall:
     def when(self) -> When:
         """When it was made, in the recording where it came first."""
         ats = [call.at for call in (self.value, self.golden) if call is not None]
-        return min(When(at.step, TOLD, at.call) for at in ats)
+        return min(When(at.step, INPUT, at.call) for at in ats)
 
 
 def other_call(run: Sequence[Call], golden: Sequence[Call]) -> OtherCall | None:
@@ -102,7 +102,7 @@ def cause(
     *,
     first: Difference,
     call: OtherCall | None,
-    told: Sequence[Difference],
+    inputs: Sequence[Difference],
     made: Sequence[Setting],
 ) -> Message:
     """Say in a sentence why two recordings differ.
@@ -115,13 +115,13 @@ def cause(
         The first difference.
     call
         The first other call, where it came before the first difference.
-    told
+    inputs
         The differences in the inputs.
     made
         The versions that differ.
     """
     last = [_last_step(side) for side in (run, golden)]
-    ended = first.column == "there" and not told and last[0] != last[1]
+    ended = first.column == "there" and not inputs and last[0] != last[1]
     # Calls that one lacks because it has ended are no other calls.
     if ended and (call is None or (call.value, call.golden)[last.index(min(last))] is None):
         why = Message(
@@ -135,7 +135,7 @@ def cause(
         return _of_text(run, golden, why)
     if call is not None:
         return _of_calls(run, golden)
-    return _of_text(run, golden, _of_inputs(run, golden, first=first, told=told, made=made))
+    return _of_text(run, golden, _of_inputs(run, golden, first=first, inputs=inputs, made=made))
 
 
 def _of_inputs(
@@ -143,19 +143,19 @@ def _of_inputs(
     golden: Side,
     *,
     first: Difference,
-    told: Sequence[Difference],
+    inputs: Sequence[Difference],
     made: Sequence[Setting],
 ) -> Message:
     """Say why two recordings with the same calls differ."""
     later = _later_call(run.seen.calls, golden.seen.calls, first.step)
     if later is not None:
         return later
-    if any(each.column == "engine.rows" for each in told):  # of each connection, and after calls
+    if any(each.column == "engine.rows" for each in inputs):  # of each connection, and after calls
         return Message(
             "the same calls, and a simulation that begins or ends elsewhere: connecting to "
             "PyBullet and disconnecting do not count as calls"
         )
-    if any(each.column.startswith(("bodies.", "dynamics.")) for each in told):
+    if any(each.column.startswith(("bodies.", "dynamics.")) for each in inputs):
         if made:
             return Message("the same calls, other bodies: made with {made}", made=_versions(made))
         return Message(
@@ -168,7 +168,7 @@ def _of_inputs(
             made=_versions(made),
         )
     part = next(
-        (each for each in run.seen.calls if told and SHORTENED.search(each.arguments)), None
+        (each for each in run.seen.calls if inputs and SHORTENED.search(each.arguments)), None
     )
     if part is not None:
         return Message(

@@ -20,17 +20,17 @@ from pipeline.analysis.script.cause import (
     other_call,
     versions,
 )
-from pipeline.analysis.script.difference import LED, TOLD, Difference, Found, When
+from pipeline.analysis.script.difference import INPUT, LED, Dated, Difference, When
+from pipeline.analysis.script.input_differences import input_differences
 from pipeline.analysis.script.likeness import STATES_ARE_THE_SAME, looks_like
 from pipeline.analysis.script.sample_differences import (
-    Faced,
+    Paired,
     allowed,
-    faced,
     first_contact,
     first_joint,
     first_state,
+    paired,
 )
-from pipeline.analysis.script.told_differences import told_differences
 from pipeline.seen import Call, Seen
 
 
@@ -74,31 +74,31 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
         Allowed difference in motion [m]; 0 means bit for bit, and then also in joints and contact
         points.
     """
-    of = faced(run.seen, golden.seen)
+    of = paired(run.seen, golden.seen)
     state = first_state(of)
     others = [first_joint(of, run.seen, golden.seen), first_contact(run.seen, golden.seen)]
     parted = _earliest(state, *others)
-    told = sorted(
+    inputs = sorted(
         (
-            found
-            for found in told_differences(run.seen, golden.seen)
-            if _is_before(found[0], parted)
+            dated
+            for dated in input_differences(run.seen, golden.seen)
+            if _is_before(dated[0], parted)
         ),
-        key=lambda found: found[0],
+        key=lambda dated: dated[0],
     )
     if tolerance_m:
         state, others = first_state(of, allowed(of, golden.seen, tolerance_m)), []
-    found = _earliest(*told, state, *others)
+    earliest = _earliest(*inputs, state, *others)
     call = other_call(run.seen.calls, golden.seen.calls)
-    differences = [difference for _, difference in told]
+    differences = [difference for _, difference in inputs]
     made = list(versions(run, golden))
     first = before = why = like = None
-    if found is not None:
-        when, first = found
+    if earliest is not None:
+        when, first = earliest
         counts = call is not None and not call.moved and _is_before(call.when, parted)
         before = _call_before(run.seen, when, first)
         why = cause(
-            run, golden, first=first, call=call if counts else None, told=differences, made=made
+            run, golden, first=first, call=call if counts else None, inputs=differences, made=made
         )
         like = looks_like(of, None if state is None else state[1])
     return ScriptComparison(
@@ -134,11 +134,11 @@ def with_images(
     return replace(comparison, looks_like=STATES_ARE_THE_SAME, cause=why)
 
 
-def _earliest(*found: Found | None) -> Found | None:
-    return min(filter(None, found), key=lambda found: found[0], default=None)
+def _earliest(*differences: Dated | None) -> Dated | None:
+    return min(filter(None, differences), key=lambda dated: dated[0], default=None)
 
 
-def _is_before(when: When, parted: Found | None) -> bool:
+def _is_before(when: When, parted: Dated | None) -> bool:
     return parted is None or when < parted[0]
 
 
@@ -148,13 +148,13 @@ def _call_before(run: Seen, when: When, first: Difference) -> Call | None:
     for call in reversed(run.calls):
         if clients and call.client not in clients:
             continue
-        if when.phase == TOLD and call.at.call > when.call:
+        if when.phase == INPUT and call.at.call > when.call:
             continue
         if call.at.step < when.step or (call.at.step == when.step and when.phase != LED):
             return call
     return None
 
 
-def _largest_m(of: Faced) -> float | None:
+def _largest_m(of: Paired) -> float | None:
     distance_m = of.distance_m[np.isfinite(of.distance_m)]
     return float(distance_m.max()) if len(distance_m) else None

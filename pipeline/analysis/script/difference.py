@@ -42,12 +42,12 @@ class When:
 
     step: int
     phase: int
-    """`LED`: a sample that a step led to, before `TOLD`: the inputs that the script gives after it.
+    """`LED`: a sample that a step led to, before `INPUT`: the inputs that the script gives then.
     `FIRST`: a first sample, after the inputs that led to it. `PUT`: where calls put a body."""
     call: int = 0
     """Calls of the script before it."""
 
 
-LED, TOLD, FIRST, PUT = range(4)
+LED, INPUT, FIRST, PUT = range(4)
 
-Found = tuple[When, Difference]
+Dated = tuple[When, Difference]

@@ -6,14 +6,14 @@ import numpy as np
 import polars as pl
 
 from pipeline.analysis.script.difference import Difference
-from pipeline.analysis.script.sample_differences import Faced
+from pipeline.analysis.script.sample_differences import Paired
 from pipeline.messages import Message, joined
 from pipeline.seen import Body
 
 STATES_ARE_THE_SAME = Message("every state is identical")
 
 
-def looks_like(of: Faced, state: Difference | None) -> Message:
+def looks_like(of: Paired, state: Difference | None) -> Message:
     """Say in a sentence how far apart bodies are.
 
     Parameters

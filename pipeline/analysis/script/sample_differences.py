@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from pipeline.analysis.script.difference import FIRST, LED, Difference, Found, When
+from pipeline.analysis.script.difference import FIRST, LED, Dated, Difference, When
 from pipeline.seen import Body, Joints, Seen
 
 Float64 = NDArray[np.float64]
@@ -25,7 +25,7 @@ UNKNOWN_LENGTH_M = 1.0
 
 
 @dataclass(frozen=True)
-class Faced:
+class Paired:
     """The samples of the bodies that two simulations share."""
 
     bodies: Mapping[int, Body]
@@ -52,7 +52,7 @@ class Faced:
         return When(step, FIRST if step == 0 or (number, step) in self.fresh else LED)
 
 
-def faced(run: Seen, golden: Seen) -> Faced:
+def paired(run: Seen, golden: Seen) -> Paired:
     """Return the samples of two simulations, those of one part and step in one row."""
     labels = [{body.label: body for body in seen.bodies.values()} for seen in (run, golden)]
     shared = labels[0].keys() & labels[1].keys()
@@ -75,10 +75,10 @@ def faced(run: Seen, golden: Seen) -> Faced:
         if each.came and not each.sampled
     )
     values, others = (side.select(COLUMNS).to_numpy() for side in (mine, theirs))
-    return Faced(bodies, mine.select(PART), values, others, lacking, fresh)
+    return Paired(bodies, mine.select(PART), values, others, lacking, fresh)
 
 
-def first_state(of: Faced, allowed: Float64 | float = 0.0) -> Found | None:
+def first_state(of: Paired, allowed: Float64 | float = 0.0) -> Dated | None:
     """Return the first number that differs by more than allowed, or sample that one lacks.
 
     Parameters
@@ -88,11 +88,11 @@ def first_state(of: Faced, allowed: Float64 | float = 0.0) -> Found | None:
     allowed
         Allowed difference, broadcast to (rows, 13).
     """
-    found = []
+    dated = []
     if len(of.lacking):
         body, link, step, there = of.lacking.sort("step", "body", "link").row(0)
         values = float(there), float(not there)
-        found.append(_found(of, step, body, link, "there", *values))
+        dated.append(_dated(of, step, body, link, "there", *values))
     off = _off(of.mine, of.golden, allowed)
     rows = np.flatnonzero(off.any(axis=1))
     if len(rows):
@@ -100,13 +100,13 @@ def first_state(of: Faced, allowed: Float64 | float = 0.0) -> Found | None:
         column = int(np.argmax(off[row]))
         body, link, step = of.rows.row(int(row))
         values = float(of.mine[row, column]), float(of.golden[row, column])
-        found.append(_found(of, step, body, link, COLUMNS[column], *values))
-    return min(found, key=lambda found: found[0], default=None)
+        dated.append(_dated(of, step, body, link, COLUMNS[column], *values))
+    return min(dated, key=lambda each: each[0], default=None)
 
 
-def _found(
-    of: Faced, step: int, number: int, link: int, column: str, mine: float, golden: float
-) -> Found:
+def _dated(
+    of: Paired, step: int, number: int, link: int, column: str, mine: float, golden: float
+) -> Dated:
     difference = Difference(step, of.bodies[number].label, link, column, mine, golden)
     return of.when(number, step), difference
 
@@ -119,7 +119,7 @@ def _off(mine: Float64, golden: Float64, allowed: Float64 | float) -> NDArray[np
     return off
 
 
-def allowed(of: Faced, golden: Seen, tolerance_m: float) -> Float64:
+def allowed(of: Paired, golden: Seen, tolerance_m: float) -> Float64:
     """Return what a tolerance allows in each number of the states, shape (rows, 13).
 
     A velocity may be off by what moves the body that far in one step, an angle by what moves the
@@ -151,13 +151,13 @@ def _length_m(body: Body, link: int) -> float:
 # -- joints ---------------------------------------------------------------------------------------
 
 
-def first_joint(of: Faced, run: Seen, golden: Seen) -> Found | None:
+def first_joint(of: Paired, run: Seen, golden: Seen) -> Dated | None:
     """Return the first number of joints that differs, in the steps that both have."""
-    found = (_first_of_body(of, number, run, golden) for number in of.bodies)
-    return min(filter(None, found), key=lambda found: found[0], default=None)
+    dated = (_first_of_body(of, number, run, golden) for number in of.bodies)
+    return min(filter(None, dated), key=lambda each: each[0], default=None)
 
 
-def _first_of_body(of: Faced, number: int, run: Seen, golden: Seen) -> Found | None:
+def _first_of_body(of: Paired, number: int, run: Seen, golden: Seen) -> Dated | None:
     mine, theirs = (seen.joints.get(number) for seen in (run, golden))
     columns = [_joint_columns(seen.bodies[number]) for seen in (run, golden)]
     if mine is None or theirs is None or columns[0] != columns[1]:
@@ -170,7 +170,7 @@ def _first_of_body(of: Faced, number: int, run: Seen, golden: Seen) -> Found | N
         return None
     row, column = int(wrong[0]), int(np.argmax(off[wrong[0]]))
     name, link = columns[0][column]
-    return _found(
+    return _dated(
         of, int(steps[row]), number, link, name, float(x[row, column]), float(y[row, column])
     )
 
@@ -192,7 +192,7 @@ def _joint_columns(body: Body) -> list[tuple[str, int]]:
 # -- contact points -------------------------------------------------------------------------------
 
 
-def first_contact(run: Seen, golden: Seen) -> Found | None:
+def first_contact(run: Seen, golden: Seen) -> Dated | None:
     """Return the first contact point that differs, or the first step with more of them."""
     mine, theirs = (_points(seen) for seen in (run, golden))
     names = [name for name in theirs.columns if name != "step"]

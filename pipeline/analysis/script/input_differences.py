@@ -14,26 +14,26 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from pipeline.analysis.script.difference import PUT, TOLD, Difference, Found, Value, When
+from pipeline.analysis.script.difference import INPUT, PUT, Dated, Difference, Value, When
 from pipeline.analysis.script.tracks import order
 from pipeline.seen import At, Body, Put, Seen
 
 Column = tuple[int | None, str]
 """Link and name."""
 Row = tuple[At, dict[Column, Value]]
-Told = dict[tuple[str, str | None, int], list[Row]]
+Inputs = dict[tuple[str, str | None, int], list[Row]]
 """By entity, label of a body, and client."""
 
 FOLLOWS = ("number", "label", "name", "bounds_m")
 """A body's names, with the folder of its file, and the boxes that follow from its pose."""
 
 
-def told_differences(run: Seen, golden: Seen) -> Iterator[Found]:
+def input_differences(run: Seen, golden: Seen) -> Iterator[Dated]:
     """Yield the first difference in the inputs of each body, and each client with bodies."""
     for label, at, *there in _coming(run, golden):
-        yield When(at.step, TOLD, at.call), Difference(at.step, label, None, "there", *there)
+        yield When(at.step, INPUT, at.call), Difference(at.step, label, None, "there", *there)
     both = labels_of(run) & labels_of(golden)
-    mine, theirs = (_told(seen, both) for seen in (run, golden))
+    mine, theirs = (_inputs(seen, both) for seen in (run, golden))
     ends = [_ends(seen) for seen in (run, golden)]
     clients = {body.client for seen in (run, golden) for body in seen.bodies.values()}
     for key in {**mine, **theirs}:
@@ -70,13 +70,13 @@ def _first(
     mine: Sequence[Row],
     theirs: Sequence[Row],
     last: Sequence[int],
-) -> Iterator[Found]:
+) -> Iterator[Dated]:
     """Yield all columns of the first row that differs.
 
     Rows that one lacks because it ended earlier, each at its `last` step, are not a difference.
     """
     entity, label, _ = key
-    phase = PUT if entity == "set" else TOLD
+    phase = PUT if entity == "set" else INPUT
     for row, other in zip_longest(mine, theirs):
         if row is None or other is None or row[0].step != other[0].step:
             # The earlier row is the one that the other side lacks.
@@ -112,9 +112,9 @@ def _is(values: Mapping[Column, Value], golden: Mapping[Column, Value], name: Co
 # -- inputs as rows of columns --------------------------------------------------------------------
 
 
-def _told(seen: Seen, labels: Set[str]) -> Told:
+def _inputs(seen: Seen, labels: Set[str]) -> Inputs:
     """Return the inputs of the bodies with these labels, and of each client."""
-    rows: Told = {}
+    rows: Inputs = {}
 
     def add(entity: str, at: At, of: Body | int, values: Iterable[tuple[Column, Value]]) -> None:
         label, client = (of.label, of.client) if isinstance(of, Body) else (None, of)
