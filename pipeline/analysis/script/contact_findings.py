@@ -111,8 +111,8 @@ def _deep(e: Evidence) -> Iterator[ScriptFinding]:
         cause = Message("their contact is a spring; give p.changeDynamics more contactStiffness")
     elif way_m >= deep_m[row] / 2:
         cause = Message(
-            "they approach each other by {way:.4g} mm in a step, and bodies that meet within a "
-            "step are found when they overlap; use a smaller timestep with p.setTimeStep",
+            "they approach each other by {way:.4g} mm in a step, and contact within a step is "
+            "detected only once they overlap; use a smaller timestep with p.setTimeStep",
             way=way_m * 1e3,
         )
     message = Message(

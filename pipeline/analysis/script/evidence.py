@@ -91,8 +91,10 @@ class Evidence:
         """Return the name of a part: the body, and the link where it is not the base."""
         known = self.seen.bodies.get(body)
         if known is None:
-            return f"body {body}"
-        return known.label if link < 0 else f"{known.label}, link {known.links[link + 1]}"
+            return Message("body {number}", number=body)
+        if link < 0:
+            return known.label
+        return Message("{body}, link {link}", body=known.label, link=known.links[link + 1])
 
     def site(
         self, functions: Iterable[str], at: At, body: Body | None = None, argument: str = ""

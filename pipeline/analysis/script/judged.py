@@ -33,7 +33,7 @@ Float64 = NDArray[np.float64]
 Int8 = NDArray[np.int8]
 
 REASONS = (
-    Message(""),
+    "",
     Message("contact in a step of several substeps, of which PyBullet reports only the last"),
     Message("a push in a step of several substeps"),
     Message("maxJointVelocity, which limits velocities"),

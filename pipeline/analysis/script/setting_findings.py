@@ -134,7 +134,7 @@ def _stopped_early(e: Evidence) -> Iterator[ScriptFinding]:
 def _unseeded(e: Evidence) -> Iterator[ScriptFinding]:
     if e.seen.unseeded:
         first = e.seen.unseeded[0]
-        where = Message("{place}", place=first)
+        where: str = first
         if len(e.seen.unseeded) > 1:
             where = Message(
                 "{place} (the first of {places} places)", place=first, places=len(e.seen.unseeded)
