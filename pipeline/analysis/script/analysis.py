@@ -302,7 +302,6 @@ _COLUMNS = {
 
 def _table(verdict: Judged, energy_j: Float64 | None, times: Mapping[int, Times]) -> pl.DataFrame:
     track, body = verdict.track, verdict.track.body
-    time_of = times[body.client].of
     error_m = np.full((len(track), 3), np.nan)
     for first, last in verdict.runs(FLIGHT):
         row, law = _begins(verdict, first), verdict.law_at(first)
@@ -314,7 +313,7 @@ def _table(verdict: Judged, energy_j: Float64 | None, times: Mapping[int, Times]
         error_m[rows] = track.motion.position_m[rows] - free_fall_m
     named = {
         "step": track.steps,
-        "time_s": np.array([time_of(step) for step in track.steps.tolist()]),
+        "time_s": times[body.client].of_all(track.steps),
         "body": np.full(len(track), body.number),
         "label": [body.label] * len(track),
         "segment": np.array(SEGMENTS, dtype=object)[verdict.code].tolist(),
