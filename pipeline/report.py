@@ -24,8 +24,8 @@ LARGEST = 1e60
 numbers are neither written to a recording nor read from one."""
 
 
-def _reported(says: str, *, default: Any = ...) -> Any:  # noqa: ANN401 - as dataclasses.field
-    metadata = {"says": says}
+def _reported(description: str, *, default: Any = ...) -> Any:  # noqa: ANN401 - as dataclasses.field
+    metadata = {"description": description}
     return field(metadata=metadata) if default is ... else field(default=default, metadata=metadata)
 
 
@@ -127,7 +127,7 @@ class EngineReport:
     @classmethod
     def says(cls) -> dict[str, str]:
         """Return the description of each value, by name."""
-        return {field.name: field.metadata["says"] for field in fields(cls)}
+        return {field.name: field.metadata["description"] for field in fields(cls)}
 
     def as_properties(self) -> dict[str, Any]:
         """Return the values by name, for a recording, which leaves out None."""

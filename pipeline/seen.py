@@ -24,7 +24,7 @@ class At:
     """When something was seen."""
 
     step: int
-    """Steps made before it, by its simulation."""
+    """Steps of its simulation before it."""
     time_s: float
     """Simulated time: the sum of these steps' timesteps."""
     call: int
@@ -158,7 +158,7 @@ class Call:
     """What the script did to the world."""
 
     at: At
-    """When it was made."""
+    """When it was called."""
     client: int
     """Number of its client."""
     function: str

@@ -85,7 +85,7 @@ def shared_block() -> IO[bytes]:
     except OSError as error:
         raise OutputError(
             "a temporary file of {size}, which the script's process writes to, cannot be created "
-            "in {folder}: {reason}; free space there, set TMPDIR to another folder, or see: "
+            "in {folder}: {reason}; make room there, set TMPDIR to another folder, or see: "
             "ulimit -f",
             size=decimal(pipe.BLOCK_BYTES),
             folder=tempfile.tempdir or Message("any folder"),
@@ -243,7 +243,7 @@ class Script(Listener):
         if self._interrupted_at is not None:
             ending.how, ending.error = "interrupted", ""
         elif not self.decoder.stopped and not self.decoder.ended:
-            ending.how = "failed" if code else "finished"
+            ending.how, ending.error = ("failed" if code else "finished"), ""
             if code < 0:
                 name = signal.Signals(-code).name
                 ending.error = Message("it was ended by {signal}", signal=name)

@@ -159,7 +159,7 @@ def _problems(robot: Xml.Element) -> Iterator[Message]:
         for name, value in element.attrib.items():
             if len(value) > LONGEST_VALUE:
                 yield Message(
-                    "its {name} of <{element}> has {length:,} characters; {most:,} are possible",
+                    "its {name} of <{element}> has {length:,} characters, more than {most:,}",
                     name=name[:40],
                     element=element.tag[:40],
                     length=len(value),

@@ -143,7 +143,7 @@ class _Known:
     world: _World
     dynamics: list[Any]
     note: dict[str, Any]
-    """What the stream reported when it was added."""
+    """What the stream reported when it was added, and its columns in a sample."""
 
 
 class Decoder:

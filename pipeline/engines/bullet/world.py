@@ -76,10 +76,10 @@ class World:
 
     # -- building ---------------------------------------------------------------------------------
 
-    def _load(self, urdf: str | Path, **how: Any) -> int:  # noqa: ANN401
+    def _load(self, urdf: str | Path, **options: Any) -> int:  # noqa: ANN401
         with c_output_moved_aside():
             p.setAdditionalSearchPath(str(data_folder()), physicsClientId=self._client)
-            return int(p.loadURDF(str(urdf), physicsClientId=self._client, **how))
+            return int(p.loadURDF(str(urdf), physicsClientId=self._client, **options))
 
     def _load_body(self) -> int:
         maximal = self.scenario.coordinates == "maximal"
@@ -122,15 +122,15 @@ class World:
                 )
 
     def _set_dynamics(self, body: int) -> None:
-        how = {"bodyUniqueId": body, "linkIndex": -1, "physicsClientId": self._client}
+        base = {"bodyUniqueId": body, "linkIndex": -1, "physicsClientId": self._client}
         mass_kg = self.scenario.mass_kg
         if mass_kg is not None:
             # A mass alone would set the inertia of the shape, not the URDF's.
-            p.changeDynamics(mass=mass_kg, **self._inertia_of(mass_kg, body), **how)
+            p.changeDynamics(mass=mass_kg, **self._inertia_of(mass_kg, body), **base)
         if self.scenario.linear_damping is not None:
-            p.changeDynamics(linearDamping=self.scenario.linear_damping, **how)
+            p.changeDynamics(linearDamping=self.scenario.linear_damping, **base)
         if self.scenario.angular_damping is not None:
-            p.changeDynamics(angularDamping=self.scenario.angular_damping, **how)
+            p.changeDynamics(angularDamping=self.scenario.angular_damping, **base)
 
     def _inertia_of(self, mass_kg: float, body: int) -> dict[str, tuple[float, ...]]:
         """Return the URDF's inertia, scaled like its mass; nothing if it has no mass."""

@@ -540,7 +540,7 @@ class Watch:
         except GoneError:
             self.on = False
             os._exit(1)
-        except Exception as error:  # noqa: BLE001 - nothing of ours may reach the script
+        except Exception as error:  # noqa: BLE001 - our errors must not reach the script
             if world.client in self._worlds:
                 self.pipe.note("fault", world=world.number, step=world.step,
                     error=f"{type(error).__name__}: {error}")  # fmt: skip
