@@ -158,7 +158,7 @@ class Call:
     """What the script did to the world."""
 
     at: At
-    """When it was called."""
+    """When it was made."""
     client: int
     """Number of its client."""
     function: str
@@ -166,7 +166,7 @@ class Call:
     arguments: str
     """As the script might have written them; long ones shortened."""
     file: str
-    """Where the call is."""
+    """File of the call."""
     line: int
     """Counted from 1."""
     raised: str = ""
