@@ -49,6 +49,7 @@ PART = 13
 """Numbers of the state of a link: position, orientation, velocity, spin."""
 POINT = 23
 """Numbers of a contact point: those of `CONTACT` but for the step, in their order."""
+POINT_BYTES = 8 * POINT
 BATCH = 1024
 """Samples that are yielded together."""
 BATCH_BYTES = 1 << 21
@@ -245,24 +246,24 @@ class Decoder:
         )  # fmt: skip
 
     def _contacts(self, world: _World, contacts: list[tuple[int, bytes]]) -> Rows:
-        chunks = []
-        for step, payload in contacts:
-            values = np.frombuffer(payload).reshape(-1, POINT)
-            rows = np.empty(len(values), CONTACT)
-            rows["step"] = step
-            column = 0
-            for name in (CONTACT.names or ())[1:]:
-                shape = CONTACT[name].shape
-                width = math.prod(shape)
-                rows[name] = values[:, column : column + width].reshape(-1, *shape)
-                column += width
-            for name in ("body_a", "body_b"):
-                rows[name] = [
-                    world.ids[engine_id].body.number if engine_id in world.ids else engine_id
-                    for engine_id in rows[name].tolist()
-                ]
-            chunks.append(rows)
-        return np.concatenate(chunks) if chunks else np.empty(0, CONTACT)
+        counts = [len(payload) // POINT_BYTES for _, payload in contacts]
+        values = np.frombuffer(b"".join(payload for _, payload in contacts)).reshape(-1, POINT)
+        rows = np.empty(len(values), CONTACT)
+        rows["step"] = np.repeat(np.array([step for step, _ in contacts], np.int64), counts)
+        column = 0
+        for name in (CONTACT.names or ())[1:]:
+            shape = CONTACT[name].shape
+            width = math.prod(shape)
+            rows[name] = values[:, column : column + width].reshape(-1, *shape)
+            column += width
+        for name in ("body_a", "body_b"):
+            ids, which = np.unique(rows[name], return_inverse=True)
+            numbers = [
+                world.ids[engine_id].body.number if engine_id in world.ids else engine_id
+                for engine_id in ids.tolist()
+            ]
+            rows[name] = np.array(numbers, np.int64)[which]
+        return rows
 
     # -- notes ------------------------------------------------------------------------------------
 

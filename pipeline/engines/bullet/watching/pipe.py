@@ -57,7 +57,7 @@ class Pipe:
         """Send a frame."""
         self.write(frame(kind, payload))
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes | memoryview) -> None:
         """Put bytes into the block, and send it when there is enough in it."""
         if not self.open:
             return
@@ -90,7 +90,7 @@ class Pipe:
             if self._is_ours():
                 os.close(self._pipe)
 
-    def _hand_over(self, data: bytes) -> None:
+    def _hand_over(self, data: bytes | memoryview) -> None:
         # A script may close all files and open its own: never write into one of those.
         if not self._is_ours():
             self.open = False

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,6 +28,9 @@ MOST_ISLANDS = 64
 """Groups of touching bodies that PyBullet has room for in what a step returns."""
 ALL = None
 """In place of a body: a call may have moved any of them."""
+PART, JOINT, POINT = struct.Struct("<13d"), struct.Struct("<3d"), struct.Struct("<23d")
+"""The numbers of a base or link, of a joint, of a contact point."""
+FRAME_HEAD = protocol.HEADER.size + protocol.HEAD.size
 
 
 class Body:
@@ -48,6 +51,10 @@ class Body:
         self.dynamics = self.read_dynamics()
         self.soft = self.dynamics[0][10] == SOFT
         self.had_mass = self.dynamics[0][0] != 0
+        self.widths = self._joint_widths()
+        """Of each joint that moves: how many positions, velocities and torques it has."""
+        self.size = PART.size * (1 + len(self.links)) + 8 * sum(map(sum, self.widths))
+        """Bytes of its state."""
 
     @property
     def moves(self) -> bool:
@@ -58,33 +65,35 @@ class Body:
         """Return what the engine reports for base and links, in this order."""
         return [self._p.getDynamicsInfo(self.id, link, self._client) for link in (-1, *self.links)]
 
-    def read(self) -> list[float]:
-        """Return the state: 13 numbers for base and links, then those of the joints that move."""
+    def read_into(self, buffer: bytearray, at: int) -> None:
+        """Write the state: 13 numbers for base and links, then those of the joints that move.
+
+        Nothing grows on the way: under `MALLOC_PERTURB_` glibc may then fill the whole rest of its
+        heap again.
+        """
         p, client = self._p, self._client
         position, orientation = p.getBasePositionAndOrientation(self.id, client)
         linear, angular = p.getBaseVelocity(self.id, client)
-        values = [*position, *orientation, *linear, *angular]
+        PART.pack_into(buffer, at, *position, *orientation, *linear, *angular)
         if self.links:
             states = p.getLinkStates(
                 self.id, self.links, computeLinkVelocity=1, physicsClientId=client
             )
-            for link in states:
-                values += link[0]
-                values += link[1]
-                values += link[6]
-                values += link[7]
+            for state in states:
+                at += PART.size
+                PART.pack_into(buffer, at, *state[0], *state[1], *state[6], *state[7])
+        at += PART.size
         if self.spherical:
-            for joint in p.getJointStatesMultiDof(self.id, self.joints, client):
-                values += joint[0]
-                values += joint[1]
-                values += joint[3]
+            for state in p.getJointStatesMultiDof(self.id, self.joints, client):
+                values = (*state[0], *state[1], *state[3])
+                struct.pack_into(f"<{len(values)}d", buffer, at, *values)
+                at += 8 * len(values)
         elif self.joints:
-            for joint in p.getJointStates(self.id, self.joints, client):
-                values += (joint[0], joint[1], joint[3])
-        return values
+            for state in p.getJointStates(self.id, self.joints, client):
+                JOINT.pack_into(buffer, at, state[0], state[1], state[3])
+                at += JOINT.size
 
-    def joint_widths(self) -> list[tuple[int, int, int]]:
-        """Return how many positions, velocities and torques each joint that moves has."""
+    def _joint_widths(self) -> list[tuple[int, int, int]]:
         if not self.spherical:
             return [(1, 1, 1)] * len(self.joints)
         states = self._p.getJointStatesMultiDof(self.id, self.joints, self._client)
@@ -153,7 +162,12 @@ class World:
         self._since, self._steps_since = first_time_s, 0
         self._engine: dict[str, Any] | None = None
         self._moving: list[Body] = []
+        self._buffer = bytearray()
+        """The last sample, as sent."""
+        self._places: dict[int, int] = {}
+        """Where in it the states of bodies begin, by the engine's ids."""
         self._last: dict[int, bytes] = {}
+        """States sent outside samples, of bodies that no later sample has."""
         pipe.note("world", world=number, client=client, method=method,
             first_step=first_step, first_time_s=first_time_s)  # fmt: skip
 
@@ -205,7 +219,7 @@ class World:
         """Note that a reset has removed all bodies."""
         for body in self.bodies.values():
             self._pipe.note("gone", body=body.number)
-        self.bodies, self._moving, self._last = {}, [], {}
+        self.bodies, self._moving, self._last, self._places = {}, [], {}, {}
         self.fresh, self.moved, self.changed, self.recoloured = set(), {}, set(), set()
         self.stale_bodies = self.stale_engine = True
         self.given, self._later, self._motors = {}, [], {}
@@ -218,6 +232,7 @@ class World:
         for key in [key for key in self.bodies if key not in present or key in self.fresh]:
             self._pipe.note("gone", body=self.bodies.pop(key).number)
             self._last.pop(key, None)
+            self._places.pop(key, None)
         for key in ids:
             if key not in self.bodies:
                 self.bodies[key] = self._describe(key)
@@ -236,7 +251,7 @@ class World:
             flags=self.flags.get(engine_id, 0), hides_links=engine_id in self.hiding,
             bounds=body.bounds(),
             dynamics=_plain(body.dynamics), joints=_plain(body.joint_infos),
-            joint_widths=body.joint_widths(), visual=body.looks(),
+            joint_widths=body.widths, visual=body.looks(),
         )  # fmt: skip
         return body
 
@@ -269,42 +284,70 @@ class World:
     def _lay_out(self) -> None:
         moving = [body for body in self.bodies.values() if body.moves]
         if moving != self._moving:
-            self._moving = moving
+            self._last.update({key: self._last_of(self.bodies[key]) for key in self._places})
+            self._moving, self._places = moving, {}
             self._pipe.note("layout", world=self.number, bodies=[body.number for body in moving])
+
+    def _last_of(self, body: Body) -> bytes:
+        """Return the last state of a body that was sent, or b''."""
+        place = self._places.get(body.id)
+        if place is None:
+            return self._last.get(body.id, b"")
+        return bytes(self._buffer[place : place + body.size])
 
     def _send_if_set(self, body: Body) -> None:
         if body.soft:
             return
-        values = _packed(body.read())
-        if values != self._last.get(body.id):
-            self._last[body.id] = values
-            self._pipe.send(protocol.SET, protocol.HEAD.pack(body.number, self.step) + values)
+        values = bytearray(body.size)
+        body.read_into(values, 0)
+        if values == self._last_of(body):
+            return
+        place = self._places.get(body.id)
+        if place is None:
+            self._last[body.id] = bytes(values)
+        else:
+            self._buffer[place : place + body.size] = values
+        self._pipe.send(protocol.SET, protocol.HEAD.pack(body.number, self.step) + values)
 
     # -- what steps change ------------------------------------------------------------------------
 
     def sample(self) -> None:
         """Send the current state and contacts: both or, after Ctrl-C, neither."""
-        payload = b""
-        for body in self._moving:
-            values = self._last[body.id] = _packed(body.read())
-            payload += values
-        head = protocol.HEAD.pack(self.number, self.step)
-        frames = protocol.frame(protocol.SAMPLE, head + payload)
+        points = ()
         if self._sampled:  # contacts are of a step, and the first sample has none
-            numbers: list[float] = []
-            for point in self._p.getContactPoints(physicsClientId=self.client) or ():
+            points = self._p.getContactPoints(physicsClientId=self.client) or ()
+        states = sum([body.size for body in self._moving])
+        most = 2 * FRAME_HEAD + states + len(points) * POINT.size
+        if len(self._buffer) < most:
+            self._buffer, self._places = bytearray(2 * most), {}
+        buffer, at = self._buffer, FRAME_HEAD
+        protocol.HEADER.pack_into(buffer, 0, protocol.SAMPLE, protocol.HEAD.size + states)
+        protocol.HEAD.pack_into(buffer, protocol.HEADER.size, self.number, self.step)
+        if not self._places:
+            for body in self._moving:
+                self._places[body.id] = at
+                self._last.pop(body.id, None)
+                at += body.size
+            at = FRAME_HEAD
+        for body in self._moving:
+            body.read_into(buffer, at)
+            at += body.size
+        if points:
+            length = protocol.HEAD.size + len(points) * POINT.size
+            protocol.HEADER.pack_into(buffer, at, protocol.CONTACTS, length)
+            protocol.HEAD.pack_into(buffer, at + protocol.HEADER.size, self.number, self.step)
+            at += FRAME_HEAD
+            for (
+                _, body_a, body_b, link_a, link_b, on_a, on_b, normal, distance,
+                force, friction_1, direction_1, friction_2, direction_2,
+            ) in points:  # fmt: skip
                 # PyBullet lists both bodies, then both links.
-                numbers += (point[1], point[3], point[2], point[4])
-                numbers += point[5]
-                numbers += point[6]
-                numbers += point[7]
-                numbers += point[8:11]
-                numbers += point[11]
-                numbers.append(point[12])
-                numbers += point[13]
-            if numbers:
-                frames += protocol.frame(protocol.CONTACTS, head + _packed(numbers))
-        self._pipe.write(frames)
+                POINT.pack_into(
+                    buffer, at, body_a, link_a, body_b, link_b, *on_a, *on_b, *normal, distance,
+                    force, friction_1, *direction_1, friction_2, *direction_2,
+                )  # fmt: skip
+                at += POINT.size
+        self._pipe.write(memoryview(buffer)[:at])
         self._sampled = True
 
     def before_step(self) -> None:
@@ -378,17 +421,6 @@ class World:
         if not self._sampled and self.bodies:
             self.sample()
         self._pipe.note("over", world=self.number, step=self.step)
-
-
-_STRUCTS: dict[int, struct.Struct] = {}
-
-
-def _packed(values: Sequence[float]) -> bytes:
-    count = len(values)
-    packer = _STRUCTS.get(count)
-    if packer is None:
-        packer = _STRUCTS[count] = struct.Struct(f"<{count}d")
-    return packer.pack(*values)
 
 
 def _plain(value: Any) -> Any:
