@@ -35,16 +35,23 @@ SCENES = {
 """What is loaded, and how many steps the longer run has."""
 
 
+POLARS = """
+import polars as pl
+for name in ("states.parquet", "contacts.parquet"):
+    print(pl.read_parquet(name).describe())
+"""
+BODIES, STEPS = 100, 10_000
+
+
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare whole processes."""
     for name, (load, steps) in SCENES.items():
         (folder / "scene.py").write_text(SCENE.format(load=load), encoding="utf-8")
         more_us, times = _per_step(folder, steps // 10 if quick else steps, pairs=3 if quick else 5)
-        detail = f"{statistics.median(times):.3g} × the bare script"
         if name == "one box":
             yield Measured(
                 f"`drop record`, {name}: more per step", "the bare script", more_us, 15, unit="µs",
-                detail=detail,
+                detail=f"{statistics.median(times):.3g} times as long",
             )  # fmt: skip
         else:
             goal = {"kuka": 1.35, "laikago": 1.25}[name]
@@ -53,13 +60,32 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
                 detail=f"{statistics.median(more_us):.3g} µs more",
             )  # fmt: skip
     (folder / "scene.py").write_text(SCENE.format(load=BOXES), encoding="utf-8")
-    ratios, detail = paired(
-        lambda: process(*DROP, "record", "--force", "--out", "boxes.rrd", "scene.py", 1000,
-                        folder=folder),
-        lambda: process(sys.executable, "scene.py", 1000, folder=folder),
-        pairs=3 if quick else 5,
-    )  # fmt: skip
-    yield Measured(
-        "`drop record`, 100 boxes resting on a floor, 1,000 steps", "the bare script", ratios, 2,
-        detail=detail,
-    )  # fmt: skip
+    for steps, what in ((1000, "1,000 steps"), (0, "per step")):
+        values, detail = paired(
+            lambda: _record(folder, 1000), lambda: _bare(folder, 1000), pairs=3 if quick else 5
+        ) if steps else (_per_step(folder, 2000, pairs=3)[1], "")
+        yield Measured(
+            f"`drop record`, 100 boxes resting on a floor, {what}", "the bare script", values, 2,
+            detail=detail,
+        )  # fmt: skip
+
+
+def _record(folder: Path, steps: int) -> Ran:
+    return process(*DROP, "record", "--force", "--duration", "1e9", "--out", "run.rrd", "scene.py",
+                   steps, folder=folder)  # fmt: skip
+
+
+def _bare(folder: Path, steps: int) -> Ran:
+    return process(sys.executable, "scene.py", steps, folder=folder)
+
+
+def _per_step(folder: Path, steps: int, *, pairs: int) -> tuple[list[float], list[float]]:
+    """Return by how much a step is slower [µs], and how many times as long it takes, per pair."""
+    more_us, times = [], []
+    for _ in range(pairs):
+        ours_s, theirs_s = (
+            run(folder, 2 * steps).wall_s - run(folder, steps).wall_s for run in (_record, _bare)
+        )
+        more_us.append((ours_s - theirs_s) / steps * 1e6)
+        times.append(ours_s / theirs_s)
+    return more_us, times

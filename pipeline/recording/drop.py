@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 
@@ -74,7 +75,7 @@ def chunks_of(
     for name, values in inputs.items():
         yield writer.property_chunk(name, values)
     colour = colours.ENGINES[scenario.engine]
-    yield from writer.scene_chunks(camera, half_size_m, floor=scenario.floor, colour=colour)
+    yield from _scene(camera, tuple(half_size_m.tolist()), scenario.floor, colour)
     if photography is not None and photography.camera.view != "follow":
         pose = photography.pose(photography.camera)
         yield writer.camera_chunk(None, scenario.timestep_s, pose[None])
@@ -113,6 +114,14 @@ def chunks_of(
             "inputs_sha256": inputs_digest(inputs),
         },
     )
+
+
+@functools.lru_cache(maxsize=8)  # the runs of a sweep share it
+def _scene(
+    camera: Camera | None, half_size_m: tuple[float, ...], floor: bool, colour: str
+) -> list[Chunk]:
+    size_m = np.array(half_size_m)
+    return list(writer.scene_chunks(camera, size_m, floor=floor, colour=colour))
 
 
 def _curve_styles(scenario: Scenario) -> Iterator[Chunk]:

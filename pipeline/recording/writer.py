@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import os
 import tempfile
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,6 +39,7 @@ PICTURE_DISTANCE = {"standard": 0.225, "close": 0.6, "follow": 0.6}
 """How far before the camera its picture is shown, as a share of the way to what it looks at."""
 
 Value = float | int | str | bool | Sequence[float]
+_SAVING = threading.Lock()
 
 
 def record(
@@ -98,10 +100,11 @@ def record(
         with tempfile.TemporaryDirectory() as folder:
             layout = Path(folder, "layout.rbl")
             layout_of = blueprint if isinstance(blueprint, rrb.Blueprint) else blueprint()
-            with translated(layout):
-                layout_of.save(schema.APPLICATION_ID, str(layout))
             # Rerun keeps the stream that it saved through, with two threads that wake all the time.
-            bindings.flush_and_cleanup_orphaned_recordings()
+            # Where one thread cleans up while another saves, both wait for ever.
+            with translated(layout), _SAVING:
+                layout_of.save(schema.APPLICATION_ID, str(layout))
+                bindings.flush_and_cleanup_orphaned_recordings()
             seal(part, path, blueprint=layout, rows=rows, force=force or ours)
 
 
@@ -116,7 +119,7 @@ def _strict() -> Iterator[None]:
     finally:
         rr.set_strict_mode(strict)
         if switch is None:
-            del os.environ["RERUN"]
+            os.environ.pop("RERUN", None)  # another thread may have been faster
         else:
             os.environ["RERUN"] = switch
 
