@@ -134,7 +134,7 @@ class World:
 
     def _inertia_of(self, mass_kg: float, body: int) -> dict[str, tuple[float, ...]]:
         """Return the URDF's inertia, scaled like its mass; nothing if it has no mass."""
-        if self.scenario.coordinates == "maximal":  # these report 1 / (1 / m), not always m
+        if self.scenario.coordinates == "maximal":  # which reports 1 / (1 / m), not always m
             with self._twin() as twin:
                 return {"localInertiaDiagonal": twin._dynamics()[2]}
         if self._own is None:
