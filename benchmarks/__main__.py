@@ -10,7 +10,8 @@ from pathlib import Path
 
 from benchmarks.harness import HEAD, ROOT, machine
 
-SCRIPTS = ("run", "steps", "memory", "size", "frames", "analyze", "start", "gif", "egl", "sweep")
+SCRIPTS = ("run", "steps", "memory", "size", "frames", "analyze", "start", "gif", "egl", "sweep",
+           "record")  # fmt: skip
 
 
 def main() -> None:

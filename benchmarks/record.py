@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.harness import DROP, PYTHON, Measured, paired, process
+from benchmarks.harness import DROP, PYTHON, Measured, Ran, paired, process
 from pipeline.recording.script_reader import read_script
 
 SCENE = """
@@ -38,16 +38,16 @@ SCENES = {
 POLARS = """
 import polars as pl
 for name in ("states.parquet", "contacts.parquet"):
-    print(pl.read_parquet(name).describe())
+    print(pl.read_parquet(name).sum())
 """
-BODIES, STEPS = 100, 10_000
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare whole processes."""
+    pairs, share = (3, 10) if quick else (5, 1)
     for name, (load, steps) in SCENES.items():
-        (folder / "scene.py").write_text(SCENE.format(load=load), encoding="utf-8")
-        more_us, times = _per_step(folder, steps // 10 if quick else steps, pairs=3 if quick else 5)
+        _scene(folder, load)
+        more_us, times = _per_step(folder, steps // share, pairs=pairs)
         if name == "one box":
             yield Measured(
                 f"`drop record`, {name}: more per step", "the bare script", more_us, 15, unit="µs",
@@ -59,15 +59,37 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
                 f"`drop record`, {name}, per step", "the bare script", times, goal,
                 detail=f"{statistics.median(more_us):.3g} µs more",
             )  # fmt: skip
-    (folder / "scene.py").write_text(SCENE.format(load=BOXES), encoding="utf-8")
-    for steps, what in ((1000, "1,000 steps"), (0, "per step")):
-        values, detail = paired(
-            lambda: _record(folder, 1000), lambda: _bare(folder, 1000), pairs=3 if quick else 5
-        ) if steps else (_per_step(folder, 2000, pairs=3)[1], "")
+    _scene(folder, BOXES)
+    boxes = "`drop record`, 100 boxes resting on a floor"
+    ratios, detail = paired(lambda: _record(folder, 1000), lambda: _bare(folder, 1000), pairs=pairs)
+    yield Measured(f"{boxes}, 1,000 steps", "the bare script", ratios, 2, detail=detail)
+    _, times = _per_step(folder, 2000 // share, pairs=pairs)
+    yield Measured(f"{boxes}, per step", "the bare script", times)
+
+    steps = 10_000 // share
+    _record(folder, steps)
+    seen = read_script(folder / "run.rrd").seen
+    seen.states.write_parquet(folder / "states.parquet")
+    seen.contacts.write_parquet(folder / "contacts.parquet")
+    ratios, detail = paired(
+        lambda: process(*DROP, "analyze", "--force", "run.rrd", folder=folder),
+        lambda: process(*PYTHON, POLARS, folder=folder),
+        pairs=3,
+    )
+    yield Measured(
+        f"`drop analyze`, 100 bodies × {steps:,} steps", "polars: the same numbers from Parquet",
+        ratios, 5, detail=detail,
+    )  # fmt: skip
+    for steps in (100_000,) if quick else (100_000, 1_000_000):
+        _scene(folder, SCENES["one box"][0])
         yield Measured(
-            f"`drop record`, 100 boxes resting on a floor, {what}", "the bare script", values, 2,
-            detail=detail,
+            f"`drop record`, one box, {steps:.0e} steps: peak memory", "",
+            [_record(folder, steps).peak_mb], 300, unit="MB",
         )  # fmt: skip
+
+
+def _scene(folder: Path, load: str) -> None:
+    (folder / "scene.py").write_text(SCENE.format(load=load), encoding="utf-8")
 
 
 def _record(folder: Path, steps: int) -> Ran:

@@ -295,7 +295,6 @@ def _empty() -> pl.DataFrame:
 
 def _table(found: Judged, energy_j: Float64 | None, times: Mapping[int, Times]) -> pl.DataFrame:
     track, body = found.track, found.track.body
-    time_of = times[body.client].of
     error_m = np.full((len(track), 3), np.nan)
     for first, last in found.runs(FLIGHT):
         row, law = _begins(found, first), found.law_at(first)
@@ -307,7 +306,7 @@ def _table(found: Judged, energy_j: Float64 | None, times: Mapping[int, Times]) 
         error_m[rows] = track.motion.position_m[rows] - free_fall_m
     named = {
         "step": track.steps,
-        "time_s": np.array([time_of(step) for step in track.steps.tolist()]),
+        "time_s": times[body.client].of_all(track.steps),
         "body": np.full(len(track), body.number),
         "label": [body.label] * len(track),
         "segment": np.array(SEGMENTS, dtype=object)[found.code].tolist(),

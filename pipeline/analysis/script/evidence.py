@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.general.contacts import Contacts
@@ -53,9 +54,11 @@ class Evidence:
     def pairs(self) -> tuple[NDArray[np.intp], list[list[int]]]:
         """The pair of each contact point, as a number, and the pairs: bodies and links."""
         contacts = self.contacts
-        columns = contacts.body_a, contacts.link_a, contacts.body_b, contacts.link_b
-        pairs, which = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
-        return which.reshape(-1), pairs.tolist()
+        names = ("body_a", "link_a", "body_b", "link_b")
+        points = pl.DataFrame({name: getattr(contacts, name) for name in names})
+        pairs = points.unique().sort(names)
+        which = points.join(pairs.with_row_index(), on=names, how="left", maintain_order="left")
+        return which["index"].to_numpy().astype(np.intp), [list(pair) for pair in pairs.rows()]
 
     @cached_property
     def slabs(self) -> list[tuple[Body, Float64, Float64]]:

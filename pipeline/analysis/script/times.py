@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pipeline.seen import Seen, Settings, counted_s
+from pipeline.seen import Seen, counted_s
 
 
 class Times:
     """Times of the steps of one simulation, which may change its timestep on the way."""
 
     def __init__(self, seen: Seen, client: int) -> None:
-        self._settings: Sequence[Settings] = [one for one in seen.settings if one.client == client]
-        self._steps = [one.at.step for one in self._settings]
+        settings = [told for told in seen.settings if told.client == client]
+        self._steps = np.array([told.at.step for told in settings], np.int64)
+        self._times_s = np.array([told.at.time_s for told in settings], np.float64)
+        self._timesteps_s = np.array(
+            [counted_s(float(np.ravel(told.values["fixedTimeStep"])[0])) for told in settings]
+        )
+
+    def of_all(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the times of steps [s]."""
+        which = np.maximum(0, np.searchsorted(self._steps, steps - 1, side="right") - 1)
+        since_s: NDArray[np.float64] = (steps - self._steps[which]) * self._timesteps_s[which]
+        return self._times_s[which] + since_s
 
     def of(self, step: int) -> float:
         """Return the time of a step [s]."""
-        number = max(0, bisect.bisect_right(self._steps, step - 1) - 1)
-        told = self._settings[number]
-        timestep_s = float(np.ravel(told.values["fixedTimeStep"])[0])
-        return told.at.time_s + (step - told.at.step) * counted_s(timestep_s)
+        return float(self.of_all(np.array([step]))[0])
 
     def nearest(self, time_s: float, first: int, last: int) -> int | None:
         """Return the step nearest to a time, of those from `first` to `last`; None outside."""
