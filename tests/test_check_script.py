@@ -140,7 +140,7 @@ def test_another_constant_exits_3_and_is_named_by_step_body_and_column(
     assert found["other_call"]["golden"]["arguments"].endswith("[0, 0, 0.2]")
     assert found["other_call"]["value"]["line"] == 6
     assert found["cause"] == "another script: its text and its calls differ"
-    assert found["looks_like"].startswith("1_sphere is 50 mm elsewhere at step 0, ")
+    assert found["looks_like"].startswith("1_sphere is 50 mm off at step 0, ")
     schema_of_it = strict(schema_of("check"))
     assert not list(Draft202012Validator(schema_of_it).iter_errors(found))
     said = drop("check", changed, "--against", golden).stdout
@@ -246,7 +246,7 @@ def test_a_body_that_is_missing_or_more(recording: Record, golden: Path) -> None
     found = compared(recording(*without), golden)
     assert found.first == Difference(0, "2_arm", None, "there", 0.0, 1.0)
     assert found.largest_difference_m == 0.0
-    assert found.looks_like == "every state is the same all the same"
+    assert found.looks_like == "every state is identical"
     assert found.other_call is not None
     assert found.other_call.golden is not None
     assert found.other_call.golden.function == "loadURDF"
@@ -276,9 +276,7 @@ def test_an_altered_number_of_a_state_is_found_and_what_it_looks_like(golden: Pa
     assert found.first is not None
     assert (found.first.step, found.first.body, found.first.link) == (30, "1_sphere", -1)
     assert found.first.difference == pytest.approx(1e-3)
-    assert found.looks_like == (
-        "1_sphere is 1 mm elsewhere at step 30, 31 mm elsewhere at the end (step 60)"
-    )
+    assert found.looks_like == ("1_sphere is 1 mm off at step 30, 31 mm off at the end (step 60)")
     assert found.largest_difference_m == pytest.approx(0.031)
     assert found.call_before is not None
     assert (found.call_before.function, found.call_before.at.step) == ("setJointMotorControl2", 29)
@@ -297,7 +295,7 @@ def test_what_only_turns_is_in_the_same_place(golden: Path) -> None:
     assert found.first is not None
     assert found.first.column == "wy_rad_s"
     assert found.looks_like == (
-        "1_sphere moves in another way from step 30 on, in the same place at the end (step 60)"
+        "1_sphere moves differently from step 30 on, in the same place at the end (step 60)"
     )
 
 
@@ -352,10 +350,10 @@ def test_an_image_that_differs(recording: Record, golden: Path, drop: Drop) -> N
     assert found.frames is not None
     assert (found.frames.compared, found.frames.differing) == (1, 1)
     assert found.comparison is not None
-    assert found.comparison.looks_like == "every state is the same all the same"
+    assert found.comparison.looks_like == "every state is identical"
     assert found.comparison.cause == (
-        "another text of the script, but the same calls, other images: another camera, which is no "
-        "call, or a file that is drawn has changed"
+        "another text of the script, but the same calls, other images: another camera, which does "
+        "not count as a call, or a file that is drawn has changed"
     )
     said = drop("check", found.recording, "--against", golden).stdout
     assert "cause       another text of the script" in said
@@ -430,7 +428,7 @@ def test_connecting_is_no_call_and_is_the_cause_all_the_same(
         assert (found.first.column, found.cause) == (
             "engine.rows",
             "another text of the script, but the same calls, and a simulation that begins or ends "
-            "elsewhere: that the script connects to PyBullet, or disconnects, is no call",
+            "elsewhere: connecting to PyBullet and disconnecting do not count as calls",
         )
 
 
@@ -454,8 +452,8 @@ def test_what_is_not_told_of_a_long_list_may_be_the_cause(golden: Path) -> None:
     settings = [stronger, *theirs.seen.settings[1:]]
     mine = replace(theirs, seen=replace(seen, settings=settings))
     assert compare_scripts(mine, replace(theirs, seen=seen)).cause == (
-        "the same calls, as far as their arguments are told, which those of "
-        f"{first.function} at sim.py:{first.line} are in part"
+        "the same calls, as far as recorded: the arguments of "
+        f"{first.function} at sim.py:{first.line} are recorded only in part"
     )
 
 
@@ -502,7 +500,7 @@ def test_two_clients_are_compared_each_by_its_steps(tmp_path: Path) -> None:
     found = compared(paths[2], paths[0])
     assert found.first == Difference(0, None, None, "engine.gravityAccelerationZ", -11.81, -10.81)
     assert found.looks_like is not None
-    assert found.looks_like.startswith("3_cube_small is 0.0174 mm elsewhere at step 1, ")
+    assert found.looks_like.startswith("3_cube_small is 0.0174 mm off at step 1, ")
 
 
 def test_an_altered_recording_is_refused_by_its_checksum(golden: Path, tmp_path: Path) -> None:

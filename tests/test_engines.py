@@ -346,5 +346,5 @@ def test_what_an_engine_does_not_take_from_the_urdf_is_said(tmp_path: Path) -> N
         "MuJoCo has a lateral friction of 1 for this body, where PyBullet has 0.3; to have the "
         "same, set --friction"
     )
-    assert "leaves out the rolling friction" in rolling
+    assert "ignores the rolling friction" in rolling
     assert len(noted(engine="mujoco", friction=0.3)) == 1

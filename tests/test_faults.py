@@ -945,7 +945,7 @@ def test_a_frame_worker_that_dies_is_one_line_and_no_loss(
     os.kill(int(descendants_of(process.pid)[0]), how)
     said = ended(process)
     assert process.returncode == 1
-    assert_one_line(*said, "draws died", "run.rrd.part")
+    assert_one_line(*said, "worker process died", "run.rrd.part")
     assert (tmp_path / "run.rrd").read_bytes() == precious
     assert read(tmp_path / "run.rrd.part").partial
 

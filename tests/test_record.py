@@ -353,7 +353,7 @@ show(p)
         assert (times_s[3:7], notes) == ([9e9] * 4, None)
         return
     assert times_s[3:8] == [0.5, 0.5, 1.0, 1.5, 1.5]
-    assert notes == [f"from step 2 on its timestep is {timestep} s: such a step counts as no time"]
+    assert notes == [f"from step 2 on the timestep is {timestep} s: such steps take no time"]
 
 
 def test_a_timestep_that_is_no_number_is_analyzed(bench: Bench) -> None:
