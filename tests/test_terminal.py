@@ -500,7 +500,7 @@ def test_printed_study_without_damping_explains_no_limit(
     told = said[said.index("height 1") :]
     assert told[2:5] == [
         "against free fall 1.000", "against damped fall 1.000",
-        "Richardson needs three timesteps whose heights close in on a limit",
+        "Richardson needs three timesteps whose heights converge",
     ]  # fmt: skip
     for word in ("*", "cancel", "hurts", "left out", "index"):
         assert word not in " ".join(told)
@@ -748,7 +748,7 @@ def test_info_says_what_a_drop_is_in_ten_lines(drop: Drop, tmp_path: Path, stand
     assert (done.returncode, done.stderr) == (0, "")
     told = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
     assert len(told) <= 10
-    assert told["recording"].endswith(" kB, whole, as it was written")
+    assert told["recording"].endswith(" kB, complete, verified")
     assert told["drop"] == "cube_small.urdf dropped from 1 m"
     assert told["bodies"] == "cube_small.urdf, 0.1 kg"
     assert told["samples"].startswith("241 in 1 s, 132 of them in contact")

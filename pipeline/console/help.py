@@ -1,4 +1,4 @@
-"""Help as plain text, the options in their groups; the reference in docs/ is the same text.
+"""Help as plain text, options in groups; the reference in docs/ has the same text.
 
 Typer draws boxes around it by default, and loading what draws them would take longer than
 everything else that `drop --help` does.
@@ -21,7 +21,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 class App(typer.Typer):
-    """The command line; every command's options are listed in their groups."""
+    """The command line; each command lists its options in groups."""
 
     def command(
         self,
@@ -55,7 +55,7 @@ class Commands(TyperGroup):
     """The list of commands."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
-        """Read the options; those of completion may name a shell, else it is the one around us."""
+        """Parse the options; those of completion may name a shell, by default the current one."""
         if len(args) > 1 and args[0] in _COMPLETION:
             if args[1] not in SHELLS:
                 raise ScenarioError(

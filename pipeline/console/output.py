@@ -1,4 +1,4 @@
-"""How things are printed: JSON, notes, lines, and numbers in the digits that make sense."""
+"""How output is printed: JSON, notes, lines, and numbers with sensible digits."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from pipeline.fields import decimals
 from pipeline.messages import Message, translated
 
 WIDTH = 80
-"""Columns that a line of ours takes in a pipe, where no name in it is longer."""
+"""Width of a line in a pipe, unless a name in it is longer."""
 NARROWEST, WIDEST = 50, 100
-"""Columns that it takes at least and at most on a terminal, as far as that has them."""
+"""Least and greatest width on a terminal that is wide enough."""
 
 
 def width(stream: TextIO | None = None) -> int:
-    """Return how many columns a line may take: those of the terminal, within reason.
+    """Return how many columns a line may take: the terminal's, within these limits.
 
-    Not `shutil.get_terminal_size`, which asks descriptor 1: that leads nowhere here, see
+    Not `shutil.get_terminal_size`, which asks descriptor 1: here that is /dev/null, see
     `running`.
     """
     stream = stream or sys.stdout
@@ -38,10 +38,10 @@ def width(stream: TextIO | None = None) -> int:
 
 
 def harmless(text: str) -> str:
-    """Return a text with what a terminal would obey, or not show, in the escapes of JSON.
+    """Escape, as in JSON, what a terminal would interpret or not show.
 
-    Names and texts may come from a recording that somebody else made: control characters, escape
-    sequences, marks that reverse the direction of reading.
+    Names and texts may come from someone else's recording: control characters, escape sequences,
+    marks that reverse the reading direction.
     """
     if text.isprintable():
         return text
@@ -57,14 +57,14 @@ def _escaped(character: str) -> str:
 
 
 def wants_colour(stream: TextIO) -> bool:
-    """Whether a stream may carry colours: a terminal, or one that FORCE_COLOR speaks for."""
+    """Whether a stream gets colours: it is a terminal, or FORCE_COLOR is set."""
     if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
         return False
     return bool(os.environ.get("FORCE_COLOR")) or stream.isatty()
 
 
 def millimetres(value_m: float) -> str:
-    """Right-align a length in mm; what four decimals cannot show is given in powers of ten."""
+    """Right-align a length in mm; in powers of ten where four decimals would show nothing."""
     value = value_m * 1e3 + 0.0  # no minus before a zero
     small = 0 < abs(value) < 5e-5
     text = f"{value:+.1e}" if small else decimals(value, 4, "+")
@@ -72,7 +72,7 @@ def millimetres(value_m: float) -> str:
 
 
 def columns_of(text: str) -> int:
-    """Return how many columns of a terminal a text takes: Chinese and Japanese characters two."""
+    """Return how many columns a text takes: Chinese and Japanese characters take two."""
     if text.isascii():
         return len(text)
     from rich.cells import cell_len
@@ -81,17 +81,17 @@ def columns_of(text: str) -> int:
 
 
 def left(text: str, columns: int) -> str:
-    """Return a text that begins its columns."""
+    """Left-align a text in columns."""
     return text + " " * (columns - columns_of(text))
 
 
 def right(text: str, columns: int) -> str:
-    """Return a text that ends its columns."""
+    """Right-align a text in columns."""
     return " " * (columns - columns_of(text)) + text
 
 
 def cut(text: str, columns: int) -> str:
-    """Return so many columns of a text."""
+    """Cut a text to a number of columns."""
     from rich.cells import set_cell_size
 
     return set_cell_size(text, columns)
@@ -118,7 +118,7 @@ class _Wrapper(textwrap.TextWrapper):
 
 
 def wrapped(words: str, columns: int, indent: str = "") -> list[str]:
-    """Return words in lines of so many columns; from the second on they have an indent."""
+    """Wrap words to a number of columns; all lines but the first are indented."""
     wrapper = _Wrapper(
         columns, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
     )
@@ -126,10 +126,10 @@ def wrapped(words: str, columns: int, indent: str = "") -> list[str]:
 
 
 def beside(title: str, words: str, column: int) -> list[tuple[str, str]]:
-    """Return words beside a title, wrapped in a column of their own; below it where it is long.
+    """Wrap words in a column beside a title; below it if the title is too long.
 
-    Both are in the reader's language. Each line has two parts, of which the first is as wide as
-    the title's column.
+    Both are in the reader's language. Each line has two parts; the first is as wide as the title's
+    column.
     """
     title = translated(title)
     lines = wrapped(translated(words), width() - column)
@@ -140,7 +140,7 @@ def beside(title: str, words: str, column: int) -> list[tuple[str, str]]:
 
 
 def titled(title: str, words: str, *, column: int, style: str = "") -> list[str]:
-    """Return the same with Rich's markup: words are escaped, and the title may have a style."""
+    """Return the same with Rich's markup: the words are escaped, the title may have a style."""
     from rich.markup import escape  # takes a tenth of the time of `drop --help`
 
     lines = [
@@ -153,7 +153,7 @@ def titled(title: str, words: str, *, column: int, style: str = "") -> list[str]
 
 
 def finding(code: str, message: str, *, column: int) -> list[str]:
-    """Return a finding with Rich's markup: its code stands out."""
+    """Return a finding with Rich's markup, its code highlighted."""
     words = Message("{code}: {message}", code=code, message=message)
     first, *others = titled(Message("Finding"), words, column=column, style="bold")
     return [first.replace(code, f"[yellow]{code}[/]", 1), *others]
@@ -162,7 +162,7 @@ def finding(code: str, message: str, *, column: int) -> list[str]:
 def listed(title: str, pairs: Sequence[tuple[str, str]], *, column: int) -> list[str]:
     """Return a table beside its title, with Rich's markup; the first row is its heading.
 
-    Each row has two parts; on a narrow terminal the second stands below the first.
+    Each row has two parts; on a narrow terminal the second is below the first.
     """
     from rich.markup import escape
 
@@ -178,7 +178,7 @@ def listed(title: str, pairs: Sequence[tuple[str, str]], *, column: int) -> list
 
 
 def made(title: str, path: object, facts: str = "", *, column: int) -> list[str]:
-    """Return the line of a file that was made; what is said of it goes below a long name."""
+    """Return the line of a written file; the facts go below a long name."""
     from rich.markup import escape
 
     title, facts = translated(title), translated(facts)
@@ -200,17 +200,17 @@ def descriptor(stream: TextIO) -> int:
     """Return a stream's file descriptor, for another process to write to."""
     try:
         return stream.fileno()
-    except OSError:  # somebody has put a stream in memory in its place
+    except OSError:  # replaced by a stream in memory
         return 2 if stream is sys.stderr else 1
 
 
 def note(sentence: str) -> None:
-    """Say something that is worth knowing but no error, on standard error."""
+    """Print something worth knowing that is not an error, to standard error."""
     print(one_line(f"drop: {translated(sentence)}"), file=sys.stderr)
 
 
 def error(sentence: str) -> None:
-    """Say what went wrong, on standard error; on a terminal the beginning is red."""
+    """Print what went wrong to standard error; on a terminal it begins in red."""
     line = one_line(f"drop: {translated(sentence)}")
     if wants_colour(sys.stderr):
         line = f"\x1b[1;31mdrop:\x1b[0m{line.removeprefix('drop:')}"
@@ -218,7 +218,7 @@ def error(sentence: str) -> None:
 
 
 def one_line(sentence: str) -> str:
-    """Return a sentence as one line; a terminal gets it wrapped at words, with an indent."""
+    """Return a sentence as one line; on a terminal it is wrapped, with an indent."""
     line = harmless(" ".join(sentence.split()))
     if not sys.stderr.isatty():
         return line

@@ -23,20 +23,21 @@ if TYPE_CHECKING:
 
 
 COLLECTED_EVERY = 1_000_000
-"""Objects that are made before the garbage collector looks at them: more than imports make.
+"""New objects that trigger the garbage collector: more than the imports create.
 
 At 700, its default, it takes 0.17 s of the 1.4 s that `drop run --no-camera` computes.
 """
 
 
 class Stopped(BaseException):
-    """A signal told the process to end. Unlike KeyboardInterrupt, Typer lets it through."""
+    """A signal ended the process. Typer does not catch it, as it does KeyboardInterrupt."""
 
 
 def main() -> None:
     """Run `drop` as this process, whose signals and streams are ours until it ends.
 
-    The command line is imported once a signal that comes meanwhile ends in one line too.
+    The command line is imported after the handlers are set, so that a signal during the import
+    also ends in one line.
     """
     received: list[int] = []
 
@@ -57,7 +58,7 @@ def main() -> None:
     try:
         code = run(load, received)
     finally:
-        for number in (signal.SIGINT, signal.SIGTERM):  # done: Python is only tidying up
+        for number in (signal.SIGINT, signal.SIGTERM):  # done: Python is only cleaning up
             signal.signal(number, signal.SIG_IGN)
     _give_up_standard_output()
     raise SystemExit(code)
@@ -83,7 +84,7 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
     except (BrokenPipeError, SystemExit) as error:
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
             return int(error.code or 0)  # completion ends like this; fish asks for the code
-        return 141  # whoever read us has gone; Click and Rich turn that into an exit
+        return 141  # the reader has gone; Click and Rich turn that into an exit
     except (Exception, Stopped) as error:
         if os.environ.get("DROP_DEBUG") == "1":
             raise
@@ -98,15 +99,15 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Open what was closed before we came (`>&-`): else a recording gets its number, and its text.
+    """Open standard streams that are closed (`>&-`): else a recording would get their numbers.
 
-    What an encoding cannot say is written as an escape, which is valid in JSON too.
+    What the encoding cannot express is written as an escape, which is valid in JSON too.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: this one
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -127,7 +128,7 @@ def _keep_standard_output() -> None:
 
 
 def _give_up_standard_output() -> None:
-    """Send what is still buffered nowhere, so that Python does not complain of it at exit."""
+    """Discard what cannot be flushed, so that Python does not complain at exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -146,7 +147,7 @@ def _stopped(number: int) -> tuple[str, int]:
 
 
 def _verdict(error: BaseException) -> tuple[str, int]:
-    """Return what to say of an error, and the exit code."""
+    """Return the message of an error, and the exit code."""
     import typer
 
     if isinstance(error, DropError):
@@ -173,7 +174,7 @@ def _verdict(error: BaseException) -> tuple[str, int]:
 
 
 def _unreadable(error: BaseException) -> Message | None:
-    """Return what to say of a text that is not a number: Typer leaves the text out."""
+    """Return the message for a text that is not a number: Typer's leaves the text out."""
     from pipeline.fields import shown
 
     for details in getattr(error.__cause__, "errors", list)():

@@ -75,7 +75,7 @@ def check_lines(check: Check) -> list[str]:
 
 
 def line_of(title: str, words: str) -> list[str]:
-    """Return what is said beside a title of a check."""
+    """Return a line of a check: a title and words."""
     return titled(title, words, column=12)
 
 
@@ -90,7 +90,7 @@ def verdict_lines(check: Check | ScriptCheck) -> list[str]:
 
 
 def updated_lines(check: Check | ScriptCheck) -> list[str]:
-    """Say what has become the golden recording."""
+    """Say which recording is the golden one now."""
     words = Message(
         "{golden} is now {recording}", golden=str(check.golden), recording=str(check.recording)
     )
@@ -119,7 +119,7 @@ def _allowed(tolerance_m: float) -> str:
 
 
 def _option(setting: Setting) -> Message:
-    """Name a setting by the option that makes it."""
+    """Give a setting's value in both recordings, named by its option."""
     option = Scenario.options()[setting.name]
     value, golden = (
         GIVEN[not given] if option.is_flag else option.written(given)
@@ -129,12 +129,12 @@ def _option(setting: Setting) -> Message:
 
 
 def beside_golden(name: str, value: object, golden: object) -> Message:
-    """Say what a recording has of something, and what the golden one has."""
+    """Give a value of a recording, and that of the golden one."""
     return Message("{name} {value}, golden {golden}", name=name, value=value, golden=golden)
 
 
 def setting_line(setting: Setting) -> Message:
-    """Say what both recordings have of a setting."""
+    """Give a setting's value in both recordings."""
     name = setting.name.removeprefix("engine.").removesuffix("_version")
     return beside_golden(name, setting.value, setting.golden)
 

@@ -1,4 +1,4 @@
-"""Tell the story of one drop: what was recorded, what it tells, what was rendered."""
+"""The story of one drop: what was recorded, what it shows, what was rendered."""
 
 from __future__ import annotations
 
@@ -308,7 +308,7 @@ def _impact(analysis: Analysis) -> list[str]:
             )
         else:
             arrives += Message(", {depth} mm deep", depth=depth)
-    unknown = Message("theory does not say when: it is turned, or did not fall")
+    unknown = Message("theory gives no time: the body is turned, or did not fall")
     return [*_titled(Message("Impact"), predicted or unknown), *_titled("", arrives)]
 
 
@@ -317,7 +317,7 @@ def _no_impact(analysis: Analysis) -> Message:
     words = Message("none in {time:.4g} s", time=analysis.table["time_s"][-1])
     if "contact" in analysis.table["phase"]:
         words = Message(
-            "not known when: of several substeps PyBullet reports the last one's contact"
+            "time unknown: of several substeps PyBullet reports only the last one's contact"
         )
     if landing is None:
         return words
@@ -412,7 +412,7 @@ def _bounce(analysis: Analysis, bounce: Bounce) -> Message:
 
 
 def _positive_mm(length_m: float) -> str:
-    """Write a length in millimetres; what rounds to nothing has no sign."""
+    """Write a length in millimetres; what rounds to zero has no sign."""
     return decimals(round(length_m * 1e3, 1) + 0.0, 1)
 
 
@@ -426,14 +426,14 @@ def _rest(analysis: Analysis) -> list[str]:
     )
     lines = _titled(Message("Rest"), height)
     if rest.settled_step is None:
-        lines += _titled("", Message("it goes on creeping or turning to the end of the recording"))
+        lines += _titled("", Message("it keeps creeping or turning until the end of the recording"))
     return lines + _titled("", _off(rest, analysis.engine.modulus_pa))
 
 
 def _off(rest: Rest, modulus_pa: float | None) -> Message:
     """Say how far off a body lies, and why."""
     if rest.expected_m is None or rest.error_m is None:
-        return Message("nothing says how high a body lies that is turned like this")
+        return Message("no theory gives the height at rest in this orientation")
     error = Message(
         "{error} µm off {expected:g} m",
         error=decimals(rest.error_m * 1e6, 2, "+"),
@@ -485,7 +485,7 @@ def _energy(analysis: Analysis) -> list[str]:
             return engineering(j, sign)
         return f"{j:{sign}.4f}" if scale >= 0.01 else f"{j:{sign}.3e}"
 
-    # What is a millionth of the whole is rounding, and no cause.
+    # Less than a millionth of the whole is rounding, not a cause.
     causes = [
         Message("{joules} {cause}", joules=joules(j, "+"), cause=cause)
         for cause, j in lost
@@ -517,7 +517,7 @@ def _explained(analysis: Analysis) -> list[str]:
 
 
 def _flights(analysis: Analysis) -> list[str]:
-    """Return a table of what each flight is off free fall at its end, from its first sample on."""
+    """Return a table of how far off free fall each flight ends, counted from its first sample."""
     rows = [
         (
             f"{flight.start_s:7.4f} s {flight.end_s:7.4f} s  ",
@@ -530,7 +530,7 @@ def _flights(analysis: Analysis) -> list[str]:
 
 
 def _contacts(analysis: Analysis) -> list[str]:
-    """Return a table of what each contact gave to the body."""
+    """Return a table of the impulse and energy of each contact."""
     phases, dt = analysis.contact_phases, analysis.scenario["timestep_s"]
     rows = [
         (

@@ -1,4 +1,4 @@
-"""Say what a recording is, in some ten lines."""
+"""What a recording is, in about ten lines."""
 
 from __future__ import annotations
 
@@ -27,9 +27,7 @@ def show_info(info: Info, *, as_json: bool) -> None:
 def info_lines(info: Info) -> list[str]:
     """Say what a recording is."""
     state = (
-        Message("whole, as it was written")
-        if info.complete
-        else Message("never finished, unverified")
+        Message("complete, verified") if info.complete else Message("never finished, unverified")
     )
     more = len(info.bodies) - MOST_BODIES
     bodies = [*map(translated, info.bodies[:MOST_BODIES])]

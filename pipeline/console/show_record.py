@@ -1,4 +1,4 @@
-"""Say what was recorded of a script, on standard error: standard output is the script's."""
+"""What was recorded of a script, on standard error: standard output is the script's."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 ENDED = {
     "finished": Message("finished"),
     "steps": Message("stopped after --steps"),
-    "duration": Message("stopped by its clock"),
+    "duration": Message("stopped after --duration"),
     "interrupted": Message("stopped by Ctrl-C"),
     "failed": Message("failed"),
 }

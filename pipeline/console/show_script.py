@@ -1,4 +1,4 @@
-"""Tell what the bodies of a script did: a line each, their flights and contacts, the findings."""
+"""What the bodies of a script did: a line each, their flights and contacts, the findings."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def _bodies(number: int) -> Message:
 
 
 def _table_of_bodies(bodies: list[BodyAnalysis]) -> list[str]:
-    """Return a line per body that moves: its mass, its samples, its energy; what is unexplained."""
+    """Return a line per moving body: its mass, samples and energy; and what is unexplained."""
     lines = []
     shown = bodies[:MOST_BODIES]
     column = min(max((columns_of(body.label) for body in shown), default=0) + 2, 30)
@@ -169,7 +169,7 @@ def _facts(body: BodyAnalysis) -> Message:
 
 
 def _flights(bodies: list[BodyAnalysis]) -> list[str]:
-    """Return the longest flights of all, a row each: what each is off free fall at its end."""
+    """Return the longest flights, a row each: how far off free fall each ends."""
     flights = [(body, flight) for body in bodies for flight in body.flights]
     if not flights:
         return []
@@ -236,7 +236,7 @@ def _length(value_m: float) -> str:
 
 
 def _contacts(bodies: list[BodyAnalysis]) -> list[str]:
-    """Return the contacts with the greatest impulses, a row each: what they gave."""
+    """Return the contacts with the greatest impulses, a row each."""
     contacts = [(body, contact) for body in bodies for contact in body.contacts]
     if not contacts:
         return []

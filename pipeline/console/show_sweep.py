@@ -1,4 +1,4 @@
-"""Tell what a sweep found: a row per run, how the error converges, how it spreads."""
+"""What a sweep found: a row per run, how the error converges, how it spreads."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ COLUMNS = {"error_m": "total"} | {f"{name}_m": name for name in TERMS if name !=
 
 
 def show_sweep(sweep: Sweep, *, as_json: bool) -> int:
-    """Print what a sweep made and found; return the exit code: 1 where runs failed."""
+    """Print the results of a sweep; return the exit code: 1 if runs failed."""
     if as_json:
         print_json(_json(sweep))
     else:
@@ -131,7 +131,7 @@ def _json(sweep: Sweep) -> dict[str, Any]:
 def _rows(sweep: Sweep) -> list[str]:
     """Return a table of the runs: what differs between them, and their errors.
 
-    Columns that a line has no room for are left out, from the right, but never the total.
+    Columns that do not fit in a line are left out, from the right, but never the total.
     """
     shown = sweep.table(MOST_ROWS).to_dicts()
     labels = [[name, *(_cut(sweep.written(field, row[field])) for row in shown)]
@@ -173,7 +173,7 @@ def _aligned(cells: list[str], align: Callable[[str, int], str]) -> list[str]:
 
 
 def _cut(text: str) -> str:
-    """Return a value that takes no more than its share of a line; the end of a path tells most."""
+    """Shorten a value to its share of a line; of a path the end matters most."""
     return text if len(text) <= LONGEST else f"…{text[1 - LONGEST :]}"
 
 
@@ -221,7 +221,7 @@ def _study(group: Group, study: Study, at_s: float) -> list[str]:
         )
         lines += _said(Message("left out"), words)
     if study.extrapolated_m is None:
-        words = Message("needs three timesteps whose heights close in on a limit")
+        words = Message("needs three timesteps whose heights converge")
     else:
         words = Message(
             "{height} m at order {order:.4f}; damped fall at {damped} m",
@@ -240,12 +240,12 @@ def _study(group: Group, study: Study, at_s: float) -> list[str]:
         lines += _said(Message("convergence index"), words)
     if study.cancelling_timestep_s is not None and study.cancels_near(at_s):
         words = Message(
-            "{timestep}: there timestep and damping weigh the same",
+            "{timestep}: timestep and damping are equal there",
             timestep=readable_step(study.cancelling_timestep_s),
         )
         lines += _said(Message("errors cancel at"), words)
     if study.refining_hurts and damped:
-        words = Message("the total grows again, to {limit}: take it apart first", limit=limit)
+        words = Message("the total grows again, to {limit}: break it down first", limit=limit)
         lines += _said(Message("refining hurts"), words, style="yellow")
     return lines
 
@@ -255,7 +255,7 @@ def _said(title: str, words: str, style: str = "") -> list[str]:
 
 
 def readable_step(timestep_s: float) -> str:
-    """Write a timestep that is no fraction by design: about 1/341 s."""
+    """Write a computed timestep as an approximate fraction: about 1/341 s."""
     if timestep_s > 0.5:
         return f"{timestep_s:.4g} s"
     return Message("about 1/{steps:.0f} s", steps=1 / timestep_s)
@@ -270,7 +270,7 @@ def _orders(orders: Sequence[float | None], last: int, width: int, decimals: int
 
 
 def _engines(sweep: Sweep) -> list[str]:
-    """Return a table of what each engine does on the floor, and one of what drifts."""
+    """Return a table of what each engine does on the floor, and a table of drifts."""
     runs, table = sweep.engine_runs, sweep.table(MOST_ROWS).to_dicts()
     labels = [
         [name, *(_cut(sweep.written(field, table[run.run][field])) for run in runs)]
@@ -319,7 +319,7 @@ def _drift(value: float | None) -> str:
     return "–" if value is None else f"{value:.2e}"
 
 
-# -- chance ---------------------------------------------------------------------------------------
+# -- statistics -----------------------------------------------------------------------------------
 
 
 def _statistics(group: Group) -> list[str]:
@@ -361,7 +361,7 @@ def _cells(name: str, cells: Sequence[str], style: str = "") -> str:
     return f"[{style}]{line}[/]" if style else line
 
 
-# -- what else ------------------------------------------------------------------------------------
+# -- failures and files ---------------------------------------------------------------------------
 
 
 def _failures(sweep: Sweep) -> list[str]:
@@ -388,6 +388,6 @@ def _files(sweep: Sweep) -> list[str]:
     if sweep.plot is not None:
         lines += made(PLOT, sweep.plot, column=12)
     if sweep.narrow_enough is False:
-        more = localized("the interval is not yet as narrow as asked for: more --samples")
+        more = localized("the interval is wider than asked for: use more --samples")
         lines.append(f"[yellow]{more}[/]")
     return lines

@@ -1,7 +1,7 @@
-"""Plot how the error and its terms change with the timestep: log-log, with slopes to hold them to.
+"""Plot how the error and its terms change with the timestep: log-log, with reference slopes.
 
-A straight line of slope p is an error of order p. The total against free fall is not one where
-damping is on: the timestep's share falls, the damping's stays, and where they cancel it dips.
+A straight line of slope p is an error of order p. With damping the total against free fall is not
+straight: the timestep's share falls, the damping's stays, and where they cancel it dips.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ Float64 = NDArray[np.float64]
 
 MOST_PANELS = 4
 WIDTH_IN, HEAD_IN, ROW_IN = 8.0, 0.75, 3.9
-"""Of the figure, of what stands above the panels, and of one row of them."""
+"""Of the figure, of the space above the panels, and of one row of panels."""
 LOWEST_M = 1e-9
-"""Below a nanometre nothing is drawn but a note: rounding is ten decades under the rest."""
+"""Below a nanometre only a note is drawn: rounding is ten decades below the rest."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Panel:
 
 
 def check_plot(path: Path, *, timesteps: int, engines: bool = False) -> None:
-    """Make sure that there is something to plot, before any work is done for it.
+    """Check that there is something to plot, before any work is done.
 
     Raises
     ------
@@ -95,8 +95,8 @@ def plot_convergence(
 def build_figure(panels: Sequence[Panel], *, title: str, ink: Ink) -> Figure:
     """Return the figure: one axes per panel, labelled with its title, all on the same scales.
 
-    It is as wide as the plot of a drop, however many panels there are: shown in a text, its words
-    are as large.
+    It is as wide as the plot of a drop, however many panels there are, so that its letters look
+    equally large on a page.
     """
     shown = panels[:MOST_PANELS]
     columns = min(2, len(shown))
@@ -238,5 +238,5 @@ def _mark_cancelling(axes: Axes, timestep_s: float, ink: Ink) -> None:
 
 
 def _clear(ink: Ink) -> dict[str, object]:
-    """Return what keeps lines from running through a text."""
+    """Return the box that keeps lines from running through a text."""
     return {"facecolor": ink.page, "edgecolor": "none", "pad": 1.0}

@@ -18,7 +18,7 @@ from pipeline.figures.style import Ink, words
 Float64 = NDArray[np.float64]
 
 AFTER_S, BEFORE_S = 0.1, 0.01
-"""How much is drawn of what comes after an impact, and before it."""
+"""How much is drawn after an impact, and before it."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class Curve:
     time_s: Float64
     """Of each sample, shape (n,)."""
     height_m: Float64
-    """Of the centre, as many."""
+    """Of the centre, shape (n,)."""
     floor_height_m: float | None
-    """At which it touches the floor; None without one."""
+    """At which it touches the floor; None without a floor."""
 
 
 def plot_engines(
@@ -42,7 +42,7 @@ def plot_engines(
     format: Literal["png", "svg"],  # noqa: A002
     dark: bool = False,
 ) -> None:
-    """Plot runs over each other; the same runs give the same bytes.
+    """Plot runs on top of each other; the same runs give the same bytes.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def _floor(axes: Axes, curves: Sequence[Curve], ink: Ink) -> None:
             continue
         above_m = curve.height_m - curve.floor_height_m
         down = np.flatnonzero(above_m <= 0)
-        # One that looks ahead never gets there: then where it first turns.
+        # An engine that looks ahead never gets there: then where it first turns.
         turns = np.flatnonzero(np.diff(above_m) > 0)
         first = down[:1] if len(down) else turns[:1]
         lands_s += [float(curve.time_s[sample]) for sample in first]

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 COLUMNS = [f"{name}_m" for name in colours.TERMS]
 OPACITY = 0.75
 NOTHING_M = 1e-12
-"""Errors below this are rounding, and not worth an axis of their own."""
+"""Errors below this are rounding, and get no axis of their own."""
 
 
 def draw_terms(axes: Axes, explained: pl.DataFrame, time: Unit, ink: Ink) -> Unit:
@@ -89,7 +89,7 @@ def row_at(explained: pl.DataFrame, at_s: float | None) -> dict[str, float]:
 def sum_up(
     axes: Axes, row: dict[str, float], time: Unit, unit: Unit, ink: Ink, *, left: float
 ) -> None:
-    """Write one sample's terms as a sum; their colours explain the stack's, its mark is a dot.
+    """Write one sample's terms as a sum, which is the stack's legend; a dot marks the sample.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def sum_up(
     ink
         The colours of all that is not data.
     left
-        Where the sum starts, in widths of the panel; from 1 on it stands beside it.
+        Where the sum starts, in widths of the panel; from 1 on it is beside the panel.
     """
     terms_m = {name: row[f"{name}_m"] for name in colours.TERMS}
     total_m = math.fsum(terms_m.values())
@@ -117,7 +117,7 @@ def sum_up(
     }
     axes.plot(at, total_m * unit.per_si, **dot, linestyle="", zorder=4, clip_on=False)
 
-    # What is tiny beside the whole stack, as an early moment of a long fall, has a unit of its own.
+    # A moment tiny beside the whole stack, as early in a long fall, has a unit of its own.
     largest = max(map(abs, terms_m.values()))
     unit = _unit_of_error(largest, usual=unit.name)
     decimals = decimals_for(largest * unit.per_si) if largest >= NOTHING_M else 3

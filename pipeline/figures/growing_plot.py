@@ -1,6 +1,6 @@
 """A plot that grows with time: heights above, the error and its terms below.
 
-It is drawn twice, with its data and bare; a moment shows the one up to now, and then the other.
+It is drawn twice, with and without its data; a moment shows the first up to now, then the second.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 SEEN = {name: colour for name, colour in colours.TERMS.items() if name != "rounding"}
 COLOURS = 64
-"""As many leave room for the camera's in a gif's table of 256."""
+"""This many leave room for the camera's in a gif's table of 256."""
 HEIGHT_IN = 3.3
-"""Height of the figure [inch], which decides how large its letters are beside the whole."""
+"""Height of the figure [inch], which sets the relative size of its letters."""
 
 
 class GrowingPlot:
@@ -97,7 +97,7 @@ class GrowingPlot:
             axes.set_ylabel("")
             axes.set_title(f"{what} [{unit}", loc="left", size=9.5, pad=4)
             axes.tick_params(labelsize=8.5)
-            figure.legend(  # not the axes' own, which would be taken for data
+            figure.legend(  # not the axes' own, which would be hidden as data
                 handles=[Line2D([], []) for _ in names],
                 labels=list(names),
                 labelcolor=list(names.values()),

@@ -1,4 +1,4 @@
-"""The upper panel: what happened, beside what theory says; and the impact, enlarged."""
+"""The upper panel: what happened, beside theory; and the impact, enlarged."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import polars as pl
     from matplotlib.axes import Axes
 
-CURVES = {  # widest first: each lies on the one before and leaves its edges to be seen
+CURVES = {  # widest first: each is drawn on the one before and leaves its edges visible
     "free_fall": (Message("free fall"), colours.FREE_FALL, 6.5),
     "damped_fall": (Message("damped fall"), colours.DAMPED_FALL, 4.0),
     "simulated": (Message("simulated"), colours.SIMULATED, 1.6),
@@ -138,7 +138,7 @@ def enlarge_impact(axes: Axes, table: pl.DataFrame, impact_s: float, ink: Ink) -
     lowest, highest = _reach(near)
     unit = unit_for(highest, METRES, usual="mm")
     time = unit_for(to_s, SECONDS, usual="ms")
-    # Its numbers stand on its left, and the line of the impact must not run through them.
+    # Its numbers are on its left, and the line of the impact must not run through them.
     left = max(0.60, impact_s / float(times_s[-1]) + 0.12)
     panel = axes.inset_axes((left, 0.33, 1 - left, 0.50))
     panel.set_label("impact")

@@ -1,8 +1,8 @@
 """Plot a drop: its height against theory, and below it the error, broken down.
 
 The upper panel shows what happened. All curves lie within millimetres of each other there, so the
-impact, where they part, is shown enlarged. The lower panel stacks the terms of the error, what
-pulls down below zero and what pushes up above it, with their sum as a line: one sees them add up.
+impact, where they part, is shown enlarged. The lower panel stacks the terms of the error, negative
+ones below zero and positive ones above it, with their sum as a line.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from pipeline.messages import Message
 
 THEORY = ("free_fall_m", "damped_fall_m")
 BOUNCE = 0.01
-"""A bounce is seen from here on, as a share of the largest height."""
+"""The smallest visible bounce, as a share of the largest height."""
 LINE = 92
-"""Characters of a subtitle that fit beside each other."""
+"""Characters of a subtitle that fit in a line."""
 
 
 def facts_of(table: pl.DataFrame) -> Facts:
@@ -145,8 +145,8 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
     explained = table.drop_nulls(COLUMNS)
     end_s = float(table["time_s"][-1])
     time = style.unit_for(end_s, style.SECONDS, usual="s")
-    # After an early impact the right half of both panels is empty and takes what there is to say;
-    # else it is said beside them.
+    # After an early impact the right half of both panels is empty and takes the explanations;
+    # else that is written beside them.
     roomy = not len(explained) or float(explained["time_s"][-1]) < 0.56 * end_s
     with style.plain(ink):
         figure = Figure(figsize=(8, 6), dpi=150)
@@ -184,9 +184,9 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
 
 
 def with_theory_that_applies(table: pl.DataFrame) -> pl.DataFrame:
-    """Leave out theory where it is of something else: of a body that never moved, or of a bounce.
+    """Leave out theory where it does not apply: to a body that never moved, or to a bounce.
 
-    Nobody learns from a fall of 4 m beside a simulation that nobody stepped.
+    A fall of 4 m beside a simulation that was never stepped explains nothing.
     """
     if _stands_still(table):
         return table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in THEORY)
@@ -201,7 +201,7 @@ def _stands_still(table: pl.DataFrame) -> bool:
 
 
 def until_it_bounces(table: pl.DataFrame) -> pl.DataFrame:
-    """End theory where it lands if the body leaves the floor again: it says nothing of a bounce."""
+    """End theory where it lands if the body leaves the floor again: it does not cover a bounce."""
     landed = np.flatnonzero((table["phase"] != "falling").to_numpy())
     theory = table.select("free_fall_m", "damped_fall_m").to_numpy()
     heights_m = table["simulated_m"].to_numpy()
@@ -216,7 +216,7 @@ def until_it_bounces(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _crossing_s(table: pl.DataFrame) -> float | None:
-    """Return when the simulated height passes the one that theory stops at [s].
+    """Return when the simulated height passes the height at which theory stops [s].
 
     That is between two samples; a body that lands on an edge does not get there before its first
     contact, and counts from that.
