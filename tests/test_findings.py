@@ -225,4 +225,4 @@ def test_a_contact_of_several_substeps_and_joints_is_not_denied(
     analysis = judge(recording)
     assert analysis.impact is None
     show_analysis(analysis, as_json=False)
-    assert "Impact      not known when" in capsys.readouterr().out
+    assert "Impact      time unknown" in capsys.readouterr().out

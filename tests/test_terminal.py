@@ -478,7 +478,7 @@ def test_printed_study_tells_orders_limit_and_what_the_theory_knows(
         "Richardson 0.562860 m at order 1.0000; damped fall at 0.562860 m",
         # 1.25 times the true one, which is (0.00613 / 16) / 0.562476875
         "convergence index 0.0851% of the height at 1/3840 s; true error 0.0681%",
-        "errors cancel at about 1/341 s: there",
+        "errors cancel at about 1/341 s: timestep",
         "refining hurts the total grows again, to +4.31 mm",
     ):
         assert sentence in text
@@ -569,7 +569,7 @@ def test_printed_statistics_are_in_millimetres_beside_half_the_interval(
         "damping +4.0000 – – -3.0000 -1.0000 +2.0000",
         "over the 12 samples in the air; ± 95 % is that of the mean",
     ]
-    assert "not yet as narrow as asked for" in told[-1]
+    assert "wider than asked for" in told[-1]
     more = replace(group, samples=20)
     show_sweep(swept(tmp_path, statistics=[more]), as_json=False)
     assert "over the 12 of 20 samples in the air;" in " ".join(lines_of(capsys))
