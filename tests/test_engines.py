@@ -231,7 +231,7 @@ def test_moving_from_pybullet_only_the_damping_differs(recorded: Recorder, engin
     [
         ({"engine": "dart", "contact_erp": 0.1}, "contact_erp is an option of PyBullet, not of"),
         ({"engine": "drake", "restitution": 0.5}, "not of Drake; omit it"),
-        ({"engine": "physx", "integrator": "rk4"}, "integrator of PhysX has one only"),
+        ({"engine": "physx", "integrator": "rk4"}, "integrator must be omitted for PhysX"),
         ({"engine": "drake", "integrator": "rk4"}, "takes discrete, continuous, got rk4"),
     ],
 )
