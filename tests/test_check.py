@@ -467,7 +467,7 @@ def test_update_replaces_recordings_only(
     else:
         golden.write_bytes({"text": b"my notes", "nothing": b"", "picture": b"\x89PNG"}[kind])
     before = golden.lstat()
-    with pytest.raises(OutputError, match=r"golden\.rrd is not a recording that drop made"):
+    with pytest.raises(OutputError, match=r"golden\.rrd is not a recording made by drop"):
         check(run, golden, update=True)
     after = golden.lstat()
     assert (before.st_ino, before.st_mtime_ns) == (after.st_ino, after.st_mtime_ns)

@@ -312,7 +312,7 @@ def test_what_a_large_recording_takes_is_said_before_the_work_is_begun(
     notes: list[str] = []
     simulate(Scenario(), tmp_path / "run.rrd", camera=None, note=notes.append)
     assert len(notes) == 1
-    assert "241 samples take some" in notes[0]
+    assert "241 samples take about" in notes[0]
     assert "GB of memory to analyze" in notes[0]
 
 
