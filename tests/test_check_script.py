@@ -185,7 +185,7 @@ def test_update_makes_it_the_golden_recording(
     assert (done.returncode, found["same"], found["updated"]) == (0, False, True)
     assert check_script(changed, tmp_path / "new.rrd").same
     tmp_path.joinpath("text.rrd").write_text("not a recording")
-    with pytest.raises(OutputError, match=r"text\.rrd is not the recording of a script"):
+    with pytest.raises(OutputError, match=r"text\.rrd is not a recording of a script"):
         check_script(golden, tmp_path / "text.rrd", update=True)
 
 
