@@ -68,7 +68,7 @@ Caption = Annotated[
 ]
 Dark = Annotated[bool, typer.Option("--dark", help="Draw plots for a dark page.")]
 WithPlot = Annotated[
-    bool, typer.Option("--with-plot", help="Let heights and error grow beside the frames.")
+    bool, typer.Option("--with-plot", help="Plot heights and error beside the frames.")
 ]
 
 
@@ -256,7 +256,7 @@ def run(
     out_dir: Annotated[
         Path,
         typer.Option(
-            "--out-dir", "-o", metavar="DIR", help="Where the files go; created if missing."
+            "--out-dir", "-o", metavar="DIR", help="Folder for the files; created if missing."
         ),
     ] = Path("recordings"),
     at: At = None,
@@ -299,7 +299,7 @@ def check(
         typer.Option(
             parser=a_number,
             metavar="METRES",
-            help="Largest difference that passes; for a velocity, its distance in one step. "
+            help="Largest difference that passes; for a velocity, the distance per step. "
             "0: bit for bit, but 1e-9 m for a drop in contact.",
         ),
     ] = 0.0,
@@ -339,7 +339,7 @@ def sweep(
             "--out",
             "-o",
             metavar="DIR",
-            help="Where results and recordings go; run the command again to resume.",
+            help="Folder for results and recordings; run the command again to resume.",
         ),
     ],
     at: Annotated[

@@ -140,7 +140,7 @@ class Scenario(Optioned):
         default=None, shown="default", low=1e-9, high=1e9, left_to="the URDF's",
     )  # fmt: skip
     restitution: float | None = option(
-        "--restitution", "Restitution of body (all links) and floor both.", NUMBER,
+        "--restitution", "Restitution of both body (all links) and floor.", NUMBER,
         default=None, shown="default", low=0, high=1,
     )  # fmt: skip
     restitution_threshold_m_s: float | None = option(
@@ -148,7 +148,7 @@ class Scenario(Optioned):
         default=None, shown="default", low=0, high=1e4,
     )  # fmt: skip
     friction: float | None = option(
-        "--friction", "Lateral friction of body (all links) and floor both.", NUMBER,
+        "--friction", "Lateral friction of both body (all links) and floor.", NUMBER,
         default=None, shown="default", low=0, high=10,
     )  # fmt: skip
     contact_erp: float | None = option(
@@ -160,11 +160,11 @@ class Scenario(Optioned):
         default=None, shown="default", low=0, high=1,
     )  # fmt: skip
     solver_iterations: int | None = option(
-        "--solver-iterations", "Most iterations of the contact solver per step.", INTEGER,
+        "--solver-iterations", "Maximum iterations of the contact solver per step.", INTEGER,
         default=None, shown="default", low=1, high=100_000,
     )  # fmt: skip
     substeps: int | None = option(
-        "--substeps", "Steps that the engine makes of each timestep.", INTEGER,
+        "--substeps", "Substeps that the engine takes per timestep.", INTEGER,
         default=None, shown="default", low=1, high=1000,
     )  # fmt: skip
     coordinates: Coordinates = option(
@@ -175,7 +175,7 @@ class Scenario(Optioned):
         "--engine", "Engine that drops the body.", default="bullet", choices=get_args(Engine)
     )
     integrator: Integrator | None = option(
-        "--integrator", "Of MuJoCo (euler …) or Drake (discrete …).",
+        "--integrator", "Integrator of MuJoCo (euler …) or Drake (discrete …).",
         default=None, shown="default", choices=get_args(Integrator),
     )  # fmt: skip
     stepped: bool = option("--no-step", "Mistake 1: never call stepSimulation.", default=True)
@@ -325,7 +325,7 @@ class Camera(Optioned):
     """
 
     view: View = option(
-        "--camera", "standard, close (where the body lands) or follow (moves along with it).",
+        "--camera", "standard, close (where the body lands) or follow (moves with the body).",
         default="standard", choices=get_args(View),
     )  # fmt: skip
     capture_every: int = option(

@@ -91,7 +91,9 @@ def _order(plan: Plan, run: EngineRun, runs: list[EngineRun]) -> float | None:
     """Return the order of a run's drift, against the next longer timestep of its scenario."""
 
     def fixed(each: EngineRun) -> dict[str, Any]:
-        return {name: value for name, value in plan.values(each.run).items() if name != "timestep_s"}
+        return {
+            name: value for name, value in plan.values(each.run).items() if name != "timestep_s"
+        }
 
     longer = [
         each for each in runs if each.timestep_s > run.timestep_s and fixed(each) == fixed(run)
