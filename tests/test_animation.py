@@ -1,6 +1,6 @@
 """Verification: an animation shows the right frames at the right time, in every format.
 
-What is written is decoded again, by Pillow and PyAV, and compared with the recording's own frames.
+The files are decoded again, by Pillow and PyAV, and compared with the recording's own frames.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Pixels = np.ndarray
 
 
 def shown(path: Path) -> tuple[list[Pixels], list[float]]:
-    """Return the pictures that a viewer shows, and when each begins [s]; the end comes last."""
+    """Return the pictures that a viewer shows, and when each begins [s], with the end last."""
     if path.suffix == ".mp4":
         import av
 
@@ -92,7 +92,7 @@ def test_speed_and_rate_decide_what_is_shown(
     assert (played.fps, played.speed) == pytest.approx((fps, speed))
     if shown_frames is not None:
         assert played.frames == list(shown_frames)
-    # Whatever is shown is the recorded frame nearest to its time, from the first to the end.
+    # Each picture is the recorded frame nearest to its time, from the first to the last.
     simulated_s = np.array(played.frames) / 40
     wanted_s = np.arange(len(played.frames)) / played.fps * played.speed
     assert np.abs(simulated_s - wanted_s).max() <= 0.5 / 40 + 1e-12
@@ -112,7 +112,7 @@ def test_no_film_is_endless(speed: float, fps: float) -> None:
         playback(Animation(speed=speed, fps=fps), 41, 6 / 240, most_fps=50)
 
 
-def test_a_long_recording_is_shown_whole_however_long_it_is() -> None:
+def test_a_recording_of_any_length_is_shown_completely() -> None:
     assert len(playback(Animation(speed=1.0, fps=40.0), 200_001, 1 / 40, most_fps=50).frames) == (
         200_001
     )
@@ -136,7 +136,7 @@ def test_every_pixel_is_shown_at_its_time(
         middle_s = (number + 0.5) / made.fps
         assert np.array_equal(at(path, middle_s), recorded[number])
     with Image.open(path) as image:
-        assert image.info["loop"] == 0  # for ever
+        assert image.info["loop"] == 0  # forever
 
 
 @pytest.mark.parametrize("suffix", [".webp", ".apng"])
@@ -194,7 +194,7 @@ def test_no_frames_make_no_animation(suffix: str) -> None:
         pytest.param("a.mp4", 240.0, marks=pytest.mark.needs("av")),
     ],
 )  # fmt: skip
-def test_a_format_goes_as_fast_as_it_can_and_no_faster(name: str, fastest: float) -> None:
+def test_a_format_plays_up_to_its_fastest_rate(name: str, fastest: float) -> None:
     check_animation(Path(name), fastest)
     with pytest.raises(ScenarioError, match=f"at most {fastest:g} in a {Path(name).suffix}"):
         check_animation(Path(name), fastest * 1.001)
@@ -212,7 +212,7 @@ def test_a_film_without_pyav_says_what_to_install(monkeypatch: pytest.MonkeyPatc
         check_animation(Path("fall.mp4"), None)
 
 
-# -- what stands beside ---------------------------------------------------------------------------
+# -- beside the frames ----------------------------------------------------------------------------
 
 
 def test_the_caption_says_time_height_and_error() -> None:
@@ -238,7 +238,7 @@ def test_caption_and_plot_are_those_of_the_step_that_is_shown(
 
 
 def test_what_the_plot_names_has_the_colour_of_its_curve(standard: Run) -> None:
-    """The names stand above the panels, the height in m and the error in mm."""
+    """The names are above the panels, the height in m and the error in mm."""
     plot, figure = GrowingPlot(standard.analysis.table, (480, 360), dark=False), Figure()
     above, below = plot._drawn(figure, standard.analysis.table)
     assert (above.get_title(loc="left"), below.get_title(loc="left")) == (
@@ -259,7 +259,7 @@ def test_what_the_plot_names_has_the_colour_of_its_curve(standard: Run) -> None:
 def test_the_camera_picture_stays_itself(
     standard: Run, recorded: list[Pixels], tmp_path: Path
 ) -> None:
-    """To the pixel, also in a gif: plot and caption leave it the colours that it needs."""
+    """To the pixel, even in a gif: plot and caption leave enough colours for it."""
     path = tmp_path / "fall.gif"
     render(standard.simulation.recording, out=path, animation=Animation(with_plot=True),
            plot=tmp_path / "p.png")  # fmt: skip
@@ -283,7 +283,7 @@ def test_the_plot_grows_with_time(standard: Run) -> None:
     per_s = (reached[2] - reached[0]) / 0.8
     assert reached[1] - reached[0] == pytest.approx(0.2 * per_s, abs=2)
     for one, now in zip(ends[1:3], reached[:2], strict=True):
-        # Up to now it is the whole plot, after it the empty one.
+        # Up to the current time it equals the whole plot, after it the empty one.
         assert np.array_equal(one[:, :now], whole[:, :now])
         assert np.array_equal(one[:, now + 1 :], blank[:, now + 1 :])
 

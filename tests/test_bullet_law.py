@@ -1,7 +1,7 @@
 """Verification: the discrete law is PyBullet's, bit for bit, and its exact version is that law.
 
-On x86-64 the engine rounds once per operation, and equality is asserted. Elsewhere a compiler may
-fuse multiply and add: then 1e-12 is allowed, some thousand roundings of a metre.
+On x86-64 the engine rounds once per operation, and equality is asserted. On other machines a
+compiler may fuse multiply and add: there 1e-12 is allowed, some thousand roundings of a metre.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def test_the_law_is_pybullets(coordinates: Any, linear_damping: float | None) ->
 
 @pytest.mark.parametrize("coordinates", MODES)
 def test_damping_is_taken_as_the_engine_takes_it(coordinates: Any) -> None:
-    # Negative is passed over; above 1 is clamped in maximal coordinates, and only there.
+    # Negative values are ignored; values above 1 are clamped in maximal coordinates only.
     default = {"reduced": 0.03999999910593033, "maximal": 0.0}[coordinates]
     assert effective_damping(None, coordinates) == effective_damping(-0.3, coordinates) == default
     assert effective_damping(3.0, coordinates) == {"reduced": 3.0, "maximal": 1.0}[coordinates]
@@ -147,7 +147,7 @@ def test_velocity_is_limited_in_reduced_coordinates_only(coordinates: Any) -> No
 
 @pytest.mark.parametrize("velocity_m_s", [(0.0, 0.0, 1e-9), (1e-9, 0.0, -1e-9), (0.0, 0.0, 2e-8)])
 def test_a_body_that_barely_moves_has_no_speed(velocity_m_s: Any) -> None:
-    # safeNorm takes a squared length up to 2.2e-16 for none: there the drag is linear only.
+    # safeNorm takes a squared length up to 2.2e-16 for zero: there the drag is only linear.
     setting: Any = {"gravity_m_s2": 0.0, "linear_damping": 0.5}
     _, velocities, mass_kg = thrown(steps=50, velocity_m_s=velocity_m_s, **setting)
     _, found = airborne(law_of(mass_kg=mass_kg, **setting), 50, velocity_m_s=velocity_m_s)
@@ -232,7 +232,7 @@ def test_exact_heights_hold_thirty_digits() -> None:
 
 
 def test_exact_paths_go_sideways_too() -> None:
-    # Maximal coordinates have no drag by default: x = x0 + v t, from wherever it starts.
+    # Maximal coordinates have no drag by default: x = x0 + v t, from any start.
     law = law_of(coordinates="maximal")
     exact = law.exact_path((1.0, -2.0, 3.0), (0.1, 0.3, 0.0), steps=100, first=100)
     dt = Decimal(1 / 240)

@@ -1,4 +1,4 @@
-"""Many recordings are queried through Rerun's own catalog, with the code that the docs show."""
+"""Many recordings are queried through Rerun's own catalog, with the code shown in the docs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A golden recording is held: what differs is found, named, and told apart from what does not."""
+"""Comparison with a golden recording: exactly what differs is found and named."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def side(recording: Recording) -> Side:
 
 
 def compared(recorded: Recorder, **change: object) -> Comparison:
-    """Compare a fall made with other settings with the standard one, the settings being hidden."""
+    """Compare a fall with other settings with the standard fall, hiding the settings."""
     other, golden = side(recorded(**change)), side(recorded())
     return compare(replace(other, scenario=golden.scenario, engine=golden.engine), golden)
 
@@ -87,7 +87,7 @@ def test_the_same_physics_exits_0(drop: Drop, tmp_path: Path, standard: Run) -> 
     assert drop("check", "run.rrd", "--against", GOLDEN).stdout.startswith("same")
 
 
-def test_other_physics_exits_3_and_is_told_as_the_setting_it_is(drop: Drop) -> None:
+def test_other_physics_exits_3_and_names_the_setting(drop: Drop) -> None:
     drop("simulate", "--out", "run.rrd", "--no-camera", "--timestep", "1/480")
     done = drop("check", "run.rrd", "--against", GOLDEN, "--json")
     found = json.loads(done.stdout)
@@ -132,7 +132,7 @@ def test_another_scenario_is_another_experiment(
     assert found.looks_like is None
 
 
-def test_another_version_is_told_but_is_no_difference(recorded: Recorder) -> None:
+def test_another_version_is_reported_but_is_not_a_difference(recorded: Recorder) -> None:
     golden = side(recorded())
     newer = replace(golden, engine=replace(golden.engine, pybullet_version="3.3.0"))
     found = compare(newer, golden)
@@ -171,7 +171,7 @@ def test_one_bit_in_the_air_is_found_and_named(recorded: Recorder, column: str) 
     assert found.looks_like is not None
 
 
-def test_in_contact_a_nanometre_is_let_pass_and_not_more(recorded: Recorder) -> None:
+def test_in_contact_a_nanometre_passes_and_no_more(recorded: Recorder) -> None:
     assert IN_CONTACT_M == 1e-9  # docs/ci.md says so
     golden = side(recorded())
     assert compare(altered(golden, "z_m", 200, 0.5 * IN_CONTACT_M), golden).same
@@ -179,13 +179,13 @@ def test_in_contact_a_nanometre_is_let_pass_and_not_more(recorded: Recorder) -> 
     assert beyond.first is not None
     assert beyond.first.step == 200
     assert beyond.largest_difference_m == pytest.approx(2 * IN_CONTACT_M, rel=1e-6)
-    # A velocity may be wrong by what moves the body a nanometre in a step.
+    # A velocity may be off by what moves the body a nanometre in a step.
     fast = IN_CONTACT_M * 240
     assert compare(altered(golden, "vz_m_s", 200, 0.5 * fast), golden).same
     assert not compare(altered(golden, "vz_m_s", 200, 2 * fast), golden).same
 
 
-def test_what_is_let_pass_in_a_column_is_what_moves_the_body_a_nanometre(
+def test_the_tolerance_of_a_column_is_what_moves_the_body_a_nanometre(
     recorded: Recorder,
 ) -> None:
     """The cube's centre is 0.025 m from its floor, it weighs 0.1 kg, a step is 1/240 s."""
@@ -215,7 +215,7 @@ def test_what_is_let_pass_in_a_column_is_what_moves_the_body_a_nanometre(
 
 
 def test_friction_is_compared_as_one_force(recorded: Recorder) -> None:
-    """Its directions turn freely where it is small; the force is what moves the body."""
+    """Its directions are arbitrary where it is small; only the force moves the body."""
     golden = side(recorded())
     turned = golden.contacts.with_columns(
         friction_1_n=-pl.col("friction_1_n"), f1x=-pl.col("f1x"), f1y=-pl.col("f1y"),
@@ -245,7 +245,7 @@ def test_the_largest_difference_is_that_of_any_axis_and_either_sign(recorded: Re
     assert (found.largest_difference_m, found.largest_difference_step) == (0.25, 20)
 
 
-def test_what_differs_is_given_as_it_is_here_and_as_it_is_in_the_golden_one(
+def test_a_difference_gives_the_value_here_and_in_the_golden_recording(
     recorded: Recorder,
 ) -> None:
     golden = side(recorded())
@@ -272,7 +272,7 @@ def test_a_contact_that_only_one_of_them_has_differs(recorded: Recorder) -> None
 
 
 def test_what_differs_first_comes_first(recorded: Recorder) -> None:
-    """Points after a step that has more of them do not face each other any more."""
+    """After a step with more points in one recording, points no longer correspond."""
     golden = side(recorded())
     less = replace(golden, contacts=golden.contacts.filter(pl.col("step") != 150))
     assert compare(less, golden).first == Place(150, "contact_points", 0.0, 4.0)
@@ -304,7 +304,7 @@ def test_a_tolerance_is_a_length(recorded: Recorder) -> None:
     assert not compare(resting, golden, tolerance_m=0.5e-6).same
 
 
-def test_elsewhere_than_on_x86_a_fused_multiply_is_let_pass(recorded: Recorder) -> None:
+def test_a_fused_multiply_passes_on_machines_other_than_x86(recorded: Recorder) -> None:
     golden = side(recorded())
     arm = replace(golden, engine=replace(golden.engine, machine="aarch64"))
     assert compare(altered(arm, "z_m", 50, 5e-13), golden).same
@@ -316,7 +316,7 @@ def test_elsewhere_than_on_x86_a_fused_multiply_is_let_pass(recorded: Recorder) 
 
 
 def test_other_damping_gravity_and_law_are_recognised(recorded: Recorder) -> None:
-    """Each is another run of the engine, put forward as if it had the golden settings."""
+    """Each is another run of the engine, presented as if it had the golden settings."""
     for change, words in (
         ({"linear_damping": 0.1}, "the same law with linear damping 0.1 instead of 0.04"),
         ({"linear_damping": 0.0}, "the same law with linear damping"),
@@ -339,7 +339,7 @@ def test_other_damping_gravity_and_law_are_recognised(recorded: Recorder) -> Non
 def test_another_integrator_is_recognised(
     recorded: Recorder, weight_before: float, words: str
 ) -> None:
-    """The golden velocities, the position moved by those before the step, or by the mean."""
+    """The golden velocities, but the position advanced by those before the step, or the mean."""
     golden = side(recorded())
     v, dt = golden.states["vz_m_s"].to_numpy(), golden.scenario.timestep_s
     z = golden.states["z_m"].to_numpy().copy()
@@ -404,7 +404,7 @@ def test_frames_are_compared_by_their_pixels(
 def test_a_frame_is_only_ever_opened_as_a_png(
     pictured: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Pillow hands an EPS to Ghostscript, as soon as it may guess."""
+    """Pillow passes an EPS to Ghostscript if it may guess the format."""
     stream = io.BytesIO()
     Image.new("RGB", (64, 48)).save(stream, "eps")
 
@@ -424,7 +424,9 @@ def test_a_frame_is_only_ever_opened_as_a_png(
         check(copy, pictured)
 
 
-def test_without_frames_the_rest_is_compared_and_it_is_said(pictured: Path, tmp_path: Path) -> None:
+def test_without_frames_the_rest_is_compared_and_a_note_says_so(
+    pictured: Path, tmp_path: Path
+) -> None:
     simulate(Scenario(duration_s=0.1), tmp_path / "bare.rrd", camera=None)
     found = check(tmp_path / "bare.rrd", pictured)
     assert found.same
@@ -456,7 +458,7 @@ def test_update_writes_the_golden_anew_and_whole(drop: Drop, tmp_path: Path) -> 
 def test_update_replaces_recordings_only(
     tmp_path: Path, recorded: Recorder, standard: Run, kind: str
 ) -> None:
-    """Whatever else is called .rrd stays as it is; of a layer, a recording is not made again."""
+    """Any other file called .rrd is kept, even a layer."""
     run, golden = recorded().path, tmp_path / "golden.rrd"
     if kind == "layer":
         golden.write_bytes(standard.analysis.layer.read_bytes())
@@ -510,7 +512,7 @@ def test_update_keeps_the_golden_where_the_new_one_cannot_be_written(
         check(recorded().path, golden, update=True)
     monkeypatch.undo()
 
-    # Rerun's command line does not notice a full disk: what it wrote has no end.
+    # Rerun's command line does not notice a full disk: its output is cut off.
     def cut(*arguments: object) -> str:
         Path(str(arguments[-1])).write_bytes(GOLDEN.read_bytes()[:-100])
         return ""
