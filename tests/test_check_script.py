@@ -1,7 +1,7 @@
-"""A golden recording of a script is held: what differs first is found, with its cause.
+"""Comparison with a golden recording of a script: the first difference is found, and its cause.
 
-Each script is recorded once for all tests; what no script can bring about here, such as another
-engine, is altered in what was read back.
+Each script is recorded once for all tests; differences that no script can cause here, such as
+another engine, are made in the data read back.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ Record = Callable[..., Path]
 
 @pytest.fixture(scope="session")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Record:
-    """Return a function that records a script `sim.py`, once: what it replaces in `BOX`."""
+    """Return a function that records `BOX` with changes as `sim.py`, once for each change."""
     folder = tmp_path_factory.mktemp("scripts")
 
     @cache
@@ -159,7 +159,7 @@ def test_a_script_and_a_drop_are_not_compared(golden: Path, drop: Drop, tmp_path
     assert read_script(golden).ended is not None
 
 
-def test_what_is_not_there_not_whole_or_no_length_is_one_line(
+def test_missing_files_unfinished_ones_and_bad_tolerances_are_one_line(
     golden: Path, drop: Drop, tmp_path: Path
 ) -> None:
     done = drop("check", golden, "--against", "no.rrd")
@@ -216,7 +216,7 @@ def test_update_makes_it_the_golden_recording(
         (("range(60)", "range(50)"), Difference(51, "1_sphere", -1, "there", 0.0, 1.0)),
     ],
 )  # fmt: skip
-def test_what_went_in_otherwise_is_named(
+def test_other_inputs_are_named(
     recording: Record, golden: Path, change: tuple[str, str], first: Difference
 ) -> None:
     found = compared(recording(change), golden)
@@ -224,8 +224,8 @@ def test_what_went_in_otherwise_is_named(
     assert not found.same
 
 
-def test_what_goes_in_after_the_samples_differ_is_no_cause(recording: Record, golden: Path) -> None:
-    """A script that pushes harder the farther it is off: only what began it is told."""
+def test_inputs_after_the_samples_differ_are_not_the_cause(recording: Record, golden: Path) -> None:
+    """A script that pushes harder the farther it is off: only the first cause is reported."""
     steering = (
         "    p.stepSimulation()",
         "    z = p.getBasePositionAndOrientation(ball)[0][2]\n"
@@ -254,7 +254,9 @@ def test_a_body_that_is_missing_or_more(recording: Record, golden: Path) -> None
     assert more.first == Difference(0, "2_arm", None, "there", 1.0, 0.0)
 
 
-def test_the_calls_before_it_and_the_other_one_are_told(recording: Record, golden: Path) -> None:
+def test_the_calls_before_it_and_the_other_call_are_reported(
+    recording: Record, golden: Path
+) -> None:
     found = compared(recording(("[0.5, 0, 0]", "[0.7, 0, 0]")), golden)
     assert found.call_before is not None
     assert found.call_before.at.step == 21
@@ -301,7 +303,9 @@ def test_what_only_turns_is_in_the_same_place(golden: Path) -> None:
     )
 
 
-def test_as_far_as_both_go_they_are_the_same(recording: Record, golden: Path, drop: Drop) -> None:
+def test_recordings_are_compared_up_to_the_end_of_the_shorter(
+    recording: Record, golden: Path, drop: Drop
+) -> None:
     pushed = (
         "    p.stepSimulation()",
         "    p.applyExternalForce(ball, -1, [0, 0, 1], [0, 0, 0], p.LINK_FRAME)\n"
@@ -327,7 +331,7 @@ def test_as_far_as_both_go_they_are_the_same(recording: Record, golden: Path, dr
     assert done.returncode == 3
 
 
-def test_a_joint_and_a_contact_point_are_held_to_the_bit(golden: Path) -> None:
+def test_joints_and_contact_points_are_compared_to_the_bit(golden: Path) -> None:
     theirs = side(golden)
     joints = theirs.seen.joints[2]
     torque = joints.torque.copy()
@@ -361,7 +365,7 @@ def test_an_image_that_differs(recording: Record, golden: Path, drop: Drop) -> N
     assert "cause       another text of the script" in said
 
 
-def test_an_image_that_differs_after_another_call_has_that_for_its_cause(
+def test_an_image_that_differs_after_another_call_is_caused_by_it(
     recording: Record, golden: Path
 ) -> None:
     held = ("p.getCameraImage(16, 16", "p.setGravity(0, 0, -9.81)\np.getCameraImage(16, 15")
@@ -420,9 +424,7 @@ def test_a_simulation_without_bodies_is_no_difference(recording: Record, golden:
         assert compared(one, other).same
 
 
-def test_connecting_is_no_call_and_is_the_cause_all_the_same(
-    recording: Record, golden: Path
-) -> None:
+def test_connecting_is_not_a_call_but_can_be_the_cause(recording: Record, golden: Path) -> None:
     again = recording((LENS, f"{LENS}p.disconnect()\np.connect(p.DIRECT)\n"))
     for one, other in ((again, golden), (golden, again)):
         found = compared(one, other)
@@ -444,7 +446,7 @@ def test_the_same_calls_at_other_steps_are_the_cause(recording: Record, golden: 
     )
 
 
-def test_what_is_not_told_of_a_long_list_may_be_the_cause(golden: Path) -> None:
+def test_an_element_not_shown_of_a_long_list_may_be_the_cause(golden: Path) -> None:
     theirs = side(golden)
     first, *others = theirs.seen.calls
     shortened = replace(first, arguments="[0, 1, … 40 values]")
@@ -470,7 +472,7 @@ def test_another_text_with_the_same_calls_is_the_same_physics(
     )
 
 
-def test_where_a_file_lies_makes_no_other_call(golden: Path) -> None:
+def test_the_folder_of_a_file_does_not_make_a_call_different(golden: Path) -> None:
     theirs = side(golden)
     calls = [
         replace(one, arguments=one.arguments.replace("'arm.urdf'", "'/home/me/arm.urdf'"))
@@ -608,7 +610,7 @@ def test_several_recordings_have_no_golden_one(golden: Path, drop: Drop) -> None
 
 
 def test_an_image_that_was_altered_is_damage(golden: Path, tmp_path: Path) -> None:
-    """Its digest is asked for, where both recordings claim the same one too."""
+    """Its digest is checked, even if both recordings claim the same one."""
 
     def change(chunk: Chunk) -> list[Chunk]:
         batch = chunk.to_record_batch()
@@ -635,7 +637,7 @@ def test_an_image_that_was_altered_is_damage(golden: Path, tmp_path: Path) -> No
         ("engine", "time_s", [0.5]),
     ],
 )
-def test_what_is_said_of_a_recording_is_held_too(
+def test_a_recordings_properties_have_a_checksum(
     golden: Path, tmp_path: Path, entity: str, name: str, value: list[Any]
 ) -> None:
     def change(chunk: Chunk) -> list[Chunk]:

@@ -1,4 +1,4 @@
-"""The same drop in every engine: recorded as it takes it, and explained by its own law.
+"""The same drop in every engine: recorded as the engine steps it, and explained by its own law.
 
 MuJoCo has more in `test_mujoco`.
 """
@@ -43,7 +43,7 @@ SINGLE = 2.0**-23
 
 
 def drawn(engine: str, seed: int) -> Scenario:
-    """Return a scenario of a body in the air; every other one is thrown, every third spins."""
+    """Return a scenario of a body in the air; every second is thrown, every third spins."""
     rng = np.random.default_rng(seed)
     timestep_s = float(rng.choice([1 / 240, 1 / 1000, 0.01, 0.0003]))
     values: dict[str, object] = {
@@ -137,7 +137,7 @@ def test_the_same_run_is_the_same_to_the_bit(
     for name in ("a.rrd", "b.rrd"):
         done = drop_process("simulate", *tumbling, "--out", name)
         assert done.returncode == 0, done.stderr
-        # What it has otherwise than PyBullet is said, and nothing else.
+        # Notes only say where the engine differs from PyBullet.
         assert all(" where PyBullet has " in line for line in done.stderr.splitlines())
     a, b = (read(tmp_path / name) for name in ("a.rrd", "b.rrd"))
     assert a.states.equals(b.states)
@@ -145,8 +145,8 @@ def test_the_same_run_is_the_same_to_the_bit(
 
 
 @pytest.mark.parametrize("engine", OTHERS)
-def test_nothing_false_is_said_of_contact(recorded: Recorder, engine: str) -> None:
-    """A body that tumbles is explained, or the reason is given; nobody altered the recording."""
+def test_findings_about_contact_are_true(recorded: Recorder, engine: str) -> None:
+    """A tumbling body is explained, or the reason is given, and never called altered."""
     for scenario in ({}, TUMBLING, {"timestep_s": 1 / 960}, {"body": "sphere_small.urdf"}):
         analysis = judge(recorded(engine=engine, **scenario))
         codes = {finding.code for finding in analysis.findings}
@@ -202,7 +202,7 @@ def test_restitution_is_combined_as_the_engine_does(recorded: Recorder) -> None:
 
 
 @DRAKE
-def test_what_an_engine_cannot_compute_is_one_line() -> None:
+def test_a_drop_that_an_engine_cannot_compute_is_one_line() -> None:
     """A slab that falls through Drake's floor in one step becomes non-finite there."""
     scenario = Scenario(engine="drake", body="block.urdf", height_m=5.0, spin_rad_s=(90.0, 90.0, 0))
     with other_world.OtherWorld(scenario) as world, pytest.raises(DropError, match="non-finite"):
@@ -227,7 +227,7 @@ def test_moving_from_pybullet_only_the_damping_differs(recorded: Recorder, engin
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"engine": "dart", "contact_erp": 0.1}, "contact_erp is an option of PyBullet, not of"),
         ({"engine": "drake", "restitution": 0.5}, "not of Drake; omit it"),
@@ -235,8 +235,8 @@ def test_moving_from_pybullet_only_the_damping_differs(recorded: Recorder, engin
         ({"engine": "drake", "integrator": "rk4"}, "takes discrete, continuous, got rk4"),
     ],
 )
-def test_an_option_that_it_does_not_have(options: dict[str, object], said: str) -> None:
-    with pytest.raises(ScenarioError, match=said):
+def test_an_option_that_it_does_not_have(options: dict[str, object], message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
         Scenario(**options)  # type: ignore[arg-type]
 
 
@@ -323,7 +323,7 @@ def test_the_table_of_the_readme_is_what_the_engines_do(drop: Drop) -> None:
         assert cells == numbers
 
 
-def test_what_an_engine_does_not_take_from_the_urdf_is_said(tmp_path: Path) -> None:
+def test_a_note_says_what_an_engine_ignores_in_the_urdf(tmp_path: Path) -> None:
     urdf = tmp_path / "box.urdf"
     urdf.write_text(
         """<robot name="box"><link name="box"><contact><lateral_friction value="0.3"/>

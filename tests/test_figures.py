@@ -1,7 +1,7 @@
 """Verification: a gif shows every frame, exactly, at its time; a plot shows what its table says.
 
-The frames are PyBullet's own, drawn here and through none of our code; the tables follow Bullet's
-law of one step, `v += dt (-g - k v (1 + |v|)); z += dt v`, beside its closed forms.
+The frames are drawn by PyBullet here, without any of our code; the tables follow Bullet's law of
+one step, `v += dt (-g - k v (1 + |v|)); z += dt v`, beside its closed forms.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def standard_frames() -> list[Pixels]:
 
 
 def coloured(count: int, *, seed: int = 0, size: tuple[int, int] = (40, 30)) -> Pixels:
-    """Return a picture of exactly so many colours, at random places."""
+    """Return a picture with a given number of colours, at random places."""
     rng = np.random.default_rng(seed)
     packed = rng.choice(1 << 24, count, replace=False)
     palette = np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1).astype(np.uint8)
@@ -112,14 +112,14 @@ def same(one: Sequence[Pixels], other: Sequence[Pixels]) -> bool:
 
 def test_every_recorded_frame_is_in_the_gif_to_the_pixel(standard_frames: list[Pixels]) -> None:
     still = sum(map(np.array_equal, standard_frames, standard_frames[1:]))
-    assert still >= 10  # the box lies still in the end: these are what other writers merge
+    assert still >= 10  # the box is still in the end: other writers merge these
     wrote, gif = written(standard_frames)
     pictures, delays_ms = decoded(gif)
     assert wrote == Gif(frames=41, duration_s=2.05, quantised=0)
     assert same(pictures, standard_frames)
     assert delays_ms == [50] * 41
     with Image.open(io.BytesIO(gif)) as image:
-        assert image.info["loop"] == 0  # for ever
+        assert image.info["loop"] == 0  # forever
 
 
 def test_only_what_changed_is_stored(standard_frames: list[Pixels]) -> None:
@@ -162,7 +162,7 @@ def test_up_to_256_colours_are_exact(count: int) -> None:
 
 
 def test_new_colours_get_a_palette_of_their_own() -> None:
-    frames = [coloured(200, seed=seed) for seed in (1, 2, 2, 1, 3)]  # 600 colours in all
+    frames = [coloured(200, seed=seed) for seed in (1, 2, 2, 1, 3)]  # 600 colours in total
     frames.append(frames[-1].copy())
     frames[-1][3, 4] = (1, 2, 3)
     wrote, gif = written(frames)
@@ -192,7 +192,7 @@ def test_more_colours_than_a_gif_holds_are_reported_and_close() -> None:
 
 
 def test_frames_are_written_as_they_come() -> None:
-    """Memory cannot grow with the number of frames: each is written before the next is asked."""
+    """Memory does not grow with the number of frames: each is written before the next is taken."""
     stream = io.BytesIO()
     lengths = []
 
@@ -374,7 +374,7 @@ def test_a_plot_for_dark_pages_is_dark() -> None:
 
 
 @pytest.mark.parametrize("name", ["standard", "Moon, still in the air", "bounces", "20 km"])
-def test_no_words_lie_on_others_or_off_the_page(name: str) -> None:
+def test_no_words_overlap_or_leave_the_page(name: str) -> None:
     figure = build_figure(TABLES[name])
     figure.draw_without_rendering()
     words = [*figure.texts, *figure.legends[0].get_texts()]
@@ -400,7 +400,7 @@ STRIKING = {
         Facts("", impact_s=0.97, rest_m=None),
     ),
 }
-"""Where words stood, a curve or the line of the impact ran."""
+"""Drops in which a curve or the impact's line once ran through words."""
 
 
 @pytest.mark.parametrize("name", [*TABLES, *STRIKING])
@@ -423,14 +423,14 @@ def test_no_word_is_struck_through(name: str) -> None:
 
 
 def runs_through(line: Line2D, box: Bbox) -> bool:
-    """Whether a curve has a point in a box, where a thousand are drawn between two samples."""
+    """Whether a curve has a point in a box, with a thousand points between two samples."""
     x, y = line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float)).T
     places = np.linspace(0, len(x) - 1, 1000 * max(1, len(x) - 1) + 1)
     x, y = (np.interp(places, np.arange(len(x)), of) for of in (x, y))
     return bool(((box.x0 < x) & (x < box.x1) & (box.y0 < y) & (y < box.y1)).any())
 
 
-def test_impact_and_rest_are_told_wherever_there_is_room() -> None:
+def test_impact_and_rest_are_labelled_wherever_there_is_room() -> None:
     for name, (table, facts) in STRIKING.items():
         said = " ".join(texts(axes_of(build_figure(table, facts))["height"]))
         assert "impact at" in said, name
@@ -497,7 +497,7 @@ def test_an_svg_keeps_its_text_as_text_and_no_date() -> None:
     assert "sans-serif" in svg  # for readers without matplotlib's own font
 
 
-def test_the_users_own_settings_stay_out_and_untouched() -> None:
+def test_the_users_own_settings_are_ignored_and_untouched() -> None:
     import matplotlib
 
     before, plain = io.BytesIO(), io.BytesIO()
@@ -552,7 +552,7 @@ def test_the_sum_is_written_out_at_the_time_asked_for() -> None:
 
 
 def test_the_moment_that_is_written_out_is_marked_where_it_is_in_the_stack() -> None:
-    """A dot on the total, and a line through all of the stack: −6.131 up to +4.311 mm."""
+    """A dot on the total, and a line through the whole stack, from −6.131 to +4.311 mm."""
     axes = panels("standard")["error"]
     row = STANDARD.row(72, named=True)
     (dot, *_) = (one for one in axes.lines if one.get_marker() == "o" and len(one.get_xdata()) == 1)
@@ -592,7 +592,7 @@ def test_impact_and_rest_are_pointed_out() -> None:
     assert times[lowest] == pytest.approx(1e3 * (108 / 240 - facts.impact_s))  # ms
 
 
-def test_a_table_says_by_itself_what_was_dropped() -> None:
+def test_a_table_alone_tells_what_was_dropped() -> None:
     facts = facts_of(STANDARD)
     assert (facts.title, facts.subtitle) == ("Dropped from 1 m", "240 steps of 1/240 s")
     assert facts_of(TABLES["two samples"]).subtitle == "1 step of 1/240 s"
@@ -614,7 +614,7 @@ def test_high_bounces_are_not_covered_by_the_enlargement() -> None:
 
 
 def test_in_other_units_curves_marks_and_words_are_in_them() -> None:
-    """A short fall from 20 mm over the floor: the time in ms, all that is drawn as well."""
+    """A short fall from 20 mm above the floor: the time axis and all marks are in ms."""
     table = table_of(height_m=0.025 + 1e-5, timestep_s=1e-5, steps=800, gravity_m_s2=9.81)
     axes = axes_of(build_figure(table))
     impact_ms = 1e3 * (facts_of(table).impact_s or 0)
@@ -674,7 +674,7 @@ def test_a_timestep_is_a_fraction_only_where_it_is_that_fraction(
 
 
 def test_errors_of_a_nanometre_have_an_axis_of_their_own() -> None:
-    """Rounding, some 1e-16 m, has not: there the axis stays in mm, from −1 to 1."""
+    """Rounding errors of 1e-16 m do not: there the axis stays in mm, from −1 to 1."""
     tiny = STANDARD.with_columns(pl.col(f"{name}_m") * 1e-7 for name in TERMS)
     axes = axes_of(build_figure(tiny))["error"]
     assert axes.get_ylabel() == "simulated − free fall [nm]"
@@ -710,11 +710,11 @@ def test_one_thing_has_one_colour_in_both_panels() -> None:
         if (name := str(area.get_label())) in colours.TERMS:
             assert area.get_facecolor()[0] == pytest.approx(to_rgba(colours.TERMS[name], 0.75))
     squares = [one.get_color() for one in axes["error"].lines if one.get_marker() == "s"]
-    assert squares == list(colours.TERMS.values())  # in the order of the sum that they stand by
+    assert squares == list(colours.TERMS.values())  # in the order of the sum beside them
 
 
 def test_the_colours_are_those_that_readers_have_learnt() -> None:
-    """As words, docs and pictures have them: Okabe and Ito's, and two greys."""
+    """As in texts, docs and pictures: Okabe and Ito's, and two greys."""
     assert colours.TERMS == {
         "timestep": "#d55e00",  # vermilion
         "damping": "#009e73",  # bluish green
@@ -724,7 +724,7 @@ def test_the_colours_are_those_that_readers_have_learnt() -> None:
     assert (colours.SIMULATED, colours.DAMPED_FALL, colours.FREE_FALL) == (
         "#0072b2", "#56b4e9", "#8a8f98",
     )  # fmt: skip
-    # Vermilion for what moves, purple for what turns, sky blue for what lies high.
+    # Vermilion for what moves, purple for what turns, sky blue for height.
     assert (colours.KINETIC, colours.ROTATION, colours.POTENTIAL) == (
         "#d55e00", "#cc79a7", "#56b4e9",
     )  # fmt: skip
@@ -736,7 +736,7 @@ def test_the_colours_are_those_that_readers_have_learnt() -> None:
 )
 @pytest.mark.parametrize("page", ["#ffffff", "#0d1011"], ids=["light", "dark"])
 def test_what_matters_in_the_viewer_is_seen_in_both_of_its_themes(colour: str, page: str) -> None:
-    """WCAG 2 asks for a contrast of 3 where a line is told from its background."""
+    """WCAG 2 requires a contrast of 3 between a line and its background."""
 
     def luminance(of: str) -> float:
         linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgba(of)]
@@ -769,11 +769,11 @@ def test_numbers_are_signed_and_never_a_false_zero(value: float, decimals: int, 
 
 
 def test_theory_ends_where_a_bounce_begins() -> None:
-    """It says nothing of one; of a body that stays down it says where it lies."""
+    """It does not predict bounces; for a body that stays down it predicts its rest height."""
     tables = (
         (TABLES["bounces"], True),
-        (table_of(restitution=0.25), True),  # 6 % of the fall: one sees it
-        (table_of(restitution=0.08), False),  # 0.6 % of it: one does not
+        (table_of(restitution=0.25), True),  # 6 % of the fall: visible
+        (table_of(restitution=0.08), False),  # 0.6 % of it: not visible
         (STANDARD, False),
     )
     for table, ends in tables:
@@ -784,7 +784,7 @@ def test_theory_ends_where_a_bounce_begins() -> None:
         assert not np.isnan(drawn["simulated"].get_ydata()).any()
 
 
-def test_a_long_subtitle_takes_two_lines_that_no_word_lies_on() -> None:
+def test_a_long_subtitle_takes_two_lines_that_nothing_overlaps() -> None:
     figure = build_figure(STANDARD, Facts(title="t", subtitle=25 * "word "))
     figure.draw_without_rendering()
     (_, subtitle, *_) = figure.texts
@@ -812,7 +812,7 @@ def study(count: int = 1) -> Figure:
 
 
 def test_errors_are_drawn_in_millimetres_over_the_timestep_in_seconds() -> None:
-    """Their size; refining goes to the right."""
+    """Their absolute values; finer timesteps are to the right."""
     (axes,) = study().axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("timestep [s]", "|error| [mm]")
     for name in ("total", "timestep", "damping", "interaction"):
@@ -835,12 +835,12 @@ def test_each_error_has_its_colour_and_its_name_where_it_ends() -> None:
     for name in ("total", "timestep", "damping", "interaction"):
         assert (drawn[name], names[name].get_color()) == (inks[name], inks[name])
         end = (np.log10(1e3 * abs(ERRORS_M[name][-1])) - low) / (high - low)
-        # Names that would lie on each other, those of damping and total, give way upwards.
+        # Names that would overlap, those of damping and total, are moved up.
         assert end - 1e-9 <= names[name].xy[1] < end + 0.06
 
 
 def test_the_total_dips_where_timestep_and_damping_cancel() -> None:
-    """4.3 mm = 1.4715 m/s × dt at 1/342 s; it is marked at what the study found, here 1/341 s."""
+    """4.3 mm = 1.4715 m/s × dt at 1/342 s; the mark is at the study's timestep, here 1/341 s."""
     (axes,) = study().axes
     (times, total) = next(one.get_data() for one in axes.lines if len(one.get_xdata()) > 100)
     assert times[np.argmin(total)] == pytest.approx(4.3e-3 / 1.4715, rel=2e-3)
@@ -851,7 +851,9 @@ def test_the_total_dips_where_timestep_and_damping_cancel() -> None:
     assert said.get_text().endswith("cancel at 1/341 s")
     assert said.xy[0] == 1 / 341
     axes.get_figure().draw_without_rendering()
-    assert said.get_bbox_patch() is not None  # it hides what it lies on: not the total
+    assert (
+        said.get_bbox_patch() is not None
+    )  # it hides what is below it, which must not be the total
     dip = axes.transData.transform(np.column_stack([times, total]))
     hidden = said.get_bbox_patch().get_window_extent()
     half = 3 / 2 * 150 / 72  # of the total's width [px]
@@ -868,7 +870,7 @@ def test_panels_for_which_there_is_no_room_are_counted(count: int, said: str) ->
     assert ("not shown" in figure.texts[1].get_text()) == (count > 4)
 
 
-def test_one_timestep_is_no_convergence() -> None:
+def test_one_timestep_is_not_a_convergence_study() -> None:
     with pytest.raises(ScenarioError, match="needs two or more, got 1"):
         convergence_plot.check_plot(Path("errors.png"), timesteps=1, engines=False)
     convergence_plot.check_plot(Path("errors.svg"), timesteps=2, engines=False)

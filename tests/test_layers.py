@@ -1,4 +1,4 @@
-"""The house: its rooms are as `docs/architecture.md` shows them, and imports point down only."""
+"""Architecture: the rooms are as `docs/architecture.md` shows them, and imports only point down."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PACKAGE = Path(pipeline.__file__).parent
 ARCHITECTURE = (Path(__file__).parents[1] / "docs/architecture.md").read_text(encoding="utf-8")
 ROOMS = ARCHITECTURE.partition("## The rooms")[2].partition("\n## ")[0]
 ROW = re.compile(r"^\| `(?:pipeline/)?(\w+)(?:\.py|/)`(.*?) \| (.*) \| (.*) \|$", re.MULTILINE)
-# Room -> what is said of it, and the rooms that it is said to know; from the top to the bottom.
+# Room -> its description, and the rooms that it may import, from the top to the bottom.
 SAID = {
     room: (more + what, set() if knows == "nothing" else set(knows.split(", ")))
     for room, more, what, knows in ROW.findall(ROOMS)
@@ -29,7 +29,7 @@ ONLY_IN = {
     "matplotlib": {"figures/"},
     "typer": {"options.py", "console/running.py", "console/help.py"},
 }
-# The judge never knows what it judges.
+# The judge never imports what it judges.
 JUDGE = ("laws/", "analysis/")
 
 
@@ -54,7 +54,7 @@ def room_of(*parts: str) -> str:
 
 
 def knows(room: str) -> set[str]:
-    """Return the rooms that a room imports from, but for `errors` and `messages`."""
+    """Return the rooms that a room imports from, except `errors` and `messages`."""
     paths = [path for name, path in FILES.items() if room_of(*Path(name).parts) == room]
     if room == "cli":
         paths = [PACKAGE.parent / "cli.py"]
@@ -124,7 +124,7 @@ def test_help_loads_no_heavy_library() -> None:
     assert done.stderr.strip() == "[]"
 
 
-def test_every_public_name_is_there_and_known_to_type_checkers() -> None:
+def test_every_public_name_exists_and_is_known_to_type_checkers() -> None:
     tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
     (typed,) = [node for node in tree.body if isinstance(node, ast.If)]
     told = [
@@ -137,7 +137,7 @@ def test_every_public_name_is_there_and_known_to_type_checkers() -> None:
 
 
 def test_an_analysis_loads_no_library_that_few_need() -> None:
-    """Each takes as long as all the rest of it: it is imported where it is called."""
+    """Each takes as long as everything else together, so it is imported where it is called."""
     command = "import sys, pipeline.analysis.drop.analysis; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", command],
