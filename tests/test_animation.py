@@ -44,7 +44,7 @@ def shown(path: Path) -> tuple[list[Pixels], list[float]]:
             pictures = list(film.decode(video=0))
             begins = [float(frame.time) for frame in pictures]
             step = begins[1] - begins[0]
-            return [one.to_ndarray(format="rgb24") for one in pictures], [
+            return [picture.to_ndarray(format="rgb24") for picture in pictures], [
                 *begins,
                 begins[-1] + step,
             ]
@@ -128,12 +128,12 @@ def test_every_pixel_is_shown_at_its_time(
     wanted: dict[str, float], end_s: float,
 ) -> None:  # fmt: skip
     path = tmp_path / f"fall{suffix}"
-    made = render(standard.simulation.recording, out=path, animation=Animation(**wanted),
+    rendering = render(standard.simulation.recording, out=path, animation=Animation(**wanted),
                   plot=tmp_path / "p.png")  # fmt: skip
-    assert (made.gif, made.frames) == (path, 41)
+    assert (rendering.gif, rendering.frames) == (path, 41)
     assert shown(path)[1][-1] == pytest.approx(end_s, abs=0.006)
     for number in (0, 1, 7, 18, 39, 40):
-        middle_s = (number + 0.5) / made.fps
+        middle_s = (number + 0.5) / rendering.fps
         assert np.array_equal(at(path, middle_s), recorded[number])
     with Image.open(path) as image:
         assert image.info["loop"] == 0  # forever
@@ -222,9 +222,9 @@ def test_the_caption_says_time_height_and_error() -> None:
 def test_caption_and_plot_are_those_of_the_step_that_is_shown(
     standard: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    said: list[tuple[float, ...]] = []
+    captioned: list[tuple[float, ...]] = []
     monkeypatch.setattr(
-        composition, "caption", lambda *values: said.append(values) or caption(*values)
+        composition, "caption", lambda *values: captioned.append(values) or caption(*values)
     )
     table, picture = standard.analysis.table, Image.new("RGB", (240, 180), "white")
     both = composition.Composition(table, picture.size, with_plot=True)
@@ -232,7 +232,7 @@ def test_caption_and_plot_are_those_of_the_step_that_is_shown(
     for step in (0, 72, 240):
         whole = both.composed(picture, step)
         row = table.row(step, named=True)
-        assert said.pop() == (row["time_s"], row["simulated_m"], row["error_m"])
+        assert captioned.pop() == (row["time_s"], row["simulated_m"], row["error_m"])
         beside = np.asarray(whole)[:180, 240:]
         assert np.array_equal(beside, np.asarray(plot.at(row["time_s"])))
 
@@ -277,24 +277,24 @@ def test_the_plot_grows_with_time(standard: Run) -> None:
     plot = GrowingPlot(table, (480, 360), dark=False)
     ends = [np.asarray(plot.at(time_s)).astype(int) for time_s in (0.0, 0.2, 0.4, 1.0)]
     blank, *_, whole = ends
-    columns = [np.flatnonzero((one != blank).any(axis=(0, 2))) for one in ends[1:]]
+    columns = [np.flatnonzero((end != blank).any(axis=(0, 2))) for end in ends[1:]]
     reached = [int(changed.max()) for changed in columns]
     assert reached == sorted(reached)
     per_s = (reached[2] - reached[0]) / 0.8
     assert reached[1] - reached[0] == pytest.approx(0.2 * per_s, abs=2)
-    for one, now in zip(ends[1:3], reached[:2], strict=True):
+    for end, now in zip(ends[1:3], reached[:2], strict=True):
         # Up to the current time it equals the whole plot, after it the empty one.
-        assert np.array_equal(one[:, :now], whole[:, :now])
-        assert np.array_equal(one[:, now + 1 :], blank[:, now + 1 :])
+        assert np.array_equal(end[:, :now], whole[:, :now])
+        assert np.array_equal(end[:, now + 1 :], blank[:, now + 1 :])
 
 
 def test_a_caption_needs_no_plot(standard: Run) -> None:
     picture = Image.new("RGB", (480, 360), "white")
     bare = composition.Composition(standard.analysis.table, picture.size, with_plot=False)
-    one, other = (bare.composed(picture, step) for step in (0, 72))
-    assert one.width == 480
-    assert one.height > 360
-    assert one.tobytes() != other.tobytes()
+    start, later = (bare.composed(picture, step) for step in (0, 72))
+    assert start.width == 480
+    assert start.height > 360
+    assert start.tobytes() != later.tobytes()
 
 
 def test_a_drop_of_one_sample_has_its_plot_too() -> None:
@@ -316,8 +316,8 @@ def test_the_command_line_says_how_fast_it_plays(drop: Drop, standard: Run) -> N
     options = ("--speed", "0.25", "--caption", "--out", "slow.webp", "--plot", "p.svg")
     done = drop("render", run, *options)
     assert "slow.webp   41 frames, 4.10 s, 4 times slower" in done.stdout
-    made = json.loads(drop("render", run, *options, "--force", "--json").stdout)
-    assert made == {"gif": "slow.webp", "frames": 41, "fps": 10.0, "plot": "p.svg"}
+    printed = json.loads(drop("render", run, *options, "--force", "--json").stdout)
+    assert printed == {"gif": "slow.webp", "frames": 41, "fps": 10.0, "plot": "p.svg"}
 
 
 def test_frames_alone_need_no_plotting_library() -> None:

@@ -70,9 +70,9 @@ def refused_or(make: Callable[[], Optioned], option: Option) -> Optioned | None:
     try:
         return make()
     except ScenarioError as error:
-        said = one_line(error)
+        line = one_line(error)
     # Another timestep may not fit the standard duration.
-    assert option.name in said or "--duration" in said
+    assert option.name in line or "--duration" in line
     return None
 
 
@@ -87,12 +87,12 @@ def test_any_value_in_any_field_is_taken_or_refused_in_one_line(
 ) -> None:
     name = data.draw(st.sampled_from(sorted(kind.options())))
     value = data.draw(ANYTHING)
-    made = refused_or(lambda: kind(**{name: value}), kind.options()[name])
-    if made is None:
+    optioned = refused_or(lambda: kind(**{name: value}), kind.options()[name])
+    if optioned is None:
         return
-    taken = getattr(made, name)
+    taken = getattr(optioned, name)
     assert taken == value or list(taken) == list(value)
-    assert type(made)(**dataclasses.asdict(made)) == made  # type: ignore[call-overload]
+    assert type(optioned)(**dataclasses.asdict(optioned)) == optioned  # type: ignore[call-overload]
 
 
 @given(data=st.data())
@@ -109,8 +109,8 @@ COMMAND: Any = typer.main.get_command(app)
 COMMANDS = COMMAND.commands
 NUMERIC = {
     (command, option.opts[0]): option.metavar
-    for command, one in COMMANDS.items()
-    for option in one.params
+    for command, click_command in COMMANDS.items()
+    for option in click_command.params
     if option.metavar in (
         "NUMBER", "N", "S", "METRES", "SECONDS", "X,Y,Z", "R,P,Y|X,Y,Z,W", "NUMBER|NAME",
         "WIDTHxHEIGHT",
@@ -134,18 +134,18 @@ def test_a_number_is_what_every_program_takes_for_one(
         text = ONES.get(NUMERIC[command, option], "{}").format(number)
         with pytest.raises((ScenarioError, typer.BadParameter)) as raised:
             COMMAND([command, option, text, *GIVEN[command]], standalone_mode=False)
-        said, code = running._verdict(raised.value)
+        message, code = running._verdict(raised.value)
         assert code == 2
-        assert said.startswith(f"{option} takes ")
-        assert f"got {text!r}" in said
+        assert message.startswith(f"{option} takes ")
+        assert f"got {text!r}" in message
         assert list(tmp_path.iterdir()) == []
 
 
 def test_every_option_that_becomes_a_number_is_read_like_that() -> None:
     held = {
         (command, option.opts[0])
-        for command, one in COMMANDS.items()
-        for option in one.params
+        for command, click_command in COMMANDS.items()
+        for option in click_command.params
         if option.type_descriptor.annotation in (int, float)
     }
     assert held
@@ -259,13 +259,13 @@ def test_a_whole_number_is_as_good_as_a_float_in_every_recording_of_a_process(
 def within(name: str) -> st.SearchStrategy[Any]:
     """Return values of a field's whole domain, including its edges and small values."""
     spec, default = NUMBERS[name], getattr(Scenario(), name)
-    one = st.floats(spec.low, spec.high, exclude_min=spec.above)
-    one |= st.sampled_from([value for value, inside in edges(spec) if inside])
+    number = st.floats(spec.low, spec.high, exclude_min=spec.above)
+    number |= st.sampled_from([value for value, inside in edges(spec) if inside])
     if isinstance(default, tuple):
-        return st.just(default) | st.tuples(one, one, one)
+        return st.just(default) | st.tuples(number, number, number)
     if name in ("solver_iterations", "substeps"):
         return st.none() | st.integers(1, 200 if name == "solver_iterations" else 8)
-    return st.just(default) | one
+    return st.just(default) | number
 
 
 def extreme(extremes: dict[str, Any], steps: int) -> Scenario:
@@ -484,16 +484,16 @@ def test_names_are_taken_as_they_are_whatever_is_in_them(
     (folder / f"{name}.urdf").write_text(urdf())
     run = folder / f"{name}.rrd"
     short = ("--no-camera", "--duration", "0.1", "--body", f"{folder}/{name}.urdf")
-    made = drop("simulate", f"--out={run}", *short, "--json")
-    assert made.returncode == 0, made.stderr
-    assert json.loads(made.stdout)["recording"] == str(run)
-    told = drop("analyze", run)
-    assert (told.returncode, told.stderr) == (0, "")
+    simulated = drop("simulate", f"--out={run}", *short, "--json")
+    assert simulated.returncode == 0, simulated.stderr
+    assert json.loads(simulated.stdout)["recording"] == str(run)
+    analyzed = drop("analyze", run)
+    assert (analyzed.returncode, analyzed.stderr) == (0, "")
     again = drop("simulate", f"--out={run}", *short)
     assert again.returncode == 1
     assert len(again.stderr.splitlines()) == 1
-    assert {one.name for one in tmp_path.iterdir()} == {name}
-    assert {one.suffix for one in folder.iterdir()} == {".rrd", ".urdf"}
+    assert {file.name for file in tmp_path.iterdir()} == {name}
+    assert {file.suffix for file in folder.iterdir()} == {".rrd", ".urdf"}
 
 
 def test_a_name_with_a_dash_in_front_is_no_option_of_rerun(
@@ -506,7 +506,7 @@ def test_a_name_with_a_dash_in_front_is_no_option_of_rerun(
     assert analyze(run).layer == Path("-x.analysis.rrd")
     assert check(run, golden, update=True).updated
     assert check(run, golden).same
-    assert {one.name for one in tmp_path.iterdir()} == {
+    assert {file.name for file in tmp_path.iterdir()} == {
         "-x.rrd", "-x.analysis.rrd", "--golden.rrd",
     }  # fmt: skip
 
@@ -534,7 +534,7 @@ def test_a_home_that_the_shell_did_not_expand_is_said(
 
 def test_a_name_that_is_not_text_is_rejected(drop: Drop, tmp_path: Path) -> None:
     name = b"\xff\xfe.rrd".decode(errors="surrogateescape")
-    made = drop("simulate", f"--out={name}", "--no-camera", "--duration", "0.1", "--json")
-    assert (made.returncode, made.stdout) == (1, "")
-    assert len(made.stderr.splitlines()) == 1
+    done = drop("simulate", f"--out={name}", "--no-camera", "--duration", "0.1", "--json")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert len(done.stderr.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []

@@ -76,13 +76,13 @@ def refusal(path: Path, sound: Sound) -> dict[str, str]:
     Empty if it reads back, to the bit, as recorded.
     """
     try:
-        found = read(path)
+        recording = read(path)
     except RecordingError as error:
         return {"all": str(error)}
-    assert found.states.equals(sound.read.states)
-    assert found.contacts.equals(sound.read.contacts)
-    assert (found.scenario, found.engine) == (sound.read.scenario, sound.read.engine)
-    assert (found.camera, found.partial) == (sound.read.camera, False)
+    assert recording.states.equals(sound.read.states)
+    assert recording.contacts.equals(sound.read.contacts)
+    assert (recording.scenario, recording.engine) == (sound.read.scenario, sound.read.engine)
+    assert (recording.camera, recording.partial) == (sound.read.camera, False)
     try:
         pictures = dict(frames(path))
     except RecordingError as error:
@@ -104,8 +104,8 @@ def verdict(path: Path, sound: Sound) -> str:
         assert str(raised.value) == line
     assert str(path) in line
     assert len(line.splitlines()) == 1
-    made = {one.name for one in path.parent.iterdir()}
-    assert made <= {path.name, "run.png"}  # the plot needs no frames
+    files = {file.name for file in path.parent.iterdir()}
+    assert files <= {path.name, "run.png"}  # the plot needs no frames
     path.with_suffix(".png").unlink(missing_ok=True)
     return "refused"
 
@@ -150,15 +150,15 @@ def test_a_part_that_was_cut_gives_the_samples_before_the_cut(
     path = tmp_path / "run.rrd.part"
     path.write_bytes(sound.data[: len(sound.data) * percent // 100])
     try:
-        found = read(path)
+        recording = read(path)
     except RecordingError as error:  # the samples are one batch here: all present, or none
-        found, why = None, str(error)
-    if found is None:
+        recording, why = None, str(error)
+    if recording is None:
         assert percent < 60, why
         return
-    assert found.partial == ("recording" not in properties_of(path))
-    assert found.states.equals(sound.read.states)
-    assert found.contacts.equals(sound.read.contacts)
+    assert recording.partial == ("recording" not in properties_of(path))
+    assert recording.states.equals(sound.read.states)
+    assert recording.contacts.equals(sound.read.contacts)
 
 
 def test_a_part_with_no_sample_yet_is_refused(sound: Sound, tmp_path: Path) -> None:
@@ -183,13 +183,13 @@ def test_of_a_part_that_was_cut_before_its_states_the_contacts_are_left_out(
     for percent in range(5, 100):
         path.write_bytes(data[: len(data) * percent // 100])
         try:
-            found = read(path)
+            recording = read(path)
         except RecordingError:  # nothing was written yet
             continue
-        samples = len(found.states)
+        samples = len(recording.states)
         lengths.add(samples)
-        assert found.states.equals(expected.states.head(samples))
-        assert found.contacts.equals(expected.contacts.filter(pl.col("step") < samples))
+        assert recording.states.equals(expected.states.head(samples))
+        assert recording.contacts.equals(expected.contacts.filter(pl.col("step") < samples))
     assert lengths >= {60, 120, 180, 240}
 
 
@@ -271,7 +271,7 @@ def rewritten(source: Path, path: Path, change: Change, *, resealed: bool = Fals
         if batches is None:
             chunks.append(chunk)
         else:
-            chunks += [one for batch in batches for one in Chunk.from_record_batch(batch)]
+            chunks += [chunk for batch in batches for chunk in Chunk.from_record_batch(batch)]
     write(path, chunks)
     if resealed:
         write(path, [*chunks, seal_of(path)])
@@ -360,9 +360,9 @@ def cast(kind: pa.DataType) -> Change:
             return None
         values = batch.column("position_m").to_pylist()
         if pa.types.is_string(kind.value_type):
-            values = [[str(one) for one in row] for row in values]
+            values = [[str(value) for value in row] for row in values]
         elif pa.types.is_integer(kind.value_type):
-            values = [[round(one * 1000) for one in row] for row in values]
+            values = [[round(value * 1000) for value in row] for row in values]
         return iter([with_column(batch, "position_m", pa.array(values, type=kind))])
 
     return changed
@@ -424,8 +424,10 @@ def with_property(name: str, key: str, value: Any) -> Change:
             return iter([batch.remove_column(index)])
         values = value if isinstance(value, pa.Array) else pa.array([value])
         if index < 0:
-            told = {"rerun:component": key, "rerun:kind": "data"}
-            return iter([batch.append_column(pa.field(key, values.type, metadata=told), values)])
+            metadata = {"rerun:component": key, "rerun:kind": "data"}
+            return iter(
+                [batch.append_column(pa.field(key, values.type, metadata=metadata), values)]
+            )
         return iter([with_column(batch, key, values)])
 
     return changed
@@ -437,12 +439,12 @@ def both(*changes: Change) -> Change:
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         batches, touched = [batch], False
         for change in changes:
-            found = [change(entity, one) for one in batches]
-            touched |= any(one is not None for one in found)
+            results = [change(entity, new_batches) for new_batches in batches]
+            touched |= any(new_batches is not None for new_batches in results)
             batches = [
                 new
-                for old, one in zip(batches, found, strict=True)
-                for new in ([old] if one is None else one)
+                for old, new_batches in zip(batches, results, strict=True)
+                for new in ([old] if new_batches is None else new_batches)
             ]
         return iter(batches) if touched else None
 
@@ -504,7 +506,7 @@ REFUSED: dict[str, Change] = {
     },
     **{
         f"step {step} missing in {name}": taken(
-            lambda rows, step=step: [one for one in range(rows) if one != step], *entities
+            lambda rows, step=step: [row for row in range(rows) if row != step], *entities
         )
         for step in (0, 1, 120, 240)
         for name, entities in (("all", ENTITIES), ("states", (STATES,)))
@@ -527,7 +529,7 @@ REFUSED: dict[str, Change] = {
     "the other sign": with_numbers(lambda rows: -rows, VELOCITY),
     "one unit in the last place": with_numbers(lambda rows: np.nextafter(rows, 2), POSITION),
     "one step of contacts missing": taken(
-        lambda rows: [one for one in range(rows) if one != 60], CONTACTS
+        lambda rows: [row for row in range(rows) if row != 60], CONTACTS
     ),
     "contacts before there are any": at_step(0, 60),
     "timestep in milliseconds": with_property("scenario", "timestep_s", [1000 / 240]),

@@ -210,19 +210,19 @@ def test_the_impact_is_where_theory_and_samples_have_it(recorded: Recorder) -> N
 def test_events_are_reported_at_the_step_at_which_they_happen(recorded: Recorder) -> None:
     """The box is deepest at step 108, where it first touches: first contact is reported there."""
     analysis = judge(recorded(), at_s=[0.3])
-    told = events(analysis)
-    assert [step for step, _ in told] == sorted(step for step, _ in told)
-    steps = {word: step for step, line in told for word in line.replace(",", " ").split()}
+    happened = events(analysis)
+    assert [step for step, _ in happened] == sorted(step for step, _ in happened)
+    steps = {word: step for step, line in happened for word in line.replace(",", " ").split()}
     assert analysis.rest is not None
     assert (steps["release"], steps["damping"], steps["lowest"], steps["contact"]) == (
         0, 72, 108, 108,
     )  # fmt: skip
-    lines = [line for _, line in told]
+    lines = [line for _, line in happened]
     (contact, *_), (lowest, *_) = (
         [at for at, line in enumerate(lines) if word in line] for word in ("contact", "lowest")
     )
     assert contact < lowest
-    assert told[-1][0] == analysis.rest.settled_step
+    assert happened[-1][0] == analysis.rest.settled_step
 
 
 @pytest.mark.parametrize("timestep_s", [1 / 60, 1 / 240, 1 / 480, 1 / 960])
@@ -265,7 +265,7 @@ def test_bounces_rise_as_theory_says_once_the_correction_is_off(recorded: Record
     assert bounce.apex_m == pytest.approx(0.25 * 0.975, rel=0.02)
     assert 0.5 < inflated.effective_restitution < 0.58
     assert inflated.correction_m_s > 0
-    assert [one.predicted_apex_m for one in judge(exact).bounces[:2]] == pytest.approx(
+    assert [bounce.predicted_apex_m for bounce in judge(exact).bounces[:2]] == pytest.approx(
         [0.5**2 * 0.975, 0.5**4 * 0.975]
     )
 
@@ -361,10 +361,10 @@ def test_energy_and_momentum_of_a_turned_body_are_those_of_its_principal_axes() 
         velocity_m_s=np.zeros((1, 3)), spin_rad_s=np.array([[0.0, 0.0, 3.0]]),
     )  # fmt: skip
     inertia_kg_m2 = np.array([1.0, 10.0, 100.0])
-    found = mechanics_of_part(sample, 1.5, inertia_kg_m2, -9.81)
-    assert found.kinetic_angular_j[0] == pytest.approx(10 * 3**2 / 2)
-    assert found.angular_momentum_kg_m2_s[0] == pytest.approx([0, 0, 30])
-    assert found.potential_j[0] == pytest.approx(1.5 * 9.81 * 2)
+    sample_mechanics = mechanics_of_part(sample, 1.5, inertia_kg_m2, -9.81)
+    assert sample_mechanics.kinetic_angular_j[0] == pytest.approx(10 * 3**2 / 2)
+    assert sample_mechanics.angular_momentum_kg_m2_s[0] == pytest.approx([0, 0, 30])
+    assert sample_mechanics.potential_j[0] == pytest.approx(1.5 * 9.81 * 2)
 
 
 def test_what_starts_at_zero_has_no_relative_drift(recorded: Recorder) -> None:
@@ -399,11 +399,11 @@ SLOW: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("kind", SLOW)
 def test_what_goes_on_slowly_has_no_first_sample_of_its_rest(recorded: Recorder, kind: str) -> None:
     """It would change with the recording's length: the body moves the same before and after."""
-    made = recorded(**{"duration_s": 3.0, "friction": 0.0} | SLOW[kind])
-    analysis = judge(made)
+    recording = recorded(**{"duration_s": 3.0, "friction": 0.0} | SLOW[kind])
+    analysis = judge(recording)
     rest, stops = analysis.rest, kind == "is slowed down"
     assert rest is not None
-    assert rest.height_m == made.states["z_m"][-1]
+    assert rest.height_m == recording.states["z_m"][-1]
     assert ("rest" in analysis.table["phase"]) == stops
     assert (rest.settled_step is not None) == stops
     assert ("at rest" in events(analysis)[-1][1]) == stops
@@ -444,4 +444,4 @@ def test_a_rod_that_toppled_is_not_measured_against_its_upright_height(
         None,
         None,
     )
-    assert "rest-below-expected" not in [one.code for one in analysis.findings]
+    assert "rest-below-expected" not in [finding.code for finding in analysis.findings]

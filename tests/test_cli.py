@@ -28,8 +28,8 @@ def test_run_makes_everything_and_tells_the_story(drop: Drop, tmp_path: Path) ->
     done = drop("run")
     assert done.returncode == 0
     assert done.stderr == ""
-    made = {path.name for path in (tmp_path / "recordings").iterdir()}
-    assert made == {"run.rrd", "run.analysis.rrd", "run.gif", "run.png"}
+    files = {path.name for path in (tmp_path / "recordings").iterdir()}
+    assert files == {"run.rrd", "run.analysis.rrd", "run.gif", "run.png"}
     for figure in ("1.0000", "0.0250", "0.5567", "0.5585", "-0.0018", "-6.13", "+4.31"):
         assert figure in done.stdout
     assert max(map(len, lines(done.stdout))) <= 80
@@ -192,13 +192,13 @@ def test_bad_recordings_get_one_line(
         LazyChunkStream.from_iter([]).write_rrd(path, application_id="x", recording_id="y")
     elif kind != "missing":
         path.write_bytes({"empty": b"", "text": b"hello" * 99, "cut": whole[:-9999]}[kind])
-    before = {one.name for one in tmp_path.iterdir()}
+    before = {file.name for file in tmp_path.iterdir()}
     done = drop(stage, "run.rrd")
     assert done.returncode == 1
     assert done.stdout == ""
     assert len(lines(done.stderr)) == 1
     assert done.stderr.startswith("drop: run.rrd")
-    assert {one.name for one in tmp_path.iterdir()} == before
+    assert {file.name for file in tmp_path.iterdir()} == before
 
 
 def test_a_time_outside_the_recording_is_wrong_usage(

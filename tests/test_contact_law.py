@@ -95,15 +95,15 @@ def bounces_of(series: tuple[np.ndarray, np.ndarray], fall: Dropped, rate: int) 
     heights_m, velocities_m_s = series
     below = np.concatenate(([False], heights_m <= REST_HEIGHT_M, [False]))
     starts, ends = np.flatnonzero(np.diff(below.astype(np.int8))).reshape(-1, 2).T
-    found = []
+    bounces = []
     for start, end, following in zip(starts, ends, [*starts[1:], len(heights_m)], strict=False):
         if end < len(heights_m):
             falling = (0, 0, velocities_m_s[start])
             approach_m_s = -bullet_contact.free_velocity(fall.law(rate), falling)
             rebound_m_s = velocities_m_s[start + 1 : end + 1].max()
             apex_m = heights_m[end:following].max() - REST_HEIGHT_M
-            found.append(Bounce(int(start), rebound_m_s / approach_m_s, apex_m))
-    return found
+            bounces.append(Bounce(int(start), rebound_m_s / approach_m_s, apex_m))
+    return bounces
 
 
 # -- against PyBullet ------------------------------------------------------------------------------
@@ -272,8 +272,8 @@ def test_without_position_correction_bounces_converge_to_theory() -> None:
     expected = bullet_contact.rebound_heights(fall.height_m - REST_HEIGHT_M, 0.5, 2)
     for rate in (960, 96_000):
         series = predicted(fall, rate, int(1.2 * rate), restitution=0.5, contact_erp=0.0)
-        found = [bounce.apex_m for bounce in bounces_of(series, fall, rate)[:2]]
-        assert np.abs(found - expected).max() < 5 / rate
+        apexes_m = [bounce.apex_m for bounce in bounces_of(series, fall, rate)[:2]]
+        assert np.abs(apexes_m - expected).max() < 5 / rate
 
 
 def test_position_correction_inflates_restitution() -> None:

@@ -37,8 +37,8 @@ def test_the_observed_order_of_a_power_law_is_its_exponent() -> None:
 def test_three_solutions_give_order_and_limit(steps: list[float], order: float) -> None:
     """For f = 2 - 3 h^p, with equal ratios and with different ones."""
     solutions = [2 - 3 * h**order for h in steps]
-    found = solution_order(steps, solutions)
-    assert found == pytest.approx(order, abs=1e-9)
+    observed = solution_order(steps, solutions)
+    assert observed == pytest.approx(order, abs=1e-9)
     limit = richardson(*solutions[1:], ratio=steps[1] / steps[2], order=order)
     assert limit == pytest.approx(2.0, abs=1e-12)
 
@@ -60,10 +60,10 @@ def test_the_convergence_index_is_an_estimate_times_the_safety_factor() -> None:
 def test_errors_of_opposite_signs_cancel_at_a_timestep() -> None:
     """At dt* = 2 damping/(g t) where -g t dt/2 + damping = 0: the article's drop at 0.3 s."""
     damping_m = 0.0043102198351
-    found = cancelling_timestep(1 / 240, timestep_m=-9.81 * 0.3 / 480, damping_m=damping_m)
-    assert found == pytest.approx(2 * damping_m / (9.81 * 0.3), rel=1e-14)
-    assert found is not None
-    assert round(1 / found) == 341
+    timestep_s = cancelling_timestep(1 / 240, timestep_m=-9.81 * 0.3 / 480, damping_m=damping_m)
+    assert timestep_s == pytest.approx(2 * damping_m / (9.81 * 0.3), rel=1e-14)
+    assert timestep_s is not None
+    assert round(1 / timestep_s) == 341
     assert cancelling_timestep(1 / 240, timestep_m=-1.0, damping_m=0.0) is None
     assert cancelling_timestep(1 / 240, timestep_m=-1.0, damping_m=-1.0) is None
 
@@ -186,12 +186,12 @@ def test_a_summary_leaves_out_the_rows_that_have_no_number() -> None:
     values = np.random.default_rng(1).permutation(101).astype(float).tolist()
     rows = pl.LazyFrame({"error_m": [*values, None, None], "damping_m": [None] * 103},
                         schema_overrides={"damping_m": pl.Float64})  # fmt: skip
-    (found,) = summaries(rows, ("error_m", "damping_m"))
-    assert (found.quantity, found.count, found.mean) == ("error_m", 101, pytest.approx(50))
-    assert found.quantiles == pytest.approx({"5%": 5, "50%": 50, "95%": 95})
-    assert found.spread == pytest.approx(math.sqrt(101 * 102 / 12))
+    (summary,) = summaries(rows, ("error_m", "damping_m"))
+    assert (summary.quantity, summary.count, summary.mean) == ("error_m", 101, pytest.approx(50))
+    assert summary.quantiles == pytest.approx({"5%": 5, "50%": 50, "95%": 95})
+    assert summary.spread == pytest.approx(math.sqrt(101 * 102 / 12))
     half = 1.983971519 * math.sqrt(102 / 12)  # t(100, 97.5 %) of tables
-    assert found.interval == pytest.approx((50 - half, 50 + half), rel=1e-8)
+    assert summary.interval == pytest.approx((50 - half, 50 + half), rel=1e-8)
 
 
 def test_moments_of_parts_merge_to_those_of_all_values() -> None:

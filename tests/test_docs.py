@@ -88,7 +88,7 @@ def test_the_pictures_in_the_readme_exist_and_are_small() -> None:
 def test_every_dependency_has_a_reason() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     wanted = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
-    names = {re.split(r"[\[<>=~! ]", one)[0] for one in wanted} - {"drop-physics"}
+    names = {re.split(r"[\[<>=~! ]", requirement)[0] for requirement in wanted} - {"drop-physics"}
     table = ARCHITECTURE.partition("## Dependencies")[2]
     assert [name for name in names if name not in table] == []
 
@@ -103,9 +103,9 @@ def test_nobody_is_told_to_install_somebody_elses_package() -> None:
     )
     folders = [ROOT / name for name in ("docs", "pipeline", "tests", "benchmarks", "recordings")]
     files = [ROOT / "cli.py", ROOT / "pyproject.toml", ROOT / ".ci/run", *ROOT.glob("*.md")]
-    files += [one for folder in folders for one in folder.rglob("*") if one.suffix in TEXTS]
+    files += [file for folder in folders for file in folder.rglob("*") if file.suffix in TEXTS]
     assert len(files) > 150
-    wrong = [one for one in files if others.search(one.read_text(encoding="utf-8"))]
+    wrong = [file for file in files if others.search(file.read_text(encoding="utf-8"))]
     assert wrong == []
 
 

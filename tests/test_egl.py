@@ -54,9 +54,12 @@ def test_egl_sees_the_box_where_tinyrenderer_sees_it(by_egl: Recording, tmp_path
     simulate(SHORT, tmp_path / "tiny.rrd", camera=tiny)
     expected, actual = pixels_of(tmp_path / "tiny.rrd"), pixels_of(by_egl.path)
     assert list(actual) == list(expected) == [0, 20, 40, 60]
-    for one in (expected, actual):
-        assert len(np.unique(one[0].reshape(-1, 3), axis=0)) > 3  # not an empty picture
-    moved = [np.argwhere(np.abs(one[60] - one[0]).max(axis=2) > 40) for one in (expected, actual)]
+    for images in (expected, actual):
+        assert len(np.unique(images[0].reshape(-1, 3), axis=0)) > 3  # not an empty picture
+    moved = [
+        np.argwhere(np.abs(images[60] - images[0]).max(axis=2) > 40)
+        for images in (expected, actual)
+    ]
     centres = [where.mean(axis=0) for where in moved]
     assert np.abs(centres[0] - centres[1]).max() < 3
 

@@ -78,7 +78,7 @@ def start(arguments: tuple[str, ...], folder: Path, **how: object) -> subprocess
     )
 
 
-def told(arguments: tuple[str, ...], folder: Path) -> tuple[int, str, str]:
+def outcome(arguments: tuple[str, ...], folder: Path) -> tuple[int, str, str]:
     """Run the command in this process; return its exit code and what it printed."""
     done = drop_here(*arguments, folder=folder)
     return done.returncode, done.stdout, done.stderr
@@ -87,7 +87,7 @@ def told(arguments: tuple[str, ...], folder: Path) -> tuple[int, str, str]:
 def ended(process: subprocess.Popen[str]) -> tuple[str, str]:
     """Return what a process printed, once it and all processes it started have ended."""
     try:
-        said = process.communicate(timeout=LIMIT_S)
+        output = process.communicate(timeout=LIMIT_S)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         raise
@@ -95,7 +95,7 @@ def ended(process: subprocess.Popen[str]) -> tuple[str, str]:
     while is_alive(process.pid):
         assert time.monotonic() < deadline, "a process was left behind"
         time.sleep(0.02)
-    return said
+    return output
 
 
 def is_alive(group: int) -> bool:
@@ -177,16 +177,16 @@ def test_a_full_disk_costs_neither_the_old_recording_nor_the_samples_that_fitted
     disk.mkdir()
     with small_disk(disk, old_kb + room_kb):
         (disk / "run.rrd").write_bytes(precious)
-        code, *said = told(arguments, disk)
+        code, *output = outcome(arguments, disk)
         assert code == 1
-        assert_one_line(*said, "run.rrd", "make room")
+        assert_one_line(*output, "run.rrd", "make room")
         assert (disk / "run.rrd").read_bytes() == precious
         part = disk / "run.rrd.part"
-        assert {one.name for one in disk.iterdir()} == {"run.rrd", "run.rrd.part"}
-        assert "run.rrd.part" in said[1]
-        found = salvaged(part)
-        assert samples == (0 if found is None else len(found.states))
-        if found is not None:
+        assert {file.name for file in disk.iterdir()} == {"run.rrd", "run.rrd.part"}
+        assert "run.rrd.part" in output[1]
+        salvage = salvaged(part)
+        assert samples == (0 if salvage is None else len(salvage.states))
+        if salvage is not None:
             assert analyze(part, out=tmp_path / "layer.rrd").airborne.samples > 0
 
 
@@ -201,11 +201,11 @@ def test_nothing_is_written_to_a_disk_that_is_too_small_from_the_start(
     whole = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: whole._replace(free=1024 * room_kb))
     (tmp_path / "run.rrd").write_bytes(precious)
-    code, *said = told(arguments, tmp_path)
+    code, *output = outcome(arguments, tmp_path)
     assert code == 1
-    assert_one_line(*said, "run.rrd needs some", "kB are free")
+    assert_one_line(*output, "run.rrd needs some", "kB are free")
     assert (tmp_path / "run.rrd").read_bytes() == precious
-    assert [one.name for one in tmp_path.iterdir()] == ["run.rrd"]
+    assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
 
 
 @pytest.mark.parametrize(
@@ -228,12 +228,12 @@ def test_a_full_disk_leaves_no_other_file_half_written(
     data = (tmp_path / "run.rrd").read_bytes()
     with small_disk(disk, len(data) // 1024 + 12):
         (disk / "run.rrd").write_bytes(data)
-        code, *said = told(arguments, disk)
-        assert code == 1, said
-        assert_one_line(*said, "cannot be written")
+        code, *output = outcome(arguments, disk)
+        assert code == 1, output
+        assert_one_line(*output, "cannot be written")
         assert (disk / "run.rrd").read_bytes() == data
-        assert [one.name for one in disk.iterdir()] == ["run.rrd"]
-        assert "what was recorded" not in said[1]
+        assert [file.name for file in disk.iterdir()] == ["run.rrd"]
+        assert "what was recorded" not in output[1]
 
 
 def test_a_full_disk_names_the_file_written_and_not_its_source(
@@ -244,9 +244,11 @@ def test_a_full_disk_names_the_file_written_and_not_its_source(
     script.write_text("import pybullet as p\np.connect(p.DIRECT)\np.stepSimulation()\n")
     record_script(str(script), out=tmp_path / "run.rrd")
     with small_disk(disk, 12):
-        code, *said = told(("check", "../run.rrd", "--against", "golden.rrd", "--update"), disk)
-        assert code == 1, said
-        assert_one_line(*said, "drop: golden.rrd.part cannot be written")
+        code, *output = outcome(
+            ("check", "../run.rrd", "--against", "golden.rrd", "--update"), disk
+        )
+        assert code == 1, output
+        assert_one_line(*output, "drop: golden.rrd.part cannot be written")
         assert not list(disk.iterdir())
 
 
@@ -278,18 +280,18 @@ def test_a_full_disk_in_a_sweep_is_one_line(tmp_path: Path, room_kb: int) -> Non
     disk.mkdir()
     arguments = ("--samples", "200", "--vary", "height=uniform:1:2", "--no-record", "--jobs", "1")
     with small_disk(disk, room_kb):
-        code, *said = told(("sweep", "--out", "s", *arguments), disk)
+        code, *output = outcome(("sweep", "--out", "s", *arguments), disk)
         assert code == 1
-        assert_one_line(*said, ".parquet cannot be written: ", "again to resume")
-        assert "No space left" in said[1] or "File too large" in said[1]
+        assert_one_line(*output, ".parquet cannot be written: ", "again to resume")
+        assert "No space left" in output[1] or "File too large" in output[1]
         assert not list(disk.rglob("*.part"))
 
 
 def test_a_sweep_whose_recordings_cannot_fit_is_not_started(tmp_path: Path) -> None:
     arguments = ("--samples", "100000000000", "--vary", "height=uniform:1:2")
-    code, *said = told(("sweep", "--out", "s", *arguments), tmp_path)
+    code, *output = outcome(("sweep", "--out", "s", *arguments), tmp_path)
     assert code == 1
-    assert_one_line(*said, "s/recordings needs some 5.0 PB", "record less")
+    assert_one_line(*output, "s/recordings needs some 5.0 PB", "record less")
     assert not list(tmp_path.rglob("*.rrd*"))
 
 
@@ -334,10 +336,10 @@ def test_a_folder_that_is_read_only_gets_one_line_and_nothing_new(
             stack.callback(disk.chmod, 0o755)
         for arguments in (TINY, ("analyze", "run.rrd"), ("render", "run.rrd"),
                           ("check", "run.rrd", "--against", "golden.rrd", "--update")):  # fmt: skip
-            code, *said = told(arguments, disk)
+            code, *output = outcome(arguments, disk)
             assert code == 1
-            assert_one_line(*said, "cannot be written")
-        assert [one.name for one in disk.iterdir()] == ["run.rrd"]
+            assert_one_line(*output, "cannot be written")
+        assert [file.name for file in disk.iterdir()] == ["run.rrd"]
 
 
 def test_a_folder_that_vanishes_gets_one_line(tmp_path: Path) -> None:
@@ -346,9 +348,9 @@ def test_a_folder_that_vanishes_gets_one_line(tmp_path: Path) -> None:
     process = start((*SHORT[:2], str(folder / "run.rrd"), *SHORT[3:]), tmp_path)
     wait_for(lambda: size(folder / "run.rrd.part") > 0, "no .part")
     shutil.rmtree(folder)
-    said = ended(process)
+    output = ended(process)
     assert process.returncode == 1
-    assert_one_line(*said, "No such file")
+    assert_one_line(*output, "No such file")
     assert not folder.exists()
 
 
@@ -361,10 +363,10 @@ def test_targets_that_are_not_files_are_kept(tmp_path: Path) -> None:
         (tmp_path / "pipe.rrd", "not a regular file"),
         (tmp_path / ("x" * 300 + ".rrd"), "too long"),
     ):
-        code, *said = told(("simulate", "--out", str(target), "--force"), tmp_path)
-        assert_one_line(*said, words)
+        code, *output = outcome(("simulate", "--out", str(target), "--force"), tmp_path)
+        assert_one_line(*output, words)
         assert code == 1
-    assert {one.name for one in tmp_path.iterdir()} == {"a file", "pipe.rrd"}
+    assert {file.name for file in tmp_path.iterdir()} == {"a file", "pipe.rrd"}
     assert (tmp_path / "a file").read_text() == "precious"
 
 
@@ -603,12 +605,12 @@ def test_a_run_that_was_stopped_can_be_repeated_and_what_it_left_stays(tmp_path:
         left[part] = part.read_bytes()
     with pytest.raises(OutputError, match=r"run\.rrd\.part and 8 more unfinished files"):
         simulate(Scenario(duration_s=0.1), run, camera=None)
-    assert {one: one.read_bytes() for one in tmp_path.iterdir()} == left
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == left
     part.unlink()
     simulate(Scenario(duration_s=0.1), run, camera=None)
     assert not read(run).partial
     del left[part]
-    assert {one: one.read_bytes() for one in tmp_path.iterdir() if one != run} == left
+    assert {file: file.read_bytes() for file in tmp_path.iterdir() if file != run} == left
 
 
 def test_with_force_a_stopped_run_leaves_one_part_however_often(tmp_path: Path) -> None:
@@ -618,7 +620,7 @@ def test_with_force_a_stopped_run_leaves_one_part_however_often(tmp_path: Path) 
                 Scenario(duration_s=0.1), tmp_path / "run.rrd", camera=None, force=True,
                 progress=stop,
             )  # fmt: skip
-    assert [one.name for one in tmp_path.iterdir()] == ["run.rrd.part"]
+    assert [file.name for file in tmp_path.iterdir()] == ["run.rrd.part"]
 
 
 def test_a_second_writer_is_rejected_beside_an_existing_part_too(tmp_path: Path) -> None:
@@ -690,8 +692,8 @@ def test_a_recording_created_by_another_process_is_kept(run_rrd: Path) -> None:
     assert new.read_text() == "theirs"
     assert raised.value.__notes__ == [f"what was recorded until then is in {new}.part"]
     assert not read(new.with_name("new.rrd.part")).partial
-    said = str(raised.value).split()
-    assert not [word for word in said if "new.rrd." in word]  # no file that is gone
+    output = str(raised.value).split()
+    assert not [word for word in output if "new.rrd." in word]  # no file that is gone
 
 
 def test_a_recording_that_does_not_verify_is_not_reported_as_kept(
@@ -706,7 +708,7 @@ def test_a_recording_that_does_not_verify_is_not_reported_as_kept(
     new = run_rrd.with_name("new.rrd")
     with pytest.raises(OutputError, match="does not verify") as raised:
         simulate(Scenario(duration_s=0.1), new, camera=None)
-    assert {one.name for one in new.parent.iterdir()} == {"run.rrd", "new.rrd.part"}
+    assert {file.name for file in new.parent.iterdir()} == {"run.rrd", "new.rrd.part"}
     assert "sealed" not in str(raised.value)
     assert raised.value.__notes__ == [f"what was recorded until then is in {new}.part"]
 
@@ -724,12 +726,12 @@ def test_runs_at_once_in_one_folder_are_numbered(
 
     monkeypatch.setattr(run_stage, "Worker", waiting)
 
-    def one(_: int) -> str:
+    def run_one(_: int) -> str:
         whole = run_stage.run(Scenario(duration_s=0.1), tmp_path / "d", camera=None)
         return whole.simulation.recording.name
 
     with ThreadPoolExecutor(3) as pool:
-        names = sorted(pool.map(one, range(3)))
+        names = sorted(pool.map(run_one, range(3)))
     assert names == ["run-2.rrd", "run-3.rrd", "run.rrd"]
     assert len(list((tmp_path / "d").iterdir())) == 3 * 3  # recording, layer, plot
 
@@ -778,23 +780,23 @@ def hold_many(kills: int, seed: int, place: Path, precious: bytes) -> None:
         if (folder / "run.rrd").read_bytes() != precious:
             assert not read(folder / "run.rrd").partial
         part = folder / "run.rrd.part"
-        if part.exists() and (found := salvaged(part)) is not None:
-            parts.append(found)
+        if part.exists() and (salvage := salvaged(part)) is not None:
+            parts.append(salvage)
             salvaged_after.add(code)
         if code in (130, 143):
             assert_one_line(stdout, stderr, "interrupted" if code == 130 else "terminated")
             assert ("run.rrd.part" in stderr) == (part.exists() and size(part) > 0)
         # A killed process cannot remove the copy being sealed; nothing else may be left.
         known = {"run.rrd", "run.rrd.part", "run.rrd.part.sealed"}
-        assert {one.name for one in folder.iterdir()} <= known
+        assert {file.name for file in folder.iterdir()} <= known
         assert code == -9 or not (folder / "run.rrd.part.sealed").exists()
     assert len(parts) >= kills / 4
     assert salvaged_after >= {130, 143, -9}
     # The scenario is deterministic: every part is a beginning of the longest.
-    longest = max((found.states for found in parts), key=len)
-    for found in parts:
-        assert found.states.equals(longest.head(len(found.states)))
-        assert found.partial or len(found.states) == found.scenario.steps + 1
+    longest = max((salvage.states for salvage in parts), key=len)
+    for salvage in parts:
+        assert salvage.states.equals(longest.head(len(salvage.states)))
+        assert salvage.partial or len(salvage.states) == salvage.scenario.steps + 1
     assert len(longest) > 10_000
 
 
@@ -820,11 +822,11 @@ def test_a_sweep_that_is_killed_repeatedly_resumes_from_its_own_files(
         assert process.returncode in (-9, 143, 0), stderr
     last = drop(*words)
     assert (last.returncode, last.stderr) == (0, "")
-    found = pl.read_parquet(tmp_path / "s" / "results.parquet")
+    results = pl.read_parquet(tmp_path / "s" / "results.parquet")
     alone = sweep(plan_of({}, **plan), tmp_path / "alone", record=False, jobs=1).table()
-    assert found.drop("recording").equals(alone.drop("recording"))
-    assert [f"recordings/run-{run}.rrd" for run in range(70)] == found["recording"].to_list()
-    for row in found.iter_rows(named=True):
+    assert results.drop("recording").equals(alone.drop("recording"))
+    assert [f"recordings/run-{run}.rrd" for run in range(70)] == results["recording"].to_list()
+    for row in results.iter_rows(named=True):
         assert read(tmp_path / "s" / row["recording"]).scenario.height_m == row["height_m"]
 
 
@@ -840,10 +842,10 @@ def test_what_a_killed_run_left_is_analyzed_and_reported_as_partial(
     # Only a batch that was not complete may be missing.
     assert samples > size(part) / BYTES_PER_SAMPLE - BATCH
     done = drop("analyze", "run.rrd.part", "--json")
-    told = json.loads(done.stdout)
-    assert (done.returncode, told["partial"]) == (0, True)
+    analysis = json.loads(done.stdout)
+    assert (done.returncode, analysis["partial"]) == (0, True)
     assert f"never finished: this is the analysis of the {samples:,} samples" in done.stderr
-    assert abs(told["at"][0]["error_m"] + 0.001820347613623) < 1e-15
+    assert abs(analysis["at"][0]["error_m"] + 0.001820347613623) < 1e-15
     assert drop("render", "run.rrd.part").returncode == 0
     # Under a final name the same file is not a recording, and the line says how to read it.
     part.rename(tmp_path / "run.rrd")
@@ -860,9 +862,9 @@ def test_a_part_that_is_cut_within_a_message_gives_all_messages_before_it(tmp_pa
     data, whole = part.read_bytes(), read(part)
     for less in (1, 16, 1000, 100_000, ONE_BATCH // 2):
         part.write_bytes(data[:-less])
-        found = read(part)
-        assert len(found.states) >= len(whole.states) - BATCH
-        assert found.states.equals(whole.states.head(len(found.states)))
+        cut = read(part)
+        assert len(cut.states) >= len(whole.states) - BATCH
+        assert cut.states.equals(whole.states.head(len(cut.states)))
 
 
 def test_a_recording_can_be_read_while_it_grows(tmp_path: Path) -> None:
@@ -870,11 +872,11 @@ def test_a_recording_can_be_read_while_it_grows(tmp_path: Path) -> None:
     seen = [0]
     wait_for(lambda: size(part) > 1.5 * ONE_BATCH, "no .part")
     while len(seen) < 4:
-        found = read(part)
-        assert found.partial
-        assert len(found.states) >= seen[-1]
-        if len(found.states) > seen[-1]:
-            seen.append(len(found.states))
+        growing = read(part)
+        assert growing.partial
+        assert len(growing.states) >= seen[-1]
+        if len(growing.states) > seen[-1]:
+            seen.append(len(growing.states))
     process.terminate()
     ended(process)
     assert process.returncode == 143
@@ -887,9 +889,9 @@ def test_a_second_writer_is_rejected(tmp_path: Path) -> None:
     first = start(LONG, tmp_path)
     wait_for((tmp_path / "run.rrd.part").exists, "no .part")
     second = start(SHORT, tmp_path)
-    said = ended(second)
+    output = ended(second)
     assert second.returncode == 1
-    assert_one_line(*said, "another process is writing run.rrd")
+    assert_one_line(*output, "another process is writing run.rrd")
     before = size(tmp_path / "run.rrd.part")
     wait_for(lambda: size(tmp_path / "run.rrd.part") > before, "the first writer stopped")
     first.terminate()
@@ -906,7 +908,7 @@ def test_many_writers_of_one_target_leave_one_whole_recording(tmp_path: Path) ->
         assert len((stdout + stderr).splitlines()) == 1
     assert {process.returncode for process in processes} >= {0}
     assert len(read(tmp_path / "run.rrd").states) == 121
-    assert [one.name for one in tmp_path.iterdir()] == ["run.rrd"]
+    assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
 
 
 def test_many_analyses_of_one_recording_leave_whole_files(tmp_path: Path) -> None:
@@ -916,7 +918,7 @@ def test_many_analyses_of_one_recording_leave_whole_files(tmp_path: Path) -> Non
         stdout, stderr = ended(process)
         assert process.returncode in (0, 1)
         assert len((stdout + stderr).splitlines()) == 1
-    assert {one.name for one in tmp_path.iterdir()} == {"run.rrd", "run.png"}
+    assert {file.name for file in tmp_path.iterdir()} == {"run.rrd", "run.png"}
     assert (tmp_path / "run.png").read_bytes().endswith(b"IEND\xaeB`\x82")
 
 
@@ -941,9 +943,9 @@ def test_a_frame_worker_that_dies_is_one_line_and_no_loss(
     process = start(MANY_FRAMES, tmp_path)
     wait_for(lambda: size(tmp_path / "run.rrd.part") > 2_000_000, "no frames")
     os.kill(int(descendants_of(process.pid)[0]), how)
-    said = ended(process)
+    output = ended(process)
     assert process.returncode == 1
-    assert_one_line(*said, "draws died", "run.rrd.part")
+    assert_one_line(*output, "draws died", "run.rrd.part")
     assert (tmp_path / "run.rrd").read_bytes() == precious
     assert read(tmp_path / "run.rrd.part").partial
 
@@ -1043,8 +1045,8 @@ def test_a_closed_or_full_standard_output_or_error_does_not_change_the_exit_code
         streams[stream] = target.fileno() if to else None
         ended = run_here(command.split(), short, streams=streams, environment=environment())
         error.seek(0)
-        said = error.read()
-    assert (ended, len(said.splitlines())) == (code, lines), said
+        output = error.read()
+    assert (ended, len(output.splitlines())) == (code, lines), output
     if command.startswith("simulate"):
         assert not read(short / "new.rrd").partial
 

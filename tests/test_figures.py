@@ -103,8 +103,8 @@ def decoded(gif: bytes) -> tuple[list[Pixels], list[int]]:
         return pictures, delays_ms
 
 
-def same(one: Sequence[Pixels], other: Sequence[Pixels]) -> bool:
-    return len(one) == len(other) and all(map(np.array_equal, one, other))
+def same(ours: Sequence[Pixels], theirs: Sequence[Pixels]) -> bool:
+    return len(ours) == len(theirs) and all(map(np.array_equal, ours, theirs))
 
 
 # -- gif: what comes out --------------------------------------------------------------------------
@@ -343,8 +343,8 @@ def panels(name: str) -> dict[str, Axes]:
 
 
 def line(axes: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
-    (found,) = (one for one in axes.lines if one.get_label() == label)
-    return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
+    (curve,) = (curve for curve in axes.lines if curve.get_label() == label)
+    return np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())
 
 
 def texts(axes: Axes) -> list[str]:
@@ -381,11 +381,11 @@ def test_no_words_overlap_or_leave_the_page(name: str) -> None:
     for axes in axes_of(figure).values():
         words += [axes.xaxis.label, axes.yaxis.label, *axes.texts]
         words += [axes.get_title(loc="left") and axes._left_title]
-    boxes = [(one, one.get_window_extent()) for one in words if one and one.get_text()]
-    for one, box in boxes:
-        assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1, one
-    for (one, box), (other, other_box) in itertools.combinations(boxes, 2):
-        assert not box.overlaps(other_box), (one, other)
+    boxes = [(word, word.get_window_extent()) for word in words if word and word.get_text()]
+    for word, box in boxes:
+        assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1, word
+    for (word, box), (other, other_box) in itertools.combinations(boxes, 2):
+        assert not box.overlaps(other_box), (word, other)
 
 
 STRIKING = {
@@ -432,9 +432,9 @@ def runs_through(line: Line2D, box: Bbox) -> bool:
 
 def test_impact_and_rest_are_labelled_wherever_there_is_room() -> None:
     for name, (table, facts) in STRIKING.items():
-        said = " ".join(texts(axes_of(build_figure(table, facts))["height"]))
-        assert "impact at" in said, name
-        assert ("rests at" in said) == (facts is None or facts.rest_m is not None), name
+        words = " ".join(texts(axes_of(build_figure(table, facts))["height"]))
+        assert "impact at" in words, name
+        assert ("rests at" in words) == (facts is None or facts.rest_m is not None), name
 
 
 @pytest.mark.parametrize("floor", [True, False])
@@ -444,8 +444,8 @@ def test_beside_a_body_that_nobody_stepped_no_theory_falls(floor: bool) -> None:
     table = fallen.with_columns(*nothing, simulated_m=pl.lit(1.0), phase=pl.lit("falling"))
     figure = build_figure(table)
     axes = axes_of(figure)["height"]
-    assert [one.get_label() for one in axes.lines] == ["simulated"]
-    assert [one.get_text() for one in figure.legends[0].get_texts()] == ["simulated"]
+    assert [curve.get_label() for curve in axes.lines] == ["simulated"]
+    assert [label.get_text() for label in figure.legends[0].get_texts()] == ["simulated"]
     assert axes.get_ylim()[0] == 0
     moved = table.with_columns(simulated_m=1.0 - 1e-6 * pl.col("time_s"))
     assert len(axes_of(build_figure(moved))["height"].lines) == 3
@@ -555,12 +555,17 @@ def test_the_moment_that_is_written_out_is_marked_where_it_is_in_the_stack() -> 
     """A dot on the total, and a line through the whole stack, from −6.131 to +4.311 mm."""
     axes = panels("standard")["error"]
     row = STANDARD.row(72, named=True)
-    (dot, *_) = (one for one in axes.lines if one.get_marker() == "o" and len(one.get_xdata()) == 1)
+    (dot, *_) = (
+        curve for curve in axes.lines if curve.get_marker() == "o" and len(curve.get_xdata()) == 1
+    )
     assert (dot.get_xdata()[0], dot.get_ydata()[0]) == (
         pytest.approx(0.3), pytest.approx(1e3 * (row["simulated_m"] - row["free_fall_m"])),
     )  # fmt: skip
-    upright = [segment for one in axes.collections if isinstance(one, LineCollection)
-               for segment in one.get_segments() if segment[0][0] == segment[1][0]]  # fmt: skip
+    lines = (
+        collection for collection in axes.collections if isinstance(collection, LineCollection)
+    )
+    segments = (segment for collection in lines for segment in collection.get_segments())
+    upright = [segment for segment in segments if segment[0][0] == segment[1][0]]
     (through,) = upright
     top_mm = 1e3 * (row["damping_m"] + row["interaction_m"])
     assert through[:, 0] == pytest.approx(0.3)
@@ -581,7 +586,7 @@ def test_impact_and_rest_are_pointed_out() -> None:
     axes = panels("standard")
     assert texts(axes["height"]) == ["impact at 0.4479 s", "rests at 25.000 mm"]
     for panel in ("height", "error"):
-        (dashed,) = (one for one in axes[panel].lines if one.get_linestyle() == "--")
+        (dashed,) = (curve for curve in axes[panel].lines if curve.get_linestyle() == "--")
         assert dashed.get_xdata() == [facts.impact_s] * 2
     times, heights = line(axes["impact"], "simulated")
     assert axes["impact"].get_xlabel() == "time from impact [ms]"
@@ -621,7 +626,7 @@ def test_in_other_units_curves_marks_and_words_are_in_them() -> None:
     assert axes["error"].get_xlabel() == "time [ms]"
     assert texts(axes["height"])[0] == f"impact at {impact_ms:.4g} ms"
     for panel in ("height", "error"):
-        (dashed,) = (one for one in axes[panel].lines if one.get_linestyle() == "--")
+        (dashed,) = (curve for curve in axes[panel].lines if curve.get_linestyle() == "--")
         assert dashed.get_xdata() == pytest.approx([impact_ms] * 2)
     explained = 1e3 * table.drop_nulls("timestep_m")["time_s"].to_numpy()
     assert line(axes["height"], "simulated")[0] == pytest.approx(1e3 * table["time_s"].to_numpy())
@@ -704,12 +709,12 @@ def test_one_thing_has_one_colour_in_both_panels() -> None:
         "simulated": colours.SIMULATED,
     }
     for panel, (label, colour) in itertools.product(("height", "impact"), curves.items()):
-        (drawn,) = (one for one in axes[panel].lines if one.get_label() == label)
+        (drawn,) = (curve for curve in axes[panel].lines if curve.get_label() == label)
         assert drawn.get_color() == colour
     for area in axes["error"].collections:
         if (name := str(area.get_label())) in colours.TERMS:
             assert area.get_facecolor()[0] == pytest.approx(to_rgba(colours.TERMS[name], 0.75))
-    squares = [one.get_color() for one in axes["error"].lines if one.get_marker() == "s"]
+    squares = [curve.get_color() for curve in axes["error"].lines if curve.get_marker() == "s"]
     assert squares == list(colours.TERMS.values())  # in the order of the sum beside them
 
 
@@ -777,7 +782,7 @@ def test_theory_ends_where_a_bounce_begins() -> None:
         (STANDARD, False),
     )
     for table, ends in tables:
-        (above, _) = (one for one in build_figure(table).axes if one.get_label() != "impact")
+        (above, _) = (axes for axes in build_figure(table).axes if axes.get_label() != "impact")
         drawn = {line.get_label(): line for line in above.get_lines()}
         for curve in ("free fall", "damped fall"):
             assert np.isnan(drawn[curve].get_ydata()).any() == ends
@@ -822,15 +827,15 @@ def test_errors_are_drawn_in_millimetres_over_the_timestep_in_seconds() -> None:
     left, right = axes.get_xlim()
     assert left > STEPS_S[0] > STEPS_S[-1] > right
     axes.figure.draw_without_rendering()
-    assert [one.get_text() for one in axes.get_xticklabels()] == ["1/240", "1/480", "1/960"]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["1/240", "1/480", "1/960"]
     assert "rounding at most 5×10⁻¹³ mm" in texts(axes)
 
 
 def test_each_error_has_its_colour_and_its_name_where_it_ends() -> None:
     (axes,) = study().axes
     inks = {"total": style.LIGHT.text} | colours.TERMS
-    drawn = {str(one.get_label()): one.get_color() for one in axes.lines}
-    names = {one.get_text(): one for one in axes.texts if one.get_text() in inks}
+    drawn = {str(curve.get_label()): curve.get_color() for curve in axes.lines}
+    names = {label.get_text(): label for label in axes.texts if label.get_text() in inks}
     low, high = np.log10(axes.get_ylim())
     for name in ("total", "timestep", "damping", "interaction"):
         assert (drawn[name], names[name].get_color()) == (inks[name], inks[name])
@@ -842,31 +847,30 @@ def test_each_error_has_its_colour_and_its_name_where_it_ends() -> None:
 def test_the_total_dips_where_timestep_and_damping_cancel() -> None:
     """4.3 mm = 1.4715 m/s × dt at 1/342 s; the mark is at the study's timestep, here 1/341 s."""
     (axes,) = study().axes
-    (times, total) = next(one.get_data() for one in axes.lines if len(one.get_xdata()) > 100)
+    (times, total) = next(curve.get_data() for curve in axes.lines if len(curve.get_xdata()) > 100)
     assert times[np.argmin(total)] == pytest.approx(4.3e-3 / 1.4715, rel=2e-3)
     assert total == pytest.approx(1e3 * np.abs(4.3e-3 - 1.4715 * np.asarray(times)))
-    (mark,) = (one for one in axes.lines if list(one.get_ydata()) == [0, 1])
+    (mark,) = (curve for curve in axes.lines if list(curve.get_ydata()) == [0, 1])
     assert list(mark.get_xdata()) == [1 / 341] * 2
-    (said,) = (one for one in axes.texts if "cancel" in one.get_text())
-    assert said.get_text().endswith("cancel at 1/341 s")
-    assert said.xy[0] == 1 / 341
+    (label,) = (label for label in axes.texts if "cancel" in label.get_text())
+    assert label.get_text().endswith("cancel at 1/341 s")
+    assert label.xy[0] == 1 / 341
     axes.get_figure().draw_without_rendering()
-    assert (
-        said.get_bbox_patch() is not None
-    )  # it hides what is below it, which must not be the total
+    assert label.get_bbox_patch() is not None  # it hides what is below: not the total
     dip = axes.transData.transform(np.column_stack([times, total]))
-    hidden = said.get_bbox_patch().get_window_extent()
+    hidden = label.get_bbox_patch().get_window_extent()
     half = 3 / 2 * 150 / 72  # of the total's width [px]
     assert not any(hidden.contains(x + half, y) for x, y in dip)
 
 
 @pytest.mark.parametrize(
-    ("count", "said"), [(4, "first order"), (5, "; 1 more panel not shown"), (7, "; 3 more panels")]
+    ("count", "words"),
+    [(4, "first order"), (5, "; 1 more panel not shown"), (7, "; 3 more panels")],
 )
-def test_panels_for_which_there_is_no_room_are_counted(count: int, said: str) -> None:
+def test_panels_for_which_there_is_no_room_are_counted(count: int, words: str) -> None:
     figure = study(count)
     assert len(figure.axes) == 4
-    assert said in figure.texts[1].get_text()
+    assert words in figure.texts[1].get_text()
     assert ("not shown" in figure.texts[1].get_text()) == (count > 4)
 
 

@@ -184,11 +184,11 @@ def test_meshes_are_found_where_bullet_finds_them(tmp_path: Path) -> None:
     folder = tmp_path / "one" / "two"
     folder.mkdir(parents=True)
     for near, far in ((folder, tmp_path), (folder.parent, tmp_path)):
-        found = [written(place, TETRAHEDRON, "m.obj") for place in (near, far)]
+        meshes = [written(place, TETRAHEDRON, "m.obj") for place in (near, far)]
         for prefix in ("", "package://", "model://", "file://", "file://package://"):
-            assert check_urdf(written(folder, mesh(f"{prefix}m.obj")))[1] == found[0]
-        found[0].unlink()
-    assert check_urdf(written(folder, mesh(str(found[1]))))[1:] == [found[1]]
+            assert check_urdf(written(folder, mesh(f"{prefix}m.obj")))[1] == meshes[0]
+        meshes[0].unlink()
+    assert check_urdf(written(folder, mesh(str(meshes[1]))))[1:] == [meshes[1]]
     assert check_urdf(written(folder, mesh(f"{DATA}/duck.obj"))) == [
         folder / "own.urdf", DATA / "duck.obj", DATA / "duck.mtl", DATA / "duckCM.png",
     ]  # fmt: skip
@@ -240,9 +240,11 @@ def test_many_links_are_counted_in_one_pass(tmp_path: Path, star: bool) -> None:
 # -- meshes ---------------------------------------------------------------------------------------
 
 
-def stl(triangles: int, *, said: int | None = None, first: float = 0.0) -> bytes:
+def stl(triangles: int, *, count: int | None = None, first: float = 0.0) -> bytes:
     corners = struct.pack("<12f2x", 0, 0, 1, first, 0, 0, 0.1, 0, 0, 0, 0.1, 0.1)
-    return bytes(80) + struct.pack("<I", triangles if said is None else said) + corners * triangles
+    return (
+        bytes(80) + struct.pack("<I", triangles if count is None else count) + corners * triangles
+    )
 
 
 MESHES: dict[str, tuple[str | bytes, str]] = {
@@ -269,9 +271,9 @@ MESHES: dict[str, tuple[str | bytes, str]] = {
     "a text of 84 bytes": ("solid a" + " " * 77, "stl"),
     "nothing": (b"", "stl"), "half a head": (bytes(40), "stl"),
     "cut": (stl(4)[:-1], "stl"), "too long": (stl(4) + b"x", "stl"),
-    "too many": (stl(4, said=5), "stl"), "minus one": (stl(4, said=2**32 - 1), "stl"),
+    "too many": (stl(4, count=5), "stl"), "minus one": (stl(4, count=2**32 - 1), "stl"),
     # 50 times this is 0 in 32 bits, so that Bullet accepts the size.
-    "a wrapped count": (stl(4, said=2**31 + 4), "stl"),
+    "a wrapped count": (stl(4, count=2**31 + 4), "stl"),
     "nan": (stl(4, first=math.nan), "stl"), "inf": (stl(4, first=math.inf), "stl"),
 }  # fmt: skip
 
@@ -361,7 +363,7 @@ def test_the_command_ends_with_one_line_where_bullet_would_end_it(
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert done.stderr.startswith("drop: --body")
-    assert {one.name for one in tmp_path.iterdir()} <= {"own.urdf", "m.dae", "recordings"}
+    assert {file.name for file in tmp_path.iterdir()} <= {"own.urdf", "m.dae", "recordings"}
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
