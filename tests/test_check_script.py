@@ -103,8 +103,8 @@ def compared(path: Path, golden: Path, **how: Any) -> ScriptComparison:
 
 
 def side(path: Path) -> Side:
-    result = read_script(path)
-    return Side(result.origin, result.ended or {}, result.seen)
+    read_back = read_script(path)
+    return Side(read_back.origin, read_back.ended or {}, read_back.seen)
 
 
 # -- the command ----------------------------------------------------------------------------------
