@@ -1,7 +1,7 @@
-"""How fast, how large: every promise of the project, measured beside what it is compared with.
+"""Speed, size and memory: every goal of the project, measured against a baseline.
 
     python -m benchmarks [--only NAME] [--quick]
 
-One script per question. Each yields measurements; ratios are of runs in pairs, one after the other
-in the same minute, because a machine's speed changes with what else it does.
+One script per question. Each yields measurements. Ratios are of paired runs, one right after the
+other, because a machine's speed varies with its load.
 """

@@ -15,22 +15,22 @@ SCRIPTS = ("run", "steps", "memory", "size", "frames", "analyze", "start", "gif"
 
 
 def main() -> None:
-    """Run all scripts, or those asked for, each in a folder of its own."""
+    """Run all scripts, or the chosen ones, each in its own folder."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--only", metavar="NAME", action="append", choices=SCRIPTS,
                         help=f"one of {', '.join(SCRIPTS)}; repeatable")  # fmt: skip
-    parser.add_argument("--quick", action="store_true", help="a tenth of the work: is it alive?")
-    asked = parser.parse_args()
-    # An installed package comes with its bytecode; so that a checkout has it, whatever
+    parser.add_argument("--quick", action="store_true", help="a tenth of the work, as a smoke test")
+    options = parser.parse_args()
+    # An installed package comes with its bytecode; compile a checkout too, whatever
     # PYTHONDONTWRITEBYTECODE says.
     compileall.compile_dir(ROOT / "pipeline", quiet=1)
     compileall.compile_file(ROOT / "cli.py", quiet=1)
     print(machine(), end="\n\n")
     print(HEAD)
-    for name in asked.only or SCRIPTS:
+    for name in options.only or SCRIPTS:
         script = importlib.import_module(f"benchmarks.{name}")
         with tempfile.TemporaryDirectory() as folder:
-            for measured in script.measure(Path(folder), quick=asked.quick):
+            for measured in script.measure(Path(folder), quick=options.quick):
                 print(measured.row(), flush=True)
 
 

@@ -1,4 +1,4 @@
-"""`drop analyze` of a long recording, beside polars on the same state in Parquet."""
+"""`drop analyze` on a long recording, against polars on the same states in Parquet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames per second of the EGL renderer, beside TinyRenderer's."""
+"""Frames per second of the EGL renderer, against TinyRenderer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pipeline.engines.bullet.camera_frames import Photographer, Poses
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
-    """Draw the same frames with both, each in one worker, its start left out."""
+    """Draw the same frames with both, each in one worker, without its start-up."""
     count = 50 if quick else 200
     scenario, poses = slow_fall(count)
     with Photographer(scenario, Camera(renderer="egl"), frames=1) as egl:

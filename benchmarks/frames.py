@@ -1,4 +1,4 @@
-"""Drawing frames: two workers beside one process, and the floor drawn once beside every time."""
+"""Drawing frames: two workers against one process, and the floor drawn once against each time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A gif of many frames, beside Pillow's own writer given all of them."""
+"""A gif of many frames, against Pillow's own writer given all of them at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run things in pairs, and say how they compare: the little that all scripts here share."""
+"""Run things in pairs and compare them: what all the scripts share."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ LIBRARIES = ("pybullet", "rerun-sdk", "numpy", "polars", "matplotlib", "pillow",
 
 @dataclass(frozen=True)
 class Measured:
-    """The answer to one question: one value per pair of runs, or per run where nothing is paired.
+    """The answer to one question: one value per pair of runs, or per run without pairs.
 
-    `goal` is what the value is to be at most, or at least where `more_is_better`.
+    `goal` is an upper limit, or a lower one if `more_is_better`.
     """
 
     question: str
@@ -44,12 +44,12 @@ class Measured:
 
     @property
     def median(self) -> float:
-        """The middle value."""
+        """The median value."""
         return statistics.median(self.values)
 
     @property
     def reached(self) -> bool | None:
-        """Whether the median reaches the goal; None where there is none."""
+        """Whether the median reaches the goal; None without one."""
         if self.goal is None:
             return None
         return self.median >= self.goal if self.more_is_better else self.median <= self.goal
@@ -72,7 +72,7 @@ HEAD = """| question | compared with | min / median / max | goal | reached | det
 
 @dataclass(frozen=True)
 class Ran:
-    """What a process took."""
+    """Time and memory that a process took."""
 
     wall_s: float
     cpu_s: float
@@ -89,12 +89,12 @@ child.returncode = os.waitstatus_to_exitcode(status)
 cpu_s, peak_mb = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
 print(json.dumps([child.returncode, wall_s, cpu_s, peak_mb]))
 """
-"""Linux counts to a child's peak what its parent holds when it forks: so the parent is a small one.
-The child's own children count to its processor time, as far as it waits for them."""
+"""Linux counts the parent's memory at the fork into the child's peak, so the parent must be small.
+The processor time of the child's own children is included if it waits for them."""
 
 
 def process(*command: object, folder: Path) -> Ran:
-    """Run a command to its end in a folder, and return what it took; its output is dropped.
+    """Run a command in a folder, and return what it took; its output is discarded.
 
     Raises
     ------
@@ -118,45 +118,45 @@ def process(*command: object, folder: Path) -> Ran:
 def paired(
     ours: Callable[[], Ran], theirs: Callable[[], Ran], *, pairs: int, warm: bool = True
 ) -> tuple[list[float], str]:
-    """Return our wall time over theirs, pair by pair, and in words what lies behind it.
+    """Return our wall time over theirs for each pair, and the times behind it as text.
 
     Parameters
     ----------
     ours, theirs
-        Do it once.
+        Do the work once.
     pairs
         How many pairs of runs.
     warm
-        Whether both are run once before, so that files and bytecode are in memory.
+        Whether both are run once first, so that files and bytecode are cached.
     """
     if warm:
         ours(), theirs()
     runs = [(ours(), theirs()) for _ in range(pairs)]
     ratios = [mine.wall_s / other.wall_s for mine, other in runs]
     mine_s, other_s = (
-        statistics.median(one.wall_s for one in side) for side in zip(*runs, strict=True)
+        statistics.median(ran.wall_s for ran in side) for side in zip(*runs, strict=True)
     )
-    words = f"{_digits(mine_s)} s over {_digits(other_s)} s"
+    times = f"{_digits(mine_s)} s over {_digits(other_s)} s"
     work = statistics.median(mine.cpu_s / other.cpu_s for mine, other in runs)
-    return ratios, words if math.isnan(work) else f"{words}; processor time {_digits(work)} ×"
+    return ratios, times if math.isnan(work) else f"{times}; processor time {_digits(work)} ×"
 
 
 def done(work: Callable[[], object]) -> Ran:
-    """Do something here, and return how long it took; what workers do cannot be told apart."""
+    """Do something in this process, and return only the time: workers' use cannot be separated."""
     began = time.perf_counter()
     work()
     return Ran(time.perf_counter() - began, math.nan, math.nan)
 
 
 def slow_fall(count: int) -> tuple[Scenario, Poses]:
-    """Return a fall and its first poses, shape (count, 7), each of them another picture."""
+    """Return a fall and its first poses, shape (count, 7), each a different picture."""
     scenario = Scenario(timestep_s=1 / 2400)
     with World(scenario) as world:
         return scenario, poses_of(next(world.samples(count)).base)
 
 
 def machine() -> str:
-    """Name the machine and the versions, in two lines."""
+    """Return the machine and the versions, in two lines."""
     about = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     model = next((li.split(":")[1].strip() for li in about if li.startswith("model name")), "")
     libraries = ", ".join(f"{name} {metadata.version(name)}" for name in LIBRARIES)

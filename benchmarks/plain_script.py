@@ -1,6 +1,6 @@
-"""What a plain script does: drop, photograph, compare, and write a gif with matplotlib.
+"""A plain script: drop, photograph, compare, and write a gif with matplotlib.
 
-The yardstick for `drop run`: 240 steps, 41 TinyRenderer frames, FuncAnimation and PillowWriter.
+The baseline for `drop run`: 240 steps, 41 TinyRenderer frames, FuncAnimation and PillowWriter.
 """
 
 import matplotlib.pyplot as plt

@@ -1,7 +1,7 @@
-"""What `drop record` costs a script per step, and `drop analyze` of what it recorded.
+"""Cost of `drop record` per step of a script, and of `drop analyze` on its recording.
 
-Each question takes a short and a long run of the same script: their difference is what the steps
-take, without what starting takes.
+Each question compares a short and a long run of the same script: the difference is the time of the
+steps without start-up.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SCENES = {
     "kuka": ('p.loadURDF("kuka_iiwa/model.urdf", [0, 0, 0.1], useFixedBase=True)', 20_000),
     "laikago": ('p.loadURDF("laikago/laikago.urdf", [0, 0, 0.6])', 5_000),
 }
-"""What is loaded, and how many steps the longer run has."""
+"""What is loaded, and the number of steps."""
 
 
 POLARS = """
@@ -102,7 +102,7 @@ def _bare(folder: Path, steps: int) -> Ran:
 
 
 def _per_step(folder: Path, steps: int, *, pairs: int) -> tuple[list[float], list[float]]:
-    """Return by how much a step is slower [µs], and how many times as long it takes, per pair."""
+    """Return the extra time per step [µs], and the ratio of step times, for each pair."""
     more_us, times = [], []
     for _ in range(pairs):
         ours_s, theirs_s = (

@@ -1,4 +1,4 @@
-"""`drop run` with everything it writes, beside a plain script that does what the article's does."""
+"""`drop run` with all its outputs, against a plain script that does what the article's does."""
 
 from __future__ import annotations
 

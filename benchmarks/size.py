@@ -1,4 +1,4 @@
-"""How many bytes of a recording a step takes, in flight and at rest."""
+"""Bytes per step in a recording, in flight and at rest."""
 
 from __future__ import annotations
 

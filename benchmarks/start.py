@@ -1,4 +1,4 @@
-"""What commands cost before they do anything, beside the imports that they cannot do without."""
+"""Start-up time of commands, against the imports that they need."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A million steps without frames, beside bare loops that keep what they read in lists."""
+"""A million steps without frames, against bare loops that keep their values in lists."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ for _ in range({steps}):
 """
 AND_CONTACT = """
     points = p.getContactPoints(box, floor)
-    contacts.append((len(points), min((one[8] for one in points), default=0.0),
-                     sum(one[9] for one in points)))
+    contacts.append((len(points), min((point[8] for point in points), default=0.0),
+                     sum(point[9] for point in points)))
 """
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
-    """Compare whole processes; ours writes everything to the disk."""
+    """Compare whole processes; only ours writes to the disk."""
     steps = 100_000 if quick else 1_000_000
     command = (*DROP, "simulate", "--no-camera", "--force", "--out", "run.rrd", "--duration",
                f"{steps}/240")  # fmt: skip

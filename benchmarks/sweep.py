@@ -1,8 +1,8 @@
-"""2,000 drops by `drop sweep`, beside the bare PyBullet loop over the same steps.
+"""2,000 drops by `drop sweep`, against the bare PyBullet loop over the same steps.
 
-The bare loop is as bare as it gets: one world per process, put back to the release 2,000 times;
-step, read pose, read velocity, and nothing is kept. Both sides are whole processes, so that ours
-has its imports, its workers' start, its statistics and its files in its time.
+The bare loop does the minimum: one world per process, reset to the release 2,000 times; step, read
+pose, read velocity, and keep nothing. Both sides are whole processes, so our time includes imports,
+the start of workers, statistics and files.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ for child in children or []:
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
-    """Compare whole processes: one and two of them, without and with recordings."""
+    """Compare whole processes, with one and two jobs, without and with recordings."""
     number = itertools.count()
     runs, pairs = (1000, 3) if quick else (2000, 7)
 
     def ours(jobs: int, *options: str, runs: int = runs) -> Ran:
         return process(
             *DROP, "sweep", "--out", f"sweep-{next(number)}", "--samples", runs, "--jobs", jobs,
-            "--vary", "height=uniform:1:1.0001",  # --samples draws something
+            "--vary", "height=uniform:1:1.0001",  # --samples needs something to draw
             *options, folder=folder,
         )  # fmt: skip
 
@@ -61,7 +61,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
             f"`drop sweep --no-record --jobs {jobs}`, {runs:,} drops", "bare loop", ratios, 1.6,
             detail=detail,
         )  # fmt: skip
-    # Enough runs that starting the workers, some 0.4 s, does not hide how they scale.
+    # Enough runs that starting the workers, about 0.4 s, does not hide how they scale.
     many = 5 * runs
     ratios, detail = paired(
         lambda: ours(1, "--no-record", runs=many),

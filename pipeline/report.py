@@ -1,11 +1,11 @@
-"""What the engine says of itself and of both bodies, read back after set-up.
+"""What the engine reports about itself and both bodies, read back after set-up.
 
-What an engine does not report is None. Damping, contact ERP and the solver's residual are not among
-it at all: PyBullet has no call that returns them. Of a btRigidBody `getDynamicsInfo` fills in mass,
-inertia, frictions and margin, and leaves the rest as it lies in memory: restitution, inertial
-frame, contact stiffness (`processGetDynamicsInfoCommand` of `PhysicsServerCommandProcessor.cpp`).
-What a btRigidBody does not report is that of the same URDF in reduced coordinates, and so are mass
-and inertia: it keeps their inverses, and 1 / (1 / m) is not always m.
+What an engine does not report is None. Damping, contact ERP and the solver's residual are missing:
+PyBullet has no call that returns them. For a btRigidBody, `getDynamicsInfo` fills in mass, inertia,
+frictions and margin, and leaves restitution, inertial frame and contact stiffness uninitialised
+(`processGetDynamicsInfoCommand` of `PhysicsServerCommandProcessor.cpp`). These are taken from the
+same URDF in reduced coordinates, and so are mass and inertia: a btRigidBody keeps their inverses,
+and 1 / (1 / m) is not always m.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from pipeline.errors import RecordingError
 Vector = tuple[float, float, float]
 
 LARGEST = 1e60
-"""Beyond anything that falls, in whatever unit; energies and their sums of squares stay finite. No
-recording holds more: neither is it written, nor is it read."""
+"""Beyond anything that falls, in any unit; energies and their sums of squares stay finite. Larger
+numbers are neither written to a recording nor read from one."""
 
 
-def _reported(says: str, *, default: Any = ...) -> Any:  # noqa: ANN401 - as dataclasses.field
-    metadata = {"says": says}
+def _reported(description: str, *, default: Any = ...) -> Any:  # noqa: ANN401 - as dataclasses.field
+    metadata = {"description": description}
     return field(metadata=metadata) if default is ... else field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True, kw_only=True)
 class EngineReport:
-    """What the engine reports; SI units, world axes, None where it says nothing."""
+    """What the engine reports; SI units, world axes, None where it reports nothing."""
 
     timestep_s: float = _reported("as the engine has it")
-    substeps: int = _reported("steps that the engine makes of one; 0 is one")
+    substeps: int = _reported("steps that the engine makes of each; 0 means one")
     solver_iterations: int | None = _reported(
         "most iterations of the contact solver per step", default=None
     )
@@ -45,9 +45,9 @@ class EngineReport:
         "what the body is in the engine; in PyBullet btMultiBody (reduced coordinates) or "
         "btRigidBody (maximal ones)"
     )
-    joints: int = _reported("how many the body has; the theory is that of a body without any")
-    mass_kg: float = _reported("of the body, all its links together")
-    link_masses_kg: tuple[float, ...] = _reported("of its links one by one, the base first")
+    joints: int = _reported("how many the body has; the theory assumes none")
+    mass_kg: float = _reported("of the body, all links together")
+    link_masses_kg: tuple[float, ...] = _reported("of each link, the base first")
     inertia_kg_m2: Vector = _reported("principal moments of inertia about the centre of mass")
     link_inertias_kg_m2: tuple[float, ...] = _reported(
         "three of each link, the base first, each about its own centre of mass"
@@ -58,17 +58,17 @@ class EngineReport:
         "of the body, against spinning in place", default=None
     )
     restitution: float | None = _reported(
-        "of the body; of a btRigidBody, which reports none, that of the same URDF as a btMultiBody",
+        "of the body; a btRigidBody reports none, so that of the same URDF as a btMultiBody",
         default=None,
     )
     contact_stiffness_n_m: float | None = _reported(
-        "of a contact that gives way like a spring, as a URDF's <contact> can ask for", default=None
+        "of a springy contact, as a URDF's <contact> can set it", default=None
     )
     contact_damping_n_s_m: float | None = _reported("of such a contact", default=None)
     collision_margin_m: float | None = _reported("margin around the body's shape", default=None)
-    shape: str = _reported("of the body's collision: box, sphere, …; compound, or none")
+    shape: str = _reported("of the body's collision shape: box, sphere, …; compound, or none")
     shape_dimensions_m: tuple[float, ...] = _reported(
-        "of that shape, as PyBullet gives them: a box's three edges"
+        "of that shape, as PyBullet reports them: a box's three edges"
     )
     shape_position_m: Vector | None = _reported(
         "of that shape's centre from the centre of mass, in the body's axes", default=None
@@ -76,10 +76,10 @@ class EngineReport:
     shape_orientation: tuple[float, float, float, float] | None = _reported(
         "of that shape in the body's axes: quaternion x, y, z, w", default=None
     )
-    reach_m: float = _reported("how far the body, or its base, reaches from its centre, at most")
+    reach_m: float = _reported("how far the body, or its base, reaches from its centre")
     rest_height_m: float | None = _reported(
         "height of the centre at which the body, turned as released, touches the floor; "
-        "measured by the engine's own collision detection; not without a shape",
+        "measured by the engine's own collision detection; none without a shape",
         default=None,
     )
     combined_restitution: float | None = _reported(
@@ -99,7 +99,7 @@ class EngineReport:
         "Drake's hydroelastic modulus of the body's shapes", default=None
     )
     engine_version: str | None = _reported("of an engine other than PyBullet", default=None)
-    pybullet_api: int | None = _reported("PyBullet's own number of its interface", default=None)
+    pybullet_api: int | None = _reported("PyBullet's API number", default=None)
     pybullet_version: str | None = _reported("of PyBullet", default=None)
     pybullet_build: str | None = _reported("when the engine was compiled", default=None)
     pybullet_wheel: str | None = _reported(
@@ -126,11 +126,11 @@ class EngineReport:
 
     @classmethod
     def says(cls) -> dict[str, str]:
-        """Return what each value is, in words, by name."""
-        return {field.name: field.metadata["says"] for field in fields(cls)}
+        """Return the description of each value, by name."""
+        return {field.name: field.metadata["description"] for field in fields(cls)}
 
     def as_properties(self) -> dict[str, Any]:
-        """Return the values by name, as a recording keeps them; None is left out there."""
+        """Return the values by name, for a recording, which leaves out None."""
         return asdict(self)
 
     @classmethod
@@ -143,25 +143,28 @@ class EngineReport:
             If a value is missing, of another kind, or not finite.
         """
         hints, parsed = get_type_hints(cls), {}
-        for one in fields(cls):
-            value = values.get(one.name)
+        for declared in fields(cls):
+            name = declared.name
+            value = values.get(name)
             try:
-                parsed[one.name] = _of_kind(value, hints[one.name])
+                parsed[name] = _of_kind(value, hints[name])
             except (TypeError, ValueError):
                 raise RecordingError(
-                    f"its engine must report {one.name}, got {str(value)[:80]!r}"
+                    "its engine must report {name}, got {value!r}",
+                    name=name,
+                    value=str(value)[:80],
                 ) from None
         return cls(**parsed)
 
 
 def _of_kind(value: Any, hint: Any) -> Any:  # noqa: ANN401
-    """Return a value read back as its declared kind; Rerun keeps a list of one as its element."""
+    """Return a value as its declared kind; Rerun returns a list of one element as that element."""
     kinds = get_args(hint)
     if get_origin(hint) is tuple:
         values = value if isinstance(value, list | tuple) else [value]
         if kinds[-1] is not Ellipsis and len(values) != len(kinds):
             raise TypeError
-        return tuple(_of_kind(each, float) for each in values)
+        return tuple(_of_kind(item, float) for item in values)
     if type(None) in kinds:
         return None if value is None else _of_kind(value, kinds[0])
     if hint is float:

@@ -1,4 +1,4 @@
-"""What was seen of a simulation that somebody else's program runs, whatever its engine."""
+"""What was observed of a simulation run by another program, whatever its engine."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class At:
     """When something was seen."""
 
     step: int
-    """Steps made before it, by its simulation."""
+    """Steps of its simulation before it."""
     time_s: float
-    """Simulated time: the timesteps of these steps added up."""
+    """Simulated time: the sum of these steps' timesteps."""
     call: int
     """Calls of the script before it."""
 
@@ -41,7 +41,7 @@ class Shape:
     size_m: tuple[float, ...]
     """Whole lengths of a box; radius of a sphere; length and radius; the scale of a mesh."""
     file: str
-    """Of a mesh; empty where it has none."""
+    """Of a mesh; empty if it has none."""
     position_m: tuple[float, ...]
     """Of its centre from the link's centre of mass, in the axes of the link's inertia."""
     orientation: tuple[float, ...]
@@ -55,13 +55,13 @@ class Model:
 
     shape: Shape
     mesh: bytes
-    """What the file of a mesh held; empty where it is none."""
+    """Content of a mesh's file; empty if it is not a mesh."""
     suffix: str
-    """Of that file."""
+    """Suffix of that file."""
 
 
 def counted_s(timestep_s: float) -> float:
-    """Return what a step adds to the time [s]: nothing where its timestep is not finite."""
+    """Return what a step adds to the time [s]: nothing if its timestep is not finite."""
     return timestep_s if math.isfinite(timestep_s) else 0.0
 
 
@@ -71,23 +71,23 @@ Pose = tuple[tuple[float, ...], tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Joint:
-    """What holds a link to the one before it."""
+    """What connects a link to its parent."""
 
     link: int
     name: str
     kind: str
     """`revolute`, `prismatic`, `spherical`, `planar`, `fixed`, or the engine's number."""
     parent: int
-    """The link before it; -1 is the base."""
+    """The parent link; -1 is the base."""
     widths: tuple[int, int, int]
-    """How many positions, velocities and torques it has; none where it is fixed."""
+    """How many positions, velocities and torques it has; none if it is fixed."""
     limits: tuple[float, float] = (0.0, -1.0)
-    """Lowest and highest position [rad] or [m]; without any, the highest is the lower."""
+    """Lowest and highest position [rad] or [m]; without limits, the highest is below the lowest."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """A body as it came into the simulation."""
+    """A body as it was added to the simulation."""
 
     number: int
     """In the recording: the engine's own id, unless another body had it before."""
@@ -104,30 +104,30 @@ class Body:
     soft: bool
     shapes: tuple[Shape, ...]
     can_sleep: bool = False
-    """Whether it was loaded such that it may fall asleep."""
+    """Whether it was loaded with sleeping enabled."""
     hides_links: bool = False
-    """Whether it has links that the engine does not show: those of a btRigidBody."""
+    """Whether it has links that the engine does not report: those of a btRigidBody."""
     bounds_m: tuple[float, ...] = ()
-    """Boxes along the world's axes around base and links as they came: low and high corners, six
-    numbers each."""
+    """Axis-aligned boxes around base and links when it was added: low and high corners, six numbers
+    each."""
 
 
 @dataclass(frozen=True)
 class Appearance:
-    """A body came, went, or got other shapes or colours."""
+    """A body was added, removed, or got other shapes or colours."""
 
     at: At
     body: Body
     there: bool
     came: bool = False
-    """Whether it came: as another body than any before, though it may have the number of one."""
+    """Whether it was added: a new body, even if it has the number of an earlier one."""
     sampled: bool = False
-    """Whether its simulation has a sample of this step from before it came."""
+    """Whether its simulation had sampled this step before the body was added."""
 
 
 @dataclass(frozen=True)
 class Dynamics:
-    """What the engine reports of a body, and what it never reports but was told."""
+    """What the engine reports about a body."""
 
     at: At
     body: Body
@@ -137,7 +137,7 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class Settings:
-    """What the engine reports of itself, and what it never reports but was told."""
+    """What the engine reports about itself, and settings it was given but never reports."""
 
     at: At
     client: int
@@ -146,7 +146,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Given:
-    """Properties of a body that a call has set, some of which no engine reports."""
+    """Properties of a body that a call has set, some of which the engine never reports."""
 
     at: At
     body: Body
@@ -160,15 +160,15 @@ class Call:
     at: At
     """When it was made."""
     client: int
-    """Number of the client that it was for."""
+    """Number of its client."""
     function: str
     """Its name."""
     arguments: str
     """As the script might have written them; long ones shortened."""
     file: str
-    """Where the call stands."""
+    """File of the call."""
     line: int
-    """From 1 on."""
+    """Counted from 1."""
     raised: str = ""
     """What it raised."""
 
@@ -196,45 +196,45 @@ class Motor:
     body: Body
     joint: int
     mode: int
-    """The engine's number of it: of velocity, torque, position …"""
+    """The engine's number for it: velocity, torque, position …"""
     force: float
-    """What was given: a torque, or the greatest force of a motor [N] or [Nm]; nan without any."""
+    """As given: a torque, or the maximum force of a motor [N] or [Nm]; nan if none."""
 
 
 @dataclass(frozen=True)
 class Solver:
-    """How often the solver of a simulation stopped while it still changed something."""
+    """How often the solver of a simulation stopped before it had converged."""
 
     at: At
     client: int
     iterations: int
-    """That it might use."""
+    """Its limit."""
     looked: int
-    """Steps with that limit of which it is known what the solver did: every eighth."""
+    """Steps with that limit whose solver was queried: every eighth."""
     steps: int
-    """In which it used all of them, and the last still changed a velocity by over 0.01."""
+    """Of these, steps that used all iterations, and changed a velocity by over 0.01 in the last."""
     first_step: int
     last_change: float
-    """The most that a last iteration changed a velocity by [m/s or rad/s]."""
+    """The largest change of a velocity in a last iteration [m/s or rad/s]."""
     worst_step: int
 
 
 @dataclass(frozen=True)
 class Constraint:
-    """A constraint that came between bodies, or went."""
+    """A constraint between bodies that was created or removed."""
 
     at: At
     client: int
     number: int
     """The engine's id."""
     bodies: tuple[int, ...]
-    """Numbers of what it holds; the world is not among it. None where it goes."""
+    """Numbers of the bodies that it holds, without the world; empty when it is removed."""
     there: bool
 
 
 @dataclass(frozen=True)
 class Put:
-    """The state of a body that calls have moved, before time goes on."""
+    """The state of a body after calls have moved it, before the next step."""
 
     at: At
     body: Body
@@ -242,7 +242,7 @@ class Put:
     """Of dtype `STATE`, a row for base and each link."""
     joints: Joints
     counts: bool
-    """Whether time goes on from here; not so where the first sample of all comes after it."""
+    """Whether the next step starts from it; not so if the first sample of all follows it."""
 
 
 @dataclass(frozen=True)
@@ -266,11 +266,11 @@ class Image:
     at: At
     client: int
     camera: str
-    """File and line that asked for it, and its size: images of one camera follow each other."""
+    """File and line that asked for it, and its size: images with the same ones form a sequence."""
     rgba: NDArray[np.uint8]
     """Shape (height, width, 4)."""
     view: tuple[float, ...]
-    """Column by column, 16 numbers; empty where none was given."""
+    """Column by column, 16 numbers; empty if none was given."""
     projection: tuple[float, ...]
 
 
@@ -284,13 +284,13 @@ class Samples:
     times_s: Float64
     """Shape (n,)."""
     call: int
-    """Calls before the last of them."""
+    """Calls of the script before the last sample."""
     states: Rows
-    """Of dtype `STATE`: as many rows per step as there are parts that move."""
+    """Of dtype `STATE`: as many rows per step as there are moving parts."""
     contacts: Rows
     """Of dtype `CONTACT`."""
     bases: Mapping[int, Rows]
-    """By body number, all parts of the bodies that move, of dtype `STATE`: for drawing."""
+    """By body number, all parts of the moving bodies, of dtype `STATE`: for drawing."""
     joints: Mapping[int, Joints]
     """By body number."""
 
@@ -303,10 +303,10 @@ Event = (
 
 @dataclass(frozen=True)
 class Seen:
-    """All that was seen of the simulations of a script; lists in the order in which it happened."""
+    """Everything observed of a script's simulations; lists in the order of events."""
 
     bodies: Mapping[int, Body]
-    """By number, each as it was seen last."""
+    """By number, each as last seen."""
     appearances: list[Appearance]
     dynamics: list[Dynamics]
     given: list[Given]
@@ -314,12 +314,12 @@ class Seen:
     pushes: list[Push]
     motors: list[Motor]
     solvers: list[Solver]
-    """One of each simulation, and limit of iterations, whose solver stopped early."""
+    """One for each simulation and iteration limit whose solver stopped early."""
     constraints: list[Constraint]
     calls: list[Call]
     puts: list[Put]
     samples: Mapping[int, int]
-    """How many samples each simulation has, by client; empty where that is not known."""
+    """Number of samples of each simulation, by client; empty if unknown."""
     states: pl.DataFrame
     """One row per step and part, in the order of body, link and step."""
     contacts: pl.DataFrame
@@ -329,9 +329,9 @@ class Seen:
     real_time: bool
     """Whether the script asked for real-time simulation, and was stepped by a clock instead."""
     unseeded: tuple[str, ...]
-    """Where it drew random numbers that nothing had seeded."""
+    """Where it drew unseeded random numbers."""
     machine: str
-    """Kind of processor; empty where that is not known."""
+    """Kind of processor; empty if unknown."""
 
     @cached_property
     def parts(self) -> dict[tuple[int, int], pl.DataFrame]:
@@ -341,67 +341,75 @@ class Seen:
 
     @cached_property
     def by_body(self) -> dict[int, OfBody]:
-        """What was told of each body, by its number."""
-        found = {number: OfBody() for number in self.bodies}
+        """What was seen of each body, by its number."""
+        by_body = {number: OfBody() for number in self.bodies}
         for appearance in self.appearances:
             if appearance.came:
-                found[appearance.body.number].came.append(appearance)
+                by_body[appearance.body.number].came.append(appearance)
         for dynamics in self.dynamics:
-            found[dynamics.body.number].dynamics.append(dynamics)
+            by_body[dynamics.body.number].dynamics.append(dynamics)
         for given in self.given:
-            found[given.body.number].given.append(given)
+            by_body[given.body.number].given.append(given)
         for push in self.pushes:
-            found[push.body.number].pushes.append(push)
+            by_body[push.body.number].pushes.append(push)
         for put in self.puts:
-            found[put.body.number].puts.append(put)
+            by_body[put.body.number].puts.append(put)
         for constraint in self.constraints:
             for number in constraint.bodies:
-                found[number].constraints.append(constraint)
-        return found
+                by_body[number].constraints.append(constraint)
+        return by_body
 
 
 @dataclass(frozen=True)
 class OfBody:
-    """What was told of one body; lists in the order in which it happened."""
+    """What was seen of one body; lists in the order of events."""
 
     came: list[Appearance] = field(default_factory=list)
-    """When it came; again and again, where a script loads it again."""
+    """When it was added; several if a script loads it repeatedly."""
     dynamics: list[Dynamics] = field(default_factory=list)
     given: list[Given] = field(default_factory=list)
     pushes: list[Push] = field(default_factory=list)
     puts: list[Put] = field(default_factory=list)
     constraints: list[Constraint] = field(default_factory=list)
-    """Those that came."""
+    """Those that were created."""
 
 
 @dataclass
 class Ending:
-    """How it ended."""
+    """How a watched program ended."""
 
     how: str = ""
     """`finished`, `steps`, `duration`, `interrupted` or `failed`."""
     error: str = ""
     """What failed, in a line."""
     notes: list[str] = field(default_factory=list)
-    """What is worth knowing of the recording."""
+    """What is worth knowing about the recording."""
     made_with: dict[str, Any] = field(default_factory=dict)
     """Versions, and whether time was virtual."""
 
 
 def body_named(bodies: Iterable[Body], which: str) -> Body:
-    """Return the one body of a number, name or label.
+    """Return the only body of a number, name or label.
 
     Raises
     ------
     ScenarioError
         If there is none, or several have the name.
     """
-    there = list(bodies)
-    found = [one for one in there if which in (str(one.number), one.label, one.name)]
-    if len(found) != 1:
-        named = ", ".join(f"{one.number} ({one.name})" for one in (found or there)[:10])
-        many = "several are called that" if found else "there is none"
+    candidates = list(bodies)
+    matches = [body for body in candidates if which in (str(body.number), body.label, body.name)]
+    if len(matches) == 1:
+        return matches[0]
+    listed = ", ".join(f"{body.number} ({body.name})" for body in (matches or candidates)[:10])
+    if matches:
         raise ScenarioError(
-            f"--body must be a body of the recording, got {which!r}: {many}; by number: {named}"
+            "--body must be a body of the recording, got {which!r}, the name of several; "
+            "use a number: {listed}",
+            which=which,
+            listed=listed,
         )
-    return found[0]
+    raise ScenarioError(
+        "--body must be a body of the recording, got {which!r}, which is none; it has: {listed}",
+        which=which,
+        listed=listed,
+    )

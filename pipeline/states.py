@@ -1,4 +1,4 @@
-"""What an engine hands on of its steps: the states of what can move, and the contact points.
+"""What an engine reports for each step: the states of what can move, and the contact points.
 
 Rows of named numbers. A *part* is a body's link; link -1 is its base. World axes throughout.
 """
@@ -31,7 +31,7 @@ STATE = np.dtype(
     ]
 )
 """One part before a step: its centre of mass, and its axes as a quaternion x, y, z, w. The parts of
-a step stand in the order of body and link."""
+a step are ordered by body and link."""
 
 CONTACT = np.dtype(
     [
@@ -52,8 +52,8 @@ CONTACT = np.dtype(
     ]
 )
 """One contact point of the step that led to sample `step`: two parts, the point on each, the normal
-from b to a, the distance (negative: as deep as they are in each other), and the forces on a. The
-points of a step stand in the engine's order."""
+from b to a, the distance (negative: penetration), and the forces on a. The points of a step are in
+the engine's order."""
 
 
 class Batch(NamedTuple):
@@ -78,8 +78,8 @@ class Batch(NamedTuple):
 
 def base_of(states: Rows) -> Rows:
     """Return the states of the body's base, a row per sample."""
-    found: Rows = states[(states["body"] == BODY) & (states["link"] == BASE)]
-    return found
+    rows: Rows = states[(states["body"] == BODY) & (states["link"] == BASE)]
+    return rows
 
 
 def poses_of(states: Rows) -> NDArray[np.float64]:

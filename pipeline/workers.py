@@ -1,8 +1,8 @@
-"""Processes that call functions of ours: ask now, and take the answers when they are needed.
+"""Worker processes that call our functions: ask now, take the answers when they are needed.
 
 PyBullet and matplotlib hold Python's lock while they draw, so threads gain nothing. These are plain
-subprocesses fed through their pipes: unlike `multiprocessing` they ask nothing of a caller's main
-module, leave nothing behind in shared memory, and one whose parent is gone ends at once.
+subprocesses fed through pipes: unlike `multiprocessing`, they do not import the caller's main
+module, leave nothing in shared memory, and end at once when their parent is gone.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import IO, Any, Self
 
 from pipeline.errors import DropError
+from pipeline.messages import Message
 
 
 def cores() -> int:
@@ -35,8 +36,8 @@ def cores() -> int:
 class Worker:
     """One process; use it in a `with` statement.
 
-    It starts at once, and loads what the functions need when they are asked for. Questions are
-    answered in their order. Take all answers before the next question that is large.
+    It starts at once, and imports a function's module when it is first asked for. Questions are
+    answered in order. Take all answers before asking another large question.
 
     Raises
     ------
@@ -46,7 +47,7 @@ class Worker:
 
     def __init__(self) -> None:
         try:
-            with _deaf_to_interrupts():
+            with _interrupts_blocked():
                 self._process = subprocess.Popen(
                     [sys.executable, "-P", "-m", __name__],
                     stdin=subprocess.PIPE,
@@ -60,7 +61,8 @@ class Worker:
                 )
         except OSError as error:
             raise DropError(
-                f"a process that helps cannot be started: {error.strerror}; see: ulimit -a"
+                "a worker process cannot be started: {reason}; see: ulimit -a",
+                reason=error.strerror,
             ) from None
 
     def __enter__(self) -> Self:
@@ -70,20 +72,20 @@ class Worker:
         self.close()
 
     def close(self) -> None:
-        """End the process; whoever waits for an answer in another thread is told that it died."""
-        self._process.kill()  # it holds nothing that could be lost
+        """End the process; an `answer` awaited in another thread raises `WorkerDiedError`."""
+        self._process.kill()  # it has nothing to lose
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
             assert pipe is not None
-            with contextlib.suppress(BrokenPipeError):  # it was still to be told something
+            with contextlib.suppress(BrokenPipeError):  # something was still buffered
                 pipe.close()
 
     def load(self, *modules: str) -> None:
-        """Have modules imported beside the answers, so that a later one comes sooner."""
+        """Import modules in the background, so that a later answer comes sooner."""
         self.ask("", *modules)  # no function, and so no answer
 
     def ask(self, function: str, *arguments: object) -> None:
-        """Have a function called, `module:name`, whose module need not be loaded here.
+        """Call a function, `module:name`, in the process; its module need not be imported here.
 
         If it returns an iterator, each of its elements is an answer.
 
@@ -94,7 +96,7 @@ class Worker:
         """
         assert self._process.stdin is not None
         try:
-            # Packed on their own: they are unpacked where the function's module has been imported.
+            # Pickled separately: they are unpickled once the function's module is imported.
             _send((function, pickle.dumps(arguments)), self._process.stdin)
         except BrokenPipeError:
             raise self._died() from None
@@ -109,7 +111,7 @@ class Worker:
         """
         assert self._process.stdout is not None
         if hasattr(signal, "siginterrupt"):
-            # Polars has what waits go on waiting after Ctrl-C, once it is imported.
+            # Once Polars is imported, a blocking read would continue after Ctrl-C.
             signal.siginterrupt(signal.SIGINT, True)
         try:
             answer = pickle.load(self._process.stdout)
@@ -120,35 +122,38 @@ class Worker:
         return answer
 
     def _died(self) -> WorkerDiedError:
-        code = self._process.wait()
-        how = f"signal {-code}" if code < 0 else f"code {code}"
-        return WorkerDiedError(how, -code)
+        return WorkerDiedError(self._process.wait())
 
 
 class WorkerDiedError(DropError):
-    """A process of ours is gone before it answered."""
+    """A worker process ended before it answered."""
 
-    def __init__(self, how: str, signal: int) -> None:
-        super().__init__(f"a process that draws died with {how}; run it again")
-        self.how, self.signal = how, signal
+    def __init__(self, exit_code: int) -> None:
+        self.signal = -exit_code
+        self.how = (
+            Message("signal {signal}", signal=self.signal)
+            if exit_code < 0
+            else Message("exit code {code}", code=exit_code)
+        )
+        super().__init__(Message("a worker process died with {how}; run it again", how=self.how))
 
 
 def module_path() -> Iterator[str]:
-    """Yield where modules are found here, but for the working directory.
+    """Yield the module search path, without the working directory.
 
-    What lies there is data: a `random.py` among it is not to be run. Only where this package itself
-    lies there, as in a checkout, is it a place of modules.
+    That holds data: a `random.py` in it must not be run. It is kept only if this package itself is
+    in it, as in a checkout.
     """
     home = Path(__file__).parents[1]
-    for place in map(Path, filter(None, sys.path)):
-        with contextlib.suppress(OSError):  # a place that is not there holds no modules
-            if not place.samefile(os.curdir) or place.samefile(home):
-                yield str(place)
+    for folder in map(Path, filter(None, sys.path)):
+        with contextlib.suppress(OSError):  # a folder that does not exist holds no modules
+            if not folder.samefile(os.curdir) or folder.samefile(home):
+                yield str(folder)
 
 
 @contextlib.contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Let Ctrl-C, which a terminal sends to every process, not reach one that is started here."""
+def _interrupts_blocked() -> Iterator[None]:
+    """Keep Ctrl-C, which a terminal sends to every process, from those started in this block."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -159,8 +164,8 @@ def _deaf_to_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _send(what: object, sink: IO[bytes]) -> None:
-    pickle.dump(what, sink)
+def _send(item: object, sink: IO[bytes]) -> None:
+    pickle.dump(item, sink)
     sink.flush()
 
 
@@ -168,11 +173,11 @@ def _send(what: object, sink: IO[bytes]) -> None:
 
 
 def _work() -> None:
-    """Answer what standard input asks, until it ends."""
+    """Answer the questions from standard input until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
-    gc.set_threshold(100_000)  # at 700, its default, it takes a fifth of the time of imports
+    gc.set_threshold(100_000)  # at 700, the default, it takes a fifth of the import time
     sink = os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what C prints is no answer
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what C prints is not an answer
     questions: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(questions,), daemon=True).start()
     loading: list[threading.Thread] = []
@@ -184,16 +189,16 @@ def _work() -> None:
             loading.append(_load(pickle.loads(packed)))
             continue
         if module not in used:
-            # It may import what is being loaded, and so may its arguments, which are unpacked
-            # only then: of two threads that import the same, one can see it half made.
+            # It may import what is being loaded, and so may unpickling its arguments: of two
+            # threads that import the same module, one can see it half initialised.
             while loading:
                 loading.pop().join()
             used.add(module)
         try:
             arguments = pickle.loads(packed)
             answer = getattr(importlib.import_module(module), name)(*arguments)
-            for one in answer if isinstance(answer, Iterator) else (answer,):
-                _send(one, sink)
+            for item in answer if isinstance(answer, Iterator) else (answer,):
+                _send(item, sink)
         except BrokenPipeError:
             os._exit(1)
         except Exception as error:  # noqa: BLE001 - raised by the parent
@@ -201,7 +206,7 @@ def _work() -> None:
 
 
 def _listen(questions: queue.SimpleQueue[tuple[str, bytes]]) -> None:
-    """Hand on what is asked; whatever is being done ends with whoever asks, however that ends."""
+    """Queue the questions; when the parent is gone, end at once, whatever is being done."""
     with contextlib.suppress(EOFError, pickle.UnpicklingError):
         while True:
             questions.put(pickle.load(sys.stdin.buffer))

@@ -140,7 +140,7 @@ def test_another_constant_exits_3_and_is_named_by_step_body_and_column(
     assert result["other_call"]["golden"]["arguments"].endswith("[0, 0, 0.2]")
     assert result["other_call"]["value"]["line"] == 6
     assert result["cause"] == "another script: its text and its calls differ"
-    assert result["looks_like"].startswith("1_sphere is 50 mm elsewhere at step 0, ")
+    assert result["looks_like"].startswith("1_sphere is 50 mm off at step 0, ")
     schema_of_it = strict(schema_of("check"))
     assert not list(Draft202012Validator(schema_of_it).iter_errors(result))
     output = drop("check", changed, "--against", golden).stdout
@@ -248,7 +248,7 @@ def test_a_body_that_is_missing_or_more(recording: Record, golden: Path) -> None
     result = compared(recording(*without), golden)
     assert result.first == Difference(0, "2_arm", None, "there", 0.0, 1.0)
     assert result.largest_difference_m == 0.0
-    assert result.looks_like == "every state is the same all the same"
+    assert result.looks_like == "every state is identical"
     assert result.other_call is not None
     assert result.other_call.golden is not None
     assert result.other_call.golden.function == "loadURDF"
@@ -280,9 +280,7 @@ def test_an_altered_number_of_a_state_is_found_and_what_it_looks_like(golden: Pa
     assert result.first is not None
     assert (result.first.step, result.first.body, result.first.link) == (30, "1_sphere", -1)
     assert result.first.difference == pytest.approx(1e-3)
-    assert result.looks_like == (
-        "1_sphere is 1 mm elsewhere at step 30, 31 mm elsewhere at the end (step 60)"
-    )
+    assert result.looks_like == ("1_sphere is 1 mm off at step 30, 31 mm off at the end (step 60)")
     assert result.largest_difference_m == pytest.approx(0.031)
     assert result.call_before is not None
     assert (result.call_before.function, result.call_before.at.step) == (
@@ -304,7 +302,7 @@ def test_what_only_turns_is_in_the_same_place(golden: Path) -> None:
     assert result.first is not None
     assert result.first.column == "wy_rad_s"
     assert result.looks_like == (
-        "1_sphere moves in another way from step 30 on, in the same place at the end (step 60)"
+        "1_sphere moves differently from step 30 on, in the same place at the end (step 60)"
     )
 
 
@@ -361,10 +359,10 @@ def test_an_image_that_differs(recording: Record, golden: Path, drop: Drop) -> N
     assert result.frames is not None
     assert (result.frames.compared, result.frames.differing) == (1, 1)
     assert result.comparison is not None
-    assert result.comparison.looks_like == "every state is the same all the same"
+    assert result.comparison.looks_like == "every state is identical"
     assert result.comparison.cause == (
-        "another text of the script, but the same calls, other images: another camera, which is no "
-        "call, or a file that is drawn has changed"
+        "another text of the script, but the same calls, other images: another camera, which does "
+        "not count as a call, or a file that is drawn has changed"
     )
     output = drop("check", result.recording, "--against", golden).stdout
     assert "cause       another text of the script" in output
@@ -437,7 +435,7 @@ def test_connecting_is_not_a_call_but_can_be_the_cause(recording: Record, golden
         assert (result.first.column, result.cause) == (
             "engine.rows",
             "another text of the script, but the same calls, and a simulation that begins or ends "
-            "elsewhere: that the script connects to PyBullet, or disconnects, is no call",
+            "elsewhere: connecting to PyBullet and disconnecting do not count as calls",
         )
 
 
@@ -461,8 +459,8 @@ def test_an_element_not_shown_of_a_long_list_may_be_the_cause(golden: Path) -> N
     settings = [stronger, *theirs.seen.settings[1:]]
     mine = replace(theirs, seen=replace(seen, settings=settings))
     assert compare_scripts(mine, replace(theirs, seen=seen)).cause == (
-        "the same calls, as far as their arguments are told, which those of "
-        f"{first.function} at sim.py:{first.line} are in part"
+        "the same calls, as far as recorded: the arguments of "
+        f"{first.function} at sim.py:{first.line} are recorded only in part"
     )
 
 
@@ -509,7 +507,7 @@ def test_two_clients_are_compared_each_by_its_steps(tmp_path: Path) -> None:
     result = compared(paths[2], paths[0])
     assert result.first == Difference(0, None, None, "engine.gravityAccelerationZ", -11.81, -10.81)
     assert result.looks_like is not None
-    assert result.looks_like.startswith("3_cube_small is 0.0174 mm elsewhere at step 1, ")
+    assert result.looks_like.startswith("3_cube_small is 0.0174 mm off at step 1, ")
 
 
 def test_an_altered_recording_is_refused_by_its_checksum(golden: Path, tmp_path: Path) -> None:

@@ -350,5 +350,5 @@ def test_a_note_says_what_an_engine_ignores_in_the_urdf(tmp_path: Path) -> None:
         "MuJoCo has a lateral friction of 1 for this body, where PyBullet has 0.3; to have the "
         "same, set --friction"
     )
-    assert "leaves out the rolling friction" in rolling
+    assert "ignores the rolling friction" in rolling
     assert len(noted(engine="mujoco", friction=0.3)) == 1

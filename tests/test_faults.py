@@ -37,7 +37,7 @@ from PIL import Image
 
 from pipeline import Scenario, analyze, check, render, simulate
 from pipeline.errors import OutputError, RecordingError, ScenarioError
-from pipeline.files.outputs import MOST_PARTS, check_room, part_of, translated
+from pipeline.files.outputs import MOST_PARTS, check_room, output_errors, part_of
 from pipeline.files.whole import opened
 from pipeline.recording import sealing
 from pipeline.recording.reader import Recording, read
@@ -203,7 +203,7 @@ def test_nothing_is_written_to_a_disk_that_is_too_small_from_the_start(
     (tmp_path / "run.rrd").write_bytes(precious)
     code, *output = outcome(arguments, tmp_path)
     assert code == 1
-    assert_one_line(*output, "run.rrd needs some", "kB are free")
+    assert_one_line(*output, "run.rrd needs about", "kB are free")
     assert (tmp_path / "run.rrd").read_bytes() == precious
     assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
 
@@ -256,7 +256,7 @@ def test_a_rename_that_fails_names_the_final_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(OutputError, match=r"^b cannot be written: "), translated(Path("c")):
+    with pytest.raises(OutputError, match=r"^b cannot be written: "), output_errors(Path("c")):
         Path("a").rename("b")
     folder = Folder(tmp_path / "sweep")
     with pytest.raises(OutputError, match=r"^b cannot be written: "), folder.claimed({}):
@@ -291,7 +291,7 @@ def test_a_sweep_whose_recordings_cannot_fit_is_not_started(tmp_path: Path) -> N
     arguments = ("--samples", "100000000000", "--vary", "height=uniform:1:2")
     code, *output = outcome(("sweep", "--out", "s", *arguments), tmp_path)
     assert code == 1
-    assert_one_line(*output, "s/recordings needs some 5.0 PB", "record less")
+    assert_one_line(*output, "s/recordings needs about 5.0 PB", "record less")
     assert not list(tmp_path.rglob("*.rrd*"))
 
 
@@ -525,9 +525,9 @@ def test_a_part_that_is_a_link_is_not_followed(run_rrd: Path, precious: bytes) -
     part = run_rrd.with_name("new.rrd.part")
     for make in (lambda: part.symlink_to(run_rrd), lambda: os.mkfifo(part), part.mkdir):
         make()
-        with pytest.raises(OutputError, match=r"new\.rrd\.part is not a regular file"):
+        with pytest.raises(OutputError, match=r"new\.rrd\.part is in the way and is not a regular"):
             simulate(Scenario(duration_s=0.1), part.with_suffix(""), camera=None)
-        with pytest.raises(OutputError, match=r"new\.rrd\.part is not a regular file"):
+        with pytest.raises(OutputError, match=r"new\.rrd\.part is in the way and is not a regular"):
             opened(part)
         part.rmdir() if part.is_dir() and not part.is_symlink() else part.unlink()
     sealed = run_rrd.with_name("new.rrd.part.sealed")
@@ -599,7 +599,7 @@ def test_a_run_that_was_stopped_can_be_repeated_and_what_it_left_stays(tmp_path:
         part = tmp_path / (f"run.rrd.{number}.part" if number > 1 else "run.rrd.part")
         with pytest.raises(KeyboardInterrupt) as raised:
             simulate(Scenario(duration_s=0.1), run, camera=None, progress=stop, note=notes.append)
-        assert raised.value.__notes__ == [f"what was recorded until then is in {part}"]
+        assert raised.value.__notes__ == [f"what had been recorded is in {part}"]
         assert len(notes) == number - 1
         assert not notes or f"this recording grows as {part}" in notes[-1]
         left[part] = part.read_bytes()
@@ -690,7 +690,7 @@ def test_a_recording_created_by_another_process_is_kept(run_rrd: Path) -> None:
     with pytest.raises(OutputError, match="created by another process") as raised:
         simulate(Scenario(duration_s=0.1), new, camera=None, progress=create)
     assert new.read_text() == "theirs"
-    assert raised.value.__notes__ == [f"what was recorded until then is in {new}.part"]
+    assert raised.value.__notes__ == [f"what had been recorded is in {new}.part"]
     assert not read(new.with_name("new.rrd.part")).partial
     output = str(raised.value).split()
     assert not [word for word in output if "new.rrd." in word]  # no file that is gone
@@ -710,7 +710,7 @@ def test_a_recording_that_does_not_verify_is_not_reported_as_kept(
         simulate(Scenario(duration_s=0.1), new, camera=None)
     assert {file.name for file in new.parent.iterdir()} == {"run.rrd", "new.rrd.part"}
     assert "sealed" not in str(raised.value)
-    assert raised.value.__notes__ == [f"what was recorded until then is in {new}.part"]
+    assert raised.value.__notes__ == [f"what had been recorded is in {new}.part"]
 
 
 def test_runs_at_once_in_one_folder_are_numbered(
@@ -945,7 +945,7 @@ def test_a_frame_worker_that_dies_is_one_line_and_no_loss(
     os.kill(int(descendants_of(process.pid)[0]), how)
     output = ended(process)
     assert process.returncode == 1
-    assert_one_line(*output, "draws died", "run.rrd.part")
+    assert_one_line(*output, "worker process died", "run.rrd.part")
     assert (tmp_path / "run.rrd").read_bytes() == precious
     assert read(tmp_path / "run.rrd.part").partial
 

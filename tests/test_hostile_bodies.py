@@ -288,9 +288,9 @@ def test_a_mesh_that_bullet_would_misread_is_refused(tmp_path: Path, kind: str) 
 @pytest.mark.parametrize(
     ("line", "quoted"),
     [
-        ("v 1 2 x", "'v 1 2 x' are no three finite numbers"),
-        ("v 0 0 é'", '"v 0 0 é\'" are no three finite numbers'),
-        ("f 1 2 x", "'x' is no corner of a face"),
+        ("v 1 2 x", "'v 1 2 x' must hold three finite numbers"),
+        ("v 0 0 é'", '"v 0 0 é\'" must hold three finite numbers'),
+        ("f 1 2 x", "'x' is not a corner of a face"),
         ("f 1 2 -9", "'-9' is a vertex before the first"),
     ],
 )
@@ -376,13 +376,13 @@ def test_a_trial_that_waits_forever_is_ended(
     written(tmp_path, "newmtl a\nmap_Kd pipe.png\n", "a.mtl")
     written(tmp_path, "mtllib a.mtl\nusemtl a\n" + TETRAHEDRON, "m.obj")
     monkeypatch.chdir(tmp_path)
-    assert "not done" in problem_of(written(tmp_path, mesh("m.obj")), Limits(wall_s=5))
+    assert "not finished" in problem_of(written(tmp_path, mesh("m.obj")), Limits(wall_s=5))
 
 
 def test_a_trial_that_computes_forever_is_ended(tmp_path: Path) -> None:
     shape = "<collision><geometry><box size='1 1 1'/></geometry></collision>\n"
     many = body().replace("<visual>", shape * 20_000 + "<visual>")
-    assert "not done" in problem_of(written(tmp_path, many), Limits(cpu_s=3))
+    assert "not finished" in problem_of(written(tmp_path, many), Limits(cpu_s=3))
 
 
 def test_a_trial_that_takes_too_much_memory_is_ended(tmp_path: Path) -> None:
@@ -462,7 +462,7 @@ def test_a_sweep_tries_each_body_once_and_a_deadly_one_is_a_row(
     done = sweep(plan, tmp_path / "sweep", at_s=0.05, record=False, jobs=2)
     assert sorted(begun) == sorted([good, bad])
     assert (done.runs, done.failed) == (4, 2)
-    assert "no size" in done.first_failure()["error"]
+    assert "its size must be finite" in done.first_failure()["error"]
 
 
 # -- mutations ------------------------------------------------------------------------------------

@@ -278,7 +278,7 @@ def test_moving_from_pybullet_says_where_they_part_and_why(recorded: Recorder) -
     assert found.first is not None
     assert found.first.step == 2  # the first step begins without a velocity to damp
     assert found.looks_like is not None
-    assert "part at step 2" in found.looks_like
+    assert "diverge at step 2" in found.looks_like
     assert "mm apart: damping -18.01" in found.looks_like
     assert "--linear-damping 0 and they agree to the bit until contact" in found.looks_like
 
@@ -295,7 +295,7 @@ def test_what_it_promises_of_pybullet_without_damping_holds(recorded: Recorder) 
 
 def test_engines_with_another_integrator_part_by_the_timestep(recorded: Recorder) -> None:
     found = compared(recorded(engine="mujoco", integrator="rk4"), recorded(linear_damping=0.0))
-    assert "part at step 1" in (found.looks_like or "")
+    assert "diverge at step 1" in (found.looks_like or "")
     assert "mm apart: timestep +9.11" in (found.looks_like or "")
 
 

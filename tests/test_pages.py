@@ -216,7 +216,7 @@ def test_a_lower_bounce_is_another_picture(tmp_path: Path) -> None:
         (Block("sh", "true\nfalse # really\n"), "`false # really` exits with 1"),
         (Block("console", "$ drop simulate --out a.rrd --higth 2\n"), "exits with 2"),
         (Block("yaml", "    - run: drop check a.rrd --against b.rrd\n"), "exits with 1"),
-        (Block("json", "{}\n"), "a block may not be of the kind 'json'"),
+        (Block("json", "{}\n"), "a block cannot be of kind 'json'"),
     ],
     ids=lambda given: given.kind if isinstance(given, Block) else "",
 )

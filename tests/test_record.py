@@ -353,7 +353,7 @@ show(p)
         assert (times_s[3:7], notes) == ([9e9] * 4, None)
         return
     assert times_s[3:8] == [0.5, 0.5, 1.0, 1.5, 1.5]
-    assert notes == [f"from step 2 on its timestep is {timestep} s: such a step counts as no time"]
+    assert notes == [f"from step 2 on the timestep is {timestep} s: such steps take no time"]
 
 
 def test_a_timestep_that_is_no_number_is_analyzed(bench: Bench) -> None:
@@ -753,8 +753,8 @@ def test_what_was_killed_before_anything_was_written_says_so(bench: Bench, held:
         done = bench.drop(verb, "a.rrd.part")
         assert done.returncode == 1
         assert done.stderr == (
-            "drop: a.rrd.part holds nothing yet: what wrote it, a drop or a script's recording, "
-            "was stopped before its first rows were whole; record it again\n"
+            "drop: a.rrd.part holds nothing yet: the process that wrote it was stopped before its "
+            "first rows were complete; record it again\n"
         )
 
 
@@ -1078,7 +1078,7 @@ def test_soft_bodies_are_named_and_said_to_be_left_out(bench: Bench) -> None:
     said: list[str] = []
     recorded, _ = bench.record(script, note=said.append)
     assert recorded.error == ""
-    expected = "the soft body 1_cloth_z_up is left out: PyBullet reports no position of it"
+    expected = "the soft body 1_cloth_z_up is left out: PyBullet does not report its position"
     assert expected in said
     assert closing(bench.out)["notes"] == [expected]
     assert {body for _, body, _ in states(bench.out)} == {2}

@@ -137,7 +137,7 @@ def test_what_cannot_be_shown_is_said_in_a_line(record: Record, tmp_path: Path, 
     path = record(FALLS)
     with pytest.raises(ScenarioError, match="which only a drop has"):
         render_script(path, out=tmp_path / "a.gif", animation=Animation(caption=True))
-    with pytest.raises(ScenarioError, match="'duck': there is none; by number: 0"):
+    with pytest.raises(ScenarioError, match="'duck', which is none; it has: 0"):
         render_script(path, out=tmp_path / "a.gif", view="follow", body="duck")
     with pytest.raises(RecordingError, match="has nothing to show"):
         render_script(record(NOTHING), out=tmp_path / "a.gif")

@@ -6,6 +6,7 @@ Each finding has a scene that provokes it, and one in which its advice was follo
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -379,8 +380,7 @@ def test_every_finding_has_a_case() -> None:
     """Of those that the code can say."""
     folder = Path(scenes.__file__).parents[1] / "pipeline/analysis/script"
     text = "".join(path.read_text() for path in sorted(folder.glob("*_findings.py")))
-    known = {part.partition('"')[0] for part in text.split('e.finding(\n')[1:]
-             for part in [part.partition('"')[2]]}  # fmt: skip
+    known = set(re.findall(r'e\.finding\(\s*"([a-z-]+)"', text))
     assert known == {case.code for case in CASES} | {"law-mismatch"}
 
 

@@ -610,7 +610,9 @@ def test_a_part_that_this_sweep_did_not_write_is_not_believed(
     alter(copied / "parts" / "part-000001.parquet")
     (copied / "parts" / "part-000002.parquet").unlink()
     before = files_in(copied)
-    with pytest.raises(OutputError, match=r"part-000001\.parquet must have the stamp .*force=True"):
+    with pytest.raises(
+        OutputError, match=r"part-000001\.parquet is not what this sweep wrote: .*force=True"
+    ):
         sweep(THREE, copied, record=False)
     assert files_in(copied) == before
     swept = sweep(THREE, copied, record=False, force=True)
@@ -626,7 +628,7 @@ def test_a_part_that_was_doubled_is_one_line(drop: Drop, tmp_path: Path) -> None
     before = files_in(tmp_path / "s")
     done = drop(*how)
     assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (1, "", 1)
-    assert "got one of other bytes or of another sweep; move it away" in done.stderr
+    assert "its stamp is that of other data or of another sweep; move it away" in done.stderr
     assert files_in(tmp_path / "s") == before
     assert drop(*how, "--force").returncode == 0
 
@@ -635,7 +637,7 @@ def test_a_part_that_is_too_many_is_not_deleted(copied: Path, whole: Path) -> No
     extra = copied / "parts" / "part-000003.parquet"
     shutil.copy(extra.with_name("part-000000.parquet"), extra)
     before = files_in(copied)
-    with pytest.raises(OutputError, match=r"part-000003\.parquet must have the stamp"):
+    with pytest.raises(OutputError, match=r"part-000003\.parquet is not what this sweep wrote"):
         sweep(THREE, copied, record=False)
     assert files_in(copied) == before
     sweep(THREE, copied, record=False, force=True)
@@ -653,7 +655,9 @@ def test_results_that_this_sweep_did_not_write_are_not_replaced(
     ALTERED[how](copied / "results.parquet")
     (copied / "parts" / "part-000001.parquet").unlink()
     before = files_in(copied)
-    with pytest.raises(OutputError, match=r"results\.parquet must have the stamp .*force=True"):
+    with pytest.raises(
+        OutputError, match=r"results\.parquet is not what this sweep wrote: .*force=True"
+    ):
         sweep(THREE, copied, record=False)
     assert files_in(copied) == before
     sweep(THREE, copied, record=False, force=True)

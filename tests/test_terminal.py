@@ -184,9 +184,9 @@ def test_codes_and_errors_stand_out_on_terminals_only(
     (tmp_path / "run.rrd").write_bytes(standard.simulation.recording.read_bytes())
     assert "\x1b[33mdefault-damping\x1b[0m: " in terminal("analyze", "run.rrd").raw
     assert "Finding     default-damping: " in drop("analyze", "run.rrd").stdout
-    assert "\x1b[1;31mdrop:\x1b[0m no.rrd is not" in terminal("analyze", "no.rrd").raw
+    assert "\x1b[1;31mdrop:\x1b[0m no.rrd does not" in terminal("analyze", "no.rrd").raw
     assert "\x1b" not in terminal("analyze", "no.rrd", NO_COLOR="1").raw
-    assert drop("analyze", "no.rrd").stderr.startswith("drop: no.rrd is not")
+    assert drop("analyze", "no.rrd").stderr.startswith("drop: no.rrd does not")
 
 
 def test_colours_are_for_terminals_that_want_them(
@@ -728,7 +728,7 @@ def test_printed_commands_can_be_pasted(drop: Drop, tmp_path: Path) -> None:
     """In a folder whose name has a space and a quote."""
     folder = "it's a folder"
     missing = drop("simulate", "-o", f"{folder}/new.rrd", "--no-camera").stderr
-    assert shlex.split(missing.partition("make it with: ")[2]) == ["mkdir", "-p", folder]
+    assert shlex.split(missing.partition("create it with: ")[2]) == ["mkdir", "-p", folder]
     told = drop("run", "--no-camera", "--out-dir", folder).stdout
     command = told.partition("see it move")[2].strip()
     assert shlex.split(command) == ["drop", "view", f"{folder}/run.rrd"]
@@ -867,7 +867,7 @@ def test_what_is_no_recording_is_called_what_it_is(
         kinds |= {
             "a.analysis.rrd": "must be a recording, got a layer, as",
             "a.analysis.rrd.part": "must be a recording, got an unfinished layer, as",
-            "empty.rrd.part": "holds nothing yet: what wrote it,",
+            "empty.rrd.part": "holds nothing yet: the process that wrote it",
         }
     for name, said in kinds.items():
         done = drop(verb, name, *(["--against", "b.rrd"] if verb == "check" else []))

@@ -1316,7 +1316,7 @@ def _find_clamped(said: Said, message: str) -> None:
 
 @finds("refining-hurts")
 def _find_refining(said: Said, message: str) -> None:
-    time_s, error_mm, limit_mm = read(f"at {F} s the error is {F} mm and goes to {F} mm", message)
+    time_s, error_mm, limit_mm = read(f"at {F} s the error is {F} mm and tends to {F} mm", message)
     over, rate = re.search(f"cancel at (1/)?{F} s", message).groups()  # type: ignore[union-attr]
     rate = float(rate) if over else 1 / float(rate)
     step = round(time_s / said.drop.timestep_s)
@@ -1418,7 +1418,7 @@ def _find_rest_below(said: Said, message: str) -> None:
             settled = float(oracle.replay(_settled(said)).height_m[-1])
             near(settled, true - SLOP_M, 1e-6 + _rest_tilt_m(said), "a converged solver's rest")
     else:
-        hold("--solver-residual 0 takes" not in message, "the solver's residual is 0 already")
+        hold("--solver-residual 0 removes" not in message, "the solver's residual is 0 already")
 
 
 @finds("still-airborne")

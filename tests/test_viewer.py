@@ -509,7 +509,7 @@ def test_a_viewer_that_goes_away_or_hangs_costs_the_recording_nothing(
         viewer=view.connection(receiver.url), note=notes.append, progress=lose,
     )  # fmt: skip
     assert len(notes) == 1
-    assert "the viewer has gone" in notes[0]
+    assert "the viewer does not respond" in notes[0]
     assert len(read(path).states) == long.steps + 1
 
 
@@ -523,7 +523,7 @@ def test_a_hanging_viewer_does_not_keep_the_command_from_ending(
     )
     assert done.returncode == 0
     assert len(done.stderr.splitlines()) == 1
-    assert "the viewer has gone" in done.stderr
+    assert "the viewer does not respond" in done.stderr
     assert json.loads(done.stdout)["samples"] == 241
     assert time.monotonic() - began < 60, "it waits for the viewer for ever"
     assert not read(tmp_path / "run.rrd").partial

@@ -1,1 +1,1 @@
-"""What makes the generated documents: a file for each kind, called by `regenerate.py`."""
+"""Generators of documents, called by `regenerate.py`."""

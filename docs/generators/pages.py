@@ -1,17 +1,16 @@
-"""Play the pages: run what they say to type, and put what it prints and draws into them.
+"""Play the pages: run their commands, and fill in the output and the pictures.
 
-Each page is followed from top to bottom, in a folder of its own that is otherwise like a clone.
-The kind of a block says what it is:
+Each page is played from top to bottom, in its own folder, which is otherwise like a clone. The kind
+of a block says how:
 
-    sh         commands, each of which must succeed; where it should fail, `|| echo …` says so
-    console    the same, each behind `$ ` and with what it prints
+    sh         commands, each of which must succeed, or end in `|| echo …`
+    console    the same, each after `$ ` and followed by its output
     python     a program
-    text       what the block before it printed
+    text       the output of the block before it
     yaml       a workflow, whose `run:` steps are commands
-    mermaid    a picture, and nothing to run; so is a block of no kind
+    mermaid    a picture, nothing to run; the same for a block of no kind
 
-Where output is quoted, a line `…` stands for lines that are left out, and what is shown around it
-stays where it was:
+In quoted output, a line `…` stands for omitted lines; the excerpts around it stay the same ones:
 
     $ drop analyze recordings/run.rrd
     cube_small.urdf dropped from 1.0000 m, timestep 1/240 s, damping default
@@ -19,8 +18,8 @@ stays where it was:
     Rest        0.0250 m: the position is the body's centre, not its underside
     …
 
-A translation has the blocks of its page. A picture of the walkthrough, or of the page on engines,
-is the file of its name that a command made.
+A translation has the same blocks as its page. A picture in the walkthrough, or in the page on
+engines, is the file of that name written by a command.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ DOCS = ROOT / "docs"
 WALKTHROUGH = DOCS / "walkthrough.md"
 ENGINES = DOCS / "engines.md"
 REFERENCES = {"commands.md", "json.md", "recording.md"}
-"""Pages that the other generators write, from the code."""
+"""Pages that the other generators write from the code."""
 CUT = "…"
 
 _BODY = """<robot name="bracket"><link name="bracket">
@@ -63,11 +62,11 @@ for _ in range(240):
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _PICTURE = re.compile(r"(?:(?<=\]\()|(?<=srcset=\")|(?<=src=\"))images/[^)\"]+")
 _VARIES = re.compile(r"[\d.,]+ kB, [\d.]+ s$| +[\d.]+ µs$")
-"""How large a recording became, and how long it took; what a step of an engine takes."""
+"""Size of a recording and time to make it; time per step of an engine."""
 
 
 class PageError(Exception):
-    """A page says what does not work."""
+    """Something on a page does not work."""
 
 
 @dataclass(frozen=True)
@@ -79,14 +78,14 @@ class Block:
 
     @property
     def quotes(self) -> bool:
-        """Whether it shows what is printed."""
+        """Whether it shows output."""
         return self.kind in ("console", "text")
 
 
 def pages() -> list[Path]:
     """Return all pages but translations and references."""
-    found = [path for folder in (ROOT, DOCS, ROOT / "recordings") for path in folder.glob("*.md")]
-    return sorted(path for path in found if path.name not in REFERENCES and ".ja." not in path.name)
+    paths = [path for folder in (ROOT, DOCS, ROOT / "recordings") for path in folder.glob("*.md")]
+    return sorted(path for path in paths if path.name not in REFERENCES and ".ja." not in path.name)
 
 
 def translations(page: Path) -> list[Path]:
@@ -96,7 +95,7 @@ def translations(page: Path) -> list[Path]:
 
 def blocks(text: str) -> list[Block]:
     """Return the blocks in a page's text."""
-    return [Block(*found) for found in _BLOCK.findall(text)]
+    return [Block(*groups) for groups in _BLOCK.findall(text)]
 
 
 def pictures(text: str) -> list[str]:
@@ -105,7 +104,7 @@ def pictures(text: str) -> list[str]:
 
 
 def played(page: Path) -> dict[Path, bytes]:
-    """Return a page, its translations and its pictures as the program makes them now.
+    """Return a page, its translations and its pictures, with the program's current output.
 
     Raises
     ------
@@ -124,18 +123,18 @@ def played(page: Path) -> dict[Path, bytes]:
         except PageError as error:
             raise PageError(f"{page.name}: {error}") from None
         wanted = pictures(text) if page in (WALKTHROUGH, ENGINES) else []
-        drawn = {DOCS / one: small(_found(folder, Path(one).name)) for one in wanted}
+        drawn = {DOCS / picture: small(_found(folder, Path(picture).name)) for picture in wanted}
     texts = {path: path.read_text(encoding="utf-8") for path in [page, *translations(page)]}
     return {path: _filled(text, quoted).encode() for path, text in texts.items()} | drawn
 
 
 def _filled(text: str, quoted: list[str]) -> str:
-    """Return a page's text with what is printed now."""
+    """Return a page's text with the current output."""
     following = iter(quoted)
 
-    def fill(found: re.Match[str]) -> str:
-        block = Block(*found.groups())
-        return f"```{block.kind}\n{next(following, '')}```" if block.quotes else found[0]
+    def fill(match: re.Match[str]) -> str:
+        block = Block(*match.groups())
+        return f"```{block.kind}\n{next(following, '')}```" if block.quotes else match[0]
 
     return _BLOCK.sub(fill, text)
 
@@ -149,16 +148,18 @@ def _found(folder: Path, name: str) -> Path:
 
 
 def _quoted(page: list[Block], folder: Path) -> Iterator[str]:
-    """Run the blocks of a page, and yield those that quote output with what is printed now."""
+    """Run the blocks of a page, and yield the current text of those that quote output."""
     printed: list[str] = []
     for block in page:
         lines: list[str] = []
         match block.kind:
             case "sh":
-                printed = [line for one in commands(block.text) for line in _lines(one, folder)]
+                printed = [
+                    line for command in commands(block.text) for line in _lines(command, folder)
+                ]
             case "yaml":
-                for one in re.findall(r"^ +- run: (.*)$", block.text, re.MULTILINE):
-                    _lines(one, folder)
+                for command in re.findall(r"^ +- run: (.*)$", block.text, re.MULTILINE):
+                    _lines(command, folder)
             case "python":
                 printed = run_python(block.text, folder)[1].splitlines()
             case "text":
@@ -170,34 +171,34 @@ def _quoted(page: list[Block], folder: Path) -> Iterator[str]:
             case "mermaid" | "":
                 pass
             case kind:
-                raise PageError(f"a block may not be of the kind {kind!r}")
+                raise PageError(f"a block cannot be of kind {kind!r}")
         if block.quotes:
             yield "".join(f"{line}\n" for line in lines)
 
 
 def commands(text: str) -> list[str]:
-    """Return the commands of a block: a script is one, and lines that belong together are."""
+    """Return the commands of a block: a script, or lines that belong together, are one command."""
     if text.startswith("#!"):
         return [text]
-    found = [""]
+    joined = [""]
     for line in text.splitlines():
-        if found[-1].endswith("\\\n") or line.startswith((" ", "done")):
-            found[-1] += f"{line}\n"
+        if joined[-1].endswith("\\\n") or line.startswith((" ", "done")):
+            joined[-1] += f"{line}\n"
         else:
-            found.append(f"{line}\n")
-    return [one.removesuffix("\n") for one in found if one.strip()]
+            joined.append(f"{line}\n")
+    return [command.removesuffix("\n") for command in joined if command.strip()]
 
 
 def _typed(text: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield the commands behind `$ `, each with the lines that it is shown to print."""
-    for one in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]:
-        lines = one.splitlines()
+    """Yield the commands after `$ `, each with its output as shown."""
+    for part in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]:
+        lines = part.splitlines()
         end = next(number for number, line in enumerate(lines) if not line.endswith("\\")) + 1
         yield "\n".join(lines[:end]), lines[end:]
 
 
 def _lines(command: str, folder: Path, *, exactly: bool = False) -> list[str]:
-    """Return the lines that a command prints."""
+    """Return the output of a command, in lines."""
     code, printed = run_command(command if exactly else possible(command), folder)
     if code:
         raise PageError(f"`{command}` exits with {code}: {printed}")
@@ -208,7 +209,7 @@ def _lines(command: str, folder: Path, *, exactly: bool = False) -> list[str]:
 
 
 def cut_alike(shown: list[str], printed: list[str]) -> list[str]:
-    """Return what is printed, cut where it was cut before."""
+    """Return output, cut where it was cut before."""
     first, *others = _pieces(shown)
     kept = _refreshed(first, printed[: len(first)] if others else printed)
     at = len(first)
@@ -231,7 +232,7 @@ def _pieces(shown: list[str]) -> list[list[str]]:
 
 
 def _most_alike(piece: list[str], printed: list[str], begin: int) -> int:
-    """Return where a piece is found from some line on; its numbers may have changed."""
+    """Return where a piece is after some line; its numbers may have changed."""
 
     def likeness(start: int) -> float:
         pairs = zip(piece, printed[start:], strict=False)
@@ -241,6 +242,6 @@ def _most_alike(piece: list[str], printed: list[str], begin: int) -> int:
 
 
 def _refreshed(shown: list[str], printed: list[str]) -> list[str]:
-    """Return what is printed, but lines as they were shown where only what varies is another."""
+    """Return output, but keep a shown line if it differs only in what varies by run."""
     known = {_VARIES.sub("", line): line for line in shown}
     return [known.get(_VARIES.sub("", line), line) for line in printed]

@@ -11,12 +11,12 @@ from PIL import Image, ImageSequence
 
 TILE_PX = 32
 ALIKE = 12.0
-"""Pictures are compared by the mean grey of square tiles, of 255. Another font moves that by
+"""Pictures are compared by the mean grey of square tiles, of 255. Another font changes it by
 less, a bounce that is a tenth lower by 20."""
 
 
 def small(path: Path) -> bytes:
-    """Return a picture in few bytes; a gif is small already."""
+    """Return a picture as a small file; a gif is already small."""
     if path.suffix != ".png":
         return path.read_bytes()
     stream = io.BytesIO()
@@ -25,9 +25,9 @@ def small(path: Path) -> bytes:
     return stream.getvalue()
 
 
-def alike(one: bytes, other: bytes) -> bool:
+def alike(picture: bytes, other: bytes) -> bool:
     """Whether two pictures look the same."""
-    mine, theirs = _tiles(one), _tiles(other)
+    mine, theirs = _tiles(picture), _tiles(other)
     return mine.shape == theirs.shape and bool((np.abs(mine - theirs) <= ALIKE).all())
 
 

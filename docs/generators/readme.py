@@ -1,6 +1,6 @@
-"""Draw the README's pictures, for light pages and for dark ones; and one of the viewer.
+"""Draw the README's pictures, for light and dark pages, and one of the viewer.
 
-What is drawn is what the README's commands make, but `--dark` is said on no page.
+The README's commands draw them; the dark ones add `--dark`, which no page shows.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FILM = (
     "drop simulate --out film.rrd --camera follow --capture-every 8 --size 400x300",
     "drop render film.rrd --with-plot --speed 0.25",
 )
-"""What the README says to type for its first picture."""
+"""The README's commands for its first picture."""
 COMMANDS = (
     *FILM,
     f"{FILM[1]} --dark --out film-dark.gif --plot film-dark.png",
@@ -30,13 +30,13 @@ COMMANDS = (
 DRAWN = ("film.gif", "film-dark.gif", "recordings/run.png", "run-dark.png")
 VIEWER = IMAGES / "viewer.png"
 TITLE_BAR_PX = 38
-"""It tells of the machine, which has no screen."""
+"""Left out: it shows details of the machine, which has no display."""
 AT_S = 0.3
-"""Where `drop view` puts the time cursor."""
+"""Time of `drop view`'s cursor."""
 
 
 def made() -> dict[Path, bytes]:
-    """Return the pictures as the program draws them now, but that of the viewer.
+    """Return the pictures as drawn now, except that of the viewer.
 
     Raises
     ------
@@ -46,11 +46,11 @@ def made() -> dict[Path, bytes]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _type(COMMANDS, folder)
-        return {IMAGES / Path(one).name: small(folder / one) for one in DRAWN}
+        return {IMAGES / Path(file).name: small(folder / file) for file in DRAWN}
 
 
 def viewer_picture() -> dict[Path, bytes]:
-    """Return the picture of the viewer; it takes Mesa's Vulkan driver, and differs by machine.
+    """Return the picture of the viewer; it needs Mesa's Vulkan driver, and differs by machine.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Write the reference of a recording, from one that is made for it, with every setting chosen."""
+"""Write the reference of recordings, from one made for it with every setting given."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ UNITS = {
     "j": "J", "kg": "kg", "px": "px", "deg": "°",
 }  # fmt: skip
 TYPES = {"double": "float64", "float": "float32"}
-"""Arrow's word to numpy's."""
+"""Arrow's name -> numpy's."""
 
 PROPERTIES = [
     f"__properties/{name}" for name in (*schema.INPUT_PROPERTIES, schema.RECORDING_PROPERTY)
@@ -38,7 +38,7 @@ PROPERTIES = [
 
 MEASURED = {
     "state": {
-        "body": "number of the body: 0, the one that is dropped",
+        "body": "number of the body: 0, the dropped one",
         "link": "number of its link; -1 is the base",
         "position_m": "of the part's centre of mass, world axes",
         "orientation": "a quaternion: x, y, z, w",
@@ -46,14 +46,14 @@ MEASURED = {
         "spin_rad_s": "angular velocity, world axes",
     },
     "contacts": {
-        "body_a": "number of the one body: 0 is dropped, 1 the floor",
+        "body_a": "number of the first body: 0 is the dropped one, 1 the floor",
         "link_a": "number of its link",
         "body_b": "number of the other body",
         "link_b": "number of its link",
         "position_a_m": "the point on a, world axes",
         "position_b_m": "the point on b",
         "normal": "from b to a",
-        "distance_m": "between the two points; negative where a and b are in each other",
+        "distance_m": "between the two points; negative where a and b penetrate each other",
         "normal_force_n": "on a, along the normal",
         "friction_1_n": "on a, along the first direction",
         "friction_1_direction": "world axes",
@@ -63,13 +63,13 @@ MEASURED = {
 }
 CURVES = {
     schema.HEIGHT_SIMULATED: "height of the body's centre",
-    schema.HEIGHT_FREE_FALL: "free fall, without air; it stops at the floor",
+    schema.HEIGHT_FREE_FALL: "free fall, without air; stops at the floor",
     schema.HEIGHT_DAMPED_FALL: "a fall through Bullet's damping, in continuous time",
-    f"{schema.ERROR}/total": "simulated minus free fall; the next four add up to it",
-    f"{schema.ERROR}/timestep": "what semi-implicit Euler does, without damping",
-    f"{schema.ERROR}/damping": "what damping does, in continuous time",
-    f"{schema.ERROR}/interaction": "what the two do to each other",
-    f"{schema.ERROR}/rounding": "what double precision leaves",
+    f"{schema.ERROR}/total": "simulated minus free fall; the sum of the next four",
+    f"{schema.ERROR}/timestep": "from semi-implicit Euler, without damping",
+    f"{schema.ERROR}/damping": "from damping, in continuous time",
+    f"{schema.ERROR}/interaction": "from their interaction",
+    f"{schema.ERROR}/rounding": "from double-precision rounding",
     **{f"{schema.ERROR_MM}/{term}": "the same, for the viewer" for term in ("total", *TERMS)},
     f"{schema.ENERGY}/kinetic": "energy of the motion",
     f"{schema.ENERGY}/rotation": "energy of the rotation",
@@ -79,18 +79,18 @@ CURVES = {
 DRAWN = {
     schema.WORLD: "z is up",
     schema.FLOOR: "the floor, its surface at z = 0",
-    schema.BOX: "the body: its size, and where it is",
-    schema.TRAIL: "where the body was, at some forty moments",
-    schema.CAMERA: "the camera: its lens, and where it stands",
+    schema.BOX: "the body: its size and pose",
+    schema.TRAIL: "where the body was, at about forty times",
+    schema.CAMERA: "the camera: its lens and pose",
     schema.IMAGE: "a frame, a PNG",
-    schema.ABOUT: "what this recording is, in words",
+    schema.ABOUT: "a description of this recording",
     schema.EVENTS: "what happened: release, first contact, lowest point, rebounds, rest",
-    schema.FINDINGS: "the error taken apart, and what the recording gives away",
+    schema.FINDINGS: "the error, broken down, and the findings",
 }
 CLOSING = {
-    "schema_version": "of this page; another one has other names",
-    "samples": "how many samples there must be",
-    "frames": "how many frames there must be",
+    "schema_version": "the version that this page describes; other versions have other names",
+    "samples": "number of samples that must be there",
+    "frames": "number of frames that must be there",
     "state_sha256": "digest of the states",
     "contacts_sha256": "digest of the contacts",
     "frames_sha256": "digest of the frames",
@@ -101,26 +101,26 @@ CAMERA_SAYS = {
     "distance_m": "from the camera to its target",
     "far_m": "nothing farther away is drawn",
     "near_m": "nothing nearer is drawn",
-    "pitch_deg": "angle above (positive) or below the horizontal plane that it looks along",
-    "roll_deg": "turn about its own axis",
+    "pitch_deg": "angle of its view above (positive) or below the horizontal",
+    "roll_deg": "rotation about its own axis",
     "target_m": "what it looks at: x, y, z",
     "vertical_fov_deg": "vertical field of view",
-    "yaw_deg": "turn about the vertical",
+    "yaw_deg": "rotation about the vertical",
 }
-"""What no option says of the camera."""
+"""The camera's fields without an option."""
 TABLE_SAYS = {
     "step": "number of the sample",
     "time_s": "step × timestep",
     "phase": "falling, contact or rest",
     "simulated_m": "height of the centre in the recording",
-    "free_fall_m": "the same by theory, without air; from the first contact on at least the rest "
+    "free_fall_m": "the same by theory, without air; from the first contact on, at least the rest "
     "height",
     "damped_fall_m": "the same through Bullet's damping, in continuous time",
-    "error_m": "simulated minus free fall; the next four add up to it",
-    "timestep_m": "what semi-implicit Euler does, without damping",
-    "damping_m": "what damping does, in continuous time",
-    "interaction_m": "what the two do to each other",
-    "rounding_m": "what double precision leaves",
+    "error_m": "simulated minus free fall; the sum of the next four",
+    "timestep_m": "from semi-implicit Euler, without damping",
+    "damping_m": "from damping, in continuous time",
+    "interaction_m": "from their interaction",
+    "rounding_m": "from double-precision rounding",
     "kinetic_linear_j": "energy of the motion",
     "kinetic_angular_j": "energy of the rotation",
     "potential_j": "energy of the height above z = 0",
@@ -130,18 +130,18 @@ TABLE_SAYS = {
 
 _HEAD = f"""# What is in a recording
 
-*Made by `python docs/regenerate.py` from a recording and `pipeline/recording/schema.py`; this is
-schema version {schema.SCHEMA_VERSION}. Any [Rerun](https://rerun.io) tool reads it.*
+*Generated by `python docs/regenerate.py` from a recording and `pipeline/recording/schema.py`; this
+is schema version {schema.SCHEMA_VERSION}. Any [Rerun](https://rerun.io) tool reads it.*
 
-`drop simulate` writes `RUN.rrd`. `drop analyze` writes `RUN.analysis.rrd`, a layer that carries the
-same recording id: opened together they are one recording. Units are SI, world axes are x, y, z with
-z up, and every sample is the state *before* a step, so that sample 0 is the release.
+`drop simulate` writes `RUN.rrd`. `drop analyze` writes `RUN.analysis.rrd`, a layer with the same
+recording id: opened together they are one recording. Units are SI, world axes are x, y, z with z
+up, and every sample is the state *before* a step: sample 0 is the release.
 
 ## Timelines
 
 | timeline | type | what it is |
 | --- | --- | --- |
-| `{schema.STEP_TIMELINE}` | sequence, int64 | number of the step: what samples are joined on |
+| `{schema.STEP_TIMELINE}` | sequence, int64 | number of the step: the key of the samples |
 | `{schema.TIME_TIMELINE}` | duration, int64 ns | step × timestep, in whole nanoseconds |
 """
 
@@ -149,15 +149,15 @@ z up, and every sample is the state *before* a step, so that sample 0 is the rel
 _STATE = f"""## State
 
 Entity `{schema.STATES.entity}`, a row per step; every number is computed from these and the
-contacts. A component is a list: one after the other, what each part has of it. A part is a link of
-a body, in world axes; a rigid body has one, its base. Read back, a part is a row of the table
+contacts. A component is a list with the values of each part, one after the other. A part is a link
+of a body, in world axes; a rigid body has one, its base. Read back, a part is a row of the table
 `states` with the columns named here.
 """
 _CONTACTS = f"""## Contacts
 
-Entity `{schema.CONTACTS.entity}`, a row per step that has any: what `getContactPoints` says after
-the step that led here. A component is a list: one after the other, what each contact point has of
-it. Read back, a point is a row of the table `contacts`.
+Entity `{schema.CONTACTS.entity}`, a row per step that has any: what `getContactPoints` returned
+after the step that led to the sample. A component is a list with the values of each contact point,
+one after the other. Read back, a point is a row of the table `contacts`.
 """
 
 _POLARS = """import polars as pl
@@ -216,13 +216,13 @@ Neither verifies the digests; `drop analyze` does, and its `--table` writes the 
 
 @dataclass
 class Entity:
-    """What the chunks of one entity have, taken together."""
+    """What the chunks of one entity hold together."""
 
     timed: bool = False
     types: dict[str, str] = field(default_factory=dict)
     """Component or property -> type of its elements."""
     label: str = ""
-    """What a curve is called, with its unit."""
+    """Name of a curve, with its unit."""
 
 
 def made() -> dict[str, str]:
@@ -244,9 +244,9 @@ def made() -> dict[str, str]:
         _measured(run, schema.CONTACTS),
         "## Curves\n\nOne scalar per sample, with a colour and a name for the viewer.\n",
         _curves(run),
-        "## To look at\n",
+        "## For display\n",
         _drawn(run),
-        "## Properties\n\nUnder `__properties/`, once. What was left to the engine is not there.\n",
+        "## Properties\n\nUnder `__properties/`, once. What was left to the engine is absent.\n",
         *(_property(run, name) for name in PROPERTIES),
         "## The layer of `drop analyze`\n",
         _curves(layer),
@@ -260,18 +260,18 @@ def made() -> dict[str, str]:
 
 
 def _entities(path: Path) -> dict[str, Entity]:
-    found: dict[str, Entity] = {}
+    entities: dict[str, Entity] = {}
     for chunk in rrd.chunks(path):
-        entity = found.setdefault(chunk.entity, Entity())
+        entity = entities.setdefault(chunk.entity, Entity())
         entity.timed |= schema.STEP_TIMELINE in chunk.batch.schema.names
-        for one in chunk.batch.schema:
-            if pa.types.is_list(one.type):
-                values = len(chunk.batch[one.name][0])
+        for column in chunk.batch.schema:
+            if pa.types.is_list(column.type):
+                values = len(chunk.batch[column.name][0])
                 several = f"{values} × " if values > 1 and chunk.entity in PROPERTIES else ""
-                entity.types[one.name] = several + _element(one.type)
+                entity.types[column.name] = several + _element(column.type)
         if "SeriesLines:names" in chunk.batch.schema.names:
             entity.label = chunk.batch["SeriesLines:names"][0].as_py()[0]
-    return found
+    return entities
 
 
 def _element(kind: pa.DataType) -> str:
@@ -286,28 +286,31 @@ def _element(kind: pa.DataType) -> str:
 def _measured(run: Mapping[str, Entity], table: schema.Table) -> str:
     rows = []
     for component, columns in table.columns.items():
-        dtype, names = run[table.entity].types[component], ", ".join(f"`{one}`" for one in columns)
-        unit, said = _unit(component) or "", MEASURED[table.entity][component]
-        rows.append([f"`{component}`", dtype, unit, names, said])
+        dtype, names = (
+            run[table.entity].types[component],
+            ", ".join(f"`{name}`" for name in columns),
+        )
+        unit, description = _unit(component) or "", MEASURED[table.entity][component]
+        rows.append([f"`{component}`", dtype, unit, names, description])
     return _rows(["component", "type", "unit", "columns", "what it is"], rows)
 
 
 def _curves(entities: Mapping[str, Entity]) -> str:
-    curves = {name: one for name, one in entities.items() if one.label}
+    curves = {name: entity for name, entity in entities.items() if entity.label}
     rows = [
-        [f"`{name}`", one.types["Scalars:scalars"], _bracketed(one.label), CURVES[name]]
-        for name, one in sorted(curves.items(), key=lambda pair: [*CURVES].index(pair[0]))
+        [f"`{name}`", entity.types["Scalars:scalars"], _bracketed(entity.label), CURVES[name]]
+        for name, entity in sorted(curves.items(), key=lambda pair: [*CURVES].index(pair[0]))
     ]
     return _rows(["entity", "type", "unit", "what it is"], rows)
 
 
 def _drawn(entities: Mapping[str, Entity]) -> str:
     rows = []
-    for name, one in entities.items():
-        if name.startswith("__") or name in schema.TABLES or one.label:
+    for name, entity in entities.items():
+        if name.startswith("__") or name in schema.TABLES or entity.label:
             continue
-        archetypes = dict.fromkeys(component.partition(":")[0] for component in one.types)
-        when = "over time" if one.timed else "once"
+        archetypes = dict.fromkeys(component.partition(":")[0] for component in entity.types)
+        when = "over time" if entity.timed else "once"
         rows.append([f"`{name}`", ", ".join(archetypes), when, DRAWN[name]])
     return _rows(["entity", "Rerun's archetypes", "when", "what it is"], rows)
 
@@ -315,20 +318,22 @@ def _drawn(entities: Mapping[str, Entity]) -> str:
 def _property(run: Mapping[str, Entity], entity: str) -> str:
     name = entity.rpartition("/")[2]
     options = {**Scenario.options(), **Camera.options()}
-    # The engine's report has names of its own: what is said of a scenario is not said of it.
-    said = {
-        schema.SCENARIO_PROPERTY: {key: _said(option) for key, option in options.items()},
+    # The engine's report has its own descriptions, also of names that a scenario has.
+    descriptions = {
+        schema.SCENARIO_PROPERTY: {key: _option(option) for key, option in options.items()},
         schema.CAMERA_PROPERTY: CAMERA_SAYS
-        | {key: _said(option) for key, option in options.items()},
+        | {key: _option(option) for key, option in options.items()},
         schema.ENGINE_PROPERTY: EngineReport.says(),
         schema.RECORDING_PROPERTY: CLOSING,
     }[name]
     types = run[entity].types
-    rows = [[f"`{key}`", dtype, _unit(key) or "", said[key]] for key, dtype in types.items()]
+    rows = [
+        [f"`{key}`", dtype, _unit(key) or "", descriptions[key]] for key, dtype in types.items()
+    ]
     return f"### {name}\n\n{_rows(['name', 'type', 'unit', 'what it is'], rows)}"
 
 
-def _said(option: Option) -> str:
+def _option(option: Option) -> str:
     return f"false with `{option.name}`" if option.is_flag else f"`{option.name}`: {option.help}"
 
 

@@ -1,8 +1,8 @@
-"""Run what a page says to type, in some folder, and return what is printed on 80 columns.
+"""Run the commands of a page in a folder, and return their output, 80 columns wide.
 
-A plain `drop …` runs in this process, because starting one takes longer than most of what is
-asked; anything else runs in bash. What a test cannot run, `INSTEAD` and `PROGRAMS` replace; what is
-left out there is checked in `tests/test_docs.py`.
+A plain `drop …` runs in this process, because starting a process takes longer than most commands;
+anything else runs in bash. `INSTEAD` and `PROGRAMS` replace what a test cannot run; what they leave
+out is checked in `tests/test_docs.py`.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ from pipeline.sweeping.engines import dismiss
 ROOT = Path(__file__).parents[2]
 
 PROGRAMS = {
-    "pip": (":", "installs; the extras that it names are looked up"),
-    "pytest": (":", "runs these tests; the files and tests that it names are looked up"),
-    "python3.11": (":", "makes an environment"),
+    "pip": (":", "installs; the extras it names are checked"),
+    "pytest": (":", "runs these tests; the files and tests it names are checked"),
+    "python3.11": (":", "creates an environment"),
     "sphinx-build": (":", "builds the site: tests/test_site.py does"),
-    "source": (":", "enters it"),
-    "rerun": ("ls", "opens a window; its files must be there"),
+    "source": (":", "activates it"),
+    "rerun": ("ls", "opens a window; its files must exist"),
     "ssh": (":", "needs another machine"),
     "ray": (":", "starts a cluster: tests/test_sweep.py does"),
     "srun": (":", "belongs to SLURM"),
     "scontrol": ("echo node", "belongs to SLURM"),
     "sleep": (":", "waits for a cluster"),
 }
-"""What is called in place of a program, and why."""
+"""What is called instead of a program, and why."""
 
 INSTEAD = (
-    (r"^drop view ", "ls ", "opens a window; its files must be there"),
+    (r"^drop view ", "ls ", "opens a window; its files must exist"),
     (r" --spawn\b| --connect \S+", "", "opens a window: tests/test_viewer.py does"),
     (r" --ray \S+", "", "needs a cluster: tests/test_sweep.py starts one"),
-    (r"^/usr/bin/time (-v|-f \".*?\") ", "", "is GNU's, and not everywhere"),
-    (r"^drop (run|simulate)\b(?!.*--no-camera)", r"drop \1 --size 96x72", "frames take long"),
+    (r"^/usr/bin/time (-v|-f \".*?\") ", "", "is GNU's, not available everywhere"),
+    (r"^drop (run|simulate)\b(?!.*--no-camera)", r"drop \1 --size 96x72", "frames take time"),
     (r"--samples \d+", "--samples 5", "takes minutes"),
     (r"--duration \d{5}\S+", "--duration 1", "takes minutes"),
     (r"^(python -m benchmarks.*?)( *#.*)?$", r"\1 --help", "takes minutes"),
     (r"^python (tests/public_scripts\.py) .*", r"ls $ROOT/\1", "takes an hour"),
     (r"\$\{\{ vars\.PYBULLET \}\}", "3", "is a variable of GitHub's"),
 )
-"""What is typed in place of what matches, and why; only where no output is quoted."""
+"""What replaces a match, and why; only where no output is quoted."""
 
 
 def possible(command: str) -> str:
@@ -61,27 +61,27 @@ def possible(command: str) -> str:
 
 
 def run_command(command: str, folder: Path) -> tuple[int, str]:
-    """Return the exit code of a command, and what it prints."""
+    """Return the exit code and the output of a command."""
     words = _plain(command)
     if words[:1] != ["drop"]:
         return _in_bash(command, folder)
     with contextlib.chdir(folder):
         done = CliRunner(env={"COLUMNS": "80", "FORCE_COLOR": None}).invoke(app, words[1:])
-        dismiss()  # they were started in this folder, which will be gone
+        dismiss()  # these workers were started in this folder, which will be removed
     if done.exception is None or isinstance(done.exception, SystemExit):
         return done.exit_code, done.output
     return 1, f"{done.output}drop: {done.exception}"
 
 
 def run_python(code: str, folder: Path) -> tuple[int, str]:
-    """Return 0 and what a program prints; what it raises is raised."""
+    """Return 0 and the output of a program, whose exceptions propagate."""
     with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()) as printed:
         exec(compile(code, "a page", "exec"), {})
     return 0, printed.getvalue()
 
 
 def _plain(command: str) -> list[str]:
-    """Return the words of a command, or none where it takes a shell."""
+    """Return the words of a command, or none if it needs a shell."""
     line = command.replace("\\\n", " ")
     return [] if re.search(r"[$`;<>|&\n]", line) else shlex.split(line, comments=True)
 

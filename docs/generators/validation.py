@@ -1,6 +1,6 @@
-"""docs/validation.md: what is known exactly of a body, beside what PyBullet makes of it.
+"""Write docs/validation.md: exact results about a body, beside PyBullet's.
 
-Each figure is computed from the recording of a short script, by `drop record`.
+Each figure is computed from the recording of a short script, made by `drop record`.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ steps(round(10 / {timestep}))
 
 @dataclass(frozen=True)
 class Figure:
-    """What is known of a body, and what PyBullet makes of it."""
+    """An exact result about a body, and PyBullet's."""
 
     what: str
     formula: str
@@ -93,9 +93,9 @@ class Figure:
     measured: float
     unit: str
     why: str
-    """What the difference is made of."""
+    """The cause of the difference."""
     within: float
-    """The difference that is allowed, in the unit; of a sum that is kept, the drift."""
+    """The difference allowed, in the unit; of a conserved sum, the drift allowed."""
 
     @property
     def row(self) -> str:
@@ -116,9 +116,10 @@ def figures() -> list[Figure]:
 def _slide() -> Figure:
     motion = _motion(_seen(SLIDES), 1)
     start = 60
-    way_m = float(motion.position_m[-1, 0] - motion.position_m[start, 0])
+    distance_m = float(motion.position_m[-1, 0] - motion.position_m[start, 0])
     return Figure(
-        "a box that slides at v = 2 m/s stops after", "v² / 2µg, µ = 0.3", 4 / (2 * 0.3 * G), way_m,
+        "a box that slides at v = 2 m/s stops after", "v² / 2µg, µ = 0.3", 4 / (2 * 0.3 * G),
+        distance_m,
         "m", "timestep: v dt/2 less, since friction acts before the body moves", 2 / 240,
     )  # fmt: skip
 
@@ -136,9 +137,10 @@ def _range() -> Figure:
     motion = _motion(_seen(THROWN), 0)
     time_s = 0.5
     row = round(time_s * 240)
-    fall_m = float(motion.position_m[row, 2])
+    height_m = float(motion.position_m[row, 2])
     return Figure(
-        "and is after t = 0.5 s at", "v t − g t²/2", 6 * time_s - G * time_s**2 / 2, fall_m, "m",
+        "and is after t = 0.5 s at", "v t − g t²/2", 6 * time_s - G * time_s**2 / 2,
+        height_m, "m",
         "timestep: −g t dt/2, exactly", G * time_s / 480 * 1.000001,
     )  # fmt: skip
 
@@ -149,7 +151,7 @@ def _terminal() -> Figure:
     return Figure(
         "a body falls at last, damped by PyBullet's default k = 0.04, at",
         "v (1 + v) k = g: v = √(1/4 + g/k) − 1/2", math.sqrt(0.25 + G / k) - 0.5,
-        -float(motion.velocity_m_s[-1, 2]), "m/s", "none: the step stands still there too", 1e-9,
+        -float(motion.velocity_m_s[-1, 2]), "m/s", "none: the step has the same fixed point", 1e-9,
     )  # fmt: skip
 
 
@@ -166,24 +168,25 @@ def _roll() -> Figure:
 
 def _collision() -> list[Figure]:
     seen = _seen(COLLIDE)
-    one, other = (_motion(seen, body).velocity_m_s for body in (0, 1))
-    momentum = one + 3 * other
-    energy_j = (np.sum(one**2, axis=1) + 3 * np.sum(other**2, axis=1)) / 2
+    light, heavy = (_motion(seen, body).velocity_m_s for body in (0, 1))
+    momentum = light + 3 * heavy
+    energy_j = (np.sum(light**2, axis=1) + 3 * np.sum(heavy**2, axis=1)) / 2
     return [
         Figure(
-            "two balls collide: drift of their momentum", "Σ m v is kept", 0.0,
+            "two balls collide: drift of their momentum", "Σ m v is conserved", 0.0,
             _drift(momentum), "", "rounding", 1e-12,
         ),
         Figure(
-            "the heavier one, struck, has of the energy", "restitution 1, no friction: 3/4 cos²θ",
-            _struck(), float(1.5 * np.sum(other[-1] ** 2) / energy_j[0]), "",
+            "share of the energy that the heavier ball gets",
+            "restitution 1, no friction: 3/4 cos²θ", _struck(),
+            float(1.5 * np.sum(heavy[-1] ** 2) / energy_j[0]), "",
             "where the balls meet in the step", 0.02,
         ),
     ]  # fmt: skip
 
 
 def _struck() -> float:
-    """Return the share of energy that goes over: 4 m M / (m + M)² along the line of centres."""
+    """Return the share of energy transferred: 4 m M / (m + M)² along the line of centres."""
     along = 1 - (0.05 / 0.2) ** 2
     return 4 * 1 * 3 / (1 + 3) ** 2 * along
 
@@ -193,7 +196,7 @@ def _drift(values: NDArray[np.float64]) -> float:
 
 
 def _spins() -> list[Figure]:
-    found = []
+    figures = []
     for maximal, kind in ((0, "btMultiBody"), (1, "btRigidBody")):
         for rate in (240, 480):
             seen = _seen(SPINS.format(timestep=f"(1 / {rate})", maximal=maximal))
@@ -201,14 +204,14 @@ def _spins() -> list[Figure]:
             inertia = np.array([0.2**2 + 0.1**2, 0.3**2 + 0.1**2, 0.3**2 + 0.2**2]) / 12
             state = mechanics_of_part(motion, 1.0, inertia, 0.0)
             drifts = {"energy": state.total_j, "angular momentum": state.angular_momentum_kg_m2_s}
-            found += [
+            figures += [
                 Figure(
                     f"{name} of a box that tumbles freely for 10 s, drift with 1/{rate} s, {kind}",
-                    "kept", 0.0, _drift(values), "", "timestep", 0.06,
+                    "conserved", 0.0, _drift(values), "", "timestep", 0.06,
                 )
                 for name, values in drifts.items()
             ]  # fmt: skip
-    return found
+    return figures
 
 
 def _seen(script: str) -> Seen:
@@ -229,22 +232,22 @@ def _motion(seen: Seen, body: int) -> Motion:
 
 def made(known: list[Figure] | None = None) -> dict[str, str]:
     """Return the page."""
-    rows = "\n".join(one.row for one in (figures() if known is None else known))
+    rows = "\n".join(figure.row for figure in (figures() if known is None else known))
     return {"validation.md": PAGE.format(rows=rows)}
 
 
 PAGE = """\
 # Validation
 
-What is known exactly of a thrown, sliding, rolling, spinning body, beside what PyBullet makes of
-it. Each figure is computed from a recording that `drop record` makes of a short script; the scripts
-are in `docs/generators/validation.py`, and `tests/test_validation.py` checks every row.
+Exact results about a thrown, sliding, rolling or spinning body, beside PyBullet's. Each figure is
+computed from a recording that `drop record` makes of a short script; the scripts are in
+`docs/generators/validation.py`, and `tests/test_validation.py` checks every row.
 
-| what | formula | theory | PyBullet | difference | of |
+| what | formula | theory | PyBullet | difference | from |
 | --- | --- | ---: | ---: | ---: | --- |
 {rows}
 
-A body that tumbles freely keeps neither its energy nor its angular momentum exactly: half the
-timestep halves the drift, so that both coordinate kinds turn a body with an error of first order.
-That of the fall, term by term, is in [the walkthrough](walkthrough.md).
+A freely tumbling body conserves neither its energy nor its angular momentum exactly: half the
+timestep halves the drift, so both kinds of coordinates integrate rotation with a first-order error.
+The error of the fall, term by term, is in [the walkthrough](walkthrough.md).
 """

@@ -1,1 +1,1 @@
-"""The judge: what a recording tells."""
+"""The analysis of recordings: the judge, independent of engines and of the recorder."""

@@ -1,7 +1,7 @@
 """A drop in DART.
 
-With its ODE collision detector: DART's own finds one point for a box on a plane, and no capsules.
-Nothing sleeps.
+With its ODE collision detector: DART's own finds one point for a box on a plane, and has no
+capsules. Sleeping is disabled.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pipeline.laws.rotations import matrix
 from pipeline.scenario import Scenario
 
 FARTHEST_M = 5e8
-"""At 2^29 m from the origin ODE's collision detector ends the process: 5.3e8 works, 5.4e8 not."""
+"""At 2^29 m from the origin ODE's collision detector aborts: 5.3e8 works, 5.4e8 does not."""
 SHAPES: dict[str, Callable[..., Any]] = {
     "box": lambda a, b, c: dartpy.dynamics.BoxShape((a, b, c)),
     "sphere": lambda radius, *_: dartpy.dynamics.SphereShape(radius),
@@ -44,7 +44,7 @@ class DartSession:
         self._joint, self._node = skeleton.createFreeJointAndBodyNodePair()
         inertia = np.diag(body.inertia_kg_m2)
         self._node.setInertia(dartpy.dynamics.Inertia(body.mass_kg, np.zeros(3), inertia))
-        for axis in range(3, 6):  # a force per speed
+        for axis in range(3, 6):  # force per speed
             rate = body.mass_kg * (scenario.linear_damping or 0.0)
             self._joint.setDampingCoefficient(axis, rate)
         self._surfaces = [_attached(self._node, shape) for shape in body.shapes]
@@ -72,14 +72,14 @@ class DartSession:
         Raises
         ------
         RuntimeError
-            If the body is where its collision detector would end the process.
+            If the body is so far away that the collision detector would abort.
         """
         if not (np.abs(self._joint.getPositions()[3:]) < FARTHEST_M).all():
             raise RuntimeError("the body is too far away")
         self._world.step()
 
     def state(self) -> Numbers:
-        """Return position, orientation, velocity and spin; DART keeps a rotation vector."""
+        """Return position, orientation, velocity and spin; DART stores a rotation vector."""
         at, moving = self._joint.getPositions(), self._joint.getVelocities()
         angle = float(np.sqrt(at[:3] @ at[:3]))
         scale = np.sin(angle / 2) / angle if angle else 0.5
@@ -87,7 +87,7 @@ class DartSession:
         return (*at[3:].tolist(), x, y, z, float(np.cos(angle / 2)), *moving[3:], *moving[:3])
 
     def contacts(self) -> Iterator[Numbers]:
-        """Yield the points of the last step; they were found where it began."""
+        """Yield the contact points of the last step, as detected at its beginning."""
         for point in self._world.getLastCollisionResult().getContacts():
             first = point.collisionObject1.getShapeFrame().asShapeNode().getBodyNodePtr()
             sign = 1.0 if first == self._node else -1.0
@@ -95,7 +95,7 @@ class DartSession:
             yield force_of_point(point.point, sign * point.normal, -depth_m, sign * point.force)
 
     def reported(self) -> dict[str, Any]:
-        """Return what the world holds."""
+        """Return the values that the world holds."""
         inertia, own = self._node.getInertia(), next(iter(self._surfaces), None)
         floor = self._floor
         return {
@@ -113,13 +113,13 @@ class DartSession:
 
 
 def _attached(node: Any, shape: Shape) -> Any:  # noqa: ANN401 - the library is untyped
-    """Give a body a shape, and return its surface."""
-    made = node.createShapeNode(SHAPES[shape.kind](*shape.size_m))
+    """Add a shape to a body, and return its surface."""
+    part = node.createShapeNode(SHAPES[shape.kind](*shape.size_m))
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = matrix(shape.orientation), shape.position_m
-    made.setRelativeTransform(dartpy.math.Isometry3(pose))
-    made.createCollisionAspect()
-    return made.createDynamicsAspect()
+    part.setRelativeTransform(dartpy.math.Isometry3(pose))
+    part.createCollisionAspect()
+    return part.createDynamicsAspect()
 
 
 def _rotation_vector(orientation: Quaternion) -> list[float]:

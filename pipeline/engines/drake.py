@@ -1,7 +1,7 @@
 """A drop in Drake.
 
-Contact is compliant (hydroelastic) against a rigid half space: with points alone Drake has one for
-each pair of shapes, and a box sinks. A ball touches at a point.
+Contact is compliant (hydroelastic) against a rigid half space: with point contact, Drake has one
+point per pair of shapes, and a box sinks in. Spheres use point contact.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from pipeline.laws.rotations import matrix
 from pipeline.scenario import Scenario
 
 MODULUS_PA = 1e7
-"""Of a compliant shape: Drake's default."""
+"""Hydroelastic modulus of a compliant shape: Drake's default."""
 FRICTION = 1.0
-"""Drake has no default of a surface: that of its rigid ones is 1."""
+"""Drake has no default for compliant surfaces; for rigid ones it is 1."""
 SHAPES: dict[str, Callable[..., Any]] = {
     "box": lambda a, b, c: Box(a, b, c),
     "sphere": lambda radius, *_: Sphere(radius),
@@ -69,7 +69,7 @@ class DrakeSession:
         moments = RotationalInertia(*body.inertia_kg_m2)
         inertia = SpatialInertia.MakeFromCentralInertia(body.mass_kg, np.zeros(3), moments)
         self._body = plant.AddRigidBody("body", inertia)
-        drag = body.mass_kg * (scenario.linear_damping or 0.0)  # a force per speed
+        drag = body.mass_kg * (scenario.linear_damping or 0.0)  # force per speed
         frames = plant.world_frame(), self._body.body_frame()
         plant.AddJoint(QuaternionFloatingJoint("free", *frames, 0.0, drag))
         self._friction = FRICTION if scenario.friction is None else scenario.friction
@@ -95,26 +95,26 @@ class DrakeSession:
         self._simulator.Initialize()
 
     def _surface(self, shape: Shape | None) -> ProximityProperties:
-        """Return how a shape, or the floor, takes contact."""
-        made = ProximityProperties()
+        """Return the contact properties of a shape, or of the floor."""
+        surface = ProximityProperties()
         friction = CoulombFriction(self._friction, self._friction)
-        AddContactMaterial(friction=friction, properties=made)
+        AddContactMaterial(friction=friction, properties=surface)
         if shape is None:
-            AddRigidHydroelasticProperties(properties=made)
-        elif shape.kind != "sphere":  # whose mesh would be coarse
+            AddRigidHydroelasticProperties(properties=surface)
+        elif shape.kind != "sphere":  # a sphere's mesh would be coarse
             finest_m = min(size for size in shape.size_m if size > 0) / 4
-            AddCompliantHydroelasticProperties(finest_m, MODULUS_PA, made)
-        return made
+            AddCompliantHydroelasticProperties(finest_m, MODULUS_PA, surface)
+        return surface
 
     def step(self) -> None:
-        """Take one timestep: to this very product, or Drake takes one too many or too few."""
+        """Take one timestep: to exactly this product, or Drake takes one too many or too few."""
         self._steps += 1
         self._simulator.AdvanceTo(self._steps * self._timestep_s)
 
     def state(self) -> Numbers:
         """Return position, orientation, velocity and spin.
 
-        Drake's discrete step lets the quaternion grow; it is given with length 1.
+        Drake's discrete step lets the quaternion grow; it is normalised here.
         """
         at = self._plant.GetPositions(self._context)
         moving = self._plant.GetVelocities(self._context).tolist()
@@ -122,9 +122,9 @@ class DrakeSession:
         return (*at[4:].tolist(), x, y, z, w, *moving[3:], *moving[:3])
 
     def contacts(self) -> Iterator[Numbers]:
-        """Yield the points of the last step; of a patch its centre, of which Drake gives no depth.
+        """Yield the contact points of the last step.
 
-        That is 0 then.
+        A contact patch is one point, its centre, with depth 0: Drake reports none.
         """
         results = self._plant.get_contact_results_output_port().Eval(self._context)
         for index in range(results.num_point_pair_contacts()):
@@ -144,7 +144,7 @@ class DrakeSession:
             yield force_of_point(surface.centroid(), UP, 0.0, force_n)
 
     def reported(self) -> dict[str, Any]:
-        """Return what the plant holds."""
+        """Return the values that the plant holds."""
         plant = self._plant
         inertia = self._body.CalcSpatialInertiaInBodyFrame(self._context)
         return {

@@ -61,13 +61,13 @@ class MujocoSession:
         mujoco.mj_step(self._model, self._data)
 
     def state(self) -> Numbers:
-        """Return position, orientation, velocity and spin; the joint has that of the body."""
+        """Return position, orientation, velocity and spin, which the joint has in body axes."""
         px, py, pz, w, x, y, z = self._data.qpos.tolist()
         spin = rotate(np.array([[x, y, z, w]]), self._data.qvel[None, 3:])[0].tolist()
         return (px, py, pz, x, y, z, w, *self._data.qvel[:3].tolist(), *spin)
 
     def contacts(self) -> Iterator[Numbers]:
-        """Yield the points of the last step; MuJoCo's frame has the normal from geom 1 to 2."""
+        """Yield the contact points of the last step; MuJoCo's normal points from geom 1 to 2."""
         force = np.zeros(6)
         for index in range(self._data.ncon):
             point = self._data.contact[index]
@@ -80,18 +80,18 @@ class MujocoSession:
             )  # fmt: skip
 
     def reported(self) -> dict[str, Any]:
-        """Return what the model holds."""
+        """Return the values that the model holds."""
         model = self._model
         surface = model.geom_friction[:, 0]
-        own = {}
+        contact = {}
         if model.ngeom:
-            own = {
+            contact = {
                 "lateral_friction": float(surface[-1]),
                 "solref": tuple(model.geom_solref[-1].tolist()),
                 "solimp": tuple(model.geom_solimp[-1].tolist()),
             }
         floor = model.ngeom and not model.geom_bodyid[0]
-        return own | {
+        return contact | {
             "engine_version": mujoco.__version__,
             "timestep_s": float(model.opt.timestep),
             "gravity_m_s2": tuple(model.opt.gravity.tolist()),
@@ -104,7 +104,7 @@ class MujocoSession:
 
 
 def _geom(shape: Shape) -> dict[str, Any]:
-    """Return a shape as MuJoCo asks for it: half a box's edges, half a cylinder's length."""
+    """Return a shape in MuJoCo's terms: half a box's edges, half a cylinder's length."""
     a, b, c = shape.size_m
     x, y, z, w = shape.orientation
     size = (a / 2, b / 2, c / 2) if shape.kind == "box" else (a, b / 2, 0.0)

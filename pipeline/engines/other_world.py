@@ -1,4 +1,4 @@
-"""The world of a drop in an engine other than PyBullet, with PyBullet's to read the URDF."""
+"""The world of a drop in an engine other than PyBullet; PyBullet reads the URDF."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.engines.bullet.world import World, check_numbers, no_number
+from pipeline.engines.bullet.world import World, check_numbers, non_finite
 from pipeline.engines.session import RigidBody, Session
 from pipeline.errors import ScenarioError
 from pipeline.fields import counted
+from pipeline.messages import Message
 from pipeline.report import EngineReport
 from pipeline.scenario import ENGINES, ENGINES_WITH, Engine, Scenario
 from pipeline.states import BASE, BODY, CONTACT, FLOOR, STATE, Batch
@@ -31,19 +32,19 @@ SESSIONS: dict[Engine, str] = {
     "drake": "pipeline.engines.drake:DrakeSession",
     "physx": "pipeline.engines.physx:PhysxSession",
 }
-"""Where each engine is driven; imported when it is asked for."""
+"""The session class of each engine; imported on demand."""
 DISTRIBUTIONS: dict[Engine, str] = {
     "mujoco": "mujoco", "dart": "dartpy", "drake": "drake", "physx": "sapien",
 }  # fmt: skip
-"""What is installed of each."""
+"""The distribution that provides each engine."""
 SHAPES = ("box", "sphere", "cylinder", "capsule")
-"""Those that every engine here has."""
+"""Those that every engine here supports."""
 BULLETS_OWN = (
     "substeps", "rolling_friction", "spinning_friction", "collision_margin_m", "pybullet_api",
     "contact_stiffness_n_m", "contact_damping_n_s_m", "solver_iterations", "restitution",
     "lateral_friction", "floor_restitution", "floor_lateral_friction",
 )  # fmt: skip
-"""What PyBullet's report says of PyBullet."""
+"""What PyBullet's report says about PyBullet itself."""
 _ROW = struct.Struct("<5q19d").pack
 
 
@@ -55,17 +56,17 @@ class OtherWorld:
     scenario
         What to drop, and how.
     build
-        From scenario and body to the session that drops it; None for that of the scenario's engine.
+        Builds the session, given scenario and body; None for that of the scenario's engine.
 
     Raises
     ------
     ScenarioError
-        If the engine is not installed, or the body is not one that it takes.
+        If the engine is not installed, or does not support the body.
     """
 
     def __init__(self, scenario: Scenario, build: Build | None = None) -> None:
         self.scenario = scenario
-        # What the others take is not for PyBullet, which only looks at the body.
+        # Without the other engine's options: PyBullet only reads the body.
         plain: dict[str, Any] = {name: None for name in ENGINES_WITH if name != "coordinates"}
         with World(replace(scenario, engine="bullet", integrator=None, **plain)) as read:
             self.half_size_m: Float64 = read.half_size_m
@@ -83,7 +84,7 @@ class OtherWorld:
     watch: Callable[[Batch], object] = staticmethod(lambda _: None)
 
     def report(self) -> EngineReport:
-        """Return what the engine says of itself and of the body; its shape is as PyBullet read."""
+        """Return what the engine reports about itself and the body; the shape is PyBullet's."""
         empty: dict[str, Any] = dict.fromkeys(BULLETS_OWN) | {"substeps": 0}
         reported = self._session.reported()
         moments = reported["inertia_kg_m2"]
@@ -93,35 +94,46 @@ class OtherWorld:
         )  # fmt: skip
 
     def notes(self) -> Iterator[str]:
-        """Yield what the engine does not take from the URDF, each in a sentence.
+        """Yield what the engine does not take from the URDF, a sentence each.
 
-        A value of PyBullet's is that of the URDF's `<contact>`, or its own default.
+        PyBullet's values are those of the URDF's `<contact>`, or its own defaults.
         """
         theirs, name = self.report(), ENGINES[self.scenario.engine]
-        for field, option in (("lateral_friction", "friction"), ("restitution", "restitution")):
-            mine, other = getattr(self._read, field), getattr(theirs, field)
-            asked = getattr(self.scenario, option) is not None
-            if not asked and mine is not None and other is not None and not _near(mine, other):
-                yield (
-                    f"{name} has a {field.replace('_', ' ')} of {other:.4g} for this body, where "
-                    f"PyBullet has {mine:.4g}; to have the same, set --{option}"
-                )
-        for field in ("rolling_friction", "spinning_friction", "contact_stiffness_n_m"):
+        for field, option, quantity in (
+            ("lateral_friction", "friction", Message("lateral friction")),
+            ("restitution", "restitution", Message("restitution")),
+        ):
+            bullets, value = getattr(self._read, field), getattr(theirs, field)
+            given = getattr(self.scenario, option) is not None
+            if not given and None not in (bullets, value) and not _near(bullets, value):
+                yield Message(
+                    "{engine} has a {quantity} of {value:.4g} for this body, where PyBullet has "
+                    "{bullets:.4g}; to have the same, set --{option}",
+                    engine=name, quantity=quantity, value=value, bullets=bullets, option=option,
+                )  # fmt: skip
+        for field, quantity in (
+            ("rolling_friction", Message("rolling friction")),
+            ("spinning_friction", Message("spinning friction")),
+            ("contact_stiffness_n_m", Message("contact stiffness")),
+        ):
             if getattr(self._read, field):
-                what = field.removesuffix("_n_m").replace("_", " ")
-                yield f"{name} leaves out the {what} that the URDF's <contact> gives to PyBullet"
+                yield Message(
+                    "{engine} ignores the {quantity} that the URDF's <contact> sets in PyBullet",
+                    engine=name,
+                    quantity=quantity,
+                )
 
     def skip(self, steps: int) -> None:
-        """Take steps whose samples nobody reads."""
+        """Take steps without reading samples."""
         for step in range(steps if self.scenario.stepped else 0):
             self._step(step)
 
     def _step(self, step: int) -> None:
-        """Take a step; some engines raise where others go on with nan."""
+        """Take a step; some engines raise where others continue with nan."""
         try:
             self._session.step()
         except RuntimeError:
-            raise no_number(step) from None
+            raise non_finite(step) from None
 
     def height_m(self) -> float:
         """Return the height of the centre at the end of the fall [m].
@@ -129,17 +141,17 @@ class OtherWorld:
         Raises
         ------
         DropError
-            If it is no number.
+            If it is not finite.
         """
         state = self._session.state()
         if not all(map(math.isfinite, state)):
-            raise no_number(self.scenario.steps)
+            raise non_finite(self.scenario.steps)
         return state[2]
 
     def samples(self, batch: int) -> Iterator[Batch]:
-        """Fall: yield the state before each step and after the last, and what touched meanwhile.
+        """Fall: yield the state before each step and after the last, and the contact points.
 
-        Each batch goes to `watch` too.
+        Each batch is passed to `watch` too.
 
         Parameters
         ----------
@@ -149,7 +161,7 @@ class OtherWorld:
         Raises
         ------
         DropError
-            If a state or a contact becomes a number that no recording holds.
+            If a state or a contact becomes non-finite, or too large for a recording.
         """
         session, samples = self._session, self.scenario.steps + 1
         for start in range(0, samples, batch):
@@ -159,25 +171,25 @@ class OtherWorld:
                     self._step(sample)
                     for point in session.contacts():
                         contacts += _ROW(sample, BODY, BASE, FLOOR, BASE, *point)
-                with np.errstate(all="ignore"):  # what is no number is refused below
+                with np.errstate(all="ignore"):  # non-finite numbers are rejected below
                     state = session.state()
                 states[row] = (
                     sample, BODY, BASE, state[:3], state[3:7], state[7:10], state[10:],
                 )  # fmt: skip
-            found = Batch(states, np.frombuffer(contacts, CONTACT))
-            for rows in found:
+            chunk = Batch(states, np.frombuffer(contacts, CONTACT))
+            for rows in chunk:
                 check_numbers(rows)
-            self.watch(found)
-            yield found
+            self.watch(chunk)
+            yield chunk
 
 
 def other_versions(engines: Iterable[Engine]) -> dict[str, str]:
-    """Return the versions of those engines that are installed, but for PyBullet's."""
-    found = {}
+    """Return the versions of those engines that are installed, except PyBullet's."""
+    versions = {}
     for engine in engines:
         with contextlib.suppress(KeyError, metadata.PackageNotFoundError):
-            found[f"{engine}_version"] = metadata.version(DISTRIBUTIONS[engine])
-    return found
+            versions[f"{engine}_version"] = metadata.version(DISTRIBUTIONS[engine])
+    return versions
 
 
 def rigid_body(world: World, report: EngineReport) -> RigidBody:
@@ -186,28 +198,35 @@ def rigid_body(world: World, report: EngineReport) -> RigidBody:
     Raises
     ------
     ScenarioError
-        If it has joints, or shapes that not every engine has.
+        If it has joints, or shapes that not every engine supports.
     """
     body, shapes = world.scenario.body, world.shapes()
-    has = counted(report.joints, "joint") if report.joints else ""
+    if report.joints:
+        raise ScenarioError(
+            "--engine other than bullet takes a body of one link, got {joints} in {body!r}; "
+            "drop it with --engine bullet",
+            joints=counted(report.joints, "joint"),
+            body=body,
+        )
     for shape in shapes:
         if shape.kind not in SHAPES:
-            has = has or f"a shape that is a {shape.kind}"
-    if has:
-        raise ScenarioError(
-            f"--engine other than bullet takes a body of one link, made of {', '.join(SHAPES)}, "
-            f"got {has} in {body!r}; drop it with --engine bullet"
-        )
+            raise ScenarioError(
+                "--engine other than bullet takes a body made of {shapes}, got a shape of kind "
+                "{kind} in {body!r}; drop it with --engine bullet",
+                shapes=", ".join(SHAPES),
+                kind=shape.kind,
+                body=body,
+            )
     return RigidBody(report.body_name, report.mass_kg, report.inertia_kg_m2, shapes)
 
 
-def _near(one: float, other: float) -> bool:
-    """Whether two engines have the same number; one may round to float32."""
-    return math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-12)
+def _near(a: float, b: float) -> bool:
+    """Whether two engines have the same value; one may round to float32."""
+    return math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-12)
 
 
 def _installed(engine: Engine) -> Build:
-    """Return what builds the session of an engine."""
+    """Return the function that builds an engine's session."""
     module, name = SESSIONS[engine].split(":")
     try:
         build: Build = getattr(importlib.import_module(module), name)
@@ -215,7 +234,9 @@ def _installed(engine: Engine) -> Build:
         if (error.name or "").startswith("pipeline"):
             raise
         raise ScenarioError(
-            f"--engine {engine} needs {ENGINES[engine]}, which is not installed; "
-            f"try: pip install 'drop-physics[{engine}]'"
+            "--engine {engine} needs {name}, which is not installed; "
+            "try: pip install 'drop-physics[{engine}]'",
+            engine=engine,
+            name=ENGINES[engine],
         ) from None
     return build

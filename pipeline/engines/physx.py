@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from pipeline.engines.session import Numbers, RigidBody, Shape, force_of_point
 from pipeline.scenario import Scenario
 
-with warnings.catch_warnings():  # it speaks of Vulkan, which is not used here
+with warnings.catch_warnings():  # about Vulkan, which is not used here
     warnings.simplefilter("ignore")
     import sapien
     from sapien import physx
 
 X_TO_Z = (0.5, -0.5, -0.5, -0.5)
-"""w, x, y, z: PhysX's planes face x, and its cylinders lie along it."""
+"""w, x, y, z: PhysX's planes face x, and its cylinders have their axis along x."""
 
 
 class PhysxSession:
@@ -29,7 +29,7 @@ class PhysxSession:
     def __init__(self, scenario: Scenario, body: RigidBody) -> None:
         config = physx.PhysxSceneConfig()
         config.gravity = np.array((0.0, 0.0, scenario.effective_gravity_m_s2), dtype=np.float32)
-        physx.set_scene_config(config)  # of every system made from here on
+        physx.set_scene_config(config)  # for systems created from here on
         self._system = physx.PhysxCpuSystem()
         self._system.timestep = scenario.timestep_s
         self._scene = sapien.Scene([self._system])
@@ -64,16 +64,16 @@ class PhysxSession:
         x, y, z, w = shape.orientation
         pose, (a, b, c) = sapien.Pose(shape.position_m, (w, x, y, z)), shape.size_m
         if shape.kind == "box":
-            made = physx.PhysxCollisionShapeBox(np.array((a, b, c)) / 2, self._material)
+            part = physx.PhysxCollisionShapeBox(np.array((a, b, c)) / 2, self._material)
         elif shape.kind == "sphere":
-            made = physx.PhysxCollisionShapeSphere(a, self._material)
+            part = physx.PhysxCollisionShapeSphere(a, self._material)
         else:
             is_cylinder = shape.kind == "cylinder"
             kind = physx.PhysxCollisionShapeCylinder if is_cylinder else _CAPSULE
-            made = kind(a, b / 2, self._material)
+            part = kind(a, b / 2, self._material)
             pose = pose * sapien.Pose((0.0, 0.0, 0.0), X_TO_Z)
-        made.local_pose = pose
-        return made
+        part.local_pose = pose
+        return part
 
     def _add(self, component: physx.PhysxRigidBaseComponent, pose: sapien.Pose) -> None:
         entity = sapien.Entity()
@@ -93,7 +93,7 @@ class PhysxSession:
         return (*_wide(pose.p), x, y, z, w, *moving[0], *moving[1])
 
     def contacts(self) -> Iterator[Numbers]:
-        """Yield the points of the last step; SAPIEN gives what pushes, and no friction.
+        """Yield the contact points of the last step; SAPIEN reports no friction.
 
         PhysX looks ahead: a point above the floor has no force yet.
         """
@@ -106,7 +106,7 @@ class PhysxSession:
                 yield force_of_point(position_m, normal, float(point.separation), force_n)
 
     def reported(self) -> dict[str, Any]:
-        """Return what the system holds."""
+        """Return the values that the system holds."""
         body, material = self._body, self._material
         surface = {"lateral_friction": float(material.dynamic_friction),
                    "restitution": float(material.restitution)}  # fmt: skip
@@ -131,26 +131,26 @@ _CAPSULE = physx.PhysxCollisionShapeCapsule
 
 
 def _wide(values: Any) -> list[float]:  # noqa: ANN401 - float32 to float64, which is exact
-    made: list[float] = np.asarray(values, dtype=np.float64).tolist()
-    return made
+    wide: list[float] = np.asarray(values, dtype=np.float64).tolist()
+    return wide
 
 
 def _settled(orientation: Sequence[float]) -> list[float]:
     """Return the nearest quaternion that PhysX, which normalises it, leaves as it is."""
-    held = _normalised(np.array(orientation, dtype=np.float32))
+    unit = _normalised(np.array(orientation, dtype=np.float32))
     for ulps in sorted(itertools.product((0, -1, 1, -2, 2), repeat=4), key=_size):
-        near = held + np.array(ulps, dtype=np.float32) * np.spacing(held)
+        near = unit + np.array(ulps, dtype=np.float32) * np.spacing(unit)
         if np.array_equal(_normalised(near), near):
             return _wide(near)
-    return _wide(held)
+    return _wide(unit)
 
 
 def _size(ulps: Sequence[int]) -> int:
     return sum(map(abs, ulps))
 
 
-def _normalised(held: NDArray[np.float32]) -> NDArray[np.float32]:
+def _normalised(quaternion: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return a quaternion as PhysX normalises it, in float32."""
-    x, y, z, w = held
-    made: NDArray[np.float32] = held * (np.float32(1) / np.sqrt(x * x + y * y + z * z + w * w))
-    return made
+    x, y, z, w = quaternion
+    norm: np.float32 = np.sqrt(x * x + y * y + z * z + w * w)
+    return quaternion * (np.float32(1) / norm)

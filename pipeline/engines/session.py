@@ -1,7 +1,6 @@
-"""What an engine other than PyBullet has to do to drop a body: one small file each.
+"""What an engine other than PyBullet must provide to drop a body: one small file each.
 
-PyBullet reads the URDF, for every engine: so all of them drop the same mass, inertia and shapes,
-and what differs is what they make of them.
+PyBullet reads the URDF for every engine, so all of them drop the same mass, inertia and shapes.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Shape:
-    """One part of a body's collision."""
+    """One of a body's collision shapes."""
 
     kind: str
     """box, sphere, cylinder or capsule; its axis is z."""
@@ -68,15 +67,16 @@ class Session(Protocol):
     def state(self) -> Numbers:
         """Return 13 numbers, world axes: position, orientation x y z w, velocity and spin.
 
-        Of the centre of mass, as the engine has them: rounded by nothing of ours but the turn of a
-        spin that the engine keeps in the body's axes.
+        Of the centre of mass, exactly as in the engine; but a spin that the engine keeps in body
+        axes is rotated, which rounds it.
         """
 
     def contacts(self) -> Iterable[Numbers]:
-        """Yield the points that acted in the last step, with the numbers of `states.CONTACT`.
+        """Yield the contact points of the last step.
 
-        From `position_a_m` on, and as if the body were a: forces on it.
+        Each is the numbers of `states.CONTACT` from `position_a_m` on, with the body as a: the
+        forces act on it.
         """
 
     def reported(self) -> dict[str, Any]:
-        """Return what the engine says of itself and of the body: fields of `EngineReport`."""
+        """Return what the engine reports about itself and the body: fields of `EngineReport`."""

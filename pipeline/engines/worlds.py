@@ -11,7 +11,7 @@ from pipeline.scenario import Scenario
 
 
 def world_of(scenario: Scenario) -> World | OtherWorld:
-    """Return the world of a scenario, in the engine that it asks for; use it in `with`.
+    """Return the world of a scenario, in the engine that it names; use it in `with`.
 
     Raises
     ------
@@ -22,7 +22,7 @@ def world_of(scenario: Scenario) -> World | OtherWorld:
 
 
 class Worlds:
-    """Hands out a world for each scenario, the last one as long as it serves; use it in `with`."""
+    """Provides a world for each scenario, the last one again if it serves; use it in `with`."""
 
     def __init__(self) -> None:
         self._kept: LastingWorld | None = None
@@ -54,7 +54,7 @@ class Worlds:
         self.close()
 
     def close(self) -> None:
-        """Close the world that is kept, if there is one."""
+        """Close the world that is kept, if any."""
         kept, self._kept = self._kept, None
         if kept is not None:
             kept.close()

@@ -1,1 +1,1 @@
-"""Where outputs may go, and how they come to be whole."""
+"""Where outputs may go, and how they are written whole or not at all."""

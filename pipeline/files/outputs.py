@@ -1,7 +1,8 @@
 """Where outputs may go: checked before any work is done for them.
 
-An output is not an input, is not written through a link, and replaces only what it may. Nor does
-the name that it has until it is whole: what is there already stays, and the next one is taken.
+An output is never an input, is never written through a link, and replaces only what it may. The
+same holds for its temporary name: a file that already has that name is kept, and the next free name
+is used.
 """
 
 from __future__ import annotations
@@ -19,18 +20,19 @@ from pathlib import Path
 from rich.filesize import decimal
 
 from pipeline.errors import OutputError
+from pipeline.messages import Message
 
 MOST_PARTS = 9
-"""Names that an unfinished file may have: what killed runs leave does not grow for ever."""
+"""Unfinished files under one name: a limit to what killed runs leave behind."""
 
 
 def part_of(path: Path) -> Path:
-    """Return the name a file has until it is whole."""
+    """Return the name of a file while it is being written."""
     return path.with_name(path.name + ".part")
 
 
 def free_part_of(path: Path) -> Path:
-    """Return the first of `.part`, `.2.part` and so on at which nothing is.
+    """Return the first of `.part`, `.2.part` and so on that is free.
 
     Raises
     ------
@@ -42,18 +44,20 @@ def free_part_of(path: Path) -> Path:
         if not any(map(os.path.lexists, (part, sealed_of(part)))):
             return part
     raise OutputError(
-        f"{part_of(path)} and {MOST_PARTS - 1} more unfinished files beside it are left as they "
-        "are; remove those that nobody needs"
+        "{part} and {others} more unfinished files beside it are kept; remove those that nobody "
+        "needs",
+        part=part_of(path),
+        others=MOST_PARTS - 1,
     )
 
 
 def sealed_of(part: Path) -> Path:
-    """Return the name of the copy of a finished `.part` file that the viewer's layout goes into."""
+    """Return the name of the copy of a finished `.part` file to which the layout is added."""
     return part.with_name(part.name + ".sealed")
 
 
 def is_part(path: Path) -> bool:
-    """Whether a name is that of a file which may not be whole."""
+    """Whether a file may be unfinished, by its name."""
     return path.name.endswith(".part")
 
 
@@ -70,87 +74,109 @@ def check_target(path: Path, *, force: bool) -> None:
     try:
         str(path).encode()
     except UnicodeEncodeError:
-        raise OutputError(f"{str(path)!r} must be UTF-8: Rerun takes no other names") from None
-    with translated(path):
+        raise OutputError(
+            "{path!r} must be UTF-8: Rerun accepts no other names", path=str(path)
+        ) from None
+    with output_errors(path):
         if path.is_dir():
-            raise OutputError(f"{path} is a folder; name a file in it, such as {path / 'run.rrd'}")
-        if path.exists() and not path.is_file():  # a rename would put a file in a device's place
-            raise OutputError(f"{path} is not a regular file; give another name")
-        if os.path.lexists(path) and not force:  # a link that leads nowhere exists, too
-            raise OutputError(f"{path} exists and is left as it is; give another name, or --force")
+            raise OutputError(
+                "{path} is a folder; name a file in it, such as {file}",
+                path=path,
+                file=path / "run.rrd",
+            )
+        if path.exists() and not path.is_file():  # a rename would replace a device
+            raise OutputError("{path} is not a regular file; give another name", path=path)
+        if os.path.lexists(path) and not force:  # dangling links count as existing
+            raise OutputError(
+                "{path} exists and is left as it is; give another name, or --force", path=path
+            )
         if folder.exists() and not folder.is_dir():
-            raise OutputError(f"{folder} is a file, not a folder; give another name")
+            raise OutputError("{folder} is a file, not a folder; give another name", folder=folder)
         _check_home(folder)
         if not folder.is_dir():
             raise OutputError(
-                f"the folder {folder} does not exist; make it with: "
-                f"{shlex.join(['mkdir', '-p', str(folder)])}"
+                "the folder {folder} does not exist; create it with: {command}",
+                folder=folder,
+                command=shlex.join(["mkdir", "-p", str(folder)]),
             )
         if not os.access(folder, os.W_OK | os.X_OK):
-            raise OutputError(f"the folder {folder} cannot be written to; choose another one")
+            raise OutputError(
+                "the folder {folder} cannot be written to; choose another one", folder=folder
+            )
         check_regular(part_of(path))
 
 
 def check_apart(outputs: Sequence[Path], *, inputs: Sequence[Path]) -> None:
-    """Make sure that no output is an input or another output, by whatever name or link.
+    """Make sure that no output is an input or another output, under whatever name or link.
 
     Raises
     ------
     OutputError
         If writing one would replace what the same command reads or writes.
     """
-    taken = [(path, "reads") for path in inputs]
+    written: list[Path] = []
     for output in outputs:
         part = part_of(output)
-        names = (output, part, sealed_of(part))  # all that it has until it is whole
-        for other, does in taken:
-            if any(_is_same(name, other) for name in names):
+        names = (output, part, sealed_of(part))  # all the names it has while it is written
+        for other in (*inputs, *written):
+            if not any(_is_same(name, other) for name in names):
+                continue
+            if other in written:
                 raise OutputError(
-                    f"writing {output} would replace {other}, which the same command {does}; "
-                    "give another name"
+                    "writing {output} would replace {other}, which the same command writes; give "
+                    "another name",
+                    output=output,
+                    other=other,
                 )
-        taken += [(name, "writes") for name in names]
+            raise OutputError(
+                "writing {output} would replace {other}, which the same command reads; give "
+                "another name",
+                output=output,
+                other=other,
+            )
+        written += names
 
 
-def _is_same(one: Path, other: Path) -> bool:
+def _is_same(path: Path, other: Path) -> bool:
     try:
-        return one.samefile(other)
+        return path.samefile(other)
     except OSError:  # one of them does not exist
-        return os.path.realpath(one) == os.path.realpath(other)
+        return os.path.realpath(path) == os.path.realpath(other)
 
 
 HEAD_BYTES = 4096
-"""Where a picture of ours says that it is one."""
+"""Our mark in a picture is within these."""
 
 
 def check_kind(path: Path, beginning: bytes, mark: bytes) -> None:
-    """Make sure that an output nobody named replaces only a file of ours, with our mark in it.
+    """Make sure that an output with a default name replaces only a file that has our mark.
 
     Raises
     ------
     OutputError
-        If something else has its name.
+        If another file has its name.
     """
-    with translated(path), contextlib.suppress(FileNotFoundError), path.open("rb") as file:
+    with output_errors(path), contextlib.suppress(FileNotFoundError), path.open("rb") as file:
         head = file.read(HEAD_BYTES)
         if not head.startswith(beginning) or mark not in head:
             raise refused(path)
 
 
 def refused(path: Path) -> OutputError:
-    """Return the error for a file that has an output's default name and is something else."""
+    """Return the error for a file that has an output's default name but is not one of ours."""
     return OutputError(
-        f"{path} is not what drop writes under that name, and is left as it is; rename it, give "
-        "the output another name, or --force"
+        "{path} is not what drop writes under that name, and is left as it is; rename it, give "
+        "the output another name, or --force",
+        path=path,
     )
 
 
 @contextlib.contextmanager
 def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[Path]:
-    """Yield the first of STEM.rrd, STEM-2.rrd, … of which nothing is there yet, for us alone.
+    """Yield the first of STEM.rrd, STEM-2.rrd, … that is free, reserved for this process.
 
-    Its empty `.part` file, which only one process can make, keeps others away from it. `also` says
-    how the files end that will be put beside it.
+    An empty `.part` file, which only one process can create, reserves it. `also` are the endings of
+    the files that will be written beside it.
 
     Raises
     ------
@@ -160,14 +186,14 @@ def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[P
     for number in itertools.count(1):
         name = stem if number == 1 else f"{stem}-{number}"
         path = folder / f"{name}.rrd"
-        part, made = part_of(path), (path, *(folder / f"{name}{end}" for end in also))
-        if any(map(os.path.lexists, (part, sealed_of(part), *made))):
+        part, outputs = part_of(path), (path, *(folder / f"{name}{end}" for end in also))
+        if any(map(os.path.lexists, (part, sealed_of(part), *outputs))):
             continue
-        with translated(path), contextlib.suppress(FileExistsError):
+        with output_errors(path), contextlib.suppress(FileExistsError):
             part.touch(exist_ok=False)
-            if not any(map(os.path.lexists, made)):
+            if not any(map(os.path.lexists, outputs)):
                 break
-            part.unlink()  # another process has finished that number just now
+            part.unlink()  # another process has just finished that number
     try:
         yield path
     except BaseException:
@@ -178,82 +204,97 @@ def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[P
 
 
 def make_folder(path: Path, option: str) -> None:
-    """Make a folder for outputs where it is missing, and those above it.
+    """Create a folder for outputs, and its parents, where they are missing.
 
     Raises
     ------
     OutputError
-        If it cannot be made; the message names the option it was given with.
+        If it cannot be created; the message names the option it was given with.
     """
     _check_home(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (OSError, UnicodeEncodeError) as error:
-        reason = getattr(error, "strerror", None) or "its name is not UTF-8"
+        reason = getattr(error, "strerror", None) or Message("its name is not UTF-8")
         raise OutputError(
-            f"the folder {path!s} cannot be made: {reason}; choose another with {option}"
+            "the folder {path} cannot be created: {reason}; choose another with {option}",
+            path=path,
+            reason=reason,
+            option=option,
         ) from None
 
 
 def _check_home(folder: Path) -> None:
-    """Make sure that no folder called `~` comes about: shells leave the one in `--out=~/x` alone.
+    """Make sure that no folder called `~` is created: shells do not expand the one in `--out=~/x`.
 
     Raises
     ------
     OutputError
-        If the folder lies in somebody's home, and in no folder here that is called so.
+        If the folder is in a home directory, and no folder here has that name.
     """
-    home = os.path.expanduser(folder)  # noqa: PTH111 - unlike pathlib's it never fails
+    home = os.path.expanduser(folder)  # noqa: PTH111 - unlike pathlib's, it never fails
     if home != str(folder) and not Path(folder.parts[0]).exists():
-        raise OutputError(f"the shell did not expand the ~ in {folder}; write {home} instead")
+        raise OutputError(
+            "the shell did not expand the ~ in {folder}; write {home} instead",
+            folder=folder,
+            home=home,
+        )
 
 
 def check_regular(path: Path) -> None:
-    """Make sure that a file of ours would not be written through a link, or into a pipe.
+    """Make sure that a file would not be written through a link, or into a pipe.
 
     Raises
     ------
     OutputError
-        If something else has its name.
+        If anything but a regular file has its name.
     """
     if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
-        raise OutputError(f"{path} is not a regular file, and in the way; remove it")
+        raise OutputError("{path} is in the way and is not a regular file; remove it", path=path)
 
 
 def check_room(path: Path, needed_bytes: int) -> None:
-    """Make sure that a file has room on its disk, before any work is done for it.
+    """Make sure that there is room on the disk for a file, before any work is done for it.
 
     Raises
     ------
     OutputError
-        If it has not.
+        If there is not.
     """
     free = shutil.disk_usage(path.parent).free
     if needed_bytes > free:
         raise OutputError(
-            f"{path} needs some {decimal(needed_bytes)} on the disk while it is written, and "
-            f"{decimal(free)} are free; make room, or record less"
+            "{path} needs about {needed} on the disk while it is written, and {free} are free; "
+            "make room, or record less",
+            path=path,
+            needed=decimal(needed_bytes),
+            free=decimal(free),
         )
 
 
 def written(error: OSError) -> str | None:
-    """Return the file that could not be written: of a copy or a rename the second, if any."""
+    """Return the file that could not be written: of a copy or a rename, the second."""
     name: str | None = error.filename2 or error.filename
     return name
 
 
 @contextlib.contextmanager
-def translated(path: Path) -> Iterator[None]:
-    """Turn what the system and Rerun say of a failed write into one line of ours."""
+def output_errors(path: Path) -> Iterator[None]:
+    """Turn the errors of the system and of Rerun about a failed write into one line of ours."""
     try:
         yield
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(f"{written(error) or path} cannot be written: {reason}") from error
+        raise OutputError(
+            "{path} cannot be written: {reason}",
+            path=written(error) or path,
+            reason=error.strerror or str(error),
+        ) from error
     except RuntimeError as error:  # Rerun's writer, and its command line
-        found = re.search(r"([\w ]+) \(os error \d+\)", str(error))
-        if found is None:
+        match = re.search(r"([\w ]+) \(os error \d+\)", str(error))
+        if match is None:
             raise
-        reason = found[1].strip()
-        what = f"{path} cannot be written: {reason}"
-        raise OutputError(f"{what}; make room there, or choose another folder") from error
+        raise OutputError(
+            "{path} cannot be written: {reason}; make room there, or choose another folder",
+            path=path,
+            reason=match[1].strip(),
+        ) from error

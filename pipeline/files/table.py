@@ -1,4 +1,4 @@
-"""The analysis table as a file for other tools: Parquet or CSV, by polars."""
+"""The analysis table as a file for other tools: Parquet or CSV, written by polars."""
 
 from __future__ import annotations
 
@@ -58,7 +58,9 @@ def written_by_polars(path: Path, *, force: bool, ours: bool = False) -> Iterato
         try:
             yield file
         except pl.exceptions.ComputeError as error:
-            # Polars loses the system's reason on the way; writing a little more brings it back.
+            # Polars loses the system's reason; writing a little more raises it again.
             file.write(bytes(PROBE_BYTES))
             file.flush()
-            raise OutputError(f"{path} cannot be written: {error}") from error
+            raise OutputError(
+                "{path} cannot be written: {reason}", path=path, reason=str(error)
+            ) from error

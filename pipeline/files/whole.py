@@ -1,6 +1,6 @@
-"""Files that are whole or not there: they grow as `.part`, and are renamed.
+"""Files that are whole or not there: they grow as `.part`, and are renamed when finished.
 
-A `.part` that was there before stays as it is: the next name is taken, `NAME.2.part`.
+A `.part` that was there before is kept: the next name is used, `NAME.2.part`.
 """
 
 from __future__ import annotations
@@ -12,12 +12,19 @@ from pathlib import Path
 from typing import BinaryIO
 
 from pipeline.errors import OutputError
-from pipeline.files.outputs import check_regular, check_target, free_part_of, part_of, translated
+from pipeline.files.outputs import (
+    check_regular,
+    check_target,
+    free_part_of,
+    output_errors,
+    part_of,
+)
+from pipeline.messages import Message
 
 
 @contextlib.contextmanager
 def written_whole(path: Path, *, force: bool, ours: bool = False) -> Iterator[BinaryIO]:
-    """Yield a binary file, to write and read, that has its name once the block ends without error.
+    """Yield a binary file to write and read; it gets its name if the block ends without error.
 
     Parameters
     ----------
@@ -27,7 +34,7 @@ def written_whole(path: Path, *, force: bool, ours: bool = False) -> Iterator[Bi
     Raises
     ------
     OutputError
-        As for `replaced`. What was there before is untouched then.
+        As for `replaced`; what was there before is untouched.
     """
     with replaced(path, force=force, ours=ours) as part, part.open("w+b") as handle:
         yield handle
@@ -35,25 +42,25 @@ def written_whole(path: Path, *, force: bool, ours: bool = False) -> Iterator[Bi
 
 @contextlib.contextmanager
 def replaced(path: Path, *, force: bool, ours: bool = False) -> Iterator[Path]:
-    """Yield a `.part` file, for another program to write; it gets its name when the block ends.
+    """Yield a `.part` file for another program to write; it gets its name when the block ends.
 
     Parameters
     ----------
     path
         The file to write.
     force
-        Whether what is there may be replaced, under the file's own name and as its `.part`.
+        Whether an existing file may be replaced, and an existing `.part`.
     ours
-        Whether what has the file's own name is known to be ours, and may be replaced without that.
+        Whether an existing file is known to be ours, and may be replaced without `force`.
 
     Raises
     ------
     OutputError
-        As `check_target`; if another process is writing the same file; if too many unfinished
-        ones are there; if the disk is full.
+        As `check_target`; if another process is writing the same file; if there are too many
+        unfinished ones; if the disk is full.
     """
     check_target(path, force=force or ours)
-    with translated(path), growing(path, force=force) as part:
+    with output_errors(path), growing(path, force=force) as part:
         try:
             yield part
             onto_disk([part])
@@ -69,30 +76,31 @@ def onto_disk(paths: Iterable[Path]) -> None:
     Raises
     ------
     OutputError
-        If one cannot be written there.
+        If a file cannot be written there.
     """
     for path in paths:
-        with translated(path), path.open("rb+") as handle:
+        with output_errors(path), path.open("rb+") as handle:
             os.fsync(handle.fileno())
 
 
 def renamed(part: Path, path: Path, *, force: bool) -> None:
-    """Give a finished file its name; what is there is replaced with `force` only.
+    """Give a finished file its name; an existing file is replaced with `force` only.
 
     Raises
     ------
     OutputError
-        If another process made a file of that name meanwhile.
+        If another process has created a file of that name in the meantime.
     """
     if force:
         part.replace(path)
         return
     try:
-        path.hardlink_to(part)  # unlike a rename, never replaces a file that came in between
+        path.hardlink_to(part)  # unlike a rename, never replaces a file
     except FileExistsError:
         raise OutputError(
-            f"{path} was created by another process and is left as it is; give another name, or "
-            "--force"
+            "{path} was created by another process and is left as it is; give another name, or "
+            "--force",
+            path=path,
         ) from None
     except OSError:  # a file system without hard links
         part.replace(path)
@@ -102,22 +110,25 @@ def renamed(part: Path, path: Path, *, force: bool) -> None:
 
 @contextlib.contextmanager
 def growing(path: Path, *, force: bool) -> Iterator[Path]:
-    """Yield an empty file of our own, for a file that is not whole yet.
+    """Yield an empty file of our own to write to.
 
-    Whoever writes a file holds the first of its `.part` names, whatever is there, and writes to the
-    first at which nothing was. An empty one is nothing: `reserved` takes a name with it.
+    The process that writes a file locks the first of its `.part` names, whatever it contains, and
+    writes to the first that is free. An empty one counts as free: `reserved` creates those.
     """
     first = part_of(path)
     while True:
         with opened(first) as handle:
-            lock(handle, f"another process is writing {path}; wait, or give another name")
+            lock(
+                handle,
+                Message("another process is writing {path}; wait, or give another name", path=path),
+            )
             there = os.fstat(handle.fileno())
-            # Between our opening it and locking it, its writer may have finished and renamed it.
+            # Its writer may have finished and renamed it after we opened it, before we locked it.
             if not (first.exists() and os.path.samestat(first.stat(), there)):
                 continue
             if force and there.st_nlink > 1:
-                # It is a whole file by another name, as where a run was killed while it gave its
-                # recording the final one. What we write must not go in there.
+                # A second name of a finished file: a run was killed while it gave its recording the
+                # final name. We must not write to that file.
                 first.unlink()
                 continue
             if force:
@@ -132,30 +143,30 @@ def growing(path: Path, *, force: bool) -> Iterator[Path]:
 
 
 def opened(path: Path) -> BinaryIO:
-    """Open a file of ours to append to; made if missing, and no link is followed.
+    """Open a file of ours to append to, created if missing; links are not followed.
 
     Raises
     ------
     OutputError
-        If something else than a regular file has its name.
+        If anything but a regular file has its name.
     """
     check_regular(path)
-    # Who puts a link or a pipe there just now gets an error: it is not followed or waited for.
+    # If a link or a pipe appears there just now, opening fails: it is not followed or waited for.
     careful = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-    return open(path, "ab", opener=lambda name, how: os.open(name, how | careful, 0o666))
+    return open(path, "ab", opener=lambda name, flags: os.open(name, flags | careful, 0o666))
 
 
-def lock(handle: BinaryIO, refusal: str) -> None:
-    """Hold an open file against other processes until it is closed.
+def lock(handle: BinaryIO, refusal: Message) -> None:
+    """Lock an open file against other processes until it is closed.
 
     Raises
     ------
     OutputError
-        With `refusal`, if another one holds it.
+        With `refusal`, if another process has locked it.
     """
     try:
         import fcntl
-    except ImportError:  # Windows: two writers of one file are not told apart there
+    except ImportError:  # Windows: there, two writers of one file are not detected
         return
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,1 +1,1 @@
-"""What theory says of a flight, and the discrete steps that engines take."""
+"""The theory of a flight, and the discrete steps that engines take."""

@@ -1,4 +1,4 @@
-"""What a law of motion is: one step that an engine takes with one rigid body."""
+"""A law of motion: one step of an engine with one rigid body."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ Float64 = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 EXACT_MACHINES = ("x86_64", "AMD64")
-"""Those on which each operation rounds once."""
+"""Machines on which each operation rounds once."""
 FUSED = 1e-12
-"""Relative difference that a compiler may make elsewhere, where it fuses multiply and add."""
+"""Relative difference allowed on other machines, where compilers may fuse multiply and add."""
 
 
 ORIENTED = 18
-"""By how many units of rounding components of an orientation may be off: it is read back through a
-matrix, and sin and cos are not the engine's; seen: 3."""
+"""Allowed deviation of the components of an orientation, in units of rounding: it is read back
+through a matrix, and sin and cos are not the engine's. Measured: 3."""
 
 
 class Drag(NamedTuple):
     """The drag of v' = g - a v - b |v| v, in continuous time."""
 
     linear_per_s: float
-    """a; infinite where the air is solid."""
+    """a; infinite where the drag stops a body at once."""
     quadratic_per_m: float
     """b"""
 
@@ -38,7 +38,7 @@ class Motion:
     position_m: Float64
     """Of its centre of mass."""
     orientation: Float64
-    """World from its own axes: unit quaternions x, y, z, w, shape (samples, 4)."""
+    """World from body axes: unit quaternions x, y, z, w, shape (samples, 4)."""
     velocity_m_s: Float64
     spin_rad_s: Float64
 
@@ -51,12 +51,12 @@ class Motion:
         return Motion(*(getattr(self, field.name)[samples] for field in fields(Motion)))
 
     def before(self) -> Motion:
-        """Return the sample before each; the first has itself before it."""
+        """Return the sample before each; for the first, itself."""
         return self.at(np.maximum(np.arange(len(self)) - 1, 0))
 
 
 class ExactPath(NamedTuple):
-    """Positions in two doubles [m], shape (n, 3): the nearest one, and what that leaves out."""
+    """Positions in two doubles [m], shape (n, 3): the nearest double, and the rest."""
 
     nearest_m: Float64
     left_out_m: Float64
@@ -64,14 +64,14 @@ class ExactPath(NamedTuple):
     def difference(self, reference_m: Float64) -> Float64:
         """Return reference - exact [m], to the last bit; the shape of `reference_m`.
 
-        Near doubles have an exact difference (Sterbenz), so that only the second subtraction
-        rounds.
+        Doubles close to each other have an exact difference (Sterbenz), so only the second
+        subtraction rounds.
         """
         return (reference_m - self.nearest_m) - self.left_out_m
 
 
 class Law(Protocol):
-    """The discrete law of one rigid body that nothing touches; arrays have one row per sample."""
+    """The discrete law of one rigid body in the air; arrays have one row per sample."""
 
     @property
     def timestep_s(self) -> float:
@@ -79,7 +79,7 @@ class Law(Protocol):
 
     @property
     def substeps(self) -> int:
-        """How many steps the engine makes of each timestep."""
+        """Number of engine steps per timestep."""
 
     @property
     def step_s(self) -> float:
@@ -99,7 +99,7 @@ class Law(Protocol):
 
     @property
     def drag(self) -> Drag:
-        """What the damping is in continuous time."""
+        """The damping in continuous time."""
 
     @property
     def epsilon(self) -> float:
@@ -107,60 +107,60 @@ class Law(Protocol):
 
     @property
     def oriented(self) -> float:
-        """By how much components of an orientation may be off after a step."""
+        """Allowed deviation of the components of an orientation after a step."""
 
     def covers(self, before: Motion) -> NDArray[np.bool_]:
-        """Return of which samples the law is that of the engine, as far as it is known, (n,)."""
+        """Return for which samples the engine's law is known to be this one, shape (n,)."""
 
     @property
     def semi_implicit(self) -> bool:
-        """Whether it moves the body with the velocity at the end of the step, as Euler does.
+        """Whether it moves the body with the end-of-step velocity, as semi-implicit Euler does.
 
-        Else along the mean of both, which is exact where gravity is all that acts.
+        Else along the mean of both, which is exact where only gravity acts.
         """
 
     @property
     def moves_exactly(self) -> bool:
-        """Whether `moved` gives the engine's positions to the last bit."""
+        """Whether `moved` has the engine's positions to the last bit."""
 
     def released(self, start: Motion) -> Motion:
-        """Return what the engine keeps of a state that it is given."""
+        """Return a state as the engine stores it."""
 
     def step(self, before: Motion) -> Motion:
-        """Return what one timestep makes of each sample."""
+        """Return each sample one timestep later."""
 
     def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:
-        """Return what angular impulses add to the spin [rad/s], both in the body's axes, (n, 3).
+        """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3).
 
-        In steps from these samples.
+        In steps from the samples `before`.
         """
 
     def unlimited(self, before: Motion) -> Motion:
-        """Return the same as `step`, as if the engine had no limit of velocity."""
+        """Return the same as `step`, without the engine's velocity limit."""
 
     def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
-        """Return where one step of the integrator takes each sample with these velocities."""
+        """Return each sample moved by one integrator step with these velocities."""
 
     def bits(self, before: Motion) -> NDArray[np.bool_]:
-        """Return from which samples `step` gives the engine's velocities to the last bit, (n,)."""
+        """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
 
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of all that a timestep adds up to velocity and spin, shape (n,).
+        """Return the size of the summands of velocity and spin in a timestep, shape (n,).
 
-        [m/s] and [rad/s]; what cancels counts too, since its rounding does not.
+        [m/s] and [rad/s]; summands that cancel count, since their rounding does not cancel.
         """
 
     def limited(self, before: Motion) -> NDArray[np.bool_]:
-        """Return in which of these timesteps the engine held a velocity at a limit, shape (n,)."""
+        """Return in which of these timesteps the engine clamped a velocity, shape (n,)."""
 
     def free_velocities(self, velocity_m_s: Float64) -> Float64:
-        """Return what a step of the integrator makes of many velocities [m/s], before `held`."""
+        """Return velocities after a step of the integrator [m/s], before `held`."""
 
     def held(self, velocity_m_s: Float64) -> Float64:
-        """Return velocities [m/s], shape (n, 3), within the engine's limit."""
+        """Return velocities clamped to the engine's limit [m/s], shape (n, 3)."""
 
     def spin_kept(self, spin_rad_s: Float64) -> Float64:
-        """Return which part of their spin the damping leaves to samples in a step, shape (n,)."""
+        """Return the factor by which damping scales each spin in a step, shape (n,)."""
 
     def exact_path(
         self, position_m: Vector, velocity_m_s: Vector, *, steps: int, first: int = 0

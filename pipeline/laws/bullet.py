@@ -1,4 +1,4 @@
-"""Bullet's law of one rigid body that nothing touches: one step from each of many samples."""
+"""Bullet's law of one rigid body in the air: one step from each of many samples."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ Columns = tuple[Vector, Quaternion, Vector, Vector]
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 BLOCK = 4096
-"""Samples that are stepped together: their numbers stay in the processor's cache."""
+"""Samples stepped together, few enough for the processor's cache."""
 
 
 def drag_of(k: float, coordinates: Coordinates) -> Drag:
-    """Return what a linear damping is in continuous time.
+    """Return a linear damping in continuous time.
 
     Reduced coordinates: k v (1 + |v|) (bullet3 `btMultiBody.cpp` 754-758, 841-843). Maximal ones:
-    what v *= (1 - k)^dt does in a second, for any dt (`btRigidBody.cpp`, `applyDamping`).
+    the effect of v *= (1 - k)^dt per second, for any dt (`btRigidBody.cpp`, `applyDamping`).
     """
     if coordinates == "reduced":
         return Drag(k, k)
@@ -41,15 +41,15 @@ class BulletLaw(BulletBody):
     """The step of PyBullet 3.2.7, vectorised over samples.
 
     On x86-64 the velocities of a btRigidBody are the engine's to the last bit, and so are those of
-    a btMultiBody that neither spins nor is turned. Where one is, the engine turns them into the
-    body's frame and back, by an orientation that is recorded only as it is read back, through a
-    matrix: then they are within 8 units of 2^-52 of what the step adds up (`terms`;
+    a btMultiBody that neither spins nor is turned. Otherwise the engine turns them into the body's
+    frame and back, by an orientation that is recorded only after a conversion through a matrix:
+    then they are within 8 units of 2^-52 of the step's summands (`terms`;
     `tests/test_segments.py`). A position is the engine's where the velocity is.
     """
 
     @property
     def drag(self) -> Drag:
-        """What the damping is in continuous time."""
+        """The damping in continuous time."""
         return drag_of(self.linear_damping, self.coordinates)
 
     epsilon: ClassVar[float] = EPSILON
@@ -58,25 +58,25 @@ class BulletLaw(BulletBody):
 
     @property
     def moves_exactly(self) -> bool:
-        """Whether `moved` gives the engine's positions to the last bit."""
+        """Whether `moved` has the engine's positions to the last bit."""
         return self.substeps == 1
 
     def covers(self, before: Motion) -> NDArray[np.bool_]:
-        """Return that the law is that of all samples, shape (n,)."""
+        """Return True for all samples, shape (n,)."""
         return np.ones(len(before), dtype=bool)
 
     def released(self, start: Motion) -> Motion:
-        """Return what the engine keeps of a state that it is given."""
+        """Return a state as the engine stores it."""
         return start
 
     def step(self, before: Motion) -> Motion:
-        """Return what one timestep makes of each sample."""
+        """Return each sample one timestep later."""
         return self._steps(before, MAX_COORDINATE_VELOCITY_M_S)
 
     def bits(self, before: Motion) -> NDArray[np.bool_]:
-        """Return from which samples `step` gives the engine's velocities to the last bit, (n,).
+        """Return from which samples `step` has the engine's velocities to the last bit, (n,).
 
-        On x86-64. Of several substeps all but the first begin with an orientation of our own.
+        On x86-64. All substeps but the first begin with an orientation computed here.
         """
         if self.coordinates == "maximal" and self.substeps == 1:
             return np.ones(len(before), dtype=bool)
@@ -84,9 +84,9 @@ class BulletLaw(BulletBody):
         return np.asarray(~(turned | before.spin_rad_s.any(axis=1)))
 
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of all that a timestep adds up to velocity and spin, shape (n,).
+        """Return the size of the summands of velocity and spin in a timestep, shape (n,).
 
-        In the body's frame ω × v and ω × Iω are added, and cancel but for rounding.
+        In the body's frame ω × v and ω × Iω are added, and cancel except for rounding.
         """
         dt, inertia = self.timestep_s, self.inertia_kg_m2
         uneven = max(inertia) / min(inertia) if min(inertia) > 0 else 0.0
@@ -96,16 +96,16 @@ class BulletLaw(BulletBody):
         return v + dt * (v * (drag + w) + pull), w + dt * w * (spin_drag + w * uneven)
 
     def unlimited(self, before: Motion) -> Motion:
-        """Return the same as `step`, as if the engine had no limit of velocity."""
-        with np.errstate(all="ignore"):  # it may overflow: what the limit is there for
+        """Return the same as `step`, without the engine's velocity limit."""
+        with np.errstate(all="ignore"):  # it may overflow, which the limit prevents
             return self._steps(before, math.inf)
 
     def limited(self, before: Motion) -> NDArray[np.bool_]:
-        """Return in which of these timesteps a velocity was held at ±100, shape (n,)."""
+        """Return in which of these timesteps a velocity was clamped to ±100, shape (n,)."""
         if self.coordinates == "maximal":
             return np.zeros(len(before), dtype=bool)
         with_it = self.step(before)
-        if self.substeps == 1:  # the limit leaves exactly itself
+        if self.substeps == 1:  # a clamped velocity is exactly the limit
             fastest = np.abs(np.hstack((with_it.velocity_m_s, with_it.spin_rad_s))).max(axis=1)
             if not (fastest >= MAX_COORDINATE_VELOCITY_M_S).any():
                 return np.zeros(len(before), dtype=bool)
@@ -114,7 +114,7 @@ class BulletLaw(BulletBody):
         return np.asarray((fast | (with_it.spin_rad_s != without.spin_rad_s)).any(axis=1))
 
     def _steps(self, before: Motion, limit: float) -> Motion:
-        """Return the same with another limit."""
+        """Return each sample one timestep later, with another limit."""
         velocities = bullet_spin.velocities(self, ARRAYS, limit=limit)
 
         def stepped(x: Vector, q: Quaternion, v: Vector, w: Vector) -> Columns:
@@ -126,10 +126,10 @@ class BulletLaw(BulletBody):
         return _in_blocks(stepped, before)
 
     def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:  # noqa: ARG002
-        """Return what angular impulses add to the spin [rad/s], both in the body's axes, (n, 3).
+        """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3).
 
-        What has no inertia is not turned: a btRigidBody about that axis, a btMultiBody about none
-        (`btMultiBody::solveImatrix`).
+        Without inertia about an axis, a btRigidBody is not turned about it, and a btMultiBody about
+        no axis (`btMultiBody::solveImatrix`).
         """
         inertia = np.array(self.inertia_kg_m2)
         if self.coordinates == "reduced" and inertia.min() < EPSILON:
@@ -138,7 +138,7 @@ class BulletLaw(BulletBody):
         return np.asarray(np.divide(angular_impulse_n_m_s, inertia, out=turned, where=inertia > 0))
 
     def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
-        """Return where one step of the integrator takes each sample with these velocities."""
+        """Return each sample moved by one integrator step with these velocities."""
         position_m, orientation = before.position_m, before.orientation
         return _in_blocks(self._moved, Motion(position_m, orientation, velocity_m_s, spin_rad_s))
 
@@ -148,9 +148,9 @@ class BulletLaw(BulletBody):
         return x, bullet_spin.turned(self, ARRAYS, q, w), v, w
 
     def free_velocities(self, velocity_m_s: Float64) -> Float64:
-        """Return what a step of the integrator makes of many velocities [m/s], before `held`.
+        """Return velocities after a step of the integrator [m/s], before `held`.
 
-        In the order of operations of a textbook, and so not to the last bit; shape (n, 3).
+        In textbook order of operations, so not to the last bit; shape (n, 3).
         """
         pull = np.array(self.gravity_m_s2) * self.step_s
         if self.coordinates == "maximal":
@@ -160,13 +160,13 @@ class BulletLaw(BulletBody):
         return np.asarray(velocity_m_s - drag + pull)
 
     def held(self, velocity_m_s: Float64) -> Float64:
-        """Return velocities [m/s], shape (n, 3), within the limit of a btMultiBody."""
+        """Return velocities clamped to the limit of a btMultiBody [m/s], shape (n, 3)."""
         if self.coordinates == "maximal":
             return velocity_m_s
         return np.clip(velocity_m_s, -MAX_COORDINATE_VELOCITY_M_S, MAX_COORDINATE_VELOCITY_M_S)
 
     def spin_kept(self, spin_rad_s: Float64) -> Float64:
-        """Return which part of their spin the damping leaves to samples in a step, shape (n,).
+        """Return the factor by which damping scales each spin in a step, shape (n,).
 
         1 - dt k (1 + |ω|) (`btMultiBody.cpp` 754), or (1 - k)^dt (`btRigidBody::applyDamping`).
         """
@@ -180,17 +180,17 @@ class BulletLaw(BulletBody):
     ) -> ExactPath:
         """Return the positions from sample `first` to `steps` of a flight, in exact arithmetic.
 
-        Spin changes a flight by rounding only, and is not in it.
+        Spin is left out: it changes a flight only by rounding.
         """
         return bullet_air.exact_path(self, position_m, velocity_m_s, steps=steps, first=first)
 
 
 def _in_blocks(change: Callable[..., Columns], motion: Motion) -> Motion:
-    """Return what a function of the columns of position, orientation and velocities makes."""
-    made = np.empty((len(motion), 13))
+    """Apply a function of the columns of position, orientation and velocities, in blocks."""
+    changed = np.empty((len(motion), 13))
     for first in range(0, len(motion), BLOCK):
         rows = slice(first, first + BLOCK)
         parts = motion.position_m, motion.orientation, motion.velocity_m_s, motion.spin_rad_s
         columns = (tuple(np.ascontiguousarray(part[rows].T)) for part in parts)
-        np.stack([each for part in change(*columns) for each in part], axis=1, out=made[rows])
-    return Motion(*np.split(made, (3, 7, 10), axis=1))
+        np.stack([each for part in change(*columns) for each in part], axis=1, out=changed[rows])
+    return Motion(*np.split(changed, (3, 7, 10), axis=1))

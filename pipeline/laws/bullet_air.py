@@ -1,9 +1,9 @@
-"""The velocity's part of the step that Bullet takes in the air, and its path in exact arithmetic.
+"""The velocity part of Bullet's step in the air, and its path in exact arithmetic.
 
 The float version keeps the engine's order of operations. On x86-64, where each operation rounds
-once, it equals PyBullet 3.2.7 in every bit, for a body that neither spins nor is turned
-(`bullet_spin` is for those). The exact version is the same law with 40 digits. File names and line
-numbers are bullet3's.
+once, it equals PyBullet 3.2.7 in every bit, for a body that neither spins nor is turned (for others
+see `bullet_spin`). The exact version is the same law with 40 digits. File names and line numbers
+are bullet3's.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ DEFAULT_DAMPING = {"reduced": float(np.float32(0.04)), "maximal": 0.0}
 MAX_COORDINATE_VELOCITY_M_S = 100.0
 """Of each component, spin too: `btMultiBody.cpp` 124, `btMultiBody.h` 483-487. Not in maximal."""
 EPSILON = 2.220446049250313e-16
-"""SIMD_EPSILON: a squared length up to this counts as none (`btVector3::safeNorm`)."""
+"""SIMD_EPSILON: a squared length up to this counts as 0 (`btVector3::safeNorm`)."""
 
 
 def effective_damping(damping: float | None, coordinates: Coordinates) -> float:
-    """Return the coefficient that the engine uses, linear or angular, when told `damping`.
+    """Return the coefficient that the engine uses, linear or angular, if set to `damping`.
 
-    None and negative values leave the default: PyBullet passes on 0 and more. `btRigidBody`
-    clamps to 1 (`setDamping`), `btMultiBody` takes any value.
+    None and negative values leave the default: PyBullet passes on only 0 and more. `btRigidBody`
+    clamps to 1 (`setDamping`), `btMultiBody` accepts any value.
     """
     if damping is None or damping < 0:
         return DEFAULT_DAMPING[coordinates]
@@ -50,7 +50,7 @@ class BulletBody:
     timestep_s: float
     """Time between two samples [s]."""
     substeps: int = 1
-    """How many steps the engine makes of each timestep."""
+    """Number of engine steps per timestep."""
     gravity_m_s2: Vector
     """World axes."""
     mass_kg: float
@@ -76,15 +76,15 @@ VelocityLaw = Callable[[Number, Number, Number], Number]
 def velocity_law(
     body: BulletBody, number: Callable[[float], Number]
 ) -> tuple[VelocityLaw[Number], tuple[Number, Number, Number]]:
-    """Return the velocity's part of a step for numbers of one kind, and the body's weight [N].
+    """Return the velocity part of a step for numbers of one kind, and the body's weight [N].
 
     Reduced: v' = f/m - k v (1 + |v|), `btMultiBody.cpp` 842-843, divided by the mass in its
     `solveImatrix`, added and limited in `applyDeltaVeeMultiDof`.
 
     Maximal: damped by v *= (1 - k)^dt in `btRigidBody::applyDamping`, then pulled in
-    `btSequentialImpulseConstraintSolver.cpp` 477. That power is the double which the engine's pow
-    returns, in exact arithmetic too: rounded once, it acts in every step alike. It is a slightly
-    other damping, not rounding that averages out.
+    `btSequentialImpulseConstraintSolver.cpp` 477. That power is the double that the engine's pow
+    returns, in exact arithmetic too: rounded once, it acts alike in every step, as a slightly
+    different damping, not as rounding that averages out.
     """
     dt, mass = number(body.step_s), number(body.mass_kg)
     gx, gy, gz = map(number, body.gravity_m_s2)
@@ -123,8 +123,8 @@ def exact_path(
 ) -> ExactPath:
     """Return the positions of the law in exact arithmetic: 40 digits, in which the mass cancels.
 
-    From sample `first` on, shape (steps + 1 - first, 3). Timestep, gravity, damping and start are
-    the doubles they are, taken for exact; so is the timestep over its substeps.
+    From sample `first` on, shape (steps + 1 - first, 3). The doubles of timestep, gravity, damping
+    and start are taken as exact; so is the timestep divided by the substeps.
     """
     samples = steps + 1 - first
     body = replace(body, mass_kg=1.0)

@@ -1,11 +1,11 @@
 """Bullet's law of contact for a body that lands flat: impact, settling, rest, bounces.
 
-Contact acts only after the body has gone into the floor, and in one step at a time: it gives the
-body at least the velocity that restitution asks for, and a share of the penetration back per step.
-That is the law of a solver that has converged: `solverResidualThreshold=0`, and iterations enough.
-By default the solver stops micrometres earlier. A body that is no longer flat, turned over by its
-floor or thrown sideways, is not covered. The floor is a btMultiBody, so that one solver serves both
-kinds of body. File names and line numbers are bullet3's.
+Contact acts only once the body is inside the floor, and within single steps: it gives the body at
+least the velocity that restitution asks for, and corrects a share of the penetration per step. This
+is the law of a converged solver: `solverResidualThreshold=0`, and enough iterations. By default the
+solver stops micrometres earlier. Bodies that do not stay flat, or are thrown sideways, are not
+covered. The floor is a btMultiBody, so one solver serves both kinds of body. File names and line
+numbers are bullet3's.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from pipeline.laws.bullet_air import BulletBody, velocity_law, vertical_velocity
 Float64 = NDArray[np.float64]
 
 CONTACT_SLOP_M = 1e-5
-"""Penetration that is left alone: PhysicsServerCommandProcessor.cpp 2803, `m_linearSlop`."""
+"""Penetration that is not corrected: PhysicsServerCommandProcessor.cpp 2803, `m_linearSlop`."""
 CONTACT_ERP = 0.08
-"""Share of the penetration taken back per step: the same file, 2800, `m_erp2`."""
+"""Share of the penetration corrected per step: the same file, 2800, `m_erp2`."""
 RESTITUTION_THRESHOLD_M_S = float(np.float32(0.2))
 """Slower bodies do not bounce: `btContactSolverInfo.h`, `m_restitutionVelocityThreshold`."""
 FLOOR_HALF_THICKNESS_M = 5.0
-"""plane.urdf is a box of 10 m; distances are rounded as its centre sees them, to 8.9e-16 m."""
+"""plane.urdf is a box of 10 m; distances are rounded relative to its centre, to 8.9e-16 m."""
 
 
 def flat_drop(
@@ -43,14 +43,14 @@ def flat_drop(
 ) -> tuple[Float64, Float64]:
     """Return heights [m] and vertical velocities [m/s] before each step and after the last.
 
-    Shape (steps + 1,) each, from a height and a vertical velocity on. `rest_height_m` is that of
-    the body's centre where it just touches the floor, `restitution` that of the pair: body's times
-    floor's (`btManifoldResult.cpp` 68-71). With d the distance to the floor and v' the velocity
-    after a step in the air, the step in contact is `btMultiBodyConstraintSolver.cpp` 723-836:
+    Shape (steps + 1,) each, from an initial height and vertical velocity. `rest_height_m` is that
+    of the body's centre where it just touches the floor, `restitution` that of the pair: body's
+    times floor's (`btManifoldResult.cpp` 68-71). With d the distance to the floor and v' the
+    velocity after a step in the air, contact gives (`btMultiBodyConstraintSolver.cpp` 723-836):
 
         gap = d + slop;  v' = max(v', rebound - gap erp/dt)  or, where gap > 0, rebound - gap/dt
 
-    Of the steps that the engine makes of each timestep the last is seen.
+    With substeps, only the last of each timestep is returned.
     """
     timestep_s, steps = body.step_s, steps * body.substeps
     free = vertical_velocity_law(body, float)
@@ -66,8 +66,8 @@ def flat_drop(
             v = max(v, bounce - gap * (contact_erp if gap <= 0 else 1.0) / timestep_s)
         z = z + timestep_s * v
         heights[step], velocities[step] = z, v
-        # Rest is a cycle of a few states, some 1e-17 m apart. A state seen before repeats what
-        # followed it, so that a long rest costs nothing (Brent's algorithm).
+        # Rest is a cycle of a few states, some 1e-17 m apart. Once a state recurs, so does all that
+        # followed it: a long rest costs nothing (Brent's algorithm).
         if (z, v) == seen:
             for series in (heights, velocities):
                 series[step:] = np.resize(series[seen_step:step], steps + 1 - step)
@@ -83,7 +83,7 @@ def rebound_speed(
     *,
     threshold_m_s: float = RESTITUTION_THRESHOLD_M_S,
 ) -> float:
-    """Return the speed that restitution gives back [m/s] to a body moving down at -`approach_m_s`.
+    """Return the rebound speed [m/s] of a body moving down at -`approach_m_s`.
 
     `btSequentialImpulseConstraintSolver.cpp` 494-502, `restitutionCurve`: none below the threshold.
     """
@@ -91,9 +91,9 @@ def rebound_speed(
 
 
 def free_velocity(body: BulletBody, velocity_m_s: Sequence[float]) -> float:
-    """Return what a step without contact makes of the vertical velocity [m/s].
+    """Return the vertical velocity after a step without contact [m/s].
 
-    `velocity_m_s` is the whole velocity before it, x, y, z, whose speed the drag depends on.
+    `velocity_m_s` is the velocity before it, x, y, z, since the drag depends on the speed.
     """
     after, (_, _, weight) = velocity_law(body, float)
     return after(float(velocity_m_s[2]), math.hypot(*velocity_m_s), weight)
@@ -102,6 +102,6 @@ def free_velocity(body: BulletBody, velocity_m_s: Sequence[float]) -> float:
 def rebound_heights(drop_height_m: float, restitution: float, bounces: int) -> Float64:
     """Return e^2 h, e^4 h, ...: the apexes above the floor of a perfect bounce [m], (bounces,).
 
-    Each bounce leaves e of the speed, and so e² of the height, in free fall and without a timestep.
+    Each bounce leaves e of the speed, so e² of the height, in free fall and continuous time.
     """
     return drop_height_m * np.float64(restitution) ** (2 * np.arange(1, bounces + 1))

@@ -1,9 +1,9 @@
-"""The step that Bullet takes with a body that falls and spins, in the engine's order of operations.
+"""Bullet's step of a body that falls and spins, in the engine's order of operations.
 
-Written once, over vectors whose components are numbers or arrays. With floats, and the C library's
-sin and cos, it is PyBullet's bit for bit, on and on from the release. With arrays it takes one step
-from each of many samples; numpy's sin and cos may differ in the last bit, and only the orientation
-depends on them. File names are bullet3's.
+Written once, for vectors whose components are numbers or arrays. With floats, and the C library's
+sin and cos, it equals PyBullet bit for bit over any number of steps from the release. With arrays
+it takes one step from each of many samples; numpy's sin and cos may differ in the last bit, and
+only the orientation depends on them. File names are bullet3's.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from pipeline.laws.bullet_air import EPSILON, MAX_COORDINATE_VELOCITY_M_S, BulletBody
 
 Number: TypeAlias = Any
-"""A float, or an array of them."""
+"""A float, or an array of floats."""
 Vector: TypeAlias = tuple[Number, Number, Number]
 Matrix: TypeAlias = tuple[Vector, Vector, Vector]
 Quaternion: TypeAlias = tuple[Number, Number, Number, Number]
@@ -26,18 +26,18 @@ Velocities: TypeAlias = Callable[[Vector, Vector, Quaternion], tuple[Vector, Vec
 """From velocity [m/s], spin [rad/s] and orientation to velocity and spin after the step."""
 
 MAX_TURN_RAD = 0.5 * (math.pi * 0.5)
-"""ANGULAR_MOTION_THRESHOLD: in one step no body turns further (`btTransformUtil.h` 19)."""
+"""ANGULAR_MOTION_THRESHOLD: the most a body turns in a step (`btTransformUtil.h` 19)."""
 
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """What numbers of one kind need beside + - × ÷."""
+    """The operations on numbers of one kind besides + - × ÷."""
 
     sqrt: Callable[[Number], Number]
     sin: Callable[[Number], Number]
     cos: Callable[[Number], Number]
     where: Callable[[Any, Number, Number], Number]
-    """From a condition and two values, both of which exist, to one of them."""
+    """From a condition and two values to one of them; both are evaluated."""
 
 
 ARRAYS = Arithmetic(np.sqrt, np.sin, np.cos, np.where)
@@ -46,14 +46,15 @@ ARRAYS = Arithmetic(np.sqrt, np.sin, np.cos, np.where)
 def velocities(
     body: BulletBody, on: Arithmetic, *, limit: float = MAX_COORDINATE_VELOCITY_M_S
 ) -> Velocities:
-    """Return the velocities' part of a step; `limit` is that of reduced coordinates."""
+    """Return the velocity part of a step; `limit` applies to reduced coordinates."""
     return _maximal(body, on) if body.coordinates == "maximal" else _reduced(body, on, limit)
 
 
 def _reduced(body: BulletBody, on: Arithmetic, limit: float) -> Velocities:
-    """Return that of `btMultiBody.cpp` 754-774: explicit Euler for spin, in the body's frame.
+    """Return the step of `btMultiBody.cpp` 754-774: explicit Euler for spin, in the body's frame.
 
-    ω' = I⁻¹ [-ω × Iω - I ω k (1 + |ω|)]. The terms m ω × v of that frame cancel but for rounding.
+    ω' = I⁻¹ [-ω × Iω - I ω k (1 + |ω|)]. The terms m ω × v of that frame cancel except for
+    rounding.
     """
     k, damping, mass, dt = body.linear_damping, body.angular_damping, body.mass_kg, body.step_s
     inertia, turns = body.inertia_kg_m2, min(body.inertia_kg_m2) >= EPSILON
@@ -85,10 +86,10 @@ def _reduced(body: BulletBody, on: Arithmetic, limit: float) -> Velocities:
 
 
 def _maximal(body: BulletBody, on: Arithmetic) -> Velocities:
-    """Return that of `btRigidBody.cpp`: one Newton iteration of implicit Euler for the spin.
+    """Return the step of `btRigidBody.cpp`: one Newton iteration of implicit Euler for the spin.
 
     `computeGyroscopicImpulseImplicit_Body`. Its `solve33` does not divide by a determinant up to
-    EPSILON: a body with inertias below some 6e-6 kg m² feels next to none of that torque.
+    EPSILON: a body with inertias below some 6e-6 kg m² feels almost none of that torque.
     """
     dt, inverse = body.step_s, 1.0 / body.mass_kg
     kept = math.pow(1.0 - body.linear_damping, dt)
@@ -120,7 +121,7 @@ def _maximal(body: BulletBody, on: Arithmetic) -> Velocities:
 
 
 def turned(body: BulletBody, on: Arithmetic, q: Quaternion, w: Vector) -> Quaternion:
-    """Return the orientation after a step that ends with this spin [rad/s], as the engine keeps it.
+    """Return the orientation after a step that ends with this spin [rad/s], as the engine has it.
 
     The exponential map of `btTransformUtil::integrateTransform`.
     """
@@ -143,7 +144,7 @@ def _unit(q: Quaternion, on: Arithmetic) -> Quaternion:
 
 
 def conjugate(q: Quaternion) -> Quaternion:
-    """Return the turn back."""
+    """Return the inverse rotation."""
     return -q[0], -q[1], -q[2], q[3]
 
 
@@ -165,7 +166,7 @@ def _scaled(a: Vector, s: Number) -> Vector:
 
 
 def _inverted(a: Vector) -> Vector:
-    """`btRigidBody::setMassProps`, where none stays none."""
+    """`btRigidBody::setMassProps`, where 0 stays 0."""
     x, y, z = (1.0 / part if part else 0.0 for part in a)
     return x, y, z
 

@@ -1,9 +1,9 @@
 """DART's step of one free body.
 
-One that falls or rises straight, without spin and as the world is turned, follows it to the last
-bit: a = (m g - c v)(1/(m + dt c)), with the force c = m d per speed. Otherwise a step's velocities
-and positions are within a few units of 2^-52 of what it adds up. DART keeps the logarithm of an
-orientation, which loses digits: it is read back to 1e-10. Checked against DART 6.20 in
+A body that falls or rises straight, without spin and in the world's orientation, follows it to the
+last bit: a = (m g - c v)(1/(m + dt c)), with the force c = m d per speed. Otherwise a step's
+velocities and positions are within a few units of 2^-52 of its summands. DART stores the logarithm
+of an orientation, which loses digits: it is read back to 1e-10. Checked against DART 6.20 in
 `tests/test_engines.py`.
 """
 
@@ -30,7 +30,7 @@ class DartLaw(TextbookLaw):
 
     @property
     def moves_exactly(self) -> bool:
-        """Whether `moved` gives every position to the last bit: only where `bits` says so."""
+        """Whether `moved` has every position to the last bit: only where `bits` says so."""
         return False
 
     def velocities(self, before: Motion) -> tuple[Float64, Float64]:
@@ -42,16 +42,16 @@ class DartLaw(TextbookLaw):
         return before.velocity_m_s + dt * acceleration, spin_rad_s
 
     def turned(self, before: Motion, spin_rad_s: Float64) -> Float64:
-        """Return the orientations that a step with these spins leads to, shape (n, 4)."""
+        """Return the orientations after a step with these spins, shape (n, 4)."""
         spin = rotate_inverse(before.orientation, spin_rad_s)
         return turned_about(before.orientation, spin, self.timestep_s)
 
     def bits(self, before: Motion) -> NDArray[np.bool_]:
-        """Return from which samples `step` gives the engine's velocities to the last bit, (n,)."""
+        """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
         straight = ~before.velocity_m_s[:, :2].any(axis=1) & (not any(self.gravity_m_s2[:2]))
         turned = (before.orientation != UPRIGHT).any(axis=1) | before.spin_rad_s.any(axis=1)
         return np.asarray(straight & ~turned)
 
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of all that a timestep adds up to velocity and spin, shape (n,)."""
+        """Return the size of the summands of velocity and spin in a timestep, shape (n,)."""
         return size_of_terms(self, before)

@@ -1,9 +1,9 @@
 """Drake's steps of one free body, discrete and continuous.
 
 Discrete: a = ((m g - c v)/s)/s with s = √(m + dt c) and the force c = m d per speed, to the last
-bit, however the body is turned; a spin within a few units of 2^-52. The quaternion is moved along
-ω ⊗ q / 2 and grows; its direction is what is recorded. Continuous: a Runge-Kutta method with error
-control, which is exact where gravity is all that acts; of drag and spin no law of a step is known.
+bit, in any orientation; a spin within a few units of 2^-52. The quaternion is moved along ω ⊗ q / 2
+and grows; its direction is recorded. Continuous: a Runge-Kutta method with error control, which is
+exact where only gravity acts; no law of a step is known for drag and spin.
 Checked against Drake 1.51 in `tests/test_engines.py`.
 """
 
@@ -26,7 +26,7 @@ class DrakeLaw(TextbookLaw):
     """A step of Drake; `semi_implicit` is the discrete one."""
 
     def covers(self, before: Motion) -> NDArray[np.bool_]:
-        """Return of which samples the law is that of the engine, as far as it is known, (n,)."""
+        """Return for which samples the engine's law is known to be this one, shape (n,)."""
         if self.semi_implicit:
             return super().covers(before)
         return np.asarray(~before.spin_rad_s.any(axis=1) & (self.linear_damping == 0))
@@ -40,7 +40,7 @@ class DrakeLaw(TextbookLaw):
         return velocity_m_s, explicit_spin(before, self.inertia_kg_m2, dt)
 
     def turned(self, before: Motion, spin_rad_s: Float64) -> Float64:
-        """Return the orientations that a step with these spins leads to, shape (n, 4)."""
+        """Return the orientations after a step with these spins, shape (n, 4)."""
         (x, y, z, w), (a, b, c) = before.orientation.T / 2, spin_rad_s.T
         rate = (
             w * a + z * b - y * c,
@@ -52,9 +52,9 @@ class DrakeLaw(TextbookLaw):
         return np.asarray(moved / np.linalg.norm(moved, axis=1, keepdims=True))
 
     def bits(self, before: Motion) -> NDArray[np.bool_]:
-        """Return from which samples `step` gives the engine's velocities to the last bit, (n,)."""
+        """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
         return np.asarray(~before.spin_rad_s.any(axis=1) & self.semi_implicit)
 
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of all that a timestep adds up to velocity and spin, shape (n,)."""
+        """Return the size of the summands of velocity and spin in a timestep, shape (n,)."""
         return size_of_terms(self, before)

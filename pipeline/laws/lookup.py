@@ -1,4 +1,4 @@
-"""Which law a recording's engine follows: the one place that knows."""
+"""Which law a recording's engine follows, for all callers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pipeline.scenario import EXACT_INTEGRATORS, Coordinates, Scenario
 
 
 def fall_of(scenario: Scenario) -> Fall:
-    """Return the release and the air of a scenario, as the engine has them."""
+    """Return the release and the drag of a scenario, as the engine has them."""
     if scenario.engine == "bullet":
         damping = effective_damping(scenario.linear_damping, scenario.coordinates)
         drag = drag_of(damping, scenario.coordinates)
@@ -36,7 +36,7 @@ def fall_of(scenario: Scenario) -> Fall:
 
 
 def law_for(scenario: Scenario, report: EngineReport) -> Law:
-    """Return the law of one rigid body that nothing touches, as the engine has been told."""
+    """Return the law of one rigid body in the air, with the engine's settings."""
     if scenario.engine != "bullet":
         return _textbook_law(scenario, report)
     return BulletLaw(
@@ -73,7 +73,7 @@ def _textbook_law(scenario: Scenario, report: EngineReport) -> Law:
 
 
 RIGID = 1
-"""The kind of a btRigidBody, as PyBullet numbers them."""
+"""PyBullet's number for a btRigidBody."""
 
 
 def law_of(
@@ -86,11 +86,11 @@ def law_of(
     Parameters
     ----------
     settings
-        What the engine reports of itself, and what it was told: `getPhysicsEngineParameters`.
+        What the engine reports about itself, and what was set: `getPhysicsEngineParameters`.
     reported
-        What it reports of the body: its kind, mass and inertia.
+        What it reports about the body: its kind, mass and inertia.
     given
-        What `changeDynamics` was told of the body, by argument; damping is reported by no call.
+        What `changeDynamics` set for the body, by argument; no call reports damping.
     """
     kind = int(reported["kind"][0])
     coordinates: Coordinates = "maximal" if kind == RIGID else "reduced"

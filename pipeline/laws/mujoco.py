@@ -1,10 +1,10 @@
 """MuJoCo's step of one free body, with each of its integrators.
 
 A body that falls or rises straight, without spin or turn, follows it to the last bit: its
-acceleration is (g m)(1/m), force times the inverse of the mass, or (g m)/m in the implicit ones.
-What it is thrown sideways with gives it a torque v × m v, which is 0 but for rounding
-(`engine_core_smooth.c`, `mj_rne`): then velocities are within a few units of 2^-52 of what the step
-adds up, and positions are still exact. The integrators are those of `engine_forward.c`
+acceleration is (g m)(1/m), force times the inverse of the mass, or (g m)/m in the implicit ones. A
+sideways velocity gives it a torque v × m v, which is 0 except for rounding
+(`engine_core_smooth.c`, `mj_rne`): then velocities are within a few units of 2^-52 of the step's
+summands, and positions are still exact. The integrators are those of `engine_forward.c`
 (`mj_EulerSkip`, `mj_implicitSkip`, `mj_RungeKutta`); `mju_quatIntegrate` turns the body. Checked
 against MuJoCo 4.0 in `tests/test_mujoco.py`.
 """
@@ -38,7 +38,7 @@ class MujocoLaw(TextbookLaw):
         velocity_m_s = before.velocity_m_s + self.timestep_s * pull
         spin = rotate_inverse(before.orientation, before.spin_rad_s)
         after = spin + self.timestep_s * self._mean_acceleration(spin)
-        # A turn about the new spin leaves it where it is; that of rk4 is about another.
+        # A turn about the new spin does not change it; rk4 turns about another.
         turned = before.orientation
         if self.integrator == "rk4":
             turned = self.turned(before, after)
@@ -55,33 +55,33 @@ class MujocoLaw(TextbookLaw):
         return self._solved(spin, -np.cross(spin, inertia * spin))
 
     def _solved(self, spin: Float64, torque: Float64) -> Float64:
-        """Return what the implicit integrators make of torques: (I + dt d(ω × I ω)/dω)^-1 τ."""
+        """Return the implicit integrators' response to torques: (I + dt d(ω × I ω)/dω)^-1 τ."""
         inertia = np.array(self.inertia_kg_m2)
         slope = _cross_matrix(spin) * inertia - _cross_matrix(inertia * spin)
         implicit = np.diag(inertia) + self.timestep_s * slope
         return np.asarray(np.linalg.solve(implicit, torque[..., None])[..., 0])
 
     def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:
-        """Return what angular impulses add to the spin [rad/s], both in the body's axes, (n, 3)."""
+        """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3)."""
         if self.integrator == "euler":
             return super().turned_by(angular_impulse_n_m_s, before)
         spin = rotate_inverse(before.orientation, before.spin_rad_s)
         return self._solved(spin, angular_impulse_n_m_s)
 
     def _acceleration(self, spin: Float64) -> Float64:
-        """Return that of Euler's equation, I ω' = -ω × I ω."""
+        """Return the angular acceleration by Euler's equation, I ω' = -ω × I ω."""
         inertia = np.array(self.inertia_kg_m2)
         return np.asarray(-np.cross(spin, inertia * spin) / inertia)
 
     def _stages(self, spin: Float64) -> list[Float64]:
-        """Return the four spins that the Runge-Kutta method looks at."""
+        """Return the four spins that the Runge-Kutta method evaluates."""
         dt, stages = self.timestep_s, [spin]
         for share in (0.5, 0.5, 1.0):
             stages.append(spin + share * dt * self._acceleration(stages[-1]))
         return stages
 
     def turned(self, before: Motion, spin_rad_s: Float64) -> Float64:
-        """Return the orientations that a step with these spins leads to, shape (n, 4)."""
+        """Return the orientations after a step with these spins, shape (n, 4)."""
         if self.integrator == "rk4":
             spin = self._mean_spin(rotate_inverse(before.orientation, before.spin_rad_s))
         else:
@@ -89,10 +89,10 @@ class MujocoLaw(TextbookLaw):
         return turned_about(before.orientation, spin, self.timestep_s)
 
     def _mean_spin(self, spin: Float64) -> Float64:
-        """Return the one spin that turns a body as a Runge-Kutta step does, in its own axes.
+        """Return the single spin that turns a body like a Runge-Kutta step, in its own axes.
 
-        Each stage's is first taken back to the axes of the start: the method of Munthe-Kaas. So
-        does MuJoCo 4.0, found by trying; the body is turned by 1e-15 as it turns it.
+        Each stage's is first mapped back to the axes of the start: the method of Munthe-Kaas, which
+        MuJoCo 4.0 follows to 1e-15, as found by experiment.
         """
         dt = self.timestep_s
         a, b, c, d = self._stages(spin)
@@ -102,16 +102,16 @@ class MujocoLaw(TextbookLaw):
         return np.asarray((a + 2 * b + 2 * c + d) / 6)
 
     def released(self, start: Motion) -> Motion:
-        """Return what the engine keeps of a state: it takes the spin in the body's axes."""
+        """Return a state as the engine stores it: with the spin in the body's axes."""
         spin = rotate_inverse(start.orientation, start.spin_rad_s)
         return Motion(
             start.position_m, start.orientation, start.velocity_m_s, rotate(start.orientation, spin)
         )
 
     def bits(self, before: Motion) -> NDArray[np.bool_]:
-        """Return from which samples `step` gives the engine's velocities to the last bit, (n,).
+        """Return from which samples `step` has the engine's velocities to the last bit, (n,).
 
-        Those without spin or turn of which v × m v is 0 as computed.
+        Those without spin or turn for which v × m v is computed as 0.
         """
         v = before.velocity_m_s
         momentum = self.mass_kg * v
@@ -120,7 +120,7 @@ class MujocoLaw(TextbookLaw):
         return np.asarray(exact & (self.integrator != "rk4"))
 
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of all that a timestep adds up to velocity and spin, shape (n,)."""
+        """Return the size of the summands of velocity and spin in a timestep, shape (n,)."""
         return size_of_terms(self, before)
 
 
@@ -133,7 +133,7 @@ def _cross_matrix(vectors: Float64) -> Float64:
 
 
 def _taken_back(turn_rad: Float64, spin: Float64) -> Float64:
-    """Return the inverse of the exponential map's derivative, of a spin after a turn, (n, 3).
+    """Return the inverse derivative of the exponential map, applied to a spin after a turn, (n, 3).
 
     k + u × k / 2 + (1 - θ/2 cot θ/2)/θ² u × (u × k), with θ = |u|.
     """

@@ -1,8 +1,8 @@
-"""How deep a body at rest lies in the floor in MuJoCo: its contacts are springs.
+"""How deep a body at rest lies in the floor in MuJoCo, whose contacts are springs.
 
-A contact point of depth p holds the body with the acceleration d k p / (1 - d), where the impedance
-d grows with p, and k follows from `solref` (documentation, "Solver parameters"). At rest n points
-carry g between them:
+A contact point of depth p supports the body with the acceleration d k p / (1 - d), where the
+impedance d grows with p, and k follows from `solref` (documentation, "Solver parameters"). At rest
+n points carry g together:
 
     p = g (1 - d) / (d k n)      d = d0 + (dw - d0) y(p / width)      k = d / (dw² τ² ζ²)
 
@@ -18,9 +18,9 @@ from collections.abc import Sequence
 def rest_depth_m(
     gravity_m_s2: float, points: int, solref: Sequence[float], solimp: Sequence[float]
 ) -> float | None:
-    """Return the depth [m] at which so many points carry a body.
+    """Return the depth [m] at which this many points carry a body.
 
-    None for what `solref` says otherwise: two negative numbers are stiffness and damping.
+    None for the other form of `solref`: two negative numbers, stiffness and damping.
     """
     from scipy.optimize import brentq  # slow to import, and needed here only
 
@@ -40,7 +40,7 @@ def rest_depth_m(
 
 
 def impedance(depth_m: float, solimp: Sequence[float]) -> float:
-    """Return d of a contact of this depth [m]: from d0 to dw within the width, along a power."""
+    """Return the impedance d at a depth [m]: from d0 to dw within the width, by a power law."""
     d0, dw, width_m, middle, power = solimp
     x = min(depth_m / width_m, 1.0)
     if x < middle:

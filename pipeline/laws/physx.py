@@ -2,10 +2,10 @@
 
     v' = (v + dt g) max(0, 1 - dt d)        x' = x + dt v'
 
-The spin is damped and held within 100 rad/s first. Then comes the gyroscopic term, whose angular
-momentum is made as long again as it was; the temporal Gauss-Seidel solver takes the spin through
-the root of the inertia and back. Velocities are the engine's to the last bit; an orientation that
-changes is within a few units of 2^-23, since sin and cos are not the engine's. Checked against
+The spin is first damped and limited to 100 rad/s. Then comes the gyroscopic term, after which the
+angular momentum is rescaled to its length before; the temporal Gauss-Seidel solver takes the spin
+through the root of the inertia and back. Velocities are the engine's to the last bit; a changing
+orientation is within a few units of 2^-23, since sin and cos are not the engine's. Checked against
 PhysX 5.3 (SAPIEN 3.0.3) in `tests/test_engines.py`.
 """
 
@@ -42,7 +42,7 @@ class PhysxLaw(TextbookLaw):
     oriented: ClassVar[float] = ORIENTED * epsilon
 
     def kept(self, number: Callable[[float], Number]) -> Number:
-        """Return what a step's damping leaves of a velocity: it is explicit."""
+        """Return the factor by which a step's explicit damping scales a velocity."""
         return max(number(0.0), 1 - number(self.timestep_s) * number(self.linear_damping))
 
     @property
@@ -50,7 +50,7 @@ class PhysxLaw(TextbookLaw):
         return np.float32(self.timestep_s)
 
     def released(self, start: Motion) -> Motion:
-        """Return what the engine keeps of a state that it is given."""
+        """Return a state as the engine stores it."""
         single = (
             getattr(start, name).astype(np.float32).astype(np.float64)
             for name in ("position_m", "orientation", "velocity_m_s", "spin_rad_s")
@@ -93,13 +93,13 @@ class PhysxLaw(TextbookLaw):
         return _times(_tensor(roots, axes), _times(there, spin))
 
     def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
-        """Return where one step takes each sample with these velocities."""
+        """Return each sample moved by one step with these velocities."""
         way_m = velocity_m_s.astype(np.float32) * self._dt
         position_m = (before.position_m.astype(np.float32) + way_m).astype(np.float64)
         return Motion(position_m, self.turned(before, spin_rad_s), velocity_m_s, spin_rad_s)
 
     def turned(self, before: Motion, spin_rad_s: Float64) -> Float64:
-        """Return the orientations that a step with these spins leads to, shape (n, 4)."""
+        """Return the orientations after a step with these spins, shape (n, 4)."""
         spin, turned = _columns(spin_rad_s), before.orientation.astype(np.float32).T
         speed = _length(spin)
         moving = speed > 0
@@ -121,7 +121,7 @@ class PhysxLaw(TextbookLaw):
         return np.where(moving[:, None], after, turned.T).astype(np.float64)
 
     def spin_kept(self, spin_rad_s: Float64) -> Float64:
-        """Return which part of their spin the damping leaves to samples in a step, shape (n,)."""
+        """Return the factor by which damping scales each spin in a step, shape (n,)."""
         return np.full(len(spin_rad_s), max(0.0, 1 - self.timestep_s * self.angular_damping))
 
     def bits(self, before: Motion) -> NDArray[np.bool_]:
@@ -129,7 +129,7 @@ class PhysxLaw(TextbookLaw):
         return np.ones(len(before), dtype=bool)
 
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of all that a timestep adds up to velocity and spin, shape (n,)."""
+        """Return the size of the summands of velocity and spin in a timestep, shape (n,)."""
         v, w = (np.linalg.norm(each, axis=1) for each in (before.velocity_m_s, before.spin_rad_s))
         uneven = max(self.inertia_kg_m2) / min(self.inertia_kg_m2)
         pull = self.timestep_s * float(np.linalg.norm(self.gravity_m_s2))
@@ -151,7 +151,7 @@ def _each(factors: list[np.float32], vector: Columns) -> Columns:
 
 
 def _sum(a: Columns, b: Columns, factor: np.float32) -> Columns:
-    """Return a + factor b; with a factor of ±1 that is what it says, to the last bit."""
+    """Return a + factor b; with a factor of ±1, a ± b to the last bit."""
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
 
 
@@ -167,7 +167,7 @@ def _length(vector: Columns) -> Single:
 
 
 def _rotated(orientation: Single, vector: Columns, *, back: bool) -> Columns:
-    """Turn vectors by quaternions, or back, as `PxQuat::rotate` and `rotateInv` do."""
+    """Rotate vectors by quaternions, or back, as `PxQuat::rotate` and `rotateInv` do."""
     x, y, z, w = orientation
     a, b, c = (TWO * part for part in vector)
     square, along = w * w - HALF, x * a + y * b + z * c
@@ -181,7 +181,7 @@ def _rotated(orientation: Single, vector: Columns, *, back: bool) -> Columns:
 
 
 def _matrix(orientation: Single) -> list[Columns]:
-    """Return the rows of the rotation matrix, as `PxMat33` is made of a quaternion."""
+    """Return the rows of the rotation matrix, as `PxMat33` computes it from a quaternion."""
     x, y, z, w = orientation
     x2, y2, z2, d = x + x, y + y, z + z, (w + w) * w - ONE
     xw, yw, zw = x2 * w, y2 * w, z2 * w
@@ -198,8 +198,8 @@ def _tensor(moments: list[np.float32], axes: list[Columns]) -> list[Columns]:
     def entry(i: int, j: int) -> Single:
         low, high = min(i, j), max(i, j)
         a, b, c = (moment * axes[low][k] for k, moment in enumerate(moments))
-        made: Single = a * axes[high][0] + b * axes[high][1] + c * axes[high][2]
-        return made
+        total: Single = a * axes[high][0] + b * axes[high][1] + c * axes[high][2]
+        return total
 
     return [(entry(i, 0), entry(i, 1), entry(i, 2)) for i in range(3)]
 

@@ -1,4 +1,4 @@
-"""Turn vectors between the world's axes and a body's."""
+"""Rotate vectors between the world's axes and a body's."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Float64 = NDArray[np.float64]
 
 
 def rotate(orientation: Float64, vectors: Float64) -> Float64:
-    """Turn vectors, shape (n, 3), by unit quaternions x, y, z, w, shape (n, 4).
+    """Rotate vectors, shape (n, 3), by unit quaternions x, y, z, w, shape (n, 4).
 
     Source: v + 2 u × (u × v + w v), the vector form of q v q*.
     """
@@ -20,7 +20,7 @@ def rotate(orientation: Float64, vectors: Float64) -> Float64:
 
 
 def rotate_inverse(orientation: Float64, vectors: Float64) -> Float64:
-    """Turn vectors back by unit quaternions x, y, z, w; shapes (n, 4) and (n, 3)."""
+    """Rotate vectors back by unit quaternions x, y, z, w; shapes (n, 4) and (n, 3)."""
     return rotate(orientation * [-1, -1, -1, 1], vectors)
 
 

@@ -1,10 +1,10 @@
-"""The step of the engines that follow a textbook: no limit, one step a sample.
+"""The step of the engines that follow a textbook: no limit, one step per sample.
 
     v' = k (v + dt g)        x' = x + dt v'                  semi-implicit Euler
-    v' = v + dt g            x' = x + dt (v + v')/2          exact where gravity is all that acts
+    v' = v + dt g            x' = x + dt (v + v')/2          exact where only gravity acts
 
-k is what the damping d leaves, 1 without any. An engine's own law is one of these with its own
-order of operations, and its own spin.
+k is the factor left by the damping d, 1 without any. Each engine has its own order of operations,
+and its own law of spin.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, kw_only=True)
 class TextbookLaw(ABC):
-    """What these laws share; see `pipeline.laws.base.Law` for what each method is."""
+    """What these laws share; for the methods see `pipeline.laws.base.Law`."""
 
     timestep_s: float
     """Time between two samples [s]."""
@@ -41,13 +41,13 @@ class TextbookLaw(ABC):
     linear_damping: float = 0.0
     """d of v' = g - d v, in continuous time [1/s]."""
     semi_implicit: bool = True
-    """Whether it moves the body with the velocity at the end of the step."""
+    """Whether it moves the body with the end-of-step velocity."""
 
     substeps: ClassVar[int] = 1
     epsilon: ClassVar[float] = 2.0**-52
     """Unit of rounding of the engine's numbers."""
     oriented: ClassVar[float] = ORIENTED * epsilon
-    """By how much components of an orientation may be off."""
+    """Allowed deviation of the components of an orientation."""
 
     @property
     def step_s(self) -> float:
@@ -56,20 +56,20 @@ class TextbookLaw(ABC):
 
     @property
     def moves_exactly(self) -> bool:
-        """Whether `moved` gives the engine's positions to the last bit."""
+        """Whether `moved` has the engine's positions to the last bit."""
         return self.semi_implicit
 
     @property
     def drag(self) -> Drag:
-        """What the damping is in continuous time; these engines have none by default."""
+        """The damping in continuous time; these engines have none by default."""
         return Drag(self.linear_damping, 0.0)
 
     def kept(self, number: Callable[[float], Number]) -> Number:
-        """Return what a step's damping leaves of a velocity: 1/(1 + dt d), it is implicit."""
+        """Return the factor by which a step's implicit damping scales a velocity: 1/(1 + dt d)."""
         return 1 / (1 + number(self.timestep_s) * number(self.linear_damping))
 
     def covers(self, before: Motion) -> NDArray[np.bool_]:
-        """Return that the law is that of all samples, shape (n,)."""
+        """Return True for all samples, shape (n,)."""
         return np.ones(len(before), dtype=bool)
 
     @abstractmethod
@@ -78,22 +78,22 @@ class TextbookLaw(ABC):
 
     @abstractmethod
     def bits(self, before: Motion) -> NDArray[np.bool_]:
-        """Return from which samples `step` gives the engine's velocities to the last bit, (n,)."""
+        """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
 
     @abstractmethod
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of all that a timestep adds up to velocity and spin, shape (n,)."""
+        """Return the size of the summands of velocity and spin in a timestep, shape (n,)."""
 
     @abstractmethod
     def turned(self, before: Motion, spin_rad_s: Float64) -> Float64:
-        """Return the orientations that a step with these spins leads to, shape (n, 4)."""
+        """Return the orientations after a step with these spins, shape (n, 4)."""
 
     def released(self, start: Motion) -> Motion:
-        """Return what the engine keeps of a state that it is given."""
+        """Return a state as the engine stores it."""
         return start
 
     def step(self, before: Motion) -> Motion:
-        """Return what one timestep makes of each sample."""
+        """Return each sample one timestep later."""
         return self.moved(before, *self.velocities(before))
 
     def unlimited(self, before: Motion) -> Motion:
@@ -101,7 +101,7 @@ class TextbookLaw(ABC):
         return self.step(before)
 
     def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
-        """Return where one step of the integrator takes each sample with these velocities."""
+        """Return each sample moved by one integrator step with these velocities."""
         mean_m_s = velocity_m_s
         if not self.semi_implicit:
             mean_m_s = (before.velocity_m_s + velocity_m_s) / 2
@@ -109,20 +109,20 @@ class TextbookLaw(ABC):
         return Motion(position_m, self.turned(before, spin_rad_s), velocity_m_s, spin_rad_s)
 
     def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:  # noqa: ARG002
-        """Return what angular impulses add to the spin [rad/s], both in the body's axes, (n, 3)."""
+        """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3)."""
         return np.asarray(angular_impulse_n_m_s / np.array(self.inertia_kg_m2))
 
     def limited(self, before: Motion) -> NDArray[np.bool_]:
-        """Return that no velocity is held at a limit, shape (n,)."""
+        """Return that no velocity was clamped, shape (n,)."""
         return np.zeros(len(before), dtype=bool)
 
     def free_velocities(self, velocity_m_s: Float64) -> Float64:
-        """Return what a step makes of many velocities [m/s], shape (n, 3)."""
+        """Return velocities after a step [m/s], shape (n, 3)."""
         pulled = velocity_m_s + self.timestep_s * np.array(self.gravity_m_s2)
         return np.asarray(self.kept(float) * pulled)
 
     def held(self, velocity_m_s: Float64) -> Float64:
-        """Return velocities [m/s] as they are: there is no limit."""
+        """Return velocities [m/s] unchanged: there is no limit."""
         return velocity_m_s
 
     def spin_kept(self, spin_rad_s: Float64) -> Float64:
@@ -151,7 +151,7 @@ class TextbookLaw(ABC):
     def _undamped(
         self, x: Decimal, v: Decimal, g: Decimal, first: int, last: int
     ) -> Iterator[Decimal]:
-        """Yield x0 + n dt v0 + dt² g n (n + 1)/2, or n² for n (n + 1) where it is exact."""
+        """Yield x0 + n dt v0 + dt² g n (n + 1)/2, or n² for n (n + 1) where the step is exact."""
         dt, more = Decimal(self.timestep_s), int(self.semi_implicit)
         for n in range(first, last + 1):
             yield x + n * dt * v + dt * dt * g * (n * (n + more)) / 2
@@ -199,10 +199,10 @@ def explicit_spin(before: Motion, inertia_kg_m2: Vector, timestep_s: float) -> F
 
 
 def size_of_terms(law: TextbookLaw, before: Motion) -> tuple[Float64, Float64]:
-    """Return what a step adds up where it takes forces to the centre of mass, shape (n,) each.
+    """Return the size of a step's summands where forces are moved to the centre of mass, (n,) each.
 
-    From a point beside it by the rounding of x; v × m v is a torque then, which cancels but for
-    rounding.
+    From a point that is off by the rounding of x; v × m v is then a torque, which cancels except
+    for rounding.
     """
     dt, inertia = law.timestep_s, law.inertia_kg_m2
     x, v, w = (

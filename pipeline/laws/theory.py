@@ -1,16 +1,16 @@
-"""Closed forms of a body in the air: the judge, which knows nothing of timesteps or engines.
+"""Closed forms for a body in the air, independent of timesteps and engines.
 
     v' = g - a v - b |v| v
 
-is the equation. Where a body moves along one line, with the velocity v along it, and b given the
-sign of v, it reads v' = g - a v - b v².
+is the equation. For a body that moves along a line, with velocity v along it and b given the sign
+of v, it reads v' = g - a v - b v².
 
 With x = ln(ψ)/b this Riccati equation becomes ψ'' + a ψ' = b g ψ, a linear one, with the solution
 ψ = e^(-at/2) [cosh ωt + (a/2 + b v0) sinh(ωt)/ω], where ω² = a²/4 + b g. All closed forms below are
 this one; ω is imaginary while a body rises through light drag, and cosh then reads cos.
 
-A small drag moves a body by far less than it falls. That displacement is no difference of two long
-ways: it has a Taylor series of its own, which serves until the drag has its say.
+A small drag moves a body by far less than it falls. That displacement is not computed as the
+difference of two large ones: it has a Taylor series, used while the effect of the drag is small.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ SERIES_TERMS = 36
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Fall:
-    """How a body leaves our hand, and the air it falls through.
+    """How a body is released, and the drag of the air.
 
     `gravity_m_s2` is the signed z component: negative pulls down; 0 and upward are allowed.
     """
@@ -63,7 +63,7 @@ def free_fall_position(fall: Fall, time_s: Float64) -> Float64:
 
 
 def free_fall_height(fall: Fall, time_s: Float64) -> Float64:
-    """Return the height of it [m], of the shape of `time_s`."""
+    """Return its height [m], with the shape of `time_s`."""
     return free_fall_position(fall, time_s)[:, 2]
 
 
@@ -74,19 +74,19 @@ def free_fall_velocity(fall: Fall, time_s: Float64) -> Float64:
 
 
 def timestep_displacement(fall: Fall, time_s: Float64, timestep_s: float) -> Float64:
-    """Return g t dt/2 [m], by which semi-implicit Euler leaves free fall, shape (n, 3).
+    """Return g t dt/2 [m], the error of semi-implicit Euler in free fall, shape (n, 3).
 
-    Not a leading term but all of it: after step i the velocity is v0 + i g dt, and n of these
-    make v0 t + g dt² n (n + 1)/2 = v0 t + g t²/2 + g t dt/2.
+    It is exact, not a leading term: after step i the velocity is v0 + i g dt, and n of these add up
+    to v0 t + g dt² n (n + 1)/2 = v0 t + g t²/2 + g t dt/2.
     """
     return np.multiply.outer(time_s, (0.0, 0.0, fall.gravity_m_s2 * timestep_s / 2))
 
 
 def impact_time_free(fall: Fall, floor_height_m: float) -> float | None:
-    """Return when free fall brings the body down to `floor_height_m` [s]; None if it never does.
+    """Return when free fall reaches `floor_height_m` from above [s]; None if it never does.
 
-    The first root of d + v0 t + g t²/2 = 0, in the form without cancellation. A body that starts
-    lower has arrived: 0.
+    The first root of d + v0 t + g t²/2 = 0, in the form without cancellation. It is 0 for a body
+    that starts lower.
     """
     d, v0, g = fall.height_m - floor_height_m, fall.velocity_m_s[2], fall.gravity_m_s2
     if d < 0 or (d == 0 and v0 <= 0):
@@ -99,10 +99,10 @@ def impact_time_free(fall: Fall, floor_height_m: float) -> float | None:
 
 
 def stopped_by_floor(heights_m: Float64, floor_height_m: float | None) -> Float64:
-    """Return heights of a centre [m] that no floor was in the way of, as a floor stops them.
+    """Return heights of a centre [m] limited by the floor.
 
-    `floor_height_m` is where the body touches it, None without a floor. Theory ends there wherever
-    it is shown: in tables, curves and plots.
+    `floor_height_m` is that of the centre where the body touches it, None without a floor. Theory
+    ends there in tables, curves and plots.
     """
     return heights_m if floor_height_m is None else np.maximum(heights_m, floor_height_m)
 
@@ -113,25 +113,25 @@ def stopped_by_floor(heights_m: Float64, floor_height_m: float | None) -> Float6
 def damping_displacement(fall: Fall, time_s: Float64) -> Float64:
     """Return x_damped - x_free [m], how far the drag moves the body, shape (n, 3).
 
-    Computed as the small number it is. Times are not negative, in any order [s]. An oblique throw
-    through quadratic drag is integrated, to 1e-12 m over the first metres.
+    Without cancellation. Times are not negative, in any order [s]. An oblique throw through
+    quadratic drag is integrated, to 1e-12 m over the first metres.
     """
     return _motion(fall, time_s).change
 
 
 def damped_fall_height(fall: Fall, time_s: Float64) -> Float64:
-    """Return the height of the body that falls through drag [m]; the shape of `time_s`."""
+    """Return the height of a body that falls with drag [m], with the shape of `time_s`."""
     return fall.height_m + _motion(fall, time_s).travel[:, 2]
 
 
 def impact_time_damped(fall: Fall, floor_height_m: float) -> float | None:
-    """Return when the damped fall brings the body down to `floor_height_m` [s]; None if never."""
+    """Return when the damped fall reaches `floor_height_m` from above [s]; None if never."""
     free_s = impact_time_free(fall, floor_height_m)
     if not free_s or not any(fall.drag):
-        return free_s  # drag takes no body further than free fall
+        return free_s  # with drag a body gets no further than in free fall
     v0, g, (a, b) = fall.velocity_m_s[2], fall.gravity_m_s2, fall.drag
     if math.isinf(a):
-        return None  # the air is solid
+        return None  # the drag stops it at once
 
     def state(time: float) -> tuple[float, float]:
         motion = _motion(fall, np.array([time]))
@@ -143,15 +143,15 @@ def impact_time_damped(fall: Fall, floor_height_m: float) -> float | None:
         latest *= 2
     if g > 0:  # it turns back up, sooner than in free fall
         latest = _time_of_zero(lambda time: (-state(time)[1], math.nan), -v0 / g)
-    if g == 0:  # it only slows down; e^-60 of its speed takes it nowhere
+    if g == 0:  # it only slows down; with e^-60 of its speed it no longer moves
         latest = 60 / a if a else _time_of_quadratic_drag(b, fall, floor_height_m)
     return _time_of_zero(state, latest) if state(latest)[0] <= 0 else None
 
 
 def _time_of_quadratic_drag(b: float, fall: Fall, floor_height_m: float) -> float:
-    """Return when a body that nothing pulls arrives [s]: ln(1 + b v t)/b is its way, without end.
+    """Return when a body without gravity arrives [s]: its path ln(1 + b v t)/b has no limit.
 
-    The way is along its velocity, of which the vertical part is the share that comes down.
+    The path is along its velocity, whose vertical share brings it down.
     """
     speed = math.hypot(*fall.velocity_m_s)
     way_m = (fall.height_m - floor_height_m) * speed / -fall.velocity_m_s[2]
@@ -159,9 +159,9 @@ def _time_of_quadratic_drag(b: float, fall: Fall, floor_height_m: float) -> floa
 
 
 def _time_of_zero(function: Callable[[float], tuple[float, float]], latest: float) -> float:
-    """Return where `function`, given with its slope, falls through zero between 0 and `latest`.
+    """Return where `function`, which also returns its slope, falls through 0 before `latest`.
 
-    Newton's method, and halving where it would leave the bracket or has no slope.
+    Newton's method, with bisection where it would leave the bracket or the slope is 0.
     """
     low, high, time = 0.0, latest, latest
     for _ in range(200):
@@ -179,7 +179,7 @@ def _time_of_zero(function: Callable[[float], tuple[float, float]], latest: floa
 
 
 class _Motion(NamedTuple):
-    """Way from the start [m], its difference from free fall [m], velocity [m/s]: (n, 3) or (n,)."""
+    """Path from the start [m], difference from free fall [m], velocity [m/s]: (n, 3) or (n,)."""
 
     travel: Float64
     change: Float64
@@ -189,10 +189,10 @@ class _Motion(NamedTuple):
 def _motion(fall: Fall, time: Float64) -> _Motion:
     time = np.asarray(time, dtype=np.float64)
     (vx, vy, vz), g, (a, b) = fall.velocity_m_s, fall.gravity_m_s2, fall.drag
-    if max(a, b) < 1e-100:  # it moves no double, and its rate squared is none
+    if max(a, b) < 1e-100:  # it changes no double, and its rate squared is 0
         v0, velocity = np.array(fall.velocity_m_s), free_fall_velocity(fall, time)
         return _Motion((v0 + velocity) / 2 * time[:, None], np.zeros_like(velocity), velocity)
-    if b == 0:  # each axis for itself
+    if b == 0:  # the axes are independent
         axes = [_leg(_Leg(a, 0.0, *axis), time) for axis in ((vx, 0.0), (vy, 0.0), (vz, g))]
         return _Motion(*(np.stack(each, axis=1) for each in zip(*axes, strict=True)))
     if vx == vy == 0:
@@ -206,7 +206,7 @@ def _motion(fall: Fall, time: Float64) -> _Motion:
 
 
 class _Leg(NamedTuple):
-    """A motion along a line, v' = g - a v - b v² from v0, that keeps its direction: b v >= 0."""
+    """A motion along a line, v' = g - a v - b v² from v0, without reversal: b v >= 0."""
 
     a: float
     b: float
@@ -221,7 +221,7 @@ class _Leg(NamedTuple):
 def _there_and_back(drag: Drag, v0: float, g: float, time: Float64) -> _Motion:
     """Return a vertical motion: to its apex if it has one, and back.
 
-    At the apex free fall still moves: from there on that velocity, the slip, adds to the change.
+    At the apex free fall still moves: from there on its velocity, the slip, adds to the change.
     """
     sign = math.copysign(1.0, v0 or g)
     a, b = drag
@@ -250,7 +250,7 @@ def _leg(leg: _Leg, time: Float64) -> _Motion:
 
 
 def _rate(leg: _Leg) -> float:
-    """Return how fast the drag has its say [1/s]: no zero of ψ e^(at/2) lies within ln 2 of it."""
+    """Return the rate of the drag [1/s]: ψ e^(at/2) has no zero within rate x time = ln 2."""
     return math.sqrt(abs(leg.omega_squared)) + leg.a / 2 + leg.b * leg.v0 or 1.0
 
 
@@ -258,8 +258,8 @@ def _rate(leg: _Leg) -> float:
 def _velocity_series(leg: _Leg) -> Float64:
     """Return the coefficients of v - v_free [m/s] in powers of x = rate t.
 
-    From v' = g - a v - b v²: (n + 1) c_{n+1} = -a c_n - b (c_0 c_n + ... + c_n c_0), where c_1 has
-    a further g, as in free fall: it is left out of what is returned.
+    From v' = g - a v - b v²: (n + 1) c_{n+1} = -a c_n - b (c_0 c_n + ... + c_n c_0); the further g
+    in c_1, as in free fall, is left out of the result.
     """
     a, b, g = leg.a / _rate(leg), leg.b / _rate(leg), leg.g / _rate(leg)
     velocity, change = [leg.v0], [0.0]
@@ -271,12 +271,12 @@ def _velocity_series(leg: _Leg) -> Float64:
 
 
 def _travel(leg: _Leg, time: Float64) -> Float64:
-    """Return ln(ψ)/b [m]: the terminal velocity v_t = g/(ω + a/2) times t, and the way to it.
+    """Return ln(ψ)/b [m]: the terminal velocity v_t = g/(ω + a/2) times t, and the transient.
 
         v_t t + ln[1 + b (v0 - v_t) (1 - e^(-2ωt)) / 2ω] / b
 
     With b = 0 that is v_t t + (v0 - v_t) (1 - e^(-at))/a; with v_t = 0, ln[1 + v0 (1 - e^(-kt))]/k.
-    For imaginary ω = iν, ψ = e^(-at/2) [cos νt + (a/2 + b v0) sin(νt)/ν] is taken as it stands.
+    For imaginary ω = iν, ψ = e^(-at/2) [cos νt + (a/2 + b v0) sin(νt)/ν] is used directly.
     """
     if leg.omega_squared < 0:
         nu = math.sqrt(-leg.omega_squared)
@@ -293,7 +293,7 @@ def _travel(leg: _Leg, time: Float64) -> Float64:
 def _velocity(leg: _Leg, time: Float64) -> Float64:
     """Return ψ'/(bψ) [m/s] = [v0 + (g - a v0/2) T] / [1 + (a/2 + b v0) T], T = tanh(ωt)/ω.
 
-    Nothing in it cancels or overflows; T is tan(νt)/ν for ω = iν, and t for ω = 0.
+    It does not cancel or overflow; T is tan(νt)/ν for ω = iν, and t for ω = 0.
     """
     root = math.sqrt(abs(leg.omega_squared))
     tangent = np.tan if leg.omega_squared < 0 else np.tanh
@@ -303,16 +303,16 @@ def _velocity(leg: _Leg, time: Float64) -> Float64:
 
 
 def _velocity_change(leg: _Leg, time: float) -> float:
-    """Return v - v_free [m/s] without cancellation, as long as the series serves."""
+    """Return v - v_free [m/s], without cancellation within the reach of the series."""
     if _rate(leg) * time <= SERIES_REACH:
         return float(polyval(_rate(leg) * time, _velocity_series(leg)))
     return float(_velocity(leg, np.array(time))) - leg.v0 - leg.g * time
 
 
 def _turning_time(leg: _Leg) -> float:
-    """Return when a motion against gravity comes to a stop [s]: where the numerator of v is 0.
+    """Return when a motion against gravity stops [s]: where the numerator of v is 0.
 
-    tanh(ωt)/ω = -v0/(g - a v0/2), solved for t such that weak gravity does not cancel.
+    tanh(ωt)/ω = -v0/(g - a v0/2), solved for t without cancellation for weak gravity.
     """
     if leg.omega_squared < 0:
         nu = math.sqrt(-leg.omega_squared)
@@ -323,17 +323,16 @@ def _turning_time(leg: _Leg) -> float:
 
 
 STRAIGHT = 1e-9
-"""Sideways share of a speed below which the drag no longer sees it: its square is rounding."""
+"""Sideways share of a speed below which the drag does not depend on it: its square is rounding."""
 
 
 def _oblique(fall: Fall, time: Float64) -> _Motion:
     """Integrate an oblique throw: δ'' = -v (a + b |v|) with v = v_free + δ', δ the change.
 
     No closed form is known: |v| couples the directions. δ/k is integrated, with k the larger of a
-    and b: it does not shrink with them, so that the relative accuracy survives small damping.
-    DOP853 is Hairer's, in scipy. Once the drag has taken the sideways speed the motion is vertical,
-    and the closed form goes on from there; sideways the body has then arrived, but for
-    `STRAIGHT`/k.
+    and b: it does not shrink with them, which keeps the relative accuracy at small damping. DOP853
+    is Hairer's, in scipy. Once the drag has stopped the sideways motion, to within `STRAIGHT`/k,
+    the motion is vertical and continues in closed form.
     """
     from scipy.integrate import solve_ivp  # slow to import, and needed here only
 

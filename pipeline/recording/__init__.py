@@ -2,6 +2,6 @@
 
 import os
 
-# Rerun's library logs to standard error. What it has to say of a failure comes as an exception too,
-# which becomes our one line; it reads this when it is first imported.
+# Rerun's library logs to standard error. It also raises failures as exceptions, which become our
+# one line. It reads this variable when it is first imported.
 os.environ.setdefault("RUST_LOG", "error")

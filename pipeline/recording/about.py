@@ -1,4 +1,4 @@
-"""The text in a recording that says what it is, for whoever opens it without us."""
+"""The text in a recording that describes it to a reader who does not have drop."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def about(scenario: Scenario, camera: Camera | None, engine: EngineReport) -> st
         steps += "; **`stepSimulation` was never called**"
     damping, turned = scenario.linear_damping, scenario.orientation_xyzw[:3]
     if scenario.substeps is not None:
-        steps += f"; the engine makes {scenario.substeps} of each"
+        steps += f"; the engine splits each into {scenario.substeps}"
     rows = {
         "body": f"`{scenario.body}`, {engine.mass_kg:g} kg",
         "release": f"centre {scenario.height_m:g} m above the floor",
@@ -36,7 +36,7 @@ def about(scenario: Scenario, camera: Camera | None, engine: EngineReport) -> st
     table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
     return f"""# A body dropped in {ENGINES[scenario.engine]}
 
-Everything that happened in one simulated fall. Each sample is the state **before** a step, so
+Everything that happened in one simulated fall. Each sample is the state **before** a step;
 sample 0 is the release.
 
 | | |
@@ -45,9 +45,9 @@ sample 0 is the release.
 
 ## How to read it
 
-- **World**: the body, the trail it leaves, the floor and the camera; z up, metres.
+- **World**: the body, its trail, the floor and the camera; z up, metres.
 - **Height of the centre**: simulated, beside free fall (no air) and damped fall (the engine's
-  damping in continuous time). Theory stops where the body would lie on the floor.
+  damping in continuous time). Theory stops where the body would rest on the floor.
 - `state`: position, orientation and velocities of each part as float64; `contacts`: every contact
   point, with its forces. Every number is computed from these; the 3-D view is rounded to float32.
 - `sim_step` is the key; `sim_time` is step × timestep, in whole nanoseconds.
@@ -61,20 +61,20 @@ def _every(steps: int) -> str:
 
 
 def engine_in_words(scenario: Scenario, engine: EngineReport) -> str:
-    """Return the engine's name, its version, and what of it was chosen."""
+    """Return the engine's name, version, and the integrator chosen."""
     if scenario.engine == "bullet":
         return f"pybullet {engine.pybullet_version}, {engine.pybullet_build}"
     integrator = scenario.effective_integrator
-    said = f"{ENGINES[scenario.engine]} {engine.engine_version}"
-    return f"{said}, {integrator}" if integrator else said
+    name = f"{ENGINES[scenario.engine]} {engine.engine_version}"
+    return f"{name}, {integrator}" if integrator else name
 
 
 def _orientation(orientation: tuple[float, ...]) -> str:
-    said = ", ".join(f"{part:g}" for part in orientation)
-    return f"roll, pitch, yaw ({said})°" if len(orientation) == 3 else f"quaternion ({said})"
+    numbers = ", ".join(f"{number:g}" for number in orientation)
+    return f"roll, pitch, yaw ({numbers})°" if len(orientation) == 3 else f"quaternion ({numbers})"
 
 
 def _vector(vector: tuple[float, float, float], unit: str) -> str:
     if not any(vector):
         return "none"
-    return f"({', '.join(f'{part:g}' for part in vector)}) {unit}"
+    return f"({', '.join(f'{number:g}' for number in vector)}) {unit}"

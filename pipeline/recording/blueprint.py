@@ -1,4 +1,4 @@
-"""The viewer's layout: what a person sees who opens a recording, alone or with its analysis."""
+"""The viewer's layout for a drop's recording, alone or with its analysis."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ PLAYBACK_SPEED = 0.25
 """A fall from 1 m takes half a second: too fast to watch."""
 
 EYE_M, TARGET_M = (2.9, -0.95, 1.6), (0.4, -0.5, 0.5)
-"""Beside the camera, so that its picture is seen from the front, and with it floor and fall."""
+"""Beside the camera, so that its picture, the floor and the fall are seen from the front."""
 
 NEAR_EYE_M, NEAR_TARGET_M = (1.55, 0.6, 0.9), (0.0, 0.0, 0.45)
-"""The same of a camera near the body: from its side, so that its picture does not hide the body."""
+"""Near the body: from the side, so that the camera's picture does not hide it."""
 
 
 class Look(TypedDict):
-    """What the layout depends on, as arguments for `layout`."""
+    """What the layout depends on: arguments of `layout`."""
 
     height_m: float
     camera: View | None
@@ -32,9 +32,9 @@ def layout(*, height_m: float, camera: View | None, analysis: bool = False) -> r
     Parameters
     ----------
     height_m
-        Height of the release [m]; the eye steps back for a high one.
+        Height of the release [m]; the higher, the farther away is the eye.
     camera
-        Which view the camera had, or None where there are no frames.
+        The camera's view, or None where there are no frames.
     analysis
         Whether it is for the recording with its analysis layer.
     """
@@ -57,8 +57,8 @@ def layout(*, height_m: float, camera: View | None, analysis: bool = False) -> r
         columns = rrb.Horizontal(left, right, column_shares=[1, 1])
     return rrb.Blueprint(
         columns,
-        # A layout cannot say where the time cursor starts: alone the fall is played, and with the
-        # analysis it waits at the release.
+        # A layout cannot set where the time cursor starts. Alone, the fall is played; with the
+        # analysis, it is paused at the release.
         rrb.TimePanel(
             timeline=schema.TIME_TIMELINE,
             state="collapsed",

@@ -1,4 +1,4 @@
-"""What one chunk of a recording holds: its columns as arrays, if they are of the types we write."""
+"""What one chunk of a recording holds: its columns as arrays, if they have the types we write."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from pipeline.fields import shown
+from pipeline.messages import Message
 from pipeline.recording import schema
-from pipeline.recording.checks import damaged
+from pipeline.recording.checks import damaged, twice, wrong_count
 from pipeline.recording.rows import named
 from pipeline.recording.rrd import Chunk
 from pipeline.recording.schema import Table
@@ -22,7 +23,7 @@ from pipeline.report import LARGEST
 Properties = dict[str, Any]
 
 PROPERTY_BYTES = 1 << 16
-"""Most that a property takes; the engine's report takes 18,000."""
+"""Limit of a property; the engine's report takes 18,000."""
 LONGEST_TEXT = 4096
 """Characters in a property: as many as a path may have."""
 
@@ -33,35 +34,35 @@ def rows(chunk: Chunk, table: Table, path: Path) -> pl.DataFrame:
     Raises
     ------
     RecordingError
-        If it holds something else than lists of the table's numbers.
+        If it holds anything but lists of the table's numbers.
     """
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
-    found: dict[str, NDArray[Any]] = {}
+    read: dict[str, NDArray[Any]] = {}
     counts = np.empty(0, np.int64)
     for component, names in table.columns.items():
         whole, width = table.kind[component].base.kind == "i", len(names)
         is_right = _is_list_of(pa.types.is_int64 if whole else pa.types.is_float64)
         lists = _column(chunk, component, is_right, path)
         lengths, flat = np.diff(lists.offsets.to_numpy()), _between(lists)
-        if not found:
+        if not read:
             counts = lengths // width
-            found["step"] = np.repeat(steps, counts)
+            read["step"] = np.repeat(steps, counts)
         if flat.null_count or not counts.all() or not np.array_equal(lengths, counts * width):
-            raise damaged(path, f"{chunk.entity} must hold {width} numbers for each {component}")
-        # Copied, so that nothing else of the chunk stays in memory.
-        found |= named(flat.to_numpy().reshape(-1, width), names)
+            raise damaged(path, wrong_count(chunk.entity, width, component))
+        # Copied, so that the rest of the chunk can be freed.
+        read |= named(flat.to_numpy().reshape(-1, width), names)
     if len(np.unique(steps)) < len(steps):
-        raise damaged(path, f"its {chunk.entity} has a step twice")
-    return pl.DataFrame(found)
+        raise damaged(path, twice(chunk.entity))
+    return pl.DataFrame(read)
 
 
 def told(chunk: Chunk, path: Path) -> Iterator[tuple[int, float, int, dict[str, list[Any]]]]:
-    """Yield the rows of what was told of a script: step, time [s], calls before, named lists.
+    """Yield the rows of a script's entity: step, time [s], number of calls before, named lists.
 
     Raises
     ------
     RecordingError
-        If a chunk holds something else than lists of numbers, texts, true and false.
+        If it holds anything but lists of numbers, texts and booleans.
     """
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_pylist()
     calls = _column(chunk, schema.CALL_TIMELINE, pa.types.is_int64, path).to_pylist()
@@ -72,12 +73,15 @@ def told(chunk: Chunk, path: Path) -> Iterator[tuple[int, float, int, dict[str, 
         if name in _OF_A_ROW:
             continue
         if not any(_is_list_of(is_ours)(column.type) for is_ours in _PLAIN):
-            raise damaged(path, f"{chunk.entity} has a {shown(name)} of another type")
+            what = Message(
+                "{entity} has the wrong type of {name}", entity=chunk.entity, name=shown(name)
+            )
+            raise damaged(path, what)
         lists[name] = column.to_pylist()
     for number, (step, time_s, call) in enumerate(zip(steps, times_s.tolist(), calls, strict=True)):
         row = {name: values[number] for name, values in lists.items()}
         if any(values is None or None in values for values in row.values()):
-            raise damaged(path, f"{chunk.entity} has gaps")
+            raise damaged(path, Message("{entity} has gaps", entity=chunk.entity))
         yield step, time_s, call, row
 
 
@@ -92,17 +96,22 @@ def joints(chunk: Chunk, path: Path) -> tuple[NDArray[np.int64], list[NDArray[np
     Raises
     ------
     RecordingError
-        If a chunk holds something else.
+        If a chunk holds anything else.
     """
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
-    found = []
+    arrays = []
     for name in ("position", "velocity", "torque"):
         lists = _column(chunk, name, _is_list_of(pa.types.is_float64), path)
         lengths, flat = np.diff(lists.offsets.to_numpy()), _between(lists)
         if flat.null_count or len(set(lengths.tolist())) > 1:
-            raise damaged(path, f"{chunk.entity} must hold as many numbers for each {name}")
-        found.append(flat.to_numpy().reshape(len(steps), -1).copy())
-    return steps, found
+            what = Message(
+                "{entity} must hold equally many numbers in each {name}",
+                entity=chunk.entity,
+                name=name,
+            )
+            raise damaged(path, what)
+        arrays.append(flat.to_numpy().reshape(len(steps), -1).copy())
+    return steps, arrays
 
 
 def images(chunk: Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
@@ -111,16 +120,16 @@ def images(chunk: Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
     Raises
     ------
     RecordingError
-        If it holds something else.
+        If it holds anything else.
     """
     if chunk.batch.schema.get_field_index("EncodedImage:blob") < 0:
-        return  # the media type, which `rerun rrd split` writes into a chunk of its own
+        return  # the media type, which `rerun rrd split` writes into a separate chunk
     bytes_ = _is_list_of(_is_list_of(pa.types.is_uint8))
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
     blobs = _column(chunk, "EncodedImage:blob", bytes_, path)
     pictures = _flat(blobs, 1)
     if pictures is None or pictures.null_count or pictures.values.null_count:
-        raise damaged(path, "its frames must be one picture per step")
+        raise damaged(path, Message("it must hold one picture per step for its frames"))
     for step, blob in zip(steps.to_pylist(), pictures, strict=True):
         yield step, blob.values.to_numpy().tobytes()
 
@@ -131,31 +140,41 @@ def values(chunk: Chunk, path: Path) -> Properties:
     Raises
     ------
     RecordingError
-        If it holds something else than short texts, numbers up to `LARGEST`, true and false.
+        If it holds anything but short texts, numbers up to `LARGEST`, and booleans.
     """
     name, batch = chunk.entity.removeprefix("__properties/"), chunk.batch
     if batch.num_rows != 1:
-        raise damaged(path, f"its property {name} must have one row")
+        raise damaged(path, Message("its property {name} must have one row", name=name))
     if chunk.size > PROPERTY_BYTES:
-        raise damaged(path, f"its property {name} takes {chunk.size:,} bytes")
-    found: Properties = {}
+        what = Message("its property {name} takes {size:,} bytes", name=name, size=chunk.size)
+        raise damaged(path, what)
+    read: Properties = {}
     for key, column in zip(batch.schema.names, batch.columns, strict=True):
         if not pa.types.is_list(column.type):
-            continue  # what Rerun keeps of the row
+            continue  # Rerun's own columns
         if not any(is_ours(column.type.value_type) for is_ours in _PLAIN):
-            raise damaged(path, f"its property {name} has a {shown(key)} of another type")
+            what = Message(
+                "its property {name} has the wrong type of {key}", name=name, key=shown(key)
+            )
+            raise damaged(path, what)
         value = column[0].as_py()
         if value is None:
             continue
-        for one in value:
-            if not _is_plain(one):
-                raise damaged(path, f"its property {name} says that {shown(key)} is {shown(one)}")
-        found[key] = value[0] if len(value) == 1 else value
-    return found
+        for element in value:
+            if not _is_plain(element):
+                what = Message(
+                    "its property {name} says that {key} is {value}",
+                    name=name,
+                    key=shown(key),
+                    value=shown(element),
+                )
+                raise damaged(path, what)
+        read[key] = value[0] if len(value) == 1 else value
+    return read
 
 
 _PLAIN = (pa.types.is_float64, pa.types.is_int64, pa.types.is_boolean, pa.types.is_string)
-"""The types of which we write properties."""
+"""The types of the properties we write."""
 
 
 def _is_plain(value: object) -> bool:
@@ -165,24 +184,28 @@ def _is_plain(value: object) -> bool:
 
 
 def _column(chunk: Chunk, name: str, is_right: Callable[[Any], bool], path: Path) -> pa.Array:
-    """Return a column of the type that we write, every row of it given."""
+    """Return a column of the type that we write, without gaps."""
     index = chunk.batch.schema.get_field_index(name)
     if index < 0 or not is_right(chunk.batch.schema.field(index).type):
-        raise damaged(path, f"{chunk.entity} has no column {name} of the right type")
+        what = Message(
+            "{entity} has no column {name} of the right type", entity=chunk.entity, name=name
+        )
+        raise damaged(path, what)
     column = chunk.batch.column(index)
     if column.null_count:
-        raise damaged(path, f"{chunk.entity} has gaps in {name}")
+        what = Message("{entity} has gaps in {name}", entity=chunk.entity, name=name)
+        raise damaged(path, what)
     return column
 
 
 def _flat(lists: pa.Array, width: int) -> pa.Array | None:
-    """Return what lists hold, one after the other; None where one has not `width` elements."""
+    """Return the elements of lists as one array; None unless each list has `width` of them."""
     return None if (np.diff(lists.offsets.to_numpy()) != width).any() else _between(lists)
 
 
 def _between(lists: pa.Array) -> pa.Array:
-    """Return what lists hold, one after the other."""
-    # What `flatten` does, which loads Arrow's library of computations for it.
+    """Return the elements of lists as one array."""
+    # As `flatten` does, but that loads Arrow's compute library.
     if not len(lists):
         return lists.values[:0]
     offsets = lists.offsets.to_numpy()

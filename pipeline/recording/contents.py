@@ -1,4 +1,4 @@
-"""What lies in a file of ours, whatever it is a recording of: chunks, and its properties."""
+"""What any recording of ours holds: chunks and properties."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from pathlib import Path
 from pipeline.errors import RecordingError
 from pipeline.fields import shown
 from pipeline.files.outputs import free_part_of, is_part
+from pipeline.messages import Message
 from pipeline.recording import columns, rrd, schema
 from pipeline.recording.checks import again, damaged
 from pipeline.recording.columns import Properties
 
 MOST_VALUES = 1000
-"""Of a property; the engine's report has some thirty."""
+"""Limit of a property; the engine's report has about thirty."""
 
 
 def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
-    """Yield the chunks of the one recording in a file; nothing else may be in it.
+    """Yield the chunks of a file, which must hold one recording and nothing else.
 
     Raises
     ------
@@ -29,40 +30,53 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
     try:
         if path.is_dir():
             raise RecordingError(
-                f"{path} is a folder; name a recording in it, such as {path / 'run.rrd'}"
+                "{path} is a folder; name a recording in it, such as {file}",
+                path=path,
+                file=path / "run.rrd",
             )
+        if not path.exists():
+            raise RecordingError("{path} does not exist; make it with: drop simulate", path=path)
         if not path.is_file():
-            why = "not a regular file" if path.exists() else "not there"
             raise RecordingError(
-                f"{path} is not a recording: it is {why}; make one with: drop simulate"
+                "{path} is not a recording: it is not a regular file; make one with: drop simulate",
+                path=path,
             )
         for chunk in rrd.chunks(path, unfinished=is_part(path)):
             only = chunk.recording_id if only is None else only
             if chunk.application_id != schema.APPLICATION_ID:
                 raise RecordingError(
-                    f"{path} must be a recording made by drop, got one of "
-                    f"{shown(chunk.application_id)}; {again(path)}"
+                    "{path} must be a recording made by drop, got one made by {application}; "
+                    "{again}",
+                    path=path,
+                    application=shown(chunk.application_id),
+                    again=again(path),
                 )
             if chunk.recording_id != only:
-                raise RecordingError(f"{path} must hold one recording, got several; {again(path)}")
+                raise RecordingError(
+                    "{path} must hold one recording, got several; {again}",
+                    path=path,
+                    again=again(path),
+                )
             yield chunk
         if only is None and is_part(path):
             raise _empty(path)
     except rrd.UnfinishedError as error:
-        raise _unfinished(path, str(error)) from None
+        raise _unfinished(path, error.what) from None
     except rrd.DamagedError as error:
         if is_part(path) and not path.stat().st_size:
             raise _empty(path) from None
-        raise damaged(path, str(error)) from None
+        raise damaged(path, error.what) from None
     except OSError as error:
         raise RecordingError(
-            f"{path} cannot be read: {error.strerror or error}; see: "
-            f"{shlex.join(['ls', '-l', str(path)])}"
+            "{path} cannot be read: {reason}; see: {command}",
+            path=path,
+            reason=error.strerror or str(error),
+            command=shlex.join(["ls", "-l", str(path)]),
         ) from None
 
 
 def is_script(path: Path) -> bool:
-    """Whether a file is the recording of a script, finished or not: that is said in it first.
+    """Whether a file is the recording of a script, finished or not; its first chunk says so.
 
     Raises
     ------
@@ -74,12 +88,12 @@ def is_script(path: Path) -> bool:
 
 
 def gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> None:
-    """Add what a chunk holds of a property: `rerun rrd split` writes each value on its own.
+    """Add a chunk's values to its property: `rerun rrd split` writes each in a chunk of its own.
 
     Raises
     ------
     RecordingError
-        If it holds something else than a property, or says two things.
+        If it holds anything but a property, or contradicts another chunk.
     """
     name = chunk.entity.removeprefix("__properties/")
     if name not in (*schema.PROPERTIES, schema.ORIGIN_PROPERTY):
@@ -87,13 +101,15 @@ def gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> N
     gathered = properties.setdefault(name, {})
     for key, value in columns.values(chunk, path).items():
         if gathered.setdefault(key, value) != value:
-            raise damaged(path, f"its property {name} says two things of {shown(key)}")
+            what = Message("its property {name} has two values of {key}", name=name, key=shown(key))
+            raise damaged(path, what)
     if len(gathered) > MOST_VALUES:
-        raise damaged(path, f"its property {name} has {len(gathered):,} values")
+        what = Message("its property {name} has {count:,} values", name=name, count=len(gathered))
+        raise damaged(path, what)
 
 
 def closing_of(properties: Mapping[str, Properties], path: Path) -> Properties | None:
-    """Return the property that was written last; None where the recording may lack it.
+    """Return the property that is written last; None where a recording may lack it.
 
     Raises
     ------
@@ -102,33 +118,50 @@ def closing_of(properties: Mapping[str, Properties], path: Path) -> Properties |
     """
     closing = properties.get(schema.RECORDING_PROPERTY)
     if closing is None:
-        if not properties and next(chunks_of(path), None):  # that of what was run is written first
-            part = "an unfinished layer" if is_part(path) else "a layer"
+        if not properties and next(chunks_of(path), None):  # a recording's first is a property
+            if is_part(path):
+                raise RecordingError(
+                    "{path} must be a recording, got an unfinished layer, as RUN.analysis.rrd is "
+                    "of RUN.rrd; give the recording that it belongs to",
+                    path=path,
+                )
             raise RecordingError(
-                f"{path} must be a recording, got {part}, as RUN.analysis.rrd is of RUN.rrd; give "
-                "the recording that it belongs to"
+                "{path} must be a recording, got a layer, as RUN.analysis.rrd is of RUN.rrd; give "
+                "the recording that it belongs to",
+                path=path,
             )
         if is_part(path):
             return None
-        raise _unfinished(path, "it lacks the property that is written last")
+        raise _unfinished(path, Message("it lacks the property that is written last"))
     version = closing.get("schema_version")
     if version == 1:
-        raise RecordingError(f"{path} was made by an earlier version of drop; {again(path)}")
+        raise RecordingError(
+            "{path} was made by an earlier version of drop; {again}", path=path, again=again(path)
+        )
     if version != schema.SCHEMA_VERSION:
         raise RecordingError(
-            f"{path} must be of schema {schema.SCHEMA_VERSION}, got {shown(version)}; read it "
-            f"with the drop that wrote it, or {again(path)}"
+            "{path} must be of schema {schema}, got {version}; read it with the drop that wrote "
+            "it, or {again}",
+            path=path,
+            schema=schema.SCHEMA_VERSION,
+            version=shown(version),
+            again=again(path),
         )
     return closing
 
 
 def _empty(path: Path) -> RecordingError:
     return RecordingError(
-        f"{path} holds nothing yet: what wrote it, a drop or a script's recording, was stopped "
-        "before its first rows were whole; record it again"
+        "{path} holds nothing yet: the process that wrote it was stopped before its first rows "
+        "were complete; record it again",
+        path=path,
     )
 
 
-def _unfinished(path: Path, what: str) -> RecordingError:
-    rename = shlex.join(["mv", str(path), str(free_part_of(path))])
-    return RecordingError(f"{path} is damaged: {what}; to read what it holds, rename it: {rename}")
+def _unfinished(path: Path, what: Message) -> RecordingError:
+    return RecordingError(
+        "{path} is damaged: {what}; to read what it holds, rename it: {command}",
+        path=path,
+        what=what,
+        command=shlex.join(["mv", str(path), str(free_part_of(path))]),
+    )

@@ -1,7 +1,7 @@
-"""Digests of everything that a number or a picture is made from.
+"""Digests of everything that a number or a picture is computed from.
 
-They are written last, into the recording's closing property, and checked before anything is
-believed: a bit that changed on the disk is damage, not a result.
+They are written last, into the recording's closing property, and checked before anything is used:
+a bit that flipped on the disk is damage, not a result.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 
 class RowsDigest:
-    """SHA-256 over rows of states or contacts in step order: the same however they were chunked."""
+    """SHA-256 of rows of states or contacts in step order, however they are split into chunks."""
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
 
     def update(self, rows: NDArray[Any]) -> None:
-        """Take in rows, whose numbers are little-endian by their dtype."""
+        """Add rows, whose numbers are little-endian by their dtype."""
         self._hash.update(np.ascontiguousarray(rows).view(np.uint8).data)
 
     def hexdigest(self) -> str:
@@ -31,33 +31,33 @@ class RowsDigest:
 
 
 class ToldDigest:
-    """SHA-256 over what was told of a script: rows of named lists, in whatever order they come.
+    """SHA-256 of a script's rows of named lists, in any order.
 
-    A recording holds them by entity and by columns, and so not in the order that they had.
+    A recording holds them by entity and by columns, not in their original order.
     """
 
     def __init__(self) -> None:
-        self._marks = bytearray()
+        self._digests = bytearray()
 
     def update(self, entity: str, step: int, call: int, values: Mapping[str, list[Any]]) -> None:
-        """Take in one row."""
-        told = json.dumps([entity, step, call, values], sort_keys=True).encode()
-        self._marks += hashlib.sha256(told).digest()
+        """Add one row."""
+        row = json.dumps([entity, step, call, values], sort_keys=True).encode()
+        self._digests += hashlib.sha256(row).digest()
 
     def hexdigest(self) -> str:
         """Return the digest of all rows so far."""
-        marks = np.sort(np.frombuffer(bytes(self._marks), "V32").view("S32"))
-        return hashlib.sha256(marks.tobytes()).hexdigest()
+        digests = np.sort(np.frombuffer(bytes(self._digests), "V32").view("S32"))
+        return hashlib.sha256(digests.tobytes()).hexdigest()
 
 
 class FrameDigest:
-    """SHA-256 over the camera frames in step order."""
+    """SHA-256 of the camera frames in step order."""
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
 
     def update(self, step: int, png: bytes) -> None:
-        """Take in one frame."""
+        """Add one frame."""
         self._hash.update(step.to_bytes(8, "little") + len(png).to_bytes(8, "little") + png)
 
     def hexdigest(self) -> str:
@@ -72,12 +72,12 @@ def inputs_digest(properties: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def closing_digest(closing: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a script's closing property, but for the digest itself."""
+    """Return the SHA-256 of a script's closing property, without the digest itself."""
     return inputs_digest({"closing": {k: v for k, v in closing.items() if k != "closing_sha256"}})
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values as they are read back: None is not written, a list of one is its element."""
+    """Return values as they are read back: without None, and a list of one as its element."""
     return {
         key: value[0] if isinstance(value, list | tuple) and len(value) == 1 else value
         for key, value in values.items()

@@ -21,10 +21,10 @@ from pipeline.states import Batch, Rows, poses_of
 Float64 = NDArray[np.float64]
 
 TRAIL_POINTS = 40
-"""How many points the body leaves behind in the 3-D view, about."""
+"""Approximate number of points in the body's trail in the 3-D view."""
 
 Progress = Callable[[str, int, int], None]
-"""Told what is being done, how much of it is done, and out of how much."""
+"""Called with what is being done, how much of it is done, and the total."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class Photography:
 
     camera: Camera
     draw: Callable[[Float64], Iterator[bytes]]
-    """From poses, shape (n, 7), to a PNG of each."""
+    """From poses, shape (n, 7), to a PNG each."""
     pose: Callable[[Camera], Float64]
-    """From a camera to where it stands: world from camera, shape (4, 4)."""
+    """From a camera to its pose: world from camera, shape (4, 4)."""
 
 
 def chunks_of(
@@ -48,14 +48,14 @@ def chunks_of(
     photography: Photography | None,
     progress: Progress,
 ) -> Iterator[Chunk]:
-    """Yield the whole recording: what it was made with, the fall, and last what must be in it.
+    """Yield the whole recording: inputs, then the fall, and last the counts and digests.
 
     Parameters
     ----------
     scenario, engine
         What was dropped and how, and what the engine reported.
     batches
-        All samples, asked for one batch after the other.
+        All samples; each batch is requested after the previous one was yielded.
     half_size_m
         Half the body's extent along its own axes [m], shape (3,).
     theory_m
@@ -88,15 +88,15 @@ def chunks_of(
     for batch in batches:
         states.update(batch.states)
         contacts.update(batch.contacts)
-        # Before the states: a sample that is there has its contacts, wherever the file ends.
+        # Before the states: wherever the file ends, each sample in it has its contacts.
         if len(batch.contacts):
             yield writer.contacts_chunk(batch.contacts, timestep_s)
         yield from writer.state_chunks(batch.states, timestep_s)
         base = batch.base
         yield from _heights(base, timestep_s, theory_m)
-        lit = base[base["step"] % strobe == 0]
-        if len(lit):
-            yield writer.trail_chunk(lit["step"], timestep_s, lit["position_m"], colour)
+        trail = base[base["step"] % strobe == 0]
+        if len(trail):
+            yield writer.trail_chunk(trail["step"], timestep_s, trail["position_m"], colour)
         if photography is not None:
             yield from _frames(photography, scenario, base, pictures, progress)
         done += len(base)

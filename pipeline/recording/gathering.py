@@ -1,4 +1,4 @@
-"""Rows that come one by one, gathered by entity: a chunk of many costs what one of one does."""
+"""Gathers single rows by entity: a chunk of many rows costs no more than a chunk of one."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from pipeline.recording.writer import Times
 
 
 class Gathering:
-    """What is to become chunks.
+    """Rows that are held until there are enough for chunks.
 
     Parameters
     ----------
     make
-        Makes a chunk of an entity's rows: it gets their values as a list, in order.
+        Makes a chunk of an entity's rows, given the list of their values in order.
     most
-        Rows, of all entities together, that are held.
+        How many rows are held, of all entities together.
     """
 
     def __init__(self, make: Callable[[str, Times, list[Any]], Chunk], *, most: int) -> None:
@@ -28,8 +28,10 @@ class Gathering:
         self._rows = 0
 
     def add(self, entity: str, at: Times, values: Any) -> Iterator[Chunk]:  # noqa: ANN401
-        """Take in rows of an entity; yields chunks when there are enough of them."""
-        kind = tuple(values) if isinstance(values, Mapping) else None  # other columns, other chunk
+        """Add rows of an entity, and yield chunks if there are enough rows."""
+        kind = (
+            tuple(values) if isinstance(values, Mapping) else None
+        )  # another chunk for other columns
         self._held.setdefault((entity, kind), []).append((at, values))
         self._rows += len(at.steps)
         if self._rows >= self._most:
@@ -38,14 +40,16 @@ class Gathering:
     def flush(self) -> Iterator[Chunk]:
         """Yield everything that is held."""
         held, self._held, self._rows = self._held, {}, 0
-        for (entity, _), ones in held.items():
-            yield self._make(entity, _joined([at for at, _ in ones]), [one for _, one in ones])
+        for (entity, _), rows in held.items():
+            yield self._make(
+                entity, _joined([at for at, _ in rows]), [values for _, values in rows]
+            )
 
 
 def _joined(times: list[Times]) -> Times:
-    calls = [one.calls for one in times if one.calls is not None]
+    calls = [at.calls for at in times if at.calls is not None]
     return Times(
-        np.concatenate([one.steps for one in times]),
-        np.concatenate([one.times_s for one in times]),
+        np.concatenate([at.steps for at in times]),
+        np.concatenate([at.times_s for at in times]),
         np.concatenate(calls) if len(calls) == len(times) else None,
     )

@@ -32,12 +32,12 @@ ENERGY_CURVES = {
 """Column of the analysis table -> its name under `energy/`, and its colour."""
 
 WIDE = 3.0
-"""A total's width, as it is the sum of the others [points]."""
+"""Width of a total, the sum of the others [points]."""
 
 _TOP = {
     schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.EVENTS, schema.FINDINGS, schema.SEGMENTS,
 }  # fmt: skip
-"""What stands at the top of a layer's entity paths."""
+"""First parts of a layer's entity paths."""
 
 
 def layer_of(recording: Path) -> Path:
@@ -46,7 +46,7 @@ def layer_of(recording: Path) -> Path:
 
 
 def is_layer(path: Path) -> bool:
-    """Whether a file is an analysis layer, with nothing else in it."""
+    """Whether a file is an analysis layer and nothing else."""
     try:
         return all(entity.split("/")[0] in _TOP for entity in entities(path))
     except RecordingError:
@@ -63,7 +63,7 @@ def write_layer(
     force: bool,
     ours: bool,
 ) -> None:
-    """Write the layer, or nothing of it: error terms, energies, events and findings.
+    """Write the layer, whole or not at all: error terms, energies, events and findings.
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ def write_layer(
     samples
         The analysis table, one row per sample; null where there is no number to show.
     events
-        What happened: steps in order, and a line each.
+        What happened: steps in order, with a line each.
     findings
-        What the recording gives away, as Markdown.
+        The findings, as Markdown.
     force, ours
         As for `files.replaced`.
 
@@ -128,6 +128,6 @@ def _chunks(
             resolution=resolution_j,
         )
     if events:
-        happened, lines = zip(*events, strict=True)
-        yield writer.event_chunk(schema.EVENTS, happened, timestep_s, lines)
+        event_steps, lines = zip(*events, strict=True)
+        yield writer.event_chunk(schema.EVENTS, event_steps, timestep_s, lines)
     yield writer.document_chunk(schema.FINDINGS, findings)

@@ -1,8 +1,8 @@
-"""Show a recording while it is made: each chunk goes to a viewer too, for as long as one listens.
+"""Show a recording while it is made: each chunk is also sent to a viewer, while one listens.
 
-A process of its own talks to the viewer, because a stream to one that hangs cannot be given up from
-within: Rerun's client waits for it when the stream is closed, and when Python ends. So whoever
-closes the viewer, or stops it, loses the picture and nothing else.
+A separate process talks to the viewer, because a stream to a viewer that hangs cannot be abandoned:
+Rerun's client waits for it when the stream is closed, and when Python ends. So closing or stopping
+the viewer loses the picture and nothing else.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ import pyarrow as pa
 import rerun as rr
 from rerun.chunk import Chunk
 
+from pipeline.messages import Message
 from pipeline.recording import schema
 from pipeline.recording.blueprint import Look, layout
 from pipeline.workers import Worker, WorkerDiedError
 
 PATIENCE_S = 3.0
-"""A viewer that takes nothing for so long is taken for gone."""
+"""A viewer that accepts nothing for this long counts as gone."""
 STARTS_WITHIN_S = 15.0
-"""But one that has just been opened may be slow to answer for the first time."""
+"""But a viewer that has just been opened may be slow to answer."""
 
 
 def shown(
@@ -36,7 +37,7 @@ def shown(
     look: Look,
     note: Callable[[str], None],
 ) -> Iterator[Chunk]:
-    """Yield chunks on, each after it was sent to a viewer.
+    """Yield chunks unchanged, each after it was sent to a viewer.
 
     Parameters
     ----------
@@ -47,9 +48,9 @@ def shown(
     recording_id
         The recording's id.
     look
-        What `layout` is to be told.
+        Arguments of `layout`.
     note
-        Told once, in a sentence, if the viewer goes away.
+        Called once, with a sentence, if the viewer goes away.
     """
     with Worker() as relay:
         relay.ask(f"{__name__}:_connect", recording_id, url, look)
@@ -57,27 +58,27 @@ def shown(
         for chunk in chunks:
             if listens and not _passed_on(relay, f"{__name__}:_show", recording_id, _packed(chunk)):
                 listens = False
-                note("the viewer has gone; the recording goes on without it")
+                note(Message("the viewer does not respond; the recording continues without it"))
             yield chunk
         if listens and not (
             _passed_on(relay, f"{__name__}:_disconnect", recording_id) and _passed_on(relay)
         ):
-            note("the viewer has gone before it was shown everything")
+            note(Message("the viewer stopped responding before it had shown everything"))
 
 
-def _passed_on(relay: Worker, *asked: Any) -> bool:  # noqa: ANN401
-    """Ask for the next thing once the last one is done; return whether there still is a viewer."""
+def _passed_on(relay: Worker, *request: Any) -> bool:  # noqa: ANN401
+    """Send a request once the last one is done; return whether the viewer still answers."""
     try:
         relay.answer()
-        if asked:
-            relay.ask(*asked)
+        if request:
+            relay.ask(*request)
     except WorkerDiedError:
         return False
     return True
 
 
 def _packed(chunk: Chunk) -> bytes:
-    # As Arrow's own stream: a pickled batch forgets which of its values cannot be null.
+    # As an Arrow stream: a pickled batch forgets which of its values cannot be null.
     batch, sink = chunk.to_record_batch(), pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, batch.schema) as stream:
         stream.write_batch(batch)
@@ -96,7 +97,7 @@ def _stream(recording_id: str) -> rr.RecordingStream:
 
 
 def _connect(recording_id: str, url: str, look: Look) -> None:
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # Rerun says much of a viewer that goes away
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # Rerun logs a lot about a viewer that goes away
     stream = _stream(recording_id)
 
     def connect() -> None:
@@ -123,11 +124,11 @@ def _disconnect(recording_id: str) -> None:
 
 
 def _impatiently(act: Callable[[], None], *, patience_s: float = PATIENCE_S) -> None:
-    """Act, but end the process where that takes too long or fails."""
-    # A thread of C ends it, which needs nothing from Python's lock.
+    """Act; end the process if that takes too long or fails."""
+    # A C thread ends it, without needing Python's lock.
     faulthandler.dump_traceback_later(patience_s, exit=True, file=sys.stderr)
     try:
         act()
-    except Exception:  # noqa: BLE001 - whatever it is, only the picture is lost
+    except Exception:  # noqa: BLE001 - any failure loses only the picture
         os._exit(1)
     faulthandler.cancel_dump_traceback_later()

@@ -1,4 +1,4 @@
-"""A recording as a layer of another one: its bodies and their heights, in a colour of their own.
+"""A recording as a layer of another: its bodies and their heights, in a different colour.
 
 It carries the other recording's id, so that the viewer shows both as one.
 """
@@ -17,12 +17,12 @@ from pipeline import colours
 from pipeline.recording import schema, writer
 
 ALPHA = 0x60
-"""Of 255: what is under it is seen."""
+"""Of 255: what is behind it shows through."""
 
 
 @dataclass(frozen=True)
 class Style:
-    """What the layer's bodies and curves are called, and their colour."""
+    """Name and colour of the layer's bodies and curves."""
 
     name: str
     colour: str
@@ -30,7 +30,7 @@ class Style:
 
 GOLDEN = Style(schema.GOLDEN, colours.GOLDEN)
 COLOURS = (":colors", ":albedo_factor")
-"""Components that say which colour something has."""
+"""Components with a colour."""
 
 
 def write_other_layer(
@@ -42,7 +42,7 @@ def write_other_layer(
     style: Style = GOLDEN,
     blueprint: Blueprint | None = None,
 ) -> None:
-    """Write what is to be seen of another recording that was read, and is what was written.
+    """Write what is shown of another recording, which was read and checked before.
 
     Parameters
     ----------
@@ -53,18 +53,18 @@ def write_other_layer(
     recording_id
         Of the recording that it is shown with.
     labels
-        Labels of the bodies of a script that are to be seen; None for the body of a drop.
+        Labels of the bodies of a script that are shown; None for the body of a drop.
     style
-        How they are shown.
+        Their name and colour.
     blueprint
-        The layout of both together; None for that of the recording.
+        The layout of both together; None for the recording's own.
     """
     chunks = _chunks(other, dict(_moved(labels, style.name)), style)
     writer.record(path, chunks, recording_id=recording_id, blueprint=blueprint)
 
 
 def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str]]:
-    """Yield entities of the other recording, and where they are shown."""
+    """Yield entities of the other recording, and the entities they are shown as."""
     if labels is None:
         yield schema.BOX, f"{schema.WORLD}/{name}"
         yield schema.HEIGHT_SIMULATED, f"{schema.HEIGHT}/{name}"
@@ -87,7 +87,7 @@ def _chunks(other: Path, moved: dict[str, str], style: Style) -> Iterator[Chunk]
 
 
 def _parted(entity: str) -> tuple[str, list[str]]:
-    """Return the first two names of an entity's path, and the others."""
+    """Return the first two names of an entity's path, and the rest."""
     names = entity.split("/")
     return "/".join(names[:2]), names[2:]
 
@@ -102,9 +102,9 @@ def _coloured(chunk: Chunk, colour: str) -> Chunk:
     for index, field in enumerate(batch.schema):
         if field.name.endswith(COLOURS):
             lists = batch.column(index)
-            seen_through = writer.rgba(colour) - 0xFF + ALPHA
-            values = pa.array([seen_through] * len(lists.values), pa.uint32())
+            transparent = writer.rgba(colour) - 0xFF + ALPHA
+            values = pa.array([transparent] * len(lists.values), pa.uint32())
             column = pa.ListArray.from_arrays(lists.offsets, values, type=field.type)
             batch = batch.set_column(index, field, column)
-    (made,) = Chunk.from_record_batch(batch)
-    return made
+    (coloured,) = Chunk.from_record_batch(batch)
+    return coloured

@@ -1,4 +1,4 @@
-"""What a script's recording shows: shapes, poses, cameras, curves, logs, in Rerun's own types."""
+"""What a script's recording shows: shapes, poses, cameras, curves and logs, in Rerun's types."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from pipeline.states import Rows
 Float64 = NDArray[np.float64]
 
 PLANE_M, PLANE_COLOUR = 20.0, 0x8A93A0FF
-"""How wide an infinite plane is drawn, and in which grey: white hides what stands on it."""
+"""Width and grey of an infinite plane: white hides what stands on it."""
 MESH_SUFFIXES = (".obj", ".stl", ".dae", ".gltf", ".glb")
 LARGEST_MESH_BYTES = 1 << 26
 
 
 def scene() -> Iterator[Chunk]:
-    """Yield what never changes: which way is up."""
+    """Yield what never changes: the up axis."""
     z_up = rr.ViewCoordinates.RIGHT_HAND_Z_UP
     yield Chunk.from_columns(schema.WORLD, [], rr.ViewCoordinates.columns(xyz=[z_up.coordinates]))
 
 
 def poses(entity: str, at: Times, parts: Sequence[Rows]) -> Chunk:
-    """Return where a part is, of dtype `STATE`, a row per time."""
+    """Return the poses of a part, from states of dtype `STATE`, a row per time."""
     rows = np.concatenate(parts)
     return Chunk.from_columns(
         entity,
@@ -42,54 +42,54 @@ def poses(entity: str, at: Times, parts: Sequence[Rows]) -> Chunk:
 
 
 def cleared(entity: str, at: Times) -> Chunk:
-    """Return that a body has gone."""
+    """Return a chunk that removes a body."""
     return Chunk.from_columns(entity, times(at), rr.Clear.columns(is_recursive=[True]))
 
 
-def shape(entity: str, at: Times, one: Shape) -> Iterator[Chunk]:
-    """Yield a shape and where it is on its link; what cannot be drawn is left out."""
-    rgba = [int(255 * min(1.0, max(0.0, value))) for value in one.rgba]
+def shape(entity: str, at: Times, seen: Shape) -> Iterator[Chunk]:
+    """Yield a shape and its pose on its link, if it can be drawn."""
+    rgba = [int(255 * min(1.0, max(0.0, value))) for value in seen.rgba]
     colour = int.from_bytes(bytes(rgba or [200, 200, 200, 255]), "big")
     solid = [rr.components.FillMode.Solid]
-    a, b, *_ = (*one.size_m, 0.0, 0.0)
+    a, b, *_ = (*seen.size_m, 0.0, 0.0)
     offset, scale = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
-    if one.kind == "box":
-        half = [[side / 2 for side in one.size_m]]
+    if seen.kind == "box":
+        half = [[side / 2 for side in seen.size_m]]
         drawn = rr.Boxes3D.columns(half_sizes=half, colors=[colour], fill_mode=solid)
-    elif one.kind == "sphere":
+    elif seen.kind == "sphere":
         drawn = rr.Ellipsoids3D.columns(half_sizes=[[a, a, a]], colors=[colour], fill_mode=solid)
-    elif one.kind == "cylinder":
+    elif seen.kind == "cylinder":
         drawn = rr.Cylinders3D.columns(lengths=[a], radii=[b], colors=[colour], fill_mode=solid)
-    elif one.kind == "capsule":
+    elif seen.kind == "capsule":
         drawn = rr.Capsules3D.columns(lengths=[a], radii=[b], colors=[colour], fill_mode=solid)
         offset = (0.0, 0.0, -a / 2)  # Rerun's begins at the origin
-    elif one.kind == "plane":
+    elif seen.kind == "plane":
         half, offset = [[PLANE_M / 2, PLANE_M / 2, 0.005]], (0.0, 0.0, -0.005)
         drawn = rr.Boxes3D.columns(half_sizes=half, colors=[PLANE_COLOUR], fill_mode=solid)
     else:
-        mesh = _mesh(one.file) if one.kind == "mesh" else None
+        mesh = _mesh(seen.file) if seen.kind == "mesh" else None
         if mesh is None:
             return
         blob, media_type = mesh
         drawn = rr.Asset3D.columns(blob=[blob], media_type=[media_type], albedo_factor=[colour])
-        scale = (one.size_m[0], one.size_m[1], one.size_m[2])
+        scale = (seen.size_m[0], seen.size_m[1], seen.size_m[2])
     placed = rr.Transform3D.columns(
-        translation=[_moved(one, offset)], quaternion=[one.orientation], scale=[scale]
+        translation=[_moved(seen, offset)], quaternion=[seen.orientation], scale=[scale]
     )
     yield Chunk.from_columns(entity, times(at), [*drawn, *placed])
 
 
-def _moved(one: Shape, offset: Sequence[float]) -> list[float]:
+def _moved(shape: Shape, offset: Sequence[float]) -> list[float]:
     """Return a shape's position, moved in its own axes."""
-    x, y, z, w = one.orientation
+    x, y, z, w = shape.orientation
     vector, axis = np.asarray(offset), np.array([x, y, z])
     turned = vector + 2 * np.cross(axis, np.cross(axis, vector) + w * vector)
-    return list(np.asarray(one.position_m) + turned)
+    return list(np.asarray(shape.position_m) + turned)
 
 
 @functools.lru_cache(maxsize=64)
 def _mesh(file: str) -> tuple[bytes, str] | None:
-    """Return what a file of a mesh holds, and its type; None where it cannot be shown."""
+    """Return the content of a mesh file, and its media type; None if it cannot be shown."""
     path = Path(file)
     suffix = path.suffix.lower()
     try:
@@ -106,7 +106,7 @@ def _mesh(file: str) -> tuple[bytes, str] | None:
 
 
 def png(rgba: NDArray[np.uint8]) -> bytes:
-    """Return pixels, shape (height, width, 4), as a PNG without the alpha, which is 255."""
+    """Return pixels, shape (height, width, 4), as a PNG without alpha, which is always 255."""
     from PIL import Image as Pillow
 
     buffer = io.BytesIO()
@@ -117,7 +117,7 @@ def png(rgba: NDArray[np.uint8]) -> bytes:
 
 
 def images(entity: str, at: Times, blobs: Sequence[bytes]) -> Chunk:
-    """Return what a camera saw, a PNG per time."""
+    """Return camera frames, a PNG per time."""
     kinds = ["image/png"] * len(blobs)
     return Chunk.from_columns(
         entity, times(at), rr.EncodedImage.columns(blob=list(blobs), media_type=kinds)
@@ -125,7 +125,7 @@ def images(entity: str, at: Times, blobs: Sequence[bytes]) -> Chunk:
 
 
 def camera(entity: str, at: Times, seen: Image) -> Iterator[Chunk]:
-    """Yield where a camera stands and its lens, if the script has said so."""
+    """Yield a camera's pose and lens, if the script has given them."""
     if len(seen.view) != 16 or len(seen.projection) != 16:
         return
     height, width = seen.rgba.shape[:2]
@@ -158,13 +158,13 @@ def camera(entity: str, at: Times, seen: Image) -> Iterator[Chunk]:
 
 
 def curve_names(entity: str, names: Sequence[str]) -> Chunk:
-    """Return what the curves of an entity are called."""
+    """Return the names of an entity's curves."""
     columns = rr.SeriesLines.columns(names=list(names))
     return Chunk.from_columns(entity, [], columns.partition([len(names)]))
 
 
 def curves(entity: str, at: Times, parts: Sequence[Float64]) -> Chunk:
-    """Return points of curves, each part of shape (n, curves)."""
+    """Return points of curves, from parts of shape (n, curves)."""
     values = np.concatenate(parts)
     count, width = values.shape
     columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).ravel())
@@ -172,7 +172,7 @@ def curves(entity: str, at: Times, parts: Sequence[Float64]) -> Chunk:
 
 
 def log(entity: str, at: Times, lines: Sequence[tuple[str, bool]]) -> Chunk:
-    """Return lines of a log, each with whether it is an error."""
+    """Return log lines, given with whether each is an error."""
     texts = [text for text, _ in lines]
-    levels = ["ERROR" if wrong else "INFO" for _, wrong in lines]
+    levels = ["ERROR" if is_error else "INFO" for _, is_error in lines]
     return Chunk.from_columns(entity, times(at), rr.TextLog.columns(text=texts, level=levels))

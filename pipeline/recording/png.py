@@ -1,4 +1,4 @@
-"""What a PNG says of itself, before anything decodes it. Source: www.w3.org/TR/png-3, section 5."""
+"""The header of a PNG, read before anything decodes it. Source: www.w3.org/TR/png-3, section 5."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ _OURS = re.compile(rb"IHDR(PLTE)?(IDAT)+IEND")
 
 
 def size_px(png: bytes) -> tuple[int, int] | None:
-    """Return width and height of a PNG that is built as ours are; None of anything else.
+    """Return width and height of a PNG with the structure of ours; None of anything else.
 
-    That is a header, perhaps a palette, the pixels, the end, and nothing more: no second header of
-    another size, no text or profile that unpacks to more than the picture.
+    That is a header, perhaps a palette, the pixels and the end: no second header with another size,
+    no text or profile that unpacks to more than the picture.
     """
     position, kinds = len(SIGNATURE), bytearray()
     if not png.startswith(SIGNATURE):

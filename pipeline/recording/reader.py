@@ -1,8 +1,8 @@
 """Read a recording back: from Rerun's chunks to our arrays.
 
-Nothing is believed that was not checked. Samples, inputs and frames must have the digests that were
-written last; the samples must be complete, in order and numbers; scenario and engine must agree.
-What fails is damaged, and said to be so in one line.
+Nothing is used unchecked. Samples, inputs and frames must have the digests that were written last;
+the samples must be complete, in order and finite; scenario and engine must agree. A recording that
+fails a check is damaged, and the error says why in one line.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import polars as pl
 
 from pipeline.errors import RecordingError, ScenarioError
 from pipeline.fields import counted, shown
+from pipeline.messages import Message
 from pipeline.recording import columns, png, rows, rrd, schema
 from pipeline.recording.checks import (
     check_camera,
@@ -38,9 +39,9 @@ from pipeline.scenario import Camera, Scenario
 T = TypeVar("T")
 
 MOST_HELD = 4
-"""Times a file's size, for its frames: a PNG is packed already, and equal ones are held once."""
+"""Times a file's size, for its frames: PNG is already compressed, and equal ones are held once."""
 FREELY_HELD = 1 << 26
-"""Bytes of frames that may be in any file."""
+"""Bytes of frames that any file may have."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +54,12 @@ class Recording:
     engine: EngineReport
     camera: Camera | None
     states: pl.DataFrame
-    """One row per sample and part, in the order of step, body and link: `step` and the columns of
+    """One row per sample and part, ordered by step, body and link: `step` and the columns of
     `schema.STATES`."""
     contacts: pl.DataFrame
     """One row per contact point, in step order: `step` and the columns of `schema.CONTACTS`."""
     partial: bool
-    """Whether the recording was never finished: it holds what was written before it stopped."""
+    """Whether the recording was never finished: it holds what was written until then."""
 
 
 def read(path: Path) -> Recording:
@@ -83,7 +84,7 @@ def read(path: Path) -> Recording:
     closing = closing_of(properties, path)
     scenario, camera = _inputs(properties, path)
     if pictured and camera is None:
-        raise damaged(path, "it has frames, and no camera")
+        raise damaged(path, Message("it has frames, but no camera"))
     engine = _engine(properties[schema.ENGINE_PROPERTY], path)
     check_engine(engine, scenario, path)
     check_settings(engine, scenario, path)
@@ -91,11 +92,11 @@ def read(path: Path) -> Recording:
         rows.joined(parts[entity], table, path) for entity, table in schema.TABLES.items()
     )
     if states.is_empty():
-        raise damaged(path, "it has no state")
+        raise damaged(path, Message("it has no state"))
     check_parts(states, engine, path)
     samples = len(states) // (1 + engine.joints)
     _check_written(samples, states, contacts, scenario, closing, path)
-    if closing is None:  # a batch's contacts come before its states
+    if closing is None:  # a batch's contacts are written before its states
         contacts = contacts.filter(pl.col("step") < samples)
     check_states(states, scenario, path)
     check_contacts(contacts, scenario, engine, samples, path)
@@ -106,43 +107,43 @@ def read(path: Path) -> Recording:
 
 
 def recording_id(path: Path) -> str:
-    """Return the id of a recording or layer of ours.
+    """Return the id of a recording or layer.
 
     Raises
     ------
     RecordingError
-        If it is missing, damaged, or not a recording of ours.
+        If it is missing, damaged, or not one of ours.
     """
     for chunk in chunks_of(path):
         return chunk.recording_id
-    raise damaged(path, "it is empty")
+    raise damaged(path, Message("it is empty"))
 
 
 def is_recording(path: Path, *, of_script: bool = False) -> bool:
     """Whether a file is one recording of ours, of a drop or of a script.
 
-    Finished or not, of this schema or an older one.
+    It may be unfinished, and of an older schema.
     """
     kind = schema.ORIGIN_PROPERTY if of_script else schema.SCENARIO_PROPERTY
-    found, ids = False, set()
+    is_kind, ids = False, set()
     try:
         for chunk in rrd.chunks(path, unfinished=True):
             if chunk.application_id != schema.APPLICATION_ID:
                 return False
             ids.add(chunk.recording_id)
-            found |= chunk.entity == f"__properties/{kind}"
+            is_kind |= chunk.entity == f"__properties/{kind}"
     except (rrd.DamagedError, OSError):
         return False
-    return found and len(ids) == 1
+    return is_kind and len(ids) == 1
 
 
 def entities(path: Path) -> Iterator[str]:
-    """Yield the entity of each chunk in a recording or layer of ours.
+    """Yield the entity of each chunk in a recording or layer.
 
     Raises
     ------
     RecordingError
-        If it is missing, damaged, or no recording of ours.
+        If it is missing, damaged, or not one of ours.
     """
     return (chunk.entity for chunk in chunks_of(path))
 
@@ -155,24 +156,24 @@ def frames(path: Path) -> Iterator[tuple[int, bytes]]:
     RecordingError
         If the recording is missing or damaged.
     """
-    found: dict[int, bytes] = {}
+    pictures: dict[int, bytes] = {}
     properties: dict[str, Properties] = {}
     held, last = 0, b""
     for chunk in chunks_of(path):
         if chunk.entity == schema.IMAGE:
             for step, picture in columns.images(chunk, path):
-                if found.get(step, picture) != picture:
-                    raise damaged(path, f"it has two frames of step {step}")
+                if pictures.get(step, picture) != picture:
+                    raise damaged(path, Message("it has two frames of step {step}", step=step))
                 if picture != last:
                     held, last = held + len(picture), picture
                 if held > FREELY_HELD + MOST_HELD * path.stat().st_size:
-                    raise damaged(path, f"its frames take over {held:,} bytes")
-                found[step] = last
+                    raise damaged(path, Message("its frames take over {size:,} bytes", size=held))
+                pictures[step] = last
         elif chunk.entity.startswith("__properties/"):
             gather(properties, chunk, path)
 
     closing, (scenario, camera) = closing_of(properties, path), _inputs(properties, path)
-    pictures = dict(sorted(found.items()))
+    pictures = dict(sorted(pictures.items()))
     _check_frames(pictures, scenario, camera, closing, path)
     yield from pictures.items()
 
@@ -188,38 +189,46 @@ def _check_frames(
     due = range(0, scenario.steps + 1, camera.capture_every) if camera else range(0)
     expected = due if closing is not None else due[: len(pictures)]
     if list(pictures) != list(itertools.islice(expected, len(pictures) + 1)):
-        raise damaged(path, f"it must hold {counted(len(due), 'frame')}, got {len(pictures):,}")
+        what = Message(
+            "it must hold {frames}, got {count:,}",
+            frames=counted(len(due), "frame"),
+            count=len(pictures),
+        )
+        raise damaged(path, what)
     for step, picture in pictures.items():
-        # What a header claims is what a decoder reserves.
+        # A decoder allocates what the header claims.
         if camera is None or png.size_px(picture) != camera.size_px:
-            raise damaged(path, f"its frame at step {step} is not a PNG of the camera's size")
+            what = Message("its frame at step {step} is not a PNG of the camera's size", step=step)
+            raise damaged(path, what)
     if closing is None:
         return
     digest = FrameDigest()
     for step, picture in pictures.items():
         digest.update(step, picture)
     if (closing.get("frames"), closing.get("frames_sha256")) != (len(due), digest.hexdigest()):
-        raise damaged(path, "its frames fail their checksum")
+        raise damaged(path, Message("its frames fail their checksum"))
 
 
 # -- properties -----------------------------------------------------------------------------------
 
 
 def _inputs(properties: Mapping[str, Properties], path: Path) -> tuple[Scenario, Camera | None]:
-    """Return scenario and camera, if they are what was written."""
+    """Return scenario and camera, checked."""
     if schema.ORIGIN_PROPERTY in properties:
-        look = shlex.join(["drop", "view", str(path)])
         raise RecordingError(
-            f"{path} must be the recording of a drop, got that of a script; look at it with: {look}"
+            "{path} must be the recording of a drop, got that of a script; look at it with: "
+            "{command}",
+            path=path,
+            command=shlex.join(["drop", "view", str(path)]),
         )
     names = (schema.SCENARIO_PROPERTY, schema.ENGINE_PROPERTY)
-    missing = [name for name in names if name not in properties]
-    if missing:
-        raise damaged(path, f"it lacks its {' and '.join(missing)} property")
+    for name in names:
+        if name not in properties:
+            raise damaged(path, Message("it lacks its {name} property", name=name))
     closing = properties.get(schema.RECORDING_PROPERTY)
     inputs = {key: value for key, value in properties.items() if key in schema.INPUT_PROPERTIES}
     if closing is not None and inputs_digest(inputs) != closing.get("inputs_sha256"):
-        raise damaged(path, "its scenario, engine or camera fails its checksum")
+        raise damaged(path, Message("its scenario, engine or camera fails its checksum"))
     camera = properties.get(schema.CAMERA_PROPERTY)
     try:
         scenario = _dataclass(Scenario, properties[schema.SCENARIO_PROPERTY])
@@ -227,7 +236,8 @@ def _inputs(properties: Mapping[str, Properties], path: Path) -> tuple[Scenario,
             return scenario, None
         taken = _dataclass(Camera, camera)
     except (TypeError, ScenarioError) as error:
-        raise damaged(path, f"its scenario or camera cannot be ({error})") from None
+        what = Message("its scenario or camera is invalid ({error})", error=str(error))
+        raise damaged(path, what) from None
     check_camera(taken, path)
     return scenario, taken
 
@@ -236,14 +246,14 @@ def _engine(values: Properties, path: Path) -> EngineReport:
     try:
         return EngineReport.from_properties(values)
     except RecordingError as error:
-        raise damaged(path, str(error)) from None
+        raise damaged(path, error.in_options) from None
 
 
 def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Return what a property says; a name that we do not know is a ScenarioError."""
+    """Return the dataclass that a property holds; an unknown name is a ScenarioError."""
     unknown = values.keys() - {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
     if unknown:
-        raise ScenarioError(f"this drop knows no {shown(min(unknown))}")
+        raise ScenarioError("this drop does not know {name}", name=shown(min(unknown)))
     return kind(**{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()})
 
 
@@ -260,12 +270,20 @@ def _check_written(
 ) -> None:
     due = scenario.steps + 1
     if closing is not None and not samples == due == closing.get("samples"):
-        raise damaged(path, f"it must hold {due:,} samples, got {samples:,}")
+        what = Message(
+            "it must hold {samples}, got {count:,}", samples=counted(due, "sample"), count=samples
+        )
+        raise damaged(path, what)
     if samples > due:
-        raise damaged(path, f"it must hold at most {counted(due, 'sample')}, got {samples:,}")
+        what = Message(
+            "it must hold at most {samples}, got {count:,}",
+            samples=counted(due, "sample"),
+            count=samples,
+        )
+        raise damaged(path, what)
     if closing is None:
         return
     if rows.digest_of(states, schema.STATES) != closing.get("state_sha256"):
-        raise damaged(path, "its state fails its checksum")
+        raise damaged(path, Message("its state fails its checksum"))
     if rows.digest_of(contacts, schema.CONTACTS) != closing.get("contacts_sha256"):
-        raise damaged(path, "its contacts fail their checksum")
+        raise damaged(path, Message("its contacts fail their checksum"))

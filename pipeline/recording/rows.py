@@ -1,4 +1,4 @@
-"""Rows of named numbers as they are written, and as the tables that are read."""
+"""Rows of named numbers: structured arrays as written, tables as read."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.recording import schema
-from pipeline.recording.checks import damaged
+from pipeline.recording.checks import damaged, twice
 from pipeline.recording.digest import RowsDigest
 from pipeline.recording.schema import Table
 from pipeline.states import Batch, Rows
 
 BLOCK = 1 << 16
-"""Rows of a table that are put together for its digest at a time."""
+"""Rows of a table that are hashed at a time."""
 
 
 def tables_of(batch: Batch) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return states and contacts as the tables that are read back of them."""
+    """Return states and contacts as the tables that reading them back gives."""
     return _table(batch.states, schema.STATES), _table(batch.contacts, schema.CONTACTS)
 
 
 def _table(rows: Rows, table: Table) -> pl.DataFrame:
-    found = {"step": rows["step"].copy()}
+    columns = {"step": rows["step"].copy()}
     for component, names in table.columns.items():
-        found |= named(rows[component].reshape(-1, len(names)), names)
-    return pl.DataFrame(found)
+        columns |= named(rows[component].reshape(-1, len(names)), names)
+    return pl.DataFrame(columns)
 
 
 def empty(table: Table) -> pl.DataFrame:
-    """Return a table that is read, without rows."""
+    """Return a table without rows, as read."""
     return _table(np.empty(0, table.kind), table)
 
 
 def named(values: NDArray[Any], names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return the columns of values, shape (n, k), each in memory of its own."""
+    """Return the columns of values, shape (n, k), each as a copy."""
     return {name: values[:, number].copy() for number, name in enumerate(names)}
 
 
@@ -50,16 +50,16 @@ def joined(parts: Sequence[pl.DataFrame], table: Table, path: Path) -> pl.DataFr
     RecordingError
         If two of them have the same step.
     """
-    found = pl.concat([empty(table), *parts], rechunk=False)
-    if sum(part["step"].n_unique() for part in parts) != found["step"].n_unique():
-        raise damaged(path, f"its {table.entity} has a step twice")
-    return found if found["step"].is_sorted() else found.sort("step", maintain_order=True)
+    whole = pl.concat([empty(table), *parts], rechunk=False)
+    if sum(part["step"].n_unique() for part in parts) != whole["step"].n_unique():
+        raise damaged(path, twice(table.entity))
+    return whole if whole["step"].is_sorted() else whole.sort("step", maintain_order=True)
 
 
-def digest_of(found: pl.DataFrame, table: Table) -> str:
+def digest_of(read: pl.DataFrame, table: Table) -> str:
     """Return the digest of a table's rows, as it was when they were written."""
     digest = RowsDigest()
-    for block in found.iter_slices(BLOCK):
+    for block in read.iter_slices(BLOCK):
         rows = np.empty(len(block), table.kind)
         rows["step"] = block["step"].to_numpy()
         for component, names in table.columns.items():

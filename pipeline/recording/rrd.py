@@ -1,13 +1,13 @@
 """Rerun's file format, as far as it takes to read a recording that may be damaged.
 
 Rerun's own reader trusts a file: a wrong bit makes it panic, which aborts the whole process, or
-reserve the memory that the bit asks for; and a file that ends within a message it refuses whole.
-Here a length is held against the file before it is believed, what a file unpacks to is in
-proportion to its size, and what is inside a message is read by Arrow's C++ reader, which is made
-for input that nobody vouches for.
+allocate as much memory as that bit claims; and it rejects a file that ends within a message. Here
+each length is checked against the file before it is used, the unpacked size is limited in
+proportion to the file's, and the content of a message is read by Arrow's C++ reader, which is made
+for untrusted input.
 
     "RRF2", version, options                                            12 bytes
-    kind u64, length u64, a protobuf message                            again and again
+    kind u64, length u64, a protobuf message                            repeated
     offset u64, length u64 and checksum u32 of the footer, "RRF2FOOT", 1 u32
 
 The footer is the last message. Sources: rerun 0.41, `re_log_encoding/src/rrd/` (frames) and
@@ -25,17 +25,19 @@ from typing import BinaryIO, NamedTuple
 
 import pyarrow as pa
 
+from pipeline.messages import Message
+
 FOOTER, STORE, CHUNK, ACTIVATION = range(4)
 """Kinds of message."""
 RECORDING_STORE = 1
 """The other kind of store is a blueprint."""
 UNCOMPRESSED, LZ4 = 1, 2
 LZ4_RATIO = 255
-"""No LZ4 block grows by more."""
+"""No LZ4 block unpacks to more than this times its size."""
 LARGEST_CHUNK = 1 << 27
-"""Bytes; ours have some hundred kilobytes, and Rerun's tools merge them into some megabytes."""
+"""Bytes; ours have about a hundred kilobytes, and Rerun's tools merge them to a few megabytes."""
 LARGEST_HEADER = 1 << 16
-"""Bytes that name a chunk's columns; ours take up to ten thousand."""
+"""Bytes of a chunk's schema; ours take up to ten thousand."""
 LONGEST_NAME = 4096
 """Characters of an entity or an id."""
 MOST_FIELDS = 64
@@ -43,11 +45,11 @@ MOST_FIELDS = 64
 RECORD_BATCH = 3
 """Arrow's number for a message of rows."""
 LEAST_ROW_BYTES = 10
-"""What a row takes of a file: id and time never repeat. In a body at rest it is 12."""
+"""Bytes of a row in a file: id and time never repeat. For a body at rest it is 12."""
 LEAST_MESSAGE_BYTES = 512
-"""On average; a chunk of a single number has a thousand."""
+"""On average; a chunk of a single number takes a thousand."""
 MOST_UNPACKED = 32
-"""Times a file's size; the state of a body at rest unpacks to 4 times, equal frames of it to 24."""
+"""Times a file's size; the state of a body at rest unpacks to 4 times, its equal frames to 24."""
 FREELY_UNPACKED = 1 << 26
 """Bytes that any file may unpack to."""
 
@@ -57,11 +59,15 @@ _TRAILER = struct.Struct("<QQI8sI")
 
 
 class DamagedError(Exception):
-    """A file that is no whole Rerun file: what is wrong with it, in a few words."""
+    """A file that is not a whole Rerun file; `what` says what is wrong with it."""
+
+    def __init__(self, what: Message) -> None:
+        super().__init__(what)
+        self.what = what
 
 
 class UnfinishedError(DamagedError):
-    """A file that begins well, but does not end like a whole one."""
+    """A file that begins like a Rerun file, but does not end like a whole one."""
 
 
 class Chunk(NamedTuple):
@@ -84,7 +90,7 @@ def chunks(path: Path, *, unfinished: bool = False) -> Iterator[Chunk]:
     path
         The file.
     unfinished
-        Whether it may end anywhere: what was whole before its end is yielded then.
+        Whether it may end anywhere; the chunks before its end are yielded then.
 
     Raises
     ------
@@ -99,12 +105,14 @@ def chunks(path: Path, *, unfinished: bool = False) -> Iterator[Chunk]:
                 continue
             unpacked += chunk.size
             if unpacked > most:
-                raise DamagedError(f"it unpacks to over {MOST_UNPACKED} times its size")
+                raise DamagedError(
+                    Message("it unpacks to over {most} times its size", most=MOST_UNPACKED)
+                )
             yield chunk
 
 
 def is_whole(path: Path) -> bool:
-    """Whether a file ends as a finished recording does; one that a full disk cut off does not."""
+    """Whether a file ends like a finished recording; one cut off by a full disk does not."""
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         if size < _START.size + _TRAILER.size:
@@ -117,12 +125,15 @@ def is_whole(path: Path) -> bool:
 def _messages(file: BinaryIO, *, unfinished: bool) -> Iterator[tuple[int, memoryview]]:
     size = os.fstat(file.fileno()).st_size
     if size < _START.size or not file.read(_START.size).startswith(b"RRF2"):
-        raise DamagedError("it does not begin like a Rerun file")
+        raise DamagedError(Message("it does not begin like a Rerun file"))
     position, count = _START.size, 0
     while size - position >= _HEAD.size:
         count += 1
         if count > MOST_FIELDS + size // LEAST_MESSAGE_BYTES:
-            raise DamagedError(f"it has over {count:,} messages in {size:,} bytes")
+            what = Message(
+                "it has at least {count:,} messages in {size:,} bytes", count=count, size=size
+            )
+            raise DamagedError(what)
         kind, length = _HEAD.unpack(_exactly(file, _HEAD.size))
         position += _HEAD.size
         if kind > ACTIVATION or length > size - position:
@@ -133,11 +144,11 @@ def _messages(file: BinaryIO, *, unfinished: bool) -> Iterator[tuple[int, memory
                 return
             break
         if length > LARGEST_CHUNK:
-            raise DamagedError(f"a message of {length:,} bytes is not one of ours")
+            raise DamagedError(Message("a message of {size:,} bytes is too large", size=length))
         yield kind, memoryview(_exactly(file, length))
         position += length
     if not unfinished:
-        raise UnfinishedError("it does not end like a finished recording")
+        raise UnfinishedError(Message("it does not end like a finished recording"))
 
 
 def _is_trailer(data: bytes, position: int, length: int) -> bool:
@@ -150,7 +161,7 @@ def _is_trailer(data: bytes, position: int, length: int) -> bool:
 def _exactly(file: BinaryIO, length: int) -> bytes:
     data = file.read(length)
     if len(data) != length:
-        raise DamagedError("it became shorter while it was read")
+        raise DamagedError(Message("it became shorter while it was read"))
     return data
 
 
@@ -158,7 +169,7 @@ def _exactly(file: BinaryIO, length: int) -> bytes:
 
 
 def _chunk(message: memoryview) -> Chunk | None:
-    """Return what an `ArrowMsg` holds; None where it belongs to a blueprint."""
+    """Return the chunk of an `ArrowMsg`; None if it belongs to a blueprint."""
     try:
         fields = _fields(message)
         store = _fields(fields[1])
@@ -169,15 +180,23 @@ def _chunk(message: memoryview) -> Chunk | None:
         data = _decompressed(fields)
         batch = _batch(data)
         if batch.num_rows * LEAST_ROW_BYTES > len(message):
-            raise DamagedError(f"a chunk of {len(message):,} bytes claims {batch.num_rows:,} rows")
+            what = Message(
+                "a chunk of {size:,} bytes claims {rows:,} rows",
+                size=len(message),
+                rows=batch.num_rows,
+            )
+            raise DamagedError(what)
         entity = _text(memoryview((batch.schema.metadata or {})[b"rerun:entity_path"]))
     except DamagedError:
         raise
     except (pa.ArrowException, ArithmeticError, LookupError, MemoryError, OSError, StopIteration,
             struct.error, TypeError, ValueError) as error:  # fmt: skip
-        # What the error quotes comes out of the file.
-        words = "".join(filter(str.isprintable, str(error).partition("\n")[0]))[:120]
-        raise DamagedError(f"a chunk cannot be decoded ({words or type(error).__name__})") from None
+        # The error may quote the file.
+        reason = "".join(filter(str.isprintable, str(error).partition("\n")[0]))[:120]
+        what = Message(
+            "a chunk cannot be decoded ({reason})", reason=reason or type(error).__name__
+        )
+        raise DamagedError(what) from None
     return Chunk(application_id, recording_id, entity.removeprefix("/"), batch, data.size)
 
 
@@ -186,9 +205,14 @@ def _decompressed(fields: dict[int, int | memoryview]) -> pa.Buffer:
     if fields[2] == UNCOMPRESSED:
         return payload
     if fields[2] != LZ4 or not isinstance(size, int):
-        raise DamagedError("a chunk is compressed in a way we do not know")
+        raise DamagedError(Message("a chunk has an unknown compression"))
     if size > min(LARGEST_CHUNK, LZ4_RATIO * payload.size):
-        raise DamagedError(f"a chunk of {payload.size:,} bytes claims to unpack to {size:,}")
+        what = Message(
+            "a chunk of {size:,} bytes claims to unpack to {unpacked:,}",
+            size=payload.size,
+            unpacked=size,
+        )
+        raise DamagedError(what)
     return pa.Codec("lz4_raw").decompress(payload, decompressed_size=size)
 
 
@@ -201,7 +225,7 @@ def _batch(data: pa.Buffer) -> pa.RecordBatch:
 
 
 def _check_stream(data: pa.Buffer) -> None:
-    """Make sure of a short schema, then one batch of rows that is not compressed once more.
+    """Make sure that a short schema is followed by one batch of rows, uncompressed.
 
     Arrow would unpack a compressed column to whatever size it claims.
     """
@@ -211,16 +235,16 @@ def _check_stream(data: pa.Buffer) -> None:
     body_length = _field(schema, _pointed(schema, 0), 3)
     kind, batch = (_field(rows, _pointed(rows, 0), number) for number in (1, 2))
     if body_length and any(schema[body_length : body_length + 8]):
-        raise DamagedError("a chunk has something between its schema and its rows")
+        raise DamagedError(Message("a chunk has something between its schema and its rows"))
     if not kind or rows[kind] != RECORD_BATCH or _field(rows, _pointed(rows, batch), 3):
-        raise DamagedError("a chunk's rows are packed in a way we do not know")
+        raise DamagedError(Message("a chunk's rows have an unknown encoding"))
 
 
 def _header(stream: memoryview, position: int) -> memoryview:
-    """Return the flatbuffer at the head of one of Arrow's messages."""
+    """Return the flatbuffer at the head of an Arrow message."""
     marker, length = struct.unpack_from("<II", stream, position)
     if marker != 0xFFFFFFFF or length > LARGEST_HEADER:
-        raise DamagedError("a chunk does not describe itself as ours do")
+        raise DamagedError(Message("a chunk has an unknown header"))
     return stream[position + 8 : position + 8 + length]
 
 
@@ -230,7 +254,7 @@ def _pointed(buffer: memoryview, position: int) -> int:
 
 
 def _field(buffer: memoryview, table: int, number: int) -> int:
-    """Return where a table of a flatbuffer has a field; 0 where it leaves it out."""
+    """Return where a table of a flatbuffer has a field; 0 where it has none."""
     fields = table - int(struct.unpack_from("<i", buffer, table)[0])
     entry, (length,) = 4 + 2 * number, struct.unpack_from("<H", buffer, fields)
     offset = struct.unpack_from("<H", buffer, fields + entry)[0] if entry + 2 <= length else 0
@@ -238,30 +262,30 @@ def _field(buffer: memoryview, table: int, number: int) -> int:
 
 
 def _fields(message: int | memoryview) -> dict[int, int | memoryview]:
-    """Return the fields of a protobuf message by number; of a repeated one the last.
+    """Return the fields of a protobuf message by number; of a repeated one, the last.
 
-    Source: protobuf.dev/programming-guides/encoding. Only what occurs here is understood: varints,
-    fixed 64-bit numbers and lengths with bytes.
+    Source: protobuf.dev/programming-guides/encoding. Only what occurs here is read: varints, fixed
+    64-bit numbers and length-delimited bytes.
     """
     if isinstance(message, int):
-        raise DamagedError("a chunk's header is not readable")
-    found: dict[int, int | memoryview] = {}
+        raise DamagedError(Message("a chunk's header is unreadable"))
+    fields: dict[int, int | memoryview] = {}
     position = count = 0
     while position < len(message):
         count += 1
         if count > MOST_FIELDS:
-            raise DamagedError("a chunk's header is not readable")
+            raise DamagedError(Message("a chunk's header is unreadable"))
         key, position = _varint(message, position)
         number, wire_type = key >> 3, key & 7
         if wire_type == 0:
-            found[number], position = _varint(message, position)
+            fields[number], position = _varint(message, position)
             continue
         length, position = (8, position) if wire_type == 1 else _varint(message, position)
         if wire_type not in (1, 2) or length > len(message) - position:
-            raise DamagedError("a chunk's header is not readable")
-        found[number] = message[position : position + length]
+            raise DamagedError(Message("a chunk's header is unreadable"))
+        fields[number] = message[position : position + length]
         position += length
-    return found
+    return fields
 
 
 def _varint(message: memoryview, position: int) -> tuple[int, int]:
@@ -272,12 +296,12 @@ def _varint(message: memoryview, position: int) -> tuple[int, int]:
         value |= (byte & 0x7F) << shift
         if byte < 0x80:
             return value, position
-    raise DamagedError("a chunk's header is not readable")
+    raise DamagedError(Message("a chunk's header is unreadable"))
 
 
 def _text(field: int | memoryview) -> str:
     if not isinstance(field, memoryview):
         return ""
     if len(field) > LONGEST_NAME:
-        raise DamagedError(f"it has a name of {len(field):,} characters")
+        raise DamagedError(Message("it has a name of {count:,} characters", count=len(field)))
     return bytes(field).decode()

@@ -1,9 +1,9 @@
-"""What a recording holds, and under which names: the one place where they stand.
+"""What a recording holds, and under which names; they are defined only here.
 
 A recording has two timelines: `sim_step`, the integer key that samples are joined on, and
-`sim_time`, the same step in simulated time (whole nanoseconds, for looking at). The numbers that
-everything is computed from are the float64 lists of `state` and `contacts`; the transforms under
-`world/` are float32, for looking at.
+`sim_time`, the same step in simulated time (whole nanoseconds, for display). Everything is computed
+from the float64 lists of `state` and `contacts`; the transforms under `world/` are float32, for
+display.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ SCHEMA_VERSION = 2
 STEP_TIMELINE = "sim_step"
 TIME_TIMELINE = "sim_time"
 LONGEST_S = 9e9
-"""Of a time on it [s]: the viewer has nanoseconds in 64 bits, which are 292 years."""
+"""Largest time on it [s]: the viewer has nanoseconds in 64 bits, which are 292 years."""
 CALL_TIMELINE = "call"
-"""In a script's recording: how many of its calls were before."""
+"""In a script's recording: how many calls came before."""
 
 # -- what is measured -----------------------------------------------------------------------------
 
 
 class Table(NamedTuple):
-    """Rows of named numbers, and how they stand in a recording and in memory."""
+    """Rows of named numbers, and how they are stored in a recording and in memory."""
 
     entity: str
-    """Has a row per step: lists, one after the other what each row of that step has."""
+    """Has a row per step: lists with the values of that step's rows one after the other."""
     kind: np.dtype[np.void]
-    """The rows as they are written; their fields but the step are the entity's components."""
+    """The rows as written; their fields other than the step are the entity's components."""
     columns: dict[str, tuple[str, ...]]
-    """Component -> its columns in the table that is read, which has `step` too."""
+    """Component -> its columns in the table as read, which also has `step`."""
 
 
 STATES = Table(
@@ -71,39 +71,39 @@ CONTACTS = Table(
         "friction_2_direction": ("f2x", "f2y", "f2z"),
     },
 )
-"""Every contact point; a step that has none has no row."""
+"""Every contact point; a step without any has no row."""
 
 TABLES = {table.entity: table for table in (STATES, CONTACTS)}
 
-# -- what a script did, and what it had ------------------------------------------------------------
+# -- what a script did -----------------------------------------------------------------------------
 
 BODIES = "bodies"
-"""A row per body that comes, goes or looks different: what it is."""
+"""A row whenever a body appears, disappears or looks different: what it is."""
 SET = "set"
-"""A row per body that calls have moved: its state before time goes on."""
+"""A row per body that calls have moved: its state before the next step."""
 DYNAMICS = "dynamics"
 """A row per body when they change: mass, inertia, friction … of base and links."""
 GIVEN = "dynamics/given"
-"""A row per call that changed them: what it gave, some of which the engine never reports."""
+"""A row per call that changed them: its arguments, some of which the engine never reports."""
 SETTINGS = "engine"
 """A row when they change: timestep, gravity … of the engine."""
 PUSHES = "pushes"
-"""A row per force or torque from outside."""
+"""A row per external force or torque."""
 MOTORS = "motors"
-"""A row per joint when it is driven in another way: mode, greatest force."""
+"""A row per joint when its drive changes: mode, largest force."""
 SOLVER = "solver"
-"""A row per simulation whose contact solver stopped before it was done, when it is over."""
+"""A row per simulation whose contact solver stopped before it converged, written at its end."""
 CONSTRAINTS = "constraints"
-"""A row per constraint that comes or goes: what it holds together."""
+"""A row whenever a constraint is created or removed: what it connects."""
 CALLS = "calls"
 """A row per call: function, arguments, file, line."""
 SHAPE_NUMBERS = {"size_m": 3, "position_m": 3, "orientation": 4, "rgba": 4}
-"""What a row of bodies holds of each shape, and how many numbers that is."""
+"""What a row of bodies holds for each shape, and how many numbers each has."""
 JOINTS = "joints"
 """Below a body's state: positions, velocities and torques of its joints, a row per step."""
 
 TOLD = (BODIES, SET, DYNAMICS, GIVEN, SETTINGS, PUSHES, MOTORS, SOLVER, CONSTRAINTS, CALLS)
-"""Entities with rows of named lists; which they are is held by one digest."""
+"""Entities with rows of named lists, covered by one digest."""
 
 # -- what is drawn --------------------------------------------------------------------------------
 
@@ -113,11 +113,11 @@ BOX = "world/box"
 CAMERA = "world/camera"
 IMAGE = "world/camera/image"
 TRAIL = "world/trail"
-"""Where the body was, at most some forty points of it."""
+"""Where the body was, at about forty points."""
 ABOUT = "about"
 
 POSE_RESOLUTION = 1e-4
-"""A box that moved by less [m], or turned by as much of a quaternion, looks the same."""
+"""A box that moved by less [m], or whose quaternion changed by less, looks the same."""
 HEIGHT_RESOLUTION_M = 1e-9
 """A height curve that stays within this [m] is level."""
 
@@ -129,15 +129,15 @@ ENERGIES = "energies"
 `contacts`, and of `state` with `dynamics` and `engine`."""
 
 GOLDEN = "golden"
-"""Below `world` and `height`, beside a recording's own: those of the golden one that it is shown
-with; never in a recording itself."""
+"""Below `world` and `height`: those of the golden recording shown beside a recording; never in a
+recording itself."""
 
 HEIGHT = "height"
 HEIGHT_SIMULATED = "height/simulated"
 HEIGHT_FREE_FALL = "height/free_fall"
 HEIGHT_DAMPED_FALL = "height/damped_fall"
 
-# -- what it was made with: properties ------------------------------------------------------------
+# -- the inputs: properties -----------------------------------------------------------------------
 
 SCENARIO_PROPERTY = "scenario"
 ORIGIN_PROPERTY = "origin"
@@ -146,7 +146,7 @@ ENGINE_PROPERTY = "engine"
 CAMERA_PROPERTY = "camera"
 RECORDING_PROPERTY = "recording"
 """Schema version, numbers of samples and frames, digests of state, contacts, inputs and frames:
-written last. A recording without it was never finished."""
+written last. A recording without it is unfinished."""
 
 INPUT_PROPERTIES = (SCENARIO_PROPERTY, ENGINE_PROPERTY, CAMERA_PROPERTY)
 PROPERTIES = (*INPUT_PROPERTIES, RECORDING_PROPERTY)
@@ -157,11 +157,11 @@ PROPERTIES = (*INPUT_PROPERTIES, RECORDING_PROPERTY)
 ERROR = "error"
 """Metres: the numbers."""
 ERROR_MM = "error_mm"
-"""The same in millimetres: the curves, because the viewer cannot scale what it shows."""
+"""The same in millimetres: the curves, because the viewer cannot scale them."""
 ENERGY = "energy"
 ENERGY_RESOLUTION = 1e-10
 """An energy curve that stays within this share of the largest energy is level."""
 SEGMENTS = "segments"
-"""Of a script's bodies: what each sample is, as states."""
+"""Of a script's bodies: the kind of each sample, as states."""
 EVENTS = "events"
 FINDINGS = "findings"

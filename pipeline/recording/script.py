@@ -1,7 +1,7 @@
-"""What the recording of somebody's script holds, and in which order.
+"""What the recording of a script holds, and in which order.
 
-Numbers go into `state`, `contacts` and what stands beside them, as float64; what is drawn of them
-is thinned to what a viewer shows.
+Numbers go into `state`, `contacts` and the entities beside them, as float64; what is drawn of them
+is thinned to what a viewer can show.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.messages import Message
 from pipeline.recording import pictures, schema, writer
 from pipeline.recording.digest import (
     FrameDigest,
@@ -48,13 +49,13 @@ from pipeline.seen import (
 from pipeline.states import Rows
 
 ROWS_TOGETHER, POSES_TOGETHER, IMAGES_TOGETHER = 1024, 1 << 18, 32
-"""What is held until it becomes chunks."""
+"""Rows that are held until they become chunks."""
 FARTHEST_M = 10.0
-"""What goes farther than this from where it began is not waited for by the viewer's eye."""
+"""The viewer's eye ignores what is farther than this from where it started."""
 LONGEST, MOST_NOTES = 1000, 10
-"""Characters and notes that a property has room for."""
+"""Characters of a text, and notes, that are kept in a property."""
 SHOWN_PER_S = 60
-"""Poses in a second of simulated time that are drawn."""
+"""Poses drawn per second of simulated time."""
 
 
 class Script:
@@ -63,25 +64,25 @@ class Script:
     Parameters
     ----------
     origin
-        What was run: see `schema.ORIGIN_PROPERTY`.
+        What was run; see `schema.ORIGIN_PROPERTY`.
     """
 
     def __init__(self, origin: Mapping[str, Any]) -> None:
         self.origin = origin
         self.samples = self.frames = 0
         self._ends: dict[int, int] = {}
-        """The last step that each simulation has a sample of, by client."""
+        """The last step of which each simulation has a sample, by client."""
         self.bodies: dict[int, Body] = {}
-        """All that were ever there, by number."""
+        """All that ever existed, by number."""
         self.cameras: dict[str, int] = {}
         self.free: set[int] = set()
         self.jointed: set[int] = set()
         self.stepped = False
         self.touched: set[int] = set()
         self.energetic: set[int] = set()
-        """Bodies that have a curve of their heights, of joints, of forces, of energy."""
+        """In these four: bodies with a curve of their height, joints, contact force, energy."""
         self.low_m = self.high_m = np.zeros(3)
-        """Corners of the box that what moves stayed in, as far as that is near its first place."""
+        """Corners of the box that all motion stayed in, without what flew off."""
         self._first_m: NDArray[np.float64] | None = None
         self._masses: dict[int, Mapping[str, NDArray[np.float64]]] = {}
         self._gravity: dict[int, NDArray[np.float64]] = {}
@@ -96,25 +97,28 @@ class Script:
         self._log = Gathering(pictures.log, most=ROWS_TOGETHER)
         self._lenses: dict[int, object] = {}
         self._shown_at: dict[tuple[int, int], int] = {}
-        self._marks: list[tuple[int, int, bytes]] = []
+        self._digests: list[tuple[int, int, bytes]] = []
         self._drawn: dict[int, tuple[Any, ...]] = {}
 
     def chunks(self, events: Iterable[Event], ending: Callable[[], Ending]) -> Iterator[Chunk]:
-        """Yield the whole recording; how it ended is asked for when the events are over."""
+        """Yield the whole recording; `ending` is called after the last event."""
         yield writer.property_chunk(schema.ORIGIN_PROPERTY, self.origin)
         yield from pictures.scene()
         for event in events:
             yield from self._on(event)
         for gathered in (self._rows, self._log, self._poses, self._curves, self._images):
             yield from gathered.flush()
-        how = ending()
-        how.notes += [
-            f"the soft body {body.label} is left out: PyBullet reports no position of it"
+        ended = ending()
+        ended.notes += [
+            Message(
+                "the soft body {body} is left out: PyBullet does not report its position",
+                body=body.label,
+            )
             for body in self.bodies.values()
             if body.soft
         ]
-        yield writer.document_chunk(schema.ABOUT, about(self, how))
-        yield writer.property_chunk(schema.RECORDING_PROPERTY, self._closing(how))
+        yield writer.document_chunk(schema.ABOUT, about(self, ended))
+        yield writer.property_chunk(schema.RECORDING_PROPERTY, self._closing(ended))
 
     def _closing(self, ending: Ending) -> dict[str, Any]:
         closing = {
@@ -128,11 +132,12 @@ class Script:
             "frames": self.frames,
             "ended": ending.how,
             "error": ending.error[:LONGEST] or None,
-            "notes": [one[:LONGEST] for one in ending.notes[:MOST_NOTES]] or None,
+            "notes": [note[:LONGEST] for note in ending.notes[:MOST_NOTES]] or None,
             "state_sha256": self._states.hexdigest(),
             "contacts_sha256": self._contacts.hexdigest(),
-            "frames_sha256": [one.hexdigest() for _, one in sorted(self._pictures.items())] or None,
-            "joints_sha256": [self._joints[one].hexdigest() for one in sorted(self._joints)]
+            "frames_sha256": [digest.hexdigest() for _, digest in sorted(self._pictures.items())]
+            or None,
+            "joints_sha256": [self._joints[label].hexdigest() for label in sorted(self._joints)]
             or None,
             "told_sha256": self._told_rows.hexdigest(),
             "inputs_sha256": inputs_digest({schema.ORIGIN_PROPERTY: self.origin}),
@@ -156,49 +161,49 @@ class Script:
             case Given(at, body, values):
                 yield from self._told(schema.GIVEN, at, {"body": body.number, **_floats(values)})
             case Settings(at, client, values):
-                told = _floats(values)
+                settings = _floats(values)
                 self._gravity[client] = np.concatenate(
-                    [told[f"gravityAcceleration{axis}"] for axis in "XYZ"]
+                    [settings[f"gravityAcceleration{axis}"] for axis in "XYZ"]
                 )
-                # Times of the viewer are for looking at; this is the one that others are added to.
+                # The viewer's times are rounded; later times are computed from this one.
                 first = {"client": client, "time_s": at.time_s}
-                yield from self._told(schema.SETTINGS, at, first | told)
+                yield from self._told(schema.SETTINGS, at, first | settings)
             case Motor(at, body, joint, mode, force):
                 driven = {"body": body.number, "joint": joint, "mode": mode, "force": force}
                 yield from self._told(schema.MOTORS, at, driven)
             case Solver(at):
-                told = {one.name: getattr(event, one.name) for one in fields(event)}
-                del told["at"]
-                yield from self._told(schema.SOLVER, at, told)
+                values = {field.name: getattr(event, field.name) for field in fields(event)}
+                del values["at"]
+                yield from self._told(schema.SOLVER, at, values)
             case Constraint(at, client, number, bodies, there):
                 holds = np.array(bodies, np.int64)
                 held = {"client": client, "number": number, "bodies": holds, "there": there}
                 yield from self._told(schema.CONSTRAINTS, at, held)
             case Push(at, body):
-                told = {one.name: getattr(event, one.name) for one in fields(event)}
-                del told["at"]
-                yield from self._told(schema.PUSHES, at, told | {"body": body.number})
+                values = {field.name: getattr(event, field.name) for field in fields(event)}
+                del values["at"]
+                yield from self._told(schema.PUSHES, at, values | {"body": body.number})
             case Image():
                 yield from self._on_image(event)
 
     def _told(self, entity: str, at: At, values: Mapping[str, Any]) -> Iterator[Chunk]:
-        """Yield a row of numbers and texts, when there are enough of them."""
+        """Add a row of numbers and texts; yield rows when there are enough."""
         held = {name: writer.flat(value).to_pylist() for name, value in values.items()}
         self._told_rows.update(entity, at.step, at.call, held)
         yield from self._rows.add(entity, _at(at), values)
 
     def take_in(self, event: Event) -> None:
-        """Remember a mark of each state, by which another run can be compared."""
+        """Remember a digest of each state, to compare with another run."""
         if isinstance(event, Samples) and len(event.steps):
             for step, rows in zip(
                 event.steps.tolist(), event.states.reshape(len(event.steps), -1), strict=True
             ):
-                mark = hashlib.blake2b(rows.tobytes(), digest_size=8).digest()
-                self._marks.append((event.client, step, mark))
+                digest = hashlib.blake2b(rows.tobytes(), digest_size=8).digest()
+                self._digests.append((event.client, step, digest))
 
     def first_difference(self, other: Script) -> int | None:
-        """Return the first step at which another run has another state, or none or one more."""
-        for mine, theirs in itertools.zip_longest(self._marks, other._marks):
+        """Return the first step at which another run has another state, an extra one, or none."""
+        for mine, theirs in itertools.zip_longest(self._digests, other._digests):
             if mine != theirs:
                 return int((mine or theirs)[1])
         return None
@@ -213,9 +218,9 @@ class Script:
             self._ends[seen.client] = int(seen.steps[-1])
         self.stepped |= bool(len(seen.steps)) and bool(seen.steps[-1] > 0)
         if len(seen.contacts):
-            which = np.unique(seen.contacts["step"])
+            steps = np.unique(seen.contacts["step"])
             times = dict(zip(seen.steps.tolist(), seen.times_s.tolist(), strict=True))
-            at = Times(which, np.array([times[one] for one in which.tolist()]))
+            at = Times(steps, np.array([times[step] for step in steps.tolist()]))
             yield writer.rows_chunk(schema.CONTACTS, seen.contacts, at)
         if len(seen.states):
             at = Times(seen.steps, seen.times_s)
@@ -232,7 +237,7 @@ class Script:
         yield from self._drawn_poses(seen)
 
     def _reach(self, positions_m: NDArray[np.float64]) -> None:
-        """Take note of where parts were, shape (n, 3); not of what has flown off."""
+        """Extend the box by positions, shape (n, 3), except of what has flown off."""
         positions_m = positions_m[np.isfinite(positions_m).all(axis=1)]
         if not len(positions_m):
             return
@@ -244,7 +249,7 @@ class Script:
             self.high_m = np.maximum(self.high_m, near_m.max(axis=0))
 
     def _drawn_poses(self, seen: Samples) -> Iterator[Chunk]:
-        """Yield poses to look at, each when it is time to show another, and the last."""
+        """Yield poses to draw, at most `SHOWN_PER_S` of them, and the last."""
         if not len(seen.steps):
             return
         due = np.floor(seen.times_s * SHOWN_PER_S + 1e-9).astype(np.int64)
@@ -264,7 +269,7 @@ class Script:
         yield from self._forces(seen)
 
     def _plotted(self, body: Body, seen: Samples, parts: Rows) -> Iterator[Chunk]:
-        """Yield what is plotted: the height of what is free, the joints of what has joints."""
+        """Yield curves: the height of a body without joints, else its joints."""
         shown = _shown(seen)
         at = Times(seen.steps[shown], seen.times_s[shown])
         if not body.joints:
@@ -286,7 +291,7 @@ class Script:
             self.jointed.add(body.number)
 
     def _forces(self, seen: Samples) -> Iterator[Chunk]:
-        """Yield the normal force on each body that anything has touched, added up [N]."""
+        """Yield the total normal force on each body that has been touched [N]."""
         points, shown = seen.contacts, _shown(seen)
         bodies = [body for body in self.bodies.values() if body.number in seen.bases]
         at = Times(seen.steps[shown], seen.times_s[shown])
@@ -305,12 +310,12 @@ class Script:
             yield from self._curves.add(entity, at, forces_n[shown, None])
 
     def _energy(self, body: Body, seen: Samples, parts: Rows) -> Iterator[Chunk]:
-        """Yield the energy of a body in motion and in gravity, of all its links [J]."""
-        known, gravity = self._masses.get(body.number), self._gravity.get(seen.client)
-        if known is None or gravity is None or len(known["mass_kg"]) != parts.shape[1]:
+        """Yield the kinetic and potential energy of a body with all its links [J]."""
+        dynamics, gravity = self._masses.get(body.number), self._gravity.get(seen.client)
+        if dynamics is None or gravity is None or len(dynamics["mass_kg"]) != parts.shape[1]:
             return
         shown = _shown(seen)
-        energies_j = energy_j(parts[shown], known["mass_kg"], known["inertia_kg_m2"], gravity)
+        energies_j = energy_j(parts[shown], dynamics["mass_kg"], dynamics["inertia_kg_m2"], gravity)
         if not np.isfinite(energies_j).all():
             return
         entity = f"{schema.ENERGIES}/{body.label}"
@@ -322,12 +327,12 @@ class Script:
 
     def _on_put(self, put: Put) -> Iterator[Chunk]:
         body, at = put.body, put.at
-        told: dict[str, Any] = {name: put.states[name] for name in schema.STATES.columns}
-        told |= {
+        values: dict[str, Any] = {name: put.states[name] for name in schema.STATES.columns}
+        values |= {
             "joint_position": put.joints.position, "joint_velocity": put.joints.velocity,
             "joint_torque": put.joints.torque, "counts": put.counts,
         }  # fmt: skip
-        yield from self._told(schema.SET, at, told)
+        yield from self._told(schema.SET, at, values)
         for number in range(len(put.states)):
             row = put.states[number : number + 1]
             yield from self._poses.add(part_path(body, number - 1), _at(at), row)
@@ -335,35 +340,37 @@ class Script:
     def _on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
         at, body = seen.at, seen.body
         self.bodies[body.number] = body
-        told: dict[str, Any] = {
+        values: dict[str, Any] = {
             "body": body.number, "there": seen.there, "came": seen.came,
             "sampled": seen.sampled,
             "engine_id": body.engine_id, "client": body.client,
             "name": body.name, "label": body.label,
-            "links": list(body.links), "joints": [one.name for one in body.joints],
-            "joint_kinds": [one.kind for one in body.joints],
-            "joint_parents": np.array([one.parent for one in body.joints], np.int64),
-            "joint_limits": np.array([one.limits for one in body.joints], np.float64),
-            "joint_widths": np.array([one.widths for one in body.joints], np.int64),
-            "joint_links": np.array([one.link for one in body.joints], np.int64),
+            "links": list(body.links), "joints": [joint.name for joint in body.joints],
+            "joint_kinds": [joint.kind for joint in body.joints],
+            "joint_parents": np.array([joint.parent for joint in body.joints], np.int64),
+            "joint_limits": np.array([joint.limits for joint in body.joints], np.float64),
+            "joint_widths": np.array([joint.widths for joint in body.joints], np.int64),
+            "joint_links": np.array([joint.link for joint in body.joints], np.int64),
             "moving": np.array(body.moving, np.int64), "soft": body.soft,
             "can_sleep": body.can_sleep, "hides_links": body.hides_links,
             "bounds_m": np.array(body.bounds_m, np.float64),
-            "shape_kinds": [one.kind for one in body.shapes],
-            "shape_files": [PurePath(one.file).name for one in body.shapes],
-            "shape_links": np.array([one.link for one in body.shapes], np.int64),
+            "shape_kinds": [shape.kind for shape in body.shapes],
+            "shape_files": [PurePath(shape.file).name for shape in body.shapes],
+            "shape_links": np.array([shape.link for shape in body.shapes], np.int64),
             **{
-                f"shape_{name}": np.array([getattr(one, name) for one in body.shapes], np.float64)
+                f"shape_{name}": np.array(
+                    [getattr(shape, name) for shape in body.shapes], np.float64
+                )
                 for name in schema.SHAPE_NUMBERS
             },
         }  # fmt: skip
-        yield from self._told(schema.BODIES, at, told)
+        yield from self._told(schema.BODIES, at, values)
         if not seen.there:
-            # Of what is at one time the later row counts: its last pose must not come after this.
+            # Of rows at the same time the last counts, so its last pose must come before this.
             yield from self._poses.flush()
             yield pictures.cleared(f"{schema.WORLD}/{body.label}", _at(at))
             self._drawn.pop(body.number, None)
-            for key in [one for one in self._shown_at if one[0] == body.number]:
+            for key in [key for key in self._shown_at if key[0] == body.number]:
                 del self._shown_at[key]
         elif self._drawn.get(body.number) != body.shapes:
             self._drawn[body.number] = body.shapes
@@ -384,25 +391,25 @@ class Script:
         yield from self._images.add(f"camera/{number}/image", _at(image.at), png)
 
     def _on_call(self, call: Call) -> Iterator[Chunk]:
-        told = {one.name: getattr(call, one.name) for one in fields(call)}
-        del told["at"]
-        yield from self._told(schema.CALLS, call.at, told)
-        said = f"{call.function}({call.arguments})"
+        values = {field.name: getattr(call, field.name) for field in fields(call)}
+        del values["at"]
+        yield from self._told(schema.CALLS, call.at, values)
+        line = f"{call.function}({call.arguments})"
         if call.raised:
-            said += f" raised {call.raised}"
+            line += f" raised {call.raised}"
         yield from self._log.add(
-            schema.CALLS, _at(call.at), (f"{said}   {call.file}:{call.line}", bool(call.raised))
+            schema.CALLS, _at(call.at), (f"{line}   {call.file}:{call.line}", bool(call.raised))
         )
 
 
 def joint_rows(joints: Joints) -> NDArray[np.float64]:
-    """Return all numbers of joints, a row per step: what their digest is of."""
+    """Return all numbers of joints, a row per step, as they are digested."""
     steps = joints.steps[:, None].astype(np.float64)
     return np.hstack((steps, joints.position, joints.velocity, joints.torque))
 
 
 def _shown(seen: Samples) -> NDArray[np.bool_]:
-    """Return which samples are points of curves: each when another is due, and the last."""
+    """Return which samples are drawn in curves: at most `SHOWN_PER_S`, and the last."""
     due = np.floor(seen.times_s * SHOWN_PER_S + 1e-9).astype(np.int64)
     shown: NDArray[np.bool_] = np.diff(due, prepend=-1) > 0
     shown[-1] = True
@@ -430,7 +437,7 @@ def energy_j(
     x, y, z, w = np.moveaxis(parts["orientation"], -1, 0)
     axis = np.stack((x, y, z), axis=-1)
     spin = parts["spin_rad_s"]
-    # In the part's own axes: turned back by the quaternion.
+    # In the part's own axes: rotated by the inverse quaternion.
     twice = 2 * np.cross(spin, axis)
     own = spin + w[..., None] * twice + np.cross(twice, axis)
     inertia = np.reshape(inertia_kg_m2, (-1, 3))
@@ -445,20 +452,21 @@ def _at(at: At) -> Times:
 
 
 def _floats(values: Mapping[str, float | Sequence[float]]) -> dict[str, NDArray[np.float64]]:
-    return {name: np.atleast_1d(np.asarray(one, np.float64)) for name, one in values.items()}
+    return {name: np.atleast_1d(np.asarray(value, np.float64)) for name, value in values.items()}
 
 
 def part_path(body: Body, link: int) -> str:
     """Return the entity of a link in the scene; its shapes are below it, by number."""
     name = "base" if link < 0 else f"{link}_{body.links[link + 1]}"
     plain = "".join(
-        one if one.isascii() and (one.isalnum() or one in "_-") else "_" for one in name
+        letter if letter.isascii() and (letter.isalnum() or letter in "_-") else "_"
+        for letter in name
     )
     return f"{schema.WORLD}/{body.label}/{plain}"
 
 
 def _joint_names(body: Body, count: int) -> list[str]:
-    names = [one.name for one in body.joints if any(one.widths)]
+    names = [joint.name for joint in body.joints if any(joint.widths)]
     return names if len(names) == count else [f"{number}" for number in range(count)]
 
 
@@ -475,7 +483,7 @@ def about(script: Script, ending: Ending) -> str:
         else "the script's own",
     }  # fmt: skip
     table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
-    notes = "".join(f"\n- {one}" for one in ending.notes)
+    notes = "".join(f"\n- {note}" for note in ending.notes)
     return f"""# A script that uses PyBullet
 
 `{call}`, recorded by drop: everything that happened in its simulations.
@@ -488,9 +496,9 @@ def about(script: Script, ending: Ending) -> str:
 ## How to read it
 
 - **World**: bodies as they were drawn; z up, metres.
-- `state`: position, orientation and velocities of every part that time can move, before each step
-  and after the last, float64. `contacts`: the points that the step which led there found.
-- `set/BODY`: where a call has put a body between two steps. `calls`: what the script did to the
+- `state`: position, orientation and velocities of every part that can move, before each step and
+  after the last, float64. `contacts`: the contact points of the step that led to the sample.
+- `set/BODY`: where a call placed a body between two steps. `calls`: what the script did to the
   world, in order, with file and line.
-- `sim_step` is the key; `sim_time` adds up the timesteps; `call` counts calls.
+- `sim_step` is the key; `sim_time` is the sum of the timesteps; `call` counts calls.
 """

@@ -1,4 +1,4 @@
-"""The analysis layer of a script's recording: what each sample is, as states on the timeline."""
+"""The analysis layer of a script's recording: each sample's kind, as states on the timeline."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pipeline.recording.script_layout import MOST_NAMES, world_view
 from pipeline.recording.writer import Times
 
 MOST_STATES = 40
-"""Bodies whose states are shown: more are no picture."""
+"""Bodies whose states are shown: more are illegible."""
 SHOWN_PER_S = 60
 
 
@@ -32,7 +32,7 @@ def write_script_layer(
     force: bool,
     ours: bool,
 ) -> None:
-    """Write the layer, or nothing of it.
+    """Write the layer, whole or not at all.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ def write_script_layer(
     samples
         The analysis table: a row per sample and body.
     events
-        What was found when: step, time [s] and a line, in order.
+        What happened: step, time [s] and a line each, in order.
     findings
-        What the recording gives away, as Markdown.
+        The findings, as Markdown.
     force, ours
         As for `files.replaced`.
 
@@ -55,7 +55,7 @@ def write_script_layer(
         If the file cannot be written.
     """
     bodies = samples.partition_by("label", maintain_order=True)
-    flying = [one for one in bodies if one["error_z_m"].count()]
+    flying = [body for body in bodies if body["error_z_m"].count()]
     writer.record(
         path,
         _chunks(bodies, flying, events, findings),
@@ -78,7 +78,7 @@ def _chunks(
     for body in flying:
         entity = f"{schema.ERROR_MM}/{body['label'][0]}"
         yield pictures.curve_names(entity, [f"{body['label'][0]} {axis}" for axis in "xyz"])
-        # Beside what is due, the ends of each flight, and the gap after it.
+        # Also the ends of each flight, and the gap after it.
         in_flight = pl.col("error_z_m").is_not_null()
         due = (pl.col("time_s") * SHOWN_PER_S + 1e-9).floor()
         shown = body.filter(
@@ -96,7 +96,7 @@ def _chunks(
 
 
 def _states(body: pl.DataFrame) -> Iterator[Chunk]:
-    """Yield the states of one body: a row where they change."""
+    """Yield the states of one body, a row per change."""
     label = body["label"][0]
     entity = f"{schema.SEGMENTS}/{label}"
     names = list(colours.SEGMENTS)
@@ -122,7 +122,7 @@ def _times(rows: pl.DataFrame) -> Times:
 
 
 def _world(samples: pl.DataFrame) -> rrb.Spatial3DView:
-    """Return the view of the scene; what has flown off is not waited for."""
+    """Return the view of the scene, ignoring what has flown off."""
     positions_m = samples.select("x_m", "y_m", "z_m").to_numpy()
     positions_m = positions_m[np.isfinite(positions_m).all(axis=1)]
     if not len(positions_m):
@@ -136,7 +136,7 @@ def _layout(world: rrb.Spatial3DView, *, flying: int) -> rrb.Blueprint:
     states = rrb.StateTimelineView(origin=schema.SEGMENTS, name="What each body does")
     curves: list[rrb.View] = [states]
     if flying:
-        # Errors begin at zero and grow; what falls is high up on the left.
+        # Errors start at zero, lower left, and grow.
         legend = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=3 * flying <= MOST_NAMES)
         name = "Simulated minus free fall [mm], from the start of each flight"
         errors = rrb.TimeSeriesView(origin=schema.ERROR_MM, name=name, plot_legend=legend)

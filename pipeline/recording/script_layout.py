@@ -1,4 +1,4 @@
-"""The viewer's layout of a script's recording: by what is there."""
+"""The viewer's layout for a script's recording, depending on what it holds."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from pipeline.recording.script import Script
 MOST_CAMERAS = 4
 LEAST_REACH_M = 0.5
 MOST_NAMES = 8
-"""Curves whose names do not yet hide them."""
+"""Above this, the curves' names would hide them."""
 EYE = np.array([1.6, -1.6, 1.0])
-"""Where the eye is, as seen from the centre of what moves, in units of its reach."""
+"""Position of the eye from the centre of all motion, in units of its reach."""
 
 
 def layout(script: Script) -> rrb.Blueprint:
-    """Return the layout: the scene, its cameras, curves of what is free and of what has joints."""
+    """Return the layout: the scene, its cameras, curves of free and of jointed bodies."""
     world = world_view(script.low_m, script.high_m)
     cameras = [
         rrb.Spatial2DView(origin=f"camera/{number}/image", name=f"Camera {name}")
@@ -31,7 +31,7 @@ def layout(script: Script) -> rrb.Blueprint:
         curves.append(_curves(schema.HEIGHT, "Heights of free bodies [m]", len(script.free)))
     if script.jointed:
         joints = sum(
-            sum(any(one.widths) for one in script.bodies[number].joints)
+            sum(any(joint.widths) for joint in script.bodies[number].joints)
             for number in script.jointed
         )
         curves.append(_curves(schema.JOINT_POSITIONS, "Joint positions [rad, m]", joints))
@@ -62,7 +62,7 @@ def layout(script: Script) -> rrb.Blueprint:
 
 
 def world_view(low_m: NDArray[np.float64], high_m: NDArray[np.float64]) -> rrb.Spatial3DView:
-    """Return the scene, seen from where the box that what moves stayed in fills the view."""
+    """Return a view of the scene that the box between two corners fills."""
     centre = (low_m + high_m) / 2
     reach = max(LEAST_REACH_M, float(np.linalg.norm(high_m - low_m)) / 2)
     return rrb.Spatial3DView(

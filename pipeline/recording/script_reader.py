@@ -1,4 +1,4 @@
-"""Read a script's recording back: what was seen of its simulations, if it is what was written."""
+"""Read a script's recording back, and check it: what was seen of its simulations."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from pipeline.messages import Message
 from pipeline.recording import columns, rows, schema
 from pipeline.recording.checks import damaged
 from pipeline.recording.columns import Properties
@@ -50,7 +51,7 @@ class ScriptRecording:
     origin: Properties
     """The script, the digest of its text, its arguments."""
     ended: Properties | None
-    """How it ended, and with what it was made; None of an unfinished recording."""
+    """How it ended, and what it was made with; None for an unfinished recording."""
     seen: Seen
 
     @property
@@ -88,7 +89,7 @@ def read_script(path: Path) -> ScriptRecording:
             gather(properties, chunk, path)
     origin, closing = properties.get(schema.ORIGIN_PROPERTY), closing_of(properties, path)
     if origin is None:
-        raise damaged(path, "it does not say which script was run")
+        raise damaged(path, Message("it does not say which script was run"))
     states, contacts = (
         pl.concat([rows.empty(table), *tables[entity]], rechunk=False)
         for entity, table in schema.TABLES.items()
@@ -99,7 +100,8 @@ def read_script(path: Path) -> ScriptRecording:
     try:
         seen = _seen(told, jointed, states, contacts, closing or {})
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):
-        raise damaged(path, "what it says of bodies and calls is not what drop writes") from None
+        what = Message("its bodies and calls are not in drop's format")
+        raise damaged(path, what) from None
     if closing is not None:
         _check_digests(
             {
@@ -130,7 +132,7 @@ def _seen(
     closing: Properties,
 ) -> Seen:
     appearances = [_appearance(*row) for row in told[schema.BODIES]]
-    bodies = {one.body.number: one.body for one in appearances}
+    bodies = {appearance.body.number: appearance.body for appearance in appearances}
     numbers = {body.label: body.number for body in bodies.values()}
     return Seen(
         bodies=bodies,
@@ -209,7 +211,7 @@ def _seen(
     )
 
 
-def _one(values: Values, name: str) -> Any:  # noqa: ANN401 - what a row may hold
+def _one(values: Values, name: str) -> Any:  # noqa: ANN401 - any value of a row
     (value,) = values[name]
     return value
 
@@ -224,12 +226,12 @@ def _values(values: Values, *, but: tuple[str, ...]) -> dict[str, Any]:
 
 def _reported(values: Values) -> dict[str, NDArray[np.float64]]:
     links = len(values["mass_kg"])
-    found = {}
+    reported = {}
     for name, held in values.items():
         if name != "body":
             numbers = np.array(held, np.float64)
-            found[name] = numbers if len(numbers) == links else numbers.reshape(links, -1)
-    return found
+            reported[name] = numbers if len(numbers) == links else numbers.reshape(links, -1)
+    return reported
 
 
 def _appearance(at: At, values: Values) -> Appearance:
@@ -267,14 +269,14 @@ def _shapes(values: Values) -> tuple[Shape, ...]:
         name: map(tuple, np.reshape(values[f"shape_{name}"], (-1, width)).tolist())
         for name, width in schema.SHAPE_NUMBERS.items()
     }
-    told = zip(
+    shapes = zip(
         *(values[f"shape_{name}"] for name in ("links", "kinds", "files")),
         *(numbers[name] for name in ("size_m", "position_m", "orientation", "rgba")),
         strict=True,
     )
     return tuple(
         Shape(link, kind, size_m, file, position_m, orientation, rgba)
-        for link, kind, file, size_m, position_m, orientation, rgba in told
+        for link, kind, file, size_m, position_m, orientation, rgba in shapes
     )
 
 
@@ -304,7 +306,7 @@ def _joined(parts: list[tuple[NDArray[np.int64], list[NDArray[np.float64]]]]) ->
     return Joints(steps[order], np.full(len(steps), np.nan), position, velocity, torque)
 
 
-def _list(value: Any) -> Iterable[Any]:  # noqa: ANN401 - Rerun keeps a list of one as its element
+def _list(value: Any) -> Iterable[Any]:  # noqa: ANN401 - a list of one is read as its element
     return [] if value is None else value if isinstance(value, list) else [value]
 
 
@@ -312,17 +314,17 @@ def _list(value: Any) -> Iterable[Any]:  # noqa: ANN401 - Rerun keeps a list of 
 
 
 def _check_parts(states: pl.DataFrame, path: Path) -> None:
-    """Check that each part has one state a step."""
+    """Check that each part has one state per step."""
     parts = ("step", "body", "link")
     if states.select(parts).is_duplicated().any():
-        raise damaged(path, "its state has a part twice in a step")
+        raise damaged(path, Message("its state has a part twice in a step"))
 
 
-def _check_digests(found: Mapping[str, Any], closing: Properties, path: Path) -> None:
+def _check_digests(digests: Mapping[str, Any], closing: Properties, path: Path) -> None:
     """Check that everything that a number is computed from is what was written."""
-    for what, digest in found.items():
-        if closing.get(f"{what}_sha256") != digest:
-            raise damaged(path, f"what it holds of {what} fails its checksum")
+    for name, digest in digests.items():
+        if closing.get(f"{name}_sha256") != digest:
+            raise damaged(path, Message("its section {name} fails its checksum", name=name))
 
 
 def _told_digest(told: Mapping[str, list[Row]]) -> str:
@@ -334,10 +336,10 @@ def _told_digest(told: Mapping[str, list[Row]]) -> str:
 
 
 def _joints_digests(seen: Seen) -> str | list[str] | None:
-    """Return the digests as a property keeps them: a list of one is its element."""
-    found = []
-    for number in sorted(seen.joints, key=lambda one: seen.bodies[one].label):
+    """Return the digests as a property is read: a list of one as its element."""
+    digests = []
+    for number in sorted(seen.joints, key=lambda number: seen.bodies[number].label):
         digest = RowsDigest()
         digest.update(joint_rows(seen.joints[number]))
-        found.append(digest.hexdigest())
-    return found[0] if len(found) == 1 else found or None
+        digests.append(digest.hexdigest())
+    return digests[0] if len(digests) == 1 else digests or None

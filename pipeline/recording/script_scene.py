@@ -1,4 +1,4 @@
-"""The scene of a script's recording, to be drawn again: shapes, and where their parts were."""
+"""The scene of a script's recording, to redraw it: shapes, and the poses of their parts."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from pipeline.messages import Message
 from pipeline.recording import columns, schema
-from pipeline.recording.checks import damaged
+from pipeline.recording.checks import damaged, wrong_count
 from pipeline.recording.columns import Properties
 from pipeline.recording.contents import chunks_of, closing_of, gather
 from pipeline.recording.digest import FrameDigest
@@ -23,17 +24,17 @@ from pipeline.seen import Model, Pose, Seen
 
 @dataclass
 class Part:
-    """A link that is drawn, and where it was; nowhere before its first pose."""
+    """A link that is drawn, and its poses."""
 
     number: int
-    """Of its body."""
+    """The body's."""
     models: list[Model] = field(default_factory=list)
     times_s: list[float] = field(default_factory=list)
     poses: list[Pose | None] = field(default_factory=list)
-    """None from when on its body is gone, or where its numbers are not finite."""
+    """None from when its body is removed, or where its numbers are not finite."""
 
     def at(self, time_s: float) -> Pose | None:
-        """Return where it is at a time; None where it is not there."""
+        """Return its pose at a time; None where it does not exist."""
         row = bisect.bisect_right(self.times_s, time_s + 1e-9) - 1
         return self.poses[row] if row >= 0 else None
 
@@ -51,7 +52,7 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
         for body in seen.bodies.values()
         for link in range(-1, len(body.links) - 1)
     }
-    gone: dict[str, list[float]] = {}
+    removed_s: dict[str, list[float]] = {}
     meshes: dict[str, bytes] = {}
     for chunk in chunks_of(path):
         if chunk.entity in parts:
@@ -59,7 +60,7 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
         elif chunk.batch.schema.get_field_index("Asset3D:blob") >= 0:
             meshes[chunk.entity] = _blob(chunk, path)
         elif chunk.batch.schema.get_field_index("Clear:is_recursive") >= 0:
-            gone.setdefault(chunk.entity, []).extend(_times_s(chunk))
+            removed_s.setdefault(chunk.entity, []).extend(_times_s(chunk))
     for body in seen.bodies.values():
         counts: dict[int, int] = {}
         for shape in body.shapes:
@@ -70,7 +71,7 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
                 suffix = PurePath(shape.file).suffix.lower()
                 parts[entity].models.append(Model(shape, mesh, suffix))
     for entity, part in parts.items():
-        for time_s in gone.get(entity.rpartition("/")[0], []):
+        for time_s in removed_s.get(entity.rpartition("/")[0], []):
             row = bisect.bisect_left(part.times_s, time_s)
             part.times_s.insert(row, time_s)
             part.poses.insert(row, None)
@@ -78,34 +79,34 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
 
 
 def frames_of_cameras(path: Path) -> dict[int, list[tuple[int, float, bytes]]]:
-    """Return what the script's cameras saw, by camera: step, time [s] and PNG, in order.
+    """Return the frames of the script's cameras, by camera: step, time [s] and PNG, in order.
 
     Raises
     ------
     RecordingError
         If the recording is damaged.
     """
-    found: dict[int, list[tuple[int, float, bytes]]] = {}
+    frames: dict[int, list[tuple[int, float, bytes]]] = {}
     properties: dict[str, Properties] = {}
     for chunk in chunks_of(path):
         camera = _CAMERA.fullmatch(chunk.entity)
         if camera is not None:
-            seen = zip(columns.images(chunk, path), _times_s(chunk), strict=False)
-            taken = [(step, time_s, png) for (step, png), time_s in seen]
-            found.setdefault(int(camera[1]), []).extend(taken)
+            images = zip(columns.images(chunk, path), _times_s(chunk), strict=False)
+            taken = [(step, time_s, png) for (step, png), time_s in images]
+            frames.setdefault(int(camera[1]), []).extend(taken)
         elif chunk.entity.startswith("__properties/"):
             gather(properties, chunk, path)
     closing = closing_of(properties, path)
     digests = []
-    for _, taken in sorted(found.items()):
+    for _, taken in sorted(frames.items()):
         digest = FrameDigest()
         for step, _, png in taken:
             digest.update(step, png)
         digests.append(digest.hexdigest())
-    told = digests[0] if len(digests) == 1 else digests or None
-    if closing is not None and closing.get("frames_sha256") != told:
-        raise damaged(path, "its frames fail their checksum")
-    return {camera: sorted(taken, key=lambda one: one[0]) for camera, taken in found.items()}
+    frames_sha256 = digests[0] if len(digests) == 1 else digests or None
+    if closing is not None and closing.get("frames_sha256") != frames_sha256:
+        raise damaged(path, Message("its frames fail their checksum"))
+    return {camera: sorted(taken, key=lambda frame: frame[0]) for camera, taken in frames.items()}
 
 
 _CAMERA = re.compile(r"camera/(\d{1,9})/image")
@@ -137,10 +138,10 @@ def _times_s(chunk: Chunk) -> list[float]:
 
 def _numbers(chunk: Chunk, name: str, width: int, path: Path) -> NDArray[np.float64]:
     values = chunk.batch.column(chunk.batch.schema.get_field_index(name)).to_pylist()
-    found = np.array([row[0] for row in values], dtype=np.float64)
-    if found.shape != (len(values), width):
-        raise damaged(path, f"{chunk.entity} must hold {width} numbers for each {name}")
-    return found
+    numbers = np.array([row[0] for row in values], dtype=np.float64)
+    if numbers.shape != (len(values), width):
+        raise damaged(path, wrong_count(chunk.entity, width, name))
+    return numbers
 
 
 def _blob(chunk: Chunk, path: Path) -> bytes:
@@ -148,4 +149,5 @@ def _blob(chunk: Chunk, path: Path) -> bytes:
     try:
         return bytes(cell[0])
     except (TypeError, IndexError, ValueError):
-        raise damaged(path, f"{chunk.entity} must hold a mesh") from None
+        what = Message("{entity} must hold a mesh", entity=chunk.entity)
+        raise damaged(path, what) from None

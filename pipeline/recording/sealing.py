@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 from pipeline.errors import OutputError
-from pipeline.files.outputs import check_target, part_of, sealed_of, translated
+from pipeline.files.outputs import check_target, output_errors, part_of, sealed_of
 from pipeline.files.whole import growing, onto_disk, renamed
+from pipeline.messages import Message
 from pipeline.recording import rrd
 from pipeline.recording.viewer import binary
 
@@ -33,27 +34,33 @@ def unfinished(
     path, force, ours
         As for `replaced`.
     salvage
-        Whether what was written until an error is kept.
+        Whether what was written before an error is kept.
     note
-        Told in a sentence if the file has another name than usual until it is whole.
+        Called with a sentence if the file does not grow under the usual name.
 
     Raises
     ------
     OutputError
-        As for `replaced`; if something is where the viewer's layout is to be added.
+        As for `replaced`; if another file has the name of the copy that gets the layout.
     """
     check_target(path, force=force or ours)
-    with translated(path), growing(path, force=force) as part:
+    with output_errors(path), growing(path, force=force) as part:
         try:
             if part != (first := part_of(path)):
-                note(f"{first} was there and is left as it is; this recording grows as {part}")
+                note(
+                    Message(
+                        "{first} exists and is left as it is; this recording grows as {part}",
+                        first=first,
+                        part=part,
+                    )
+                )
             _make_way(sealed_of(part), force=force)
-            with translated(path):
+            with output_errors(path):
                 yield part
         except BaseException as failure:
             with contextlib.suppress(OSError):  # its folder may be gone
                 if salvage and _holds_something(part):
-                    failure.add_note(f"what was recorded until then is in {part}")
+                    failure.add_note(Message("what had been recorded is in {part}", part=part))
                 else:
                     part.unlink()
             raise
@@ -61,7 +68,9 @@ def unfinished(
 
 def _make_way(sealed: Path, *, force: bool) -> None:
     if os.path.lexists(sealed) and not force:
-        raise OutputError(f"{sealed} is in the way, and is left as it is; move it, or --force")
+        raise OutputError(
+            "{path} is in the way and is left as it is; move it, or --force", path=sealed
+        )
     sealed.unlink(missing_ok=True)
 
 
@@ -74,9 +83,9 @@ def _holds_something(part: Path) -> bool:
 
 
 def pack(recording: Path, path: Path) -> None:
-    """Write a recording again in as few bytes as Rerun can: its many small chunks in a few.
+    """Rewrite a recording in as few bytes as Rerun can, by merging small chunks.
 
-    The whole recording is in memory meanwhile.
+    Needs memory for the whole recording.
 
     Raises
     ------
@@ -92,25 +101,25 @@ def seal(
 ) -> None:
     """Give a finished recording its name: add the viewer's layout, verify, rename.
 
-    Without a layout it is one of very many. The file is as Rerun's writer left it, and is verified
-    by reading all of it back in this process: starting Rerun's own verifier takes 12 ms, the fall
-    one. Nor is it waited for until it is on the disk; `onto_disk` does that for all of them.
+    A recording without a layout is one of many. It is verified by reading it back in this process:
+    starting Rerun's own verifier takes 12 ms, a fall takes 1 ms. It is not flushed to the disk
+    here; `onto_disk` does that for all of them.
 
     Parameters
     ----------
     part, path
-        The finished `.part` file and the name it is to have.
+        The finished `.part` file and its final name.
     blueprint
-        A viewer layout (.rbl) to go into the file, or None.
+        A viewer layout (.rbl) to add to the file, or None.
     rows
         Rows that each entity must have.
     force
-        Whether a file of that name may be replaced.
+        Whether an existing file may be replaced.
 
     Raises
     ------
     OutputError
-        If the file does not verify; the `.part` file stays, of what was made of it nothing does.
+        If the file does not verify; the `.part` file is kept, its copy is not.
     """
     if blueprint is None:
         _check_rows(part, path, rows)
@@ -119,18 +128,20 @@ def seal(
     whole = sealed_of(part)
     try:
         # `route` copies messages without decoding them: 0.1 s and flat memory for 300 MB, where
-        # `merge` loads everything. It writes into a file that we made: where Ctrl-C comes
-        # while it is started, it lives a moment longer, and makes no file by that name again.
-        with whole.open("xb") as made:
-            _rerun("rrd", "route", part, blueprint, stdout=made)
-        # `verify` exits 0 on an empty file too, so its sentence and the row counts are asked for.
+        # `merge` loads everything. It writes into a file that we created: if Ctrl-C interrupts its
+        # start, it lives a moment longer than we do, but does not create that file again.
+        with whole.open("xb") as copy:
+            _rerun("rrd", "route", part, blueprint, stdout=copy)
+        # `verify` also exits 0 on an empty file, so its output and the row counts are checked.
         if "1 file verified" not in _rerun("rrd", "verify", whole):
-            raise OutputError(f"what was written for {path} does not verify; run it again")
+            raise OutputError(
+                "what was written for {path} does not verify; run it again", path=path
+            )
         _check_rows(whole, path, rows)
         onto_disk([whole])
         renamed(whole, path, force=force)
         part.unlink(missing_ok=True)
-    except FileExistsError:  # somebody else's, come meanwhile
+    except FileExistsError:  # created by another process in the meantime
         raise
     except BaseException:
         whole.unlink(missing_ok=True)
@@ -138,11 +149,12 @@ def seal(
 
 
 def _check_end(written: Path, path: Path) -> None:
-    """Check that nothing cut a file off: on a full disk Rerun's command line may not notice."""
+    """Check that a file was not cut off: Rerun's command line may miss that the disk is full."""
     if not rrd.is_whole(written):
         raise OutputError(
-            f"{path} cannot be written: its end is missing; make room there, or choose another "
-            "folder"
+            "{path} cannot be written: its end is missing; make room there, or choose another "
+            "folder",
+            path=path,
         )
 
 
@@ -155,11 +167,11 @@ def _check_rows(written: Path, path: Path, rows: Mapping[str, int]) -> None:
         entity, count = line.split(" ")[:2]
         counted[entity] = counted.get(entity, 0) + int(count.removeprefix("rows="))
     if counted != dict(rows):
-        raise OutputError(f"what was written for {path} lacks rows; run it again")
+        raise OutputError("what was written for {path} lacks rows; run it again", path=path)
 
 
 def _rerun(*arguments: str | Path, stdout: BinaryIO | int = subprocess.PIPE) -> str:
-    """Run Rerun's command line, and return its words; a path is never taken for an option."""
+    """Run Rerun's command line, and return its output; paths are never parsed as options."""
     done = subprocess.run(
         [
             binary(),
@@ -174,12 +186,14 @@ def _rerun(*arguments: str | Path, stdout: BinaryIO | int = subprocess.PIPE) -> 
         text=True,
         check=False,
     )
-    words = (done.stdout or "") + done.stderr
-    if done.returncode < 0:  # as of a limit on a file's size: it says nothing then
+    output = (done.stdout or "") + done.stderr
+    if done.returncode < 0:  # as by a limit on a file's size, when it prints nothing
         name = signal.Signals(-done.returncode).name
         raise OutputError(
-            f"rerun {arguments[0]} {arguments[1]} was ended by {name}; is there room for its file?"
+            "rerun {command} was ended by {signal}; is there room for its file?",
+            command=f"{arguments[0]} {arguments[1]}",
+            signal=name,
         )
     if done.returncode != 0:
-        raise RuntimeError(f"rerun {arguments[0]} {arguments[1]}: {words.strip()[-300:]}")
-    return words
+        raise RuntimeError(f"rerun {arguments[0]} {arguments[1]}: {output.strip()[-300:]}")
+    return output

@@ -1,7 +1,7 @@
 """Rerun's own programs: its command line, and its viewer, on loopback only.
 
-What runs here is not counted by Rerun. What the web viewer's page asks for, the browser asks: no
-option of Rerun's tells it not to.
+Rerun's telemetry is off in what is started here. The page of the web viewer, however, sends its own
+requests from the browser, and Rerun has no option against that.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from pipeline.recording import schema
 LOOPBACK = "127.0.0.1"
 STARTS_WITHIN_S = 30.0
 VIEWER_PORT, PAGE_PORT = 9876, 9090
-"""Rerun's own, where they are free."""
+"""Rerun's defaults, used if they are free."""
 PR_SET_PDEATHSIG = 1
 """From Linux's `sys/prctl.h`."""
 
@@ -50,7 +50,7 @@ def binary() -> Path:
 
 @dataclass(frozen=True)
 class Viewer:
-    """How to start a viewer, and where it is found then."""
+    """How to start a viewer, and its addresses."""
 
     command: list[str]
     port: int
@@ -59,30 +59,30 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Where it listens for recordings and for orders."""
+        """Where it listens for recordings and commands."""
         return f"rerun+http://{LOOPBACK}:{self.port}/proxy"
 
 
 def viewer(files: Sequence[Path] = (), *, web: bool = False) -> Viewer:
-    """Return a viewer of these files; the layout of the last one is what is seen.
+    """Return a viewer of these files; the layout of the last one is used.
 
     Parameters
     ----------
     files
         Recordings and layers; none for a viewer that waits for data.
     web
-        Whether it is the one in the browser.
+        Whether it runs in the browser.
 
     Raises
     ------
     ViewerError
-        If there is no screen to open a window on, or Rerun is not installed.
+        If there is no display for a window, or Rerun is not installed.
     """
     port, page = _free_port(VIEWER_PORT), None
-    # With its folder a name is neither an option, as -x.rrd is, nor an address.
+    # With its folder, a name is neither an option, as -x.rrd would be, nor an address.
     names = [os.path.join(os.curdir, file) for file in files]  # noqa: PTH118 - Path drops the dot
     command = [str(binary()), *names, "--bind", LOOPBACK, "--port", str(port)]
-    command.append("--hide-welcome-screen")  # which asks rerun.io for examples
+    command.append("--hide-welcome-screen")  # it fetches examples from rerun.io
     if web:
         page_port = _free_port(PAGE_PORT)
         command += ["--web-viewer", "--web-viewer-port", str(page_port)]
@@ -97,12 +97,12 @@ def viewer(files: Sequence[Path] = (), *, web: bool = False) -> Viewer:
     return Viewer(command, port, page)
 
 
-def start(found: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
+def start(viewer: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
     """Start a viewer, and return its process as soon as it listens.
 
     Parameters
     ----------
-    found
+    viewer
         What to start.
     stays
         Whether it stays open when we end.
@@ -112,11 +112,11 @@ def start(found: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
     ViewerError
         If it ends, or does not listen in time.
     """
-    # Rerun counts its users unless told otherwise or in CI. Nobody asked us to be counted, and
-    # this leaves the user's own settings as they are.
+    # Rerun sends telemetry unless disabled or in CI. Setting CI disables it, and leaves the user's
+    # own settings as they are.
     environment = {"RUST_LOG": "error"} | os.environ | {"CI": "true"}
     process = subprocess.Popen(
-        found.command,
+        viewer.command,
         env=environment,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
@@ -125,21 +125,23 @@ def start(found: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
         preexec_fn=None if stays or sys.platform != "linux" else _end_with_parent,
     )
     deadline = time.monotonic() + STARTS_WITHIN_S
-    while not _listens(LOOPBACK, found.port):
+    while not _listens(LOOPBACK, viewer.port):
         if process.poll() is not None:
             wait(process)
         if time.monotonic() > deadline:
             process.kill()
             raise ViewerError(
-                f"the viewer did not listen on port {found.port} within {STARTS_WITHIN_S:g} s; "
-                "try the browser's: drop view RUN.rrd --web"
+                "the viewer did not listen on port {port} within {patience:g} s; try the "
+                "browser's: drop view RUN.rrd --web",
+                port=viewer.port,
+                patience=STARTS_WITHIN_S,
             )
         time.sleep(0.05)
     return process
 
 
 def _end_with_parent() -> None:
-    """Have Linux end this process when the one that started it is gone, however that ended."""
+    """Have Linux end this process when its parent has ended, for whatever reason."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
@@ -153,37 +155,37 @@ def wait(process: subprocess.Popen[bytes]) -> None:
     """
     if process.wait() != 0:
         raise ViewerError(
-            f"the viewer ended with exit code {process.returncode}; "
-            "try the browser's: drop view RUN.rrd --web"
+            "the viewer ended with exit code {code}; try the browser's: drop view RUN.rrd --web",
+            code=process.returncode,
         )
 
 
 def put_cursor(
-    found: Viewer,
+    viewer: Viewer,
     time_s: float,
     process: subprocess.Popen[bytes],
     *,
     step: int | None = None,
 ) -> None:
-    """Rest a viewer's time cursor somewhere once it has loaded; no layout can say where.
+    """Set a viewer's time cursor once it has loaded; a layout cannot set it.
 
     Parameters
     ----------
-    found, process
+    viewer, process
         The viewer.
     time_s
-        Where [s].
+        The cursor's time [s].
     step
-        At this step instead.
+        Its step, used instead of the time if given.
     """
     from rerun.experimental import ViewerClient
 
     deadline = time.monotonic() + STARTS_WITHIN_S
     while process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.1)
-        # Until it has loaded, or where somebody closes it meanwhile, it answers with an error.
+        # Until it has loaded, or after it was closed, it answers with an error.
         with contextlib.suppress(ConnectionError, RuntimeError, ValueError):
-            client = ViewerClient.connect(found.url)
+            client = ViewerClient.connect(viewer.url)
             state = client.get_state()
             if state.active_recording and not state.loading:
                 if step is None:
@@ -194,14 +196,14 @@ def put_cursor(
 
 
 def check_listens(url: str) -> None:
-    """Make sure that somebody listens at a viewer's URL.
+    """Make sure that something listens at a viewer's URL.
 
     Raises
     ------
     ScenarioError
-        If it is no such URL.
+        If it is not such a URL.
     ViewerError
-        If nobody does.
+        If nothing listens.
     """
     from urllib.parse import urlsplit
 
@@ -213,11 +215,12 @@ def check_listens(url: str) -> None:
     schemes = ("rerun", "rerun+http", "rerun+https")
     if parts.scheme not in schemes or not host or not port or parts.path != "/proxy":
         raise ScenarioError(
-            f"--connect takes a URL such as rerun+http://127.0.0.1:9876/proxy, got {url!r}"
+            "--connect takes a URL such as rerun+http://127.0.0.1:9876/proxy, got {url!r}", url=url
         )
     if not _listens(host, port):
         raise ViewerError(
-            f"no viewer listens at {url}; start one with: rerun --bind 127.0.0.1, or use --spawn"
+            "no viewer listens at {url}; start one with: rerun --bind 127.0.0.1, or use --spawn",
+            url=url,
         )
 
 
@@ -246,6 +249,6 @@ def _check_display() -> None:
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
     ):
         raise ViewerError(
-            "there is no screen to open the viewer on (neither DISPLAY nor WAYLAND_DISPLAY is set);"
-            " use the browser's: drop view RUN.rrd --web"
+            "there is no display for the viewer (neither DISPLAY nor WAYLAND_DISPLAY is set); use "
+            "the browser's: drop view RUN.rrd --web"
         )

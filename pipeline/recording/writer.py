@@ -1,7 +1,7 @@
-"""Put a drop into a recording: the only file that turns our arrays into Rerun's chunks.
+"""Write recordings: our arrays as Rerun's chunks, and chunks to a file.
 
-A recording is a stream of chunks. `record` writes them one by one into `RUN.rrd.part`, adds the
-viewer's layout, verifies the whole, and only then gives it its name.
+A recording is a stream of chunks. `record` writes them one by one to `RUN.rrd.part`, adds the
+viewer's layout, verifies the file, and only then renames it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rerun import bindings  # type: ignore[attr-defined]
 from rerun.chunk import Chunk, LazyChunkStream
 
-from pipeline.files.outputs import translated
+from pipeline.files.outputs import output_errors
 from pipeline.recording import schema
 from pipeline.recording.sealing import seal, unfinished
 from pipeline.scenario import Camera
@@ -31,12 +31,12 @@ from pipeline.states import Rows, base_of, poses_of
 
 Float64 = NDArray[np.float64]
 Steps = NDArray[np.int64]
-__all__ = ["Chunk"]  # for the stages, which hand chunks on and know nothing else of Rerun
+__all__ = ["Chunk"]  # for the stages, which pass chunks on and use nothing else of Rerun
 
 CURVE_WIDTH = 2.0
-"""Of a curve in the viewer [points]."""
+"""Width of a curve in the viewer [points]."""
 PICTURE_DISTANCE = {"standard": 0.225, "close": 0.6, "follow": 0.6}
-"""How far before the camera its picture is shown, as a share of the way to what it looks at."""
+"""Distance of a camera's picture from it, as a share of the distance to its target."""
 
 Value = float | int | str | bool | Sequence[float]
 _SAVING = threading.Lock()
@@ -53,18 +53,18 @@ def record(
     salvage: bool = True,
     note: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """Write chunks to a recording that has its name only when it is whole and verified.
+    """Write chunks to a recording that gets its name only when it is whole and verified.
 
     Parameters
     ----------
     path
         The recording to write.
     chunks
-        What goes into it, in this order; asked for one by one.
+        What goes into it, in this order; requested one by one.
     recording_id
         Files of one id open as one recording.
     blueprint
-        The viewer's layout, or what returns it when the chunks are over; None leaves it out, and
+        The viewer's layout, or a function called for it after the chunks; None leaves it out, and
         the file is verified without another program.
     force, ours, salvage, note
         As for `unfinished`.
@@ -78,8 +78,8 @@ def record(
     failures: list[BaseException] = []
 
     def counted() -> Iterator[Chunk]:
-        # Rerun would turn any exception into a RuntimeError. Ending the stream instead leaves a
-        # `.part` with a footer, and the exception its type.
+        # Rerun would turn any exception into a RuntimeError. Ending the stream instead gives the
+        # `.part` its footer, and keeps the exception's type.
         try:
             for chunk in chunks:
                 rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
@@ -100,9 +100,9 @@ def record(
         with tempfile.TemporaryDirectory() as folder:
             layout = Path(folder, "layout.rbl")
             layout_of = blueprint if isinstance(blueprint, rrb.Blueprint) else blueprint()
-            # Rerun keeps the stream that it saved through, with two threads that wake all the time.
-            # Where one thread cleans up while another saves, both wait for ever.
-            with translated(layout), _SAVING:
+            # Rerun keeps the stream that it saved with, and two threads that never sleep for long.
+            # If one thread cleans up while another saves, both wait forever.
+            with output_errors(layout), _SAVING:
                 layout_of.save(schema.APPLICATION_ID, str(layout))
                 bindings.flush_and_cleanup_orphaned_recordings()
             seal(part, path, blueprint=layout, rows=rows, force=force or ours)
@@ -110,7 +110,7 @@ def record(
 
 @contextmanager
 def _strict() -> Iterator[None]:
-    """Make a bad call raise, where Rerun only warns and loses the data; overrule `RERUN=off`."""
+    """Make bad calls raise, where Rerun would warn and lose the data; override `RERUN=off`."""
     strict, switch = rr.strict_mode(), os.environ.get("RERUN")
     rr.set_strict_mode(True)
     os.environ["RERUN"] = "on"
@@ -119,7 +119,7 @@ def _strict() -> Iterator[None]:
     finally:
         rr.set_strict_mode(strict)
         if switch is None:
-            os.environ.pop("RERUN", None)  # another thread may have been faster
+            os.environ.pop("RERUN", None)  # another thread may have removed it
         else:
             os.environ["RERUN"] = switch
 
@@ -136,14 +136,14 @@ def property_chunk(name: str, values: Mapping[str, Value | None]) -> Chunk:
 
 
 def _typed(value: Value) -> pa.Array:
-    # Arrow, because Rerun would guess a type otherwise, and keep to it for the rest of the process.
+    # Arrow, because Rerun would guess a type, and keep it for the rest of the process.
     return pa.array([value] if isinstance(value, str) else np.atleast_1d(np.asarray(value)))
 
 
 def scene_chunks(
     camera: Camera | None, half_size_m: Float64, *, floor: bool, colour: str
 ) -> Iterator[Chunk]:
-    """Yield what does not change in the 3-D view: axes, floor, the box's size, the camera's lens.
+    """Yield what is constant in the 3-D view: axes, floor, the box's size, the camera's lens.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def scene_chunks(
     floor
         Whether there is a floor.
     colour
-        Of the body.
+        The body's, as `#rrggbb`.
     """
     z_up = rr.ViewCoordinates.RIGHT_HAND_Z_UP
     yield _static(schema.WORLD, rr.ViewCoordinates.columns(xyz=[z_up.coordinates]))
@@ -193,7 +193,7 @@ def scene_chunks(
 
 
 def camera_chunk(steps: Steps | None, timestep_s: float, world_from_camera: Float64) -> Chunk:
-    """Return where the camera stands at these steps, or always; its poses, shape (n, 4, 4)."""
+    """Return the camera's poses, shape (n, 4, 4), at these steps, or a constant one."""
     return Chunk.from_columns(
         schema.CAMERA,
         [] if steps is None else _times(steps, timestep_s),
@@ -210,19 +210,19 @@ def document_chunk(entity: str, markdown: str) -> Chunk:
 
 @functools.cache
 def curve_style_chunk(entity: str, name: str, colour: str, *, width: float = CURVE_WIDTH) -> Chunk:
-    """Return how a curve is drawn: its name with unit, its colour as `#rrggbb`, its width."""
+    """Return the style of a curve: its name with unit, its colour as `#rrggbb`, its width."""
     return _static(
         entity, rr.SeriesLines.columns(names=[name], colors=[rgba(colour)], widths=[width])
     )
 
 
 def rgba(colour: str) -> int:
-    """Return a colour given as `#rrggbb`, opaque, as Rerun has it."""
+    """Return a colour given as `#rrggbb` as Rerun's number, opaque."""
     return int(colour.removeprefix("#") + "ff", 16)
 
 
 def state_chunks(states: Rows, timestep_s: float) -> Iterator[Chunk]:
-    """Yield states, of dtype `STATE`: numbers to measure by, and the base's pose to look at.
+    """Yield states, of dtype `STATE`: the numbers, and the base's pose for the 3-D view.
 
     Parameters
     ----------
@@ -242,38 +242,38 @@ def state_chunks(states: Rows, timestep_s: float) -> Iterator[Chunk]:
 
 
 class Times(NamedTuple):
-    """When the rows of a chunk were."""
+    """The times of a chunk's rows."""
 
     steps: Steps
     """Shape (n,)."""
     times_s: Float64
     """Shape (n,)."""
     calls: Steps | None = None
-    """How many calls of the script were before, where that is worth a timeline."""
+    """How many calls of the script came before, for the timeline of calls."""
 
 
 def times(at: Times) -> list[rr.TimeColumn]:
     """Return the timelines of rows."""
-    found = [
+    columns = [
         rr.TimeColumn(schema.STEP_TIMELINE, sequence=at.steps),
         rr.TimeColumn(
             schema.TIME_TIMELINE, duration=np.clip(at.times_s, -schema.LONGEST_S, schema.LONGEST_S)
         ),
     ]
     if at.calls is not None:
-        found.append(rr.TimeColumn(schema.CALL_TIMELINE, sequence=at.calls))
-    return found
+        columns.append(rr.TimeColumn(schema.CALL_TIMELINE, sequence=at.calls))
+    return columns
 
 
 def numbers_of_steps_chunk(entity: str, at: Times, values: Mapping[str, Float64]) -> Chunk:
-    """Return arrays of shape (n, k) as lists, one of k per time."""
+    """Return arrays of shape (n, k) as lists of k numbers, one per time."""
     bounds = np.arange(len(at.steps) + 1)
-    columns = [_list_column(name, one, bounds) for name, one in values.items()]
+    columns = [_list_column(name, numbers, bounds) for name, numbers in values.items()]
     return Chunk.from_columns(entity, times(at), columns)
 
 
 def table_chunk(entity: str, at: Times, rows: Sequence[Mapping[str, Any]]) -> Chunk:
-    """Return rows of the same names, a row per time: numbers, texts or arrays, each as a list."""
+    """Return rows with the same names, one per time: numbers, texts or arrays, each as a list."""
     columns = []
     for name in rows[0]:
         held = [flat(row[name]) for row in rows]
@@ -282,19 +282,19 @@ def table_chunk(entity: str, at: Times, rows: Sequence[Mapping[str, Any]]) -> Ch
     return Chunk.from_columns(entity, times(at), columns)
 
 
-def flat(value: Any) -> pa.Array:  # noqa: ANN401 - what a row may hold
-    """Return a number, a text or several as a table's cell: the list that is read back of it."""
+def flat(value: Any) -> pa.Array:  # noqa: ANN401 - any value of a row
+    """Return a number, a text or a sequence as a table's cell: the list that is read back."""
     if isinstance(value, np.ndarray):
         return pa.array(np.ascontiguousarray(value).reshape(-1))
     held = list(value) if isinstance(value, list | tuple) else [value]
-    if held and all(isinstance(one, int | float) and type(one) is not bool for one in held):
-        whole = all(isinstance(one, int) for one in held)
+    if held and all(isinstance(item, int | float) and type(item) is not bool for item in held):
+        whole = all(isinstance(item, int) for item in held)
         return pa.array(held, type=pa.int64() if whole else pa.float64())
     return pa.array(held, type=pa.bool_() if held and type(held[0]) is bool else pa.string())
 
 
 def contacts_chunk(contacts: Rows, timestep_s: float) -> Chunk:
-    """Return contact points, at least one, of dtype `CONTACT`: a row per step and point."""
+    """Return contact points, at least one, of dtype `CONTACT`, a row per step and point."""
     return rows_chunk(schema.CONTACTS, contacts, _every(contacts, timestep_s))
 
 
@@ -307,7 +307,7 @@ def _at(steps: Steps, timestep_s: float) -> Times:
 
 
 def rows_chunk(table: schema.Table, rows: Rows, at: Times) -> Chunk:
-    """Return rows as lists, a list per step and component; `at` has their steps, each once."""
+    """Return rows as lists, one per step and component; `at` has each of their steps once."""
     first = np.unique(rows["step"], return_index=True)[1]
     bounds = np.append(first, len(rows))
     columns = [_list_column(name, rows[name], bounds) for name in table.columns]
@@ -315,15 +315,15 @@ def rows_chunk(table: schema.Table, rows: Rows, at: Times) -> Chunk:
 
 
 def _list_column(component: str, values: NDArray[Any], bounds: Steps) -> rr.ComponentColumn:
-    """Return values, shape (n,) or (n, k), as lists that begin and end at `bounds` of the rows."""
-    # Arrow keeps the memory that it is given; this is of one component, and used for nothing else.
+    """Return values, shape (n,) or (n, k), as lists of the rows between `bounds`."""
+    # Arrow keeps the array alive, so it must not be part of a larger one.
     flat = pa.array(np.ascontiguousarray(values).reshape(-1))
     offsets = (bounds * (values.size // len(values))).astype(np.int32)
     return rr.ComponentColumn(component, _Arrow(flat), offsets=offsets)
 
 
 class _Arrow:
-    """An array as a component of our own: Rerun's would be of one type by name, in any entity."""
+    """A component of our own: Rerun's would have the same type in every entity."""
 
     def __init__(self, values: pa.Array) -> None:
         self._values = values
@@ -340,31 +340,32 @@ def numbers_chunk(entity: str, steps: Steps, timestep_s: float, values: Float64)
 def curve_chunk(
     entity: str, steps: Steps, timestep_s: float, values: Float64, *, resolution: float
 ) -> Chunk:
-    """Return the points of a curve, float64, of which there are `values` of shape (n,).
+    """Return the points of a curve, float64, from `values` of shape (n,).
 
-    Where it is level to within `resolution`, the ends say it all: the viewer draws straight lines.
+    Of a stretch that is level to within `resolution`, only the ends are kept: the viewer connects
+    them with a straight line.
     """
-    seen = _noticed(values.reshape(-1, 1), resolution)
-    return numbers_chunk(entity, steps[seen], timestep_s, values[seen])
+    kept = _noticed(values.reshape(-1, 1), resolution)
+    return numbers_chunk(entity, steps[kept], timestep_s, values[kept])
 
 
 def _noticed(values: Float64, resolution: float) -> NDArray[np.bool_]:
-    """Return which rows of values, shape (n, k), begin or end a change; the first and last do."""
+    """Return which rows of values, shape (n, k), begin or end a change, or are first or last."""
     marks = np.round(values / resolution)
     changes = (marks[1:] != marks[:-1]).any(axis=1)
     return np.concatenate(([True], changes)) | np.concatenate((changes, [True]))
 
 
 def trail_chunk(steps: Steps, timestep_s: float, positions_m: Float64, colour: str) -> Chunk:
-    """Return points that the body leaves behind [m], shape (n, 3): a stroboscope's picture."""
-    n, radius = len(steps), -1.5  # negative: in points of the screen, seen from any distance
+    """Return points of the body's trail [m], shape (n, 3), as a stroboscope shows them."""
+    n, radius = len(steps), -1.5  # negative: in screen points, whatever the distance
     return Chunk.from_columns(
         schema.TRAIL,
         _times(steps, timestep_s),
         rr.Points3D.columns(
             positions=positions_m,
             radii=[radius] * n,
-            # As plain numbers three or four colours would be taken for the parts of one.
+            # As plain numbers, three or four colours would be read as the channels of one.
             colors=np.full(n, rgba(colour), dtype=np.uint32),
         ),
     )

@@ -1,8 +1,8 @@
-"""Who runs the shards: this process, a pool of processes, or Ray. The work is the same.
+"""Engines that run the shards: this process, a pool of processes, or Ray. The work is the same.
 
-Each engine takes a function of a shard's number, asks for shards only as workers become free, and
-yields results as they come, in any order. A worker that dies takes nothing with it: its shard is
-run again, and a result counts when it is yielded, once.
+Each engine takes a function of a shard's number, requests shards only as workers become free, and
+yields results as they arrive, in any order. If a worker dies nothing is lost: its shard is run
+again, and each result is yielded once.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from pipeline.workers import Worker, WorkerDiedError, cores
 T = TypeVar("T")
 
 QUEUED = 2
-"""Shards per processor of a cluster that are on their way: one at work, one waiting."""
+"""Shards per processor of a cluster that are submitted: one at work, one waiting."""
 HEARTBEAT_S = 0.2
-"""Waiting is interrupted so often: a signal that another thread receives interrupts none."""
+"""Waiting is interrupted this often, because a signal to another thread does not interrupt it."""
 MOST_DEATHS = 10
-"""A shard of which so many workers died is taken for the cause."""
+"""A shard on which this many workers have died is considered the cause."""
 
 ANSWERS_WITHIN_S = 5.0
-"""A cluster that does not speak within so many seconds is not there."""
+"""A cluster that does not answer within this time counts as not running."""
 HTTP2_SETTINGS = b"\x04"
 HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS + bytes(5)
-"""How a client of HTTP/2, which Ray speaks, begins: its preface and empty settings (RFC 9113, 3.4).
-The server answers with settings of its own, a frame whose fourth byte is their type."""
+"""How a client of HTTP/2, which Ray uses, begins: the preface and empty settings (RFC 9113, 3.4).
+The server answers with its own settings, a frame whose fourth byte is its type."""
 
 
 def in_this_process(work: Callable[[int], T], shards: Iterable[int]) -> Generator[tuple[int, T]]:
@@ -64,11 +64,11 @@ def in_processes(
     Raises
     ------
     DropError
-        If workers cannot be started, or die again and again of one shard.
+        If workers cannot be started, or die repeatedly on one shard.
     """
     todo, again, deaths = iter(shards), deque[int](), Counter[int]()
     under_way: dict[Future[T], tuple[int, Worker]] = {}
-    # A thread for each worker waits for its answer; they end when their workers have ended.
+    # A thread for each worker waits for its answer; it ends when the worker has ended.
     with ThreadPoolExecutor(jobs) as threads, contextlib.ExitStack() as workers:
 
         def start() -> Worker:
@@ -93,8 +93,10 @@ def in_processes(
                     deaths[shard] += 1
                     if deaths[shard] >= MOST_DEATHS:
                         raise DropError(
-                            f"workers died {MOST_DEATHS} times of shard {shard}; is there enough "
-                            "memory? Try fewer --jobs, or --jobs 1 to see what happens"
+                            "workers died {deaths} times on shard {shard}; is there enough memory? "
+                            "Try fewer --jobs, or --jobs 1 to see what happens",
+                            deaths=MOST_DEATHS,
+                            shard=shard,
                         ) from None
                     again.append(shard)
                     free.append(start())
@@ -110,17 +112,17 @@ def _answer(worker: Worker, work: Callable[[int], T], shard: int) -> T:
 
 
 _waiting: list[Worker] = []
-"""Workers that nobody has asked for yet."""
+"""Workers that were started in advance."""
 
 
 def get_ready(jobs: int | None) -> None:
-    """Let the workers' imports begin, while this process is still busy with its own."""
+    """Start the workers' imports while this process is still busy with its own."""
     most = cores()
     _waiting.extend(_started() for _ in range(min(jobs or most, most)))
 
 
 def dismiss() -> None:
-    """End the workers that got ready and were not needed."""
+    """End the workers that were started in advance and not needed."""
     while _waiting:
         _waiting.pop().close()
 
@@ -137,18 +139,17 @@ def _started() -> Worker:
 def on_ray(
     work: Callable[[int], T], shards: Iterable[int], *, address: str
 ) -> Generator[tuple[int, T]]:
-    """Run shards on a Ray cluster, whose nodes must see the same files under the same names.
+    """Run shards on a Ray cluster, whose nodes must share a file system.
 
-    Ray runs a task again whose worker or node died. Where this process is connected to a cluster
-    already, that one is used and the connection stays.
+    Ray reruns a task whose worker or node died. If this process is already connected to a cluster,
+    that one is used, and the connection is kept.
 
     Parameters
     ----------
     work, shards
         As for `in_processes`.
     address
-        Of the cluster, `auto` for the one that this machine belongs to, or `local` for one of its
-        own.
+        Of the cluster; `auto` for the one that this machine belongs to, or `local` for a new one.
 
     Raises
     ------
@@ -166,12 +167,12 @@ def on_ray(
     under_way: dict[Any, int] = {}
     try:
         run: Any = ray.remote(max_retries=MOST_DEATHS)(_call)
-        todo, carried = iter(shards), ray.put(work)
+        todo, shared_work = iter(shards), ray.put(work)
         cluster: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
         most = QUEUED * max(1, int(cluster.get("CPU", 1)))
         while True:
             while len(under_way) < most and (shard := next(todo, None)) is not None:
-                under_way[run.remote(carried, shard)] = shard
+                under_way[run.remote(shared_work, shard)] = shard
             if not under_way:
                 return
             for task in ray.wait(list(under_way), timeout=HEARTBEAT_S)[0]:
@@ -187,22 +188,27 @@ def on_ray(
 def _connect(address: str) -> None:
     import ray
 
-    known = Path(tempfile.gettempdir(), "ray", "ray_current_cluster")
-    place = os.environ.get("RAY_ADDRESS") or address
-    if place == "auto" and known.exists():  # where `ray start` notes it, and a crash leaves it
-        place = known.read_text().strip()
-    host, _, port = place.removeprefix("ray://").rpartition(":")
+    note = Path(tempfile.gettempdir(), "ray", "ray_current_cluster")
+    target = os.environ.get("RAY_ADDRESS") or address
+    if target == "auto" and note.exists():  # `ray start` writes it, and a crash leaves it behind
+        target = note.read_text().strip()
+    host, _, port = target.removeprefix("ray://").rpartition(":")
     try:
         if host and port.isdecimal():  # Ray itself would try for minutes
             with socket.create_connection((host, int(port)), timeout=ANSWERS_WITHIN_S) as probe:
                 probe.sendall(HTTP2_HELLO)
                 if probe.recv(9)[3:4] != HTTP2_SETTINGS:
-                    raise OSError("what listens there is not Ray")
+                    raise DropError(
+                        "no Ray cluster answers at {address!r}: another server listens there; "
+                        "start one with: ray start --head",
+                        address=address,
+                    )
         ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, ValueError, RuntimeError) as error:
-        words = str(error).strip().partition("\n")[0].rstrip(".")
         raise DropError(
-            f"no Ray cluster answers at {address!r} ({words}); start one with: ray start --head"
+            "no Ray cluster answers at {address!r} ({reason}); start one with: ray start --head",
+            address=address,
+            reason=str(error).strip().partition("\n")[0].rstrip("."),
         ) from None
 
 

@@ -1,12 +1,12 @@
-"""A sweep's folder: what it is, the parts that are finished, and the results made of them.
+"""A sweep's folder: its description, the finished parts, and the results made of them.
 
-sweep.json              the sweep that lives here; another one is rejected
+sweep.json              the sweep that this folder belongs to; another one is rejected
 parts/part-000003.parquet   one per shard, written whole or not at all
 results.parquet         all parts in one, in the order of the runs
-recordings/run-12.rrd   one per run, unless they were not to be kept
+recordings/run-12.rrd   one per run, if recordings are kept
 
-Every table is stamped with the sweep and its name, and every recording has an id made of the sweep
-and its run. What lacks them is not this sweep's: it is not believed, replaced or deleted.
+Every table is stamped with the sweep and its name, and every recording has an id derived from the
+sweep and its run. A file without them is not this sweep's: it is not used, replaced or deleted.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from pipeline.fields import Option
 from pipeline.files.outputs import make_folder, part_of, written
 from pipeline.files.table import written_by_polars
 from pipeline.files.whole import lock, opened, written_whole
+from pipeline.messages import Message
 from pipeline.scenario import Scenario
 from pipeline.sweeping.plan import Plan
 from pipeline.sweeping.stamp import UNSTAMPED, fault_of, stamp
@@ -35,11 +36,11 @@ Row = dict[str, Any]
 _TYPES: dict[type, Any] = {float: pl.Float64, int: pl.Int64, str: pl.String}
 
 
-def _column(option: Option) -> Any:  # noqa: ANN401 - a class of polars, or an object of one
+def _column(option: Option) -> Any:  # noqa: ANN401 - a polars class, or an instance
     if option.is_flag:
         return pl.Boolean
-    one = _TYPES[option.kind.of]
-    return pl.List(one) if option.kind.components else one
+    kind = _TYPES[option.kind.of]
+    return pl.List(kind) if option.kind.components else kind
 
 
 SCHEMA: dict[str, Any] = {
@@ -62,7 +63,7 @@ SCHEMA: dict[str, Any] = {
     "error": pl.String,
 }
 """Columns of a part. `step` to `rounding_m` are those of the sample nearest to `--at`, `end_m` is
-the height in the last sample; `command` makes the run again; `error` says why it failed."""
+the height in the last sample; `command` repeats the run; `error` says why it failed."""
 
 TERMS = ("error_m", "timestep_m", "damping_m", "interaction_m", "rounding_m")
 
@@ -70,22 +71,22 @@ EXPLAINED = pl.all_horizontal(pl.col(TERMS).is_not_null())
 """Rows whose error was broken down: the sample was in the air."""
 
 FLAT_RECORDINGS = 1000
-"""Up to so many recordings lie side by side; more are put into folders of so many."""
+"""Up to this many recordings share a folder; more are split into folders of this many."""
 
 
 def mark_of(identity: Mapping[str, Any]) -> str:
-    """Return what a sweep's own files are known by: a digest of all that decides its rows."""
+    """Return what identifies a sweep's own files: a digest of all that determines its rows."""
     return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 MOST_PART_BYTES = 1 << 26
-"""A part has some thousand rows at most, of less than a kilobyte each."""
+"""A part has a few thousand rows at most, of less than a kilobyte each."""
 MOST_IDENTITY_BYTES = 1 << 22
-"""What a sweep's description takes, lists of values included."""
+"""Limit of a sweep's description, including its lists of values."""
 
 
 class Folder:
-    """A sweep's folder; `mark` is what its own files are known by."""
+    """A sweep's folder; `mark` identifies its own files."""
 
     def __init__(self, path: Path, mark: str = "") -> None:
         self.path = path
@@ -97,12 +98,12 @@ class Folder:
 
     @contextlib.contextmanager
     def claimed(self, identity: Mapping[str, Any]) -> Iterator[None]:
-        """Make the folder that of one sweep, and keep others out while the block runs.
+        """Claim the folder for one sweep, and lock out others while the block runs.
 
         Raises
         ------
         OutputError
-            If it holds another sweep, is in use by another process, or cannot be made.
+            If it holds another sweep, is in use by another process, or cannot be created.
         """
         make_folder(self.path, "--out")
         make_folder(self._parts, "--out")
@@ -110,22 +111,26 @@ class Folder:
             with opened(self.path / ".lock") as handle:
                 lock(
                     handle,
-                    f"another sweep is running in {self.path}; wait, or choose another --out",
+                    Message(
+                        "another sweep is running in {folder}; wait, or choose another --out",
+                        folder=self.path,
+                    ),
                 )
                 self._check_identity(json.loads(json.dumps(identity)))
                 yield
         except OSError as error:
             raise OutputError(
-                f"{written(error) or self.path} cannot be written: {error.strerror or error}; "
-                "choose another folder with --out"
+                "{path} cannot be written: {reason}; choose another folder with --out",
+                path=written(error) or self.path,
+                reason=error.strerror or str(error),
             ) from None
 
     def _check_identity(self, identity: dict[str, Any]) -> None:
         if not self._identity.is_file():
-            there = (self.results, *self._parts.iterdir(), *self.recordings.glob("*"))
-            if any(map(os.path.lexists, there)):
+            files = (self.results, *self._parts.iterdir(), *self.recordings.glob("*"))
+            if any(map(os.path.lexists, files)):
                 raise OutputError(
-                    f"{self.path} has results of something else; choose another --out"
+                    "{folder} has results of something else; choose another --out", folder=self.path
                 )
             with written_whole(self._identity, force=False) as file:
                 file.write(json.dumps(identity, indent=2).encode() + b"\n")
@@ -135,11 +140,16 @@ class Folder:
                 known = json.loads(file.read(MOST_IDENTITY_BYTES))
             differs = [key for key in identity if identity[key] != known.get(key)]
         except (ValueError, AttributeError, RecursionError):
-            raise OutputError(f"{self._identity} is damaged; choose another --out") from None
+            raise OutputError(
+                "{path} is damaged; choose another --out", path=self._identity
+            ) from None
         if differs:
             raise OutputError(
-                f"{self.path} holds another sweep (differs in {', '.join(differs)}, see "
-                f"{self._identity}); choose another --out, or repeat its command to go on with it"
+                "{folder} holds another sweep (differs in {keys}, see {path}); choose another "
+                "--out, or repeat its command to resume it",
+                folder=self.path,
+                keys=", ".join(differs),
+                path=self._identity,
             )
 
     def part(self, shard: int) -> Path:
@@ -147,19 +157,19 @@ class Folder:
         return self._parts / f"part-{shard:06d}.parquet"
 
     def finished(self) -> set[int]:
-        """Return the shards whose part has a file, whatever it is."""
+        """Return the shards whose part exists, whatever is in it."""
         names = {path.name for path in self._parts.glob("part-*.parquet")}
-        found = {name[5:-8] for name in names}
-        shards = {int(one) for one in found if one.isdecimal()}
+        numbers = {name[5:-8] for name in names}
+        shards = {int(number) for number in numbers if number.isdecimal()}
         return {shard for shard in shards if self.part(shard).name in names}
 
     def check_replaceable(self, plan: Plan, *, recorded: bool) -> None:
-        """Make sure that what a sweep will write replaces nothing but what it wrote itself.
+        """Make sure that a sweep replaces nothing but its own files.
 
         Raises
         ------
         OutputError
-            If there is something else.
+            If another file has one of their names.
         """
         if os.path.lexists(self.results):
             with self._own(self.results):
@@ -189,7 +199,7 @@ class Folder:
         Raises
         ------
         OutputError
-            If it is not to the last bit what this sweep wrote there.
+            If any bit of it has changed since this sweep wrote it.
         """
         with self._own(self.part(shard)) as file:
             return pl.read_parquet(file)
@@ -202,8 +212,8 @@ class Folder:
 
     @contextlib.contextmanager
     def _own(self, path: Path) -> Iterator[BinaryIO]:
-        """Open a table of this sweep; of anything else nothing is parsed."""
-        fault: str | None = "no file"
+        """Open a table of this sweep; anything else is rejected unparsed."""
+        fault: Message | None = Message("it is not a file")
         if path.is_file():
             with path.open("rb") as file:
                 parts = 1 if path != self.results else max(1, len(self.finished()))
@@ -213,8 +223,10 @@ class Folder:
                     yield file
         if fault is not None:
             raise OutputError(
-                f"{path} must have the stamp that this sweep gave it, got {fault}; move it away "
-                "and repeat the command, or replace it with --force"
+                "{path} is not what this sweep wrote: {fault}; move it away and repeat the "
+                "command, or replace it with --force",
+                path=path,
+                fault=fault,
             )
 
     def _owner(self, path: Path) -> str:
@@ -227,37 +239,39 @@ class Folder:
         return folder / f"run-{run}.rrd"
 
     def recording_id(self, run: int) -> str:
-        """Return the id of a run's recording: the same whenever this sweep makes it."""
+        """Return the id of a run's recording, the same each time this sweep makes it."""
         return hashlib.sha256(f"{self.mark} {run}".encode()).hexdigest()[:32]
 
     def check_recording(self, plan: Plan, run: int) -> None:
-        """Make sure that there is no recording of a run but one that this sweep made.
+        """Make sure that no recording of a run exists, or one that this sweep made.
 
         Raises
         ------
         OutputError
-            If there is.
+            If another file has its name.
         """
         path = self.recording(plan, run)
         if os.path.lexists(path) and not self._is_own(path, run):
             raise OutputError(
-                f"{path} must be this sweep's recording of run {run}, and is something else; move "
-                "it away and repeat the command, or replace it with --force"
+                "{path} must be this sweep's recording of run {run}, and is something else; move "
+                "it away and repeat the command, or replace it with --force",
+                path=path,
+                run=run,
             )
 
     def discard_unfinished(self, plan: Plan, run: int) -> None:
-        """Remove what a worker of this sweep that was killed left of a run's recording."""
+        """Remove the unfinished recording of a run that a killed worker of this sweep left."""
         part = part_of(self.recording(plan, run))
         if not part.is_file() or part.is_symlink():
             return
         from pipeline.recording.reader import recording_id
 
-        with contextlib.suppress(RecordingError):  # somebody else's
+        with contextlib.suppress(RecordingError):  # not ours
             if recording_id(part) == self.recording_id(run):
                 part.unlink()
 
     def _is_own(self, path: Path, run: int) -> bool:
-        from pipeline.recording.reader import read  # a sweep without recordings needs none of it
+        from pipeline.recording.reader import read  # not needed without recordings
 
         try:
             return read(path).recording_id == self.recording_id(run)
@@ -267,7 +281,7 @@ class Folder:
     def discard(self, plan: Plan, shard: int) -> None:
         """Remove the part of a shard, and this sweep's own recordings of its runs.
 
-        Which they are is known from the plan: a name that is read from a file might be any.
+        Their names come from the plan, because a name that is read from a file could be any.
         """
         for run in plan.runs_of(shard):
             path = self.recording(plan, run)
@@ -276,7 +290,7 @@ class Folder:
         self.part(shard).unlink()
 
     def merge(self, shards: int) -> pl.LazyFrame:
-        """Make the results of the first parts, and return them; rows are not held in memory.
+        """Merge the first parts into the results, and return them, without loading all rows.
 
         Raises
         ------

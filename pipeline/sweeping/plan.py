@@ -1,8 +1,8 @@
-"""Which scenarios a sweep runs: lists of values and samples, made one by one from their number.
+"""Which scenarios a sweep runs: lists of values and samples, each run derived from its number.
 
 The runs are the product of all lists, in the order of `drop simulate --help`: the last option that
-has a list changes fastest, and the samples of a scenario stand side by side. Nothing is laid out in
-advance: run 999,999,999 costs as little as run 0.
+has a list changes fastest, and the samples of a scenario are adjacent. Nothing is computed in
+advance: run 999,999,999 is as cheap as run 0.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Plan:
     """Field and its values, in the order of the scenario's options."""
     variations: tuple[Variation, ...] = ()
     samples: int | None = None
-    """How many runs each scenario gets; None for one, with nothing drawn."""
+    """How many runs each scenario gets; None for one run, with nothing drawn."""
     seed: int = 0
 
     @property
@@ -46,13 +46,13 @@ class Plan:
     def bodies(self) -> list[str]:
         """Return every body that a run may have."""
         listed = dict(self.lists).get("body", ())
-        drawn_from = [
+        choices = [
             value
             for variation in self.variations
             if variation.field == "body"
             for value in variation.values
         ]
-        return sorted({*listed, *drawn_from} or {Scenario().body})
+        return sorted({*listed, *choices} or {Scenario().body})
 
     @property
     def engines(self) -> list[Engine]:
@@ -61,9 +61,9 @@ class Plan:
 
     @property
     def shard_runs(self) -> int:
-        """How many runs go into one shard: a share that is soon done, and not too many files.
+        """How many runs go into one shard: few enough to finish soon, without too many files.
 
-        It depends on nothing but the plan, so that a sweep can go on with other workers.
+        It depends only on the plan, so that a sweep can be resumed with other workers.
         """
         return max(math.ceil(self.runs / 64) if self.runs <= 64_000 else 1000, self.runs // 10_000)
 
@@ -77,11 +77,11 @@ class Plan:
         return range(shard * self.shard_runs, min((shard + 1) * self.shard_runs, self.runs))
 
     def sample_of(self, run: int) -> int | None:
-        """Return which sample a run is, or None where nothing is sampled."""
+        """Return the number of a run's sample, or None where nothing is sampled."""
         return None if self.samples is None else run % self.samples
 
     def values(self, run: int) -> dict[str, Any]:
-        """Return the fields of one run that are not left at their defaults."""
+        """Return the fields of one run that are not at their defaults."""
         given, sample = self.listed(run // (self.samples or 1)), self.sample_of(run)
         if sample is None:
             return given
@@ -91,8 +91,8 @@ class Plan:
         """Return the listed fields of one combination of the lists, before anything is drawn."""
         given = {}
         for name, values in reversed(self.lists):
-            combination, place = divmod(combination, len(values))
-            given[name] = values[place]
+            combination, index = divmod(combination, len(values))
+            given[name] = values[index]
         return {name: given[name] for name, _ in self.lists}
 
 
@@ -108,23 +108,24 @@ def plan_of(
     Parameters
     ----------
     given
-        The values of each field of `Scenario` that is not left at its default: a list of them, one
-        alone, or text as on the command line.
+        The values of each field of `Scenario` that is not at its default: a list, a single value,
+        or text as on the command line.
     samples, seed
-        How many runs each scenario gets, and the seed of what is drawn for them.
+        How many runs each scenario gets, and the seed of their random values.
     vary
         What is drawn, such as `height=uniform:0.5:2`.
 
     Raises
     ------
     ScenarioError
-        If a value cannot be read or lies outside its domain, or the options do not go together.
+        If a value cannot be read or is outside its domain, or the options contradict each other.
     """
     lists: list[tuple[str, tuple[Any, ...]]] = []
     for name in given.keys() - Scenario.options().keys():
         raise ScenarioError(
-            f"a sweep takes fields of Scenario, got {name!r}; they are: "
-            f"{', '.join(Scenario.options())}"
+            "a sweep takes fields of Scenario, got {name!r}; they are: {fields}",
+            name=name,
+            fields=", ".join(Scenario.options()),
         )
     for name, spec in Scenario.options().items():
         raw = given.get(name)
@@ -133,23 +134,27 @@ def plan_of(
         elif raw is not None:
             values = Scenario.listed(name, raw)
             if len(set(values)) < len(values):
-                raise ScenarioError(f"{spec.name} must list each value once, got {raw!r}")
+                raise ScenarioError(
+                    "{option} must list each value once, got {given!r}", option=spec.name, given=raw
+                )
             lists.append((name, values))
     variations = variations_of(vary)
     if samples is not None and samples < 1:
-        raise ScenarioError(f"--samples must be at least 1, got {samples}")
+        raise ScenarioError("--samples must be at least 1, got {samples}", samples=samples)
     if seed < 0:
-        raise ScenarioError(f"--seed must be at least 0, got {seed}")
+        raise ScenarioError("--seed must be at least 0, got {seed}", seed=seed)
     if samples is not None and not variations:
         raise ScenarioError(
             "--samples draws nothing without --vary; add --vary height=uniform:0.5:2, or omit it"
         )
     if variations and samples is None:
-        raise ScenarioError("--vary needs to know how often to draw; add --samples 1000")
+        raise ScenarioError("--vary needs the number of samples; add --samples 1000")
     for variation in variations:
         if variation.axis is None and variation.field in dict(lists):
             option = Scenario.options()[variation.field].name
-            raise ScenarioError(f"{option} is given and drawn by --vary; leave one of them out")
+            raise ScenarioError(
+                "{option} is given and drawn by --vary; leave one of them out", option=option
+            )
         if variation.field == "orientation" and any(
             len(q) == 4 for q in dict(lists).get(variation.field, ())
         ):
@@ -159,22 +164,24 @@ def plan_of(
             )
     if "floor" not in dict(lists):
         chosen = (
-            v
+            value
             for variation in variations
             if variation.kind == "choice"
-            for v in variation.values
+            for value in variation.values
             if variation.field == "height_m"
         )
         for height_m in (*dict(lists).get("height_m", ()), *chosen):
             Scenario(height_m=height_m)
     plan = Plan(tuple(lists), variations, samples, seed)
     if plan.runs > MOST_RUNS:
-        raise ScenarioError(f"a sweep has at most {MOST_RUNS:,} runs, got {plan.runs:,}")
+        raise ScenarioError(
+            "a sweep has at most {most:,} runs, got {runs:,}", most=MOST_RUNS, runs=plan.runs
+        )
     return plan
 
 
 def label_of(values: Mapping[str, Any]) -> str:
-    """Name scenarios by what they share: `linear damping default, height 2, no floor`."""
+    """Return a name for scenarios by their values: `linear damping default, height 2, no floor`."""
     options = Scenario.options()
     return ", ".join(
         name_of(field)
@@ -185,19 +192,19 @@ def label_of(values: Mapping[str, Any]) -> str:
 
 
 def name_of(field: str) -> str:
-    """Return what a field is called: its option in words."""
+    """Return the name of a field: its option in words."""
     return Scenario.options()[field].name.removeprefix("--").replace("-", " ")
 
 
 def replay_command(values: Mapping[str, Any], *, out: str) -> str:
-    """Return the command that makes one run again, to the last bit.
+    """Return the command that repeats a run, to the last bit.
 
     Parameters
     ----------
     values
-        The fields of the run that are not left at their defaults.
+        The fields of the run that are not at their defaults.
     out
-        Name of the recording that the command makes.
+        Name of the command's recording.
     """
     words = ["drop", "simulate", "--out", out, "--no-camera"]
     for name, value in values.items():

@@ -1,4 +1,4 @@
-"""Fields drawn at random: `height=uniform:0.5:2`, and a stream of its own for every sample."""
+"""Fields drawn at random: `height=uniform:0.5:2`, with a separate stream for every sample."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from pipeline.errors import ScenarioError
 from pipeline.kinds import INTEGER, TEXT, Vector, number
+from pipeline.messages import Message
 from pipeline.scenario import Scenario
 
 Stream = np.random.Generator
@@ -22,23 +23,23 @@ Numbers = Sequence[float]
 
 @dataclass(frozen=True)
 class Distribution:
-    """A family of distributions: its parameters by name, how to draw, what must hold for them."""
+    """A family of distributions: its parameters, how to draw, and a rule for the parameters."""
 
     parameters: tuple[str, ...]
     draw: Callable[[Stream, Numbers], float]
-    holds: Callable[[Numbers], bool] = lambda _: True
+    is_valid: Callable[[Numbers], bool] = lambda _: True
     rule: str = ""
 
 
 def _truncated(stream: Stream, given: Numbers) -> float:
-    """Draw by inversion: one random number a sample, however little of the normal is left."""
+    """Draw by inversion: one random number per sample, however narrow the range."""
     mean, spread, low, high = given
     normal = NormalDist(mean, spread)
     share = stream.uniform(normal.cdf(low), normal.cdf(high))
     return min(max(normal.inv_cdf(share), low), high) if 0 < share < 1 else low
 
 
-def _is_reached(given: Numbers) -> bool:
+def _can_truncate(given: Numbers) -> bool:
     mean, spread, low, high = given
     return spread > 0 and NormalDist(mean, spread).cdf(low) < NormalDist(mean, spread).cdf(high)
 
@@ -59,14 +60,14 @@ DISTRIBUTIONS = {
     "truncnormal": Distribution(
         ("MEAN", "SPREAD", "LOW", "HIGH"),
         _truncated,
-        _is_reached,
-        "SPREAD > 0, LOW < HIGH, and part of them within 8 SPREAD of MEAN",
+        _can_truncate,
+        Message("SPREAD > 0, LOW < HIGH, and part of them within 8 SPREAD of MEAN"),
     ),
     "lognormal": Distribution(
         ("MEDIAN", "SIGMA"),
         lambda s, g: s.lognormal(math.log(g[0]), g[1]),
         lambda g: g[0] > 0 and g[1] > 0,
-        "MEDIAN > 0 and SIGMA > 0",
+        Message("MEDIAN > 0 and SIGMA > 0"),
     ),
     "triangular": Distribution(
         ("LOW", "MODE", "HIGH"),
@@ -81,10 +82,10 @@ DISTRIBUTIONS = {
         ("LOW", "HIGH"),
         lambda s, g: int(s.integers(int(g[0]), int(g[1]), endpoint=True)),
         lambda g: g[0] < g[1] and all(map(float.is_integer, map(float, g))),
-        "LOW < HIGH, both whole numbers and both included",
+        Message("LOW < HIGH, both whole numbers and both included"),
     ),
 }
-"""By name; all but `choice`, which takes any values that the option does."""
+"""By name; all but `choice`, which takes any values that the option takes."""
 
 FORMS = ", ".join(
     [*(":".join((name, *kind.parameters)) for name, kind in DISTRIBUTIONS.items()), "choice:A:B:…"]
@@ -97,7 +98,7 @@ class Variation:
 
     field: str
     axis: int | None
-    """0, 1 or 2 for x, y or z of a vector, roll, pitch or yaw; None for a whole field."""
+    """0, 1 or 2 for x, y or z of a vector, or for roll, pitch or yaw; None for a whole field."""
     kind: str
     values: tuple[Any, ...]
     """The distribution's parameters, or what `choice` chooses from."""
@@ -110,7 +111,7 @@ class Variation:
 
 
 def stream_of(seed: int, sample: int) -> Stream:
-    """Return a sample's own random numbers: the same, whoever draws it and in whichever order.
+    """Return a sample's random numbers, which depend on nothing but seed and sample.
 
     Source: numpy, "Parallel random number generation", `SeedSequence` with a spawn key.
     """
@@ -120,14 +121,14 @@ def stream_of(seed: int, sample: int) -> Stream:
 def drawn(
     variations: Sequence[Variation], given: dict[str, Any], *, seed: int, sample: int
 ) -> dict[str, Any]:
-    """Return the given fields with the values of one sample in them.
+    """Return the given fields with the values drawn for one sample.
 
     Parameters
     ----------
     variations
         What to draw, in the order of drawing.
     given
-        The fields as they are without drawing: the other components of a vector are kept.
+        The fields before drawing; the other components of a vector are kept.
     seed, sample
         Which sample.
     """
@@ -155,14 +156,19 @@ def variations_of(texts: Sequence[str]) -> tuple[Variation, ...]:
     Raises
     ------
     ScenarioError
-        If one cannot be read, or two vary the same thing.
+        If one cannot be read, or two vary the same field.
     """
     order = list(Scenario.options())
-    found = sorted(map(_variation, texts), key=lambda one: (order.index(one.field), one.axis or 0))
-    for one, two in itertools.pairwise(found):
-        if one.field == two.field and (one.axis == two.axis or None in (one.axis, two.axis)):
-            raise ScenarioError(f"--vary must vary a field once, got {one.field} twice")
-    return tuple(found)
+    variations = sorted(
+        map(_variation, texts), key=lambda varied: (order.index(varied.field), varied.axis or 0)
+    )
+    for first, second in itertools.pairwise(variations):
+        axes = (first.axis, second.axis)
+        if first.field == second.field and (first.axis == second.axis or None in axes):
+            raise ScenarioError(
+                "--vary must vary a field once, got {field} twice", field=first.field
+            )
+    return tuple(variations)
 
 
 def _variation(text: str) -> Variation:
@@ -170,7 +176,7 @@ def _variation(text: str) -> Variation:
     kind, *parameters = form.strip().split(":")
     if not equals:
         raise ScenarioError(
-            f"--vary takes NAME=DISTRIBUTION such as height=uniform:0.5:2, got {text!r}"
+            "--vary takes NAME=DISTRIBUTION such as height=uniform:0.5:2, got {text!r}", text=text
         )
     field, axis = _target(target.strip().replace("-", "_"), text)
     option = Scenario.options()[field]
@@ -180,38 +186,62 @@ def _variation(text: str) -> Variation:
             for value in values:
                 option.check(value)
         except ScenarioError as error:
-            raise ScenarioError(f"--vary {text!r} cannot be drawn: {error.in_options}") from None
+            raise ScenarioError(
+                "--vary {text!r} cannot be drawn: {reason}", text=text, reason=error.in_options
+            ) from None
         return Variation(field, axis, kind, values)
     if kind not in DISTRIBUTIONS or len(parameters) != len(DISTRIBUTIONS[kind].parameters):
-        raise ScenarioError(f"--vary takes one of {FORMS}, got {text!r}")
+        raise ScenarioError("--vary takes one of {forms}, got {text!r}", forms=FORMS, text=text)
     if axis is None and (option.kind is TEXT or option.kind.components):
-        raise ScenarioError(f"--vary takes choice:A:B:… for {target}, got {text!r}")
+        raise ScenarioError(
+            "--vary takes choice:A:B:… for {field}, got {text!r}", field=target, text=text
+        )
     if (option.kind is INTEGER) != (kind == "integers"):
-        raise ScenarioError(f"--vary takes integers:LOW:HIGH for whole numbers only, got {text!r}")
+        raise ScenarioError(
+            "--vary takes integers:LOW:HIGH for whole numbers only, got {text!r}", text=text
+        )
     try:
         values = tuple(number(parameter) for parameter in parameters)
     except ScenarioError:
-        raise ScenarioError(f"--vary takes numbers after {kind}, got {text!r}") from None
-    if not (all(map(math.isfinite, values)) and DISTRIBUTIONS[kind].holds(values)):
-        raise ScenarioError(f"--vary must have {DISTRIBUTIONS[kind].rule} for {kind}, got {text!r}")
+        raise ScenarioError(
+            "--vary takes numbers after {kind}, got {text!r}", kind=kind, text=text
+        ) from None
+    if not (all(map(math.isfinite, values)) and DISTRIBUTIONS[kind].is_valid(values)):
+        raise ScenarioError(
+            "--vary must have {rule} for {kind}, got {text!r}",
+            rule=DISTRIBUTIONS[kind].rule,
+            kind=kind,
+            text=text,
+        )
     try:
         DISTRIBUTIONS[kind].draw(stream_of(0, 0), values)
     except (ValueError, OverflowError) as error:  # a range that is too wide for numpy
-        raise ScenarioError(f"--vary {text!r} cannot be drawn: {error}") from None
+        raise ScenarioError(
+            "--vary {text!r} cannot be drawn: {reason}", text=text, reason=str(error)
+        ) from None
     return Variation(field, axis, kind, values)
 
 
 def _target(name: str, text: str) -> tuple[str, int | None]:
-    """Return the field that a name means, `height` or `velocity_z`, and which component of it."""
+    """Return the field, and its component, of a name such as `height` or `velocity_z`."""
     targets: dict[str, tuple[str, int | None]] = {}
     for field, option in Scenario.options().items():
         short = option.name.removeprefix("--").replace("-", "_")
         if not option.is_flag:
             targets[short] = field, None
         parts = enumerate(option.kind.components)
-        targets |= {f"{short}_{part}": (field, place) for place, part in parts}
+        targets |= {f"{short}_{part}": (field, axis) for axis, part in parts}
     if name not in targets:
         near = get_close_matches(name, targets, n=1)
-        known = f"did you mean {near[0]}?" if near else f"one of {', '.join(targets)}"
-        raise ScenarioError(f"--vary takes the name of a scenario option, got {text!r}; {known}")
+        if near:
+            raise ScenarioError(
+                "--vary takes the name of a scenario option, got {text!r}; did you mean {name}?",
+                text=text,
+                name=near[0],
+            )
+        raise ScenarioError(
+            "--vary takes the name of a scenario option, got {text!r}; one of {names}",
+            text=text,
+            names=", ".join(targets),
+        )
     return targets[name]

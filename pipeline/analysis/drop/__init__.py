@@ -1,1 +1,1 @@
-"""What can be said of a flight with a theory: the error budget and all around it."""
+"""The analysis of a flight with a theory: its error budget and all that follows."""

@@ -1,4 +1,4 @@
-"""The verdict on a fall: everything that its samples tell, in one typed result."""
+"""The analysis of a fall: everything that its samples show, in one typed result."""
 
 from __future__ import annotations
 
@@ -65,13 +65,13 @@ def analysis_of(
     scenario
         What was dropped, and how.
     engine
-        What the engine reported of the body and the floor.
+        What the engine reported about the body and the floor.
     states
         The recording's table: one row per sample and part, from the release on.
     contacts
         The recording's table: one row per contact point.
     at_s
-        Times to break the error down at [s]; without any, 0.3 s where that is in free flight.
+        Times at which to break down the error [s]; without any, 0.3 s where that is in free flight.
 
     Raises
     ------
@@ -169,11 +169,13 @@ def _steps_at(at_s: Sequence[float], scenario: Scenario, coverage: Coverage) -> 
     for time_s in at_s:
         if not 0 <= time_s <= end_s * (1 + 1e-12):
             raise ScenarioError(
-                f"--at must lie within the recording, 0 to {end_s:g} s, got {time_s:g}"
+                "--at must lie within the recording, 0 to {end:g} s, got {time:g}",
+                end=end_s,
+                time=time_s,
             )
     if at_s:
         return [min(last, round(time_s / scenario.timestep_s)) for time_s in at_s]
-    if covered < 2:  # the release alone tells nothing
+    if covered < 2:  # the release alone has no error
         return []
     standard = round(DEFAULT_AT_S / scenario.timestep_s)
     return [standard if standard < covered else (covered - 1) // 2]

@@ -1,4 +1,4 @@
-"""What the judge looks at: one body's scenario, what the engine reported, and its samples."""
+"""What the analysis is about: a body's scenario, what the engine reported, and its samples."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from pipeline.states import BODY
 Float64 = NDArray[np.float64]
 
 TOUCHING_M = 5e-10
-"""A body this close to the floor touches it: as well as the engine's distances are known. Of 136
+"""A body this close to the floor touches it. The engine's distances are known to this: for 136
 bodies drawn as in `tests/test_truth.py` a bisection with the engine's own collision detection found
 the rest height to 5e-15 m, that of a mesh to 1e-10 m."""
 FLOOR_REACH_M = 100.0
@@ -37,7 +37,7 @@ FLOOR_REACH_M = 100.0
 
 @dataclass(frozen=True)
 class Case:
-    """One drop, handed through the judge whole; arrays have one row per sample."""
+    """One drop, as all parts of the analysis get it; arrays have one row per sample."""
 
     scenario: Scenario
     engine: EngineReport
@@ -46,12 +46,12 @@ class Case:
 
     @cached_property
     def fall(self) -> Fall:
-        """The release and the air, as the engine has them."""
+        """The release and the drag, as the engine has them."""
         return fall_of(self.scenario)
 
     @cached_property
     def law(self) -> Law:
-        """The law of the body as long as nothing touches it; of one rigid body."""
+        """The law of one rigid body while nothing touches it."""
         return law_for(self.scenario, self.engine)
 
     @cached_property
@@ -74,7 +74,7 @@ class Case:
 
     @cached_property
     def touches(self) -> Touches:
-        """What touches the body; of one with joints, its base."""
+        """The contact points of the body; of its base if it has joints."""
         return self.contacts.of(BODY)
 
     @property
@@ -84,20 +84,20 @@ class Case:
 
     @property
     def substeps(self) -> int:
-        """How many steps the engine makes of each timestep."""
+        """Number of engine steps per timestep."""
         return self.scenario.substeps or 1
 
     @property
     def hides_contacts(self) -> bool:
-        """Whether contact may act within a timestep that the engine does not report.
+        """Whether contact may act within a timestep without being reported.
 
-        Of several substeps, or stages of a step, it reports the last one's.
+        Of several substeps, or stages of a step, engines report only the contacts of the last.
         """
         return self.substeps > 1 or self.scenario.effective_integrator in EXACT_INTEGRATORS
 
     @property
     def substep_s(self) -> float:
-        """Timestep of the integrator [s]: a sample is several of them with `--substeps`."""
+        """Timestep of the integrator [s]: with `--substeps`, several make a sample."""
         return self.scenario.timestep_s / self.substeps
 
     @cached_property
@@ -109,7 +109,7 @@ class Case:
     def floor_height_m(self) -> float | None:
         """Height of the centre at which the body as released touches the floor [m]; None if never.
 
-        Theory ends there, wherever it is used: in the table, in the curves, in the plots.
+        Theory ends there in tables, curves and plots.
         """
         return self.engine.rest_height_m if self.scenario.floor else None
 
@@ -141,12 +141,12 @@ class Case:
 
     @property
     def engine_name(self) -> str:
-        """The engine by the name that its laws go by."""
+        """The name that the engine's laws are known by."""
         return "Bullet" if self.is_bullet else ENGINES[self.scenario.engine]
 
     @property
     def is_bullet(self) -> bool:
-        """Whether PyBullet dropped the body: its calls and its contact are known here."""
+        """Whether PyBullet dropped the body, whose calls and contact law are known here."""
         return self.scenario.engine == "bullet"
 
     @property
@@ -156,12 +156,12 @@ class Case:
 
     @property
     def is_springy(self) -> bool:
-        """Whether contact gives way like a spring: the contact law here knows none."""
+        """Whether contact is a spring, which the contact law here does not cover."""
         return self.engine.contact_stiffness_n_m is not None
 
     @property
     def is_ball(self) -> bool:
-        """Whether the body touches the floor alike in any orientation: a centred sphere."""
+        """Whether the body is a centred sphere, which touches alike in any orientation."""
         centred = self.engine.shape_position_m == (0.0, 0.0, 0.0)
         return self.is_rigid and self.engine.shape == "sphere" and centred
 
@@ -173,7 +173,7 @@ class Case:
     def over_floor(self, position_m: Float64) -> bool:
         """Whether positions [m], shape (n, 3), are above or below the floor, not past its edge.
 
-        That of other engines has none.
+        In other engines the floor has no edge.
         """
         return not self.is_bullet or bool((np.abs(position_m[:, :2]) < FLOOR_REACH_M).all())
 

@@ -1,9 +1,9 @@
 """Are two falls the same physics? If not: what differs first, by how much, and what it looks like.
 
-Before the first contact the law uses only + - × ÷ √, so that two runs of one engine agree to the
-last bit; in contact the solver stops at a residual, which is a discrete branch, and a nanometre is
-let pass. A tolerance is a length [m]. What it allows in another column follows from it: a velocity
-may be wrong by what moves the body so far in one step, an angle by what moves its surface so far.
+Before the first contact the law uses only + - × ÷ √, so two runs of one engine agree to the last
+bit; in contact the solver stops at a residual, which is a discrete branch, and a nanometre is
+allowed. A tolerance is a length [m], from which those of other columns follow: a velocity may be
+off by what moves the body that far in one step, an angle by what moves its surface that far.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ class Side:
 
 @dataclass(frozen=True)
 class Setting:
-    """A value of scenario, engine or camera that the two sides do not share."""
+    """A value of scenario, engine or camera that differs between the two sides."""
 
     name: str
-    """Its name in the recording; that of the engine's begins with `engine.` where both have it."""
+    """Its name in the recording; `engine.` comes first where the scenario has it too."""
     value: Any
-    """In the recording that was checked."""
+    """The value in the checked recording."""
     golden: Any
-    """In the golden one."""
+    """The value in the golden recording."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,12 @@ class Place:
     step: int
     """The sample."""
     column: str
-    """The column, or `frame`; of a further link it begins with `link0_`, of a contact point with
-    `contact_`, and `contact_points` is how many there are."""
+    """The column, or `frame`; it begins with `link0_` for a further link and with `contact_` for a
+    contact point; `contact_points` is how many there are."""
     value: float | None = None
-    """What stands there in the recording that was checked."""
+    """The value in the checked recording."""
     golden: float | None = None
-    """None where the difference is not one of numbers, as between frames."""
+    """The same in the golden recording; None where the values are not numbers, as for frames."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +77,11 @@ class Comparison:
     differences: list[Setting]
     """Settings that make it another experiment."""
     versions: list[Setting]
-    """What made them; a version is no difference in physics."""
+    """The versions that made them, where these differ: not a difference in physics."""
     first: Place | None
-    """What differs first; None where nothing does."""
+    """The first difference; None where there is none."""
     largest_difference_m: float | None
-    """Between the positions, over all samples; None where they are not those of the same steps."""
+    """Between the positions, over all samples; None where they are not of the same steps."""
     largest_difference_step: int | None
     looks_like: str | None
     """What the difference looks like, in words."""
@@ -93,7 +93,7 @@ class Comparison:
 
     @property
     def same_experiment(self) -> bool:
-        """Whether at most the engine is another one."""
+        """Whether no setting but the engine differs."""
         return all(setting.name == "engine" for setting in self.differences)
 
 
@@ -105,7 +105,7 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
     run, golden
         The two falls.
     tolerance_m
-        Difference that is let pass [m], in the air and in contact.
+        Allowed difference [m], in the air and in contact.
     """
     differences = [*_scenario_differences(run, golden), *_engine_differences(run, golden)]
     versions = [setting for setting in _engine_settings(run, golden) if _is_version(setting.name)]
@@ -129,7 +129,8 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
         )
     elif [setting.name for setting in differences] == ["engine"]:
         cases = [
-            case_of(one.scenario, one.engine, one.states, one.contacts) for one in (run, golden)
+            case_of(side.scenario, side.engine, side.states, side.contacts)
+            for side in (run, golden)
         ]
         looks_like = apart(*cases, parts_at=None if first is None else first.step)
     return Comparison(
@@ -166,7 +167,7 @@ def _not_shared(run: Side, golden: Side) -> set[str]:
 
 
 def _engine_settings(run: Side, golden: Side) -> list[Setting]:
-    """Return what the two engines report differently; what only one reports is no difference."""
+    """Return what the two engines report differently, of what both report."""
     mine, theirs = asdict(run.engine), asdict(golden.engine)
     same_engine = run.scenario.engine == golden.scenario.engine
     return [
@@ -179,7 +180,7 @@ def _engine_settings(run: Side, golden: Side) -> list[Setting]:
 
 
 def _apart(name: str, value: Any, other: Any) -> bool:  # noqa: ANN401
-    """Whether two engines report another experiment; one of them may round to float32."""
+    """Whether a value makes it another experiment; one engine may round to float32."""
     if name not in OF_EVERY_ENGINE:
         return False
     return isinstance(value, str) or not np.allclose(value, other, rtol=SINGLE, atol=0)
@@ -188,8 +189,8 @@ def _apart(name: str, value: Any, other: Any) -> bool:  # noqa: ANN401
 def _engine_differences(run: Side, golden: Side) -> list[Setting]:
     """Return what else the engines report differently.
 
-    What scenarios that differ say already is not said twice. Where they agree it is said with its
-    origin: a default of the engine has changed, or a report was altered.
+    What differing scenarios say already is not repeated. Where they agree, the name says that it is
+    the engine's: a default of the engine has changed, or a report was altered.
     """
     settings = [
         setting for setting in _engine_settings(run, golden) if not _is_version(setting.name)
@@ -213,13 +214,13 @@ def _is_version(name: str) -> bool:
 
 
 def _first_difference(run: Side, golden: Side, tolerance_m: float) -> Place | None:
-    """Return what differs first; in one step the states come before the contacts."""
-    found = [
+    """Return the first difference; within a step the states come before the contacts."""
+    places = [
         _first_state(run, golden, tolerance_m),
         _first_count(run, golden),
         _first_contact(run, golden, max(IN_CONTACT_M, tolerance_m)),
     ]
-    return min((one for one in found if one is not None), key=lambda one: one.step, default=None)
+    return min(filter(None, places), key=lambda place: place.step, default=None)
 
 
 def _first_state(run: Side, golden: Side, tolerance_m: float) -> Place | None:
@@ -236,7 +237,7 @@ def _first_state(run: Side, golden: Side, tolerance_m: float) -> Place | None:
 
 
 def _first_count(run: Side, golden: Side) -> Place | None:
-    """Return the first step with another number of contact points."""
+    """Return the first step in which the numbers of contact points differ."""
     samples = len(base_of(golden.states))
     mine, theirs = (
         np.bincount(side.contacts["step"].to_numpy(), minlength=samples) for side in (run, golden)
@@ -249,12 +250,12 @@ def _first_count(run: Side, golden: Side) -> Place | None:
 
 
 def _first_contact(run: Side, golden: Side, tolerance_m: float) -> Place | None:
-    """Return the first contact point that is another one, among those that both have."""
+    """Return the first contact point that differs, among those that both have."""
     mine, theirs = (_points(side.contacts) for side in (run, golden))
     both = min(len(mine), len(theirs))
-    # From the first step on that has more points here or there, rows do not face each other.
-    facing = mine["step"].head(both) == theirs["step"].head(both)
-    rows = both if facing.all() else facing.arg_min() or 0
+    # From the first step on in which the numbers of points differ, rows no longer correspond.
+    same_step = mine["step"].head(both) == theirs["step"].head(both)
+    rows = both if same_step.all() else same_step.arg_min() or 0
     names = [name for name in theirs.columns if name != "step"]
     x, y = (side.head(rows).select(names).to_numpy() for side in (mine, theirs))
     place = _first_off(
@@ -269,7 +270,7 @@ def _first_contact(run: Side, golden: Side, tolerance_m: float) -> Place | None:
 
 
 def _points(contacts: pl.DataFrame) -> pl.DataFrame:
-    """Return contact points, with friction as one force: where it is small, its parts are not."""
+    """Return contact points, friction added up to one force: a small one may have large parts."""
     friction = {
         f"friction_{axis}_n": pl.col("friction_1_n") * pl.col(f"f1{axis}")
         + pl.col("friction_2_n") * pl.col(f"f2{axis}")
@@ -287,7 +288,7 @@ def _first_off(mine: Float64, theirs: Float64, allowed: Float64) -> tuple[int, i
 
 
 def _airborne(run: Side, golden: Side) -> int:
-    """Return how many samples there are before the first contact of either."""
+    """Return the number of samples before the first contact of either."""
     touching = [side.contacts["step"][0] for side in (run, golden) if len(side.contacts)]
     return min(touching, default=len(base_of(golden.states)))
 
@@ -295,7 +296,7 @@ def _airborne(run: Side, golden: Side) -> int:
 def _allowed(
     run: Side, golden: Side, steps: NDArray[np.int64], numbers: Float64, tolerance_m: float
 ) -> Float64:
-    """Return the difference that is let pass in each number of the states."""
+    """Return the allowed difference in each number of the states."""
     contact = steps >= _airborne(run, golden)
     length_m = np.where(contact, max(IN_CONTACT_M, tolerance_m), tolerance_m)
     allowed = np.outer(length_m, list(_per_metre(golden).values()))
@@ -318,7 +319,7 @@ def _per_metre(golden: Side) -> dict[str, float]:
 
 
 def _per_metre_of_contact(golden: Side, column: str) -> float:
-    """Return the same of a column of the contact points; nothing of which parts they are."""
+    """Return the same for a column of the contact points; 0 for the numbers of their parts."""
     if column.endswith("_n"):
         return golden.engine.mass_kg / golden.scenario.timestep_s**2
     if column.endswith("_m"):

@@ -1,8 +1,8 @@
-"""How an error shrinks with the timestep, and what the limit is: plain functions of both.
+"""How an error shrinks with the timestep, and its limit: plain functions of both.
 
-Timesteps always come coarse to fine, with the values of a run for each. The observed order says
-whether errors shrink as the method promises; Richardson's extrapolation and the grid convergence
-index need no exact solution, only a sequence that converges.
+Timesteps are always ordered coarse to fine, with the values of a run for each. The observed order
+shows whether errors shrink as the method promises; Richardson's extrapolation and the grid
+convergence index need no exact solution, only a sequence that converges.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from dataclasses import dataclass
 SAFETY_FACTOR = 1.25
 """Roache's for three grids or more, and an observed order near the formal one."""
 LEAST_ORDER, MOST_ORDER = 1e-6, 64.0
-"""Nothing outside is an order: such solutions do not close in on a limit."""
+"""Bounds of an order: outside them solutions do not converge."""
 NEGLIGIBLE = 1e-4
-"""Of the finest error: damping of a smaller share changes no shown digit of an order."""
+"""Share of the finest error below which damping changes no shown digit of an order."""
 NEAR = 10.0
-"""Times the coarsest timestep, or a part of the finest: what lies beyond, nobody tried."""
+"""Factor beyond the coarsest or finest timestep up to which a timestep is near those tried."""
 
 
 def observed_orders(timesteps_s: Sequence[float], errors: Sequence[float]) -> list[float | None]:
     """Return ln|e1/e2| / ln(h1/h2) for each pair of neighbours; None where an error is 0.
 
     Source: W. L. Oberkampf and C. J. Roy, *Verification and Validation in Scientific Computing*,
-    Cambridge 2010, section 5.3.1. It means something only where e goes to 0 with h.
+    Cambridge 2010, section 5.3.1. It is meaningful only where e goes to 0 with h.
     """
     return [
         math.log(abs(e1 / e2)) / math.log(h1 / h2) if e1 and e2 else None
@@ -37,9 +37,9 @@ def observed_orders(timesteps_s: Sequence[float], errors: Sequence[float]) -> li
 def solution_order(timesteps_s: Sequence[float], solutions: Sequence[float]) -> float | None:
     """Return the order p at which three solutions, coarse to fine, approach their common limit.
 
-    Of f = f0 + c h^p it is the root of (f3 - f2)/(f2 - f1) = r21^p (r32^p - 1)/(r21^p - 1), whose
+    For f = f0 + c h^p it is the root of (f3 - f2)/(f2 - f1) = r21^p (r32^p - 1)/(r21^p - 1), whose
     right side grows with p; with one ratio r it is ln[(f3 - f2)/(f2 - f1)] / ln r. None where they
-    do not close in on a limit from one side, or not at all.
+    do not approach a limit from one side.
 
     Source: I. B. Celik et al., "Procedure for estimation and reporting of uncertainty due to
     discretization in CFD applications", *J. Fluids Eng.* 130, 078001 (2008), step 3, whose
@@ -57,7 +57,7 @@ def solution_order(timesteps_s: Sequence[float], solutions: Sequence[float]) -> 
 
 
 def richardson(coarse: float, fine: float, *, ratio: float, order: float) -> float:
-    """Return the limit f1 + (f1 - f2)/(r^p - 1) that two solutions of order p point to.
+    """Return the limit f1 + (f1 - f2)/(r^p - 1) of two solutions of order p.
 
     Source: L. F. Richardson, *Phil. Trans. R. Soc. A* 210, 307 (1911); Oberkampf and Roy, 8.3.
     """
@@ -65,7 +65,7 @@ def richardson(coarse: float, fine: float, *, ratio: float, order: float) -> flo
 
 
 def grid_convergence_index(coarse: float, fine: float, *, ratio: float, order: float) -> float:
-    """Return Fs |(f2 - f1)/f1| / (r^p - 1): the finer solution's relative error, to be safe.
+    """Return Fs |(f2 - f1)/f1| / (r^p - 1): a safe bound of the finer solution's relative error.
 
     Source: P. J. Roache, "Perspective: a method for uniform reporting of grid refinement studies",
     *J. Fluids Eng.* 116, 405 (1994).
@@ -74,7 +74,7 @@ def grid_convergence_index(coarse: float, fine: float, *, ratio: float, order: f
 
 
 def cancelling_timestep(timestep_s: float, *, timestep_m: float, damping_m: float) -> float | None:
-    """Return where the timestep's share, which is proportional to it, cancels the damping's [s].
+    """Return the timestep at which its share, proportional to it, cancels the damping's [s].
 
     For a fall from rest dt* = 2 damping/(g t). None where they have the same sign, or one is 0.
     """
@@ -85,7 +85,7 @@ def cancelling_timestep(timestep_s: float, *, timestep_m: float, damping_m: floa
 
 @dataclass(frozen=True)
 class StudiedRun:
-    """What a refinement study needs of one run [m]; its terms are those of the error budget."""
+    """What a refinement study needs from a run [m]; the terms are those of the error budget."""
 
     timestep_s: float
     """Its timestep."""
@@ -98,7 +98,7 @@ class StudiedRun:
     damping_m: float
     """The damping's share."""
     interaction_m: float
-    """What the two do to each other."""
+    """The interaction of the two."""
     rounding_m: float
     """What double precision leaves."""
 
@@ -110,15 +110,15 @@ class StudiedRun:
 
 @dataclass(frozen=True)
 class Study:
-    """Runs that differ in nothing but the timestep, coarse to fine, and what they tell together.
+    """Runs that differ only in the timestep, coarse to fine, and their convergence.
 
-    What needs three runs, or a sequence that converges, is None without it.
+    What needs three runs, or a sequence that converges, is None without.
     """
 
     runs: tuple[StudiedRun, ...]
     """The runs, coarse to fine."""
     orders_free_fall: list[float | None]
-    """Observed orders against free fall: without a meaning unless damping is off."""
+    """Observed orders against free fall: meaningless unless damping is off."""
     orders_damped_fall: list[float | None]
     """Observed orders against damped fall, in continuous time."""
     order: float | None
@@ -126,31 +126,31 @@ class Study:
     extrapolated_m: float | None
     """Richardson's extrapolation of the height."""
     damped_fall_m: float
-    """Height that it should find."""
+    """Height that the extrapolation should find."""
     grid_convergence_index: float | None
     """Relative error of the finest height, estimated."""
     relative_error: float | None
-    """The same, known from theory; None at a height of 0."""
+    """The same, by theory; None at a height of 0."""
     cancelling_timestep_s: float | None
-    """Where timestep and damping cancel."""
+    """Timestep at which the timestep's share and the damping's cancel."""
     limit_m: float
-    """What the error against free fall goes to as the timestep shrinks: the damping's share."""
+    """Limit of the error against free fall as the timestep shrinks: the damping's share."""
 
     @property
     def refining_hurts(self) -> bool:
-        """Whether some refinement made the error against free fall grow."""
+        """Whether any refinement increased the error against free fall."""
         errors = [abs(run.error_m) for run in self.runs]
         return any(fine > coarse for coarse, fine in itertools.pairwise(errors))
 
     @property
     def damping_matters(self) -> bool:
-        """Whether the damping's share, which no refinement removes, shows beside the error."""
+        """Whether the damping's share, which no refinement removes, is not negligible."""
         return abs(self.limit_m) > NEGLIGIBLE * abs(self.runs[-1].error_m)
 
     def cancels_near(self, time_s: float) -> bool:
         """Whether the timestep at which errors cancel is near those of the runs.
 
-        It is none if it is longer than the fall until the time of the errors [s].
+        A timestep longer than the fall up to the time of the errors [s] does not count.
         """
         if self.cancelling_timestep_s is None or self.cancelling_timestep_s > time_s:
             return False
@@ -159,7 +159,7 @@ class Study:
 
 
 def study_of(runs: Sequence[StudiedRun]) -> Study:
-    """Return what runs of different timesteps tell; at least two, in any order."""
+    """Return the study of runs with different timesteps; at least two, in any order."""
     ordered = tuple(sorted(runs, key=lambda run: -run.timestep_s))
     steps, heights = [run.timestep_s for run in ordered], [run.simulated_m for run in ordered]
     finest = ordered[-1]

@@ -6,9 +6,9 @@ changes the energy by exactly
     dE = m dt d·(v + v')/2  -  m dt g·(v' - v)/2
 
 The first term is the work of the damping, the second what the integrator loses: it moves the body
-with the velocity after the step, but gravity has worked along the mean of both. Derivation: insert
-both lines into m v'²/2 - m g·x' minus the same before the step. Where Bullet holds a velocity at
-its limit, the change that this makes works like a drag, and is booked for itself.
+with the end-of-step velocity, while gravity acts along the mean of both. Derivation: insert both
+lines into m v'²/2 - m g·x' minus the same before the step. Where Bullet clamps a velocity to its
+limit, the change works like a drag, and is booked separately.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Float64 = NDArray[np.float64]
 class EnergyLedger:
     """Change of the mechanical energy over a recording, by cause [J]; `closing_j` is the rest.
 
-    Where there is no law, of a body with joints or otherwise, there is no ledger of causes.
+    Without a law, as for a body with joints, the causes are None.
     """
 
     initial_j: float
@@ -40,13 +40,13 @@ class EnergyLedger:
     integrator_j: float | None = None
     """What semi-implicit Euler loses."""
     clamp_j: float | None = None
-    """What Bullet's limit of 100 to each component of the velocity takes, before contact."""
+    """What is lost to Bullet's limit of 100 on each velocity component, before contact."""
     rotation_j: float | None = None
     """Change of the rotational energy in the air: damping and integration of the spin."""
     spin_damping_j: float | None = None
-    """Work of the angular damping from the first contact on; before that it is in the rotation."""
+    """Work of the angular damping from the first contact on; before that it is in `rotation_j`."""
     contact_j: float | None = None
-    """What contact takes; with `--substeps`, what damping takes from the first contact on too."""
+    """What contact takes; with `--substeps`, also what damping takes from the first contact on."""
     closing_j: float | None = None
     """What the causes leave unexplained: rounding, unless the state was altered."""
 
@@ -61,8 +61,8 @@ def ledger(case: Case, energies: Mechanics, *, airborne: int) -> EnergyLedger:
     energies
         The mechanical state of every sample.
     airborne
-        How many samples there are before the first contact. Damping works in every step; what the
-        other steps change besides is booked to contact.
+        Number of samples before the first contact. Damping works in every step; whatever else
+        changes from then on is booked to contact.
     """
     total_j, spin_j = energies.total_j, energies.kinetic_angular_j
     if not case.is_rigid or not case.law.covers(case.samples).all():
@@ -95,7 +95,7 @@ def _work(case: Case) -> tuple[Float64, Float64, Float64]:
     law, mass_kg, dt = case.law, case.engine.mass_kg, case.substep_s
     before = case.samples.velocity_m_s[:-1]
     damping_j, clamp_j, integrator_j = np.zeros((3, len(before)))
-    if not case.scenario.stepped:  # nothing works, and nothing is lost
+    if not case.scenario.stepped:
         return damping_j, clamp_j, integrator_j
     gravity = np.array(law.gravity_m_s2)
     for _ in range(case.substeps):
@@ -111,9 +111,9 @@ def _work(case: Case) -> tuple[Float64, Float64, Float64]:
 
 
 def _spin_damping(case: Case, spin_j: Float64) -> float:
-    """Return the work of the angular damping in steps that begin with these energies of spin [J].
+    """Return the work of the angular damping in steps that begin with these spin energies [J].
 
-    What is a millionth of all energy is left to contact.
+    Less than about a millionth of the energy is left to contact.
     """
     if case.substeps > 1 or not case.scenario.stepped or not len(spin_j):
         return 0.0

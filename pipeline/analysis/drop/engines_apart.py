@@ -1,4 +1,4 @@
-"""The same drop in two engines: where they part, by how much, and which term of the error it is."""
+"""The same drop in two engines: where they diverge, how far, and by which terms of the error."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from pipeline.analysis.drop.case import Case
 from pipeline.analysis.general.decomposition import TERMS
-from pipeline.analysis.general.flights import taken_apart
+from pipeline.analysis.general.flights import error_and_terms
 from pipeline.fields import decimals
 from pipeline.laws.base import Law, Motion
 from pipeline.laws.bullet import BulletLaw
+from pipeline.messages import Message, joined
 from pipeline.scenario import ENGINES
 
 Float64 = NDArray[np.float64]
@@ -20,65 +21,78 @@ Float64 = NDArray[np.float64]
 SHOWN = 1e-3
 """Share of the distance that a term must have to be named."""
 REPLAYED = 100_000
-"""Most steps of a law that are taken one after the other, to see where it leads."""
+"""Most steps for which a law is replayed step by step."""
+NAMES = {
+    "timestep": Message("timestep"),
+    "damping": Message("damping"),
+    "interaction": Message("interaction"),
+    "rounding": Message("rounding"),
+}
+"""Of the terms."""
 
 
-def apart(run: Case, golden: Case, *, parts_at: int | None) -> str:
+def apart(run: Case, golden: Case, *, parts_at: int | None) -> Message:
     """Say how two engines differ that were given the same scenario.
 
     Parameters
     ----------
     run, golden
-        The two drops, as many samples of the same timestep.
+        The two drops, with the same timestep and number of samples.
     parts_at
         The first sample that differs; None where none does.
     """
-    names = [ENGINES[case.scenario.engine] for case in (run, golden)]
+    names = {"run": ENGINES[run.scenario.engine], "golden": ENGINES[golden.scenario.engine]}
     touch = min(_first_touch(run), _first_touch(golden))
     if parts_at is None:
-        return f"{names[0]} and {names[1]} agree to the bit"
+        return Message("{run} and {golden} agree to the bit", **names)
     if parts_at >= touch:
-        return (
-            f"{names[0]} and {names[1]} agree to the bit until contact (step {touch}); from there "
-            "on each has its own"
+        return Message(
+            "{run} and {golden} agree to the bit until contact (step {step}); from there on each "
+            "has its own",
+            step=touch,
+            **names,
         )
     last = touch - 1
-    said = f"{names[0]} and {names[1]} part at step {parts_at}"
+    clauses = [Message("{run} and {golden} diverge at step {step}", step=parts_at, **names)]
     if last > parts_at and run.is_rigid and golden.is_rigid:
-        said += f"; in the air, at {run.time_s[last]:.4g} s, {_distance(run, golden, last)}"
-    advice = [_undamped(one, other, last) for one, other in ((run, golden), (golden, run))]
-    return "; ".join([said, *filter(None, advice)])
+        clauses.append(_distance(run, golden, last))
+    advice = [_undamped(run, golden, last), _undamped(golden, run, last)]
+    return joined("; ", [*clauses, *filter(None, advice)])
 
 
 def _first_touch(case: Case) -> int:
-    """Return the first sample that a contact has led to; the number of samples without any."""
+    """Return the first sample that a contact led to; the number of samples if there is none."""
     steps = case.contacts.step
     return int(steps[0]) if len(steps) else len(case.samples)
 
 
-def _distance(run: Case, golden: Case, last: int) -> str:
+def _distance(run: Case, golden: Case, last: int) -> Message:
     """Say how far apart they are along z, and by which terms of their errors."""
     heights_m = [float(case.samples.height_m[last]) for case in (run, golden)]
     apart_m = heights_m[0] - heights_m[1]
-    said = f"they are {decimals(apart_m * 1e3, 4, '+')} mm apart"
+    distance = Message(
+        "in the air, at {time:.4g} s, they are {distance} mm apart",
+        time=run.time_s[last],
+        distance=decimals(apart_m * 1e3, 4, "+"),
+    )
     parts = []
     for case in (run, golden):
         start = case.samples.at(slice(0, 1))
-        _, terms = taken_apart(start, case.samples.position_m[last], case.law, steps=last)
+        _, terms = error_and_terms(start, case.samples.position_m[last], case.law, steps=last)
         parts.append(terms)
     if None in parts:
-        return said
+        return distance
     terms_m = {name: getattr(parts[0], name)[2] - getattr(parts[1], name)[2] for name in TERMS}
-    named = [
-        f"{name} {decimals(value_m * 1e3, 4, '+')}"
+    shares = [
+        Message("{term} {distance}", term=NAMES[name], distance=decimals(value_m * 1e3, 4, "+"))
         for name, value_m in terms_m.items()
         if abs(value_m) > SHOWN * abs(apart_m)
     ]
-    return f"{said}: {', '.join(named)}" if named else said
+    return joined(": ", [distance, joined(", ", shares)]) if shares else distance
 
 
-def _undamped(case: Case, other: Case, last: int) -> str | None:
-    """Say what Bullet would do without its damping, where that is what the other engine does."""
+def _undamped(case: Case, other: Case, last: int) -> Message | None:
+    """Say that Bullet without its damping agrees with the other engine, where it does."""
     law = case.law
     if not isinstance(law, BulletLaw) or not (law.linear_damping or law.angular_damping):
         return None
@@ -91,19 +105,26 @@ def _undamped(case: Case, other: Case, last: int) -> str | None:
     options = ["--linear-damping 0"] if law.linear_damping else []
     spins = case.samples.spin_rad_s[: last + 1].any()
     options += ["--angular-damping 0"] if law.angular_damping and spins else []
-    told = f"drop it in PyBullet with {' '.join(options)}"
+    named = " ".join(options)
     if off_m == 0:
-        return f"{told} and they agree to the bit until contact"
+        return Message(
+            "drop it in PyBullet with {options} and they agree to the bit until contact",
+            options=named,
+        )
     if off_m < 1e-9:
-        return f"{told} and they agree to {off_m:.1g} m until contact"
+        return Message(
+            "drop it in PyBullet with {options} and they agree to {distance:.1g} m until contact",
+            options=named,
+            distance=off_m,
+        )
     return None
 
 
 def _path_m(law: Law, case: Case, last: int) -> Float64:
     """Return where a law leads from the release, step by step [m], shape (last + 1, 3)."""
     motion: Motion = case.samples.at(slice(0, 1))
-    found = [motion.position_m[0]]
+    positions_m = [motion.position_m[0]]
     for _ in range(last):
         motion = law.step(motion)
-        found.append(motion.position_m[0])
-    return np.array(found)
+        positions_m.append(motion.position_m[0])
+    return np.array(positions_m)

@@ -1,9 +1,9 @@
 """What a fall that differs looks like: other damping, gravity, integrator or contact.
 
-The law of free flight is taken apart into its two lines, each fitted to the recorded samples:
+Each of the two lines of the law of free flight is fitted to the recorded samples:
 
     v' = v + dt (g - k v (1 + |v|))        accelerations give g and k, by least squares
-    x' = x + dt v'                         the way of a step tells which velocity moved the body
+    x' = x + dt v'                         displacements tell which velocity moved the body
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.general.samples import base_of
+from pipeline.messages import Message, joined
 
 Float64 = NDArray[np.float64]
 
@@ -23,32 +24,32 @@ VELOCITY = ["vx_m_s", "vy_m_s", "vz_m_s"]
 ROTATION = {"qx", "qy", "qz", "qw", "wx_rad_s", "wy_rad_s", "wz_rad_s"}
 
 ROUNDING = 1e-12
-"""Relative difference that other orders of the same operations reach in some thousand steps."""
+"""Relative difference after some thousand steps if the same operations run in another order."""
 FITS = 1e-7
 """Largest deviation of a fitted acceleration, relative, that still counts as the same law."""
 
 INTEGRATORS = {
-    "after": "x += dt v with the velocity after the step (semi-implicit Euler)",
-    "before": "x += dt v with the velocity before the step (explicit Euler)",
-    "mean": "x += dt times the mean of the velocities before and after the step (trapezoidal)",
+    "after": Message("x += dt v with the end-of-step velocity (semi-implicit Euler)"),
+    "before": Message("x += dt v with the start-of-step velocity (explicit Euler)"),
+    "mean": Message("x += dt v with the mean of both velocities (trapezoidal)"),
 }
 
 
 @dataclass(frozen=True)
 class _Law:
-    """What the airborne samples of a fall say of its law."""
+    """The law of a fall, fitted to its airborne samples."""
 
     gravity_m_s2: float
     damping: float
     moves: bool
-    """Whether the body ever moves, so that its damping can be told."""
+    """Whether the body ever moves, which its damping needs to be known."""
     fits: bool
     integrator: str
 
 
 def likeness(
     states: pl.DataFrame, golden: pl.DataFrame, *, timestep_s: float, first: int, airborne: int
-) -> str:
+) -> Message:
     """Say in a few words what a difference looks like.
 
     Parameters
@@ -60,42 +61,56 @@ def likeness(
     first
         The first sample that differs.
     airborne
-        How many samples there are before the first contact.
+        Number of samples before the first contact.
     """
     columns, steps = _changed(states, golden)
     states, golden = base_of(states), base_of(golden)
     if first == 0:
-        return "another release: the very first sample differs"
+        return Message("another release: the very first sample differs")
     if columns and columns <= ROTATION:
-        return "the same fall, turning differently: other inertia or angular damping"
+        return Message("the same fall, turning differently: other inertia or angular damping")
     if first >= airborne:
-        return (
+        return Message(
             "the same fall up to the impact, then other contact: restitution, contact ERP, the "
             "solver's residual or iterations, or the solver itself"
         )
     if len(steps) == 1:
-        return "one altered sample: those after it are the same again"
+        return Message("one altered sample: those after it are the same again")
     if _largest_relative(states, golden, airborne) <= ROUNDING:
-        return "the same law, rounded differently: another compiler, or fused multiply-add"
+        return Message("the same law, rounded differently: another compiler, or fused multiply-add")
     mine, theirs = _law(states[:airborne], timestep_s), _law(golden[:airborne], timestep_s)
     if mine is None or theirs is None:
-        return "another law: too few samples in the air to say which"
-    return _said(mine, theirs)
+        return Message("another law: too few samples in the air to say which")
+    return _change(mine, theirs)
 
 
-def _said(mine: _Law, theirs: _Law) -> str:
-    parts = []
-    if not _near(mine.gravity_m_s2, theirs.gravity_m_s2):
-        parts.append(f"gravity {mine.gravity_m_s2:.6g} instead of {theirs.gravity_m_s2:.6g} m/s²")
-    if mine.moves and theirs.moves and not _near(mine.damping, theirs.damping):
-        parts.append(f"linear damping {mine.damping:.6g} instead of {theirs.damping:.6g}")
-    if mine.integrator != theirs.integrator:
-        parts.append(f"another integrator: {INTEGRATORS[mine.integrator]}")
+def _change(mine: _Law, theirs: _Law) -> Message:
+    """Say how two laws differ."""
     if not mine.fits:
-        return "another law of damping, or a force that was not there before"
-    if not parts:
-        return "the same law over most of the fall, with samples that do not follow it"
-    return "the same law with " + " and ".join(parts)
+        return Message("another law of damping, or a force that was not there before")
+    changes = []
+    if not _near(mine.gravity_m_s2, theirs.gravity_m_s2):
+        changes.append(
+            Message(
+                "gravity {value:.6g} instead of {golden:.6g} m/s²",
+                value=mine.gravity_m_s2,
+                golden=theirs.gravity_m_s2,
+            )
+        )
+    if mine.moves and theirs.moves and not _near(mine.damping, theirs.damping):
+        changes.append(
+            Message(
+                "linear damping {value:.6g} instead of {golden:.6g}",
+                value=mine.damping,
+                golden=theirs.damping,
+            )
+        )
+    if mine.integrator != theirs.integrator:
+        name = INTEGRATORS[mine.integrator]
+        changes.append(Message("another integrator: {integrator}", integrator=name))
+    if not changes:
+        return Message("the same law over most of the fall, with samples that do not follow it")
+    return Message("the same law with {changes}", changes=joined(", ", changes))
 
 
 def _near(value: float, other: float) -> bool:
@@ -126,7 +141,7 @@ def _law(states: pl.DataFrame, timestep_s: float) -> _Law | None:
     terms = np.stack((up.ravel(), drag.ravel()), axis=1)
     (gravity, damping), *_ = np.linalg.lstsq(terms, acceleration.ravel(), rcond=None)
     residual = np.abs(terms @ (gravity, damping) - acceleration.ravel()).max()
-    # Recorded velocities are rounded, which a short step makes large in the acceleration.
+    # Velocities are rounded, which a short step magnifies in the acceleration.
     noise = 1e-15 * np.abs(v).max() / timestep_s
     ways = {"after": v[1:], "before": v[:-1], "mean": (v[:-1] + v[1:]) / 2}
     misses = {

@@ -1,6 +1,6 @@
-"""Impact, contact, bounces and rest: what the recording shows beside what Bullet's law predicts.
+"""Impact, contact, bounces and rest: what was recorded beside what Bullet's law predicts.
 
-Measurements are given of any body, causes only where the contact law covers it: see `covers`.
+Any body is measured; causes are given only where the contact law covers it: see `covers`.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ LONGEST_THROW_S = 3600.0
 CORNERS = 4
 """Contact points of a box that lies flat."""
 REPRODUCED = 1e-3
-"""Share of the approach by which a rebound may miss the contact law's and still be explained by it:
-ten times what the solver's early stop was seen to change."""
+"""Share of the approach by which a rebound may deviate from the contact law and still be explained:
+ten times the largest effect of the solver's early stop that was measured."""
 ROUNDED = 1e-9
 """Share of the approach by which two ways to compute a rebound may differ."""
 AT_REST_M_S = 1e-4
-"""A predicted path that is slower than this has come to rest."""
+"""A predicted path slower than this has come to rest."""
 SUNK_M = 1e-9
-"""By how much a body at rest may be off a closed form of its contact, to be explained by it."""
+"""How far a body at rest may be from a closed form of its contact to be explained by it."""
 
 
 # -- when it lands --------------------------------------------------------------------------------
 
 
 def find_landing(case: Case) -> Landing | None:
-    """Return when theory brings the body down to the floor; None where it never does.
+    """Return when the body reaches the floor by theory; None where it never does.
 
-    Only of a body that meets the floor as it was released: it does not spin, or is a ball.
+    Only for a body that meets the floor as it was released: one without spin, or a ball.
     """
     floor_m, fall = case.floor_height_m, case.fall
     turns = any(case.scenario.spin_rad_s) and not case.is_ball
@@ -57,7 +57,7 @@ def find_landing(case: Case) -> Landing | None:
     free_s = theory.impact_time_free(fall, floor_m)
     if not case.starts_above or free_s is None:
         return None
-    # An oblique throw is integrated, which is no use over days: up, in next to no gravity.
+    # An oblique throw is integrated, which is useless over days: thrown up in almost no gravity.
     oblique = fall.drag.quadratic_per_m > 0 and any(fall.velocity_m_s[:2])
     endless = oblique and free_s > LONGEST_THROW_S
     damped_s = None if endless else theory.impact_time_damped(fall, floor_m)
@@ -69,16 +69,16 @@ def find_landing(case: Case) -> Landing | None:
 
 
 def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact | None:
-    """Return when the body meets the floor, or None if it never does."""
+    """Return the impact on the floor, or None if there is none."""
     if phases.contact_step is None or (case.hides_contacts and not case.is_rigid):
-        return None  # of several substeps the first contact may not be reported
+        return None  # the first contact may not be reported
     samples, floor_m = case.samples, case.floor_height_m
     height_m, turned = samples.height_m, turned_rad(case) > FLAT_RAD
     lowest = int(np.argmin(height_m))
     before = max(phases.contact_step - 1, 0)
     crossing_s = penetration_m = None
     if floor_m is not None and case.is_rigid:
-        # With substeps the way between two samples is not straight, and may be deeper than both.
+        # With substeps the path between two samples is not straight, and may be deeper than both.
         if (
             case.starts_above
             and not case.hides_contacts
@@ -104,10 +104,10 @@ def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact |
 
 
 def covers(case: Case) -> bool:
-    """Whether the contact law is that of this drop: of one box that lands flat and stays flat.
+    """Whether the contact law covers this drop: one box that lands flat and stays flat.
 
     It is released flat, above the floor, without spin or sideways velocity, with its centre of mass
-    above its base; nothing is springy.
+    above its base, and contact is not a spring.
     """
     sideways = any((*case.scenario.velocity_m_s[:2], *case.scenario.spin_rad_s))
     floor_m = case.floor_height_m
@@ -134,9 +134,9 @@ class Path:
 
 
 def law_path(case: Case, *, contact_erp: float | None = None) -> Path | None:
-    """Return the path of the contact law from the release on, or None where it does not cover it.
+    """Return the path by the contact law from the release on, or None where it does not apply.
 
-    `contact_erp` is tried instead of the scenario's.
+    `contact_erp` replaces the scenario's.
     """
     if not covers(case):
         return None
@@ -171,7 +171,7 @@ def _law(
 
 
 def _deepest_m(case: Case) -> float:
-    """Return how low the centre may get [m]: from half-way down the floor pushes out below."""
+    """Return how low the centre may get [m]: from half-way down the floor pushes it out below."""
     return (case.floor_height_m or 0.0) - bullet_contact.FLOOR_HALF_THICKNESS_M
 
 
@@ -189,7 +189,7 @@ def restitution_threshold_m_s(case: Case) -> float:
 def find_contact(
     case: Case, phases: Phases, tumbled_step: int | None, law: Path | None
 ) -> Contact | None:
-    """Return how far the recorded heights are from the contact law's while the body is flat."""
+    """Return how far the recorded heights deviate from the contact law while the body is flat."""
     if law is None or phases.contact_step is None or tumbled_step == phases.contact_step:
         return None
     deviation_m = np.abs(case.samples.height_m - law.height_m)[:tumbled_step]
@@ -207,7 +207,7 @@ class Episode:
     first: int
     last: int
     pushed: int
-    """The last of them that contact pushed at."""
+    """The last of them at which contact pushed."""
     approach_m_s: float
     """Downward speed that the contact met."""
     leaves: bool
@@ -215,9 +215,9 @@ class Episode:
 
 
 def episodes(case: Case) -> Iterator[Episode]:
-    """Yield what begins in the air and touches the floor, in order.
+    """Yield the contacts with the floor that begin in the air, in order.
 
-    Nothing with substeps: PyBullet reports the contact of the last of them only.
+    None with substeps: PyBullet reports only the contacts of the last one.
     """
     if case.hides_contacts:
         return
@@ -228,7 +228,7 @@ def episodes(case: Case) -> Iterator[Episode]:
     for first, end in zip(starts.tolist(), ends.tolist(), strict=True):
         approach_m_s = _approach_m_s(case, first - 1)
         if approach_m_s <= 0 or (first <= 1 and not case.starts_above):
-            continue  # it was in the floor already: nothing has arrived
+            continue  # it was in the floor already
         leaves = end < len(touches) and velocity_m_s[end - 1] > 0
         pushed = np.flatnonzero(case.samples.contact_force_n[first:end] > 0)
         if len(pushed):
@@ -238,7 +238,7 @@ def episodes(case: Case) -> Iterator[Episode]:
 def _approach_m_s(case: Case, step: int) -> float:
     """Return the downward speed that the contact after a sample meets [m/s].
 
-    Restitution acts on what the step would have made of the velocity without a contact.
+    Restitution acts on the velocity that the step would lead to without a contact.
     """
     if isinstance(case.law, BulletLaw):
         return -bullet_contact.free_velocity(case.law, case.samples.velocity_m_s[step])
@@ -246,7 +246,7 @@ def _approach_m_s(case: Case, step: int) -> float:
 
 
 def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
-    """Return the rebounds that leave the floor again, beside what restitution alone would give."""
+    """Return the rebounds that leave the floor, beside what restitution alone would give."""
     floor_m = case.floor_height_m
     if not case.is_rigid or floor_m is None or case.fall.gravity_m_s2 >= 0:
         return []
@@ -260,7 +260,7 @@ def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
     for number, episode in enumerate(leaving, start=1):
         plain = plain and _is_plain(case, episode, tumbled_step)
         next_touch = int(following[np.searchsorted(following, episode.last + 1)])
-        # Where the recording ends on the way up, the apex is not there to be compared.
+        # Where the recording ends on the way up, there is no apex to compare.
         whole = plain and (next_touch < len(touches) or case.samples.velocity_m_s[-1, 2] <= 0)
         rebound_m_s = float(case.samples.velocity_m_s[episode.pushed, 2])
         bounces.append(
@@ -281,7 +281,7 @@ def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
 
 
 def _is_plain(case: Case, episode: Episode, tumbled_step: int | None) -> bool:
-    """Whether a rebound is that of restitution: of a ball, or of a box on all four corners."""
+    """Whether a rebound is by restitution alone: of a ball, or of a box on all four corners."""
     if case.is_springy or (tumbled_step is not None and episode.last >= tumbled_step):
         return False
     points = case.samples.contact_points[episode.first : episode.last + 1]
@@ -289,7 +289,7 @@ def _is_plain(case: Case, episode: Episode, tumbled_step: int | None) -> bool:
 
 
 def _predicted_apex_m(case: Case, number: int) -> float | None:
-    """Return e^(2k) h of the k-th bounce [m]; a throw arrives like a drop from v²/2g higher."""
+    """Return e^(2k) h for the k-th bounce [m]; a throw arrives like a drop from v²/2g higher."""
     if case.engine.pair_restitution is None or case.floor_height_m is None:
         return None
     fall = case.fall
@@ -299,7 +299,7 @@ def _predicted_apex_m(case: Case, number: int) -> float | None:
 
 
 def _apexes(height_m: Float64, floor_m: float) -> list[float]:
-    """Return the highest point after each time that a path leaves the floor [m] above it."""
+    """Return the highest point above the floor after each time that a path leaves it [m]."""
     below = np.concatenate(([False], height_m <= floor_m, [False]))
     starts, ends = np.flatnonzero(np.diff(below.astype(np.int8))).reshape(-1, 2).T
     following = np.append(starts, len(height_m))[1:]
@@ -313,10 +313,10 @@ def _apexes(height_m: Float64, floor_m: float) -> list[float]:
 def _correction_m_s(case: Case, episode: Episode) -> float | None:
     """Return what the position correction adds to restitution × approach [m/s].
 
-    From the contact law, started from the recorded sample before the episode. None where contact
-    pushes for more than one step, the law does not give the recorded rebound, or without a position
-    correction it gives another one than restitution × approach: a body that is not yet in the floor
-    by the slop is slowed by what is left of that.
+    By the contact law, started from the recorded sample before the episode. None where contact
+    pushes for more than one step, the law does not reproduce the recorded rebound, or without a
+    position correction its rebound is not restitution × approach: a body that is not yet in the
+    floor by the slop is slowed by the rest of the slop.
     """
     before, samples = episode.first - 1, case.samples
     if not covers(case) or samples.height_m[before] <= _deepest_m(case):
@@ -346,7 +346,7 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
 def find_rest(
     case: Case, phases: Phases, tumbled_step: int | None, law: Path | None
 ) -> Rest | None:
-    """Return where the body comes to lie, and why it is not the rest height exactly."""
+    """Return where the body comes to lie, and why that is not exactly the rest height."""
     if not phases.lies:
         return None
     last_m = float(case.samples.height_m[-1])
@@ -361,7 +361,7 @@ def find_rest(
 
 
 def _rest_terms(case: Case, law: Path, last_m: float, expected_m: float) -> RestTerms | None:
-    """Return why the body lies where it lies; None where the law has not come to rest either."""
+    """Return why the body lies where it does; None where the law does not come to rest."""
     settles = abs(law.velocity_m_s[-10:]).max() < AT_REST_M_S
     if not settles or _bounces_on(case) or not _contact_erp(case) > 0:
         return None
@@ -374,7 +374,7 @@ def _rest_terms(case: Case, law: Path, last_m: float, expected_m: float) -> Rest
 
 
 def _sinks_m(case: Case, error_m: float) -> float | None:
-    """Return how deep soft contact lets a body sink at rest [m]; None where it lies elsewhere."""
+    """Return how deep a body at rest sinks into soft contact [m]; None where it lies elsewhere."""
     engine, gravity_m_s2 = case.engine, -case.fall.gravity_m_s2
     points, depth_m = int(case.samples.contact_points[-1]), None
     if gravity_m_s2 > 0 and points and engine.solref is not None and engine.solimp is not None:
@@ -383,7 +383,7 @@ def _sinks_m(case: Case, error_m: float) -> float | None:
         axis, _ = face_up(case, len(case.samples) - 1)
         edges_m = np.array(engine.shape_dimensions_m)
         area_m2 = float(np.prod(np.delete(edges_m, axis)))
-        # A pressure field that grows to the modulus from the faces to the middle.
+        # The pressure grows from 0 at the faces to the modulus in the middle.
         stiffness_n_m = engine.modulus_pa * area_m2 / (edges_m[axis] / 2)
         depth_m = engine.mass_kg * gravity_m_s2 / float(stiffness_n_m)
     if depth_m is None or abs(error_m + depth_m) > SUNK_M:
@@ -392,9 +392,9 @@ def _sinks_m(case: Case, error_m: float) -> float | None:
 
 
 def _bounces_on(case: Case) -> bool:
-    """Whether restitution acts on what gravity gives a body at rest in a step.
+    """Whether restitution acts on the velocity that gravity gives a body at rest in a step.
 
-    Then it comes to rest above the slop, where what it bounces up with just takes it there.
+    Then it comes to rest above the slop, where each bounce just makes up for the step.
     """
     assert isinstance(case.law, BulletLaw)
     falls_m_s = bullet_contact.free_velocity(case.law, (0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""How far the recorded state follows the law of the engine that the recording names."""
+"""How far the recorded state follows the law of the recorded engine."""
 
 from __future__ import annotations
 
@@ -11,20 +11,23 @@ from pipeline.analysis.drop.phases import Phases
 from pipeline.analysis.drop.results import ContactPhase, Coverage, Explained
 from pipeline.analysis.general.segments import CONTACT
 from pipeline.fields import counted
+from pipeline.messages import Message
 from pipeline.scenario import Engine
 
 LEFT_M_S2 = 0.02
-"""Acceleration at a body's edge that MuJoCo's solver may leave unbalanced; seen: 0.004."""
-NO_BALANCE: dict[Engine, str] = {
-    "drake": "Drake gives contact forces to its solver's tolerance, and no torque of a patch",
-    "physx": "SAPIEN reports no friction, and PhysX moves what it touches by another rule",
+"""Acceleration at a body's edge that MuJoCo's solver may leave unbalanced; measured: 0.004."""
+NO_BALANCE: dict[Engine, Message] = {
+    "drake": Message(
+        "Drake reports contact forces only to its solver's tolerance, and no torque of a patch"
+    ),
+    "physx": Message("SAPIEN reports no friction, and PhysX moves bodies in contact differently"),
 }
 """Why the contact of an engine is not explained."""
 
 
 @dataclass(frozen=True)
 class Mismatch:
-    """The first sample that does not follow Bullet's law although that covers it."""
+    """The first sample that the law covers and that does not follow it."""
 
     step: int
     deviation: float
@@ -32,15 +35,15 @@ class Mismatch:
 
 
 def find_mismatch(case: Case, phases: Phases) -> Mismatch | None:
-    """Return the first sample that does not follow Bullet's law, and by how much, or None.
+    """Return the first sample that the law covers but does not lead to, or None.
 
-    The release is in the air, whatever is recorded of contact.
+    The release counts as in the air, whatever contacts are recorded.
     """
     step = case.segments.first_unexplained
     if step is None or (case.scenario.stepped and not case.is_rigid):
         return None
-    met = step >= max(1, phases.airborne) or _near_unbalanced(case, step)
-    if met and _uncovered(case, step) is not None:
+    touched = step >= max(1, phases.airborne) or _near_unbalanced(case, step)
+    if touched and _uncovered(case, step) is not None:
         return None
     if _unknown(case, step):
         return None
@@ -48,7 +51,7 @@ def find_mismatch(case: Case, phases: Phases) -> Mismatch | None:
 
 
 def clamped_step(case: Case, phases: Phases) -> int | None:
-    """Return the first sample in the air that the limit of ±100 m/s or rad/s acted on, or None."""
+    """Return the first sample in the air that was clamped to ±100 m/s or rad/s, or None."""
     held = np.flatnonzero(case.segments.held[1 : max(1, phases.airborne)])
     return int(held[0]) + 1 if len(held) else None
 
@@ -56,7 +59,7 @@ def clamped_step(case: Case, phases: Phases) -> int | None:
 def unseen_contact(case: Case, mismatch: Mismatch | None) -> int | None:
     """Return the sample at which a contact acted that the engine does not report, or None.
 
-    What leaves the law within reach of the floor has met it.
+    A body that departs from the law within reach of the floor has touched it.
     """
     if mismatch is None or not case.hides_contacts or not case.scenario.floor:
         return None
@@ -66,46 +69,61 @@ def unseen_contact(case: Case, mismatch: Mismatch | None) -> int | None:
     return mismatch.step if within else None
 
 
-def _uncovered(case: Case, step: int) -> str | None:
+def _uncovered(case: Case, step: int) -> Message | None:
     """Return why neither law nor contact forces cover a sample after a contact; None if they do."""
     if not case.is_rigid:
-        why = "the laws here are those of one rigid body"
-        return f"the body has {joints_of(case.engine.joints)}, and {why}"
+        return Message(
+            "the body has {joints}, and the laws here are those of one rigid body",
+            joints=counted(case.engine.joints, "joint"),
+        )
     if not case.scenario.stepped:
         return None
     if case.substeps > 1:
-        return "it may have touched: of several substeps PyBullet reports the last one's contact"
+        return Message(
+            "it may have touched: of several substeps PyBullet reports only the contacts of the "
+            "last"
+        )
     if case.hides_contacts:
-        return f"it may have touched: {case.engine_name} reports the contact of a step's last stage"
+        return Message(
+            "it may have touched: {engine} reports only the contacts of a step's last stage",
+            engine=case.engine_name,
+        )
     if _near_unbalanced(case, step):
         return NO_BALANCE[case.scenario.engine]
     balance = case.segments.balance
     touched = balance is not None and bool(balance.touched[step])
     if touched and (case.engine.rolling_friction or case.engine.spinning_friction):
-        return "rolling or spinning friction acts, which PyBullet does not report"
+        return Message("rolling or spinning friction acts, which PyBullet does not report")
     residual = case.scenario.solver_residual
     if touched and case.scenario.engine == "mujoco" and residual != 0 and _nearly(case, step):
-        return "MuJoCo's solver stops before its forces balance; with --solver-residual 0 they do"
+        return Message(
+            "MuJoCo's solver stops before its forces balance; with --solver-residual 0 they do"
+        )
     if touched and step == 1 and case.scenario.coordinates == "maximal":
-        return "a btRigidBody is pushed in its first step with the inertia of how it was loaded"
+        return Message(
+            "in its first step a btRigidBody is pushed with the inertia it was loaded with"
+        )
     return None
 
 
 def _near_unbalanced(case: Case, step: int) -> bool:
-    """Whether a step had contact points, touching or not, in an engine that explains none."""
+    """Whether a step had contact points, touching or not, in an engine without a balance."""
     return case.scenario.engine in NO_BALANCE and bool((case.touches.step == step).any())
 
 
-def _unknown(case: Case, step: int) -> str | None:
+def _unknown(case: Case, step: int) -> Message | None:
     """Return why no law of a step is known; None where it is."""
     if not case.is_rigid or case.law.covers(case.samples.before())[step]:
         return None
-    name, integrator = case.engine_name, case.scenario.effective_integrator
-    return f"no law of a step is known of {name}'s {integrator} integration of spin or damping"
+    return Message(
+        "no law of a step is known for {engine}'s {integrator} integration of spin or damping",
+        engine=case.engine_name,
+        integrator=case.scenario.effective_integrator,
+    )
 
 
 def _nearly(case: Case, step: int) -> bool:
-    """Whether a sample is off its law by no more than MuJoCo's solver leaves."""
+    """Whether a sample deviates from its law by no more than MuJoCo's solver leaves."""
     reach_m, dt = max(case.engine.reach_m, 1e-12), case.timestep_s
     return bool(case.segments.deviation[step] <= LEFT_M_S2 * dt * max(1.0, 1 / reach_m))
 
@@ -117,11 +135,12 @@ def explained_of(case: Case, mismatch: Mismatch | None) -> Explained:
     if step is None:
         return Explained(samples, of, (of - 1) * case.timestep_s, None)
     why = None if mismatch is not None else _unknown(case, step) or _uncovered(case, step)
+    unlike = Message("the state is not what the engine computes from the sample before")
     return Explained(
         samples,
         of,
         (step - 1) * case.timestep_s if step else None,
-        f"at sample {step} {why or 'the state does not follow what the engine makes of samples'}",
+        Message("at sample {step} {why}", step=step, why=why or unlike),
     )
 
 
@@ -130,40 +149,43 @@ def contact_phases(case: Case) -> list[ContactPhase]:
     balance = case.segments.balance
     if balance is None:
         return []
-    found = []
+    contacts = []
     for first, last in case.segments.runs(CONTACT):
         impulses = balance.impulse_n_s[first : last + 1]
         x, y, z = impulses.sum(axis=0).tolist()
         largest_n = float(np.linalg.norm(impulses, axis=1).max()) / case.timestep_s
         kinetic_j = float(balance.energy_j[first : last + 1].sum())
-        found.append(ContactPhase(first, last, (x, y, z), largest_n, kinetic_j))
-    return found
-
-
-def joints_of(count: int) -> str:
-    """Return a number of joints in words."""
-    return counted(count, "joint")
+        contacts.append(ContactPhase(first, last, (x, y, z), largest_n, kinetic_j))
+    return contacts
 
 
 def coverage_of(
     case: Case, phases: Phases, mismatch: Mismatch | None, clamped: int | None
 ) -> Coverage:
-    """Say which samples are taken apart: those in free flight, by the law and in theory."""
+    """Say which samples are broken down: those in free flight, by the law and in theory."""
     of = phases.samples
     if not case.scenario.stepped:
-        return Coverage(0, of, "no step was taken, so no law of motion applies")
+        return Coverage(0, of, Message("no step was taken, so no law of motion applies"))
     if not case.is_rigid:
-        why = f"the body has {joints_of(case.engine.joints)}, and the law is that of one rigid body"
+        why = Message(
+            "the body has {joints}, and the law is that of one rigid body",
+            joints=counted(case.engine.joints, "joint"),
+        )
         return Coverage(0, of, why)
-    ends: list[tuple[int, str]] = [(of, "the whole recording is in free flight")]
+    ends = [(of, Message("the whole recording is in free flight"))]
     if mismatch is not None:
-        ends.append((mismatch.step, f"the state does not follow {case.engine_name}'s law"))
+        why = Message("the state does not follow {engine}'s law", engine=case.engine_name)
+        ends.append((mismatch.step, why))
     if clamped is not None:
-        ends.append((clamped, "a velocity is held at Bullet's limit of 100"))
-    ends.append((case.lands_at, "free fall has reached the floor, and there is no theory"))
-    ends.append((phases.airborne, "the body is, or has been, in contact"))
+        ends.append((clamped, Message("a velocity is clamped to Bullet's limit of 100")))
+    fallen = Message("free fall has reached the floor, where theory ends")
+    ends.append((case.lands_at, fallen))
+    ends.append((phases.airborne, Message("the body is, or has been, in contact")))
     step = case.segments.first_unexplained
     if step is not None and mismatch is None:
-        ends.append((step, _unknown(case, step) or _uncovered(case, step) or "it is unexplained"))
+        why = Message("it is unexplained")
+        ends.append((step, _unknown(case, step) or _uncovered(case, step) or why))
     samples, why = min(ends, key=lambda end: end[0])
-    return Coverage(samples, of, why if samples == of else f"from sample {samples} on {why}")
+    if samples < of:
+        why = Message("from sample {step} on {why}", step=samples, why=why)
+    return Coverage(samples, of, why)

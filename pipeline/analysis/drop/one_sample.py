@@ -1,6 +1,6 @@
-"""One sample in the air, taken apart without the rest of the recording: what a sweep asks for.
+"""The error of one sample in the air, broken down without the rest of the recording: for sweeps.
 
-It gives the bits that `analysis_of` gives for the same sample of the whole recording, or nothing.
+The result is to the bit that of `analysis_of` for the same sample of the whole recording, or None.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Float64 = NDArray[np.float64]
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 DEFAULT_AT_S = 0.3
-"""The experiment's moment: time to take apart where none is asked for."""
+"""The time at which the error is broken down where none is asked for."""
 
 
 def moment_in_the_air(
@@ -30,17 +30,17 @@ def moment_in_the_air(
     *,
     touched: bool,
 ) -> Moment | None:
-    """Take the last of these samples apart; None where that needs the whole analysis.
+    """Break down the error of the last of these samples; None where that needs more.
 
-    It needs nothing but the samples until then where one rigid body falls straight down without
-    spin, has met nothing yet, and follows Bullet's law to the last bit.
+    The samples until then suffice where one rigid body falls straight down without spin, has
+    touched nothing yet, and follows Bullet's law to the last bit.
 
     Parameters
     ----------
     scenario
         What was dropped, and how.
     engine
-        What the engine reported of the body: mass and joints.
+        What the engine reported about the body: mass and joints.
     position_m, velocity_m_s
         Samples from the release on [m], [m/s], shape (n, 3).
     touched
@@ -68,7 +68,7 @@ def moment_in_the_air(
     lowest_m = engine.rest_height_m if scenario.floor else None
     free_fall_m = float(parts.free_fall_m[-1, 2])
     if lowest_m is not None and free_fall_m <= lowest_m:
-        return None  # theory has landed
+        return None  # by theory it has landed
     return Moment(
         time_s=step * law.timestep_s,
         step=step,

@@ -1,4 +1,4 @@
-"""When the body falls, touches and rests, read from the recorded samples alone."""
+"""When the body falls, touches and rests, from the recorded samples alone."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ Phase = Literal["falling", "contact", "rest"]
 SETTLED_M = 1e-5
 """A body within this of its last position, along each axis, has settled: Bullet's contact slop."""
 SETTLED_RAD = 1e-3
-"""The same of its orientation: what moves the surface of a 5 cm box by the slop is half of it."""
+"""The same for its orientation: half of it moves the surface of a 5 cm box by the slop."""
 REST_S, REST_SAMPLES = 0.1, 10
 """A body lies if it stays settled for at least this long, up to the end of the recording."""
 CREEP = 0.25
-"""It rests if it does not go on either: from half-way to the end it moves by at most this share of
-what counts as settled. What creeps or spins at a constant rate moves by half, however slowly, and
+"""It rests if, in the second half of that time, it moves by at most this share of what counts as
+settled. A body that creeps or spins at a constant rate moves by half of it, however slowly, and
 seems to settle wherever the recording ends. Of 140 bodies that lay, drawn as in
 `tests/test_truth.py`, most moved by 0.00 or by 0.50, none by 0.22 to 0.30."""
 
@@ -36,13 +36,13 @@ class Phases:
     contact_step: int | None
     """First sample that touches the floor."""
     rest_step: int | None
-    """First sample from which on the body lies still; none where it goes on creeping."""
+    """First sample from which on the body lies still; None where it keeps creeping."""
     lies: bool
     """Whether the body stays where it is to the end, at rest or creeping."""
 
     @property
     def airborne(self) -> int:
-        """How many samples there are before the first contact."""
+        """Number of samples before the first contact."""
         return self.samples if self.contact_step is None else self.contact_step
 
     def column(self) -> pl.Series:
@@ -58,7 +58,7 @@ class Phases:
 def touching(samples: Samples) -> NDArray[np.bool_]:
     """Return which samples touch the floor: a contact pushed, or the shapes overlapped.
 
-    A contact point alone is no touch: Bullet keeps points up to 20 mm above the floor.
+    A contact point alone is not a touch: Bullet keeps points up to 20 mm above the floor.
     """
     with np.errstate(invalid="ignore"):  # no contact, no distance
         return (samples.contact_force_n > 0) | (samples.contact_distance_m <= 0)
@@ -83,12 +83,12 @@ def phases_of(case: Case) -> Phases:
 
 
 def _moving(samples: Samples, share: float = 1.0) -> NDArray[np.bool_]:
-    """Return which samples have another position or orientation than the last.
+    """Return which samples differ from the last in position or orientation, shape (samples,).
 
-    By more than this share of what counts as settled; shape (samples,).
+    By more than this share of what counts as settled.
     """
     way_m = np.abs(samples.position_m - samples.position_m[-1]).max(axis=1)
-    # Of a small turn by θ the vector part of the quaternion between the two is θ/2 long.
+    # |q·q'| of two orientations a turn by θ apart is cos(θ/2).
     agree = np.abs(samples.orientation @ samples.orientation[-1])
     turn_rad = 2 * np.arccos(np.minimum(agree, 1.0))
     return np.asarray((way_m > share * SETTLED_M) | (turn_rad > share * SETTLED_RAD))

@@ -1,4 +1,4 @@
-"""How a body is turned: whether it touches the floor as the contact law assumes, or tumbles."""
+"""How a body is oriented: whether it touches the floor as the contact law assumes, or tumbles."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pipeline.laws.rotations import rotate, rotate_inverse
 Float64 = NDArray[np.float64]
 
 FLAT_RAD = 5e-3
-"""Tilt up to which a body counts as flat: up to it, and with all four corners in contact, the
-contact law gave the rebounds of 500 bounces to 1.2e-4 of the approach; beyond it corners land
-apart (`tests/test_contact_law.py`)."""
+"""Tilt up to which a body counts as flat: up to it, with all four corners in contact, the contact
+law reproduced 500 rebounds to 1.2e-4 of the approach; beyond it corners land one by one
+(`tests/test_contact_law.py`)."""
 SMALL_RAD = 1e-4
 """Tilt that moves the centre of a small body by no more than the contact slop."""
 _UP = np.array([[0.0, 0.0, 1.0]])
@@ -26,16 +26,16 @@ def up_in_body(case: Case) -> Float64:
 
 
 def turned_rad(case: Case) -> Float64:
-    """Return by how much each sample is tilted from the release [rad], shape (samples,).
+    """Return how far each sample is tilted from the release [rad], shape (samples,).
 
-    Turning about the vertical is no tilt. A ball is never tilted.
+    Turning about the vertical is not a tilt. A ball is never tilted.
     """
     up = up_in_body(case)
     return np.zeros(len(up)) if case.is_ball else _angle(up, up[:1])
 
 
 def tilt_rad(case: Case) -> Float64:
-    """Return how far each sample is from lying as the contact law assumes [rad], (samples,).
+    """Return how far each sample is tilted from what the contact law assumes [rad], (samples,).
 
     A box is flat on any of its faces, any other body as it was released.
     """
@@ -52,7 +52,7 @@ def tilt_rad(case: Case) -> Float64:
 def tumbled_step(case: Case, touching: NDArray[np.bool_]) -> int | None:
     """Return the first sample that touches the floor tilted; None where none does.
 
-    Where not every touch is reported it is the first from the first on.
+    Where not every touch is reported, all samples from the first touch on count as touching.
     """
     if not case.is_rigid:
         return None
@@ -63,14 +63,14 @@ def tumbled_step(case: Case, touching: NDArray[np.bool_]) -> int | None:
 
 
 def tumbles(case: Case, step: int) -> bool:
-    """Whether a body that touches the floor tilted at a sample turns from there on, or stays so."""
+    """Whether a body that touches the floor tilted at a sample turns from there on."""
     return float(np.ptp(tilt_rad(case)[step:])) > FLAT_RAD
 
 
 def flat_height_m(case: Case, step: int) -> float | None:
-    """Return how high the centre is when the body lies as it does in a sample [m].
+    """Return the height of the centre of a body that lies as it does in a sample [m].
 
-    None where the body is tilted, or nothing says how high.
+    None where the body is tilted, or the height is unknown.
     """
     if tilt_rad(case)[step] > SMALL_RAD:
         return None
@@ -94,7 +94,7 @@ def stands(case: Case) -> bool:
 
 
 def extent_m(case: Case) -> float | None:
-    """Return how tall the body is as it was released [m], a box or a ball; None of others."""
+    """Return the height of a box or ball as released [m]; None for other bodies."""
     if case.is_ball:
         return 2 * case.engine.shape_dimensions_m[0]
     if not case.is_box or not _has_sharp_faces(case):
@@ -103,7 +103,7 @@ def extent_m(case: Case) -> float | None:
 
 
 def _has_sharp_faces(case: Case) -> bool:
-    """Whether a box touches where its dimensions say: one below a few mm does not in Bullet."""
+    """Whether a box touches where its dimensions say: in Bullet one below a few mm does not."""
     if case.engine.rest_height_m is None or case.engine.shape_position_m is None:
         return False
     half_m = np.abs(_up_in_box(case)[0]) @ np.array(case.engine.shape_dimensions_m) / 2

@@ -1,1 +1,1 @@
-"""What can be said of any recording."""
+"""What applies to any recording."""

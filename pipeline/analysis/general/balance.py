@@ -1,19 +1,18 @@
-"""What contact did in each step: which point gave which impulse, and took which energy.
+"""What contact did in each step: the impulse that each point gave, and the energy.
 
 A step of an engine with impulses is the law's step and then the impulses:
 
     m (v' - v_law) = dt Σ F                    I (ω' - ω_law) = dt Σ r × F
 
 over the contact points, F the normal force and both frictions on the body, r from its centre to its
-own point, both as they are at the step's start, where the engine looks for contacts; so is I. A
-velocity that this takes beyond the engine's limit is held there. Derivation of the energies: with
-J = dt F a step changes m v²/2 + ω·Iω/2 from what the law alone leaves of it by
+own point. Both, and I, are those at the start of the step, when the engine looks for contacts. A
+velocity beyond the engine's limit is clamped. Derivation of the energies: with J = dt F a step
+changes m v²/2 + ω·Iω/2 from what it is by the law alone by
 
     Σ [J·(v_law + v')/2 + (r × J)·(ω_law + ω')/2]
 
-point by point, since a² - b² = (a - b)·(a + b); I stays that of the step's start. Not in the
-balance: rolling and spinning friction, which PyBullet does not report, and steps that are made of
-several.
+point by point, since a² - b² = (a - b)·(a + b). The balance leaves out rolling and spinning
+friction, which PyBullet does not report, and timesteps with several substeps.
 Source: Newton and Euler; checked against PyBullet in `tests/test_segments.py`.
 """
 
@@ -32,43 +31,43 @@ from pipeline.laws.rotations import rotate, rotate_inverse
 Float64 = NDArray[np.float64]
 
 CLOSES = 1e-12
-"""Share of all that is added up in a step to which the balance closes; seen: 2e-13."""
+"""Share of a step's summands to which the balance closes; measured: 2e-13."""
 
 
 @dataclass(frozen=True)
 class Balance:
     """What contact did to one body; the row of a sample is that of the step which led to it.
 
-    The first sample has no such step: its row is of zeros. Vectors in world axes, (samples, 3).
+    The first sample has no such step: its row is zeros. Vectors in world axes, (samples, 3).
     """
 
     law: Motion
-    """What the law alone makes of the sample before."""
+    """Where the law alone leads from the sample before."""
     impulse_n_s: Float64
     angular_impulse_n_m_s: Float64
     """About the centre of mass."""
     touched: NDArray[np.bool_]
     """Whether a force acted."""
     velocity_m_s: Float64
-    """What law and impulses make of the velocity."""
+    """By law and impulses."""
     spin_rad_s: Float64
     velocity_scale_m_s: Float64
-    """What is added up in the velocity, shape (samples,)."""
+    """Size of the summands of the velocity, shape (samples,)."""
     spin_scale_rad_s: Float64
     point_energy_j: Float64
-    """What each contact point gave, or took: shape (points,)."""
+    """Energy that each contact point gave, shape (points,); negative where it took some."""
     energy_j: Float64
-    """The same of each step, shape (samples,)."""
+    """The same for each step, shape (samples,)."""
     held: NDArray[np.bool_]
-    """Whether the engine held a velocity at its limit when forces or contact were added."""
+    """Whether the engine clamped a velocity when forces or contact were added."""
 
     def closes(self, motion: Motion) -> NDArray[np.bool_]:
-        """Return in which samples the recorded velocities are those of law and impulses."""
+        """Return in which samples the recorded velocities follow from law and impulses."""
         angular = np.abs(motion.spin_rad_s - self.spin_rad_s).max(axis=1)
         return np.asarray(self.closes_linear(motion) & (angular <= CLOSES * self.spin_scale_rad_s))
 
     def closes_linear(self, motion: Motion) -> NDArray[np.bool_]:
-        """Return the same, whatever the spin does."""
+        """Return the same, regardless of spin."""
         linear = np.abs(motion.velocity_m_s - self.velocity_m_s).max(axis=1)
         return np.asarray(linear <= CLOSES * self.velocity_scale_m_s)
 
@@ -90,7 +89,7 @@ def balance_of(
     law
         The law that it follows where nothing touches it.
     touches
-        What touches it.
+        Its contact points.
     pushed
         Forces [N] and torques about the centre of mass [N m] that were applied in the step which
         led to each sample, shape (samples, 3) each; None without any.
@@ -118,7 +117,7 @@ def balance_of(
         return rotate(before.orientation, own)
 
     if pushed is not None:
-        # With the law's step, before the engine holds a velocity at its limit; contact comes after.
+        # Part of the law's step, before the engine clamps velocities; contact comes after.
         force_n, torque_n_m = pushed
         free = law.unlimited(before)
         start_m_s = free.velocity_m_s + dt * force_n / law.mass_kg

@@ -1,4 +1,4 @@
-"""The recorded contact points as arrays, and what they do to one part."""
+"""The recorded contact points as arrays, and the forces on one part."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Contacts:
     friction_2_direction: Float64
 
     def of(self, body: int, link: int = -1) -> Touches:
-        """Return what pushes one part: its own points, and the forces on it."""
+        """Return the contact points of one part, and the forces on it."""
         rows, on_b = self._sides_of(body)
         its = np.where(on_b, self.link_b[rows], self.link_a[rows]) == link
         rows, sign = rows[its], np.where(on_b[its], -1.0, 1.0)[:, None]
@@ -57,7 +57,7 @@ class Contacts:
         )
 
     def _sides_of(self, body: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-        """Return the points of a body in order, and whether it is the second of their two."""
+        """Return the points of a body in order, and whether it is their body b."""
         bodies, rows, on_b = self._sides
         its = slice(*np.searchsorted(bodies, [body, body + 1]))
         return rows[its], on_b[its]
@@ -74,21 +74,21 @@ class Contacts:
 
 @dataclass(frozen=True)
 class Touches:
-    """What pushes one part, one row per contact point; vectors in world axes, (points, 3)."""
+    """The contact points of one part, one row each; vectors in world axes, (points, 3)."""
 
     step: Int64
     position_m: Float64
-    """Where on this part."""
+    """On this part."""
     force_n: Float64
-    """Normal force and both frictions, on this part."""
+    """Normal force and both frictions on this part."""
     distance_m: Float64
     """Negative where they overlap, (points,)."""
     other_body: Int64
-    """What pushes, (points,)."""
+    """The other body, (points,)."""
     other_link: Int64
 
     def at(self, points: NDArray[np.bool_], step: Int64) -> Touches:
-        """Return some of the points, with other numbers for their steps, in this order."""
+        """Return some of the points, with new step numbers."""
         return replace(
             self,
             step=step,

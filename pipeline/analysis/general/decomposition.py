@@ -1,4 +1,4 @@
-"""Take the error of a flight through the air apart.
+"""Break down the error of a flight through the air.
 
     simulated - free fall = timestep + damping + interaction + rounding
 
@@ -42,23 +42,23 @@ class Decomposition:
 
 
 def decompose(law: Law, fall: Fall, simulated_m: Float64, *, first: int = 0) -> Decomposition:
-    """Take apart simulated minus free-fall position, sample by sample.
+    """Break down simulated minus free-fall position, sample by sample.
 
     Parameters
     ----------
     law
         The discrete law that the engine follows.
     fall
-        The start and the air: what the simulation was told to do.
+        The start and the drag: what the simulation was given.
     simulated_m
         Simulated positions of consecutive samples [m], shape (samples, 3). All of them must be in
         the air.
     first
-        Step number of the first of them, from the start on; 0 is the start.
+        Step number of the first of them; 0 is the start.
 
     Returns
     -------
-    The error and its terms. They add up to it but for the last bit of the largest.
+    The error and its terms, which add up to it except for the last bit of the largest.
     """
     if not len(simulated_m):
         return Decomposition(*[np.empty((0, 3))] * len(fields(Decomposition)))

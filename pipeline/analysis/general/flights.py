@@ -1,4 +1,4 @@
-"""Every flight of a body is a drop of its own: from its first sample on it has a theory."""
+"""Every flight of a body is a drop of its own, with a theory that starts at its first sample."""
 
 from __future__ import annotations
 
@@ -21,25 +21,24 @@ class VectorTerms:
     """The four terms of an error along x, y and z [m]; they add up to it."""
 
     timestep: Vector
-    """What semi-implicit Euler does, without damping."""
+    """Error of semi-implicit Euler without damping."""
     damping: Vector
-    """What damping does, in continuous time."""
+    """Effect of damping in continuous time."""
     interaction: Vector
-    """What the two do to each other."""
+    """Interaction of the two."""
     rounding: Vector
-    """What double precision leaves."""
+    """Rounding of double precision."""
 
 
 @dataclass(frozen=True)
 class Flight:
-    """From a sample on a body meets nothing, and follows the law: a fall, or a way after a bounce.
+    """Consecutive samples in which a body touches nothing and follows the law, as after a bounce.
 
-    Its theory starts at its first sample, with the position and the velocity that it has there, and
-    knows no floor.
+    Its theory starts from the position and the velocity of its first sample, and has no floor.
     """
 
     first_step: int
-    """The sample that it starts from: a release, or the last that something else led to."""
+    """The sample that it starts from: a release, or the last before the flight."""
     last_step: int
     """The last sample that the law of flight led to."""
     start_s: float
@@ -49,8 +48,7 @@ class Flight:
     error_m: Vector
     """Simulated minus free fall at the last sample: x, y, z."""
     terms_m: VectorTerms | None
-    """What that is made of; None from the first sample on at which a velocity was held at the
-    engine's limit, which neither theory knows."""
+    """Its terms; None if a velocity was clamped to the engine's limit, which no theory has."""
 
 
 def start_of(motion: Motion, sample: int, law: Law) -> Fall:
@@ -66,10 +64,10 @@ def start_of(motion: Motion, sample: int, law: Law) -> Fall:
 def decomposed(
     motion: Motion, law: Law, segments: Segments, *, at_least: int = 0
 ) -> tuple[list[Flight], Decomposition]:
-    """Return all flights, and the first samples taken apart as the start of one.
+    """Return all flights, and the errors of the first samples broken down as those of a flight.
 
-    The latter are `at_least` so many, or, where the body begins in flight, all samples of that: so
-    that the long way of exact arithmetic is gone once.
+    These are `at_least` that many samples; where the body begins in flight, all of that flight, so
+    that exact arithmetic, which is slow, is done once.
     """
     runs = [(first - 1, last) for first, last in segments.runs(FLIGHT) if first]
     begins = bool(runs) and runs[0][0] == 0
@@ -93,7 +91,7 @@ def _flight(
     motion: Motion, law: Law, first: int, last: int, *, parts: Decomposition | None, held: bool
 ) -> Flight:
     if parts is None:
-        error_m, terms_m = taken_apart(
+        error_m, terms_m = error_and_terms(
             motion.at(slice(first, first + 1)), motion.position_m[last], law, steps=last - first
         )
     else:
@@ -108,7 +106,7 @@ def _flight(
     )
 
 
-def taken_apart(
+def error_and_terms(
     start: Motion, position_m: Float64, law: Law, *, steps: int
 ) -> tuple[Vector, VectorTerms | None]:
     """Return the error of a flight after some steps, and its terms [m].
@@ -116,13 +114,13 @@ def taken_apart(
     Parameters
     ----------
     start
-        The one sample that it starts from.
+        The sample that it starts from.
     position_m
         Where the body is after these steps, shape (3,).
     law
-        What it follows. Where its gravity is not along z there are no terms.
+        Its law. Where gravity is not along z there are no terms.
     steps
-        At least one.
+        At least 1.
     """
     if any(law.gravity_m_s2[:2]):
         time_s, g = steps * law.timestep_s, np.array(law.gravity_m_s2)

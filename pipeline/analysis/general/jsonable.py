@@ -1,4 +1,4 @@
-"""Results as JSON has them."""
+"""Results as plain JSON values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def jsonable(value: Any) -> Any:  # noqa: ANN401
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, dict):
-        return {key: jsonable(one) for key, one in value.items()}
+        return {key: jsonable(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [jsonable(one) for one in value]
+        return [jsonable(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -15,7 +15,7 @@ from pipeline.report import EngineReport
 Float64 = NDArray[np.float64]
 
 ROUNDING = 1e-13
-"""Share of what is added up that rounding may leave of a sum that is 0."""
+"""Share of the summands that rounding may leave in a sum that is 0."""
 
 
 @dataclass(frozen=True)
@@ -82,14 +82,14 @@ def _about_centre_of_mass(
     masses_kg = np.array(engine.link_masses_kg)
     rigid = (samples, *samples.links)
     shares = masses_kg / masses_kg.sum()
-    centre_m = np.tensordot(shares, [one.position_m for one in rigid], 1)
-    drift_m_s = np.tensordot(shares, [one.velocity_m_s for one in rigid], 1)
+    centre_m = np.tensordot(shares, [link.position_m for link in rigid], 1)
+    drift_m_s = np.tensordot(shares, [link.velocity_m_s for link in rigid], 1)
     total, scale = np.zeros_like(centre_m), np.zeros(len(centre_m))
     for m, link, part in zip(masses_kg, rigid, parts, strict=True):
         arm_m, velocity_m_s = link.position_m - centre_m, link.velocity_m_s - drift_m_s
         total += part.angular_momentum_kg_m2_s + m * np.cross(arm_m, velocity_m_s)
         scale += m * np.abs(arm_m).max(axis=1) * np.abs(link.velocity_m_s).max(axis=1)
-    # Differences of equal velocities leave rounding, which is no momentum.
+    # Differences of equal velocities leave rounding, which is not momentum.
     nothing = np.linalg.norm(total, axis=1) < ROUNDING * scale
     return np.where(nothing[:, None], 0.0, total)
 

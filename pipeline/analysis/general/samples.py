@@ -17,16 +17,16 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Samples(Motion):
-    """The recorded state: the motion of the body, or of its base, and what touches it."""
+    """The recorded state: the motion of the body, or of its base, and its floor contact."""
 
     contact_points: Float64
-    """How many there are, shape (samples,); 0 where there is no contact."""
+    """Number of contact points, shape (samples,)."""
     contact_distance_m: Float64
-    """Smallest distance to the floor at which they were found [m], (samples,); nan without any."""
+    """Their smallest distance to the floor [m], shape (samples,); nan without any."""
     contact_force_n: Float64
-    """Normal forces together [N], shape (samples,)."""
+    """Sum of their normal forces [N], shape (samples,)."""
     links: tuple[Motion, ...] = ()
-    """The further links of a body with joints, as far as they are recorded."""
+    """The other links of a body with joints, where recorded."""
 
     @property
     def height_m(self) -> Float64:
@@ -83,7 +83,7 @@ def _contact(contacts: pl.DataFrame, samples: int) -> tuple[Float64, Float64, Fl
         distance_m[steps] = np.minimum.reduceat(touching["distance_m"].to_numpy(), first)
         forces_n = touching["normal_force_n"].to_list()
         ends = (first + count).tolist()
-        # Rounded once: the order of the points, which is the engine's, leaves no trace.
+        # Rounded once, so that the order of the points, which is the engine's, does not matter.
         force_n[steps] = [
             math.fsum(forces_n[start:end]) for start, end in zip(first.tolist(), ends, strict=True)
         ]

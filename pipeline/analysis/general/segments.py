@@ -1,14 +1,14 @@
-"""What each sample of a body is: the one step of a law that led to it, or why it is none.
+"""What each sample of a body is: the step of a law that led to it, or unexplained.
 
     x' = x + v' dt        holds in every phase to the last bit, and so does the turn by ω'
-    v', ω'                are the law's in flight, and the law's and the contacts' (`balance`) else
+    v', ω'                follow from the law in flight, else from law and contacts (`balance`)
 
-The segment of a sample is that of the step which led to it, so that each rests on two samples and
-on the contacts between them. Not covered, and then `unexplained`: contact in a step that is made of
-several, of which PyBullet reports the last; rolling and spinning friction, which it does not
-report; and the first step of a btRigidBody that touches something after it was turned or given
-another mass: it is pushed with the inertia of how it was loaded. Not covered, and `jointed`:
-bodies with joints.
+The segment of a sample is that of the step which led to it, so it depends on two samples and the
+contacts between them. Not covered, so `unexplained`: contact in a timestep of several substeps, of
+which PyBullet reports only the last; rolling and spinning friction, which it does not report; and
+the first step of a btRigidBody that touches something after it was turned or given another mass,
+since it is pushed with the inertia it was loaded with. Not covered, so `jointed`: bodies with
+joints.
 """
 
 from __future__ import annotations
@@ -31,31 +31,31 @@ FLIGHT, CONTACT, PUSHED, SET, JOINTED, STILL, UNEXPLAINED = range(len(SEGMENTS))
 EXPLAINED = (FLIGHT, CONTACT, PUSHED, SET, STILL)
 
 ULPS = 16
-"""Units of rounding of a step's terms that velocities may be off while a body turns; seen: 5.
+"""Allowed deviation of velocities while a body turns, in units of rounding of a step's terms.
 
-Where something touched and gave no force, of what it may have given: seen, in 5,822 samples of 596
-recordings, 0.8, and 6.3 in one, where what touched was 80 times as fast.
+Measured: 5. Where something touched without a force, in units of what it may have given: 0.8 in
+5,822 samples of 596 recordings, and 6.3 in one, where the touching body was 80 times as fast.
 """
 
 
 @dataclass(frozen=True)
 class Segments:
-    """The segment of every sample of a body, and what it was told by."""
+    """The segment of every sample of a body, and what it is based on."""
 
     code: NDArray[np.int8]
-    """Places in `SEGMENTS`, shape (samples,)."""
+    """Indices into `SEGMENTS`, shape (samples,)."""
     deviation: Float64
-    """By how much the sample is off its law, in the worst of its numbers [m, m/s, rad/s, 1]."""
+    """How far the sample deviates from its law, in its worst number [m, m/s, rad/s, 1]."""
     balance: Balance | None
     """What contact did; None without a law."""
     held: NDArray[np.bool_]
-    """Whether the engine held a velocity at its limit in the step to each sample.
+    """Whether the engine clamped a velocity in the step to each sample.
 
-    Where law and contacts do not lead to a sample, it is held if it got to the limit to the bit.
+    Where law and contacts do not lead to a sample: whether it reached the limit to the bit.
     """
 
     def placed_at(self, motion: Motion, start: Motion, law: Law) -> Segments:
-        """Return the same where the first sample is held against a start that is known."""
+        """Return the same with the first sample checked against a known start."""
         first, start = motion.at(slice(1)), law.released(start)
         turned = _off(_same_way(first.orientation, start.orientation), start.orientation)
         placed = [_off(getattr(first, name), getattr(start, name)) for name in _VECTORS]
@@ -66,7 +66,7 @@ class Segments:
         return replace(self, code=code, deviation=deviation)
 
     def counts(self) -> dict[Segment, int]:
-        """Return how many samples there are of each segment."""
+        """Return the number of samples of each segment."""
         counts = np.bincount(self.code, minlength=len(SEGMENTS)).tolist()
         return dict(zip(SEGMENTS, counts, strict=True))
 
@@ -77,7 +77,7 @@ class Segments:
 
     @property
     def first_unexplained(self) -> int | None:
-        """The first sample that is not."""
+        """The first sample that is not explained."""
         steps = np.flatnonzero(~self.explained)
         return int(steps[0]) if len(steps) else None
 
@@ -88,7 +88,7 @@ class Segments:
 
 
 def unbroken(held: NDArray[np.bool_], breaks: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first and last row of each run of true ones, which ends before a break."""
+    """Return first and last row of each run of true values; a break begins a new run."""
     before, after = np.roll(held, 1), np.roll(held, -1)
     before[0] = after[-1] = False
     ends = np.append(breaks[1:], True)
@@ -119,25 +119,25 @@ def segments_of(
     law
         The law that it follows where nothing touches it.
     touches
-        What touches it.
+        Its contact points.
     exact
         Whether the engine's machine rounds each operation once.
     pushed
         Forces [N] and torques [N m] that were applied in the step which led to each sample.
     placed
-        Which samples a call put there, and no step; the first one without any.
+        Which samples a call, not a step, led to; the first one if None.
     before
         What each step began with; None where that is the sample before.
     rolls
-        In which samples contact may have given a torque that is not reported. It is `contact` by
-        its momentum along the axes then, whatever its spin does; None where that is not enough.
+        In which samples contact may have given an unreported torque: these are `contact` if their
+        linear momentum balances, regardless of spin; None where that is not enough.
     """
     before = motion.before() if before is None else before
     balance = balance_of(motion, law, touches, pushed, before=before)
     several, bits = law.substeps > 1, law.bits(before)
     exactly, ulps = 0.0 if exact else FUSED, ULPS * law.epsilon
 
-    # With one step to a sample its own velocities moved it, whatever gave it these.
+    # With one step per sample its own velocities moved it, whatever their cause.
     alone = balance.law
     moved = alone if several else law.moved(before, motion.velocity_m_s, motion.spin_rad_s)
     position, orientation = motion.position_m, _same_way(motion.orientation, moved.orientation)
@@ -145,11 +145,11 @@ def segments_of(
     turns = np.where(bits | law.moves_exactly, exactly, ulps)
     place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
     there = place_m <= turns * (np.abs(position).max(axis=1) + law.timestep_s * terms_m_s)
-    # As uncertain as the spin that turned it, which may be read back through a rotation too.
+    # As uncertain as the spin that turned it, which may have been read back through a rotation.
     dt, spin_rad_s = law.timestep_s, np.linalg.norm(motion.spin_rad_s, axis=1)
     there &= turn <= law.oriented + exactly + dt * (ulps * spin_rad_s + turns * terms_rad_s)
 
-    # What the solver tries at a point and takes back leaves rounding: of a spin too that is 0 then.
+    # Impulses that the solver tries and takes back leave rounding, also in a spin that ends at 0.
     sum_m_s = terms_m_s + np.abs(motion.velocity_m_s).max(axis=1)
     sum_rad_s = terms_rad_s + np.abs(motion.spin_rad_s).max(axis=1)
     near, tried_m_s, tried_rad_s = _tried(law, before, touches, sum_m_s, sum_rad_s)
@@ -181,14 +181,14 @@ def segments_of(
 
 
 def _at_limit(law: Law, before: Motion, motion: Motion) -> NDArray[np.bool_]:
-    """Return which samples have a velocity at the engine's limit that they had not before, (n,)."""
-    found = np.zeros(len(motion), dtype=bool)
+    """Return which samples have a velocity newly at the engine's limit, (n,)."""
+    limited = np.zeros(len(motion), dtype=bool)
     for name in ("velocity_m_s", "spin_rad_s"):
         was, now = getattr(before, name), getattr(motion, name)
         beyond = np.nextafter(now, np.copysign(np.inf, now))
         reached = np.isfinite(now) & (law.held(beyond) == now) & (now != was)
-        found |= reached.any(axis=1)
-    return found
+        limited |= reached.any(axis=1)
+    return limited
 
 
 def _tried(
@@ -196,8 +196,8 @@ def _tried(
 ) -> tuple[NDArray[np.bool_], Float64, Float64]:
     """Return where a point touches, and what an impulse there may add to velocity and spin, (n,).
 
-    One that stops the point: with v its speed and r its way from the centre it changes the velocity
-    by v at most, and the spin by v m r / (I + m r²), I the least moment of inertia.
+    An impulse that stops the point changes the velocity by its speed v at most, and the spin by
+    v m r / (I + m r²), with r its distance from the centre and I the least moment of inertia.
     """
     near = np.isin(np.arange(len(before)), touches.step)
     arm_m = np.zeros(len(before))
@@ -210,7 +210,7 @@ def _tried(
 
 
 def still_segments(motion: Motion) -> Segments:
-    """Return the segments of a body that was never stepped: nothing changes, or it was altered."""
+    """Return the segments of a body that was never stepped: still, or else altered."""
     state = np.hstack(
         (motion.position_m, motion.orientation, motion.velocity_m_s, motion.spin_rad_s)
     )
@@ -220,7 +220,7 @@ def still_segments(motion: Motion) -> Segments:
 
 
 def jointed_segments(samples: int) -> Segments:
-    """Return the segments of a body with joints, of which only the release is known."""
+    """Return the segments of a body with joints, of which only the release is explained."""
     code = np.full(samples, JOINTED, np.int8)
     code[0] = SET
     return Segments(code, np.zeros(samples), None, np.zeros(samples, dtype=bool))
@@ -235,6 +235,6 @@ def _off(values: Float64, reference: Float64) -> Float64:
 
 
 def _same_way(orientation: Float64, reference: Float64) -> Float64:
-    """Return quaternions with the sign of others: it and its negative are one orientation."""
+    """Return quaternions with the sign of others: q and -q are the same orientation."""
     agree = np.sum(orientation * reference, axis=1, keepdims=True)
     return np.where(agree < 0, -orientation, orientation)

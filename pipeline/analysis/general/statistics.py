@@ -1,4 +1,4 @@
-"""What many samples of one quantity say together: mean, spread, quantiles, confidence."""
+"""Statistics of many samples of one quantity: mean, spread, quantiles, confidence."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ MANY = 1000
 
 @dataclass(frozen=True)
 class Moments:
-    """Count, mean and sum of squared deviations from it: all that a confidence interval needs."""
+    """Count, mean and sum of squared deviations: all that a confidence interval needs."""
 
     count: int = 0
     mean: float = 0.0
     squares: float = 0.0
 
     def with_values(self, values: ArrayLike) -> Moments:
-        """Return the moments with more values in them."""
+        """Return the moments with more values included."""
         new: Float64 = np.asarray(values, dtype=np.float64)
         if not len(new):
             return self
-        # Counted from the first of them: equal values have exactly their mean, and no spread.
+        # Relative to the first: equal values have exactly their mean, and no spread.
         apart = new - new[0]
         mean = float(apart.mean())
         squares = float(np.sum((apart - mean) ** 2))
@@ -88,12 +88,12 @@ def students_t(degrees: int) -> float:
 
 @dataclass(frozen=True)
 class Summary:
-    """One quantity over the samples that have it."""
+    """Statistics of one quantity over the samples that have it."""
 
     quantity: str
     """The column of the table."""
     count: int
-    """How many samples have it."""
+    """Number of samples that have it."""
     mean: float
     """Their mean."""
     spread: float | None
@@ -105,18 +105,18 @@ class Summary:
 
 
 def summaries(rows: pl.LazyFrame, quantities: tuple[str, ...]) -> list[Summary]:
-    """Return a summary of each quantity over all rows; rows without it are left out.
+    """Return a summary of each quantity over all rows that have it.
 
-    A quantity that no row has is left out itself. One pass over the file for each.
+    A quantity that no row has is left out. Each takes one pass over the file.
     """
-    found = []
+    summaries = []
     for quantity in quantities:
         values = rows.select(pl.col(quantity).drop_nulls()).collect()[quantity].to_numpy()
         if not len(values):
             continue
         moments = Moments().with_values(values)
         quantiles = np.quantile(values, QUANTILES)
-        found.append(
+        summaries.append(
             Summary(
                 quantity=quantity,
                 count=moments.count,
@@ -129,4 +129,4 @@ def summaries(rows: pl.LazyFrame, quantities: tuple[str, ...]) -> list[Summary]:
                 interval=moments.interval,
             )
         )
-    return found
+    return summaries

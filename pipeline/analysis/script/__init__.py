@@ -1,1 +1,1 @@
-"""What can be said of the bodies of a script, whose release and floor nobody has described."""
+"""The analysis of the bodies of a script, whose release and floor are not described."""

@@ -1,4 +1,4 @@
-"""Why a script's recording is not the golden one: another script, other calls, another engine."""
+"""Why a script's recording differs from golden: another script, other calls, another engine."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from itertools import zip_longest
 from typing import Any
 
 from pipeline.analysis.drop.comparison import Setting
-from pipeline.analysis.script.difference import TOLD, Difference, When
+from pipeline.analysis.script.difference import INPUT, Difference, When
+from pipeline.messages import Message, joined
 from pipeline.seen import Call, Seen
 
 Facts = Mapping[str, Any]
 
 MADE_WITH = "made_with_"
 DID = ("unseeded", "real_time")
-"""What a recording says that it was made with, and is what the script did."""
+"""Facts of that prefix that are not versions: what the script did."""
 SHORTENED = re.compile(r"… \d+ values")
-"""Stands in a call's arguments for what is not told of a long list."""
+"""In a call's arguments: replaces the rest of a long list."""
 FOLDER = re.compile(r"(?<=['\"])(?:/|[A-Za-z]:[/\\])(?:[^'\"]*[/\\])?")
-"""Of an absolute path in a call's arguments: it is one machine's."""
+"""The folder of an absolute path in a call's arguments, which depends on the machine."""
 
 
 @dataclass(frozen=True)
@@ -28,20 +29,20 @@ class Side:
     """One of the two recordings."""
 
     origin: Facts
-    """The script, the digest of its text, its arguments, what `drop record` was asked for."""
+    """The script, the digest of its text, its arguments, the options of `drop record`."""
     ended: Facts
-    """How it ended, and with what it was made."""
+    """How it ended, and what it was made with."""
     seen: Seen
 
 
 @dataclass(frozen=True)
 class OtherCall:
-    """The first call that is not golden's."""
+    """The first call that differs from golden's."""
 
     value: Call | None
-    """In the recording that was checked; None where it has no more."""
+    """In the checked recording; None where it has no more."""
     golden: Call | None
-    """In the golden one; None where that has no more."""
+    """In the golden recording; None where it has no more."""
 
     @property
     def moved(self) -> bool:
@@ -50,34 +51,34 @@ class OtherCall:
 
     @property
     def when(self) -> When:
-        """When it was made, in whichever comes first."""
+        """When it was made, in the recording where it came first."""
         ats = [call.at for call in (self.value, self.golden) if call is not None]
-        return min(When(at.step, TOLD, at.call) for at in ats)
+        return min(When(at.step, INPUT, at.call) for at in ats)
 
 
 def other_call(run: Sequence[Call], golden: Sequence[Call]) -> OtherCall | None:
-    """Return the first call that does something else, else one that stands elsewhere."""
-    both = [OtherCall(*pair) for pair in zip_longest(run, golden)]
-    others = (one for one in both if not (one.value and one.golden and one.moved))
+    """Return the first call that does something else, else the first from another line."""
+    pairs = [OtherCall(*pair) for pair in zip_longest(run, golden)]
+    others = (pair for pair in pairs if not pair.moved)
     elsewhere = (
-        one for one in both
-        if one.value and one.golden
-        and (one.value.file, one.value.line) != (one.golden.file, one.golden.line)
+        pair for pair in pairs
+        if pair.value and pair.golden
+        and (pair.value.file, pair.value.line) != (pair.golden.file, pair.golden.line)
     )  # fmt: skip
     return next(others, None) or next(elsewhere, None)
 
 
-def _is(one: Call, other: Call) -> bool:
-    """Whether two calls do the same, wherever they stand and their files lie."""
-    told, golden = (
-        (call.client, call.function, FOLDER.sub("", call.arguments), bool(call.raised))
-        for call in (one, other)
+def _is(call: Call, golden: Call) -> bool:
+    """Whether two calls do the same, from whatever line and with files in whatever folder."""
+    mine, theirs = (
+        (each.client, each.function, FOLDER.sub("", each.arguments), bool(each.raised))
+        for each in (call, golden)
     )
-    return told == golden
+    return mine == theirs
 
 
 def versions(run: Side, golden: Side) -> Iterator[Setting]:
-    """Yield what made the two recordings, where both say so and it differs."""
+    """Yield the versions that made the two recordings, where both have one and they differ."""
     mine, theirs = (_made_with(side) for side in (run, golden))
     for name, value in mine.items():
         other = theirs.get(name)
@@ -86,10 +87,13 @@ def versions(run: Side, golden: Side) -> Iterator[Setting]:
 
 
 def _made_with(side: Side) -> dict[str, Any]:
-    names = (one.removeprefix(MADE_WITH) for one in side.ended if one.startswith(MADE_WITH))
-    found = {name: side.ended[MADE_WITH + name] for name in names if name not in DID}
-    found = {"python_version" if name == "version" else name: one for name, one in found.items()}
-    return found | {"drop_version": side.origin.get("drop_version")}
+    names = (name.removeprefix(MADE_WITH) for name in side.ended if name.startswith(MADE_WITH))
+    made = {
+        "python_version" if name == "version" else name: side.ended[MADE_WITH + name]
+        for name in names
+        if name not in DID
+    }
+    return made | {"drop_version": side.origin.get("drop_version")}
 
 
 def cause(
@@ -98,9 +102,9 @@ def cause(
     *,
     first: Difference,
     call: OtherCall | None,
-    told: Sequence[Difference],
+    inputs: Sequence[Difference],
     made: Sequence[Setting],
-) -> str:
+) -> Message:
     """Say in a sentence why two recordings differ.
 
     Parameters
@@ -108,56 +112,81 @@ def cause(
     run, golden
         The two recordings.
     first
-        What differs first.
+        The first difference.
     call
-        The first other call, where it came before what differs first.
-    told
-        What went in otherwise.
+        The first other call, where it came before the first difference.
+    inputs
+        The differences in the inputs.
     made
-        What made them, where it differs.
+        The versions that differ.
     """
-    lead = "another text of the script, but " if _other_text(run, golden) else ""
-    ends = [side.ended.get("ended") for side in (run, golden)]
     last = [_last_step(side) for side in (run, golden)]
-    ended = first.column == "there" and not told and last[0] != last[1]
-    # Calls that one lacks because it has ended are none that it has not made.
+    ended = first.column == "there" and not inputs and last[0] != last[1]
+    # Calls that one lacks because it has ended are no other calls.
     if ended and (call is None or (call.value, call.golden)[last.index(min(last))] is None):
-        mine, theirs = (
-            f"after step {_last_step(side)} ({end})"
-            for side, end in zip((run, golden), ends, strict=True)
+        why = Message(
+            "the same calls as far as both go: it ended after step {step} ({end}), golden after "
+            "step {golden_step} ({golden_end})",
+            step=last[0],
+            end=run.ended.get("ended"),
+            golden_step=last[1],
+            golden_end=golden.ended.get("ended"),
         )
-        return f"{lead}the same calls as far as both go: it ended {mine}, golden {theirs}"
+        return _of_text(run, golden, why)
     if call is not None:
         return _of_calls(run, golden)
-    if said := _of_steps(run.seen.calls, golden.seen.calls, first.step):
-        return f"{lead}{said}"
-    if any(one.column == "engine.rows" for one in told):  # told of each connection, and after calls
-        return (
-            f"{lead}the same calls, and a simulation that begins or ends elsewhere: that the "
-            "script connects to PyBullet, or disconnects, is no call"
+    return _of_text(run, golden, _of_inputs(run, golden, first=first, inputs=inputs, made=made))
+
+
+def _of_inputs(
+    run: Side,
+    golden: Side,
+    *,
+    first: Difference,
+    inputs: Sequence[Difference],
+    made: Sequence[Setting],
+) -> Message:
+    """Say why two recordings with the same calls differ."""
+    later = _later_call(run.seen.calls, golden.seen.calls, first.step)
+    if later is not None:
+        return later
+    if any(each.column == "engine.rows" for each in inputs):  # of each connection, and after calls
+        return Message(
+            "the same calls, and a simulation that begins or ends elsewhere: connecting to "
+            "PyBullet and disconnecting do not count as calls"
         )
-    changed = ", ".join(f"{one.name} {one.value}, golden {one.golden}" for one in made)
-    because = f"made with {changed}" if made else ""
-    if any(one.column.startswith(("bodies.", "dynamics.")) for one in told):
-        files = "a file that they load has changed, or the engine reads it in another way"
-        return f"{lead}the same calls made other bodies: {because or files}"
+    if any(each.column.startswith(("bodies.", "dynamics.")) for each in inputs):
+        if made:
+            return Message("the same calls, other bodies: made with {made}", made=_versions(made))
+        return Message(
+            "the same calls, other bodies: a file that they load has changed, or the engine reads "
+            "it differently"
+        )
     if made:
-        return f"{lead}the same calls, other numbers: another engine or machine, {because}"
-    part = next((one for one in run.seen.calls if told and SHORTENED.search(one.arguments)), None)
-    if part is not None:
-        return (
-            f"{lead}the same calls, as far as their arguments are told, which those of "
-            f"{part.function} at {part.file}:{part.line} are in part"
+        return Message(
+            "the same calls, other numbers: another engine or machine, made with {made}",
+            made=_versions(made),
         )
-    return (
-        f"{lead}the same calls, other numbers, and the same versions: another build or processor, "
-        "or memory that PyBullet reads before it writes it, which drop record --twice shows"
+    part = next(
+        (each for each in run.seen.calls if inputs and SHORTENED.search(each.arguments)), None
+    )
+    if part is not None:
+        return Message(
+            "the same calls, as far as recorded: the arguments of {function} at {file}:{line} are "
+            "recorded only in part",
+            function=part.function,
+            file=part.file,
+            line=part.line,
+        )
+    return Message(
+        "the same calls, other numbers, and the same versions: another build or processor, or "
+        "uninitialized memory that PyBullet reads, which drop record --twice shows"
     )
 
 
 def cause_of_images(
     run: Side, golden: Side, *, call: OtherCall | None, made: Sequence[Setting]
-) -> str:
+) -> Message:
     """Say in a sentence why images differ where nothing else does.
 
     Parameters
@@ -167,50 +196,97 @@ def cause_of_images(
     call
         The first other call, where it came before the first image that differs.
     made
-        What made them, where it differs.
+        The versions that differ.
     """
     if call is not None:
         return _of_calls(run, golden)
-    lead = "another text of the script, but " if _other_text(run, golden) else ""
-    changed = ", ".join(f"{one.name} {one.value}, golden {one.golden}" for one in made)
-    because = f"made with {changed}, or " if made else ""
-    return (
-        f"{lead}the same calls, other images: {because}another camera, which is no call, or a file "
+    why = Message(
+        "the same calls, other images: another camera, which does not count as a call, or a file "
         "that is drawn has changed"
+    )
+    if made:
+        why = Message(
+            "the same calls, other images: made with {made}, or another camera, which does not "
+            "count as a call, or a file that is drawn has changed",
+            made=_versions(made),
+        )
+    return _of_text(run, golden, why)
+
+
+def _versions(made: Sequence[Setting]) -> Message:
+    """Return the versions that differ, in words."""
+    return joined(
+        ", ",
+        (
+            Message(
+                "{name} {value}, golden {golden}",
+                name=setting.name,
+                value=setting.value,
+                golden=setting.golden,
+            )
+            for setting in made
+        ),
     )
 
 
-def _of_steps(run: Sequence[Call], golden: Sequence[Call], until: int) -> str:
+def _of_text(run: Side, golden: Side, why: Message) -> Message:
+    """Return a cause, with the note that the scripts differ where they do."""
+    if not _other_text(run, golden):
+        return why
+    return Message("another text of the script, but {cause}", cause=why)
+
+
+def _later_call(run: Sequence[Call], golden: Sequence[Call], until: int) -> Message | None:
     """Say which of the same calls is first made at another step, if one is by then."""
-    for one, other in zip(run, golden, strict=False):
-        if one.at.step != other.at.step and min(one.at.step, other.at.step) <= until:
-            return (
-                f"the same calls, at other steps: {one.function} at {one.file}:{one.line} after "
-                f"step {one.at.step}, golden {other.at.step}"
+    for call, other in zip(run, golden, strict=False):
+        if call.at.step != other.at.step and min(call.at.step, other.at.step) <= until:
+            return Message(
+                "the same calls, at other steps: {function} at {file}:{line} after step {step}, "
+                "golden {golden}",
+                function=call.function,
+                file=call.file,
+                line=call.line,
+                step=call.at.step,
+                golden=other.at.step,
             )
-    return ""
+    return None
 
 
-def _of_calls(run: Side, golden: Side) -> str:
+def _of_calls(run: Side, golden: Side) -> Message:
+    """Say why two recordings have different calls."""
     if _other_text(run, golden):
-        return "another script: its text and its calls differ"
-    for name, what in (("script", "script"), ("arguments", "arguments"), ("seed", "--seed")):
+        return Message("another script: its text and its calls differ")
+    for name in ("script", "arguments", "seed"):
         mine, theirs = (side.origin.get(name) for side in (run, golden))
-        if mine != theirs:
-            same = "another script" if name == "script" else "the same script, other calls"
-            return f"{same}: {what} {_shown(mine)}, golden {_shown(theirs)}"
-    unseeded = list(dict.fromkeys((*run.seen.unseeded, *golden.seen.unseeded)))
+        if mine == theirs:
+            continue
+        both = {"value": _shown(mine), "golden": _shown(theirs)}
+        if name == "script":
+            return Message("another script: {value}, golden {golden}", **both)
+        if name == "arguments":
+            return Message(
+                "the same script, other calls: arguments {value}, golden {golden}", **both
+            )
+        return Message("the same script, other calls: --seed {value}, golden {golden}", **both)
+    unseeded = (*run.seen.unseeded, *golden.seen.unseeded)
     if unseeded:
-        return (
-            f"the same script, other calls: it draws unseeded random numbers, {unseeded[0]}; "
-            "record both with --seed 0"
+        return Message(
+            "the same script, other calls: it draws unseeded random numbers, {place}; record both "
+            "with --seed 0",
+            place=unseeded[0],
         )
     if run.seen.real_time or golden.seen.real_time:
-        return "the same script, other calls: it asked for real-time simulation, that of a clock"
-    text = "the same script" if run.origin.get("script_sha256") else "a module of the same name"
-    return (
-        f"{text}, other calls: what it reads has changed, such as a module, a file or the time of "
-        "day, which --seed holds"
+        return Message(
+            "the same script, other calls: it asked for real-time simulation, which follows a clock"
+        )
+    if run.origin.get("script_sha256"):
+        return Message(
+            "the same script, other calls: what it reads has changed, such as a module, a file or "
+            "the time of day, which --seed fixes"
+        )
+    return Message(
+        "a module of the same name, other calls: what it reads has changed, such as a module, a "
+        "file or the time of day, which --seed fixes"
     )
 
 
@@ -225,5 +301,5 @@ def _last_step(side: Side) -> int:
 
 def _shown(value: object) -> str:
     if value is None:
-        return "none"
+        return Message("none")
     return " ".join(map(str, value)) if isinstance(value, list) else str(value)

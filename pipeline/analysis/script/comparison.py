@@ -1,8 +1,8 @@
 """Are two recordings of scripts the same physics? If not: what differs first, and why.
 
-What goes into a simulation, such as masses, settings and pushes, counts as far as no sample differs
-yet: from there on it may be an answer to the difference, of a script that steers by what it sees.
-Calls are told, and do not count: what they did to the world does.
+Inputs such as masses, settings and pushes count until a sample differs: from there on they may be
+a reaction to the difference, in a script that controls by what it measures. Calls are reported, but
+only their effects count.
 """
 
 from __future__ import annotations
@@ -20,34 +20,34 @@ from pipeline.analysis.script.cause import (
     other_call,
     versions,
 )
-from pipeline.analysis.script.difference import LED, TOLD, Difference, Found, When
+from pipeline.analysis.script.difference import INPUT, LED, Dated, Difference, When
+from pipeline.analysis.script.input_differences import input_differences
 from pipeline.analysis.script.likeness import STATES_ARE_THE_SAME, looks_like
 from pipeline.analysis.script.sample_differences import (
-    Faced,
+    Paired,
     allowed,
-    faced,
     first_contact,
     first_joint,
     first_state,
+    paired,
 )
-from pipeline.analysis.script.told_differences import told_differences
 from pipeline.seen import Call, Seen
 
 
 @dataclass(frozen=True)
 class ScriptComparison:
-    """What two recordings of scripts have in common."""
+    """How two recordings of scripts compare."""
 
     differences: list[Difference]
-    """What went in otherwise before any sample differed: bodies, settings, masses, pushes …"""
+    """Inputs that differed before any sample did: bodies, settings, masses, pushes …"""
     versions: list[Setting]
-    """What made them; a version is no difference in physics."""
+    """The versions that made them, where these differ: not a difference in physics."""
     first: Difference | None
-    """What differs first; None where nothing does."""
+    """The first difference; None where there is none."""
     call_before: Call | None
-    """The last call before what differs first."""
+    """The last call before the first difference."""
     other_call: OtherCall | None
-    """The first call that is not golden's; None where all are."""
+    """The first call that differs from golden's; None where none does."""
     largest_difference_m: float | None
     """Between the positions, over all samples that both have; None where they share none."""
     looks_like: str | None
@@ -55,7 +55,7 @@ class ScriptComparison:
     cause: str | None
     """Why they differ: another script, other calls, another engine."""
     samples_part_at: int | None
-    """The first step of which a sample is not the same to the bit."""
+    """The first step with a sample that is not the same to the bit."""
 
     @property
     def same(self) -> bool:
@@ -71,30 +71,34 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
     run, golden
         The two recordings.
     tolerance_m
-        Difference that is let pass in what moves [m]; 0 is bit for bit, and then joints and contact
-        points are held to it too.
+        Allowed difference in motion [m]; 0 means bit for bit, and then also in joints and contact
+        points.
     """
-    of = faced(run.seen, golden.seen)
+    of = paired(run.seen, golden.seen)
     state = first_state(of)
     others = [first_joint(of, run.seen, golden.seen), first_contact(run.seen, golden.seen)]
     parted = _earliest(state, *others)
-    told = sorted(
-        (one for one in told_differences(run.seen, golden.seen) if _is_before(one[0], parted)),
-        key=lambda one: one[0],
+    inputs = sorted(
+        (
+            dated
+            for dated in input_differences(run.seen, golden.seen)
+            if _is_before(dated[0], parted)
+        ),
+        key=lambda dated: dated[0],
     )
     if tolerance_m:
         state, others = first_state(of, allowed(of, golden.seen, tolerance_m)), []
-    found = _earliest(*told, state, *others)
+    earliest = _earliest(*inputs, state, *others)
     call = other_call(run.seen.calls, golden.seen.calls)
-    differences = [one for _, one in told]
+    differences = [difference for _, difference in inputs]
     made = list(versions(run, golden))
     first = before = why = like = None
-    if found is not None:
-        when, first = found
+    if earliest is not None:
+        when, first = earliest
         counts = call is not None and not call.moved and _is_before(call.when, parted)
         before = _call_before(run.seen, when, first)
         why = cause(
-            run, golden, first=first, call=call if counts else None, told=differences, made=made
+            run, golden, first=first, call=call if counts else None, inputs=differences, made=made
         )
         like = looks_like(of, None if state is None else state[1])
     return ScriptComparison(
@@ -110,45 +114,47 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
     )
 
 
-def with_images(found: ScriptComparison, run: Side, golden: Side, *, step: int) -> ScriptComparison:
-    """Say why an image differs, first that of a step, in two recordings of which nothing else does.
+def with_images(
+    comparison: ScriptComparison, run: Side, golden: Side, *, step: int
+) -> ScriptComparison:
+    """Say why images differ in two recordings where nothing else does.
 
     Parameters
     ----------
-    found
-        What was compared but the images: all is the same to the bit.
+    comparison
+        Of all but the images: the same to the bit.
     run, golden
         The two recordings.
     step
         That of the first image that differs.
     """
-    call = found.other_call
+    call = comparison.other_call
     counts = call is not None and not call.moved and call.when.step <= step
-    why = cause_of_images(run, golden, call=call if counts else None, made=found.versions)
-    return replace(found, looks_like=STATES_ARE_THE_SAME, cause=why)
+    why = cause_of_images(run, golden, call=call if counts else None, made=comparison.versions)
+    return replace(comparison, looks_like=STATES_ARE_THE_SAME, cause=why)
 
 
-def _earliest(*found: Found | None) -> Found | None:
-    return min((one for one in found if one is not None), key=lambda one: one[0], default=None)
+def _earliest(*differences: Dated | None) -> Dated | None:
+    return min(filter(None, differences), key=lambda dated: dated[0], default=None)
 
 
-def _is_before(when: When, parted: Found | None) -> bool:
+def _is_before(when: When, parted: Dated | None) -> bool:
     return parted is None or when < parted[0]
 
 
 def _call_before(run: Seen, when: When, first: Difference) -> Call | None:
-    """Return the last call that can have had to do with it."""
+    """Return the last call that can have caused it."""
     clients = {body.client for body in run.bodies.values() if body.label == first.body}
     for call in reversed(run.calls):
         if clients and call.client not in clients:
             continue
-        if when.phase == TOLD and call.at.call > when.call:
+        if when.phase == INPUT and call.at.call > when.call:
             continue
         if call.at.step < when.step or (call.at.step == when.step and when.phase != LED):
             return call
     return None
 
 
-def _largest_m(of: Faced) -> float | None:
+def _largest_m(of: Paired) -> float | None:
     distance_m = of.distance_m[np.isfinite(of.distance_m)]
     return float(distance_m.max()) if len(distance_m) else None

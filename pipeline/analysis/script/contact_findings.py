@@ -1,4 +1,4 @@
-"""Findings of contact: what is inside what, what gains energy, what is too light for its load."""
+"""Findings on contact: bodies inside each other, energy gained, masses too different."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ import numpy as np
 from pipeline.analysis.script.evidence import Evidence
 from pipeline.analysis.script.results import ScriptContact, ScriptFinding
 from pipeline.fields import decimals
+from pipeline.messages import Message
+from pipeline.seen import OfBody
 
 DEEP = 0.1
-"""Share of a part's smallest edge that another may be inside it before it is worth reporting."""
+"""Share of a part's smallest edge that may overlap another before it is worth reporting."""
 OVERLAP_M = 1e-3
-"""What is deeper than that in something else when it comes does not just touch it."""
+"""A body that overlaps another by more than this when it appears does not just touch it."""
 GAINED = 0.05
-"""Share of its energy of motion that contact may give to a body before it is worth reporting."""
+"""Share of its kinetic energy that a body may gain from contact before it is worth reporting."""
 SLOW_M_S = 0.1
-"""What leaves a body slower has not given it much."""
+"""A contact gives little energy to a body that leaves it slower than this."""
 HEAVIER = 100.0
-"""Ratio of masses beyond which Bullet's solver gives way."""
+"""Ratio of masses beyond which Bullet's solver does not converge in time."""
 
 
 def findings(e: Evidence) -> Iterator[ScriptFinding]:
@@ -32,38 +34,41 @@ def findings(e: Evidence) -> Iterator[ScriptFinding]:
 
 
 def _starts(e: Evidence) -> Iterator[ScriptFinding]:
-    """Yield what was in something else, or in itself, when it came; the deepest of each body."""
-    came = {number: told.came[-1].at.step for number, told in e.seen.by_body.items()}
+    """Yield bodies that overlap something, or themselves, when they appear; the deepest of each."""
+    came = {number: record.came[-1].at.step for number, record in e.seen.by_body.items()}
     contacts = e.contacts
     for number, step in came.items():
         its = (contacts.body_a == number) | (contacts.body_b == number)
         its &= (contacts.step == step + 1) & (contacts.distance_m < -OVERLAP_M)
         for itself in (True, False):
             rows = np.flatnonzero(its & ((contacts.body_a == contacts.body_b) == itself)).tolist()
-            # What came last of two is what was put into the other.
+            # Of two bodies, the later one was put into the other.
             rows = [row for row in rows if itself or _later(e, came, number, row)]
             if not rows:
                 continue
-            row = min(rows, key=lambda one: float(contacts.distance_m[one]))
-            depth_mm = -contacts.distance_m[row] * 1e3
+            row = min(rows, key=lambda row: float(contacts.distance_m[row]))
+            depth_mm = decimals(-contacts.distance_m[row] * 1e3, 1)
             mine, other = _sides(e, row, number)
             if itself:
-                yield e.finding(
-                    "self-collision",
-                    f"is in collision with itself when it comes: {mine} and {other} are "
-                    f"{decimals(depth_mm, 1)} mm in each other, and are pushed apart; load it "
-                    "without URDF_USE_SELF_COLLISION, or p.setCollisionFilterPair(…, 0)",
-                    body=number,
-                    step=step,
+                message = Message(
+                    "{body} collides with itself when it appears: {mine} and {other} overlap by "
+                    "{depth} mm and are pushed apart; load it without URDF_USE_SELF_COLLISION, or "
+                    "call p.setCollisionFilterPair(…, 0)",
+                    body=e.label(number),
+                    mine=mine,
+                    other=other,
+                    depth=depth_mm,
                 )
+                yield e.finding("self-collision", message, body=number, step=step)
             else:
-                yield e.finding(
-                    "starts-in-contact",
-                    f"is {decimals(depth_mm, 1)} mm inside {other} when it comes, and is pushed "
-                    "out; place it higher, or farther away",
-                    body=number,
-                    step=step,
+                message = Message(
+                    "{body} is {depth} mm inside {other} when it appears, and is pushed out; place "
+                    "it higher, or farther away",
+                    body=e.label(number),
+                    depth=depth_mm,
+                    other=other,
                 )
+                yield e.finding("starts-in-contact", message, body=number, step=step)
 
 
 def _later(e: Evidence, came: dict[int, int], number: int, row: int) -> bool:
@@ -84,11 +89,9 @@ def _sides(e: Evidence, row: int, number: int) -> tuple[str, str]:
 
 
 def _deep(e: Evidence) -> Iterator[ScriptFinding]:
-    """Yield the deepest contact of all, but for what was deep from its first step on."""
+    """Yield the deepest contact of all, except those that were deep from their first step on."""
     contacts, (pair_of, pairs) = e.contacts, e.pairs
-    told = e.seen.by_body.values()
-    began = {came.at.step + 1 for one in told for came in one.came}
-    began |= {put.at.step + 1 for one in told for put in one.puts}
+    began = set().union(*map(_first_steps, e.seen.by_body.values()))
     deep_m = np.maximum(-contacts.distance_m, 0.0)
     starts = np.isin(contacts.step, list(began)) & (deep_m > OVERLAP_M)
     thin_m = np.array([_thinner_m(e, pair) for pair in pairs])
@@ -100,32 +103,44 @@ def _deep(e: Evidence) -> Iterator[ScriptFinding]:
     step = int(contacts.step[row])
     mine, other = _sides(e, row, int(contacts.body_a[row]))
     way_m = _approach_m(e, row)
-    cause = (
-        "Bullet takes out only a part of the depth in each step; use a smaller timestep with "
+    cause = Message(
+        "Bullet corrects only a part of the depth in each step; use a smaller timestep with "
         "p.setTimeStep"
     )
     if _springs(e, row):
-        cause = "their contact gives way like a spring; give p.changeDynamics more contactStiffness"
+        cause = Message("their contact is a spring; give p.changeDynamics more contactStiffness")
     elif way_m >= deep_m[row] / 2:
-        cause = (
-            f"they approach each other by {way_m * 1e3:.4g} mm in a step, and what meets within "
-            "one is found when it is inside; use a smaller timestep with p.setTimeStep"
+        cause = Message(
+            "they approach each other by {way:.4g} mm in a step, and contact within a step is "
+            "detected only once they overlap; use a smaller timestep with p.setTimeStep",
+            way=way_m * 1e3,
         )
-    yield e.finding(
-        "deep-penetration",
-        f"{mine} and {other} are {decimals(deep_m[row] * 1e3, 2)} mm in each other at step {step}, "
-        f"{share[row]:.0%} of the thinner one: {cause}",
+    message = Message(
+        "{mine} and {other} overlap by {depth} mm at step {step}, {share:.0%} of the thinner one: "
+        "{cause}",
+        mine=mine,
+        other=other,
+        depth=decimals(deep_m[row] * 1e3, 2),
         step=step,
+        share=share[row],
+        cause=cause,
     )
+    yield e.finding("deep-penetration", message, step=step)
+
+
+def _first_steps(record: OfBody) -> set[int]:
+    """Return the steps that began with a body where it appeared or a call had put it."""
+    came = {appearance.at.step + 1 for appearance in record.came}
+    return came | {put.at.step + 1 for put in record.puts}
 
 
 def _springs(e: Evidence, row: int) -> bool:
     """Whether one side of a contact was given a stiffness."""
     sides = int(e.contacts.body_a[row]), int(e.contacts.body_b[row])
     return any(
-        (np.nan_to_num(told.reported["contact_stiffness"], nan=-1.0) >= 0).any()
+        (np.nan_to_num(dynamics.reported["contact_stiffness"], nan=-1.0) >= 0).any()
         for body in sides
-        for told in e.dynamics_of(body)
+        for dynamics in e.dynamics_of(body)
     )
 
 
@@ -133,13 +148,13 @@ def _thinner_m(e: Evidence, pair: list[int]) -> float:
     """Return the smallest edge of two parts that can move [m]; the ground may be a thin sheet."""
     parts = [part for part in (pair[:2], pair[2:]) if e.mass_kg(*part) > 0]
     edges = [e.extents_m(*part) for part in parts]
-    return min((float(one.min()) for one in edges if one is not None), default=math.inf)
+    return min((float(edge.min()) for edge in edges if edge is not None), default=math.inf)
 
 
 def _approach_m(e: Evidence, row: int) -> float:
-    """Return how far two bodies came closer in the step before a contact, or the step of it [m].
+    """Return how far two bodies approached in the step of a contact or the one before it [m].
 
-    0 where one has joints: which of its links moved how is not asked here.
+    0 where one has joints: the motion of links is not looked at.
     """
     contacts, ways_m = e.contacts, np.zeros((2, 3))
     for body, sign in ((int(contacts.body_a[row]), -1), (int(contacts.body_b[row]), 1)):
@@ -164,14 +179,14 @@ def _gained(e: Evidence) -> Iterator[ScriptFinding]:
             continue
         track = judged.track
         for contact in body.contacts:
-            if not all(_stands(e, one.id) for one in contact.by):
+            if not all(_stands(e, pusher.id) for pusher in contact.by):
                 continue
             first = int(np.searchsorted(track.steps, contact.first_step))
             last = int(np.searchsorted(track.steps, contact.last_step))
             law = judged.law_at(first)
             if law is None:
                 continue
-            # With what the weight does on the way: what is left is what contact has given.
+            # Less the work of the weight on the way: the rest is what contact has given.
             height_m = track.motion.position_m[last] - track.before.position_m[first]
             weight_j = law.mass_kg * float(np.dot(law.gravity_m_s2, height_m))
             before_j = judged.kinetic_j(first, before=True)
@@ -186,31 +201,36 @@ def _gained(e: Evidence) -> Iterator[ScriptFinding]:
 def _gain(
     e: Evidence, body: int, contact: ScriptContact, gained_j: float, before_j: float
 ) -> ScriptFinding:
-    others = ", ".join(sorted({one.body for one in contact.by}))
-    restitutions = [_restitution(e, body), *(_restitution(e, one.id) for one in contact.by)]
-    told = e.seen.by_body[body]
-    began = {at.step + 1 for at in [one.at for one in told.came] + [one.at for one in told.puts]}
-    placed = "place it outside, or " if contact.first_step in began else ""
-    # A smaller timestep is no help: out of the same depth it pushes faster.
-    cause = (
-        "the engine pushes what is inside something out of it again, and that leaves it faster; "
-        f"{placed}call p.setPhysicsEngineParameter(contactERP=0)"
+    restitutions = [_restitution(e, body), *(_restitution(e, pusher.id) for pusher in contact.by)]
+    # A smaller timestep does not help: out of the same depth it pushes faster.
+    cause = Message(
+        "the engine pushes overlapping bodies apart, and that leaves them faster; call "
+        "p.setPhysicsEngineParameter(contactERP=0)"
     )
+    if contact.first_step in _first_steps(e.seen.by_body[body]):
+        cause = Message(
+            "the engine pushes overlapping bodies apart, and that leaves them faster; place it "
+            "outside, or call p.setPhysicsEngineParameter(contactERP=0)"
+        )
     if restitutions[0] * max(restitutions[1:]) > 1:
-        cause = "their restitutions multiply to more than 1; give one of them a smaller one"
-    return e.finding(
-        "energy-gained",
-        f"gains {gained_j:.3g} J from contact with {others} between {contact.start_s:.4g} s and "
-        f"{contact.end_s:.4g} s, having {before_j:.3g} J of motion before, and nothing pushed it: "
-        f"{cause}",
-        body=body,
-        step=contact.first_step,
+        cause = Message("their restitutions multiply to more than 1; lower one of them")
+    message = Message(
+        "{body} gains {gained:.3g} J from contact with {others} between {start:.4g} s and "
+        "{end:.4g} s, on top of {before:.3g} J of kinetic energy, and nothing pushed it: {cause}",
+        body=e.label(body),
+        gained=gained_j,
+        others=", ".join(sorted({pusher.body for pusher in contact.by})),
+        start=contact.start_s,
+        end=contact.end_s,
+        before=before_j,
+        cause=cause,
     )
+    return e.finding("energy-gained", message, body=body, step=contact.first_step)
 
 
 def _restitution(e: Evidence, body: int) -> float:
-    told = e.dynamics_of(body)
-    return float(np.nan_to_num(told[-1].reported["restitution"][0])) if told else 0.0
+    dynamics = e.dynamics_of(body)
+    return float(np.nan_to_num(dynamics[-1].reported["restitution"][0])) if dynamics else 0.0
 
 
 def _stands(e: Evidence, body: int) -> bool:
@@ -221,21 +241,22 @@ def _stands(e: Evidence, body: int) -> bool:
 def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     contacts, (pair_of, pairs) = e.contacts, e.pairs
     ratios = np.array([_ratio(e, pair) for pair in pairs])
-    found = np.where(contacts.normal_force_n > 0, ratios[pair_of] if len(pairs) else 0.0, 0.0)
-    if not len(found) or found.max() <= HEAVIER:
+    ratio = np.where(contacts.normal_force_n > 0, ratios[pair_of] if len(pairs) else 0.0, 0.0)
+    if not len(ratio) or ratio.max() <= HEAVIER:
         return
-    row = int(np.argmax(found))
+    row = int(np.argmax(ratio))
     mine, other = _sides(e, row, int(contacts.body_a[row]))
-    yield e.finding(
-        "mass-ratio",
-        f"{mine} and {other} touch, and one is {found[row]:.4g} times as heavy as the other: "
-        "Bullet's solver takes many iterations to agree on their forces; keep within 1:100, or "
-        "raise numSolverIterations",
-        step=int(contacts.step[row]),
+    message = Message(
+        "{mine} and {other} touch, and one is {ratio:.4g} times as heavy as the other: Bullet's "
+        "solver needs many iterations to converge; keep within 1:100, or raise numSolverIterations",
+        mine=mine,
+        other=other,
+        ratio=ratio[row],
     )
+    yield e.finding("mass-ratio", message, step=int(contacts.step[row]))
 
 
 def _ratio(e: Evidence, pair: list[int]) -> float:
-    """Return how many times one part is as heavy as the other; 0 where one does not move."""
+    """Return how many times heavier one part is than the other; 0 where one does not move."""
     masses = e.mass_kg(pair[0], pair[1]), e.mass_kg(pair[2], pair[3])
     return max(masses) / min(masses) if min(masses) > 0 and pair[0] != pair[2] else 0.0

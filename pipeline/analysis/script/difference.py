@@ -1,4 +1,4 @@
-"""One number, text or flag that two recordings of scripts do not share, and where it stands."""
+"""A number, text or flag that differs between two recordings of scripts, and where it is."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ Value = float | str | None
 
 @dataclass(frozen=True)
 class Difference:
-    """What stands in one recording and not, or otherwise, in the golden one."""
+    """A value that the golden recording lacks, or has otherwise."""
 
     step: int
     """Steps made before it, by its simulation."""
     body: str | None
-    """Label of the body; None of what belongs to no body."""
+    """Label of the body; None if it belongs to no body."""
     link: int | None
-    """Of the body, -1 is its base; None of what belongs to no link."""
+    """Of the body, -1 is its base; None if it belongs to no link."""
     column: str
     """A column of the state, or of joints, as `joint_torque`, or of a contact point, as
-    `contact_distance_m`; `contact_points` is how many there are. `dynamics.mass_kg` stands in that
-    entity of the recording; an element of a vector has its number behind it, from 0. `rows`, as in
-    `pushes.rows`, is how many were told by then; `there` is whether the body or its sample is, and
-    `frame` an image."""
+    `contact_distance_m`; `contact_points` is how many there are. `dynamics.mass_kg` is in that
+    entity of the recording; an element of a vector has its number after it, from 0. `rows`, as in
+    `pushes.rows`, is how many were recorded by then; `there` is whether the body or its sample
+    exists, and `frame` is an image."""
     value: Value = None
-    """What stands in the recording that was checked; None where there is nothing."""
+    """The value in the checked recording; None where there is none."""
     golden: Value = None
-    """In the golden one."""
+    """The value in the golden recording."""
 
     @property
     def difference(self) -> float | None:
-        """By how much it is more than golden; None where it is not one of numbers."""
+        """Value minus golden; None if they are not numbers."""
         if isinstance(self.value, str | None) or isinstance(self.golden, str | None):
             return None
         return self.value - self.golden
@@ -38,16 +38,16 @@ class Difference:
 
 @dataclass(frozen=True, order=True)
 class When:
-    """The order in which what differs came to be."""
+    """When a difference arose, in an order."""
 
     step: int
     phase: int
-    """A sample that a step led to comes before what the script does after it: `LED`, `TOLD`; a
-    first sample after what was done for it: `FIRST`; last where calls had put bodies: `PUT`."""
+    """`LED`: a sample that a step led to, before `INPUT`: the inputs that the script gives then.
+    `FIRST`: a first sample, after the inputs that led to it. `PUT`: where calls put a body."""
     call: int = 0
     """Calls of the script before it."""
 
 
-LED, TOLD, FIRST, PUT = range(4)
+LED, INPUT, FIRST, PUT = range(4)
 
-Found = tuple[When, Difference]
+Dated = tuple[When, Difference]

@@ -1,4 +1,4 @@
-"""What the findings of a script's recording are drawn from."""
+"""What the findings on a script's recording are drawn from."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from pipeline.analysis.general.contacts import Contacts
 from pipeline.analysis.script.judged import Judged
 from pipeline.analysis.script.results import BodyAnalysis, ScriptFinding
 from pipeline.analysis.script.times import Times
+from pipeline.messages import Message
 from pipeline.seen import At, Body, Call, Dynamics, Seen
 
 Float64 = NDArray[np.float64]
@@ -22,14 +23,14 @@ Float64 = NDArray[np.float64]
 SLABS = ("box", "plane")
 """Shapes that fill the box around them where they are not turned."""
 MARGIN_M = 1e-3
-"""By how much Bullet's box around a body is wider, on each side."""
+"""Margin of Bullet's box around a body, on each side."""
 OF_ALL = ("restoreState",)
 """Calls that change every body."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """A script's recording, and what the analysis made of its bodies."""
+    """A script's recording, and the analysis of its bodies."""
 
     seen: Seen
     judged: Mapping[int, Judged]
@@ -39,15 +40,15 @@ class Evidence:
     """By client."""
     bodies: list[BodyAnalysis]
     samples: Mapping[int, int]
-    """How many each client has."""
+    """Number of samples of each client."""
 
     @cached_property
     def set_bodies(self) -> frozenset[int]:
-        """Bodies that calls have moved after they came."""
+        """Bodies that calls have moved after they appeared."""
         return frozenset(
             number
-            for number, told in self.seen.by_body.items()
-            if any(put.at.step > told.came[0].at.step for put in told.puts)
+            for number, record in self.seen.by_body.items()
+            if any(put.at.step > record.came[0].at.step for put in record.puts)
         )
 
     @cached_property
@@ -62,13 +63,13 @@ class Evidence:
 
     @cached_property
     def slabs(self) -> list[tuple[Body, Float64, Float64]]:
-        """Boxes and planes that stand fast, with their corners: nothing passes through them."""
-        found = []
+        """Fixed boxes and planes, with their corners: nothing passes through them."""
+        slabs = []
         for body in self.seen.bodies.values():
-            stands = body.number not in self.judged and body.number not in self.set_bodies
-            if stands and _is_slab(body):
-                found.append((body, np.array(body.bounds_m[:3]), np.array(body.bounds_m[3:])))
-        return found
+            fixed = body.number not in self.judged and body.number not in self.set_bodies
+            if fixed and _is_slab(body):
+                slabs.append((body, np.array(body.bounds_m[:3]), np.array(body.bounds_m[3:])))
+        return slabs
 
     def dynamics_of(self, body: int) -> list[Dynamics]:
         """Return what the engine reported of a body, in order."""
@@ -76,12 +77,12 @@ class Evidence:
 
     def mass_kg(self, body: int, link: int) -> float:
         """Return the last mass of a part; 0 where it is unknown."""
-        told = self.dynamics_of(body)
-        masses = told[-1].reported["mass_kg"] if told else np.zeros(0)
+        dynamics = self.dynamics_of(body)
+        masses = dynamics[-1].reported["mass_kg"] if dynamics else np.zeros(0)
         return float(masses[link + 1]) if 0 <= link + 1 < len(masses) else 0.0
 
     def extents_m(self, body: int, link: int) -> Float64 | None:
-        """Return the edges of the box around a part as it came, (3,); None without a size."""
+        """Return the edges of the box around a part as loaded, (3,); None without a size."""
         known = self.seen.bodies.get(body)
         bounds = () if known is None else known.bounds_m[6 * (link + 1) : 6 * (link + 2)]
         if len(bounds) != 6:
@@ -90,18 +91,21 @@ class Evidence:
         return edges if (edges > 0).all() else None
 
     def label(self, body: int, link: int = -1) -> str:
-        """Return how a part is called: the body, and the link where it is not the base."""
+        """Return the name of a part: the body, and the link where it is not the base."""
         known = self.seen.bodies.get(body)
         if known is None:
-            return f"body {body}"
-        return known.label if link < 0 else f"{known.label}, link {known.links[link + 1]}"
+            return Message("body {number}", number=body)
+        if link < 0:
+            return known.label
+        return Message("{body}, link {link}", body=known.label, link=known.links[link + 1])
 
     def site(
         self, functions: Iterable[str], at: At, body: Body | None = None, argument: str = ""
     ) -> str | None:
-        """Return file and line of the last call of some functions that was made until then.
+        """Return file and line of the last call of any of some functions up to a moment.
 
-        With a body, of those that name it, or change all; with an argument, of those that give it.
+        With a body, only calls that name it or change all; with an argument, only calls that give
+        it.
         """
         names = frozenset(functions)
         for call in reversed(self.seen.calls):
@@ -114,13 +118,14 @@ class Evidence:
         return None
 
     def finding(
-        self, code: str, message: str, *, body: int | None = None, step: int | None = None,
+        self, code: str, message: Message, *, body: int | None = None, step: int | None = None,
         site: str | None = None,
     ) -> ScriptFinding:  # fmt: skip
-        """Return a finding; one of a body begins with its name."""
+        """Return a finding; the message of one on a body begins with its label."""
+        if site:
+            message = Message("{finding} ({site})", finding=message, site=site)
         name = None if body is None else self.label(body)
-        said = message if name is None else f"{name} {message}"
-        return ScriptFinding(code, f"{said}{f' ({site})' if site else ''}", name, step, site)
+        return ScriptFinding(code, message, name, step, site)
 
 
 def _is_slab(body: Body) -> bool:

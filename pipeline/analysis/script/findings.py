@@ -1,7 +1,7 @@
-"""What a script's recording gives away: the mistakes and surprises that people ask about.
+"""Findings: the common mistakes and surprises that a script's recording reveals.
 
 Each finding says what was seen, with the number, why it is so, and the one call that changes it. A
-false one is worse than one that is missing: each rests on what was recorded, and on nothing else.
+false finding is worse than a missing one: each rests on the recording alone.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pipeline.analysis.script.results import ScriptFinding
 
 
 def findings_of(evidence: Evidence) -> list[ScriptFinding]:
-    """Return what a recording gives away: of the whole first, then of its bodies."""
+    """Return the findings: on the whole recording first, then on its bodies."""
     return [
         *setting_findings.findings(evidence),
         *motion_findings.findings(evidence),

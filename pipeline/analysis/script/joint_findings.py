@@ -1,4 +1,4 @@
-"""Findings of joints: beyond their limits, motors that give all they may."""
+"""Findings on joints: beyond their limits, motors at their maximum force."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ import numpy as np
 from pipeline.analysis.general.segments import unbroken
 from pipeline.analysis.script.evidence import Evidence
 from pipeline.analysis.script.results import ScriptFinding
+from pipeline.messages import Message
 from pipeline.seen import Body, Joint
 
 BEYOND = 0.01
-"""Share of its range that a joint may be beyond it before it is worth reporting."""
+"""Share of its range by which a joint may exceed it before it is worth reporting."""
 FOR_LONG = 10
-"""Samples, one after the other, that a motor must be at its limit to be worth reporting."""
+"""Consecutive samples at its limit that make a motor worth reporting."""
 RESETS = ("resetJointState", "resetJointStateMultiDof")
 POSITION_CONTROL = 2
-"""As PyBullet numbers it. A motor that holds a velocity is often used as friction: its limit is its
-purpose."""
+"""PyBullet's number for it. A motor that holds a velocity is often used as friction, so being at
+its limit is its purpose."""
 
 
 def findings(e: Evidence) -> Iterator[ScriptFinding]:
     """Yield them, by body."""
     for number in e.seen.joints:
         body = e.seen.bodies[number]
-        moving = [one for one in body.joints if any(one.widths)]
-        if all(one.widths == (1, 1, 1) for one in moving):
+        moving = [joint for joint in body.joints if any(joint.widths)]
+        if all(joint.widths == (1, 1, 1) for joint in moving):
             for column, joint in enumerate(moving):
                 yield from _beyond(e, body, joint, column)
             yield from _at_limit(e, body, moving)
@@ -42,19 +43,22 @@ def _beyond(e: Evidence, body: Body, joint: Joint, column: int) -> Iterator[Scri
     over = np.maximum(position - high, low - position)
     row = int(np.argmax(over))
     if over[row] > BEYOND * (high - low):
-        unit = "m" if joint.kind == "prismatic" else "rad"
-        yield e.finding(
-            "joint-beyond-limits",
-            f"has its joint {joint.name} at {position[row]:.4g} {unit} at step "
-            f"{int(joints.steps[row])}; its limits are {low:.4g} and {high:.4g}: where a joint "
-            "begins, and where p.resetJointState puts it, is not held against them, and the solver "
-            "holds them only as well as it can",
-            body=body.number,
-            step=int(joints.steps[row]),
-            site=_put_by(
-                e, body, joint, int(joints.steps[np.argmax(over > BEYOND * (high - low))])
-            ),
+        step = int(joints.steps[row])
+        message = Message(
+            "{body} has its joint {joint} at {position:.4g} {unit} at step {step}; its limits are "
+            "{low:.4g} and {high:.4g}: neither the start nor p.resetJointState is checked against "
+            "them, and the solver enforces them only approximately",
+            body=body.label,
+            joint=joint.name,
+            position=position[row],
+            unit="m" if joint.kind == "prismatic" else "rad",
+            step=step,
+            low=low,
+            high=high,
         )
+        first = int(joints.steps[np.argmax(over > BEYOND * (high - low))])
+        site = _put_by(e, body, joint, first)
+        yield e.finding("joint-beyond-limits", message, body=body.number, step=step, site=site)
 
 
 def _put_by(e: Evidence, body: Body, joint: Joint, step: int) -> str | None:
@@ -68,19 +72,20 @@ def _put_by(e: Evidence, body: Body, joint: Joint, step: int) -> str | None:
 
 
 def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFinding]:
-    """Yield the motor of a body that gave all it may for longest."""
+    """Yield the motor of a body that was at its maximum force for longest."""
     joints, longest = e.seen.joints[body.number], (0, 0, 0, 0.0)
     for column, joint in enumerate(moving):
-        told = [
-            one
-            for one in e.seen.motors
-            if one.body.number == body.number and one.joint == joint.link
+        motors = [
+            motor
+            for motor in e.seen.motors
+            if motor.body.number == body.number and motor.joint == joint.link
         ]
-        if not told:
+        if not motors:
             continue
-        which = np.searchsorted([one.at.step for one in told], joints.steps - 1, side="right") - 1
-        drives = np.array([one.mode == POSITION_CONTROL and one.force > 0 for one in told])
-        limits = np.array([one.force for one in told])
+        began = [motor.at.step for motor in motors]
+        which = np.searchsorted(began, joints.steps - 1, side="right") - 1
+        drives = np.array([each.mode == POSITION_CONTROL and each.force > 0 for each in motors])
+        limits = np.array([motor.force for motor in motors])
         torque = np.abs(joints.torque[:, column])
         full = (which >= 0) & drives[which] & (torque >= limits[which] * (1 - 1e-6))
         for first, last in unbroken(full, np.diff(joints.steps, prepend=-2) != 1):
@@ -88,12 +93,16 @@ def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFi
                 longest = last - first + 1, column, first, float(limits[which[first]])
     samples, column, first, limit = longest
     if samples >= FOR_LONG:
-        unit = "N" if moving[column].kind == "prismatic" else "N m"
-        yield e.finding(
-            "motor-at-limit",
-            f"drives its joint {moving[column].name} with all of its {limit:.4g} {unit} for "
-            f"{samples} steps from step {int(joints.steps[first])} on, and lags behind its target "
-            "as long; give p.setJointMotorControl2 more force",
-            body=body.number,
-            step=int(joints.steps[first]),
+        step = int(joints.steps[first])
+        message = Message(
+            "{body} drives its joint {joint} with its maximum of {limit:.4g} {unit} for {samples} "
+            "steps from step {step} on, and lags behind its target meanwhile; give "
+            "p.setJointMotorControl2 more force",
+            body=body.label,
+            joint=moving[column].name,
+            limit=limit,
+            unit="N" if moving[column].kind == "prismatic" else "N m",
+            samples=samples,
+            step=step,
         )
+        yield e.finding("motor-at-limit", message, body=body.number, step=step)

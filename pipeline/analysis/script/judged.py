@@ -1,4 +1,4 @@
-"""One body of a script, judged: what each of its samples is, and why some are nothing we know."""
+"""One body of a script, judged: what each of its samples is, and why some are unexplained."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from pipeline.laws.bullet_air import EPSILON
 from pipeline.laws.bullet_contact import CONTACT_SLOP_M
 from pipeline.laws.lookup import RIGID, law_of
 from pipeline.laws.rotations import rotate_inverse
+from pipeline.messages import Message
 from pipeline.seen import Body
 
 Float64 = NDArray[np.float64]
@@ -33,62 +34,66 @@ Int8 = NDArray[np.int8]
 
 REASONS = (
     "",
-    "contact in a step of several substeps, of which PyBullet reports the last one's",
-    "a push in a step of several substeps",
-    "maxJointVelocity, which limits velocities",
-    "falling asleep, or waking up",
-    "continuous collision detection (ccdSweptSphereRadius), which stops a body on its way",
-    "links of a btRigidBody, which PyBullet does not show",
-    "soft bodies, whose contact PyBullet does not report",
-    "a mass that is not above 0 or not finite, or whose inverse is not",
-    "a timestep below 2.2e-16 s, or not finite, of which the law knows no step",
-    "a btRigidBody deep in another one: Bullet takes that back beside its law (split impulse, from "
-    "40 mm on by default; p.setPhysicsEngineParameter(useSplitImpulse=0) ends it)",
-    "contact with or a push of a btRigidBody as soon as a call has turned it, or changed its mass: "
-    "Bullet turns it with the inertia of before",
-    "a state that is not finite",
-    "a cause that nothing recorded here tells",
+    Message("contact in a step of several substeps, of which PyBullet reports only the last"),
+    Message("a push in a step of several substeps"),
+    Message("maxJointVelocity, which limits velocities"),
+    Message("falling asleep, or waking up"),
+    Message("continuous collision detection (ccdSweptSphereRadius), which stops a body mid-step"),
+    Message("links of a btRigidBody, which PyBullet does not show"),
+    Message("soft bodies, whose contact PyBullet does not report"),
+    Message("a mass that is not positive and finite, or whose inverse is not finite"),
+    Message("a timestep below 2.2e-16 s, or not finite, which the law does not cover"),
+    Message(
+        "a btRigidBody deep in another: Bullet corrects that outside its law (split impulse, from "
+        "40 mm on by default; p.setPhysicsEngineParameter(useSplitImpulse=0) disables it)"
+    ),
+    Message(
+        "contact with or a push of a btRigidBody right after a call turned it or changed its mass: "
+        "Bullet turns it with its previous inertia"
+    ),
+    Message("a state that is not finite"),
+    Message("unknown: nothing recorded explains it"),
 )
-"""Why a sample is unexplained, by number; 0 of one that is not."""
+"""Why a sample is unexplained, by number; 0 where it is explained."""
 (
     SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, TIMELESS, SPLIT, STALE, INFINITE,
     UNKNOWN,
 ) = range(1, len(REASONS))  # fmt: skip
 
 SPLITS = {"contactSlop": CONTACT_SLOP_M, "splitImpulsePenetrationThreshold": -0.04}
-"""What decides where Bullet splits an impulse [m]: `btContactSolverInfo.h`."""
+"""Defaults that decide where Bullet splits an impulse [m]: `btContactSolverInfo.h`."""
 DISABLE_SLEEPING = 2
 """Of `activationState`."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A track, and what each of its samples is; all arrays have a row for each."""
+    """A track, and what each of its samples is; all arrays have a row per sample."""
 
     track: Track
     code: Int8
-    """Places in `SEGMENTS`."""
+    """Indices into `SEGMENTS`."""
     reason: Int8
-    """Places in `REASONS`."""
+    """Indices into `REASONS`."""
     deviation: Float64
-    """By how much the sample is off its law, in the worst of its numbers [m, m/s, rad/s, 1]."""
+    """How far the sample deviates from its law, in its worst number [m, m/s, rad/s, 1]."""
     falls: Flags
-    """Whether a step of free flight led to it, from a state that is known."""
+    """Whether a step of free flight led to it, from a known state."""
     held: Flags
-    """Whether the engine held a velocity at its limit in that step."""
+    """Whether the engine clamped a velocity in that step."""
     impulse_n_s: Float64
-    """What contact gave in that step, (samples, 3)."""
+    """Impulse of contact in that step, (samples, 3)."""
     energy_j: Float64
-    """What contact gave to its energy of motion, or took."""
+    """Kinetic energy that contact gave in that step; negative where it took."""
     touches: Touches
-    """What touched it: the step of each point is the row of a sample."""
+    """Its contact points: the step of each is the row of a sample."""
     point_energy_j: Float64
-    """What each point gave, or took."""
+    """The same energy by contact point."""
     laws: list[tuple[Epoch, Law | None]]
-    """The law of each epoch; None where there is none of it."""
+    """The law of each epoch; None where there is none."""
 
     def kinetic_j(self, row: int, *, before: bool) -> float:
-        """Return the energy of motion at a sample, or that its step began with [J]."""
+        """Return the kinetic energy at a sample, or at the start of its step [J]."""
         law = self.law_at(row)
         assert law is not None
         start = self.track.before.at(slice(row, row + 1))
@@ -108,10 +113,10 @@ class Judged:
 
     @property
     def _breaks(self) -> Flags:
-        """Whether a sample begins something new: other settings, or steps that are missing."""
-        found = ~self.track.led
-        found[[epoch.rows.start for epoch, _ in self.laws]] = True
-        return found
+        """Whether a sample begins something new: other settings, or after missing steps."""
+        breaks = ~self.track.led
+        breaks[[epoch.rows.start for epoch, _ in self.laws]] = True
+        return breaks
 
 
 def judged(
@@ -134,7 +139,7 @@ def judged(
     contacts
         The contact points of all bodies.
     springy
-        Bodies whose contact gives way like a spring.
+        Bodies whose contact is a spring.
     rigid
         Those that are btRigidBodies.
     rolling
@@ -144,7 +149,7 @@ def judged(
     stepped
         Whether its simulation was ever stepped.
     machine
-        Kind of processor; an empty one is taken for one that rounds each operation once.
+        Kind of processor; if empty, one that rounds each operation once is assumed.
     """
     rows = len(track)
     touches = _touches(track, contacts)
@@ -174,7 +179,7 @@ def judged(
         points = (touches.step >= part.start) & (touches.step < part.stop)
         theirs = touches.at(points, touches.step[points] - part.start)
         pushed = track.force_n[part], track.torque_n_m[part]
-        found = segments_of(
+        segments = segments_of(
             track.motion.at(part),
             law,
             theirs,
@@ -184,14 +189,15 @@ def judged(
             before=track.before.at(part),
             rolls=rolls[part],
         )
-        assert found.balance is not None
-        code[part], deviation[part], held[part] = found.code, found.deviation, found.held
-        impulse_n_s[part], energy_j[part] = found.balance.impulse_n_s, found.balance.energy_j
-        point_energy_j[points] = found.balance.point_energy_j
-        falls[part] = found.code == FLIGHT
+        balance = segments.balance
+        assert balance is not None
+        code[part], deviation[part], held[part] = segments.code, segments.deviation, segments.held
+        impulse_n_s[part], energy_j[part] = balance.impulse_n_s, balance.energy_j
+        point_energy_j[points] = balance.point_energy_j
+        falls[part] = segments.code == FLIGHT
         reason[part] = SOFT if soft else _reason(track.body, epoch, law)
-        # It moves bodies, and leaves their velocities alone.
-        split[part] = _deep(epoch, theirs, rigid) & found.balance.closes(track.motion.at(part))
+        # It moves bodies, but does not change their velocities.
+        split[part] = _deep(epoch, theirs, rigid) & balance.closes(track.motion.at(part))
     forced = np.asarray(np.hstack((track.force_n, track.torque_n_m)).any(axis=1))
     reason[forced & (reason == SUBSTEPS)] = PUSHES
     states = [getattr(each, name) for each in (track.motion, track.before) for name in NUMBERS]
@@ -210,29 +216,29 @@ def judged(
 
 
 def _has_inverse(mass_kg: float) -> bool:
-    """Whether a mass is one that the engine can divide by."""
+    """Whether the engine can divide by a mass."""
     return mass_kg > 0 and 0 < 1 / mass_kg < math.inf
 
 
 def _touches(track: Track, contacts: Contacts) -> Touches:
-    """Return what touches a body, by rows of its samples."""
-    found = contacts.of(track.body.number)
-    rows = np.minimum(np.searchsorted(track.steps, found.step), len(track) - 1)
-    its = (track.steps[rows] == found.step) & track.led[rows]
-    return found.at(its, rows[its])
+    """Return the contact points of a body, by rows of its samples."""
+    touches = contacts.of(track.body.number)
+    rows = np.minimum(np.searchsorted(track.steps, touches.step), len(track) - 1)
+    its = (track.steps[rows] == touches.step) & track.led[rows]
+    return touches.at(its, rows[its])
 
 
 def _with(touches: Touches, bodies: frozenset[int], track: Track) -> Flags:
-    """Return in which samples a body met some others, or anything if it is one of them."""
-    found = np.zeros(len(track), dtype=bool)
+    """Return in which samples a body touched one of some bodies, or anything if it is one."""
+    met = np.zeros(len(track), dtype=bool)
     its = np.isin(touches.other_body, list(bodies)) | (track.body.number in bodies)
-    found[touches.step[its]] = True
-    return found
+    met[touches.step[its]] = True
+    return met
 
 
 def _stale(track: Track, touches: Touches, forced: Flags) -> Flags:
     """Return in which samples a btRigidBody was pushed right after it was turned or changed."""
-    # The first step of all follows whatever calls have made of the body since it was loaded.
+    # The first step of all follows whatever calls changed since the body was loaded.
     changed, last = np.zeros(len(track), dtype=bool), None
     changed[1:] = ~track.led[:-1]
     changed |= track.put
@@ -245,21 +251,21 @@ def _stale(track: Track, touches: Touches, forced: Flags) -> Flags:
 
 
 def _deep(epoch: Epoch, touches: Touches, rigid: frozenset[int]) -> Flags:
-    """Return in which samples a btRigidBody is so deep in another one that Bullet moves them apart.
+    """Return in which samples a btRigidBody is so deep in another that Bullet moves them apart.
 
     `btSequentialImpulseConstraintSolver::setupContactConstraint`: where distance and slop are not
-    above a threshold. PyBullet takes no notice of a threshold or slop that is told below 0.
+    above a threshold. PyBullet ignores a threshold or slop below 0.
     """
-    found = np.zeros(epoch.rows.stop - epoch.rows.start, dtype=bool)
-    told = epoch.settings.values
-    if epoch.dynamics.reported["kind"][0] == RIGID and told.get("set_useSplitImpulse", 1) != 0:
+    moved = np.zeros(epoch.rows.stop - epoch.rows.start, dtype=bool)
+    given = epoch.settings.values
+    if epoch.dynamics.reported["kind"][0] == RIGID and given.get("set_useSplitImpulse", 1) != 0:
         slop_m, most_m = (
-            float(value) if (value := np.ravel(told.get(f"set_{name}", -1))[0]) >= 0 else default
+            float(value) if (value := np.ravel(given.get(f"set_{name}", -1))[0]) >= 0 else default
             for name, default in SPLITS.items()
         )
         deep = touches.distance_m + slop_m <= most_m
-        found[touches.step[deep & np.isin(touches.other_body, list(rigid))]] = True
-    return found
+        moved[touches.step[deep & np.isin(touches.other_body, list(rigid))]] = True
+    return moved
 
 
 def _reason(body: Body, epoch: Epoch, law: Law) -> int:
@@ -279,15 +285,15 @@ def _is_given(given: Mapping[str, Any], name: str) -> bool:
 
 
 def _asleep(track: Track, code: Int8, reason: Int8) -> None:
-    """Take note of samples at which a body that may fall asleep did not move at all."""
+    """Mark the samples at which a body that may fall asleep did not move at all."""
     after = [getattr(track.motion, name) for name in NUMBERS]
     before = [getattr(track.before, name) for name in NUMBERS]
     same = (np.hstack(after) == np.hstack(before)).all(axis=1) & track.led
     at_rest = ~np.hstack(after[2:]).any(axis=1)
     may = np.zeros(len(track), dtype=bool)
     for epoch in track.epochs:
-        told = epoch.given.get("activationState", 0)
-        may[epoch.rows] = (track.body.can_sleep or told > 0) and not int(told) & DISABLE_SLEEPING
+        state = epoch.given.get("activationState", 0)
+        may[epoch.rows] = (track.body.can_sleep or state > 0) and not int(state) & DISABLE_SLEEPING
     open_ = (code == UNEXPLAINED) & may
     code[open_ & same & at_rest] = STILL
     known = np.isin(reason, (MASSLESS, TIMELESS, INFINITE))

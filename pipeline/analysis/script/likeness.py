@@ -1,4 +1,4 @@
-"""What it looks like where two recordings of scripts differ: how far bodies are from golden's."""
+"""How a difference between two recordings of scripts looks: how far bodies are from golden's."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import numpy as np
 import polars as pl
 
 from pipeline.analysis.script.difference import Difference
-from pipeline.analysis.script.sample_differences import Faced
+from pipeline.analysis.script.sample_differences import Paired
+from pipeline.messages import Message, joined
 from pipeline.seen import Body
 
-STATES_ARE_THE_SAME = "every state is the same all the same"
+STATES_ARE_THE_SAME = Message("every state is identical")
 
 
-def looks_like(of: Faced, state: Difference | None) -> str:
+def looks_like(of: Paired, state: Difference | None) -> Message:
     """Say in a sentence how far apart bodies are.
 
     Parameters
@@ -24,36 +25,51 @@ def looks_like(of: Faced, state: Difference | None) -> str:
     """
     if state is None:
         return STATES_ARE_THE_SAME
+    at = {"body": state.body, "step": state.step}
     if state.column == "there":
-        has, lacks = ("it", "golden") if state.value else ("golden", "it")
-        return f"{has} has {state.body} at step {state.step}, {lacks} has not"
-    (body,) = (one for one in of.bodies.values() if one.label == state.body)
+        if state.value:
+            return Message("it has {body} at step {step}, golden does not", **at)
+        return Message("golden has {body} at step {step}, it does not", **at)
+    (body,) = (body for body in of.bodies.values() if body.label == state.body)
     rows = of.rows.with_columns(distance_m=pl.Series(of.distance_m)).with_columns(
         pl.col("distance_m").fill_nan(None)
     )
     its = rows.filter(pl.col("body") == body.number, pl.col("link") == state.link)
     at_m = its.filter(pl.col("step") == state.step)["distance_m"][0]
     last_step, last_m = its.select("step", "distance_m").row(-1)
-    name = _name(body, state.link)
+    at["body"] = _name(body, state.link)
+    clauses = [Message("{body} moves differently from step {step} on", **at)]
     if at_m:
-        said = f"{name} is {_mm(at_m)} elsewhere at step {state.step}"
-    else:
-        said = f"{name} moves in another way from step {state.step} on"
+        clauses = [Message("{body} is {distance} off at step {step}", distance=_mm(at_m), **at)]
+    shown = [_mm(at_m)] if at_m else []
     if last_m is not None and last_step > state.step:
-        there = f"{_mm(last_m)} elsewhere" if last_m else "in the same place"
-        said += f", {there} at the end (step {last_step})"
+        clauses.append(Message("in the same place at the end (step {step})", step=last_step))
+        if last_m:
+            shown.append(_mm(last_m))
+            clauses[-1] = Message(
+                "{distance} off at the end (step {step})", distance=_mm(last_m), step=last_step
+            )
     number, link, step, most_m = rows.select("body", "link", "step", "distance_m").row(
         int(np.argmax(rows["distance_m"].fill_null(-1.0)))
     )
-    if most_m is not None and _mm(most_m) not in said and most_m > max(at_m or 0.0, last_m or 0.0):
-        said += f", {_mm(most_m)} at most ({_name(of.bodies[number], link)}, step {step})"
-    return said
+    if most_m is not None and _mm(most_m) not in shown and most_m > max(at_m or 0.0, last_m or 0.0):
+        clauses.append(
+            Message(
+                "{distance} at most ({body}, step {step})",
+                distance=_mm(most_m),
+                body=_name(of.bodies[number], link),
+                step=step,
+            )
+        )
+    return joined(", ", clauses)
 
 
 def _name(body: Body, link: int | None) -> str:
     if link is None or link < 0:
         return body.label
-    return f"{body.label}'s link {link} ({body.links[link + 1]})"
+    return Message(
+        "{body}'s link {link} ({name})", body=body.label, link=link, name=body.links[link + 1]
+    )
 
 
 def _mm(length_m: float) -> str:

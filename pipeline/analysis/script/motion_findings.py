@@ -1,4 +1,4 @@
-"""Findings of how bodies move: set, held, damped, past what they should meet."""
+"""Findings on motion: teleported, clamped, damped, through walls."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from pipeline.analysis.script.judged import UNKNOWN, Judged
 from pipeline.analysis.script.results import ScriptFinding
 from pipeline.fields import decimals, fraction
 from pipeline.laws.bullet_air import DEFAULT_DAMPING
+from pipeline.messages import Message
 from pipeline.seen import Body
 
 DAMPED_M = 1e-3
-"""By how much damping must move a body in a flight to be worth reporting."""
+"""How far damping must move a body in a flight to be worth reporting."""
 MOVING_M_S = 1e-3
-"""What is slower than that stands, whatever a call makes of it."""
+"""A body slower than this is at rest: to put it elsewhere is not worth reporting."""
 
 
 def findings(e: Evidence) -> Iterator[ScriptFinding]:
@@ -30,14 +31,14 @@ def findings(e: Evidence) -> Iterator[ScriptFinding]:
         yield from _too_fast(e, number, judged)
         yield from _teleported(e, number, judged)
         yield from _damped(e, number, judged)
-    jointed = [one.track.body.label for one in e.judged.values() if one.track.body.joints]
+    jointed = [judged.track.body.label for judged in e.judged.values() if judged.track.body.joints]
     if jointed:
-        names = ", ".join(jointed[:5]) + (" …" if len(jointed) > 5 else "")
-        yield e.finding(
-            "joints-not-explained",
-            f"the laws here are those of one rigid body: of what has joints, motion, energy and "
-            f"contacts are measured, not explained: {names}",
+        message = Message(
+            "the laws here are those of one rigid body: for bodies with joints, motion, energy and "
+            "contacts are measured, not explained: {names}",
+            names=", ".join(jointed[:5]) + (" …" if len(jointed) > 5 else ""),
         )
+        yield e.finding("joints-not-explained", message)
 
 
 def _mismatch(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
@@ -45,23 +46,28 @@ def _mismatch(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindin
     if len(rows):
         row = int(rows[0])
         step = int(judged.track.steps[row])
-        others = f", nor at {len(rows) - 1} more of its samples" if len(rows) > 1 else ""
-        yield e.finding(
-            "law-mismatch",
-            f"does not follow the engine's law at step {step}, by {judged.deviation[row]:.2g} (m, "
-            f"m/s or rad/s){others}: nothing that was recorded says why; "
-            "if the recording was not altered, something acted that drop does not know",
-            body=number,
-            step=step,
+        when = Message("step {step}", step=step)
+        if len(rows) > 1:
+            when = Message(
+                "step {step} (the first of {samples} samples)", step=step, samples=len(rows)
+            )
+        message = Message(
+            "{body} departs from the engine's law at {when}, by {deviation:.2g} (m, m/s or rad/s): "
+            "nothing that was recorded says why; if the recording was not altered, something acted "
+            "that drop does not know",
+            body=e.label(number),
+            when=when,
+            deviation=judged.deviation[row],
         )
+        yield e.finding("law-mismatch", message, body=number, step=step)
 
 
 def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
-    """Yield where a body went through a slab: from one side to the other, with no contact."""
+    """Yield where a body passed through a slab without a contact."""
     track = judged.track
     filtered = any(
-        one.function.startswith("setCollisionFilter") and one.client == track.body.client
-        for one in e.seen.calls
+        call.function.startswith("setCollisionFilter") and call.client == track.body.client
+        for call in e.seen.calls
     )
     if track.body.joints or filtered:
         return
@@ -73,7 +79,7 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
         axis = int(np.argmin(high - low))
         down = (before_m[:, axis] > high[axis]) & (after_m[:, axis] < low[axis])
         up = (before_m[:, axis] < low[axis]) & (after_m[:, axis] > high[axis])
-        beside = [one for one in range(3) if one != axis]
+        beside = [other for other in range(3) if other != axis]
         inside = _there(e, other, track.steps)
         for position_m in (before_m, after_m):
             inside &= ((position_m > low) & (position_m < high))[:, beside].all(axis=1)
@@ -81,44 +87,47 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
         touched = np.isin(rows, judged.touches.step[judged.touches.other_body == other.number])
         if len(rows) and not touched[0]:
             row = int(rows[0])
-            way_m = float(np.abs(after_m[row, axis] - before_m[row, axis]))
-            yield e.finding(
-                "tunnelled",
-                f"passes through {other.label} at step {int(track.steps[row])} without a contact: "
-                f"it moves {way_m * 1e3:.4g} mm in that step, and {other.label} is "
-                f"{(high - low)[axis] * 1e3:.4g} mm thick; use a smaller timestep",
-                body=number,
-                step=int(track.steps[row]),
+            step = int(track.steps[row])
+            message = Message(
+                "{body} passes through {other} at step {step} without a contact: it moves "
+                "{way:.4g} mm in that step, and {other} is {thickness:.4g} mm thick; use a smaller "
+                "timestep",
+                body=e.label(number),
+                other=other.label,
+                step=step,
+                way=float(np.abs(after_m[row, axis] - before_m[row, axis])) * 1e3,
+                thickness=(high - low)[axis] * 1e3,
             )
+            yield e.finding("tunnelled", message, body=number, step=step)
 
 
 def _there(e: Evidence, body: Body, steps: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return in which steps a body was there, from the first to the last of its appearances."""
-    found = np.zeros(len(steps), dtype=bool)
-    for one in e.seen.appearances:
-        if one.body.number == body.number:
-            found[steps > one.at.step] = one.there
-    return found
+    there = np.zeros(len(steps), dtype=bool)
+    for appearance in e.seen.appearances:
+        if appearance.body.number == body.number:
+            there[steps > appearance.at.step] = appearance.there
+    return there
 
 
 def _clamped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
     rows = np.flatnonzero(judged.held)
     if len(rows):
         step = int(judged.track.steps[rows[0]])
-        yield e.finding(
-            "velocity-clamped",
-            f"reaches 100 m/s or rad/s at step {step} and is held there: a btMultiBody keeps every "
-            "component within ±100; load it with useMaximalCoordinates=True",
-            body=number,
+        message = Message(
+            "{body} reaches 100 m/s or rad/s at step {step} and is clamped there: a btMultiBody "
+            "limits every component to ±100; load it with useMaximalCoordinates=True",
+            body=e.label(number),
             step=step,
         )
+        yield e.finding("velocity-clamped", message, body=number, step=step)
 
 
 def _too_fast(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
     edges_m, track = e.extents_m(number, -1), judged.track
     swept = any("ccdSweptSphereRadius" in epoch.given for epoch in track.epochs)
     alone = all(
-        one is track.body or one.client != track.body.client for one in e.seen.bodies.values()
+        body is track.body or body.client != track.body.client for body in e.seen.bodies.values()
     )
     if edges_m is None or track.body.joints or swept or alone:
         return
@@ -126,24 +135,29 @@ def _too_fast(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindin
     rows = np.flatnonzero(track.led & ~track.put & (way_m > edges_m.min()))
     if len(rows):
         row = int(rows[np.argmax(way_m[rows])])
-        law = judged.law_at(row)
-        rate = "" if law is None else f" of {fraction(law.timestep_s)} s"
-        yield e.finding(
-            "timestep-too-long",
-            f"moves {way_m[row] * 1e3:.4g} mm in a step{rate} at step {int(track.steps[row])}, and "
-            f"is {edges_m.min() * 1e3:.4g} mm thick: it can pass through what is thin, and meets "
-            "things deep inside; use a smaller timestep with p.setTimeStep",
-            body=number,
-            step=int(track.steps[row]),
+        law, step = judged.law_at(row), int(track.steps[row])
+        of_step = Message("a step")
+        if law is not None:
+            of_step = Message("a step of {timestep} s", timestep=fraction(law.timestep_s))
+        message = Message(
+            "{body} moves {way:.4g} mm in {of_step} at step {step}, and is {thickness:.4g} mm "
+            "thick: it can pass through thin bodies, and overlaps others before contact acts; use "
+            "a smaller timestep with p.setTimeStep",
+            body=e.label(number),
+            way=way_m[row] * 1e3,
+            of_step=of_step,
+            step=step,
+            thickness=edges_m.min() * 1e3,
         )
+        yield e.finding("timestep-too-long", message, body=number, step=step)
 
 
 def _teleported(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
     track = judged.track
     rows = np.flatnonzero((judged.code == SET) & track.put)
     rows = rows[(rows > 0) & (track.steps[rows - 1] == track.steps[rows] - 1)]
-    # What a script loads again is nothing that it has moved.
-    came = [one.at.step + 1 for one in e.seen.by_body[number].came]
+    # A body that is loaded again was not moved.
+    came = [appearance.at.step + 1 for appearance in e.seen.by_body[number].came]
     rows = rows[~np.isin(track.steps[rows], came)]
     if not len(rows):
         return
@@ -155,44 +169,46 @@ def _teleported(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFind
         return
     first = int(far[0])
     step = int(track.steps[rows[first]]) - 1
-    put = next(one for one in e.seen.puts if one.body.number == number and one.at.step == step)
+    put = next(put for put in e.seen.puts if put.body.number == number and put.at.step == step)
     functions = ("resetBasePositionAndOrientation", "restoreState", "changeDynamics")
-    yield e.finding(
-        "teleported",
-        f"is put {decimals(way_m[first] * 1e3, 1)} mm away at step {step} while it moves at "
-        f"{speed_m_s[first]:.4g} m/s{_again(len(far) - 1)}: no force moved it there, and its "
-        "velocity is what the call leaves",
-        body=number,
-        step=step,
-        site=e.site(functions, put.at, put.body),
+    when = Message("step {step}", step=step)
+    if len(far) > 1:
+        when = Message("step {step} (the first of {times} times)", step=step, times=len(far))
+    message = Message(
+        "{body} is put {way} mm away at {when} while it moves at {speed:.4g} m/s: no force moved "
+        "it there, and the call decides its velocity",
+        body=e.label(number),
+        way=decimals(way_m[first] * 1e3, 1),
+        when=when,
+        speed=speed_m_s[first],
     )
-
-
-def _again(more: int) -> str:
-    return f", and {more} time{'s' * (more > 1)} more" if more else ""
+    site = e.site(functions, put.at, put.body)
+    yield e.finding("teleported", message, body=number, step=step, site=site)
 
 
 def _damped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
-    flights = next(one.flights for one in e.bodies if one.id == number)
+    flights = next(body.flights for body in e.bodies if body.id == number)
     moved = [
-        # What is gone without damping: its term, and what it and the timestep do to each other.
+        # All that would vanish without damping: its term, and its interaction with the timestep.
         (float(np.linalg.norm(np.add(terms_m.damping, terms_m.interaction))), flight)
         for flight in flights
         if (terms_m := flight.terms_m) is not None
     ]
     if not moved:
         return
-    most_m, flight = max(moved, key=lambda one: one[0])
+    most_m, flight = max(moved, key=lambda pair: pair[0])
     row = int(np.searchsorted(judged.track.steps, flight.last_step))
     law = judged.law_at(row)
     epoch = next(epoch for epoch, _ in judged.laws if row < epoch.rows.stop)
     default = law is not None and law.drag.linear_per_s == DEFAULT_DAMPING["reduced"]
     if most_m >= DAMPED_M and default and "linearDamping" not in epoch.given:
-        yield e.finding(
-            "default-damping",
-            f"is moved {most_m * 1e3:.3g} mm by damping in its flight from {flight.start_s:.4g} s "
-            f"to {flight.end_s:.4g} s: PyBullet damps every body with 0.04 by default; call "
+        message = Message(
+            "{body} is moved {moved:.3g} mm by damping in its flight from {start:.4g} s to "
+            "{end:.4g} s: PyBullet damps every body with 0.04 by default; call "
             "p.changeDynamics(body, -1, linearDamping=0)",
-            body=number,
-            step=flight.first_step,
+            body=e.label(number),
+            moved=most_m * 1e3,
+            start=flight.start_s,
+            end=flight.end_s,
         )
+        yield e.finding("default-damping", message, body=number, step=flight.first_step)

@@ -1,4 +1,4 @@
-"""What the analysis of a script's recording finds; SI units, world axes."""
+"""The results of the analysis of a script's recording; SI units, world axes."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pipeline.shown import Shown
 
 Vector = tuple[float, float, float]
 
-UNTOLD = ("table", "by_body")
-"""Of a script's analysis, what its JSON object leaves out."""
+NOT_IN_JSON = ("table", "by_body")
+"""Of a script's analysis."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """A sample of a flight, taken apart."""
+    """A sample of a flight, and its error."""
 
     step: int
     """Its number."""
@@ -29,15 +29,15 @@ class Moment:
     error_m: Vector
     """Simulated minus free fall."""
     terms_m: VectorTerms | None
-    """What that is made of; None as for the flight."""
+    """Its terms; None as for the flight."""
 
 
 @dataclass(frozen=True)
 class ScriptFlight:
-    """From a sample on a body meets nothing, and follows the law of free flight."""
+    """Consecutive samples in which a body touches nothing and follows the law of free flight."""
 
     first_step: int
-    """What it starts from: a sample, or what a call has made of it."""
+    """The step that it starts from: its sample, or the state that a call then set."""
     last_step: int
     """The last sample that the law of flight led to."""
     start_s: float
@@ -47,15 +47,15 @@ class ScriptFlight:
     error_m: Vector
     """Simulated minus free fall at the last sample, from the state at the first on."""
     terms_m: VectorTerms | None
-    """What that is made of; None where a velocity was held at the engine's limit, or where gravity
-    is not along z."""
+    """Its terms; None if a velocity was clamped to the engine's limit, or gravity is not along
+    z."""
     at: list[Moment]
     """The samples nearest to `--at`."""
 
 
 @dataclass(frozen=True)
 class Pusher:
-    """What pushed a body in a contact."""
+    """A link that pushed a body in a contact."""
 
     body: str
     """Its label."""
@@ -64,14 +64,14 @@ class Pusher:
     link: int
     """-1 is the base."""
     impulse_n_s: Vector
-    """Of its forces together."""
+    """Sum over its forces."""
     energy_j: float
-    """What it gave to the body's energy of motion."""
+    """Kinetic energy that it gave to the body; negative where it took some."""
 
 
 @dataclass(frozen=True)
 class ScriptContact:
-    """An unbroken run of samples that contact led to."""
+    """Consecutive samples that contact led to."""
 
     first_step: int
     """The first of them."""
@@ -82,36 +82,36 @@ class ScriptContact:
     end_s: float
     """Time of the last."""
     impulse_n_s: Vector
-    """Of all contact forces on the body together."""
+    """Sum over all contact forces on the body."""
     largest_force_n: float
-    """The greatest of a step, all points together."""
+    """The largest in a step, of all points together."""
     energy_j: float
-    """What contact gave to the body's energy of motion, or took from it."""
+    """Kinetic energy that contact gave to the body; negative where it took some."""
     most_given_j: float
     """The most that it gave in a step; 0 where it only took."""
     most_given_step: int | None
-    """In which that was."""
+    """The step in which it gave most."""
     by: list[Pusher]
-    """What pushed it, link by link."""
+    """The links that pushed it."""
 
 
 @dataclass(frozen=True)
 class Unexplained:
-    """Samples that neither the law nor contact leads to, of one reason."""
+    """Samples that neither the law nor contact leads to, for one reason."""
 
     reason: str
-    """What is known of why."""
+    """The reason, as far as it is known."""
     samples: int
-    """How many there are."""
+    """Number of these samples."""
     first_step: int
     """The first of them."""
     deviation: float
-    """How far the first of them is off, in the worst of its numbers [m, m/s, rad/s, 1]."""
+    """How far the first of them deviates, in its worst number [m, m/s, rad/s, 1]."""
 
 
 @dataclass(frozen=True)
 class BodyEnergy:
-    """Energy of motion and in gravity, of all links together; z = 0 is where the latter is 0."""
+    """Kinetic and potential energy of all links together; the latter is 0 at z = 0."""
 
     first_j: float
     """At its first sample."""
@@ -120,9 +120,10 @@ class BodyEnergy:
     largest_j: float
     """The most that it had."""
     largest_step: int
-    """In which sample."""
+    """The sample at which it had most."""
     contact_j: float | None
-    """What all contacts gave to its energy of motion, or took; None of a body with joints."""
+    """Kinetic energy that all contacts gave, negative if they took some; None for a body with
+    joints."""
 
 
 @dataclass(frozen=True)
@@ -130,75 +131,77 @@ class BodyAnalysis:
     """What one body did."""
 
     name: str
-    """The file that it was loaded from, or what it is called."""
+    """The file that it was loaded from, or its name."""
     label: str
-    """Number and name: what findings and the recording's entities call it."""
+    """Number and name, as in findings and in the recording's entities."""
     id: int
-    """In the recording: the engine's own id, unless another body had it before."""
+    """Number in the recording: the engine's own id, unless another body had it before."""
     links: list[str]
     """Base and links."""
     mass_kg: float
-    """Of all of them; as it was last."""
+    """Their total mass at the end."""
     segments: dict[str, int]
-    """How many samples are what: flight, contact, pushed, set, jointed, still, unexplained."""
+    """Number of samples by kind: flight, contact, pushed, set, jointed, still, unexplained."""
     flights: list[ScriptFlight]
-    """Each way through the air, taken apart."""
+    """Its flights, with their errors."""
     contacts: list[ScriptContact]
-    """What touched it."""
+    """Its contacts."""
     unexplained: list[Unexplained]
     """Its samples that are not explained, by reason."""
     energy: BodyEnergy | None
-    """None of what has no samples, or no mass."""
+    """None for a body without samples or mass."""
 
 
 @dataclass(frozen=True)
 class ScriptFinding:
-    """Something a recording gives away: what was seen, why, and what changes it."""
+    """A mistake or surprise that a recording reveals: what was seen, why, and what changes it."""
 
     code: str
-    """A name that stays: what scripts look for."""
+    """A stable name, for scripts."""
     message: str
     """What was seen, why it is so, and what changes it."""
     body: str | None
-    """Of which it speaks."""
+    """Label of the body that it is about."""
     step: int | None
-    """When it was seen first, or where it was worst; its message says which."""
+    """When it was first seen, or when it was worst; the message says which."""
     site: str | None
     """File and line of the call that caused it."""
 
 
 @dataclass(frozen=True)
 class ScriptAnalysis(Shown, lines_of="pipeline.console.show_script:analysis_lines"):
-    """Everything that a script's recording tells."""
+    """Everything that the analysis of a script's recording found."""
 
     origin: dict[str, Any]
     """The script, its arguments, and how it ended."""
     engine: dict[str, Any]
-    """Timestep, gravity … as the engine had them last, by client."""
+    """The last timestep, gravity … of the engine, by client."""
     bodies: list[BodyAnalysis]
-    """All that were ever there, or the one of `--body`."""
+    """All bodies that ever existed, or that of `--body`."""
     findings: list[ScriptFinding]
-    """What is worth a second look, the gravest first."""
+    """The mistakes and surprises that the recording reveals, the gravest first."""
     explained: dict[str, int]
-    """Samples of bodies without joints, and how many of them are explained."""
+    """Number of samples of bodies without joints (`of`), and of explained ones (`samples`)."""
     by_body: dict[int, dict[str, int]]
-    """The same of each body that was ever there, by number."""
+    """The same for each body, by number."""
     table: pl.DataFrame
     """One row per sample and body: step, time, segment, error in flight, energy."""
     recording: Path | None = None
     """The recording that was analyzed."""
     layer: Path | None = None
-    """What shows the analysis beside it."""
+    """The layer that shows the analysis."""
     partial: bool = False
-    """Whether the recording was never finished: this is the analysis of what there is of it."""
+    """Whether the recording was never finished, so that only its beginning was analyzed."""
 
     def as_json(self) -> dict[str, Any]:
-        """Return the contract's JSON object; what does not exist is null."""
-        return {name: jsonable(value) for name, value in vars(self).items() if name not in UNTOLD}
+        """Return the documented JSON object; what does not exist is null."""
+        return {
+            name: jsonable(value) for name, value in vars(self).items() if name not in NOT_IN_JSON
+        }
 
     def of_body(self, number: int) -> ScriptAnalysis:
-        """Return what is told of one body, and its findings."""
-        (body,) = (one for one in self.bodies if one.id == number)
-        findings = [one for one in self.findings if one.body in (None, body.label)]
+        """Return the analysis of one body, with its findings."""
+        (body,) = (body for body in self.bodies if body.id == number)
+        findings = [finding for finding in self.findings if finding.body in (None, body.label)]
         explained = self.by_body[number]
         return replace(self, bodies=[body], findings=findings, explained=explained)

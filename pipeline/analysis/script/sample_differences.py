@@ -1,4 +1,4 @@
-"""The samples of two simulations, held against each other: states, joints, contact points."""
+"""The samples of two simulations compared: states, joints, contact points."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from pipeline.analysis.script.difference import FIRST, LED, Difference, Found, When
+from pipeline.analysis.script.difference import FIRST, LED, Dated, Difference, When
 from pipeline.seen import Body, Joints, Seen
 
 Float64 = NDArray[np.float64]
@@ -21,11 +21,11 @@ COLUMNS = (
     "wz_rad_s",
 )  # fmt: skip
 UNKNOWN_LENGTH_M = 1.0
-"""Of a part without a shape: an angle is then held to as many radians as metres are allowed."""
+"""Of a part without a shape: an angle may then be off by as many radians as metres are allowed."""
 
 
 @dataclass(frozen=True)
-class Faced:
+class Paired:
     """The samples of the bodies that two simulations share."""
 
     bodies: Mapping[int, Body]
@@ -33,63 +33,66 @@ class Faced:
     rows: pl.DataFrame
     """`body`, `link` and `step` of those that both have, in this order."""
     mine: Float64
-    """Of the recording that is checked, shape (rows, 13): `COLUMNS`."""
+    """Of the checked recording, shape (rows, 13): `COLUMNS`."""
     golden: Float64
     lacking: pl.DataFrame
-    """`body`, `link` and `step` of the samples that only one has, and `there`: whether it is the
-    one that is checked."""
+    """`body`, `link` and `step` of the samples that only one has, and `there`: whether that is the
+    checked one."""
     fresh: frozenset[tuple[int, int]]
-    """Number and step of bodies whose first sample was taken after they came."""
+    """Number and step of bodies whose first sample was taken after they appeared."""
 
     @property
     def distance_m(self) -> Float64:
-        """How far apart the parts are, shape (rows,); nan where one of them is nowhere."""
+        """How far apart the parts are, shape (rows,); nan where a position is."""
         distance_m: Float64 = np.linalg.norm(self.mine[:, :3] - self.golden[:, :3], axis=1)
         return distance_m
 
     def when(self, number: int, step: int) -> When:
-        """Return when a sample of a body came to be."""
+        """Return when a sample of a body was taken."""
         return When(step, FIRST if step == 0 or (number, step) in self.fresh else LED)
 
 
-def faced(run: Seen, golden: Seen) -> Faced:
+def paired(run: Seen, golden: Seen) -> Paired:
     """Return the samples of two simulations, those of one part and step in one row."""
     labels = [{body.label: body for body in seen.bodies.values()} for seen in (run, golden)]
-    bodies = {labels[0][one].number: labels[0][one] for one in labels[0].keys() & labels[1].keys()}
+    shared = labels[0].keys() & labels[1].keys()
+    bodies = {labels[0][label].number: labels[0][label] for label in shared}
     mine, theirs = (
         seen.states.filter(pl.col("body").is_in(list(bodies))) for seen in (run, golden)
     )
     lacking = pl.concat(
-        one.join(other, on=PART, how="anti").select(*PART, there=pl.lit(there))
-        for one, other, there in ((mine, theirs, True), (theirs, mine, False))
+        side.join(other, on=PART, how="anti").select(*PART, there=pl.lit(there))
+        for side, other, there in ((mine, theirs, True), (theirs, mine, False))
     )
     if not mine.select(PART).equals(theirs.select(PART)):
         mine, theirs = (
-            one.join(other, on=PART, how="semi").sort(PART)
-            for one, other in ((mine, theirs), (theirs, mine))
+            side.join(other, on=PART, how="semi").sort(PART)
+            for side, other in ((mine, theirs), (theirs, mine))
         )
     fresh = frozenset(
-        (one.body.number, one.at.step) for one in run.appearances if one.came and not one.sampled
+        (each.body.number, each.at.step)
+        for each in run.appearances
+        if each.came and not each.sampled
     )
     values, others = (side.select(COLUMNS).to_numpy() for side in (mine, theirs))
-    return Faced(bodies, mine.select(PART), values, others, lacking, fresh)
+    return Paired(bodies, mine.select(PART), values, others, lacking, fresh)
 
 
-def first_state(of: Faced, allowed: Float64 | float = 0.0) -> Found | None:
-    """Return the first number that differs by more than is allowed, or sample that one lacks.
+def first_state(of: Paired, allowed: Float64 | float = 0.0) -> Dated | None:
+    """Return the first number that differs by more than allowed, or sample that one lacks.
 
     Parameters
     ----------
     of
         The samples.
     allowed
-        Difference that is let pass, of a shape like (rows, 13).
+        Allowed difference, broadcast to (rows, 13).
     """
-    found = []
+    dated = []
     if len(of.lacking):
         body, link, step, there = of.lacking.sort("step", "body", "link").row(0)
         values = float(there), float(not there)
-        found.append(_found(of, step, body, link, "there", *values))
+        dated.append(_dated(of, step, body, link, "there", *values))
     off = _off(of.mine, of.golden, allowed)
     rows = np.flatnonzero(off.any(axis=1))
     if len(rows):
@@ -97,34 +100,34 @@ def first_state(of: Faced, allowed: Float64 | float = 0.0) -> Found | None:
         column = int(np.argmax(off[row]))
         body, link, step = of.rows.row(int(row))
         values = float(of.mine[row, column]), float(of.golden[row, column])
-        found.append(_found(of, step, body, link, COLUMNS[column], *values))
-    return min(found, key=lambda one: one[0], default=None)
+        dated.append(_dated(of, step, body, link, COLUMNS[column], *values))
+    return min(dated, key=lambda each: each[0], default=None)
 
 
-def _found(
-    of: Faced, step: int, number: int, link: int, column: str, mine: float, golden: float
-) -> Found:
+def _dated(
+    of: Paired, step: int, number: int, link: int, column: str, mine: float, golden: float
+) -> Dated:
     difference = Difference(step, of.bodies[number].label, link, column, mine, golden)
     return of.when(number, step), difference
 
 
 def _off(mine: Float64, golden: Float64, allowed: Float64 | float) -> NDArray[np.bool_]:
-    """Return which numbers differ by more than is allowed; nan is the same as nan."""
+    """Return which numbers differ by more than allowed; nan equals nan."""
     with np.errstate(invalid="ignore"):  # of infinite numbers
         near = np.abs(mine - golden) <= allowed
     off: NDArray[np.bool_] = ~((mine == golden) | near | (np.isnan(mine) & np.isnan(golden)))
     return off
 
 
-def allowed(of: Faced, golden: Seen, tolerance_m: float) -> Float64:
+def allowed(of: Paired, golden: Seen, tolerance_m: float) -> Float64:
     """Return what a tolerance allows in each number of the states, shape (rows, 13).
 
-    A velocity may be wrong by what moves the body so far in one step, an angle by what moves the
-    surface so far, half the diagonal of the part's box away.
+    A velocity may be off by what moves the body that far in one step, an angle by what moves the
+    surface that far, half the diagonal of the part's box away.
     """
-    steps_s = {one.client: one.values["fixedTimeStep"] for one in golden.settings}
+    steps_s = {settings.client: settings.values["fixedTimeStep"] for settings in golden.settings}
     parts = of.rows.select("body", "link")
-    found = np.empty((len(parts), len(COLUMNS)))
+    allowed = np.empty((len(parts), len(COLUMNS)))
     for (number, link), rows in (
         parts.with_row_index().partition_by("body", "link", as_dict=True).items()
     ):
@@ -133,8 +136,8 @@ def allowed(of: Faced, golden: Seen, tolerance_m: float) -> Float64:
         per_metre = np.repeat(
             [1.0, 1 / length_m, 1 / step_s, 1 / (length_m * step_s)], (3, 4, 3, 3)
         )
-        found[rows["index"].to_numpy()] = tolerance_m * per_metre
-    return found
+        allowed[rows["index"].to_numpy()] = tolerance_m * per_metre
+    return allowed
 
 
 def _length_m(body: Body, link: int) -> float:
@@ -148,13 +151,13 @@ def _length_m(body: Body, link: int) -> float:
 # -- joints ---------------------------------------------------------------------------------------
 
 
-def first_joint(of: Faced, run: Seen, golden: Seen) -> Found | None:
-    """Return the first number of joints that differs, as far as both have the steps."""
-    found = (_first_of_body(of, number, run, golden) for number in of.bodies)
-    return min((one for one in found if one is not None), key=lambda one: one[0], default=None)
+def first_joint(of: Paired, run: Seen, golden: Seen) -> Dated | None:
+    """Return the first number of joints that differs, in the steps that both have."""
+    dated = (_first_of_body(of, number, run, golden) for number in of.bodies)
+    return min(filter(None, dated), key=lambda each: each[0], default=None)
 
 
-def _first_of_body(of: Faced, number: int, run: Seen, golden: Seen) -> Found | None:
+def _first_of_body(of: Paired, number: int, run: Seen, golden: Seen) -> Dated | None:
     mine, theirs = (seen.joints.get(number) for seen in (run, golden))
     columns = [_joint_columns(seen.bodies[number]) for seen in (run, golden)]
     if mine is None or theirs is None or columns[0] != columns[1]:
@@ -167,7 +170,7 @@ def _first_of_body(of: Faced, number: int, run: Seen, golden: Seen) -> Found | N
         return None
     row, column = int(wrong[0]), int(np.argmax(off[wrong[0]]))
     name, link = columns[0][column]
-    return _found(
+    return _dated(
         of, int(steps[row]), number, link, name, float(x[row, column]), float(y[row, column])
     )
 
@@ -189,13 +192,13 @@ def _joint_columns(body: Body) -> list[tuple[str, int]]:
 # -- contact points -------------------------------------------------------------------------------
 
 
-def first_contact(run: Seen, golden: Seen) -> Found | None:
-    """Return the first contact point that is another one, or the first step with more of them."""
+def first_contact(run: Seen, golden: Seen) -> Dated | None:
+    """Return the first contact point that differs, or the first step with more of them."""
     mine, theirs = (_points(seen) for seen in (run, golden))
     names = [name for name in theirs.columns if name != "step"]
     both = min(len(mine), len(theirs))
-    steps, golden_steps = (one["step"].to_numpy() for one in (mine, theirs))
-    x, y = (one.head(both).select(names).to_numpy() for one in (mine, theirs))
+    steps, golden_steps = (table["step"].to_numpy() for table in (mine, theirs))
+    x, y = (table.head(both).select(names).to_numpy() for table in (mine, theirs))
     off = _off(x, y, 0.0)
     wrong = np.flatnonzero(off.any(axis=1) | (steps[:both] != golden_steps[:both]))
     if not len(wrong) and len(mine) == len(theirs):
@@ -207,12 +210,12 @@ def first_contact(run: Seen, golden: Seen) -> Found | None:
     body = side.bodies[table["body_a"][row]].label
     link = int(table["link_a"][row])
     if counts[0] != counts[1]:
-        found = Difference(step, body, link, "contact_points", *map(float, counts))
+        difference = Difference(step, body, link, "contact_points", *map(float, counts))
     else:
         column = int(np.argmax(off[row]))
         values = float(x[row, column]), float(y[row, column])
-        found = Difference(step, body, link, f"contact_{names[column]}", *values)
-    return When(step, LED if step else FIRST), found
+        difference = Difference(step, body, link, f"contact_{names[column]}", *values)
+    return When(step, LED if step else FIRST), difference
 
 
 def _points(seen: Seen) -> pl.DataFrame:

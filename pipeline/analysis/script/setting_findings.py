@@ -1,4 +1,4 @@
-"""Findings of how a simulation was set up: steps, gravity, time, random numbers, inertia."""
+"""Findings on how a simulation was set up: steps, gravity, time, random numbers, inertia."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ import numpy as np
 
 from pipeline.analysis.script.evidence import Evidence
 from pipeline.analysis.script.results import ScriptFinding
+from pipeline.analysis.script.tracks import order
 from pipeline.fields import fraction
+from pipeline.messages import Message
 from pipeline.seen import Dynamics
 
 OFTEN = 5
-"""Steps, of those looked at, in which the solver stops early that are more than an impact."""
+"""If the solver stops early in this many of the steps examined, it is not just an impact."""
 TINY_INERTIA = 1e-3
-"""Share of m R² below which no usual shape has its greatest moment of inertia; a rod has 1/3."""
+"""The greatest moment of inertia of a usual shape is more than this share of m R²; a rod's: 1/3."""
 
 
 def findings(e: Evidence) -> Iterator[ScriptFinding]:
@@ -33,149 +35,178 @@ def findings(e: Evidence) -> Iterator[ScriptFinding]:
 def _not_stepped(e: Evidence) -> Iterator[ScriptFinding]:
     for client, samples in e.samples.items():
         if samples == 1:
-            yield e.finding(
-                "not-stepped",
-                f"simulation {client} was never stepped, so nothing in it moves by itself: time "
+            message = Message(
+                "simulation {client} was never stepped, so nothing in it moves by itself: time "
                 "passes only in p.stepSimulation()",
+                client=client,
             )
+            yield e.finding("not-stepped", message)
 
 
 def _no_gravity(e: Evidence) -> Iterator[ScriptFinding]:
     for client, samples in e.samples.items():
-        called = any(one.function == "setGravity" and one.client == client for one in e.seen.calls)
+        called = any(
+            call.function == "setGravity" and call.client == client for call in e.seen.calls
+        )
         free = [
-            one.label
-            for one in e.seen.bodies.values()
-            if one.client == client and one.number in e.judged and not one.joints
+            body.label
+            for body in e.seen.bodies.values()
+            if body.client == client and body.number in e.judged and not body.joints
         ]
         weightless = all(
-            not np.ravel(one.values[f"gravityAcceleration{axis}"]).any()
-            for one in e.seen.settings
-            if one.client == client
+            not np.ravel(settings.values[f"gravityAcceleration{axis}"]).any()
+            for settings in e.seen.settings
+            if settings.client == client
             for axis in "XYZ"
         )
         if samples > 1 and free and weightless and not called:
-            yield e.finding(
-                "no-gravity",
-                f"gravity is 0 in simulation {client}, so that {free[0]} does not fall: PyBullet "
-                "starts without; call p.setGravity(0, 0, -9.81)",
+            message = Message(
+                "gravity is 0 in simulation {client}, so {body} does not fall: PyBullet starts "
+                "without gravity; call p.setGravity(0, 0, -9.81)",
+                client=client,
+                body=free[0],
             )
+            yield e.finding("no-gravity", message)
 
 
 def _real_time(e: Evidence) -> Iterator[ScriptFinding]:
     if e.seen.real_time:
-        calls = [one for one in e.seen.calls if one.function == "setRealTimeSimulation"]
+        calls = [call for call in e.seen.calls if call.function == "setRealTimeSimulation"]
         site = f"{calls[0].file}:{calls[0].line}" if calls else None
-        yield e.finding(
-            "real-time",
+        message = Message(
             "the script asks for real-time simulation, whose steps depend on how fast the machine "
-            "is, and which does nothing without a window; here a virtual clock has stepped it. For "
-            "the same result each time call p.stepSimulation() instead",
-            site=site,
+            "is, and which does nothing without a window; here a virtual clock stepped it. For "
+            "the same result each time call p.stepSimulation() instead"
         )
+        yield e.finding("real-time", message, site=site)
 
 
 def _timestep_changed(e: Evidence) -> Iterator[ScriptFinding]:
     """Yield where the timestep changed while a body was there: a new scene may have another."""
-    told: set[tuple[int, int]] = set()
+    reported: set[tuple[int, int]] = set()
     for judged in e.judged.values():
         track = judged.track
-        for one, other in pairwise(track.epochs):
+        for epoch, after in pairwise(track.epochs):
             before_s, after_s = (
-                float(np.ravel(epoch.settings.values["fixedTimeStep"])[0]) for epoch in (one, other)
+                float(np.ravel(each.settings.values["fixedTimeStep"])[0]) for each in (epoch, after)
             )
-            at = other.settings.at
+            at = after.settings.at
             if (
                 before_s == after_s
-                or one.life != other.life
-                or (track.body.client, at.step) in told
+                or epoch.life != after.life
+                or (track.body.client, at.step) in reported
             ):
                 continue
-            told.add((track.body.client, at.step))
-            yield e.finding(
-                "timestep-changed",
-                f"the timestep goes from {fraction(before_s)} s to {fraction(after_s)} s at "
-                f"step {at.step}: errors, contacts and motors behave differently from there "
-                "on; set it once, before the first step",
+            reported.add((track.body.client, at.step))
+            message = Message(
+                "the timestep changes from {before} s to {after} s at step {step}: errors, "
+                "contacts and motors behave differently from there on; set it once, before the "
+                "first step",
+                before=fraction(before_s),
+                after=fraction(after_s),
                 step=at.step,
-                site=e.site(("setTimeStep", "setPhysicsEngineParameter"), at),
             )
+            site = e.site(("setTimeStep", "setPhysicsEngineParameter"), at)
+            yield e.finding("timestep-changed", message, step=at.step, site=site)
 
 
 def _stopped_early(e: Evidence) -> Iterator[ScriptFinding]:
-    for one in e.seen.solvers:
-        if one.steps >= OFTEN:
-            yield e.finding(
-                "solver-stopped-early",
-                f"in {one.steps} of the {one.looked} steps that were looked at, from step "
-                f"{one.first_step} on, the solver of simulation {one.client} used all its "
-                f"iterations, {one.iterations}, and the last one still changed a velocity by up to "
-                f"{one.last_change:.3g} m/s or rad/s (step {one.worst_step}): what is not solved "
-                "lets stacks sink and joints give way; try p.setPhysicsEngineParameter("
-                f"numSolverIterations={4 * one.iterations}), of which a long chain takes more",
-                step=one.first_step,
+    for solver in e.seen.solvers:
+        if solver.steps >= OFTEN:
+            message = Message(
+                "in {steps} of the {looked} steps examined, from step {first} on, the solver of "
+                "simulation {client} used all its iterations, {iterations}, and the last one still "
+                "changed a velocity by up to {change:.3g} m/s or rad/s (step {worst}): an early "
+                "stop lets stacks sink and joints give way; try "
+                "p.setPhysicsEngineParameter(numSolverIterations={more}), a long chain needs more",
+                steps=solver.steps,
+                looked=solver.looked,
+                first=solver.first_step,
+                client=solver.client,
+                iterations=solver.iterations,
+                change=solver.last_change,
+                worst=solver.worst_step,
+                more=4 * solver.iterations,
             )
+            yield e.finding("solver-stopped-early", message, step=solver.first_step)
 
 
 def _unseeded(e: Evidence) -> Iterator[ScriptFinding]:
     if e.seen.unseeded:
         first = e.seen.unseeded[0]
-        more = len(e.seen.unseeded) - 1
-        others = f", and at {more} more place{'s' * (more > 1)}" if more else ""
-        yield e.finding(
-            "unseeded",
-            f"random numbers that nothing has seeded are drawn by {first}{others}: no two runs are "
-            "the same; record it with --seed 0, or seed them in the script",
-            site=first.rpartition(" at ")[2] or None,
+        where: str = first
+        if len(e.seen.unseeded) > 1:
+            where = Message(
+                "{place} (the first of {places} places)", place=first, places=len(e.seen.unseeded)
+            )
+        message = Message(
+            "unseeded random numbers are drawn by {where}: no two runs are the same; record it "
+            "with --seed 0, or seed them in the script",
+            where=where,
         )
+        yield e.finding("unseeded", message, site=first.rpartition(" at ")[2] or None)
 
 
 def _inertia(e: Evidence) -> Iterator[ScriptFinding]:
     for number in e.judged:
-        found = (one for told in e.dynamics_of(number) for one in _of_inertia(e, number, told))
-        yield from itertools.islice(found, 1)
+        findings = (
+            finding
+            for dynamics in e.dynamics_of(number)
+            for finding in _of_inertia(e, number, dynamics)
+        )
+        yield from itertools.islice(findings, 1)
 
 
-def _of_inertia(e: Evidence, number: int, told: Dynamics) -> Iterator[ScriptFinding]:
+def _of_inertia(e: Evidence, number: int, dynamics: Dynamics) -> Iterator[ScriptFinding]:
     """Yield what is wrong with the inertia that the engine reported of a body's parts."""
-    given = [
-        one.values
-        for one in e.seen.by_body[number].given
-        if (one.at.step, one.at.call) <= (told.at.step, told.at.call)
-    ]
-    by_call = any("localInertiaDiagonal" in one for one in given)
-    site = e.site(("changeDynamics",), told.at, told.body, "localInertiaDiagonal")
-    remedy = "correct <inertia> in its file, or give p.changeDynamics another localInertiaDiagonal"
-    if by_call:
-        remedy = "give p.changeDynamics another localInertiaDiagonal"
+    until = order(dynamics.at)
+    given = [each.values for each in e.seen.by_body[number].given if order(each.at) <= until]
+    site = None
+    remedy = Message(
+        "correct <inertia> in its file, or give p.changeDynamics another localInertiaDiagonal"
+    )
+    if any("localInertiaDiagonal" in values for values in given):
+        site = e.site(("changeDynamics",), dynamics.at, dynamics.body, "localInertiaDiagonal")
+        remedy = Message("give p.changeDynamics another localInertiaDiagonal")
     for link, (mass_kg, moments) in enumerate(
-        zip(told.reported["mass_kg"], told.reported["inertia_kg_m2"], strict=True), start=-1
+        zip(dynamics.reported["mass_kg"], dynamics.reported["inertia_kg_m2"], strict=True), start=-1
     ):
         if not mass_kg > 0 or not moments.any():
             continue
         low, middle, high = sorted(moments.tolist())
-        part = "" if link < 0 else f"link {told.body.links[link + 1]}: "
+        part = e.label(number, link)
         if low + middle < high * (1 - 1e-6):
-            yield e.finding(
-                "impossible-inertia",
-                f"{part}has moments of inertia of {low:.3g}, {middle:.3g} and {high:.3g} kg m², "
+            message = Message(
+                "{part} has moments of inertia of {low:.3g}, {middle:.3g} and {high:.3g} kg m², "
                 "which no body can have: the two smaller ones must add up to the largest or more; "
-                f"{remedy}",
-                body=number,
-                step=told.at.step,
-                site=site if by_call else None,
+                "{remedy}",
+                part=part,
+                low=low,
+                middle=middle,
+                high=high,
+                remedy=remedy,
+            )
+            yield e.finding(
+                "impossible-inertia", message, body=number, step=dynamics.at.step, site=site
             )
         edges_m = e.extents_m(number, link)
         if edges_m is None:
             continue
         most = float(mass_kg) * float(edges_m @ edges_m) / 4
         if high > most * (1 + 1e-6) or high < TINY_INERTIA * most:
+            effect = Message("a torque turns it far more than its shape suggests")
+            if high > most:
+                effect = Message("a torque turns it less than any body of its shape")
+            message = Message(
+                "{part} has a moment of inertia of {high:.3g} kg m²; {mass:.3g} kg within its "
+                "shape have {most:.3g} at most: {effect}; {remedy}",
+                part=part,
+                high=high,
+                mass=mass_kg,
+                most=most,
+                effect=effect,
+                remedy=remedy,
+            )
             yield e.finding(
-                "inertia-far-from-shape",
-                f"{part}has a moment of inertia of {high:.3g} kg m²; {mass_kg:.3g} kg within its "
-                f"shape have {most:.3g} at most: a torque turns "
-                f"it {'less' if high > most else 'far more'} than its shape can; {remedy}",
-                body=number,
-                step=told.at.step,
-                site=site if by_call else None,
+                "inertia-far-from-shape", message, body=number, step=dynamics.at.step, site=site
             )

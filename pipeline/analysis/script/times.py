@@ -1,4 +1,4 @@
-"""When a step of a script was: the timesteps before it, added up."""
+"""Times of a script's steps: the timesteps before each, added up."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pipeline.seen import Seen, counted_s
 
 
 class Times:
-    """Times of the steps of one simulation, which may change its timestep on the way."""
+    """Times of the steps of one simulation, which may change its timestep."""
 
     def __init__(self, seen: Seen, client: int) -> None:
-        settings = [told for told in seen.settings if told.client == client]
-        self._steps = np.array([told.at.step for told in settings], np.int64)
-        self._times_s = np.array([told.at.time_s for told in settings], np.float64)
+        settings = [each for each in seen.settings if each.client == client]
+        self._steps = np.array([each.at.step for each in settings], np.int64)
+        self._times_s = np.array([each.at.time_s for each in settings], np.float64)
         self._timesteps_s = np.array(
-            [counted_s(float(np.ravel(told.values["fixedTimeStep"])[0])) for told in settings]
+            [counted_s(float(np.ravel(each.values["fixedTimeStep"])[0])) for each in settings]
         )
 
     def of_all(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -32,7 +32,7 @@ class Times:
         return float(self.of_all(np.array([step]))[0])
 
     def nearest(self, time_s: float, first: int, last: int) -> int | None:
-        """Return the step nearest to a time, of those from `first` to `last`; None outside."""
+        """Return the step from `first` to `last` nearest to a time; None if that is outside."""
         if not self.of(first) <= time_s <= self.of(last):
             return None
         low = bisect.bisect_left(range(first, last + 1), time_s, key=self.of) + first

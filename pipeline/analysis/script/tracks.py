@@ -1,4 +1,4 @@
-"""The way of one body through a script's simulations: what each step began with and led to."""
+"""The samples of one body in a script's simulations: what each step began with and led to."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Epoch:
-    """Samples of a body, one after the other, that the same settings led to."""
+    """Consecutive samples of a body under the same settings."""
 
     rows: slice
     life: int
-    """Which body of its number it is, from 0 on."""
+    """Which of the bodies with its number it is, from 0."""
     settings: Settings
     """Of the engine."""
     dynamics: Dynamics
-    """What the engine reported of the body."""
+    """What the engine reported about the body."""
     given: Mapping[str, Any]
-    """What calls had told of it in its life, by argument of `changeDynamics`."""
+    """What calls set for it since it appeared, by argument of `changeDynamics`."""
 
 
 @dataclass(frozen=True)
@@ -45,20 +45,20 @@ class Track:
     steps: Int64
     motion: Motion
     before: Motion
-    """What the step that led to each sample began with: the sample before, or what a call made of
-    it; of a sample that no step led to, itself."""
+    """What the step that led to each sample began with: the sample before, or what a call set; a
+    sample that no step led to has itself before it."""
     led: Flags
-    """Whether a step led to each sample, from a state that is known."""
+    """Whether a step led to each sample, from a known state."""
     put: Flags
-    """Whether that step began with what a call had made of the body."""
+    """Whether that step began with a state that a call had set."""
     constrained: Flags
     """Whether a constraint held it in that step."""
     force_n: Float64
-    """What pushed it from outside in that step, world axes, (samples, 3)."""
+    """External force in that step, world axes, (samples, 3)."""
     torque_n_m: Float64
-    """The same about its centre of mass."""
+    """External torque about its centre of mass."""
     epochs: Sequence[Epoch]
-    """All samples, in order; of one that no step led to, what was known first."""
+    """All samples, in order; one that no step led to has the first known settings."""
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -68,7 +68,7 @@ class Track:
 def tracks_of(seen: Seen) -> Iterator[Track]:
     """Yield the track of every body that has samples, by number."""
     for number, body in sorted(seen.bodies.items()):
-        # The base may stand fast where joints move the rest.
+        # The base may be fixed while joints move the rest.
         rows = seen.parts.get((number, min(body.moving, default=BASE)))
         if rows is not None and not body.soft:
             yield _track(seen, body, rows)
@@ -76,19 +76,18 @@ def tracks_of(seen: Seen) -> Iterator[Track]:
 
 def _track(seen: Seen, body: Body, rows: pl.DataFrame) -> Track:
     steps, motion = rows["step"].to_numpy(), motion_of(rows)
-    told = seen.by_body[body.number]
-    life = _life_of(told, steps)
+    record = seen.by_body[body.number]
+    life = _life_of(record, steps)
     led = (np.diff(steps, prepend=steps[0]) == 1) & (np.diff(life, prepend=0) == 0)
-    before, put = motion.before(), np.zeros(len(steps), dtype=bool)
-    before = Motion(*(np.where(led[:, None], one, other) for one, other in _pairs(before, motion)))
-    for one in told.puts:
-        row = _row_after(steps, one.at)
-        if one.counts and row is not None:
-            base = one.states[one.states["link"] == BASE]
+    before, put = motion.at(np.arange(len(steps)) - led), np.zeros(len(steps), dtype=bool)
+    for each in record.puts:
+        row = _row_after(steps, each.at)
+        if each.counts and row is not None:
+            base = each.states[each.states["link"] == BASE]
             put[row] = led[row] = True
             for name in NUMBERS:
                 getattr(before, name)[row] = base[name][0]
-    force_n, torque_n_m = _pushes(told, steps, motion, before)
+    force_n, torque_n_m = _pushes(record, steps, motion, before)
     return Track(
         body,
         steps,
@@ -96,7 +95,7 @@ def _track(seen: Seen, body: Body, rows: pl.DataFrame) -> Track:
         before,
         led,
         put,
-        _constrained(seen, told, steps),
+        _constrained(seen, record, steps),
         force_n,
         torque_n_m,
         list(_epochs(seen, body, steps, led)),
@@ -107,17 +106,13 @@ NUMBERS = ("position_m", "orientation", "velocity_m_s", "spin_rad_s")
 """Of a motion."""
 
 
-def _life_of(told: OfBody, steps: Int64) -> NDArray[np.intp]:
-    """Return which of the bodies of a number each step is of: a script may load it again.
+def _life_of(record: OfBody, steps: Int64) -> NDArray[np.intp]:
+    """Return to which of the bodies with a number each step belongs: a script may load it again.
 
-    The sample of the step at which one came is its own where none was taken before.
+    The sample at the step at which a body appeared is its own if none was taken before.
     """
-    first = [one.at.step + one.sampled for one in told.came]
+    first = [each.at.step + each.sampled for each in record.came]
     return np.maximum(np.searchsorted(first, steps, side="right") - 1, 0)
-
-
-def _pairs(one: Motion, other: Motion) -> Iterator[tuple[Float64, Float64]]:
-    return ((getattr(one, name), getattr(other, name)) for name in NUMBERS)
 
 
 def _row_after(steps: Int64, at: At) -> int | None:
@@ -126,24 +121,26 @@ def _row_after(steps: Int64, at: At) -> int | None:
     return row if row < len(steps) and steps[row] == at.step + 1 else None
 
 
-def _pushes(told: OfBody, steps: Int64, motion: Motion, before: Motion) -> tuple[Float64, Float64]:
+def _pushes(
+    record: OfBody, steps: Int64, motion: Motion, before: Motion
+) -> tuple[Float64, Float64]:
     """Return forces [N] and torques about the centre of mass [N m] of each step, world axes.
 
-    What is given in the body's axes turns with it; a force there acts at a point that is given from
-    the centre of mass (`processApplyExternalForceCommand`). Both are worked out where the body is
-    at the call: one that is put elsewhere after it keeps them.
+    A vector in the body's axes turns with it; its point is then relative to the centre of mass
+    (`processApplyExternalForceCommand`). Both are computed from where the body is at the call, and
+    stay if it is put elsewhere afterwards.
     """
     force_n, torque_n_m = np.zeros((2, len(steps), 3))
-    life = _life_of(told, steps)
-    for push in told.pushes:
+    life = _life_of(record, steps)
+    for push in record.pushes:
         row = _row_after(steps, push.at)
-        if row is None or order(told.came[life[row]].at) > order(push.at):
-            continue  # what was pushed has gone before the step
+        if row is None or order(record.came[life[row]].at) > order(push.at):
+            continue  # the pushed body was removed before the step
         position_m, turn = before.position_m[row], before.orientation[row : row + 1]
         earlier = [
-            one
-            for one in told.puts
-            if one.at.step == push.at.step and order(one.at) < order(push.at)
+            put
+            for put in record.puts
+            if put.at.step == push.at.step and order(put.at) < order(push.at)
         ]
         if earlier:
             base = earlier[-1].states[earlier[-1].states["link"] == BASE]
@@ -164,48 +161,50 @@ def _pushes(told: OfBody, steps: Int64, motion: Motion, before: Motion) -> tuple
     return force_n, torque_n_m
 
 
-def _constrained(seen: Seen, told: OfBody, steps: Int64) -> Flags:
-    """Return in which steps a constraint held a body; what comes anew is held by none."""
-    found = np.zeros(len(steps), dtype=bool)
-    for one in told.constraints:
-        ends = [other.at.step for other in told.came if order(other.at) > order(one.at)]
+def _constrained(seen: Seen, record: OfBody, steps: Int64) -> Flags:
+    """Return in which steps a constraint held a body; none holds a body that is loaded again."""
+    held = np.zeros(len(steps), dtype=bool)
+    for constraint in record.constraints:
+        began = order(constraint.at)
+        ends = [each.at.step for each in record.came if order(each.at) > began]
         ends += [
             other.at.step
             for other in seen.constraints
-            if (other.client, other.number, other.there) == (one.client, one.number, False)
-            and order(other.at) > order(one.at)
+            if (other.client, other.number) == (constraint.client, constraint.number)
+            and not other.there
+            and order(other.at) > began
         ]
-        found |= (steps > one.at.step) & (steps <= min(ends, default=steps[-1]))
-    return found
+        held |= (steps > constraint.at.step) & (steps <= min(ends, default=steps[-1]))
+    return held
 
 
 def order(at: At) -> tuple[int, int]:
-    """Return what moments are sorted by."""
+    """Return the sort key of a moment."""
     return at.step, at.call
 
 
 def _epochs(seen: Seen, body: Body, steps: Int64, led: Flags) -> Iterator[Epoch]:
-    settings = [one for one in seen.settings if one.client == body.client]
-    told_of = seen.by_body[body.number]
-    dynamics, given, came = told_of.dynamics, told_of.given, told_of.came
-    # Of a step counts what was told until it began; of a first sample, what is told there.
+    settings = [each for each in seen.settings if each.client == body.client]
+    record = seen.by_body[body.number]
+    dynamics, given, came = record.dynamics, record.given, record.came
+    # What was set before a step began applies to it; to a first sample, what was set by then.
     began = np.where(led, steps - 1, steps)
-    held = [[one.at.step for one in each] for each in (settings, dynamics, given)]
-    known = [np.searchsorted(each, began, side="right") - 1 for each in held]
-    told = np.array([*known, _life_of(told_of, steps)])
-    changes = np.flatnonzero((np.diff(told, axis=1) != 0).any(axis=0)) + 1
+    starts = [[each.at.step for each in events] for events in (settings, dynamics, given)]
+    known = [np.searchsorted(each, began, side="right") - 1 for each in starts]
+    which = np.array([*known, _life_of(record, steps)])
+    changes = np.flatnonzero((np.diff(which, axis=1) != 0).any(axis=0)) + 1
     bounds = [0, *changes.tolist(), len(steps)]
     for first, end in pairwise(bounds):
-        of_engine, of_body, last_given, life = told[:, first].tolist()
+        of_engine, of_body, last_given, life = which[:, first].tolist()
         values: dict[str, Any] = {}
-        for one in given[: last_given + 1]:
-            if order(one.at) >= order(came[life].at):
+        for each in given[: last_given + 1]:
+            if order(each.at) >= order(came[life].at):
                 values |= {
-                    name: value for name, value in one.values.items() if _counts(name, value)
+                    name: value for name, value in each.values.items() if _counts(name, value)
                 }
         yield Epoch(slice(first, end), life, settings[of_engine], dynamics[of_body], values)
 
 
 def _counts(name: str, value: object) -> bool:
-    """Whether a value changes something: PyBullet leaves a damping as it is that is told -1."""
+    """Whether a value changes something: PyBullet ignores a negative damping."""
     return not (name.endswith("Damping") and isinstance(value, int | float) and value < 0)

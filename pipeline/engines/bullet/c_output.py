@@ -1,4 +1,4 @@
-"""Keep a C library's own words off the user's streams."""
+"""Keep a C library's output off the user's streams."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Draw the frames of a fall from its recorded poses, as PNG, in processes of their own.
+"""Draw the frames of a fall from its recorded poses, as PNG, in separate processes.
 
-A pose decides its picture to the last pixel, so the pictures need not be taken while the body
-falls: another world, with the body put where it was, gives the same.
+A pose determines its picture to the last pixel, so pictures need not be taken while the body falls:
+another world with the body in the same pose gives the same picture.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pipeline.engines.bullet.pose_renderer import PoseRenderer
 from pipeline.engines.bullet.probe import believe, verdicts
 from pipeline.engines.bullet.visible_world import framed
 from pipeline.engines.bullet.world import World
+from pipeline.messages import Message
 from pipeline.scenario import Camera, Scenario
 from pipeline.states import poses_of
 from pipeline.workers import Worker, WorkerDiedError, cores
@@ -26,17 +27,17 @@ from pipeline.workers import Worker, WorkerDiedError, cores
 Poses = NDArray[np.float64]
 
 FRAMES_PER_WORKER = 32
-"""As many as are drawn while a worker starts."""
+"""About as many as are drawn while a worker starts."""
 
 MOST_AHEAD = 2 * FRAMES_PER_WORKER
 """Frames that one worker draws ahead; more are shared among several."""
 
 MOST_STEPS_AHEAD = 16_384
-"""Steps that it takes ahead: as many as a tenth of a second has, and 2 MB of samples."""
+"""Steps that it simulates ahead: they take a tenth of a second, and 2 MB of samples."""
 
-NO_EGL = (
-    "EGL finds no graphics here, so the frames are drawn with --renderer tiny; on Debian, software "
-    "that it can use is installed by: apt-get install -y libegl1 libegl-mesa0 libgl1-mesa-dri"
+NO_EGL = Message(
+    "EGL finds no graphics here, so the frames are drawn with --renderer tiny; for software "
+    "rendering on Debian: apt-get install -y libegl1 libegl-mesa0 libgl1-mesa-dri"
 )
 
 
@@ -50,9 +51,9 @@ class Photographer:
     frames
         About how many there will be, to decide on the number of workers.
     note
-        Told in a sentence where the camera's renderer is not to be had, and another one draws.
+        Called with a sentence if the camera's renderer is unavailable and another one draws.
     assistant
-        A worker that is there already.
+        A worker that is already running.
     """
 
     def __init__(
@@ -66,14 +67,14 @@ class Photographer:
     ) -> None:
         self.scenario, self.camera = scenario, framed(camera, scenario)
         self.gl_renderer = ""
-        """What EGL draws with, in the words of its driver."""
+        """What EGL draws with, as its driver reports it."""
         self._open = contextlib.ExitStack()
         self._renderer: PoseRenderer | None = None
         self._last, self._png = np.full(7, np.nan), b""
         self._workers = [assistant] if assistant and camera.renderer == "tiny" else []
         wanted = min(cores(), frames // FRAMES_PER_WORKER)
         if camera.renderer == "egl":
-            wanted = 1  # one process has the whole GPU, or all of Mesa's threads; and it may die
+            wanted = 1  # one process uses the whole GPU, or all of Mesa's threads; and it may crash
         while len(self._workers) < wanted:
             self._workers.append(self._open.enter_context(Worker()))
         for worker in self._workers if verdicts() else ():
@@ -98,7 +99,7 @@ class Photographer:
             self._workers = [self._open.enter_context(Worker())]
 
     def draw(self, poses: Poses) -> Iterator[bytes]:
-        """Yield one PNG per pose; none is drawn twice in a row for the same pose.
+        """Yield one PNG per pose; a pose repeated at once is not drawn again.
 
         Parameters
         ----------
@@ -148,10 +149,10 @@ def _believe(known: Mapping[str, str]) -> Iterator[bytes]:
 
 
 def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:
-    """Guess the poses by dropping the body here too, and draw them before anybody asks.
+    """Predict the poses by dropping the body here too, and draw them before they are requested.
 
-    Whoever is to ask is still loading its libraries. A pose that was guessed to the last bit has
-    its picture ready then; any other is drawn when it is asked for. There are no answers.
+    The requesting process is still loading its libraries. A pose predicted to the last bit has its
+    picture ready; any other is drawn on request. There are no answers.
     """
     camera = framed(camera, scenario)
     few = camera.frames_of(scenario.steps) <= MOST_AHEAD and scenario.steps <= MOST_STEPS_AHEAD

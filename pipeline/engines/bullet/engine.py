@@ -1,4 +1,4 @@
-"""PyBullet itself: the only file that imports it, where its files lie, and which version it is."""
+"""PyBullet itself: the only file that imports it, its data folder, and its version."""
 
 from __future__ import annotations
 
@@ -21,37 +21,43 @@ def _import_pybullet() -> tuple[Any, str]:
 
 
 p, BUILD_TIME = _import_pybullet()
-"""`BUILD_TIME` is what the banner says; empty where somebody imported pybullet before us."""
+"""`BUILD_TIME` is what the banner says; empty if pybullet was already imported."""
 
 
 def find_body(body: str) -> Path:
-    """Return the URDF file that a name means: a path, or a file of `pybullet_data`.
+    """Return the URDF file of a name: a path, or a file of `pybullet_data`.
 
     Raises
     ------
     ScenarioError
-        If there is no such file in either place, or it is the user's own and Bullet cannot take it.
+        If neither place has such a file, or it is the user's own and Bullet cannot load it.
     """
-    theirs, why = data_folder().resolve(), "which is in neither place"
-    for candidate in (Path(body), theirs / body):
+    bundled, is_folder = data_folder().resolve(), False
+    for candidate in (Path(body), bundled / body):
         with contextlib.suppress(OSError):  # such as a name that is too long
             if candidate.is_file():
-                if theirs not in candidate.resolve().parents:
+                if bundled not in candidate.resolve().parents:
                     try_body(candidate)
                 return candidate
-            if candidate.is_dir():
-                why = "which is a folder"
+            is_folder |= candidate.is_dir()
+    if is_folder:
+        raise ScenarioError(
+            "--body must be a URDF file, here or in pybullet_data, got {body!r}, which is a "
+            "folder; try cube_small.urdf or ./my_body.urdf",
+            body=body[:200],
+        )
     raise ScenarioError(
-        f"--body must be a URDF file, here or in pybullet_data, got {body[:200]!r}, {why}; "
-        "try cube_small.urdf or ./my_body.urdf"
+        "--body must be a URDF file, here or in pybullet_data, got {body!r}, which is in neither "
+        "place; try cube_small.urdf or ./my_body.urdf",
+        body=body[:200],
     )
 
 
 def body_digest(body: str) -> str | None:
-    """Return the SHA-256 of a body's files, so that an edit is noticed; None where it has none."""
-    with contextlib.suppress(ScenarioError):  # its runs say what is wrong with it
+    """Return the SHA-256 of a body's files, to notice an edit; None if it cannot be loaded."""
+    with contextlib.suppress(ScenarioError):  # its runs report what is wrong with it
         path = find_body(body)
-        with contextlib.suppress(ScenarioError):  # of pybullet_data, where Bullet takes more
+        with contextlib.suppress(ScenarioError):  # of pybullet_data, which is not checked
             return digest_of(path)
         return hashlib.sha256(path.read_bytes()).hexdigest()
     return None
@@ -67,7 +73,7 @@ def data_folder() -> Path:
 
 @functools.cache
 def engine_versions() -> dict[str, str]:
-    """Return what decides the engine's numbers: its version, its wheel, and when it was built."""
+    """Return what determines the engine's numbers: its version, wheel and build time."""
     distribution = metadata.distribution("pybullet")
     wheel = (distribution.read_text("WHEEL") or "").partition("Tag:")[2].split()
     versions = {"pybullet_version": distribution.version, "pybullet_build": BUILD_TIME}

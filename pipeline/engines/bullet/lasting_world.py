@@ -1,6 +1,6 @@
-"""A world that serves one scenario after another: building one costs more than a fall in it.
+"""A world reused for one scenario after another: building one costs more than a fall in it.
 
-Kept if and only if no bit of the result depends on it; `tests/test_sweep.py` holds it to that.
+Reused only if no bit of the result depends on it, which `tests/test_sweep.py` checks.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ import math
 from collections.abc import Callable, Iterator
 
 from pipeline.engines.bullet.engine import p
-from pipeline.engines.bullet.world import FAR_M, World, no_number
+from pipeline.engines.bullet.world import FAR_M, World, non_finite
 from pipeline.scenario import Scenario
 from pipeline.states import Batch
 
 BUILT_IN = ("body", "coordinates", "floor", "gravity_set")
-TOLD = (
+CHANGEABLE = (
     "linear_damping",
     "angular_damping",
     "mass_kg",
@@ -28,17 +28,17 @@ TOLD = (
 
 
 class LastingWorld(World):
-    """A world that can go back to the release, of its own scenario or of another."""
+    """A world that can return to the release, of its scenario or another."""
 
     watch: Callable[[Batch], object] = staticmethod(lambda _: None)
 
     def serves(self, scenario: Scenario) -> bool:
-        """Whether after `restart` this world gives the bits that a new one would give.
+        """Whether after `restart` this world gives the same bits as a new one.
 
-        It must have the same bodies, of one rigid part, because joints keep their pose. What the
-        engine was told it can be told otherwise, but not to have its own value again. A btRigidBody
-        that starts in contact remembers how it lay before: maximal coordinates never serve. Nor do
-        substeps: the engine keeps what rounding left of the time that it has stepped.
+        It must have the same bodies, without joints, because these keep their pose. A setting can
+        be changed, but not returned to the engine's default. A btRigidBody that starts in contact
+        remembers how it lay before: maximal coordinates never serve. Nor do substeps: the engine
+        keeps the rounding error of the time that it has stepped.
         """
         mine = self.scenario
         return (
@@ -46,7 +46,8 @@ class LastingWorld(World):
             and mine.substeps is scenario.substeps is None
             and all(getattr(mine, name) == getattr(scenario, name) for name in BUILT_IN)
             and all(
-                getattr(scenario, name) is not None or getattr(mine, name) is None for name in TOLD
+                getattr(scenario, name) is not None or getattr(mine, name) is None
+                for name in CHANGEABLE
             )
             and p.getNumJoints(self._body, physicsClientId=self._client) == 0
         )
@@ -63,13 +64,13 @@ class LastingWorld(World):
         self._release()
 
     def samples(self, batch: int) -> Iterator[Batch]:
-        """Fall, as `World.samples` does, and let `watch` see each batch."""
-        for sample in super().samples(batch):
-            self.watch(sample)
-            yield sample
+        """Fall, as `World.samples` does, and pass each batch to `watch`."""
+        for chunk in super().samples(batch):
+            self.watch(chunk)
+            yield chunk
 
     def skip(self, steps: int) -> None:
-        """Take steps whose samples nobody reads."""
+        """Take steps without reading samples."""
         if self.scenario.stepped:
             step, client = p.stepSimulation, self._client
             for _ in range(steps):
@@ -81,9 +82,9 @@ class LastingWorld(World):
         Raises
         ------
         DropError
-            If it is no number.
+            If it is not finite.
         """
         position, _ = p.getBasePositionAndOrientation(self._body, self._client)
         if not all(map(math.isfinite, position)):
-            raise no_number(self.scenario.steps)
+            raise non_finite(self.scenario.steps)
         return float(position[2])

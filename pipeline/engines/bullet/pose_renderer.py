@@ -1,10 +1,10 @@
-"""Photograph the body at any pose, as PNG: a world whose body is put where it was.
+"""Photograph the body in any pose, as PNG.
 
-TinyRenderer spends nine tenths of a picture on the floor, which never changes. It draws one body
-after the other into one depth buffer, and without shadows nothing of one shows on the other: every
-pixel is that of whichever is nearer (`triangle` in bullet3's `TinyRenderer/our_gl.cpp`). So the
-floor is drawn once, and the body in front of it. A picture in which the two are too close at any
-pixel to be told apart is drawn whole; so are those of a camera that moves.
+TinyRenderer spends nine tenths of its time on the floor, which never changes. It draws one body
+after another into the same depth buffer, and without shadows they do not affect each other: each
+pixel is that of the nearer body (`triangle` in bullet3's `TinyRenderer/our_gl.cpp`). So the floor
+is drawn once, and then only the body in front of it. If at any pixel the two are too close to tell
+which is nearer, the whole picture is drawn; so is each picture of a moving camera.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ Pose = NDArray[np.float64]
 
 OUT_OF_SIGHT_M = 1e6
 DEPTH_DOUBT = 1e-6
-"""Depths, 0 to 1 in single precision, that differ by less may be the other way round in the depth
-buffer: 16 of their last bits, where its rounding takes two or three."""
+"""Depths (0 to 1, single precision) that differ by less may be swapped in the depth buffer: 16
+units in the last place, where its rounding takes two or three."""
 
 
 class PoseRenderer:
@@ -78,7 +78,7 @@ class PoseRenderer:
 
 
 def _in_front(body: Picture, floor: Picture) -> Pixels | None:
-    """Return the body in front of the floor; None where it cannot be told which is in front."""
+    """Return the body in front of the floor; None if it is unclear which is nearer."""
     where = np.nonzero(body.drawn)
     nearer = floor.depth[where] - body.depth[where]
     if (np.abs(nearer) < DEPTH_DOUBT).any():
@@ -90,7 +90,7 @@ def _in_front(body: Picture, floor: Picture) -> Pixels | None:
 
 
 def encoded(pixels: Pixels) -> bytes:
-    """Return pixels, shape (height, width, 3), as a PNG that loses nothing.
+    """Return pixels, shape (height, width, 3), as a lossless PNG.
 
     TinyRenderer's pictures have four or five colours. With a palette they take less than half the
     bytes, in less time.

@@ -1,7 +1,7 @@
-"""Try a body in a process of its own: what ends Bullet ends that process, and is one line here.
+"""Try a body in a separate process: a crash of Bullet ends that process, and is an error here.
 
-A URDF of `pybullet_data` is taken as it is. Any other one, with its meshes and textures, is loaded,
-dropped and photographed once, under limits of time and memory, before this process touches it.
+A URDF of `pybullet_data` is trusted. Any other, with its meshes and textures, is loaded, dropped
+and photographed once, under limits of time and memory, before this process touches it.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pipeline.engines.bullet.body_files import BodyFileError, check_content, rea
 from pipeline.engines.bullet.c_output import c_output_moved_aside
 from pipeline.engines.bullet.urdf import LARGEST, cannot_load, check_urdf
 from pipeline.errors import DropError
+from pipeline.messages import Message
 from pipeline.scenario import STANDARD_CAMERA, Coordinates, Scenario
 from pipeline.workers import Worker, WorkerDiedError
 
@@ -28,33 +29,33 @@ class Limits:
     """What a trial may take."""
 
     cpu_s: int = 20
-    """Of computing: another process beside it takes none of that."""
+    """CPU time: other processes do not use it up."""
     wall_s: int = 120
-    """Of waiting."""
+    """Elapsed time."""
     memory_bytes: int = 4_000_000_000
-    """Of address space."""
+    """Address space."""
 
 
 STANDARD_LIMITS = Limits()
 STEPS = 3
-"""From within the floor: the first one is contact, which is what meshes fail at."""
+"""From inside the floor: already the first step has contact, where meshes fail."""
 
 _TOO_LONG = [getattr(signal, name, None) for name in ("SIGALRM", "SIGXCPU")]
 _verdicts: dict[str, str] = {}
-"""What is wrong with bodies that were tried, by the digest of all their files; nothing is ''."""
+"""What is wrong with each body tried, by the digest of all its files; '' if nothing."""
 _trying = False
 """Whether this process is the trial."""
 
 
 def try_body(path: Path) -> None:
-    """Make sure that a URDF that is not PyBullet's own can be loaded and dropped.
+    """Make sure that a URDF other than PyBullet's own can be loaded and dropped.
 
-    The same files are tried once in a process.
+    The same files are tried once per process.
 
     Raises
     ------
     ScenarioError
-        If it cannot be given to Bullet, or Bullet dies of it, hangs, or takes too much memory.
+        If it is not safe to load, or Bullet crashes, hangs or takes too much memory.
     """
     if _trying:
         return
@@ -66,14 +67,14 @@ def try_body(path: Path) -> None:
 
 
 def verdicts() -> Mapping[str, str]:
-    """Return what is known of bodies, for another process to `believe`."""
+    """Return the verdicts so far, for another process to `believe`."""
     return dict(_verdicts)
 
 
 def believe(known: Mapping[str, str]) -> None:
-    """Take over what another process of ours found out.
+    """Adopt the verdicts of another of our processes.
 
-    Of files, not of names: a body that has changed since has another digest, and is tried.
+    They belong to contents, not names: a body edited since has another digest, and is tried.
     """
     _verdicts.update(known)
 
@@ -84,36 +85,41 @@ def digest_of(path: Path) -> str:
     Raises
     ------
     ScenarioError
-        If one of them cannot be given to Bullet.
+        If one of them is not safe to load.
     """
     digest = hashlib.sha256()
     try:
         for file in check_urdf(path):
             digest.update(hashlib.sha256(read(file)).digest())
     except BodyFileError as error:
-        raise cannot_load(path, str(error)) from None
+        raise cannot_load(path, error.problem) from None
     return digest.hexdigest()
 
 
 def problem_of(path: Path, limits: Limits = STANDARD_LIMITS) -> str:
-    """Return what a trial says of a URDF, or nothing."""
+    """Return what a trial finds wrong with a URDF, or ''."""
     with Worker() as worker:
         try:
             worker.ask(f"{__name__}:trial", str(path), limits)
-            return str(worker.answer())
+            problem: str = worker.answer()
         except WorkerDiedError as error:
             if error.signal in _TOO_LONG:
-                return f"Bullet is not done with it after {limits.cpu_s} s; give it smaller meshes"
-            return (
-                f"Bullet crashes with it, or takes more than {limits.memory_bytes / 1e9:g} GB "
-                f"({error.how}); look at its meshes"
+                return Message(
+                    "Bullet has not finished with it after {seconds} s; use smaller meshes",
+                    seconds=limits.cpu_s,
+                )
+            return Message(
+                "Bullet crashes on it, or takes more than {memory:g} GB ({how}); check its meshes",
+                memory=limits.memory_bytes / 1e9,
+                how=error.how,
             )
+        return problem
 
 
 def trial(path: str, limits: Limits) -> str:
-    """Load, drop and photograph a URDF in this process, and return what is wrong with it.
+    """Load, drop and photograph a URDF in this process, and return what is wrong with it, or ''.
 
-    Of what a drop itself would say in one line nothing is said.
+    What a drop itself reports as an error is left to it.
     """
     global _trying
     _trying = True
@@ -126,9 +132,13 @@ def trial(path: str, limits: Limits) -> str:
                 with contextlib.suppress(DropError):
                     _drop(path, coordinates)
         except BodyFileError as error:
-            return str(error)
+            return error.problem
         except Exception as error:  # noqa: BLE001 - whatever it is, it is the body's
-            return f"Bullet cannot cope with it ({type(error).__name__}: {str(error)[:100]!r})"
+            return Message(
+                "Bullet fails on it ({kind}: {error!r})",
+                kind=type(error).__name__,
+                error=str(error)[:100],
+            )
     return ""
 
 
@@ -141,14 +151,16 @@ def _drop(path: str, coordinates: Coordinates) -> None:
     with VisibleWorld(scenario, "tiny") as world:
         world.report()
         if not max(abs(world.half_size_m)) <= LARGEST:
-            raise BodyFileError("to Bullet it has no size")
+            raise BodyFileError(
+                Message("its size must be finite and at most {largest:g} m", largest=LARGEST)
+            )
         for _ in world.samples(STEPS):
             pass
         world.photograph(STANDARD_CAMERA)
 
 
 def _limit(limits: Limits) -> None:
-    """Let the system end this process where it takes too much, or leave a picture of its memory."""
+    """Let the system end this process, without a core dump, if it takes too much."""
     if sys.platform == "win32":
         return
     import resource
@@ -161,5 +173,5 @@ def _limit(limits: Limits) -> None:
     ):
         _, hard = resource.getrlimit(kind)
         allowed = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        with contextlib.suppress(ValueError, OSError):  # macOS takes no RLIMIT_AS
+        with contextlib.suppress(ValueError, OSError):  # macOS has no RLIMIT_AS
             resource.setrlimit(kind, (allowed, hard))

@@ -1,7 +1,6 @@
-"""Pictures of a scene that somebody else's script has made, drawn from its recorded poses.
+"""Pictures of a script's scene, drawn from its recorded poses.
 
-What Bullet makes of a mesh that it does not understand may end a process: only one that may end
-should ask for these.
+A mesh that Bullet does not understand may crash it: call this only in a process that may end.
 """
 
 from __future__ import annotations
@@ -39,9 +38,9 @@ def drawn(
     parts
         The shapes of each part.
     poses
-        Of each picture, where each part is; None where it is not there.
+        For each picture, the pose of each part; None if it is absent.
     cameras
-        Of each picture.
+        One for each picture.
     """
     client = p.connect(p.DIRECT)
     try:
@@ -55,8 +54,8 @@ def drawn(
                 for models in parts
             ]
         shown: list[Pose | None] = [None] * len(parts)
-        for where, camera in zip(poses, cameras, strict=True):
-            for number, pose in enumerate(where):
+        for placement, camera in zip(poses, cameras, strict=True):
+            for number, pose in enumerate(placement):
                 if pose != shown[number]:
                     for placed in bodies[number]:
                         _place(*placed, pose, client)
@@ -70,29 +69,29 @@ Placed = tuple[int, Pose]
 
 
 def _body(model: Model, folder: Path, client: int) -> Placed | None:
-    """Return a body that looks like a shape, and where it is on its part; None without a look."""
+    """Return a body that looks like a shape, and its pose on its part; None if not drawable."""
     shape, a, b = model.shape, *(*model.shape.size_m, 0.0, 0.0)[:2]
     rgba = PLANE_RGBA if shape.kind == "plane" else shape.rgba
-    how: dict[str, object]
+    look: dict[str, object]
     if shape.kind in ("box", "plane"):
         half = [PLANE_M / 2, PLANE_M / 2, 0.005]
         if shape.kind == "box":
             half = [side / 2 for side in shape.size_m]
-        how = {"shapeType": p.GEOM_BOX, "halfExtents": half}
+        look = {"shapeType": p.GEOM_BOX, "halfExtents": half}
     elif shape.kind == "sphere":
-        how = {"shapeType": p.GEOM_SPHERE, "radius": a}
+        look = {"shapeType": p.GEOM_SPHERE, "radius": a}
     elif shape.kind in ("cylinder", "capsule"):
         kind = p.GEOM_CYLINDER if shape.kind == "cylinder" else p.GEOM_CAPSULE
-        how = {"shapeType": kind, "length": a, "radius": b}
+        look = {"shapeType": kind, "length": a, "radius": b}
     elif model.mesh and model.suffix in DRAWN_MESHES:
         file = Path(tempfile.mkstemp(model.suffix, dir=folder)[1])
         file.write_bytes(model.mesh)
-        how = {"shapeType": p.GEOM_MESH, "fileName": str(file), "meshScale": shape.size_m}
+        look = {"shapeType": p.GEOM_MESH, "fileName": str(file), "meshScale": shape.size_m}
     else:
         return None
     with contextlib.suppress(p.error):
-        look = p.createVisualShape(rgbaColor=rgba, physicsClientId=client, **how)
-        body = p.createMultiBody(0, -1, look, NOWHERE, physicsClientId=client)
+        visual = p.createVisualShape(rgbaColor=rgba, physicsClientId=client, **look)
+        body = p.createMultiBody(0, -1, visual, NOWHERE, physicsClientId=client)
         position = shape.position_m
         if shape.kind == "plane":  # its upper side is where the plane is
             position, _ = p.multiplyTransforms(position, shape.orientation, (0, 0, -0.005), NO_TURN)

@@ -1,4 +1,4 @@
-"""Run a script of somebody's in an interpreter of its own, with its calls of PyBullet watched."""
+"""Run a script in its own interpreter, and watch its calls of PyBullet."""
 
 from __future__ import annotations
 
@@ -20,25 +20,26 @@ from rich.filesize import decimal
 from pipeline.engines.bullet.watched import Decoder
 from pipeline.engines.bullet.watching import pipe
 from pipeline.errors import DropError, OutputError
+from pipeline.messages import Message
 from pipeline.seen import Ending, Event
 
 WATCHING = Path(__file__).with_name("watching")
 
 PERTURB = "85"
-"""What fresh memory is filled with (`MALLOC_PERTURB_`): PyBullet reads some before it writes it."""
+"""What new memory is filled with (`MALLOC_PERTURB_`): PyBullet reads some of it uninitialised."""
 OTHER_PERTURB = "170"
-"""What a second run fills it with: a state that differs then has read some."""
+"""What a second run fills it with: a state that differs depends on such memory."""
 
 STOPS_WITHIN_S = 6.0
-"""How long a script may clean up that is to stop."""
-TOLD_AGAIN_S = 2.0
-"""A terminal tells the script of Ctrl-C too; one that has not heard by then is told again."""
+"""How long a script that is to stop may clean up."""
+INTERRUPT_AGAIN_S = 2.0
+"""A terminal sends Ctrl-C to the script too; if it still runs after this long, it gets another."""
 TICK_S = 0.1
 
 
 @dataclass(frozen=True)
 class Program:
-    """What is run, and for how long.
+    """What to run, and for how long.
 
     Parameters
     ----------
@@ -59,12 +60,12 @@ class Program:
     keep_sleeping: bool = False
     seed: int | None = None
     begins_s: float | None = None
-    """What its clock shows at first [s], where that is virtual."""
+    """What its clock shows at first [s], if it is virtual."""
     perturb: str = PERTURB
 
 
 def shared_block() -> IO[bytes]:
-    """Return a file without a name that a watched process and its listener both map.
+    """Return an unnamed file that a watched process and its listener both map.
 
     Raises
     ------
@@ -72,10 +73,10 @@ def shared_block() -> IO[bytes]:
         If there is no room for it.
     """
     try:
-        block = tempfile.TemporaryFile()  # noqa: SIM115 - whoever asked closes it
+        block = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it
         try:
             block.truncate(pipe.BLOCK_BYTES)
-            # On a full disk a process that maps it would be ended where it first writes to it.
+            # Else, on a full disk, the process that maps it would die when it first writes to it.
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(block.fileno(), 0, pipe.BLOCK_BYTES)
         except BaseException:
@@ -83,9 +84,12 @@ def shared_block() -> IO[bytes]:
             raise
     except OSError as error:
         raise OutputError(
-            f"a temporary file of {decimal(pipe.BLOCK_BYTES)}, which the script's process writes "
-            f"to, cannot be made in {tempfile.tempdir or 'any folder'}: {error.strerror}; make "
-            "room there, name another folder as TMPDIR, or see: ulimit -f"
+            "a temporary file of {size}, which the script's process writes to, cannot be created "
+            "in {folder}: {reason}; make room there, set TMPDIR to another folder, or see: "
+            "ulimit -f",
+            size=decimal(pipe.BLOCK_BYTES),
+            folder=tempfile.tempdir or Message("any folder"),
+            reason=error.strerror,
         ) from error
     return block
 
@@ -105,7 +109,7 @@ class Listener:
         self._received = 0
 
     def events(self) -> Iterator[Event]:
-        """Yield what is seen, until the process has ended."""
+        """Yield the events, until the process has ended."""
         while True:
             ready, _, _ = select.select([self._reading], [], [], TICK_S)
             if ready:
@@ -115,7 +119,7 @@ class Listener:
                 self._received += len(data)
                 yield from self.decoder.feed(data)
             elif self._is_over():
-                break  # a process that it has left behind holds the pipe open
+                break  # a process that it left behind holds the pipe open
             self._tick()
         while not self._is_over():
             self._tick()
@@ -130,14 +134,14 @@ class Listener:
         pass
 
     def _left_behind(self) -> bytes:
-        """Return what the process had not sent when it ended, however that was."""
+        """Return what the process had not sent when it ended."""
         with mmap.mmap(self._memory, pipe.BLOCK_BYTES, access=mmap.ACCESS_READ) as memory:
             before, used = pipe.BLOCK.unpack_from(memory)
             start = pipe.BLOCK.size + max(0, self._received - before)
             return memory[start : pipe.BLOCK.size + used]
 
     def ending(self) -> Ending:
-        """Return how it ended, once its events are over."""
+        """Return how it ended, after its events."""
         decoder = self.decoder
         made_with = {**decoder.python, "unseeded": decoder.unseeded or None,
             "real_time": decoder.real_time}  # fmt: skip
@@ -148,12 +152,12 @@ class Listener:
         elif ended:
             ending.how, ending.error = ended["how"], ended["error"]
         else:
-            ending.how, ending.error = "failed", "its process ended"
+            ending.how, ending.error = "failed", Message("its process ended")
         return ending
 
 
 class Script(Listener):
-    """A script that runs; use it in a `with` statement.
+    """A running script; use it in a `with` statement.
 
     Raises
     ------
@@ -167,7 +171,7 @@ class Script(Listener):
         super().__init__(reading, self._block.fileno())
         self._interrupted_at: float | None = None
         self._interrupts = 0
-        self._heard = 0.0
+        self._stopped_at = 0.0
         options = {
             "pipe": writing, "block": self._block.fileno(), "module": program.is_module,
             "steps": program.steps, "duration_s": program.duration_s,
@@ -184,10 +188,12 @@ class Script(Listener):
                 env={"MALLOC_PERTURB_": program.perturb, **os.environ},
             )
         except OSError as error:
-            self._let_go()
+            self._close()
             raise DropError(
-                f"{program.python} cannot be started: {error.strerror}; --python takes the path "
-                "of a Python interpreter"
+                "{python} cannot be started: {reason}; --python takes the path of a Python "
+                "interpreter",
+                python=program.python,
+                reason=error.strerror,
             ) from None
         finally:
             os.close(writing)
@@ -199,14 +205,14 @@ class Script(Listener):
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
-        self._let_go()
+        self._close()
 
-    def _let_go(self) -> None:
+    def _close(self) -> None:
         os.close(self._reading)
         self._block.close()
 
     def interrupt(self) -> None:
-        """Take note of a Ctrl-C, which a terminal has told the script as well."""
+        """Note a Ctrl-C, which a terminal has sent to the script too."""
         self._interrupts += 1
         if self._interrupted_at is None:
             self._interrupted_at = time.monotonic()
@@ -217,29 +223,30 @@ class Script(Listener):
         return self._process.poll() is not None
 
     def _tick(self) -> None:
-        """End a script that was to stop and does not."""
+        """Kill a script that was to stop and has not."""
         now = time.monotonic()
-        if self.decoder.stopped and not self._heard:
-            self._heard = now
-        if self._heard and now - self._heard > STOPS_WITHIN_S:
+        if self.decoder.stopped and not self._stopped_at:
+            self._stopped_at = now
+        if self._stopped_at and now - self._stopped_at > STOPS_WITHIN_S:
             self._process.kill()
         if self._interrupted_at is not None:
             waited = now - self._interrupted_at
             if waited > STOPS_WITHIN_S:
                 self._process.kill()
-            elif waited > TOLD_AGAIN_S and self._interrupts == 1:
+            elif waited > INTERRUPT_AGAIN_S and self._interrupts == 1:
                 self._interrupts += 1
                 self._process.send_signal(signal.SIGINT)
 
     def ending(self) -> Ending:
-        """Return how the script ended, once its events are over."""
+        """Return how the script ended, after its events."""
         ending, code = super().ending(), self._process.returncode
         if self._interrupted_at is not None:
             ending.how, ending.error = "interrupted", ""
         elif not self.decoder.stopped and not self.decoder.ended:
-            ending.how = "failed" if code else "finished"
-            ending.error = "" if not code else (
-                f"it was ended by {signal.Signals(-code).name}" if code < 0
-                else f"it ended with exit code {code}"
-            )  # fmt: skip
+            ending.how, ending.error = ("failed" if code else "finished"), ""
+            if code < 0:
+                name = signal.Signals(-code).name
+                ending.error = Message("it was ended by {signal}", signal=name)
+            elif code:
+                ending.error = Message("it ended with exit code {code}", code=code)
         return ending

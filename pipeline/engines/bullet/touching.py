@@ -1,8 +1,8 @@
 """Find the height at which a body touches the floor, by asking the engine how far apart they are.
 
-The engine has two answers. The distance of bodies that are apart has round corners: a box that
-stands on one seems to be 0.6 mm lower than it is. What contact acts on, and what is meant here, is
-the distance of bodies that touch, which is exact but known only while they do.
+The engine knows two distances. That of bodies apart has rounded corners: a box that stands on one
+seems 0.6 mm lower than it is. Contact acts on the distance of touching bodies, which is meant here:
+it is exact, but known only while they touch.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 Distance = Callable[[float], float | None]
-"""From a height of the body's centre to its distance from the floor [m]; None where unknown."""
+"""From a height of the body's centre to its distance from the floor [m]; None if unknown."""
 
 FIRST_DEPTH_M = 1e-6
 ROUNDING_M = 1e-14
-"""The floor is a box of 10 m, so that distances are rounded to 8.9e-16 m, and heights are sums."""
+"""The floor is a box of 10 m, so distances are rounded to 8.9e-16 m; heights are sums of them."""
 
 
 def touching_height(
@@ -33,15 +33,15 @@ def touching_height(
 
     Returns
     -------
-    The height, or None where the body has no shape or never touches.
+    The height, or None if the body has no shape or never touches.
     """
     height_m = start_m
-    for _ in range(2):  # the first time from far away, and rounded as such
+    for _ in range(2):  # the first time from far away, with the rounding of that
         distance_m = apart(height_m)
         if distance_m is None:
             return None
         height_m -= distance_m
-    for _ in range(2):  # the first time perhaps deep, where a distance is no longer exact
+    for _ in range(2):  # the first time perhaps too deep for an exact distance
         depth_m = FIRST_DEPTH_M
         while (distance_m := touching(height_m - depth_m)) is None:
             depth_m *= 2

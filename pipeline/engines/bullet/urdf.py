@@ -1,8 +1,8 @@
-"""Read a URDF before Bullet does, so far that Bullet cannot come to grief over it.
+"""Check a URDF before Bullet reads it.
 
-Bullet's importer trusts what it is given: a second root link or a name of some thousand letters
-ends the process with a segmentation fault, `nan` becomes a length, and a word becomes 0. What
-cannot be told from the text alone is tried out (`probe`).
+Bullet's importer trusts its input: a second root link or a name of some thousand letters ends the
+process with a segmentation fault, `nan` becomes a length, and a word becomes 0. What cannot be
+checked from the text alone is tried (`probe`).
 """
 
 from __future__ import annotations
@@ -19,20 +19,21 @@ from xml.parsers import expat
 
 from pipeline.engines.bullet.body_files import NUMBER, BodyFileError, cut_lines, files_behind, read
 from pipeline.errors import ScenarioError
+from pipeline.messages import Message
 
 MOST_BYTES = 10_000_000
 LONGEST_VALUE = 1000
 """Characters in one attribute; Bullet copies names into arrays on its stack."""
 LONGEST_LINE = 8190
-"""Bytes: Bullet reads lines of 8,191, their end included, and breaks longer ones, numbers too."""
+"""Bytes: Bullet reads lines of up to 8,191, line end included, and splits longer ones anywhere."""
 LARGEST = 1e9
-"""Of a mass [kg], a length [m] or an inertia: what Bullet's doubles still square and add."""
+"""Of a mass [kg], a length [m] or an inertia: Bullet's doubles can still square and add it."""
 MOST_JOINTS = 127
 """With the base MAX_DEGREE_OF_FREEDOM = 128 links (bullet3's `SharedMemoryCommands.h`); with more
 PyBullet reads no pose."""
 MOST_POSITIONS = 121
-"""Coordinates of all joints: with the base's 7 they fill an array of 128, and the velocities that
-PyBullet reads lie behind it."""
+"""Coordinates of all joints: with the base's 7 they fill an array of 128, which the velocities that
+PyBullet reads follow."""
 POSITIONS = {"revolute": 1, "continuous": 1, "prismatic": 1, "planar": 3, "spherical": 4}
 
 
@@ -79,7 +80,7 @@ _ATTRIBUTE = re.compile(rb"""\s([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
 
 
 def check_urdf(path: Path) -> list[Path]:
-    """Make sure that Bullet can be given a URDF.
+    """Make sure that a URDF is safe for Bullet to read.
 
     Returns
     -------
@@ -88,8 +89,8 @@ def check_urdf(path: Path) -> list[Path]:
     Raises
     ------
     ScenarioError
-        If it is no well-formed XML, not one tree of links, a number in it is none, or a file that
-        it names is not there, no file, or too large.
+        If it is not well-formed XML or not one tree of links, a number in it is malformed, or a
+        file that it names is missing, not a regular file, or too large.
     """
     try:
         robot = _robot(path)
@@ -97,99 +98,120 @@ def check_urdf(path: Path) -> list[Path]:
             raise BodyFileError(problem)
         return [path, *files_behind(path, [_mesh_name(mesh) for mesh in _meshes(robot)])]
     except BodyFileError as error:
-        raise cannot_load(path, str(error)) from None
+        raise cannot_load(path, error.problem) from None
 
 
 def cannot_load(path: Path, problem: str) -> ScenarioError:
-    """Return the error that says of a URDF why Bullet is not given it."""
+    """Return the error that says why a URDF is rejected."""
     return ScenarioError(
-        f"--body must be a URDF that Bullet can load, got {str(path)[:200]!r}: {problem}"
+        "--body must be a URDF that Bullet can load, got {path!r}: {problem}",
+        path=str(path)[:200],
+        problem=problem,
     )
 
 
 def _robot(path: Path) -> Xml.Element:
-    """Read a URDF as Bullet does, whose XML knows neither namespaces nor a document type.
+    """Parse a URDF as Bullet does, without namespaces and document type.
 
-    Numbers are left as they stand in the file: to XML a tab in an attribute is a space, to Bullet
-    it is not, and three numbers with tabs between them are none.
+    Numbers are left as in the file: to XML a tab in an attribute is a space; to Bullet it is not,
+    and it cannot read three numbers with tabs between them.
     """
     if len(os.fsencode(path)) > LONGEST_VALUE:
-        raise BodyFileError(f"its path has more than {LONGEST_VALUE:,} bytes")
+        raise BodyFileError(Message("its path has more than {most:,} bytes", most=LONGEST_VALUE))
     data = read(path, MOST_BYTES)
-    if cut := cut_lines(data, LONGEST_LINE):
-        raise BodyFileError(cut)
+    if problem := cut_lines(data, LONGEST_LINE):
+        raise BodyFileError(problem)
     parser, builder = expat.ParserCreate(), Xml.TreeBuilder()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         if tag in NUMBERS and (raw := _START_TAG.match(data, parser.CurrentByteIndex)):
-            as_they_stand = {
+            unchanged = {
                 name.decode(): value[1:-1].decode()
                 for name, value in _ATTRIBUTE.findall(raw[0])
                 if name.decode() in NUMBERS[tag]
             }
-            attributes |= as_they_stand
+            attributes |= unchanged
         builder.start(tag, attributes)
 
     def refuse(*_: object) -> None:
-        raise BodyFileError("it declares a document type, which a URDF needs not")
+        raise BodyFileError(Message("it declares a document type; a URDF has none"))
 
     parser.StartElementHandler, parser.EndElementHandler = start, builder.end
     parser.StartDoctypeDeclHandler = refuse
     try:
         parser.Parse(data, True)
     except (expat.ExpatError, ValueError, LookupError) as error:  # LookupError: unknown encoding
-        raise BodyFileError(f"it is no well-formed XML ({error})") from None
+        raise BodyFileError(
+            Message("it is not well-formed XML ({error})", error=str(error))
+        ) from None
     return builder.close()
 
 
-def _problems(robot: Xml.Element) -> Iterator[str]:
+def _problems(robot: Xml.Element) -> Iterator[Message]:
     if robot.tag != "robot":
-        yield f"its root is <{robot.tag[:40]}>, not <robot>"
+        yield Message("its root is <{tag}>, not <robot>", tag=robot.tag[:40])
     for kind in ("deformable", "reduced_deformable"):
         if robot.find(kind) is not None:
-            yield f"it is a <{kind}> body, and only rigid bodies are dropped"
+            yield Message("it is a <{kind}> body; only rigid bodies can be dropped", kind=kind)
     yield from _tree_problems(robot)
     yield from _joint_problems(robot)
     for element in robot.iter():
         for name, value in element.attrib.items():
             if len(value) > LONGEST_VALUE:
-                yield f"its {name[:40]} of <{element.tag[:40]}> has {len(value):,} letters"
+                yield Message(
+                    "its {name} of <{element}> has {length:,} characters, more than {most:,}",
+                    name=name[:40],
+                    element=element.tag[:40],
+                    length=len(value),
+                    most=LONGEST_VALUE,
+                )
         for name, rule in NUMBERS.get(element.tag, {}).items():
             if (text := element.get(name)) is not None:
-                yield from _number_problems(f"{name} of <{element.tag}>", text, rule)
+                yield from _number_problems(name, element.tag, text, rule)
 
 
-def _tree_problems(robot: Xml.Element) -> Iterator[str]:
+def _tree_problems(robot: Xml.Element) -> Iterator[Message]:
     links = [link.get("name", "") for link in robot.findall("link")]
     if len(set(links)) != len(links):
-        yield "two of its links have one name"
+        yield Message("two of its links have the same name")
     children: dict[str, list[str]] = defaultdict(list)
     led_to = set()
     joints = robot.findall("joint")
     for joint in joints:
         children[_end(joint, "parent")].append(_end(joint, "child"))
-        led_to.add(_end(joint, "child"))  # a link that two joints lead to is one here
+        led_to.add(_end(joint, "child"))  # a link that two joints lead to is counted once
     roots = [link for link in links if link not in led_to]
-    if len(roots) != 1 or len(led_to) != len(joints):
-        yield f"its links must be one tree, and {len(roots)} of them hang on no joint"
+    if len(roots) != 1:
+        yield Message(
+            "its links must be one tree, but {roots} of them are no joint's child",
+            roots=len(roots),
+        )
+    if len(led_to) != len(joints):
+        yield Message("its links must be one tree, but two joints have the same child")
     reached, ahead = set[str](), roots
     while ahead:
         link = ahead.pop()
         reached.add(link)
         ahead += children.pop(link, [])
     if reached != set(links):
-        yield "its joints do not lead from one link to all others"
+        yield Message("its joints do not lead from one link to all others")
 
 
-def _joint_problems(robot: Xml.Element) -> Iterator[str]:
+def _joint_problems(robot: Xml.Element) -> Iterator[Message]:
     joints = robot.findall("joint")
     if len(joints) > MOST_JOINTS:
-        yield f"it has {len(joints):,} joints, and PyBullet reads a body of {MOST_JOINTS} at most"
+        yield Message(
+            "it has {joints:,} joints; PyBullet reads at most {most}",
+            joints=len(joints),
+            most=MOST_JOINTS,
+        )
     positions = sum(POSITIONS.get(joint.get("type", ""), 0) for joint in joints)
     if positions > MOST_POSITIONS:
-        yield (
-            f"its joints have {positions:,} coordinates, and beyond {MOST_POSITIONS} PyBullet "
-            "reads wrong velocities; make some joints fixed"
+        yield Message(
+            "its joints have {positions:,} coordinates; beyond {most} PyBullet reads wrong "
+            "velocities; make some joints fixed",
+            positions=positions,
+            most=MOST_POSITIONS,
         )
 
 
@@ -198,24 +220,38 @@ def _end(joint: Xml.Element, name: str) -> str:
     return "" if end is None else end.get("link", "")
 
 
-def _number_problems(name: str, text: str, rule: Numbers) -> Iterator[str]:
-    # Bullet splits at spaces only; within a part C skips what else is white.
+def _number_problems(name: str, element: str, text: str, rule: Numbers) -> Iterator[Message]:
+    # Bullet splits at spaces only; within a part C skips other white space.
     parts = [part.strip() for part in text.split(" ") if part]
-    counts = " or ".join(map(str, rule.counts))
-    wanted = (
-        "a finite number,"
-        if rule.counts == (1,)
-        else f"{counts} finite numbers with spaces between,"
-    )
-    if not all(map(NUMBER.fullmatch, parts)) or len(parts) not in rule.counts:
-        yield f"{name} must be {wanted} got {text[:40]!r}"
-        return
-    numbers = [float(part) for part in parts]
-    if not all(map(math.isfinite, numbers)):
-        yield f"{name} must be {wanted} got {text[:40]!r}"
-    elif max(map(abs, numbers)) > rule.largest or (rule.above_zero and min(numbers) <= 0):
-        above = "above 0 and " if rule.above_zero else ""
-        yield f"{name} must be {above}at most {rule.largest:g}, got {text[:40]!r}"
+    numbers = [float(part) for part in parts if NUMBER.fullmatch(part)]
+    about = {"name": name, "element": element, "text": text[:40]}
+    readable = len(numbers) == len(parts) and len(parts) in rule.counts
+    if not (readable and all(map(math.isfinite, numbers))):
+        first, *others = rule.counts
+        if others:
+            yield Message(
+                "{name} of <{element}> must be {first} or {last} finite numbers separated by "
+                "spaces, got {text!r}",
+                first=first, last=others[-1], **about,
+            )  # fmt: skip
+        elif first == 1:
+            yield Message("{name} of <{element}> must be a finite number, got {text!r}", **about)
+        else:
+            yield Message(
+                "{name} of <{element}> must be {count} finite numbers separated by spaces, got "
+                "{text!r}",
+                count=first, **about,
+            )  # fmt: skip
+    elif rule.above_zero and not (min(numbers) > 0 and max(numbers) <= rule.largest):
+        yield Message(
+            "{name} of <{element}> must be above 0 and at most {largest:g}, got {text!r}",
+            largest=rule.largest, **about,
+        )  # fmt: skip
+    elif max(map(abs, numbers)) > rule.largest:
+        yield Message(
+            "{name} of <{element}> must be at most {largest:g}, got {text!r}",
+            largest=rule.largest, **about,
+        )  # fmt: skip
 
 
 def _meshes(robot: Xml.Element) -> Iterator[Xml.Element]:

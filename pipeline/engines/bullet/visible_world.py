@@ -26,9 +26,9 @@ class Picture(NamedTuple):
     pixels: NDArray[np.uint8]
     """RGB, shape (height, width, 3)."""
     depth: NDArray[np.float32]
-    """0 at the near plane, 1 at the far plane and where nothing is."""
+    """0 at the near plane, 1 at the far plane and where there is nothing."""
     drawn: NDArray[np.bool_]
-    """Where anything is."""
+    """Where there is anything."""
 
 
 class VisibleWorld(World):
@@ -39,25 +39,25 @@ class VisibleWorld(World):
     scenario
         What is in the pictures.
     renderer
-        What draws them. Where `egl` finds no graphics, its plugin ends the whole process: only a
-        process that may end should ask for it.
+        What draws them. If `egl` finds no graphics, its plugin ends the whole process: use it only
+        in a process that may end.
 
     Raises
     ------
     ScenarioError
         If the body cannot be found or loaded, or has no mass.
     DropError
-        If the renderer is not there.
+        If the renderer is unavailable.
     """
 
     def __init__(self, scenario: Scenario, renderer: Renderer) -> None:
         self._renderer = renderer
         self.gl_renderer = ""
-        """What EGL draws with, in the words of its driver."""
+        """What EGL draws with, as its driver reports it."""
         super().__init__(scenario)
 
     def _load_body(self) -> int:
-        if self._renderer == "egl":  # a renderer knows only the bodies that are loaded after it
+        if self._renderer == "egl":  # a renderer draws only bodies loaded after it
             self._load_egl()
         return super()._load_body()
 
@@ -68,7 +68,7 @@ class VisibleWorld(World):
         with c_output_moved_aside() as printed:
             number = p.loadPlugin(plugin.origin, "_eglRendererPlugin", physicsClientId=self._client)
         if number < 0:
-            raise DropError("PyBullet's EGL renderer does not load; use --renderer tiny")
+            raise DropError("PyBullet's EGL renderer cannot be loaded; use --renderer tiny")
         self.gl_renderer = printed[0].partition("GL_RENDERER=")[2].partition("\n")[0]
 
     def photograph(self, camera: Camera) -> Picture:
@@ -96,15 +96,14 @@ class VisibleWorld(World):
 
 
 SHARE_OF_HEIGHT = {"close": 1 / 6, "follow": 1 / 4}
-"""Of a picture, that the body takes in it."""
+"""How much of a picture's height the body takes."""
 
 
 def framed(camera: Camera, scenario: Scenario) -> Camera:
-    """Return a camera that stands where its view asks for, given what is dropped, and how.
+    """Return a camera placed for its view of a scenario.
 
-    The experiment's standard view is what it is. `close` looks at where the body lands, or at the
-    release if it never does; `follow` will look at wherever the body is. Framing a camera again
-    changes nothing.
+    The standard view is fixed. `close` looks at where the body lands, or at the release if it never
+    does; `follow` looks at wherever the body is. Framing a camera again changes nothing.
 
     Raises
     ------
@@ -123,7 +122,7 @@ def framed(camera: Camera, scenario: Scenario) -> Camera:
         target_m=_landing_m(scenario, rest_m) if camera.view == "close" else (0.0, 0.0, 0.0),
         distance_m=distance_m,
         near_m=min(0.1, distance_m / 4),
-        # From above one looks down at a floor that is far away.
+        # A camera above the floor may be far from it.
         far_m=max(10.0, 4 * (scenario.height_m + distance_m)),
     )
 
@@ -140,7 +139,7 @@ def _landing_m(scenario: Scenario, rest_m: float | None) -> tuple[float, float, 
 
 
 def view_matrix(camera: Camera) -> list[float]:
-    """Return what turns the world into what a camera sees, column by column."""
+    """Return a camera's view matrix, from world to camera, column by column."""
     up_axis_z = 2
     return list(
         p.computeViewMatrixFromYawPitchRoll(

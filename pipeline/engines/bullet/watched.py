@@ -1,6 +1,6 @@
-"""What a watched script's process sent, understood: from frames to what was seen.
+"""Interprets what a watched script's process sends: from frames to events.
 
-The other end of `watching`; what it sends is described there in `pipe`.
+The other end of `watching`; the stream is described in its `pipe`.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pipeline.engines.bullet.watching import pipe
 from pipeline.errors import DropError
+from pipeline.messages import Message
 from pipeline.seen import (
     Appearance,
     At,
@@ -50,21 +51,21 @@ POINT = 23
 """Numbers of a contact point: those of `CONTACT` but for the step, in their order."""
 POINT_BYTES = 8 * POINT
 BATCH = 1024
-"""Samples that are handed on together."""
+"""Samples that are yielded together."""
 BATCH_BYTES = 1 << 21
-"""Or so many bytes of them."""
+"""Or this many bytes of them."""
 
 KINDS = {
     2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule", 9: "heightfield",
 }  # fmt: skip
 PLANES = ("plane.obj", "plane100.obj")
-"""Meshes of pybullet_data that stand for a plane: up to 200 m wide, white but for a texture."""
+"""Meshes of pybullet_data that represent a plane: up to 200 m wide, white except for a texture."""
 JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
 FIXED = 4
 ENABLE_SLEEPING = 1 << 11
-"""Of the flags that a body is loaded with: URDF_ENABLE_SLEEPING."""
+"""One of the flags that a body is loaded with: URDF_ENABLE_SLEEPING."""
 RIGID = 1
-"""A btRigidBody, of which `getDynamicsInfo` leaves some numbers as they lie in memory."""
+"""A btRigidBody, of which `getDynamicsInfo` leaves some numbers uninitialised."""
 
 REPORTED = (
     ("mass_kg", True), ("lateral_friction", True), ("inertia_kg_m2", True),
@@ -72,47 +73,47 @@ REPORTED = (
     ("rolling_friction", True), ("spinning_friction", True), ("contact_damping", False),
     ("contact_stiffness", False), ("kind", True), ("collision_margin_m", True),
 )  # fmt: skip
-"""What `getDynamicsInfo` returns, in order, and whether it does so of a btRigidBody too."""
+"""What `getDynamicsInfo` returns, in order, and whether it is valid for a btRigidBody too."""
 
 
 class StreamError(DropError):
-    """A stream that is not what our other half sends."""
+    """A stream that our other half did not send."""
 
 
 class Frames:
-    """Cuts a stream of bytes into frames; it may come in any pieces, and end anywhere."""
+    """Splits a stream of bytes into frames; it may arrive in any pieces, and end anywhere."""
 
     def __init__(self) -> None:
         self._data = bytearray()
         self._begun = False
 
     def feed(self, data: bytes) -> Iterator[tuple[bytes, bytes]]:
-        """Yield kind and payload of each frame that is complete now.
+        """Yield kind and payload of each frame that is now complete.
 
         Raises
         ------
         StreamError
-            If the stream does not begin as ours do.
+            If the stream does not begin like ours.
         """
         self._data += data
-        at = 0
+        offset = 0
         if not self._begun:
             if len(self._data) < len(pipe.MAGIC):
                 return
             if not self._data.startswith(pipe.MAGIC):
-                raise StreamError("what the script's process sent is of another version of drop")
-            self._begun, at = True, len(pipe.MAGIC)
+                raise StreamError("the script's process runs another version of drop")
+            self._begun, offset = True, len(pipe.MAGIC)
         try:
-            while len(self._data) - at >= pipe.HEADER.size:
-                kind, length = pipe.HEADER.unpack_from(self._data, at)
-                end = at + pipe.HEADER.size + length
+            while len(self._data) - offset >= pipe.HEADER.size:
+                kind, length = pipe.HEADER.unpack_from(self._data, offset)
+                end = offset + pipe.HEADER.size + length
                 if len(self._data) < end:
                     return
-                payload = bytes(memoryview(self._data)[at + pipe.HEADER.size : end])
-                at = end
+                payload = bytes(memoryview(self._data)[offset + pipe.HEADER.size : end])
+                offset = end
                 yield kind, payload
         finally:
-            del self._data[:at]
+            del self._data[:offset]
 
 
 class _World:
@@ -137,19 +138,20 @@ class _World:
 
 @dataclass
 class _Known:
-    """A body of the stream, and what it is in the recording."""
+    """A body of the stream, and its body in the recording."""
 
     body: Body
     world: _World
     dynamics: list[Any]
-    told: dict[str, Any]
+    note: dict[str, Any]
+    """What the stream reported when it was added, and its columns in a sample."""
 
 
 class Decoder:
-    """Understands a stream of frames, and says what was seen, in order.
+    """Interprets a stream of frames as events, in order.
 
-    Samples are gathered: they are handed on when there are enough of them, or when something else
-    happens to their simulation that changes which bodies move.
+    Samples are gathered: they are yielded when there are enough of them, or before something
+    changes which bodies of their simulation move.
     """
 
     def __init__(self) -> None:
@@ -168,7 +170,7 @@ class Decoder:
         self._last_call: Call | None = None
 
     def feed(self, data: bytes) -> Iterator[Event]:
-        """Yield what was seen according to more of the stream."""
+        """Yield the events in the next part of the stream."""
         for kind, payload in self._frames.feed(data):
             if kind == pipe.NOTE:
                 note = json.loads(payload)
@@ -180,10 +182,10 @@ class Decoder:
                 yield from self._on_numbers(kind, number, step, payload[pipe.HEAD.size :])
 
     def rest(self) -> Iterator[Event]:
-        """Yield what has been gathered and not handed on; the stream is over."""
+        """Yield what is gathered and not yet yielded; the stream is over."""
         for world in self._worlds.values():
             yield from self._gathered(world)
-        yield from self._tell_call()
+        yield from self._pending_call()
 
     # -- numbers ----------------------------------------------------------------------------------
 
@@ -193,19 +195,19 @@ class Decoder:
             values = np.frombuffer(payload).reshape(1, -1)
             states, joints = _parts(known.body, np.array([step]), values)
             at = self._at(known.world, step)
-            yield from self._tell_call()
+            yield from self._pending_call()
             yield Put(at, known.body, states, _joints(known.body, states["step"][:1],
                 np.array([at.time_s]), joints), known.world.sampled)  # fmt: skip
             return
         world = self._worlds[number]
         if kind == pipe.SAMPLE:
-            held = len(world.samples)
-            if held >= BATCH or held * len(payload) > BATCH_BYTES:
+            gathered = len(world.samples)
+            if gathered >= BATCH or gathered * len(payload) > BATCH_BYTES:
                 yield from self._gathered(world)
             if not world.samples:
                 world.first = step
             elif step != world.first + len(world.samples):
-                raise StreamError(f"the script's process sent step {step} out of order")
+                raise StreamError("the script's process sent step {step} out of order", step=step)
             world.samples.append(payload)
             world.step, world.sampled = step, True
             self.steps += 1
@@ -216,7 +218,7 @@ class Decoder:
         if world.samples:
             samples, contacts = world.samples, world.contacts
             world.samples, world.contacts = [], []
-            yield from self._tell_call()
+            yield from self._pending_call()
             yield self._samples(world, samples, world.first, contacts)
 
     def _samples(
@@ -227,16 +229,16 @@ class Decoder:
         values = np.frombuffer(b"".join(samples), np.float64).reshape(len(samples), -1)
         column, bases, joints = 0, {}, {}
         moving: list[Rows] = []
-        for known in sorted(world.layout, key=lambda one: one.body.number):
+        for known in sorted(world.layout, key=lambda known: known.body.number):
             body = known.body
-            column = known.told["column"]
-            theirs = values[:, column : column + known.told["width"]]
-            states, of_joints = _parts(body, steps, theirs)
+            column = known.note["column"]
+            own = values[:, column : column + known.note["width"]]
+            states, joint_values = _parts(body, steps, own)
             bases[body.number] = states
             which = states[np.isin(states["link"], body.moving)]
             moving.append(which.reshape(len(steps), len(body.moving)))
-            if of_joints.shape[1]:
-                joints[body.number] = _joints(body, steps, times_s, of_joints)
+            if joint_values.shape[1]:
+                joints[body.number] = _joints(body, steps, times_s, joint_values)
         states = np.hstack(moving).reshape(-1) if moving else np.empty(0, STATE)
         return Samples(
             world.client, steps, times_s, self.calls, states, self._contacts(world, contacts),
@@ -265,8 +267,8 @@ class Decoder:
 
     # -- notes ------------------------------------------------------------------------------------
 
-    def _on_python(self, **told: Any) -> Iterator[Event]:  # noqa: ANN401
-        self.python.update(told)
+    def _on_python(self, **note: Any) -> Iterator[Event]:  # noqa: ANN401
+        self.python.update(note)
         yield from ()
 
     def _on_pybullet(self, version: int, **_: object) -> Iterator[Event]:
@@ -277,13 +279,14 @@ class Decoder:
         self, world: int, client: int, first_step: int, first_time_s: float, **_: object
     ) -> Iterator[Event]:
         if not math.isfinite(first_time_s):
-            first_time_s = max((one.time_s(one.step) for one in self._worlds.values()), default=0.0)
+            times_s = [known.time_s(known.step) for known in self._worlds.values()]
+            first_time_s = max(times_s, default=0.0)
         self._worlds[world] = _World(client, first_step, first_time_s)
         yield from ()
 
     def _on_solver(self, world: int, **early: Any) -> Iterator[Event]:  # noqa: ANN401
         its = self._worlds[world]
-        yield from self._tell_call()
+        yield from self._pending_call()
         yield Solver(self._at(its), its.client, **early)
 
     def _on_over(self, world: int, **_: object) -> Iterator[Event]:
@@ -297,75 +300,79 @@ class Decoder:
         its.step = step
         timestep_s = settings["fixedTimeStep"]
         if timestep_s != its.timestep_s:
-            # What has added up a timestep that is no number tells no time any more.
+            # A time that added up a non-finite timestep is useless.
             its.since_s = time_s if math.isfinite(time_s) else its.time_s(step)
             its.since_step, its.timestep_s = step, counted_s(timestep_s)
         if not math.isfinite(timestep_s) and not its.timeless:
             its.timeless = True
             self.faults.append(
-                f"from step {step} on its timestep is {timestep_s} s: such a step counts as no time"
+                Message(
+                    "from step {step} on the timestep is {timestep} s: such steps take no time",
+                    step=step,
+                    timestep=timestep_s,
+                )
             )
-        yield from self._tell_call()
+        yield from self._pending_call()
         yield Settings(self._at(its, step), its.client, settings)
 
-    def _on_body(self, world: int, body: int, dynamics: list[Any], **told: Any) -> Iterator[Event]:  # noqa: ANN401
+    def _on_body(self, world: int, body: int, dynamics: list[Any], **note: Any) -> Iterator[Event]:  # noqa: ANN401
         its = self._worlds[world]
         yield from self._gathered(its)
-        known = _Known(self._described(its.client, dynamics, told), its, dynamics, told)
-        self._bodies[body] = its.ids[told["id"]] = known
+        known = _Known(self._described(its.client, dynamics, note), its, dynamics, note)
+        self._bodies[body] = its.ids[note["id"]] = known
         at = self._at(its)
-        yield from self._tell_call()
+        yield from self._pending_call()
         yield Appearance(at, known.body, there=True, came=True, sampled=its.sampled)
         if not known.body.soft:
             yield Dynamics(at, known.body, _reported(dynamics))
 
     def _on_look(self, body: int, visual: list[Any]) -> Iterator[Event]:
         known = self._bodies[body]
-        known.told["visual"] = visual
+        known.note["visual"] = visual
         known.body = replace(known.body, shapes=_shapes(visual, known.dynamics))
-        yield from self._tell_call()
+        yield from self._pending_call()
         yield Appearance(self._at(known.world), known.body, there=True)
 
     def _on_gone(self, body: int) -> Iterator[Event]:
         known = self._bodies.pop(body)
         yield from self._gathered(known.world)
-        known.world.layout = [one for one in known.world.layout if one is not known]
+        known.world.layout = [other for other in known.world.layout if other is not known]
         if known.world.ids.get(known.body.engine_id) is known:
             del known.world.ids[known.body.engine_id]
-        yield from self._tell_call()
+        yield from self._pending_call()
         yield Appearance(self._at(known.world), known.body, there=False)
 
     def _on_dynamics(self, body: int, dynamics: list[Any]) -> Iterator[Event]:
         known = self._bodies[body]
         yield from self._gathered(known.world)
         known.dynamics = dynamics
-        moving = {*known.body.moving, *_moving(dynamics, known.told["joints"])}
+        moving = {*known.body.moving, *_moving(dynamics, known.note["joints"])}
         known.body = replace(
-            known.body, moving=tuple(sorted(moving)), shapes=_shapes(known.told["visual"], dynamics)
+            known.body, moving=tuple(sorted(moving)), shapes=_shapes(known.note["visual"], dynamics)
         )
-        yield from self._tell_call()
+        yield from self._pending_call()
         yield Dynamics(self._at(known.world), known.body, _reported(dynamics))
 
     def _on_given(self, body: int, step: int, values: dict[str, Any]) -> Iterator[Event]:
         known = self._bodies[body]
-        yield from self._tell_call()
+        yield from self._pending_call()
         yield Given(self._at(known.world, step), known.body, values)
 
     def _on_layout(self, world: int, bodies: list[int]) -> Iterator[Event]:
         its = self._worlds[world]
         yield from self._gathered(its)
-        its.layout = [self._bodies[one] for one in bodies]
+        its.layout = [self._bodies[number] for number in bodies]
         column = 0
         for known in its.layout:
-            joints = sum(map(sum, known.told["joint_widths"]))
-            known.told["column"] = column
-            known.told["width"] = PART * len(known.body.links) + joints
-            column += known.told["width"]
+            joints = sum(map(sum, known.note["joint_widths"]))
+            known.note["column"] = column
+            known.note["width"] = PART * len(known.body.links) + joints
+            column += known.note["width"]
 
     def _on_call(
         self, world: int, step: int, name: str, arguments: str, file: str, line: int
     ) -> Iterator[Event]:
-        yield from self._tell_call()
+        yield from self._pending_call()
         self.calls += 1
         its = self._worlds[world]
         at = self._at(its, step)
@@ -374,10 +381,10 @@ class Decoder:
     def _on_raised(self, error: str) -> Iterator[Event]:
         if self._last_call is not None:
             self._last_call = replace(self._last_call, raised=error)
-        yield from self._tell_call()
+        yield from self._pending_call()
 
-    def _tell_call(self) -> Iterator[Event]:
-        """Yield the last call, of which it is known by now whether it raised something."""
+    def _pending_call(self) -> Iterator[Event]:
+        """Yield the last call: by now it is known whether it raised."""
         if self._last_call is not None:
             yield self._last_call
             self._last_call = None
@@ -387,17 +394,17 @@ class Decoder:
         vector: list[float] | None, position: list[float] | None,
     ) -> Iterator[Event]:  # fmt: skip
         known = self._bodies[body]
-        yield from self._tell_call()
+        yield from self._pending_call()
         if vector is not None:
-            where = tuple(position) if position and not torque else (math.nan,) * 3
-            yield Push(self._at(known.world, step), known.body, link, torque, tuple(vector), where,
+            point = tuple(position) if position and not torque else (math.nan,) * 3
+            yield Push(self._at(known.world, step), known.body, link, torque, tuple(vector), point,
                 in_world_axes=flags == WORLD_FRAME)  # fmt: skip
 
     def _on_motor(
         self, body: int, step: int, joint: int, mode: int, force: float | None
     ) -> Iterator[Event]:
         known = self._bodies[body]
-        yield from self._tell_call()
+        yield from self._pending_call()
         yield Motor(self._at(known.world, step), known.body, joint, mode,
             math.nan if force is None else force)  # fmt: skip
 
@@ -405,14 +412,14 @@ class Decoder:
         self, world: int, step: int, constraint: int | None, bodies: list[int]
     ) -> Iterator[Event]:
         its = self._worlds[world]
-        yield from self._tell_call()
-        numbers = tuple(self._bodies[one].body.number for one in bodies)
+        yield from self._pending_call()
+        numbers = tuple(self._bodies[body].body.number for body in bodies)
         if constraint is not None:
             yield Constraint(self._at(its, step), its.client, constraint, numbers, there=True)
 
     def _on_released(self, world: int, step: int, constraint: int | None) -> Iterator[Event]:
         its = self._worlds[world]
-        yield from self._tell_call()
+        yield from self._pending_call()
         if constraint is not None:
             yield Constraint(self._at(its, step), its.client, constraint, (), there=False)
 
@@ -425,29 +432,35 @@ class Decoder:
         yield from ()
 
     def _on_fault(self, world: int, step: int, error: str) -> Iterator[Event]:
-        self.faults.append(f"from step {step} on its simulation could not be read: {error}")
+        self.faults.append(
+            Message(
+                "from step {step} on the simulation could not be read: {error}",
+                step=step,
+                error=error,
+            )
+        )
         yield from self._gathered(self._worlds[world])
 
     def _on_stop(self, why: str) -> Iterator[Event]:
         self.stopped = why
         yield from ()
 
-    def _on_end(self, **told: Any) -> Iterator[Event]:  # noqa: ANN401
-        self.ended = told
+    def _on_end(self, **note: Any) -> Iterator[Event]:  # noqa: ANN401
+        self.ended = note
         yield from ()
 
     def _on_image(self, payload: bytes) -> Iterator[Event]:
         (length,) = pipe.IMAGE_HEAD.unpack_from(payload)
         start = pipe.IMAGE_HEAD.size + length
-        told = json.loads(payload[pipe.IMAGE_HEAD.size : start])
-        size = told["height"], told["width"], 4
-        world = self._worlds[told["world"]]
-        yield from self._tell_call()
+        note = json.loads(payload[pipe.IMAGE_HEAD.size : start])
+        size = note["height"], note["width"], 4
+        world = self._worlds[note["world"]]
+        yield from self._pending_call()
         yield Image(
-            self._at(world, told["step"]), world.client,
-            f"{told['file']}:{told['line']} {told['width']}x{told['height']}",
+            self._at(world, note["step"]), world.client,
+            f"{note['file']}:{note['line']} {note['width']}x{note['height']}",
             np.frombuffer(payload, np.uint8, offset=start).reshape(size),
-            tuple(told["view"] or ()), tuple(told["projection"] or ()),
+            tuple(note["view"] or ()), tuple(note["projection"] or ()),
         )  # fmt: skip
 
     # -- bodies -----------------------------------------------------------------------------------
@@ -456,45 +469,46 @@ class Decoder:
         step = world.step if step is None else step
         return At(step, world.time_s(step), self.calls)
 
-    def _described(self, client: int, dynamics: list[Any], told: dict[str, Any]) -> Body:
+    def _described(self, client: int, dynamics: list[Any], note: dict[str, Any]) -> Body:
         joints = tuple(
             Joint(
                 info[0], info[1], JOINT_KINDS.get(info[2], str(info[2])), info[16],
                 (0, 0, 0) if info[2] == FIXED else next(widths), (info[8], info[9]),
             )
-            for widths in [iter([tuple(one) for one in told["joint_widths"]])]
-            for info in told["joints"]
+            for widths in [iter([tuple(counts) for counts in note["joint_widths"]])]
+            for info in note["joints"]
         )  # fmt: skip
-        shapes = _shapes(told["visual"], dynamics)
-        name = _name(told["file"], told["name"], *(one.kind for one in shapes[:1]), told["base"])
-        links = (told["base"] or "base", *(info[12] for info in told["joints"]))
-        # What has the same id, name and make-up after a reset is the same body again.
-        make_up = (client, told["id"], told["name"], links, joints, told["soft"],
-            tuple((one.link, one.kind, one.file) for one in shapes))  # fmt: skip
+        shapes = _shapes(note["visual"], dynamics)
+        kinds = [shape.kind for shape in shapes[:1]]
+        name = _name(note["file"], note["name"], *kinds, note["base"])
+        links = (note["base"] or "base", *(info[12] for info in note["joints"]))
+        # After a reset, the same id, name and make-up mean the same body.
+        make_up = (client, note["id"], note["name"], links, joints, note["soft"],
+            tuple((shape.link, shape.kind, shape.file) for shape in shapes))  # fmt: skip
         number = self._numbers.get(make_up)
         if number is None:
             taken = self._numbers.values()
-            number = told["id"] if told["id"] not in taken else max(taken) + 1
+            number = note["id"] if note["id"] not in taken else max(taken) + 1
             self._numbers[make_up] = number
         return Body(
-            number, f"{number}_{name}", told["file"] or told["name"] or name, told["id"], client,
-            links, joints, _moving(dynamics, told["joints"]), told["soft"], shapes,
-            bool(told["flags"] & ENABLE_SLEEPING), told["hides_links"], tuple(told["bounds"]),
+            number, f"{number}_{name}", note["file"] or note["name"] or name, note["id"], client,
+            links, joints, _moving(dynamics, note["joints"]), note["soft"], shapes,
+            bool(note["flags"] & ENABLE_SLEEPING), note["hides_links"], tuple(note["bounds"]),
         )  # fmt: skip
 
 
 WORLD_FRAME = 2
-"""Of `applyExternalForce`."""
+"""The flag of `applyExternalForce`."""
 
 
-def _name(*told: str) -> str:
-    """Return the first name that there is as a part of an entity's path."""
-    name = next(filter(None, told), "body").rpartition("/")[2].partition(".")[0]
+def _name(*candidates: str) -> str:
+    """Return the first name that is not empty, as a part of an entity's path."""
+    name = next(filter(None, candidates), "body").rpartition("/")[2].partition(".")[0]
     return re.sub(r"[^\w-]+", "_", name, flags=re.ASCII)[:40].strip("_") or "body"
 
 
 def _parts(body: Body, steps: NDArray[np.int64], values: Float64) -> tuple[Rows, Float64]:
-    """Return the states of all links at some steps, and the numbers of the joints behind them."""
+    """Return the states of all links at some steps, and the numbers of the joints after them."""
     links = len(body.links)
     parts = values[:, : PART * links].reshape(len(steps), links, PART)
     rows = np.empty((len(steps), links), STATE)
@@ -509,7 +523,7 @@ def _parts(body: Body, steps: NDArray[np.int64], values: Float64) -> tuple[Rows,
 
 
 def _joints(body: Body, steps: NDArray[np.int64], times_s: Float64, values: Float64) -> Joints:
-    widths = [one for joint in body.joints if any(joint.widths) for one in joint.widths]
+    widths = [width for joint in body.joints if any(joint.widths) for width in joint.widths]
     bounds = np.cumsum([0, *widths])
     columns: list[list[int]] = [[], [], []]
     for number, (first, last) in enumerate(pairwise(bounds)):
@@ -528,17 +542,17 @@ def _moving(dynamics: Sequence[Any], joints: Sequence[Any]) -> tuple[int, ...]:
 
 
 def _reported(dynamics: Sequence[Any]) -> dict[str, Float64]:
-    found = {}
+    reported = {}
     for number, (name, of_rigid) in enumerate(REPORTED):
         values = np.array([link[number] for link in dynamics], dtype=np.float64)
         if dynamics[0][10] == RIGID and not of_rigid:
             values[:] = math.nan
-        found[name] = values
-    return found
+        reported[name] = values
+    return reported
 
 
 def _shapes(visual: Sequence[Any], dynamics: Sequence[Any]) -> tuple[Shape, ...]:
-    """Return shapes from what `getVisualShapeData` says, which places them in the link's frame."""
+    """Return shapes from `getVisualShapeData`, which places them in the link's frame."""
     shapes = []
     for _, link, kind, size, file, position, orientation, rgba in visual:
         info = dynamics[link + 1] if link + 1 < len(dynamics) else dynamics[0]
@@ -564,7 +578,7 @@ def _seen_from(frame: Pose, pose: Pose) -> tuple[tuple[float, ...], tuple[float,
     return tuple(position.tolist()), tuple(_product(back, np.array(pose[1])).tolist())
 
 
-def _product(one: Float64, other: Float64) -> Float64:
+def _product(a: Float64, b: Float64) -> Float64:
     """Return the product of two quaternions x, y, z, w."""
-    vector = one[3] * other[:3] + other[3] * one[:3] + np.cross(one[:3], other[:3])
-    return np.append(vector, one[3] * other[3] - one[:3] @ other[:3])
+    vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
+    return np.append(vector, a[3] * b[3] - a[:3] @ b[:3])

@@ -1,7 +1,7 @@
 """The world the body falls in.
 
-Build it, step it, read it. Every setting is made explicitly in a client of its own, so that no
-earlier run in the process can reach this one.
+Build it, step it, read it. Every setting is made explicitly, in a separate client, so that no
+earlier run in the process can affect this one.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from pipeline.states import BASE, CONTACT, STATE, Batch, Rows
 Float64 = NDArray[np.float64]
 
 FAR_M = 1e3
-"""A height from which no body of ours reaches the floor."""
+"""A height from which no body reaches the floor."""
 
 SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
 """pybullet's GEOM_ constants."""
@@ -50,7 +50,7 @@ class World:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self._urdf = find_body(scenario.body)
-        self._own: tuple[float, tuple[float, ...]] | None = None  # mass, inertia: the URDF's
+        self._own: tuple[float, tuple[float, ...]] | None = None  # the URDF's mass and inertia
         self._client: int = p.connect(p.DIRECT)
         try:
             self._body = self._load_body()
@@ -76,10 +76,10 @@ class World:
 
     # -- building ---------------------------------------------------------------------------------
 
-    def _load(self, urdf: str | Path, **how: Any) -> int:  # noqa: ANN401
+    def _load(self, urdf: str | Path, **options: Any) -> int:  # noqa: ANN401
         with c_output_moved_aside():
             p.setAdditionalSearchPath(str(data_folder()), physicsClientId=self._client)
-            return int(p.loadURDF(str(urdf), physicsClientId=self._client, **how))
+            return int(p.loadURDF(str(urdf), physicsClientId=self._client, **options))
 
     def _load_body(self) -> int:
         maximal = self.scenario.coordinates == "maximal"
@@ -87,22 +87,26 @@ class World:
             body = self._load(self._urdf, useMaximalCoordinates=maximal)
         except p.error as error:
             raise ScenarioError(
-                f"--body must be a URDF that Bullet can load, got {self.scenario.body!r} "
-                f"({error}); check it with another tool, or try cube_small.urdf"
+                "--body must be a URDF that Bullet can load, got {body!r} ({error}); check it with "
+                "another tool, or try cube_small.urdf",
+                body=self.scenario.body,
+                error=str(error),
             ) from None
         if maximal:
             self._refuse_joints()
             if not self._dynamics(body)[0] > 0 and self.scenario.mass_kg is not None:
                 raise ScenarioError(
                     "--mass with --coordinates maximal takes a body that has a mass, got 0 kg in "
-                    f"{self.scenario.body!r}: Bullet holds such a btRigidBody still, whatever mass "
-                    "it is given; use --coordinates reduced"
+                    "{body!r}: Bullet holds such a btRigidBody still, whatever mass it is given; "
+                    "use --coordinates reduced",
+                    body=self.scenario.body,
                 )
         self._set_dynamics(body)
         if not p.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0:
             raise ScenarioError(
-                f"--body must have a mass, got 0 kg in {self.scenario.body!r}: "
-                "Bullet holds it still; try --mass 0.1"
+                "--body must have a mass, got 0 kg in {body!r}: Bullet holds it still; "
+                "try --mass 0.1",
+                body=self.scenario.body,
             )
         return body
 
@@ -111,23 +115,25 @@ class World:
             if twin._links:
                 raise ScenarioError(
                     "--coordinates maximal takes a body without joints: PyBullet neither places "
-                    f"nor reports the links of a btRigidBody, and {self.scenario.body!r} has "
-                    f"{len(twin._links)}; use --coordinates reduced"
+                    "nor reports the links of a btRigidBody, and {body!r} has {links}; "
+                    "use --coordinates reduced",
+                    body=self.scenario.body,
+                    links=len(twin._links),
                 )
 
     def _set_dynamics(self, body: int) -> None:
-        how = {"bodyUniqueId": body, "linkIndex": -1, "physicsClientId": self._client}
+        base = {"bodyUniqueId": body, "linkIndex": -1, "physicsClientId": self._client}
         mass_kg = self.scenario.mass_kg
         if mass_kg is not None:
-            # A mass alone would bring the inertia of the shape, whatever the URDF says.
-            p.changeDynamics(mass=mass_kg, **self._inertia_of(mass_kg, body), **how)
+            # A mass alone would set the inertia of the shape, not the URDF's.
+            p.changeDynamics(mass=mass_kg, **self._inertia_of(mass_kg, body), **base)
         if self.scenario.linear_damping is not None:
-            p.changeDynamics(linearDamping=self.scenario.linear_damping, **how)
+            p.changeDynamics(linearDamping=self.scenario.linear_damping, **base)
         if self.scenario.angular_damping is not None:
-            p.changeDynamics(angularDamping=self.scenario.angular_damping, **how)
+            p.changeDynamics(angularDamping=self.scenario.angular_damping, **base)
 
     def _inertia_of(self, mass_kg: float, body: int) -> dict[str, tuple[float, ...]]:
-        """Return the URDF's inertia, scaled as its mass is; nothing where it has no mass."""
+        """Return the URDF's inertia, scaled like its mass; nothing if it has no mass."""
         if self.scenario.coordinates == "maximal":  # which reports 1 / (1 / m), not always m
             with self._twin() as twin:
                 return {"localInertiaDiagonal": twin._dynamics()[2]}
@@ -136,7 +142,9 @@ class World:
         own_kg, inertia_kg_m2 = self._own
         if own_kg == 0:
             return {}
-        return {"localInertiaDiagonal": tuple(one * (mass_kg / own_kg) for one in inertia_kg_m2)}
+        return {
+            "localInertiaDiagonal": tuple(moment * (mass_kg / own_kg) for moment in inertia_kg_m2)
+        }
 
     def _twin(self) -> World:
         """Return the same world in reduced coordinates, of which the engine reports more."""
@@ -159,10 +167,10 @@ class World:
         return _extent(body, sha256, self.scenario.coordinates)
 
     def _box_at_origin(self) -> tuple[Float64, Float64]:
-        """Measure the bounding box, in a world that nobody falls in.
+        """Measure the bounding box, in a world of its own.
 
-        At the origin, where it is exact to the last bit. A body with joints that has been placed
-        there before its release lands otherwise than one that has not.
+        At the origin, where it is exact to the last bit. A body with joints that was placed there
+        before its release would land differently.
         """
         self.place((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
         return self._box()
@@ -187,11 +195,11 @@ class World:
             numSubSteps=scenario.substeps or 0, physicsClientId=client, **chosen
         )
         surface = {"restitution": scenario.restitution, "lateralFriction": scenario.friction}
-        told = {name: value for name, value in surface.items() if value is not None}
+        given = {name: value for name, value in surface.items() if value is not None}
         for body, links in ((self._body, self._links), (self._floor, [])):
-            if body is not None and told:
+            if body is not None and given:
                 for link in (-1, *links):
-                    p.changeDynamics(body, link, physicsClientId=client, **told)
+                    p.changeDynamics(body, link, physicsClientId=client, **given)
 
     def _release(self) -> None:
         self.place((0.0, 0.0, self.scenario.height_m), self.scenario.orientation_xyzw)
@@ -203,7 +211,7 @@ class World:
         )
 
     def place(self, position_m: Any, orientation: Any) -> None:  # noqa: ANN401
-        """Put the body at a position [m], with an orientation as a quaternion x, y, z, w."""
+        """Put the body at a position [m], with an orientation, a quaternion x, y, z, w."""
         p.resetBasePositionAndOrientation(
             self._body, position_m, orientation, physicsClientId=self._client
         )
@@ -211,10 +219,10 @@ class World:
     # -- reading ----------------------------------------------------------------------------------
 
     def report(self) -> EngineReport:
-        """Return what the engine says of itself and of both bodies, read back after set-up."""
+        """Return what the engine reports about itself and both bodies, read back after set-up."""
         if self.scenario.coordinates == "reduced":
             return self._report(twin=self)
-        # Much of a btRigidBody PyBullet does not report: ask the same URDF in reduced coordinates.
+        # PyBullet reports little of a btRigidBody: ask the same URDF in reduced coordinates.
         with self._twin() as twin:
             return self._report(twin)
 
@@ -261,10 +269,10 @@ class World:
         )
 
     def shapes(self) -> tuple[Shape, ...]:
-        """Return what the base collides with."""
+        """Return the base's collision shapes."""
         return tuple(
             Shape(
-                SHAPES.get(kind, "unknown shape"),
+                SHAPES.get(kind, "unknown"),
                 size_m if kind == p.GEOM_BOX else (size_m[1] or size_m[0], size_m[0], 0.0),
                 position_m,
                 orientation,
@@ -275,11 +283,11 @@ class World:
         )
 
     def notes(self) -> Iterator[str]:
-        """Yield what the engine does not take from the URDF: nothing, it takes all."""
+        """Yield what the engine does not take from the URDF: nothing."""
         yield from ()
 
     def _dynamics(self, body: int | None = None, link: int = -1) -> Any:  # noqa: ANN401
-        """Return what `getDynamicsInfo` says of a body, this world's own by default."""
+        """Return what `getDynamicsInfo` reports of a body, by default this world's own."""
         return p.getDynamicsInfo(
             self._body if body is None else body, link, physicsClientId=self._client
         )
@@ -293,7 +301,7 @@ class World:
         return _rest_height(body, sha256, self.scenario.orientation_xyzw)
 
     def _touching_height(self) -> float | None:
-        """Measure that height, in a world that nobody falls in."""
+        """Measure that height, in a world of its own."""
         turned = self.scenario.orientation_xyzw
         self.place((0.0, 0.0, 0.0), turned)
         by_box_m = -float(self._box()[0][2])
@@ -307,7 +315,7 @@ class World:
             return min(map(_DISTANCE, points), default=None)
 
         def touching(height_m: float) -> float | None:
-            # Far from the floor the engine forgets the contacts of the height before.
+            # Far from the floor the engine forgets the contacts at the previous height.
             for height in (FAR_M, height_m):
                 self.place((0.0, 0.0, height), turned)
                 p.performCollisionDetection(physicsClientId=self._client)
@@ -316,15 +324,15 @@ class World:
                 default=None,
             )
 
-        found_m = touching_height(apart, touching, start_m=size_m + 1.0, size_m=size_m)
-        if found_m is None:
+        height_m = touching_height(apart, touching, start_m=size_m + 1.0, size_m=size_m)
+        if height_m is None:
             return None
-        # The bounding box knows it to the last bit, where it has no margin.
-        exact = abs(found_m - by_box_m) <= ROUNDING_M * max(1.0, abs(found_m))
-        return (by_box_m if exact else round(found_m, 14)) + 0.0  # no -0.0
+        # Without a margin, the bounding box has it to the last bit.
+        exact = abs(height_m - by_box_m) <= ROUNDING_M * max(1.0, abs(height_m))
+        return (by_box_m if exact else round(height_m, 14)) + 0.0  # no -0.0
 
     def samples(self, batch: int) -> Iterator[Batch]:
-        """Fall: yield the state before each step and after the last, and what touched meanwhile.
+        """Fall: yield the state before each step and after the last, and the contact points.
 
         Parameters
         ----------
@@ -334,14 +342,14 @@ class World:
         Raises
         ------
         DropError
-            If a state or a contact becomes a number that no recording holds.
+            If a state or a contact becomes non-finite, or too large for a recording.
         """
         pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
         touching, body, client = p.getContactPoints, self._body, self._client
         stepped, parts = self.scenario.stepped, 1 + len(self._links)
         samples = self.scenario.steps + 1
         for start in range(0, samples, batch):
-            # New memory for each batch: who records it keeps it.
+            # New memory for each batch: the recorder keeps it.
             states = np.empty(min(batch, samples - start) * parts, STATE)
             contacts, memory, place = bytearray(), states.view(np.uint8).data, 0
             for sample in range(start, min(start + batch, samples)):
@@ -357,15 +365,15 @@ class World:
                     moving = (*state[0], *state[1], *state[6], *state[7])
                     _put_state(memory, place, sample, body, link, *moving)
                     place += _STATE_BYTES
-                # Of all bodies: asked of two, the engine turns the normal towards the first, but
-                # not the directions of friction. By position, which is 0.2 µs quicker; -1 is any
-                # body, -2 any link.
+                # Of all bodies: asked about two, the engine turns the normal towards the first,
+                # but not the directions of friction. By position, which is 0.2 µs faster; -1 is
+                # any body, -2 any link.
                 for point in touching(-1, -1, -2, -2, client):
                     contacts += _contact(sample, point)
-            found = Batch(states, np.frombuffer(contacts, CONTACT))
-            for rows in found:
+            chunk = Batch(states, np.frombuffer(contacts, CONTACT))
+            for rows in chunk:
                 check_numbers(rows)
-            yield found
+            yield chunk
 
     def _link_states(self) -> Any:  # noqa: ANN401
         """Return the state of each link, as it is now and not as it was before the step."""
@@ -379,8 +387,8 @@ class World:
 
 
 def _contact(sample: int, point: tuple[Any, ...]) -> bytes:
-    """Return a row of `CONTACT` from what `getContactPoints` says of a point."""
-    # Taken apart by name to the last number, which is quicker than by place.
+    """Return a row of `CONTACT` from a point of `getContactPoints`."""
+    # Unpacked to the last number, which is faster than indexing.
     (_, body_a, body_b, link_a, link_b, (ax, ay, az), (bx, by, bz), (nx, ny, nz), distance, force,
      friction_1, (f1x, f1y, f1z), friction_2, (f2x, f2y, f2z)) = point  # fmt: skip
     return _packed_contact(
@@ -390,39 +398,41 @@ def _contact(sample: int, point: tuple[Any, ...]) -> bytes:
 
 
 def check_numbers(rows: Rows) -> None:
-    """Make sure that the engine still computes.
+    """Make sure that states or contacts are numbers that a recording can hold.
 
     Raises
     ------
     DropError
-        If a number of a state or a contact is nan, or larger than what a recording holds.
+        If one is not finite, or too large.
     """
     lost = np.zeros(len(rows), dtype=bool)
     for name in rows.dtype.names or ():
         values = rows[name]
         lost |= ~(np.abs(values) <= LARGEST).all(axis=tuple(range(1, values.ndim)))
     if lost.any():
-        raise no_number(rows["step"][lost][0])
+        raise non_finite(rows["step"][lost][0])
 
 
-def no_number(step: int) -> DropError:
-    """Return the error for an engine that was given more than it can compute."""
+def non_finite(step: int) -> DropError:
+    """Return the error for an engine whose state is no longer finite."""
     return DropError(
-        f"the engine's state becomes non-finite at step {step} (or over {LARGEST:g}); try "
-        "a shorter --timestep, less --spin or --velocity, or another --body"
+        "the engine's state becomes non-finite at step {step} (or over {largest:g}); try "
+        "a shorter --timestep, less --spin or --velocity, or another --body",
+        step=step,
+        largest=LARGEST,
     )
 
 
 _put_state, _STATE_BYTES = struct.Struct("<3q13d").pack_into, STATE.itemsize
-"""Fills rows of an array three times faster than a list of numbers becomes one."""
+"""Fills rows of an array three times faster than converting a list of numbers."""
 _packed_contact = struct.Struct("<5q19d").pack
 _DISTANCE = itemgetter(8)
-"""Of what `getContactPoints` says of a point."""
+"""Of a point of `getContactPoints`."""
 
 
 @functools.lru_cache(maxsize=1024)
 def _extent(body: str, _sha256: str, coordinates: Coordinates) -> tuple[Float64, Float64]:
-    """Return `World._box_at_origin`, measured once for a URDF of this digest."""
+    """Return `World._box_at_origin`, measured once per digest of a URDF."""
     scenario = Scenario(body=body, mass_kg=1.0, coordinates=coordinates, floor=False)
     with World(scenario) as world:
         return world._box_at_origin()
@@ -430,7 +440,7 @@ def _extent(body: str, _sha256: str, coordinates: Coordinates) -> tuple[Float64,
 
 @functools.lru_cache(maxsize=1024)
 def _rest_height(body: str, _sha256: str, orientation_xyzw: Quaternion) -> float | None:
-    """Return `World.rest_height_m`, measured once for a URDF of this digest turned like this."""
+    """Return `World.rest_height_m`, measured once per digest of a URDF and orientation."""
     with World(Scenario(body=body, mass_kg=1.0, orientation=orientation_xyzw)) as world:
         return world._touching_height()
 

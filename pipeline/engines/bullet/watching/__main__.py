@@ -1,6 +1,7 @@
-"""Run a script as Python would, watched: `python PATH-OF-THIS-FOLDER OPTIONS [-m] SCRIPT [ARG …]`.
+"""Run and watch a script: `python PATH-OF-THIS-FOLDER OPTIONS [-m] SCRIPT [ARG …]`.
 
-`OPTIONS` is JSON: the arguments of `start.watch`, and whether it is a module.
+It runs as Python would run it. `OPTIONS` is JSON: the arguments of `start.watch`, and whether the
+script is a module.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ _ALWAYS = {
     "abc", "codecs", "encodings", "genericpath", "io", "ntpath", "os", "posixpath", "site", "stat",
     "zipimport",
 }  # fmt: skip
-"""What every Python has imported before it knows where a script lies."""
+"""What every Python has imported before it knows where the script is."""
 
 
 def _load() -> tuple[Any, Any]:
-    """Import our own modules under a name that no script uses; the script's path is its own."""
+    """Import our own modules under a name that no script uses, and leave them off its path."""
     if sys.path and os.path.abspath(sys.path[0]) == _HERE:
         del sys.path[0]
     spec = importlib.util.spec_from_file_location(
@@ -41,9 +42,9 @@ def _load() -> tuple[Any, Any]:
 
 
 def _enter(folder: str) -> None:
-    """Put a folder first on the module path, as Python does with that of a script.
+    """Put a folder first on the module path, as Python does with a script's.
 
-    What we have imported already, and lies in that folder too, the script has not imported.
+    Modules that we have imported but that folder has too are forgotten: the script's own count.
     """
     if getattr(sys.flags, "safe_path", False):
         return
@@ -52,7 +53,7 @@ def _enter(folder: str) -> None:
     for name in known.difference(sys.builtin_module_names):
         frozen = importlib.machinery.FrozenImporter.find_spec(name)
         if frozen is None and importlib.machinery.PathFinder.find_spec(name, [folder]) is not None:
-            for module in [one for one in sys.modules if one.partition(".")[0] == name]:
+            for module in [module for module in sys.modules if module.partition(".")[0] == name]:
                 del sys.modules[module]
 
 
@@ -69,7 +70,7 @@ def _run_file(name: str) -> None:
 def _run_module(name: str) -> None:
     _enter(os.getcwd())
     _new_main()
-    # What `python -m` does: with the module's own `__main__`, and not with a copy of it.
+    # As `python -m` does: in the module's own `__main__`, not in a copy of it.
     runpy._run_module_as_main(name)  # type: ignore[attr-defined]
 
 
@@ -83,11 +84,11 @@ def _new_main() -> ModuleType:
 def main() -> None:
     """Run the script."""
     options, *rest = sys.argv[1:]
-    given = json.loads(options)
+    arguments = json.loads(options)
     start, ending = _load()
-    is_module = given.pop("module")
+    is_module = arguments.pop("module")
     sys.argv = rest
-    watch = start.watch(**given)
+    watch = start.watch(**arguments)
     run = _run_module if is_module else _run_file
     ending.run(watch, lambda: run(rest[0]), os.path.abspath(__file__))
 

@@ -1,11 +1,11 @@
-"""The script's clock: simulated time, or the time it has slept where that is more.
+"""The script's clock: simulated time, or the time that it has slept if that is more.
 
-Sleeping passes at once. A script that waits for the time to come, by sleeping or by asking again
-and again, finds that it has come; one that steps and sleeps in turn goes on at the pace it was
-written for. The same script sees the same times again.
+Sleeping returns at once. A script that waits for a time, by sleeping or polling, finds that it has
+come; one that alternates steps and sleeps keeps the pace that it was written for. Every run of the
+script sees the same times.
 
-The standard library, and threads other than the main one, keep the real clock: they wait for things
-that really happen.
+The standard library, and threads other than the main one, keep the real clock: they wait for real
+events.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from collections.abc import Callable
 from typing import Any
 
 CALL_S = 1e-4
-"""What a call takes of the clock while a simulation runs in real time [s]."""
+"""How long a call takes on the clock while a simulation runs in real time [s]."""
 ASK_S, LONGEST_ASK_S = 1e-6, 1e-3
-"""What asking for the time or for input takes [s]: more each time, until something happens."""
+"""How long asking for the time or for input takes [s]: more each time, until something happens."""
 NAMES = ("time", "monotonic", "perf_counter")
 
 _LIBRARY = os.path.dirname(os.__file__) + os.sep
@@ -28,19 +28,19 @@ _OTHERS = _LIBRARY + "site-packages" + os.sep
 
 
 class Clock:
-    """A virtual clock. With `real` it only looks at the real one.
+    """A virtual clock; with `real`, just the real one.
 
-    It shows `begins_s` at first, or what the real one shows then.
+    It starts at `begins_s`, or at what the real one shows then.
     """
 
     def __init__(self, *, real: bool, begins_s: float | None = None) -> None:
         self.real, self._begins_s = real, begins_s
         self.asked = False
-        """Whether the script ever saw a time or slept."""
+        """Whether the script ever read a time or slept."""
         self.simulated_s = 0.0
         self.waited_s = 0.0
         self.idle_s = 0.0
-        """Time that has passed since something was stepped [s]."""
+        """Time since the last step [s]."""
         self.passed: Callable[[], None] = lambda: None
         """Called when time has passed."""
         self._asks = 0
@@ -55,7 +55,7 @@ class Clock:
         return max(self.simulated_s, self.waited_s)
 
     def step(self, simulated_s: float) -> None:
-        """Take note that so much has been simulated in all [s]."""
+        """Note the total simulated time [s]."""
         self.simulated_s = max(self.simulated_s, simulated_s)
         self.idle_s, self._asks = 0.0, 0
 
@@ -69,7 +69,7 @@ class Clock:
         self.passed()
 
     def ask(self) -> None:
-        """Let the time pass that asking takes."""
+        """Let pass the time that asking takes."""
         self._asks += 1
         self.wait(min(ASK_S * self._asks, LONGEST_ASK_S))
 
@@ -105,7 +105,7 @@ class Clock:
 
     def _sleeping(self, real: Any) -> Any:
         def sleep(seconds: float) -> None:
-            # What is no time to sleep gets Python's own error.
+            # An argument that is not a time gets Python's own error.
             if self._is_real() or not hasattr(seconds, "__float__") or not seconds >= 0:
                 real(seconds)
                 return

@@ -1,4 +1,4 @@
-"""Random numbers: seeded if that is asked for, else the first that is drawn unseeded is told."""
+"""Random numbers: seeded on request, otherwise the first that is drawn unseeded is reported."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-UNTOLD = ("seed", "getstate", "setstate", "get_state", "set_state", "getrandbits")
-"""Functions of a generator that draw nothing, or that Python's library draws with for itself."""
+SILENT = ("seed", "getstate", "setstate", "get_state", "set_state", "getrandbits")
+"""Functions of a generator that draw nothing, or with which Python's library draws for itself."""
 
 
 class Draws:
@@ -21,7 +21,7 @@ class Draws:
     seed
         What to seed them with; None leaves them alone.
     tell
-        Told of the first number that each draws unseeded: by what, and in which frame.
+        Called for the first number that each draws unseeded, with the function and its frame.
     """
 
     def __init__(self, seed: int | None, tell: Callable[[str, Any], None]) -> None:
@@ -31,14 +31,14 @@ class Draws:
         self._undo: list[Callable[[], None]] = []
 
     def begin(self) -> None:
-        """Begin with the generator of Python's library."""
+        """Start with the generator of Python's library."""
         if self._seed is None:
             self._watch(random, "random", getattr(random, "_inst"))  # noqa: B009
         else:
             random.seed(self._seed)
 
     def on_numpy(self, module: ModuleType) -> None:
-        """Go on with numpy's, once `numpy.random` is there."""
+        """Continue with numpy's, once `numpy.random` is imported."""
         if self._seed is None:
             self._watch(module, "numpy.random", getattr(module.mtrand, "_rand"))  # noqa: B009
         else:
@@ -63,11 +63,11 @@ class Draws:
     def _watch(self, module: ModuleType, name: str, generator: object) -> None:
         for attribute, function in list(vars(module).items()):
             if getattr(function, "__self__", None) is generator:
-                setattr(module, attribute, self._noticed(f"{name}.{attribute}", name, function))
+                setattr(module, attribute, self._watched(f"{name}.{attribute}", name, function))
                 self._undo.append(functools.partial(setattr, module, attribute, function))
 
-    def _noticed(self, called: str, name: str, function: Any) -> Any:
-        seeds, draws = called.endswith(".seed"), called.rpartition(".")[2] not in UNTOLD
+    def _watched(self, called: str, name: str, function: Any) -> Any:
+        seeds, draws = called.endswith(".seed"), called.rpartition(".")[2] not in SILENT
 
         @functools.wraps(function)
         def notice(*args: Any, **kwargs: Any) -> Any:

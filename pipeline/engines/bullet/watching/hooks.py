@@ -1,7 +1,7 @@
 """The functions of pybullet, each replaced by one that calls it and tells the recorder.
 
-A script's calls mean the same as without: what they return is the engine's own answer, but where a
-window would have to be open (`quiet`), and where time would have to pass (`clock`).
+The script sees no difference: calls return the engine's own answer, except where a window would
+have to be open (`quiet`), and where time would have to pass (`clock`).
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from .worlds import ALL, World
 ARGUMENTS: dict[str, list[str]] = json.loads(
     Path(__file__).with_name("arguments.json").read_text(encoding="utf-8")
 )
-"""The names of every function's arguments, in order, as PyBullet 3.2.7 has them."""
+"""The names of every function's arguments, in order, in PyBullet 3.2.7."""
 
 IDLE_S = 60.0
-"""A script that waits for so long [s] without a step waits for somebody who is not there."""
+"""A script that waits this long [s] without a step is waiting for a user who is not there."""
 
 # -- what calls do --------------------------------------------------------------------------------
 
@@ -36,7 +36,7 @@ MAKES_BODIES = {
     "unsupportedChangeScaling",
 }  # fmt: skip
 REMOVES_BODIES = {"removeBody", "executePluginCommand", "unloadPlugin", "loadPlugin"}
-MOVES_ONE = {
+MOVES_BODY = {
     "resetBasePositionAndOrientation", "resetBaseVelocity", "resetJointState",
     "resetJointStateMultiDof", "resetJointStatesMultiDof", "changeDynamics",
 }  # fmt: skip
@@ -52,8 +52,8 @@ POLLS = {
     "getKeyboardEvents", "getMouseEvents", "getVREvents", "readUserDebugParameter", "isConnected",
     "getDebugVisualizerCamera",
 }  # fmt: skip
-"""Where a script asks whether somebody has done something."""
-LOOKS_ON = {
+"""Where a script asks whether the user has done something."""
+CHANGES_NOTHING = {
     "addUserDebugLine", "addUserDebugPoints", "addUserDebugText", "addUserDebugParameter",
     "removeUserDebugItem", "removeAllUserDebugItems", "removeAllUserParameters",
     "setDebugObjectColor", "configureDebugVisualizer", "resetDebugVisualizerCamera",
@@ -63,20 +63,20 @@ LOOKS_ON = {
     "renderImage", "saveWorld", "saveBullet", "readUserDebugParameter",
 }  # fmt: skip
 READS = ("get", "is", "compute", "calculate", "rayTest")
-"""How the names of functions begin that change nothing."""
+"""Prefixes of further functions that change nothing."""
 
 BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
 
 
 class Stop(SystemExit):
-    """The script has run for as long as it was to; few scripts catch this, and threads are mute."""
+    """The script has reached its limit; few scripts catch this, and threads end silently."""
 
 
 class Hook:
     """A function of pybullet, watched.
 
-    Wrappers such as `BulletClient` bind the client's number only to what `inspect.isbuiltin` takes
-    for a builtin function.
+    It passes for a builtin function (`inspect.isbuiltin`): only to those do wrappers such as
+    `BulletClient` bind the client's number.
     """
 
     def __init__(self, original: Any) -> None:
@@ -91,7 +91,7 @@ class Hook:
 
     @__class__.setter
     def __class__(self, _: Any) -> None:
-        raise TypeError("a builtin function has the class that it has")
+        raise TypeError("the class of a builtin function cannot be changed")
 
     def __reduce__(self) -> str:
         return str(self.__name__)
@@ -101,14 +101,14 @@ class Hook:
 
 
 class Watch:
-    """What is known of a script while it runs.
+    """What is known of a running script.
 
     Parameters
     ----------
     steps
-        After how many steps it is stopped, or None.
+        After how many steps to stop it, or None.
     duration_s
-        After how much time on its clock [s], or None.
+        After how much time on its clock [s] to stop it, or None.
     """
 
     def __init__(
@@ -138,7 +138,9 @@ class Watch:
     def install(self, module: ModuleType) -> None:
         """Replace the functions of pybullet, in place."""
         originals = {
-            name: one for name, one in vars(module).items() if isinstance(one, BuiltinFunctionType)
+            name: value
+            for name, value in vars(module).items()
+            if isinstance(value, BuiltinFunctionType)
         }
         self._p = SimpleNamespace(**{**vars(module), **originals})
         self._modules.append((module, originals))
@@ -147,12 +149,12 @@ class Watch:
             kind = type("Hook", (Hook,), {"__call__": staticmethod(handler)})
             setattr(module, name, kind(original))
         self.pipe.note("pybullet", version=module.getAPIVersion(), file=module.__file__)
-        for client in range(MOST_CLIENTS):  # of a program that was there before us
+        for client in range(MOST_CLIENTS):  # connected before we came
             if self._p.isConnected(client):
                 self._begin(client, "before")
 
     def remove(self) -> None:
-        """Put the functions back; those that a script has kept call the engine and tell nobody."""
+        """Put the functions back; those that a script has kept just call the engine."""
         self.on = False
         for module, originals in self._modules:
             vars(module).update(originals)
@@ -162,11 +164,11 @@ class Watch:
         self.lock.remove()
 
     def on_removal(self, undo: Callable[[], None]) -> None:
-        """Have something undone when this watch ends."""
+        """Register a function that undoes something when this watch ends."""
         self._undo.append(undo)
 
     def tell_draw(self, called: str, frame: Any) -> None:
-        """Tell of a random number that nobody has seeded."""
+        """Report an unseeded random number."""
         file, line = self._place(frame)
         with self.lock:
             self.pipe.note("unseeded", called=called, file=file, line=line)
@@ -178,15 +180,15 @@ class Watch:
             "getCameraImage": self._photographing,
         }.get(name)  # fmt: skip
         if special is None:
-            looks_on = name in LOOKS_ON or name.startswith(READS)
-            special = self._looking_on if looks_on else self._changing
+            passive = name in CHANGES_NOTHING or name.startswith(READS)
+            special = self._passive if passive else self._changing
         return special(name, original)
 
-    def _looking_on(self, name: str, original: Any) -> Callable[..., Any]:
+    def _passive(self, name: str, original: Any) -> Callable[..., Any]:
         polls, clock = name in POLLS, self.clock
-        answered = name in _ANSWERED
+        has_answer = name in _ANSWERED
 
-        def look_on(*args: Any, **kwargs: Any) -> Any:
+        def call(*args: Any, **kwargs: Any) -> Any:
             if not self.on:
                 return original(*args, **kwargs)
             if self.stopped or self._real_time_since or polls:
@@ -196,13 +198,13 @@ class Watch:
                         clock.wait(CALL_S)
                     if polls:
                         clock.ask()
-            if answered and self._windows:
+            if has_answer and self._windows:
                 client = _client(name, args, kwargs)
                 if client in self._windows:
                     return self._answer(client, name, original, args, kwargs)
             return original(*args, **kwargs)
 
-        return look_on
+        return call
 
     def _answer(
         self,
@@ -213,10 +215,10 @@ class Watch:
         kwargs: Any,
     ) -> Any:
         arguments = _named(name, args, kwargs)
-        answered = None
+        answer = None
         if name == "getConnectionInfo" or not set(arguments) <= {*ARGUMENTS[name]}:
-            answered = original(*args, **kwargs)  # or its own error
-        return self._windows[client].answers()[name](arguments, answered)
+            answer = original(*args, **kwargs)  # or its own error
+        return self._windows[client].answers()[name](arguments, answer)
 
     def _changing(self, name: str, original: Any) -> Callable[..., Any]:
         def change(*args: Any, **kwargs: Any) -> Any:
@@ -236,7 +238,7 @@ class Watch:
                     result = original(*args, **kwargs)
                 except Exception as error:
                     self.pipe.note("raised", error=f"{type(error).__name__}: {error}")
-                    if name in MOVES_ALL:  # some bodies, before it failed
+                    if name in MOVES_ALL:  # it may have moved some bodies before it failed
                         world.moved[ALL] = set()
                     raise
                 self._after_change(world, name, arguments, result)
@@ -245,13 +247,13 @@ class Watch:
         return change
 
     def _before_change(self, world: World, name: str, arguments: dict[str, Any]) -> None:
-        """Send a body's state before a call changes it again: it was that, if only for a moment."""
-        if name in MOVES_ONE and name != "changeDynamics":
-            which = (name, _text(arguments.get("jointIndex")))
-            if which in world.moved.get(_body(arguments), ()):
+        """Send a body's state before a call changes it again: it had it, if only for a moment."""
+        if name in MOVES_BODY and name != "changeDynamics":
+            key = (name, _text(arguments.get("jointIndex")))
+            if key in world.moved.get(_body(arguments), ()):
                 world.sync()
         elif name in PUSHES or (name in MOVES_ALL and world.moved):
-            world.sync()  # what pushes acts at a point and along axes of where the body is now
+            world.sync()  # a push acts at a point and along axes of the body's current pose
 
     def _after_change(
         self,
@@ -263,8 +265,8 @@ class Watch:
         body = _body(arguments)
         if name in MAKES_BODIES:
             world.stale_bodies = True
-            made = result if isinstance(result, tuple) else (result,)
-            ids = [one for one in made if isinstance(one, int) and one >= 0]
+            results = result if isinstance(result, tuple) else (result,)
+            ids = [value for value in results if isinstance(value, int) and value >= 0]
             world.fresh.update(ids)
             file = next(iter(arguments.values()), "") if name.startswith("load") else ""
             text = os.path.basename(file) if type(file) is str else ""
@@ -286,9 +288,9 @@ class Watch:
             )  # fmt: skip
         if name.startswith("setJointMotorControl"):
             _tell_motors(world, arguments)
-        if name in MOVES_ONE:
-            which = (name, _text(arguments.get("jointIndex")))
-            world.moved.setdefault(body, set()).add(which)
+        if name in MOVES_BODY:
+            key = (name, _text(arguments.get("jointIndex")))
+            world.moved.setdefault(body, set()).add(key)
         if name in MOVES_ALL:
             world.moved[ALL] = set()
         if name == "changeDynamics":
@@ -300,7 +302,7 @@ class Watch:
             world.stale_engine = True
             if "reportSolverAnalytics" in arguments and name == "setPhysicsEngineParameter":
                 value = int(arguments["reportSolverAnalytics"])
-                if value >= 0:  # the engine leaves it as it is else
+                if value >= 0:  # otherwise the engine leaves it unchanged
                     world.returns_analytics = bool(value & 1)
             if name in ("setPhysicsEngineParameter", "setDefaultContactERP"):
                 world.given.update(_values(arguments))
@@ -324,18 +326,18 @@ class Watch:
                 self.check()
                 p = self._p
                 method: Any = args[0] if args else kwargs.get("method")
-                windows = {getattr(p, one, None) for one in ("GUI", "GUI_SERVER")}
+                windows = {getattr(p, name, None) for name in ("GUI", "GUI_SERVER")}
                 if method in windows:
                     client = original(p.DIRECT)
                     self._windows[client] = Window(p, method)
-                    said = "GUI"
+                    label = "GUI"
                 elif method == p.SHARED_MEMORY:
-                    return -1  # what is there to connect to is not the script's
+                    return -1  # a server there would not be the script's
                 else:
                     client = original(*args, **kwargs)
-                    said = "DIRECT" if method == p.DIRECT else f"method {method}"
+                    label = "DIRECT" if method == p.DIRECT else f"method {method}"
                 if client >= 0:
-                    self._begin(client, said)
+                    self._begin(client, label)
                 return client
 
         return connect
@@ -349,7 +351,7 @@ class Watch:
 
     def _disconnecting(self, name: str, original: Any) -> Callable[..., Any]:
         def disconnect(*args: Any, **kwargs: Any) -> Any:
-            if self.on:  # and no Stop: this is asked for where a script cleans up
+            if self.on:  # no check for Stop: scripts clean up with this call
                 with self.lock:
                     self._end(_client(name, args, kwargs))
             return original(*args, **kwargs)
@@ -414,12 +416,12 @@ class Watch:
             return
         world.before_step()
         file, line = self._place(frame)
-        said = {
+        note = {
             "world": world.number, "step": world.step, "width": width, "height": height,
             "view": _vector(arguments.get("viewMatrix")),
             "projection": _vector(arguments.get("projectionMatrix")), "file": file, "line": line,
         }  # fmt: skip
-        head = json.dumps(said).encode()
+        head = json.dumps(note).encode()
         self.pipe.send(protocol.IMAGE, protocol.IMAGE_HEAD.pack(len(head)) + head + data)
 
     def _stepping(self, name: str, original: Any) -> Callable[..., Any]:
@@ -442,11 +444,11 @@ class Watch:
 
     def _step(self, world: World, original: Any, args: Any, kwargs: Any) -> Any:
         self._guarded(world, world.before_step)
-        asked = world.asks_solver()
+        analytics = world.asks_solver()
         try:
             result = original(*args, **kwargs)
         finally:
-            if asked:
+            if analytics:
                 world.report_solver(on=False)
         if self._guarded(world, lambda: world.after_step(result)):
             self._steps += 1
@@ -454,10 +456,10 @@ class Watch:
             if self._steps == self._limit_steps:
                 self.stop("steps")
             self._check_time()
-        return () if asked else result
+        return () if analytics else result
 
     def _set_real_time(self, world: World, on: bool) -> None:
-        """Let a simulation run by itself, as it does in a window; without one it never does."""
+        """Let a simulation run by itself, as it does with a window; without one it never does."""
         self._real_time_since.pop(world.client, None)
         if on and world.client in self._windows:
             self._real_time_since[world.client] = (self.clock.now_s(), world.time_s)
@@ -487,25 +489,25 @@ class Watch:
             self.stop("idle")
 
     def stop(self, why: str) -> None:
-        """End the script: here, and wherever it calls pybullet again."""
+        """End the script: here, and at any further call of pybullet."""
         self.stopped = why
         self.pipe.note("stop", why=why)
         self.pipe.flush()
         raise Stop(0)
 
     def check(self) -> None:
-        """Raise again where a script has caught the end."""
+        """Raise again if the script has caught the end."""
         if self.stopped:
             raise Stop(0)
 
     def finish(self) -> None:
-        """Send what is left of all simulations; the script is over."""
+        """Send what is left of all simulations: the script is over."""
         with self.lock:
             for client in list(self._worlds):
                 self._end(client)
             self.on = False
 
-    # -- what is told -----------------------------------------------------------------------------
+    # -- what is reported -------------------------------------------------------------------------
 
     def _tell(
         self,
@@ -515,8 +517,8 @@ class Watch:
         kwargs: Any,
         frame: Any,
     ) -> None:
-        texts = [_text(one) for one in args]
-        texts += [f"{key}={_text(one)}" for key, one in kwargs.items() if key != "physicsClientId"]
+        texts = [_text(arg) for arg in args]
+        texts += [f"{key}={_text(arg)}" for key, arg in kwargs.items() if key != "physicsClientId"]
         file, line = self._place(frame)
         self.pipe.note(
             "call", world=world.number, step=world.step, name=name, arguments=", ".join(texts),
@@ -524,7 +526,7 @@ class Watch:
         )  # fmt: skip
 
     def _place(self, frame: Any) -> tuple[str, int]:
-        """Return file and line of a frame, the file without what only this machine has."""
+        """Return file and line of a frame, the file without folders of this machine."""
         name = frame.f_code.co_filename
         shown = self._shown.get(name)
         if shown is None:
@@ -532,13 +534,13 @@ class Watch:
         return shown, frame.f_lineno
 
     def _guarded(self, world: World, read: Callable[[], None]) -> bool:
-        """Read something; a simulation that cannot be read is left, and the script goes on."""
+        """Read something; if it fails, the simulation is dropped, and the script goes on."""
         try:
             read()
         except GoneError:
             self.on = False
             os._exit(1)
-        except Exception as error:  # noqa: BLE001 - nothing of ours may reach the script
+        except Exception as error:  # noqa: BLE001 - our errors must not reach the script
             if world.client in self._worlds:
                 self.pipe.note("fault", world=world.number, step=world.step,
                     error=f"{type(error).__name__}: {error}")  # fmt: skip
@@ -574,13 +576,13 @@ def _client(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> int:
 
 
 def _tell_constraint(world: World, arguments: dict[str, Any], result: Any) -> None:
-    """Tell which bodies a new constraint holds together; the world is none."""
-    bodies = [_number(arguments.get(f"{one}BodyUniqueId")) for one in ("parent", "child")]
+    """Report which bodies a new constraint connects; the world is not one."""
+    bodies = [_number(arguments.get(f"{role}BodyUniqueId")) for role in ("parent", "child")]
     world.tell_held(_number(result), bodies)
 
 
 def _tell_motors(world: World, arguments: dict[str, Any]) -> None:
-    """Have it told which joints are driven, how, and with which greatest force."""
+    """Report which joints are driven, how, and with which maximum force."""
     body, mode = _body(arguments), _number(arguments.get("controlMode"))
     if mode is None:
         return
@@ -615,52 +617,52 @@ def _number(value: Any) -> int | None:
 
 def _vector(value: Any) -> list[float] | None:
     try:
-        return [float(one) for one in value]
+        return [float(item) for item in value]
     except (TypeError, ValueError):
         return None
 
 
 def _values(arguments: dict[str, Any], but: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return the arguments that are numbers or vectors of numbers."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for name, value in arguments.items():
         if name in but or name == "physicsClientId":
             continue
         if isinstance(value, int):
-            found[name] = int(value)
+            values[name] = int(value)
         else:
             try:
-                found[name] = float(value)
+                values[name] = float(value)
             except (TypeError, ValueError):
                 vector = _vector(value)
                 if vector is not None:
-                    found[name] = vector
-    return found
+                    values[name] = vector
+    return values
 
 
 LONGEST = 32
-"""Values of a list that are told; of a longer one its first, and how many there are."""
+"""Most values of a list that are reported; of a longer one the first, and their number."""
 
 
 def _text(value: Any, depth: int = 0) -> str:
-    """Return a value as a script would write it; nothing of the script's own is called for it."""
+    """Return a value as a script would write it, without calling any code of the script."""
     kind = type(value)
     if kind in (int, float, bool, type(None)):
         return repr(value)
     if kind in (str, bytes):
         return repr(value if len(value) <= 300 else value[:300])
     if kind in (list, tuple) and depth < 4:
-        told = [_text(one, depth + 1) for one in value[:LONGEST]]
+        texts = [_text(item, depth + 1) for item in value[:LONGEST]]
         if len(value) > LONGEST:
-            told.append(f"… {len(value)} values")
-        return f"({', '.join(told)})" if kind is tuple else f"[{', '.join(told)}]"
+            texts.append(f"… {len(value)} values")
+        return f"({', '.join(texts)})" if kind is tuple else f"[{', '.join(texts)}]"
     if kind.__module__.partition(".")[0] == "numpy" and hasattr(value, "tolist"):
         return _text(value.tolist() if value.size <= 1024 else value.ravel()[:1024].tolist(), depth)
     return f"<{kind.__name__}>"
 
 
 def _shown(name: str) -> str:
-    """Return a file's name: below the working directory, or below where its packages lie."""
+    """Return a file's name, relative to the working directory or the module path."""
     for folder in (os.getcwd(), *sorted(sys.path, key=len, reverse=True)):
         if folder and name.startswith(os.path.join(folder, "")):
             return os.path.relpath(name, folder)

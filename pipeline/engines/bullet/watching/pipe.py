@@ -1,10 +1,10 @@
-"""What goes from the script's process to the recorder: frames, down a pipe.
+"""What the script's process sends to the recorder: frames, through a pipe.
 
 A stream begins with `MAGIC`. Each frame is a kind (one letter), the length of its payload (uint32,
-little-endian), and the payload. A stream may end at any byte: what is not a whole frame is dropped.
+little-endian), and the payload. A stream may end at any byte: an incomplete frame is dropped.
 
-Frames collect in a block of memory that both processes see, and leave it in large writes. So a
-process that crashes, or is killed, takes nothing with it: the recorder reads the rest of the block.
+Frames collect in a block of shared memory, and leave it in large writes. So nothing is lost when a
+process crashes or is killed: the recorder reads the rest of the block.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ import time
 from typing import Any
 
 MAGIC = b"DROPREC\x01"
-"""The last byte is the version: both halves are of one drop, unless somebody mixes them."""
+"""The last byte is the version: both halves belong to the same drop, unless somebody mixes them."""
 HEADER = struct.Struct("<cI")
-"""Of a frame: kind and length."""
+"""Header of a frame: kind and length."""
 
 NOTE, SAMPLE, CONTACTS, SET, IMAGE = b"J", b"S", b"C", b"P", b"I"
-"""Kinds: a note is JSON, the others are numbers behind a small head."""
+"""Kinds: a note is JSON, the others are numbers after a small head."""
 HEAD = struct.Struct("<iq")
-"""Of samples, contacts and what was set: number of the world or body, and step."""
+"""Head of samples, contacts and states set by calls: number of the world or body, and step."""
 IMAGE_HEAD = struct.Struct("<I")
-"""Of an image: how long the JSON is that stands before its pixels."""
+"""Head of an image: length of the JSON before its pixels."""
 
 BLOCK = struct.Struct("<QQ")
-"""At the block's start: bytes that left it before, and bytes that are in it now."""
+"""At the block's start: bytes sent so far, and bytes in it now."""
 BLOCK_BYTES = 1 << 20
 FLUSH_BYTES = 1 << 16
 FLUSH_S = 0.25
 
 
 class Pipe:
-    """The sending end. Not for two threads at once: whoever sends holds `Watch.lock`."""
+    """The sending end. Not for two threads at once: the sender holds `Watch.lock`."""
 
     def __init__(self, pipe: int, block: int) -> None:
         self._pipe = pipe
@@ -58,7 +58,7 @@ class Pipe:
         self.write(frame(kind, payload))
 
     def write(self, data: bytes | memoryview) -> None:
-        """Put bytes into the block, and empty it when there is enough in it."""
+        """Put bytes into the block, and send it when there is enough in it."""
         if not self.open:
             return
         if BLOCK.size + self._used + len(data) > BLOCK_BYTES:
@@ -79,12 +79,12 @@ class Pipe:
             self._hand_over(self._memory[BLOCK.size : BLOCK.size + self._used])
 
     def close(self) -> None:
-        """Send what is left, and let the pipe go: nothing is sent after that."""
+        """Send what is left, and close the pipe: nothing is sent after that."""
         self.flush()
         self.leave()
 
     def leave(self) -> None:
-        """Let the pipe go and send nothing: what a forked child does, which shares the block."""
+        """Close the pipe and send nothing, for a forked child, which shares the block."""
         if self.open:
             self.open = False
             if self._is_ours():
@@ -120,7 +120,7 @@ def frame(kind: bytes, payload: bytes) -> bytes:
 
 
 class GoneError(Exception):
-    """Nobody reads any more."""
+    """The reader is gone."""
 
 
-_now = time.perf_counter  # the real one: it is taken before the clock is replaced
+_now = time.perf_counter  # the real one: it is read before the clock is replaced

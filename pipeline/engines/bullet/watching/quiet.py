@@ -1,7 +1,7 @@
-"""What a window answers when nobody touches it: for scripts that ask for one and run without.
+"""The answers of a window that nobody touches: for scripts that ask for one and run without.
 
-Without a window PyBullet refuses some of these questions (`readUserDebugParameter`), answers others
-with zeros (`getDebugVisualizerCamera`) and numbers nothing that is drawn.
+Without a window PyBullet rejects some of these calls (`readUserDebugParameter`), returns zeros from
+others (`getDebugVisualizerCamera`) and gives no numbers to drawn items.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ DRAWN = ("addUserDebugLine", "addUserDebugPoints", "addUserDebugText")
 
 
 class Window:
-    """The window of one client, as a user leaves it who looks on and touches nothing."""
+    """The window of one client, whose user touches nothing."""
 
     def __init__(self, p: SimpleNamespace, gui: int) -> None:
         self._p, self._gui = p, gui
@@ -29,9 +29,9 @@ class Window:
         }  # fmt: skip
 
     def answers(self) -> dict[str, Callable[[dict[str, Any], Any], Any]]:
-        """Return, by the function's name, what answers it.
+        """Return the functions that answer, by name of PyBullet's.
 
-        Each takes the arguments by name, and what PyBullet itself has answered.
+        Each takes the arguments by name, and PyBullet's own answer.
         """
         return {
             **dict.fromkeys(DRAWN, self._draw),
@@ -39,8 +39,8 @@ class Window:
             "readUserDebugParameter": self._read_slider,
             "removeUserDebugItem": self._nothing,
             "removeAllUserParameters": self._nothing,
-            "getDebugVisualizerCamera": self._look,
-            "resetDebugVisualizerCamera": self._place,
+            "getDebugVisualizerCamera": self._camera_data,
+            "resetDebugVisualizerCamera": self._move_camera,
             "getConnectionInfo": self._connection,
         }
 
@@ -54,7 +54,7 @@ class Window:
     def _add_slider(self, arguments: dict[str, Any], _: object) -> int:
         number = self._draw({}, None)
         low, high = arguments.get("rangeMin", 0.0), arguments.get("rangeMax", 1.0)
-        # A range that is the wrong way round makes a button, which counts how often it was pressed.
+        # A reversed range makes a button, which counts how often it was pressed.
         self._sliders[number] = float(arguments.get("startValue", low if low <= high else 0.0))
         return number
 
@@ -64,10 +64,10 @@ class Window:
     def _nothing(self, *_: object) -> None:
         return None
 
-    def _place(self, arguments: dict[str, Any], _: object) -> None:
+    def _move_camera(self, arguments: dict[str, Any], _: object) -> None:
         self._camera.update({k: v for k, v in arguments.items() if k in self._camera})
 
-    def _look(self, *_: object) -> tuple[Any, ...]:
+    def _camera_data(self, *_: object) -> tuple[Any, ...]:
         p, camera = self._p, self._camera
         target, distance = camera["cameraTargetPosition"], camera["cameraDistance"]
         yaw, pitch = camera["cameraYaw"], camera["cameraPitch"]
@@ -75,15 +75,15 @@ class Window:
         width, height = WINDOW_PX
         lens = p.computeProjectionMatrixFOV(FIELD_OF_VIEW_DEG, width / height, NEAR_M, FAR_M)
         right, up, back = view[0:12:4], view[1:12:4], view[2:12:4]
-        # The last two axes are as long as half the picture is wide and high at the far plane.
+        # The last two axes are half the width and height of the picture at the far plane.
         half = FAR_M / lens[5]
-        horizontal = tuple(2 * half * width / height * one for one in right)
-        vertical = tuple(2 * half * one for one in up)
-        forward = tuple(-one for one in back)
+        horizontal = tuple(2 * half * width / height * value for value in right)
+        vertical = tuple(2 * half * value for value in up)
+        forward = tuple(-value for value in back)
         return (
             width, height, view, lens, (0.0, 0.0, 1.0), forward, horizontal, vertical,
             yaw, pitch, distance, tuple(target),
         )  # fmt: skip
 
-    def _connection(self, _: object, answered: dict[str, Any]) -> dict[str, Any]:
-        return {**answered, "connectionMethod": self._gui}
+    def _connection(self, _: object, answer: dict[str, Any]) -> dict[str, Any]:
+        return {**answer, "connectionMethod": self._gui}

@@ -1,4 +1,4 @@
-"""Begin to watch: from now on what the script does with pybullet is told."""
+"""Start watching: from now on, what the script does with pybullet is reported."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def watch(
     Parameters
     ----------
     pipe, block
-        File descriptors of the pipe, and of the memory shared with who reads it.
+        File descriptors of the pipe, and of the memory shared with its reader.
     steps, duration_s
-        When the script is to be stopped; None for never.
+        When to stop the script; None for never.
     keep_sleeping
         Whether the script's clock is the real one.
     seed
-        Of all random numbers, or None.
+        Seed of all random numbers, or None.
     begins_s
         What a virtual clock shows at first [s]; None for the time of day.
     """
@@ -68,13 +68,13 @@ def watch(
 
 
 class _OnImport(importlib.abc.MetaPathFinder):
-    """Calls a function with a module once it is imported: by a script, when and if it does."""
+    """Calls a function with a module as soon as the script imports it."""
 
     def __init__(self, name: str, then: Callable[[ModuleType], None]) -> None:
         self._name, self._then = name, then
 
     def remove(self) -> None:
-        """Wait no longer."""
+        """Stop waiting."""
         if self in sys.meta_path:
             sys.meta_path.remove(self)
 

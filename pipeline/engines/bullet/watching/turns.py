@@ -1,4 +1,4 @@
-"""Whose turn it is: one thread at a time tells the recorder something, and no signal cuts in."""
+"""Turns: one thread at a time sends to the recorder, and no signal interrupts it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 
 
 class Turn:
-    """A lock that also keeps signals until it is given back.
+    """A lock that also holds back signals until it is released.
 
-    A script's own handler, and Python's of Ctrl-C, may raise wherever it is called. Within our own
-    code that would leave half of something said, so it is called a moment later.
+    A script's own handler, and Python's for Ctrl-C, may raise wherever it is called. Within our own
+    code that would leave a message half sent, so it is called a moment later.
     """
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class Turn:
             self._kept.pop(0)()
 
     def install(self) -> None:
-        """Keep signals of handlers that are there, and of those that a script will install."""
+        """Hold back signals of existing handlers, and of those that a script will install."""
         if threading.current_thread() is not threading.main_thread():
             return
         signal.signal, signal.getsignal = self._set, self._get
@@ -72,5 +72,5 @@ class Turn:
         return before
 
     def _get(self, signalnum: Any) -> Any:
-        there = self._getsignal(signalnum)
-        return self._handlers.get(int(signalnum), there)
+        current = self._getsignal(signalnum)
+        return self._handlers.get(int(signalnum), current)

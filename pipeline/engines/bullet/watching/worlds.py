@@ -1,7 +1,7 @@
-"""One simulation, as its engine has it: its bodies, and their state when it is asked for.
+"""One simulation, as its engine has it: its bodies, and their current state.
 
-Everything is read with PyBullet's own functions, and nothing here changes a number in it: that is
-what `tests/test_record.py` holds, over many scripts.
+Everything is read with PyBullet's own functions, and nothing here changes a number in it:
+`tests/test_record.py` checks that over many scripts.
 """
 
 from __future__ import annotations
@@ -16,30 +16,30 @@ from . import pipe as protocol
 from .pipe import Pipe
 
 FIXED, SPHERICAL = 4, 2
-"""Kinds of joint, as `getJointInfo` numbers them."""
+"""Types of joint, as in `getJointInfo`."""
 SOFT = 3
-"""Kind of body, as `getDynamicsInfo` numbers them."""
+"""Type of body, as in `getDynamicsInfo`."""
 LEAST_CHANGE = 0.01
-"""A last iteration that still changes a velocity by more was not the last one needed [m/s, rad/s].
+"""If the last iteration changes a velocity by more, further ones were needed [m/s, rad/s].
 """
 ASKED_EVERY = 8
-"""Of so many steps one returns what the solver did: asking takes as long as recording a box."""
+"""One step in this many returns what the solver did: asking takes as long as recording a box."""
 MOST_ISLANDS = 64
 """Groups of touching bodies that PyBullet has room for in what a step returns."""
 ALL = None
-"""Said of bodies: a call may have moved any of them."""
+"""In place of a body: a call may have moved any of them."""
 PART, JOINT, POINT = struct.Struct("<13d"), struct.Struct("<3d"), struct.Struct("<23d")
 """The numbers of a base or link, of a joint, of a contact point."""
 FRAME_HEAD = protocol.HEADER.size + protocol.HEAD.size
 
 
 class Body:
-    """What has to be known of a body to read it.
+    """What must be known of a body to read it.
 
     Parameters
     ----------
     number
-        Of this body in this stream: never used again, unlike the engine's id.
+        Of this body in this stream: never reused, unlike the engine's id.
     """
 
     def __init__(self, number: int, engine_id: int, client: int, p: SimpleNamespace) -> None:
@@ -58,18 +58,18 @@ class Body:
 
     @property
     def moves(self) -> bool:
-        """Whether time moves it, and not only calls."""
+        """Whether steps move it, and not only calls."""
         return not self.soft and (self.had_mass or bool(self.joints))
 
     def read_dynamics(self) -> list[Any]:
-        """Return what the engine says of base and links, in this order."""
+        """Return what the engine reports for base and links, in this order."""
         return [self._p.getDynamicsInfo(self.id, link, self._client) for link in (-1, *self.links)]
 
     def read_into(self, buffer: bytearray, at: int) -> None:
         """Write the state: 13 numbers for base and links, then those of the joints that move.
 
-        Nothing that grows is made on the way: under `MALLOC_PERTURB_` glibc may then fill the
-        whole rest of its heap again.
+        Nothing grows on the way: under `MALLOC_PERTURB_` glibc may then fill the whole rest of its
+        heap again.
         """
         p, client = self._p, self._client
         position, orientation = p.getBasePositionAndOrientation(self.id, client)
@@ -97,10 +97,10 @@ class Body:
         if not self.spherical:
             return [(1, 1, 1)] * len(self.joints)
         states = self._p.getJointStatesMultiDof(self.id, self.joints, self._client)
-        return [(len(one[0]), len(one[1]), len(one[3])) for one in states]
+        return [(len(joint[0]), len(joint[1]), len(joint[3])) for joint in states]
 
     def bounds(self) -> list[float]:
-        """Return the corners of the boxes, along the world's axes, around base and links."""
+        """Return the corners of the axis-aligned boxes around base and links."""
         if self.soft:
             return []
         boxes = [self._p.getAABB(self.id, link, self._client) for link in (-1, *self.links)]
@@ -117,7 +117,7 @@ class World:
     Parameters
     ----------
     number
-        Of this simulation in this stream; the engine uses its client ids again.
+        Of this simulation in this stream; the engine reuses its client ids.
     first_step, first_time_s
         Where its steps and its time begin.
     """
@@ -135,15 +135,15 @@ class World:
         self.given: dict[str, Any] = {}
         """Settings of the engine that it does not report, as calls gave them."""
         self.fresh: set[int] = set()
-        """Bodies that a call has made: their ids may have been others' before."""
+        """Bodies that a call has created: their ids may have been others' before."""
         self.files: dict[int, str] = {}
-        """The files that bodies were loaded from: names in them mislead."""
+        """The files that bodies were loaded from: the names in them mislead."""
         self.hiding: set[int] = set()
-        """Bodies of several links that became btRigidBodies, of which only the base is shown."""
+        """Bodies of several links that became btRigidBodies, of which only the base is reported."""
         self.flags: dict[int, int] = {}
-        """What they were loaded with: whether a body may fall asleep stands there only."""
+        """What they were loaded with: only these tell whether a body may sleep."""
         self.moved: dict[int | None, set[Any]] = {}
-        """Bodies that calls may have moved since they were read, and by which calls."""
+        """Bodies that calls may have moved since they were last read, and which calls."""
         self.changed: set[int | None] = set()
         """Bodies whose dynamics calls may have changed."""
         self.recoloured: set[int] = set()
@@ -151,11 +151,11 @@ class World:
         self._later: list[tuple[int | None, str, dict[str, Any]]] = []
         self._motors: dict[tuple[int | None, Any], Any] = {}
         self.returns_analytics: bool | None = None if method == "before" else False
-        """Whether the script itself has steps return what the solver did; None if nobody knows."""
-        self._answers = True
-        """Whether this PyBullet can be asked."""
+        """Whether the script itself has steps return what the solver did; None if unknown."""
+        self._has_analytics = True
+        """Whether this PyBullet can return what the solver did."""
         self._early: dict[int, dict[str, Any]] = {}
-        """By most iterations: how often the solver was seen to use them all."""
+        """By iteration limit: how often the solver was seen to reach it."""
         self.bodies: dict[int, Body] = {}
         self.timestep_s = 0.0
         self._sampled = False
@@ -163,11 +163,11 @@ class World:
         self._engine: dict[str, Any] | None = None
         self._moving: list[Body] = []
         self._buffer = bytearray()
-        """The last sample, as it was sent."""
+        """The last sample, as sent."""
         self._places: dict[int, int] = {}
         """Where in it the states of bodies begin, by the engine's ids."""
         self._last: dict[int, bytes] = {}
-        """States that were sent outside of samples, of bodies that have none after it."""
+        """States sent outside samples, of bodies that no later sample has."""
         pipe.note("world", world=number, client=client, method=method,
             first_step=first_step, first_time_s=first_time_s)  # fmt: skip
 
@@ -176,7 +176,7 @@ class World:
     def sync(self, *, sample_follows: bool = False) -> None:
         """Send what calls have changed since this was last called.
 
-        What a sample will say that follows at once is left to it.
+        What a sample that follows at once will hold is left to it.
         """
         if self.stale_engine:
             self._read_engine()
@@ -184,39 +184,39 @@ class World:
             self._list_bodies()
         if self.changed:
             self._read_dynamics()
-        for body in [self.bodies[one] for one in self.recoloured if one in self.bodies]:
+        for body in [self.bodies[key] for key in self.recoloured if key in self.bodies]:
             self._pipe.note("look", body=body.number, visual=body.looks())
         self.recoloured = set()
         if self.moved:
-            for one in self.bodies.values():
-                is_moved = ALL in self.moved or one.id in self.moved
-                if is_moved and not (sample_follows and one.moves):
-                    self._send_if_set(one)
+            for body in self.bodies.values():
+                is_moved = ALL in self.moved or body.id in self.moved
+                if is_moved and not (sample_follows and body.moves):
+                    self._send_if_set(body)
             self.moved = {}
-        for engine_id, what, told in self._later:
+        for engine_id, what, values in self._later:
             if engine_id in self.bodies:
-                self._pipe.note(what, body=self.bodies[engine_id].number, step=self.step, **told)
+                self._pipe.note(what, body=self.bodies[engine_id].number, step=self.step, **values)
         self._later = []
 
     def tell_held(self, constraint: int | None, bodies: list[int | None]) -> None:
-        """Tell of a constraint between bodies, by the engine's ids; what is none is the world."""
+        """Report a constraint between bodies, by the engine's ids; other ids are the world."""
         self.sync(sample_follows=not self._sampled)  # they may be new
-        numbers = [self.bodies[one].number for one in bodies if one in self.bodies]
+        numbers = [self.bodies[key].number for key in bodies if key in self.bodies]
         self._pipe.note("held", world=self.number, step=self.step, constraint=constraint,
             bodies=numbers)  # fmt: skip
 
     def tell_motor(self, body: int | None, joint: int, mode: int, force: float | None) -> None:
-        """Have it told how a motor is driven, where that has changed."""
+        """Report how a motor is driven, if that has changed."""
         if self._motors.get((body, joint)) != (mode, force):
             self._motors[body, joint] = mode, force
             self.tell_later(body, "motor", joint=joint, mode=mode, force=force)
 
-    def tell_later(self, engine_id: int | None, what: str, **told: Any) -> None:
-        """Have something told of a body with the next `sync`, when it is known which it is."""
-        self._later.append((engine_id, what, told))
+    def tell_later(self, engine_id: int | None, what: str, **values: Any) -> None:
+        """Report something about a body with the next `sync`, when its number is known."""
+        self._later.append((engine_id, what, values))
 
     def forget(self) -> None:
-        """Take note that a reset has removed all bodies."""
+        """Note that a reset has removed all bodies."""
         for body in self.bodies.values():
             self._pipe.note("gone", body=body.number)
         self.bodies, self._moving, self._last, self._places = {}, [], {}, {}
@@ -227,17 +227,17 @@ class World:
 
     def _list_bodies(self) -> None:
         p, client = self._p, self.client
-        ids = [p.getBodyUniqueId(one, client) for one in range(p.getNumBodies(client))]
-        there = set(ids)
-        for one in [known for known in self.bodies if known not in there or known in self.fresh]:
-            self._pipe.note("gone", body=self.bodies.pop(one).number)
-            self._last.pop(one, None)
-            self._places.pop(one, None)
-        for one in ids:
-            if one not in self.bodies:
-                self.bodies[one] = self._describe(one)
-                if not self.bodies[one].soft:
-                    self.moved.setdefault(one, set())
+        ids = [p.getBodyUniqueId(index, client) for index in range(p.getNumBodies(client))]
+        present = set(ids)
+        for key in [key for key in self.bodies if key not in present or key in self.fresh]:
+            self._pipe.note("gone", body=self.bodies.pop(key).number)
+            self._last.pop(key, None)
+            self._places.pop(key, None)
+        for key in ids:
+            if key not in self.bodies:
+                self.bodies[key] = self._describe(key)
+                if not self.bodies[key].soft:
+                    self.moved.setdefault(key, set())
         self.fresh, self.stale_bodies = set(), False
         self._lay_out()
 
@@ -257,11 +257,13 @@ class World:
 
     def _read_dynamics(self) -> None:
         all_changed = ALL in self.changed
-        for body in [one for one in self.bodies.values() if all_changed or one.id in self.changed]:
+        for body in [
+            body for body in self.bodies.values() if all_changed or body.id in self.changed
+        ]:
             dynamics = body.read_dynamics()
             if dynamics != body.dynamics:
                 body.dynamics = dynamics
-                # What is in motion when a call takes its mass goes on.
+                # A body in motion keeps moving when a call removes its mass.
                 body.had_mass |= dynamics[0][0] != 0
                 self._pipe.note("dynamics", body=body.number, dynamics=_plain(dynamics))
         self.changed = set()
@@ -282,12 +284,12 @@ class World:
     def _lay_out(self) -> None:
         moving = [body for body in self.bodies.values() if body.moves]
         if moving != self._moving:
-            self._last.update({one: self._last_of(self.bodies[one]) for one in self._places})
+            self._last.update({key: self._last_of(self.bodies[key]) for key in self._places})
             self._moving, self._places = moving, {}
             self._pipe.note("layout", world=self.number, bodies=[body.number for body in moving])
 
     def _last_of(self, body: Body) -> bytes:
-        """Return the state of a body that was sent last; nothing where none was."""
+        """Return the last state of a body that was sent, or b''."""
         place = self._places.get(body.id)
         if place is None:
             return self._last.get(body.id, b"")
@@ -307,12 +309,12 @@ class World:
             self._buffer[place : place + body.size] = values
         self._pipe.send(protocol.SET, protocol.HEAD.pack(body.number, self.step) + values)
 
-    # -- what time changes ------------------------------------------------------------------------
+    # -- what steps change ------------------------------------------------------------------------
 
     def sample(self) -> None:
-        """Send the state and the contacts as they are now, both or, after Ctrl-C, neither."""
+        """Send the current state and contacts: both or, after Ctrl-C, neither."""
         points = ()
-        if self._sampled:  # before the first step no step has led here
+        if self._sampled:  # contacts are of a step, and the first sample has none
             points = self._p.getContactPoints(physicsClientId=self.client) or ()
         states = sum([body.size for body in self._moving])
         most = 2 * FRAME_HEAD + states + len(points) * POINT.size
@@ -339,7 +341,7 @@ class World:
                 _, body_a, body_b, link_a, link_b, on_a, on_b, normal, distance,
                 force, friction_1, direction_1, friction_2, direction_2,
             ) in points:  # fmt: skip
-                # Both bodies stand before both links.
+                # PyBullet lists both bodies, then both links.
                 POINT.pack_into(
                     buffer, at, body_a, link_a, body_b, link_b, *on_a, *on_b, *normal, distance,
                     force, friction_1, *direction_1, friction_2, *direction_2,
@@ -349,7 +351,7 @@ class World:
         self._sampled = True
 
     def before_step(self) -> None:
-        """Send what calls have changed, and where nothing was ever stepped the first sample."""
+        """Send what calls have changed, and before the first step the first sample."""
         if (
             self.stale_engine or self.stale_bodies or self.fresh or self.changed or self.moved
             or self.recoloured or self._later
@@ -359,30 +361,30 @@ class World:
             self.sample()
 
     def asks_solver(self) -> bool:
-        """Have the next step return what the solver did, and return whether it will.
+        """Have the next step return what the solver did, if it is due; return whether it will.
 
-        Every few steps, since it takes two calls. Nothing else is another by that, but the engine
-        has room for so many islands of bodies only, and reads beyond it.
+        Only every few steps, since it takes two calls. It changes nothing else, but the engine has
+        room for a limited number of islands of bodies, and reads beyond it.
         """
         if (
-            self._answers and self.returns_analytics is False and self.step % ASKED_EVERY == 0
+            self._has_analytics and self.returns_analytics is False and self.step % ASKED_EVERY == 0
             and len(self._moving) <= MOST_ISLANDS
         ):  # fmt: skip
             return self.report_solver(on=True)
         return False
 
     def report_solver(self, *, on: bool) -> bool:
-        """Have steps return what the solver did, or no more; return whether this PyBullet can."""
+        """Have steps return what the solver did, or not; return whether this PyBullet can."""
         try:
             self._p.setPhysicsEngineParameter(
                 reportSolverAnalytics=int(on), physicsClientId=self.client
             )
         except TypeError:
-            self._answers = False
-        return self._answers
+            self._has_analytics = False
+        return self._has_analytics
 
     def after_step(self, islands: Any) -> None:
-        """Send the sample that a step has led to; note what its solver left."""
+        """Send the sample after a step, and note its solver's residual."""
         if islands and self._engine is not None:
             self._note_solver(islands[:MOST_ISLANDS], int(self._engine["numSolverIterations"]))
         self.step += 1
@@ -391,15 +393,17 @@ class World:
         self.sample()
 
     def _note_solver(self, islands: Any, most: int) -> None:
-        """Note whether the solver has used all its iterations, and by how much the last one acted.
+        """Note whether the solver reached its limit, and by how much the last iteration acted.
 
-        Of a velocity; an engine that has lost a body reports no number of its island.
+        That is a change of velocity, non-finite for an island whose body the engine has lost.
         """
         early = self._early.setdefault(most, {"iterations": most, "looked": 0, "steps": 0,
             "first_step": 0, "last_change": 0.0, "worst_step": 0})  # fmt: skip
         early["looked"] += 1
-        acted = [one["remainingResidual"] for one in islands if one["numIterationsUsed"] >= most]
-        last = max((one for one in acted if math.isfinite(one)), default=0.0) ** 0.5
+        acted = [
+            island["remainingResidual"] for island in islands if island["numIterationsUsed"] >= most
+        ]
+        last = max((change for change in acted if math.isfinite(change)), default=0.0) ** 0.5
         if last <= LEAST_CHANGE:
             return
         step = self.step + 1
@@ -409,7 +413,7 @@ class World:
             early.update(last_change=last, worst_step=step)
 
     def end(self) -> None:
-        """Send what there is to say of a simulation that is over."""
+        """Send what is left of a simulation that is over."""
         self.sync(sample_follows=not self._sampled)
         for early in self._early.values():
             if early["steps"]:
@@ -420,11 +424,11 @@ class World:
 
 
 def _plain(value: Any) -> Any:
-    """Return what JSON can say of something that PyBullet returned."""
+    """Return something that PyBullet returned as what JSON can hold."""
     if isinstance(value, bytes):
         return value.decode(errors="replace")
     if isinstance(value, dict):
-        return {name: _plain(one) for name, one in value.items()}
+        return {name: _plain(item) for name, item in value.items()}
     if isinstance(value, Iterable) and not isinstance(value, str):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     return value if isinstance(value, (int, float, str, type(None))) else float(value)

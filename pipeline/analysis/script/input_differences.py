@@ -1,7 +1,7 @@
-"""What went into two simulations, held against each other: bodies, settings, pushes and more.
+"""The inputs of two simulations compared: bodies, settings, pushes and more.
 
-A recording has a row when something is told. Rows of one kind and one body, or one client, are
-compared in their order; the first that differs says where they part, and no row after it counts.
+A recording has a row for each input. Rows of one kind and one body, or one client, are compared in
+order; the first that differs says where they part, and later rows do not count.
 """
 
 from __future__ import annotations
@@ -14,31 +14,32 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from pipeline.analysis.script.difference import PUT, TOLD, Difference, Found, Value, When
+from pipeline.analysis.script.difference import INPUT, PUT, Dated, Difference, Value, When
+from pipeline.analysis.script.tracks import order
 from pipeline.seen import At, Body, Put, Seen
 
 Column = tuple[int | None, str]
 """Link and name."""
 Row = tuple[At, dict[Column, Value]]
-Told = dict[tuple[str, str | None, int], list[Row]]
+Inputs = dict[tuple[str, str | None, int], list[Row]]
 """By entity, label of a body, and client."""
 
 FOLLOWS = ("number", "label", "name", "bounds_m")
-"""What a body is called, with the folder of its file, and the boxes that follow from its pose."""
+"""A body's names, with the folder of its file, and the boxes that follow from its pose."""
 
 
-def told_differences(run: Seen, golden: Seen) -> Iterator[Found]:
-    """Yield what differs first in what was told of each body and each client that has any."""
+def input_differences(run: Seen, golden: Seen) -> Iterator[Dated]:
+    """Yield the first difference in the inputs of each body, and each client with bodies."""
     for label, at, *there in _coming(run, golden):
-        yield When(at.step, TOLD, at.call), Difference(at.step, label, None, "there", *there)
+        yield When(at.step, INPUT, at.call), Difference(at.step, label, None, "there", *there)
     both = labels_of(run) & labels_of(golden)
-    mine, theirs = (_told(seen, both) for seen in (run, golden))
+    mine, theirs = (_inputs(seen, both) for seen in (run, golden))
     ends = [_ends(seen) for seen in (run, golden)]
     clients = {body.client for seen in (run, golden) for body in seen.bodies.values()}
     for key in {**mine, **theirs}:
-        if key[2] not in clients:  # without bodies there is nothing for settings to act on
+        if key[2] not in clients:  # without bodies its settings have no effect
             continue
-        last = [one.get(key[2], 0) for one in ends]
+        last = [steps.get(key[2], 0) for steps in ends]
         yield from _first(key, mine.get(key, []), theirs.get(key, []), last)
 
 
@@ -57,15 +58,11 @@ def labels_of(seen: Seen) -> set[str]:
 
 
 def _coming(run: Seen, golden: Seen) -> Iterator[tuple[str, At, float, float]]:
-    """Yield the bodies that only one of both has: when they came, and who has them."""
+    """Yield the bodies that only one of both has: label, when they came, and who has them."""
     for seen, other, has in ((run, golden, 1.0), (golden, run, 0.0)):
         for label in labels_of(seen) - labels_of(other):
-            at = min((one.at for one in seen.appearances if one.body.label == label), key=_order)
+            at = min((each.at for each in seen.appearances if each.body.label == label), key=order)
             yield label, at, has, 1.0 - has
-
-
-def _order(at: At) -> tuple[int, int]:
-    return at.step, at.call
 
 
 def _first(
@@ -73,60 +70,61 @@ def _first(
     mine: Sequence[Row],
     theirs: Sequence[Row],
     last: Sequence[int],
-) -> Iterator[Found]:
+) -> Iterator[Dated]:
     """Yield all columns of the first row that differs.
 
-    What one lacks because it has ended before, each at its `last` step, is no difference in itself.
+    Rows that one lacks because it ended earlier, each at its `last` step, are not a difference.
     """
     entity, label, _ = key
-    phase = PUT if entity == "set" else TOLD
-    for one, other in zip_longest(mine, theirs):
-        if one is None or other is None or one[0].step != other[0].step:
-            # What comes first is what the other one lacks, whichever it is.
-            first = min((row for row in (one, other) if row is not None), key=lambda r: r[0].step)
+    phase = PUT if entity == "set" else INPUT
+    for row, other in zip_longest(mine, theirs):
+        if row is None or other is None or row[0].step != other[0].step:
+            # The earlier row is the one that the other side lacks.
+            first = min(
+                (each for each in (row, other) if each is not None), key=lambda r: r[0].step
+            )
             step = first[0].step
             lacks = last.index(min(last))
-            if (one, other)[lacks] is None and last[lacks] < max(last) and step >= last[lacks]:
+            if (row, other)[lacks] is None and last[lacks] < max(last) and step >= last[lacks]:
                 return
             counts = [sum(at.step <= step for at, _ in rows) for rows in (mine, theirs)]
             lacking = Difference(step, label, None, f"{entity}.rows", *counts)
             yield When(step, phase, first[0].call), lacking
             return
-        (at, values), (_, golden) = one, other
-        found = [name for name in {**values, **golden} if not _is(values, golden, name)]
-        for link, name in found:
+        (at, values), (_, golden) = row, other
+        differing = [name for name in {**values, **golden} if not _is(values, golden, name)]
+        for link, name in differing:
             column = (link, name)
             difference = Difference(
                 at.step, label, link, f"{entity}.{name}", values.get(column), golden.get(column)
             )
             yield When(at.step, phase, at.call), difference
-        if found:
+        if differing:
             return
 
 
 def _is(values: Mapping[Column, Value], golden: Mapping[Column, Value], name: Column) -> bool:
-    """Whether both have the same of a column; what is not a number is none in both."""
-    one, other = values.get(name), golden.get(name)
-    return one == other or (one != one and other != other)
+    """Whether both have the same value in a column; nan equals nan."""
+    value, other = values.get(name), golden.get(name)
+    return value == other or (value != value and other != other)
 
 
-# -- what was told, as rows of columns ------------------------------------------------------------
+# -- inputs as rows of columns --------------------------------------------------------------------
 
 
-def _told(seen: Seen, labels: Set[str]) -> Told:
-    """Return what was told of the bodies of these labels, and of each client."""
-    found: Told = {}
+def _inputs(seen: Seen, labels: Set[str]) -> Inputs:
+    """Return the inputs of the bodies with these labels, and of each client."""
+    rows: Inputs = {}
 
     def add(entity: str, at: At, of: Body | int, values: Iterable[tuple[Column, Value]]) -> None:
         label, client = (of.label, of.client) if isinstance(of, Body) else (None, of)
         if label is None or label in labels:
-            found.setdefault((entity, label, client), []).append((at, dict(values)))
+            rows.setdefault((entity, label, client), []).append((at, dict(values)))
 
-    for one in seen.appearances:
-        flags = {"there": one.there, "came": one.came, "sampled": one.sampled}
-        body = {part.name: getattr(one.body, part.name) for part in fields(Body)}
-        told = {name: value for name, value in body.items() if name not in FOLLOWS}
-        add("bodies", one.at, one.body, _flat(flags | told))
+    for each in seen.appearances:
+        flags = {"there": each.there, "came": each.came, "sampled": each.sampled}
+        names = (part.name for part in fields(Body) if part.name not in FOLLOWS)
+        add("bodies", each.at, each.body, _flat(flags | {n: getattr(each.body, n) for n in names}))
     for setting in seen.settings:
         add("engine", setting.at, setting.client, _flat(setting.values))
     for dynamics in seen.dynamics:
@@ -135,21 +133,21 @@ def _told(seen: Seen, labels: Set[str]) -> Told:
         add("dynamics/given", given.at, given.body, _flat(given.values))
     for held in seen.constraints:
         labelled = [seen.bodies[number].label for number in held.bodies]
-        told = {"number": held.number, "bodies": labelled, "there": held.there}
-        add("constraints", held.at, held.client, _flat(told))
+        values = {"number": held.number, "bodies": labelled, "there": held.there}
+        add("constraints", held.at, held.client, _flat(values))
     for motor in seen.motors:
-        told = {"joint": motor.joint, "mode": motor.mode, "force": motor.force}
-        add("motors", motor.at, motor.body, _flat(told))
+        values = {"joint": motor.joint, "mode": motor.mode, "force": motor.force}
+        add("motors", motor.at, motor.body, _flat(values))
     for push in seen.pushes:
-        told = {part.name: getattr(push, part.name) for part in fields(push)[2:]}
-        add("pushes", push.at, push.body, _flat(told))
+        values = {part.name: getattr(push, part.name) for part in fields(push)[2:]}
+        add("pushes", push.at, push.body, _flat(values))
     for put in seen.puts:
         add("set", put.at, put.body, _of_put(put))
-    return found
+    return rows
 
 
 def _flat(values: Mapping[str, Any], link: int | None = None) -> Iterator[tuple[Column, Value]]:
-    """Yield numbers, texts and flags by name; of a vector each element, by its number from 0."""
+    """Yield numbers, texts and flags by name; each element of a vector, numbered from 0."""
     for name, value in values.items():
         if is_dataclass(value):
             inner = {part.name: getattr(value, part.name) for part in fields(value)}
@@ -158,12 +156,12 @@ def _flat(values: Mapping[str, Any], link: int | None = None) -> Iterator[tuple[
         else:
             yield (link, name), value if isinstance(value, str) else float(value)
             continue
-        yield from (((link, f"{name}.{of}"), one) for (_, of), one in _flat(inner))
+        yield from (((link, f"{name}.{of}"), element) for (_, of), element in _flat(inner))
 
 
 def _of_links(reported: Mapping[str, Any]) -> Iterator[tuple[Column, Value]]:
-    # What follows from the mass stands behind it, such as the inertia.
-    for name, values in sorted(reported.items(), key=lambda one: one[0] != "mass_kg"):
+    # The mass first: others follow from it, such as the inertia.
+    for name, values in sorted(reported.items(), key=lambda item: item[0] != "mass_kg"):
         for number, value in enumerate(values):
             yield from _flat({name: value}, link=number - 1)
 
