@@ -220,7 +220,7 @@ def test_what_it_does_not_have_is_said_in_a_line(drop: Drop, options: list[str],
 def test_an_integrator_of_pybullet_is_refused(drop: Drop) -> None:
     done = drop("simulate", "--integrator", "rk4", "--out", "x.rrd")
     assert done.returncode == 2
-    assert "--integrator of PyBullet has one only: omit it" in " ".join(done.stderr.split())
+    assert "--integrator must be omitted for PyBullet" in " ".join(done.stderr.split())
 
 
 def test_an_engine_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

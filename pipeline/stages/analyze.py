@@ -1,4 +1,4 @@
-"""Read a recording back and say where each millimetre of its error comes from."""
+"""Read a recording back and explain each millimetre of its error."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["analyze", "is_script"]
 
 _PARTS = 3
-"""Reading the recording, taking the error apart, writing what was found."""
+"""Reading the recording, breaking the error down, writing the results."""
 
 
 def analyze(
@@ -42,13 +42,13 @@ def analyze(
     recording
         The recording to read.
     at_s
-        Times to take apart [s]; without any, 0.3 s where that is in the air.
+        Times at which to break the error down [s]; by default 0.3 s, if that is in the air.
     out
         The layer recording to write; None puts it beside the recording.
     table
         A `.parquet` or `.csv` file for the table of all samples, or None.
     force
-        Whether files that exist may be replaced; a layer under its default name always is.
+        Whether existing files may be replaced; a layer under its default name always is.
     progress
         Called while it runs.
 
@@ -57,7 +57,7 @@ def analyze(
     RecordingError
         If the recording is missing, damaged or not one of ours.
     ScenarioError
-        If a time lies outside the recording, or a file has another suffix.
+        If a time is outside the recording, or a file has another suffix.
     OutputError
         If a file cannot be written, or would replace what the same command reads or writes.
     """
@@ -79,8 +79,8 @@ def analyze(
         force=force,
         ours=out is None,
     )
-    for one in tables:
-        write_table(one, analysis.table, force=force)
+    for file in tables:
+        write_table(file, analysis.table, force=force)
     progress("analyzing", _PARTS, _PARTS)
     return replace(analysis, recording=path, layer=layer, partial=read_back.partial)
 
@@ -88,7 +88,7 @@ def analyze(
 def outputs_of(
     recording: Path, out: Path | str | None, table: Path | str | None, *, force: bool
 ) -> tuple[Path, list[Path]]:
-    """Return the layer and the tables to write, if they may be written.
+    """Return the layer and the tables to write, once it is checked that they can be.
 
     Raises
     ------
@@ -104,6 +104,6 @@ def outputs_of(
     check_suffix("--out", layer, (".rrd",))
     if out is None and not force and layer.is_file() and not is_layer(layer):
         raise refused(layer)
-    for one in tables:
-        check_table(one, force=force)
+    for file in tables:
+        check_table(file, force=force)
     return layer, tables
