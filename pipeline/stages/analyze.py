@@ -12,6 +12,7 @@ from pipeline.analysis.drop.results import Analysis
 from pipeline.errors import check_suffix
 from pipeline.files.outputs import check_apart, check_target, refused
 from pipeline.files.table import check_table, write_table
+from pipeline.messages import Message
 from pipeline.recording.contents import is_script
 from pipeline.recording.layer import is_layer, layer_of, write_layer
 from pipeline.recording.reader import read
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["analyze", "is_script"]
 
+ANALYZING = Message("analyzing")
 _PARTS = 3
 """Reading the recording, breaking the error down, writing the results."""
 
@@ -63,13 +65,13 @@ def analyze(
     """
     path = Path(recording)
     layer, tables = outputs_of(path, out, table, force=force)
-    progress("analyzing", 0, _PARTS)
+    progress(ANALYZING, 0, _PARTS)
     read_back = read(path)
-    progress("analyzing", 1, _PARTS)
+    progress(ANALYZING, 1, _PARTS)
     analysis = analysis_of(
         read_back.scenario, read_back.engine, read_back.states, read_back.contacts, at_s=at_s
     )
-    progress("analyzing", 2, _PARTS)
+    progress(ANALYZING, 2, _PARTS)
     write_layer(
         layer,
         read_back,
@@ -81,7 +83,7 @@ def analyze(
     )
     for file in tables:
         write_table(file, analysis.table, force=force)
-    progress("analyzing", _PARTS, _PARTS)
+    progress(ANALYZING, _PARTS, _PARTS)
     return replace(analysis, recording=path, layer=layer, partial=read_back.partial)
 
 

@@ -15,7 +15,7 @@ from pipeline.files.table import write_table
 from pipeline.recording.script_layer import write_script_layer
 from pipeline.recording.script_reader import read_script
 from pipeline.seen import Seen, body_named
-from pipeline.stages.analyze import outputs_of
+from pipeline.stages.analyze import ANALYZING, outputs_of
 from pipeline.stages.narrative import findings_listed
 
 if TYPE_CHECKING:
@@ -66,9 +66,9 @@ def analyze_script(
     """
     path = Path(recording)
     layer, tables = outputs_of(path, out, table, force=force)
-    progress("analyzing", 0, 3)
+    progress(ANALYZING, 0, 3)
     read_back = read_script(path)
-    progress("analyzing", 1, 3)
+    progress(ANALYZING, 1, 3)
     ended = read_back.ended or {}
     origin = read_back.origin | {name: ended.get(name) for name in ("ended", "error")}
     analysis = script_analysis_of(read_back.seen, origin, at_s=at_s or DEFAULT_AT_S)
@@ -76,7 +76,7 @@ def analyze_script(
     reported = analysis
     if body is not None:
         reported = analysis.of_body(body_named(read_back.seen.bodies.values(), body).number)
-    progress("analyzing", 2, 3)
+    progress(ANALYZING, 2, 3)
     write_script_layer(
         layer,
         read_back.recording_id,
@@ -88,7 +88,7 @@ def analyze_script(
     )
     for file in tables:
         write_table(file, analysis.table, force=force)
-    progress("analyzing", 3, 3)
+    progress(ANALYZING, 3, 3)
     return replace(reported, recording=path, layer=layer, partial=read_back.partial)
 
 

@@ -136,7 +136,9 @@ def _of_script(recording: ScriptRecording) -> Info:
         contact_samples=seen.contacts["step"].n_unique(),
         frames=sum(map(len, frames_of_cameras(path).values())),
         bytes=path.stat().st_size,
-        engine=f"PyBullet in Python {ended['made_with_version']}" if ended else "PyBullet",
+        engine=Message("PyBullet in Python {version}", version=ended["made_with_version"])
+        if ended
+        else "PyBullet",
         command=None if script == BLOCK else command,
         layer=_layer(path, recording.recording_id),
     )

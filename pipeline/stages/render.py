@@ -19,6 +19,7 @@ from pipeline.figures.gif import MADE_BY_DROP
 from pipeline.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation, Playback, playback
 from pipeline.files.outputs import check_apart, check_kind, check_target
 from pipeline.files.whole import written_whole
+from pipeline.messages import Message
 from pipeline.recording.checks import damaged
 from pipeline.recording.contents import is_script
 from pipeline.recording.reader import Recording, frames, read
@@ -122,7 +123,7 @@ def render(
     if read_back.camera is not None:
         recorded = list(frames(path))
         played = _played(read_back, len(recorded), animation, gif)
-        report = functools.partial(progress, f"writing {gif.suffix[1:]}")
+        report = functools.partial(progress, Message("writing {suffix}", suffix=gif.suffix[1:]))
         pictures = _pictures(recorded, played, animation, analysis, dark, report)
         with written_whole(gif, force=force, ours=out is None) as file, _refused(path):
             count = write_animation(pictures, file, suffix=gif.suffix, fps=played.fps)
@@ -170,10 +171,21 @@ def _facts(scenario: Scenario, analysis: Analysis) -> Facts:
     for name in ("body", "height_m", "timestep_s", "duration_s"):  # shown elsewhere, or on the axis
         shown.pop(name, None)
     impact, rest = analysis.impact, analysis.rest
-    released = "thrown" if any(scenario.velocity_m_s) else "dropped"
+    title = Message(
+        "{body} dropped from {height:g} m", body=scenario.body, height=scenario.height_m
+    )
+    if any(scenario.velocity_m_s):
+        title = Message(
+            "{body} thrown from {height:g} m", body=scenario.body, height=scenario.height_m
+        )
+    subtitle = Message(
+        "timestep {timestep} s, {settings}",
+        timestep=fraction(scenario.timestep_s),
+        settings=label_of(shown),
+    )
     return Facts(
-        title=f"{scenario.body} {released} from {scenario.height_m:g} m",
-        subtitle=f"timestep {fraction(scenario.timestep_s)} s, {label_of(shown)}",
+        title=title,
+        subtitle=subtitle,
         at_s=analysis.at[0].time_s if analysis.at else None,
         impact_s=None if impact is None else impact.time_simulated_s,
         rest_m=None if rest is None else rest.height_m,

@@ -19,6 +19,7 @@ from pipeline.figures.gif import MADE_BY_DROP
 from pipeline.figures.playback import EVERY_FRAME, Animation, playback
 from pipeline.files.outputs import check_apart, check_kind, check_target
 from pipeline.files.whole import written_whole
+from pipeline.messages import Message
 from pipeline.recording.script_reader import read_script
 from pipeline.recording.script_scene import Part, frames_of_cameras, parts_of
 from pipeline.scenario import STANDARD_CAMERA, Camera, View
@@ -94,7 +95,7 @@ def render_script(
         check_kind(gif, b"GIF8", MADE_BY_DROP)
     read_back = read_script(path)
     taken = max(frames_of_cameras(path).values(), key=len, default=[])
-    report = functools.partial(progress, f"writing {gif.suffix[1:]}")
+    report = functools.partial(progress, Message("writing {suffix}", suffix=gif.suffix[1:]))
     if view is None and taken:
         times_s = [time_s for _, time_s, _ in taken]
         interval_s = float(np.median(np.diff(times_s))) if len(taken) > 1 else 0.0

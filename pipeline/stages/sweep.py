@@ -396,7 +396,7 @@ def _plot(path: Path, studies: list[Group], at_s: float, *, dark: bool, force: b
         )
     panels = [
         Panel(
-            title=group.label or "all else at its default",
+            title=group.label or Message("all else at its default"),
             timesteps_s=np.array([run.timestep_s for run in group.study.runs]),
             errors_m={
                 name.removesuffix("_m").replace("error", "total"): np.array(
@@ -414,6 +414,6 @@ def _plot(path: Path, studies: list[Group], at_s: float, *, dark: bool, force: b
             panels,
             file,
             format="svg" if path.suffix == ".svg" else "png",
-            title=f"The error after {at_s:g} s, by timestep",
+            title=Message("The error after {at:g} s, by timestep", at=at_s),
             dark=dark,
         )

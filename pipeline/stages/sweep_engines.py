@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pipeline.analysis.drop.analysis import analysis_of
 from pipeline.analysis.drop.results import Analysis, Rest
 from pipeline.engines.worlds import Worlds
+from pipeline.messages import Message
 from pipeline.recording.rows import tables_of
 from pipeline.scenario import Engine, Scenario
 from pipeline.stages.recorded import BATCH, made_with
@@ -131,9 +132,10 @@ def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> Fall:
 
 def _cause(rest: Rest, analysis: Analysis) -> str | None:
     if rest.terms_m is not None:
-        return "slop, solver"
+        return Message("slop, solver")
     if rest.sinks_m is not None:
-        return "soft contact" if analysis.engine.solref is not None else "compliance"
+        soft = analysis.engine.solref is not None
+        return Message("soft contact") if soft else Message("compliance")
     return None
 
 
