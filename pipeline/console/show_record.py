@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from pipeline.console.output import counted, made, note, print_json, print_lines, titled
+from pipeline.console.output import columns_of, counted, made, note, print_json, print_lines, titled
 from pipeline.console.words import SCRIPT
-from pipeline.messages import Message
+from pipeline.messages import Message, translated
 
 if TYPE_CHECKING:
     from pipeline.stages.record import Recorded
@@ -64,5 +64,9 @@ def record_lines(recorded: Recorded) -> list[str]:
         megabytes=recorded.bytes / 1e6,
         wall_s=recorded.wall_s,
     )
-    lines = made(Message("recorded"), recorded.recording, facts, column=10)
-    return [*titled(SCRIPT, ENDED[recorded.ended], column=10, style="dim"), *lines]
+    title = Message("recorded")
+    column = 2 + max(columns_of(translated(head)) for head in (title, SCRIPT))
+    return [
+        *titled(SCRIPT, ENDED[recorded.ended], column=column, style="dim"),
+        *made(title, recorded.recording, facts, column=column),
+    ]
