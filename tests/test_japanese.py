@@ -218,11 +218,25 @@ def test_columns_are_where_they_are_in_english(
     assert ends[0] == ends[1]
 
 
-def test_json_is_the_same_in_both_languages(drop: Drop, standard: Run) -> None:
-    command = ("analyze", standard.simulation.recording, "--out", "layer.rrd", "--force", "--json")
-    english, japanese = (drop(*command, DROP_LANG=language).stdout for language in ("en", "ja"))
-    assert japanese == english
-    assert not JAPANESE.search(english)
+@pytest.mark.parametrize(
+    "command", ["analyze RUN --out layer.rrd --force", "info RUN", "check RUN --against RUN"]
+)
+def test_json_is_the_same_in_both_languages(drop: Drop, standard: Run, command: str) -> None:
+    words = command.replace("RUN", str(standard.simulation.recording)).split()
+    english, japanese = (drop(*words, "--json", DROP_LANG=language) for language in ("en", "ja"))
+    assert japanese.stdout == english.stdout
+    assert english.stdout.startswith("{")
+    assert not JAPANESE.search(english.stdout)
+
+
+def test_only_what_is_shown_is_translated() -> None:
+    """Results, recordings and errors in Python are English because nothing else translates."""
+    translates = {
+        path.relative_to(PACKAGE).parts[0]
+        for path in PACKAGE.rglob("*.py")
+        if re.search(r"\b(translated|localized)\(", path.read_text(encoding="utf-8"))
+    }
+    assert translates == {"console", "figures", "messages.py"}
 
 
 @pytest.mark.usefixtures("japanese")
