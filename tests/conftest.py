@@ -29,11 +29,6 @@ settings.load_profile("drop")
 Drop = Callable[..., subprocess.CompletedProcess[str]]
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest tests, so that none is left when the others are done."""
-    items.sort(key=lambda item: item.get_closest_marker("long") is None)
-
-
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip a test that needs what only `[dev]` brings, where that is not installed."""
     for mark in item.iter_markers("needs"):
@@ -48,10 +43,11 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Let a test that skips fail in CI, whatever its reason: what it needs is there.
 
-    But CI runs all tests with `[test]` first, and then, with `[dev]`, `pytest -m needs`.
+    But CI runs `pytest` with `[test]` first, and then, with `[dev]`, `pytest -m "needs or long"`.
     """
     report = yield
-    later = item.get_closest_marker("needs") is not None and not item.config.option.markexpr
+    first = "needs" not in item.config.option.markexpr
+    later = item.get_closest_marker("needs") is not None and first
     if report.skipped and os.environ.get("CI") and not later:
         report.outcome = "failed"
         report.longrepr = f"in CI nothing is skipped: {report.longrepr}"

@@ -18,6 +18,8 @@ from pipeline import Camera, Scenario, simulate
 from pipeline.engines.bullet import camera_frames
 from pipeline.recording.reader import Recording, frames, read
 
+pytestmark = pytest.mark.long
+
 EGL = Camera(renderer="egl", capture_every=20, size_px=(160, 120))
 SHORT = Scenario(duration_s=0.25)
 

@@ -129,6 +129,7 @@ def test_all_share_the_integrator(
     assert 1e-8 < rounding_m < 2e-7 if engine == "physx" else rounding_m < 1e-15
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("engine", OTHERS)
 def test_the_same_run_is_the_same_to_the_bit(
     tmp_path: Path, drop_process: Drop, engine: str

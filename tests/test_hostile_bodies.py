@@ -226,6 +226,7 @@ def test_the_limits_of_joints_are_those_of_pybullet(
         )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("star", [True, False])
 def test_many_links_are_counted_in_one_pass(tmp_path: Path, star: bool) -> None:
     """With 20,000 links, also in reverse order, one pass per link would take minutes."""

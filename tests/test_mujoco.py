@@ -182,6 +182,7 @@ def test_a_shorter_time_constant_is_stiffer() -> None:
     assert rest_depth_m(9.81, 4, (-100.0, -10.0), SOLIMP) is None
 
 
+@pytest.mark.long
 def test_the_same_run_is_the_same_to_the_bit(tmp_path: Path, drop_process: Drop) -> None:
     tumbling = ("--spin", "3,5,-2", "--velocity", "1,0,1", "--no-camera", "--engine", "mujoco")
     for name in ("a.rrd", "b.rrd"):

@@ -36,6 +36,7 @@ def test_what_is_public_is_listed_and_helped_with() -> None:
     assert all(re.search(rf"^    {name}\(", told, re.MULTILINE) for name in functions)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("page", ["README.md", "README.ja.md"])
 def test_the_readmes_script_runs_twice(page: str, tmp_path: Path) -> None:
     (script,) = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text("utf-8"), re.DOTALL)
