@@ -14,6 +14,8 @@ from pipeline.scenario import Camera, Scenario
 
 Given = Mapping[str, Any]
 """The values given on the command line, by parameter name."""
+LONGEST = 40
+"""Characters that the choices of an option may take in its help, on a terminal of 50 columns."""
 
 
 def a_number(given: Any) -> Any:  # noqa: ANN401
@@ -105,6 +107,8 @@ def _parameter(
     else:
         default = spec.left_to if spec.is_left else spec.default
         metavar = "|".join(spec.choices) or spec.kind.metavar
+        if len(metavar) > LONGEST:
+            metavar = "NAME"
         valued = typer.Option(
             option, help=f"{help} [default: {default}]", rich_help_panel=panel,
             show_default=False, metavar=metavar, autocompletion=lambda: spec.choices,

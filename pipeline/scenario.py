@@ -175,7 +175,8 @@ class Scenario(Optioned):
         "--engine", "Engine that drops the body.", default="bullet", choices=get_args(Engine)
     )
     integrator: Integrator | None = option(
-        "--integrator", "Integrator of MuJoCo (euler …) or Drake (discrete …).",
+        "--integrator",
+        "Of MuJoCo: euler, rk4, implicit, implicitfast; of Drake: discrete, continuous.",
         default=None, shown="default", choices=get_args(Integrator),
     )  # fmt: skip
     stepped: bool = option("--no-step", "Mistake 1: never call stepSimulation.", default=True)

@@ -156,7 +156,7 @@ def test_lines_are_as_wide_as_the_terminal_between_50_and_100_columns(
         drop_process("record", "-o", f"script-{boxes}.rrd", "script.py")
     widest = 0
     for command in (
-        "--help", "record -h", "analyze run.rrd", "info run.rrd", "info script-3.rrd",
+        "--help", "simulate -h", "analyze run.rrd", "info run.rrd", "info script-3.rrd",
         "analyze script-1.rrd", "analyze script-3.rrd", "analyze no-recording-of-this-name.rrd",
         f"sweep -o s{columns} --timestep 1/240,1/480,1/960 --no-record", "render run.rrd",
     ):  # fmt: skip
