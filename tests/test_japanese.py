@@ -142,6 +142,7 @@ def test_the_catalogue_is_the_one_that_its_generator_makes() -> None:
         ({"DROP_LANG": "en", "LANG": "ja_JP.UTF-8"}, "Finding"),
         ({"DROP_LANG": "xx", "LANG": "ja_JP.UTF-8"}, "Finding"),
         ({"DROP_LANG": "", "LANG": "ja_JP.UTF-8"}, "指摘"),
+        ({"DROP_LANG": "en", "LANGUAGE": "ja"}, "Finding"),
         ({"LANGUAGE": "ja:en", "LANG": "en_US.UTF-8"}, "指摘"),
         ({"LANGUAGE": "en:ja", "LANG": "ja_JP.UTF-8"}, "Finding"),
     ],
