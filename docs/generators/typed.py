@@ -22,6 +22,7 @@ from cli import app
 from pipeline.sweeping.engines import dismiss
 
 ROOT = Path(__file__).parents[2]
+os.environ["DROP_LANG"] = "en"  # what pages show is in English, whoever makes them
 
 PROGRAMS = {
     "pip": (":", "installs; the extras it names are checked"),
@@ -66,8 +67,7 @@ def run_command(command: str, folder: Path) -> tuple[int, str]:
     if words[:1] != ["drop"]:
         return _in_bash(command, folder)
     with contextlib.chdir(folder):
-        english = {"COLUMNS": "80", "FORCE_COLOR": None, "DROP_LANG": "en"}
-        done = CliRunner(env=english).invoke(app, words[1:])
+        done = CliRunner(env={"COLUMNS": "80", "FORCE_COLOR": None}).invoke(app, words[1:])
         dismiss()  # these workers were started in this folder, which will be removed
     if done.exception is None or isinstance(done.exception, SystemExit):
         return done.exit_code, done.output
@@ -95,7 +95,7 @@ def _in_bash(command: str, folder: Path) -> tuple[int, str]:
         ["bash", "-euc", head + command],
         cwd=folder,
         env={**os.environ, "PYTHON": sys.executable, "PYTHONPATH": str(ROOT), "COLUMNS": "80",
-             "DROP_LANG": "en", "ROOT": str(ROOT),
+             "ROOT": str(ROOT),
              "SCRATCH": str(folder), "SLURM_JOB_NODELIST": "node"},
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         timeout=120, check=False,
