@@ -30,6 +30,8 @@ from pipeline import Scenario, colours, simulate
 from pipeline.analysis.script.cause import Side
 from pipeline.analysis.script.comparison import ScriptComparison, compare_scripts
 from pipeline.analysis.script.difference import Difference
+from pipeline.analysis.script.input_differences import input_differences
+from pipeline.analysis.script.sample_differences import paired
 from pipeline.errors import OutputError, RecordingError
 from pipeline.recording import schema
 from pipeline.recording import viewer as program
@@ -254,6 +256,20 @@ def test_a_body_that_is_missing_or_more(recording: Record, golden: Path) -> None
     assert result.other_call.golden.function == "loadURDF"
     more = compared(golden, recording(*without))
     assert more.first == Difference(0, "2_arm", None, "there", 1.0, 0.0)
+
+
+def test_differences_are_always_listed_in_the_same_order(recording: Record, golden: Path) -> None:
+    more = "".join(
+        f"p.createMultiBody(1, basePosition=[{number}, 5, 9], baseVisualShapeIndex=-1)\n"
+        for number in range(9)
+    )
+    path = recording(("arm = ", f"{more}arm = "))
+    seen = read_script(path).seen
+    missing = input_differences(seen, read_script(golden).seen)
+    labels = [difference.body for _, difference in missing if difference.column == "there"]
+    assert labels == sorted(labels)
+    assert len(labels) >= 9
+    assert list(paired(seen, seen).bodies) == list(seen.bodies)
 
 
 def test_the_calls_before_it_and_the_other_call_are_reported(
