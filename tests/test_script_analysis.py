@@ -663,6 +663,67 @@ def test_rounding_of_impulses_that_are_taken_back_is_no_mismatch(
     assert body_of(analysis, 0).unexplained == []
 
 
+DEEP = "a btRigidBody deep in another"
+UNREPORTED = {
+    "sliding friction behind rolling friction": (
+        FLOOR + "p.setPhysicsEngineParameter(enableConeFriction=0)\n"
+        'b = p.loadURDF("sphere_small.urdf", [0, 0, 0.05])\n'
+        "p.changeDynamics(b, -1, rollingFriction=0.01)\n"
+        "p.resetBaseVelocity(b, [1, 0.5, 0], [3, 2, 1])\nsteps(30)",
+        "rolling friction with enableConeFriction=0",
+    ),
+    "split impulse beside rolling friction": (
+        GRAVITY + """
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+p.createMultiBody(0, box, useMaximalCoordinates=True)
+b = p.loadURDF("sphere_small.urdf", [.02, 0, .07], useMaximalCoordinates=True)
+p.changeDynamics(b, -1, rollingFriction=0.01, spinningFriction=0.01)
+p.resetBaseVelocity(b, [0, 0, 0], [3, 2, 1])
+steps(10)
+""",
+        DEEP,
+    ),
+    "split impulse from a link that is not shown": (
+        GRAVITY + """
+p.loadURDF("cube_no_rotation.urdf", useMaximalCoordinates=True)
+p.loadURDF("cube_small.urdf", [.3, .02, .47], useMaximalCoordinates=True)
+steps(10)
+""",
+        DEEP,
+    ),
+}  # fmt: skip
+"""What PyBullet does not report, and the reason that is given for it."""
+
+
+@pytest.mark.parametrize("what", UNREPORTED)
+def test_what_pybullet_does_not_report_is_no_mismatch(analyzed: Analyzed, what: str) -> None:
+    scene, reason = UNREPORTED[what]
+    _, analysis = analyzed(scene)
+    assert {each.reason.partition(":")[0] for each in body_of(analysis, 1).unexplained} == {reason}
+    assert "law-mismatch" not in codes(analysis)
+
+
+@pytest.mark.parametrize(
+    ("scene", "column"),
+    [
+        (UNREPORTED["sliding friction behind rolling friction"][0], "x_m"),
+        (UNREPORTED["split impulse beside rolling friction"][0], "vx_m_s"),
+        (REASONS["turned it or changed its mass"].replace("{maximal}", "True"), "vx_m_s"),
+    ],
+    ids=["rolling friction", "split impulse", "inertia"],
+)
+def test_a_reason_does_not_cover_what_was_altered(
+    analyzed: Analyzed, scene: str, column: str
+) -> None:
+    """The position still follows from the velocities, or the momentum still closes."""
+    recording, analysis = analyzed(scene)
+    step = body_of(analysis, 1).unexplained[0].first_step
+    value = pl.col(column)
+    there = (pl.col("body") == 1) & (pl.col("step") == step)
+    states = recording.seen.states.with_columns(pl.when(there).then(value + 1e-6).otherwise(value))
+    assert "law-mismatch" in codes(analyze(replace(recording.seen, states=states)))
+
+
 def test_a_mass_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None:
     """PyBullet loses the mass of a btRigidBody that is told its inertia alone, as memory has it."""
     recording, _ = analyzed(SCENES["free fall"][0].replace("{maximal}", "True"))

@@ -46,6 +46,8 @@ class Segments:
 
     Where law and contacts do not lead to a sample: whether it reached the limit to the bit.
     """
+    moved: NDArray[np.bool_]
+    """Whether the body is where its velocities, whatever their cause, moved it."""
 
     def placed_at(self, motion: Motion, start: Motion, law: Law) -> Segments:
         """Return the same with the first sample checked against a known start."""
@@ -169,7 +171,7 @@ def segments_of(
     deviation = np.max([place_m, turn, off_m_s, off_rad_s], axis=0)
     follows = (code == FLIGHT) | (np.isin(code, (CONTACT, PUSHED)) & balanced)
     held = np.where(follows, law.limited(before) | balance.held, _at_limit(law, before, motion))
-    return Segments(code, deviation, balance, held)
+    return Segments(code, deviation, balance, held, there)
 
 
 def _at_limit(law: Law, before: Motion, motion: Motion) -> NDArray[np.bool_]:
@@ -190,14 +192,15 @@ def still_segments(motion: Motion) -> Segments:
     )
     deviation = np.abs(state - state[0]).max(axis=1)
     code = np.where(deviation == 0, STILL, UNEXPLAINED).astype(np.int8)
-    return Segments(code, deviation, None, np.zeros(len(motion), dtype=bool))
+    return Segments(code, deviation, None, np.zeros(len(motion), dtype=bool), code == STILL)
 
 
 def jointed_segments(samples: int) -> Segments:
     """Return the segments of a body with joints, of which only the release is explained."""
     code = np.full(samples, JOINTED, np.int8)
     code[0] = SET
-    return Segments(code, np.zeros(samples), None, np.zeros(samples, dtype=bool))
+    held, moved = np.zeros(samples, dtype=bool), np.ones(samples, dtype=bool)
+    return Segments(code, np.zeros(samples), None, held, moved)
 
 
 _VECTORS = ("position_m", "velocity_m_s", "spin_rad_s")

@@ -51,17 +51,23 @@ REASONS = (
         "contact with or a push of a btRigidBody right after a call turned it or changed its mass: "
         "Bullet turns it with its previous inertia"
     ),
+    Message(
+        "rolling friction with enableConeFriction=0: PyBullet reports its torque in place of the "
+        "force of sliding friction"
+    ),
     Message("a state that is not finite"),
     Message("unknown: nothing recorded explains it"),
 )
 """Why a sample is unexplained, by number; 0 where it is explained."""
 (
-    SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, TIMELESS, SPLIT, STALE, INFINITE,
-    UNKNOWN,
+    SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, TIMELESS, SPLIT, STALE, ROLLS,
+    INFINITE, UNKNOWN,
 ) = range(1, len(REASONS))  # fmt: skip
 
 SPLITS = {"contactSlop": CONTACT_SLOP_M, "splitImpulsePenetrationThreshold": -0.04}
 """Defaults that decide where Bullet splits an impulse [m]: `btContactSolverInfo.h`."""
+HIDDEN = -1
+"""What PyBullet calls the body of a link that it does not show: always a btRigidBody."""
 DISABLE_SLEEPING = 2
 """Of `activationState`."""
 
@@ -157,7 +163,9 @@ def judged(
     reason = np.zeros(rows, np.int8)
     deviation, energy_j = np.zeros((2, rows))
     impulse_n_s, point_energy_j = np.zeros((rows, 3)), np.zeros(len(touches.step))
-    falls, held, split = np.zeros((3, rows), dtype=bool)
+    falls, held, split, masked = np.zeros((4, rows), dtype=bool)
+    # Of the change of velocity, and of the move by the new one.
+    linear, moved = np.zeros((2, rows), dtype=bool)
     laws: list[tuple[Epoch, Law | None]] = []
     jointed = bool(track.body.joints)
     rolls = _with(touches, rolling, track)
@@ -196,14 +204,22 @@ def judged(
         point_energy_j[points] = balance.point_energy_j
         falls[part] = segments.code == FLIGHT
         reason[part] = SOFT if soft else _reason(track.body, epoch, law)
+        motion, deep = track.motion.at(part), _deep(epoch, theirs, rigid)
+        masked[part] = rolls[part] & _masked(epoch, theirs, rigid)
+        linear[part] = balance.closes_linear(motion)
         # It moves bodies, but does not change their velocities.
-        split[part] = _deep(epoch, theirs, rigid) & balance.closes(track.motion.at(part))
+        split[part] = deep & (balance.closes(motion) | (rolls & linear | masked)[part])
+        moved[part] = segments.moved | deep
     forced = np.asarray(np.hstack((track.force_n, track.torque_n_m)).any(axis=1))
     reason[forced & (reason == SUBSTEPS)] = PUSHES
     states = [getattr(each, name) for each in (track.motion, track.before) for name in NUMBERS]
     reason[~np.isfinite(np.hstack(states)).all(axis=1)] = INFINITE
-    reason[split & (reason == UNKNOWN)] = SPLIT
-    reason[_stale(track, touches, forced) & (reason == UNKNOWN)] = STALE
+    for number, why in (
+        (ROLLS, masked & moved),
+        (SPLIT, split),
+        (STALE, _stale(track, touches, forced) & linear & moved),
+    ):
+        reason[why & (reason == UNKNOWN)] = number
     open_ = code == UNEXPLAINED
     code[open_ & (track.constrained | _with(touches, springy, track))] = JOINTED
     code[(code != UNEXPLAINED) & track.put & track.led & (code != JOINTED)] = SET
@@ -256,7 +272,7 @@ def _deep(epoch: Epoch, touches: Touches, rigid: frozenset[int]) -> Flags:
     `btSequentialImpulseConstraintSolver::setupContactConstraint`: where distance and slop are not
     above a threshold. PyBullet ignores a threshold or slop below 0.
     """
-    moved = np.zeros(epoch.rows.stop - epoch.rows.start, dtype=bool)
+    moves = np.zeros(epoch.rows.stop - epoch.rows.start, dtype=bool)
     given = epoch.settings.values
     if epoch.dynamics.reported["kind"][0] == RIGID and given.get("set_useSplitImpulse", 1) != 0:
         slop_m, most_m = (
@@ -264,8 +280,27 @@ def _deep(epoch: Epoch, touches: Touches, rigid: frozenset[int]) -> Flags:
             for name, default in SPLITS.items()
         )
         deep = touches.distance_m + slop_m <= most_m
-        moved[touches.step[deep & np.isin(touches.other_body, list(rigid))]] = True
-    return moved
+        moves[touches.step[deep & _meets(touches, rigid)]] = True
+    return moves
+
+
+def _meets(touches: Touches, rigid: frozenset[int]) -> NDArray[np.bool_]:
+    """Return at which points a body touches a btRigidBody, (points,)."""
+    return np.isin(touches.other_body, [HIDDEN, *rigid])
+
+
+def _masked(epoch: Epoch, touches: Touches, rigid: frozenset[int]) -> Flags:
+    """Return in which samples a reported friction may be rolling friction.
+
+    `btMultiBodyConstraintSolver::addMultiBodyTorsionalFrictionConstraint`: with cone friction off
+    its rows precede those of sliding friction, whose forces PyBullet reads at the first of both.
+    Not between two btRigidBodies, which another solver has.
+    """
+    masked = np.zeros(epoch.rows.stop - epoch.rows.start, dtype=bool)
+    if epoch.settings.values.get("set_enableConeFriction", 1) == 0:
+        alone = epoch.dynamics.reported["kind"][0] == RIGID
+        masked[touches.step[~(alone & _meets(touches, rigid))]] = True
+    return masked
 
 
 def _reason(body: Body, epoch: Epoch, law: Law) -> int:
