@@ -724,6 +724,37 @@ def test_a_reason_does_not_cover_what_was_altered(
     assert "law-mismatch" in codes(analyze(replace(recording.seen, states=states)))
 
 
+@pytest.mark.parametrize("later", [0, 5])
+def test_what_is_added_without_mass_as_a_btrigidbody_stands(analyzed: Analyzed, later: int) -> None:
+    """Bullet gives such a body neither gravity nor steps; a contact still changes its velocity."""
+    recording, analysis = analyzed(f"""
+p.setGravity(3, 0, -9.81)
+ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
+gone = p.loadURDF("sphere_small.urdf", useMaximalCoordinates=True)
+p.removeBody(gone)
+p.changeDynamics(gone, -1, mass=1)
+a = p.loadURDF("sphere_small.urdf", useMaximalCoordinates=True, useFixedBase=True)
+b = p.createMultiBody(0, ball, -1, [2, 0, 0], useMaximalCoordinates=True)
+p.createMultiBody(1, ball, -1, [2, 0, .22])
+steps({later})
+for each in (a, b): p.changeDynamics(each, -1, mass=1)
+steps(30)
+""")
+    led = 30 - (later > 0)  # until a body has mass it is not sampled
+    assert body_of(analysis, 0).segments["still"] == led
+    standing = body_of(analysis, 1)
+    (held,) = standing.unexplained
+    forced = [step for step in steps_with_forces(recording.seen, 1) if step > later]
+    assert (held.samples, held.first_step) == (len(forced), min(forced))
+    assert held.reason.startswith("a btRigidBody that was added without mass")
+    assert standing.segments["still"] == led - held.samples
+    assert "law-mismatch" not in codes(analysis)
+    there = (pl.col("body") == 1) & (pl.col("step") == max(forced))
+    lower = pl.when(there).then(pl.col("z_m") - 1e-9).otherwise(pl.col("z_m"))
+    seen = replace(recording.seen, states=recording.seen.states.with_columns(lower))
+    assert found(analyze(seen), "law-mismatch").body == "1_link0"
+
+
 def test_a_mass_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None:
     """PyBullet loses the mass of a btRigidBody that is told its inertia alone, as memory has it."""
     recording, _ = analyzed(SCENES["free fall"][0].replace("{maximal}", "True"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from pipeline.analysis.general.segments import (
     segments_of,
     unbroken,
 )
-from pipeline.analysis.script.tracks import NUMBERS, Epoch, Flags, Track
+from pipeline.analysis.script.tracks import NUMBERS, POSE, Epoch, Flags, Track
 from pipeline.laws.base import EXACT_MACHINES, Law
 from pipeline.laws.bullet_air import EPSILON
 from pipeline.laws.bullet_contact import CONTACT_SLOP_M
@@ -55,13 +55,17 @@ REASONS = (
         "rolling friction with enableConeFriction=0: PyBullet reports its torque in place of the "
         "force of sliding friction"
     ),
+    Message(
+        "a btRigidBody that was added without mass: Bullet never moves it, even if it gets mass "
+        "later, but lets contact and pushes change its velocity"
+    ),
     Message("a state that is not finite"),
     Message("unknown: nothing recorded explains it"),
 )
 """Why a sample is unexplained, by number; 0 where it is explained."""
 (
     SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, TIMELESS, SPLIT, STALE, ROLLS,
-    INFINITE, UNKNOWN,
+    STANDS, INFINITE, UNKNOWN,
 ) = range(1, len(REASONS))  # fmt: skip
 
 SPLITS = {"contactSlop": CONTACT_SLOP_M, "splitImpulsePenetrationThreshold": -0.04}
@@ -175,6 +179,10 @@ def judged(
         )
         laws.append((epoch, law))
         part = epoch.rows
+        if epoch.stands:
+            code[part] = np.where(track.led & _same(track, NUMBERS), STILL, code)[part]
+            reason[part] = np.where(_same(track, POSE), STANDS, UNKNOWN)[part]
+            continue
         if law is None:
             code[part] = np.where(track.led[part], JOINTED, code[part])
             continue
@@ -319,12 +327,19 @@ def _is_given(given: Mapping[str, Any], name: str) -> bool:
     return isinstance(value, int | float) and value >= 0
 
 
+def _same(track: Track, names: Sequence[str]) -> Flags:
+    """Return in which samples some numbers are those that the step began with."""
+    after, before = (
+        np.hstack([getattr(motion, name) for name in names])
+        for motion in (track.motion, track.before)
+    )
+    return np.asarray((after == before).all(axis=1))
+
+
 def _asleep(track: Track, code: Int8, reason: Int8) -> None:
     """Mark the samples at which a body that may fall asleep did not move at all."""
-    after = [getattr(track.motion, name) for name in NUMBERS]
-    before = [getattr(track.before, name) for name in NUMBERS]
-    same = (np.hstack(after) == np.hstack(before)).all(axis=1) & track.led
-    at_rest = ~np.hstack(after[2:]).any(axis=1)
+    same = _same(track, NUMBERS) & track.led
+    at_rest = ~np.hstack((track.motion.velocity_m_s, track.motion.spin_rad_s)).any(axis=1)
     may = np.zeros(len(track), dtype=bool)
     for epoch in track.epochs:
         state = epoch.given.get("activationState", 0)

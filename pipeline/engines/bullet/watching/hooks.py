@@ -252,6 +252,10 @@ class Watch:
             key = (name, _text(arguments.get("jointIndex")))
             if key in world.moved.get(_body(arguments), ()):
                 world.sync()
+        elif name == "changeDynamics" and "mass" in arguments:
+            body = _body(arguments)
+            if body is not None:
+                world.before_mass(body)
         elif name in PUSHES or (name in MOVES_ALL and world.moved):
             world.sync()  # a push acts at a point and along axes of the body's current pose
 
@@ -273,12 +277,16 @@ class Watch:
             world.files.update(dict.fromkeys(ids, text))
             world.flags.update(dict.fromkeys(ids, _number(arguments.get("flags", 0)) or 0))
             world.hiding.difference_update(ids)
+            for each in ids:
+                world.massless.pop(each, None)
             if arguments.get("useMaximalCoordinates") and arguments.get("linkMasses"):
                 world.hiding.update(ids)
             if name == "unsupportedChangeScaling" and body is not None:
                 world.fresh.add(body)
         if name in REMOVES_BODIES:
             world.stale_bodies = True
+        if name == "removeBody" and body is not None:
+            world.fresh.discard(body)
         if name == "createConstraint":
             self._guarded(world, lambda: _tell_constraint(world, arguments, result))
         if name == "removeConstraint":
