@@ -755,6 +755,43 @@ steps(30)
     assert found(analyze(seen), "law-mismatch").body == "1_link0"
 
 
+HIDING = {
+    'p.loadURDF("r2d2.urdf", useMaximalCoordinates=True)': [True],
+    'p.loadURDF("cube_small.urdf", useMaximalCoordinates=True)': [False],
+    'p.loadURDF("r2d2.urdf")': [False],
+    'p.loadURDF("two.urdf", useMaximalCoordinates=1)': [True],
+    'p.loadURDF("two.urdf", useMaximalCoordinates=1, flags=p.URDF_MERGE_FIXED_LINKS)': [False],
+    'p.loadSDF("gripper/wsg50_one_motor_gripper.sdf", True)': [True],
+    'p.loadSDF("stadium.sdf", useMaximalCoordinates=True)': [False] * 3,
+    'p.loadMJCF("mjcf/ant.xml", useMultiBody=0)': [True],
+    'p.loadMJCF("mjcf/capsule.xml", useMultiBody=0)': [False] * 2,
+}
+"""What loads bodies, and which of them have links that PyBullet does not show."""
+TWO_LINKS = """\
+<robot name="two">
+  <link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>
+  <link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>
+  <joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize("call", HIDING)
+def test_links_that_pybullet_does_not_show_are_known(
+    analyzed: Analyzed, tmp_path: Path, call: str
+) -> None:
+    (tmp_path / "two.urdf").write_text(TWO_LINKS)
+    search = f"p.setAdditionalSearchPath({str(tmp_path)!r})\n" if "two.urdf" in call else ""
+    recording, analysis = analyzed(f"{search}{call}\nsteps(3)")
+    bodies = recording.seen.bodies
+    assert [bodies[number].hides_links for number in sorted(bodies)] == HIDING[call]
+    assert "law-mismatch" not in codes(analysis)
+    reasons = {each.reason for body in analysis.bodies for each in body.unexplained}
+    assert reasons <= {
+        "links of a btRigidBody, which PyBullet does not show", "a state that is not finite",
+    }  # fmt: skip
+
+
 def test_a_mass_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None:
     """PyBullet loses the mass of a btRigidBody that is told its inertia alone, as memory has it."""
     recording, _ = analyzed(SCENES["free fall"][0].replace("{maximal}", "True"))

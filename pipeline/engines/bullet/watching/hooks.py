@@ -16,6 +16,7 @@ from typing import Any
 
 from . import pipe as protocol
 from .clock import CALL_S, Clock
+from .links import MODELS, links_in, path_of
 from .pipe import GoneError, Pipe
 from .quiet import Window
 from .turns import Turn
@@ -47,6 +48,9 @@ SETS_ENGINE = {
     "setRealTimeSimulation", "setInternalSimFlags", "loadBullet", "loadSDF", "loadMJCF",
 }  # fmt: skip
 PUSHES = {"applyExternalForce", "applyExternalTorque"}
+
+MERGE_FIXED_LINKS = 1 << 19
+"""Of the flags of `loadURDF`."""
 
 POLLS = {
     "getKeyboardEvents", "getMouseEvents", "getVREvents", "readUserDebugParameter", "isConnected",
@@ -126,6 +130,8 @@ class Watch:
         self._last_end = (0, 0.0)
         self._modules: list[tuple[ModuleType, dict[str, Any]]] = []
         self._shown: dict[str, str] = {}
+        self._search_path = ""
+        """Where PyBullet looks for files, in all simulations."""
         self._p = SimpleNamespace()
         self._undo: list[Callable[[], None]] = []
         self._process = os.getpid()
@@ -177,7 +183,7 @@ class Watch:
         special = {
             "connect": self._connecting, "disconnect": self._disconnecting,
             "stepSimulation": self._stepping, "resetSimulation": self._resetting,
-            "getCameraImage": self._photographing,
+            "getCameraImage": self._photographing, "setAdditionalSearchPath": self._searching,
         }.get(name)  # fmt: skip
         if special is None:
             passive = name in CHANGES_NOTHING or name.startswith(READS)
@@ -205,6 +211,18 @@ class Watch:
             return original(*args, **kwargs)
 
         return call
+
+    def _searching(self, name: str, original: Any) -> Callable[..., Any]:
+        passive = self._passive(name, original)
+
+        def search(*args: Any, **kwargs: Any) -> Any:
+            result = passive(*args, **kwargs)
+            path = _named(name, args, kwargs).get("path")
+            if type(path) is str:
+                self._search_path = path
+            return result
+
+        return search
 
     def _answer(
         self,
@@ -279,8 +297,7 @@ class Watch:
             world.hiding.difference_update(ids)
             for each in ids:
                 world.massless.pop(each, None)
-            if arguments.get("useMaximalCoordinates") and arguments.get("linkMasses"):
-                world.hiding.update(ids)
+            world.hiding.update(self._hiding(name, arguments, ids))
             if name == "unsupportedChangeScaling" and body is not None:
                 world.fresh.add(body)
         if name in REMOVES_BODIES:
@@ -325,6 +342,29 @@ class Watch:
                 flags=_number(arguments.get("flags", 0)),
             )  # fmt: skip
             self._guarded(world, world.sync)
+
+    def _hiding(self, name: str, arguments: dict[str, Any], ids: list[int]) -> list[int]:
+        """Return which of the bodies that a call created have links that PyBullet does not show."""
+        if name == "loadMJCF":
+            rigid = not arguments.get("useMultiBody", 1)
+        else:
+            rigid = bool(arguments.get("useMaximalCoordinates"))
+        if not rigid:
+            return []
+        if name not in MODELS:
+            return ids if arguments.get("linkMasses") else []
+        file = next(iter(arguments.values()), None)
+        path = path_of(file, self._search_path) if type(file) is str else None
+        if path is None:
+            return []
+        merged = (_number(arguments.get("flags", 0)) or 0) & MERGE_FIXED_LINKS
+        try:
+            links = links_in(path, name, merged=bool(merged) and name == "loadURDF")
+        except OSError:
+            return []
+        if len(links) != len(ids):  # which model is which is not known
+            links = [max(links, default=1)] * len(ids)
+        return [each for each, number in zip(ids, links) if number > 1]
 
     def _connecting(self, _: str, original: Any) -> Callable[..., Any]:
         def connect(*args: Any, **kwargs: Any) -> Any:
