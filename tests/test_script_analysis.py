@@ -792,6 +792,22 @@ def test_links_that_pybullet_does_not_show_are_known(
     }  # fmt: skip
 
 
+def test_what_a_call_gave_a_removed_body_is_not_given_to_the_next(analyzed: Analyzed) -> None:
+    """The first is gone before anything was recorded of it, and the second has its id."""
+    recording, analysis = analyzed(
+        GRAVITY
+        + """
+b = p.loadURDF("cube_small.urdf", [0, 0, 3])
+p.changeDynamics(b, -1, linearDamping=0.7, mass=3)
+p.removeBody(b)
+assert p.loadURDF("cube_small.urdf", [0, 0, 3]) == b
+steps(5)
+"""
+    )
+    assert recording.seen.by_body[0].given == []
+    assert body_of(analysis, 0).segments["flight"] == 5
+
+
 def test_a_mass_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None:
     """PyBullet loses the mass of a btRigidBody that is told its inertia alone, as memory has it."""
     recording, _ = analyzed(SCENES["free fall"][0].replace("{maximal}", "True"))

@@ -295,8 +295,7 @@ class Watch:
             world.files.update(dict.fromkeys(ids, text))
             world.flags.update(dict.fromkeys(ids, _number(arguments.get("flags", 0)) or 0))
             world.hiding.difference_update(ids)
-            for each in ids:
-                world.massless.pop(each, None)
+            world.forget_ids(ids)
             world.hiding.update(self._hiding(name, arguments, ids))
             if name == "unsupportedChangeScaling" and body is not None:
                 world.fresh.add(body)

@@ -237,6 +237,14 @@ class World:
             if dynamics[0] == 0 and dynamics[10] == RIGID:
                 self.massless[engine_id] = [dynamics]
 
+    def forget_ids(self, ids: list[int]) -> None:
+        """Note that new bodies have these ids: what calls did before concerned others."""
+        self._later = [each for each in self._later if each[0] not in ids]
+        for key in [key for key in self._motors if key[0] in ids]:
+            del self._motors[key]
+        for each in ids:
+            self.massless.pop(each, None)
+
     def _list_bodies(self) -> None:
         p, client = self._p, self.client
         ids = [p.getBodyUniqueId(index, client) for index in range(p.getNumBodies(client))]
