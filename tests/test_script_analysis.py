@@ -691,8 +691,21 @@ steps(10)
 """,
         DEEP,
     ),
+    "forces of points that the engine left out": (
+        """
+p.loadURDF("tray/tray.urdf", [0, 0, 0.1], globalScaling=1.73, useMaximalCoordinates=True)
+box = p.createCollisionShape(
+    p.GEOM_BOX, halfExtents=[.1, .1, .1], collisionFramePosition=[.05, 0, .02])
+turned = p.getQuaternionFromEuler([-1.726, 0.970, 2.912])
+p.createMultiBody(5.6, box, -1, [-0.223, -0.133, 0.255], turned, useMaximalCoordinates=True)
+p.changeDynamics(0, -1, contactProcessingThreshold=0)
+p.setPhysicsEngineParameter(useSplitImpulse=0)
+steps(100)
+""",
+        "contactProcessingThreshold",
+    ),
 }  # fmt: skip
-"""What PyBullet does not report, and the reason that is given for it."""
+"""What PyBullet does not report, or reports too long, and the reason that is given for it."""
 
 
 @pytest.mark.parametrize("what", UNREPORTED)

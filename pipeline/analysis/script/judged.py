@@ -59,13 +59,17 @@ REASONS = (
         "a btRigidBody that was added without mass: Bullet never moves it, even if it gets mass "
         "later, but lets contact and pushes change its velocity"
     ),
+    Message(
+        "contactProcessingThreshold: the engine leaves out points at a greater distance, of which "
+        "PyBullet goes on reporting the last force"
+    ),
     Message("a state that is not finite"),
     Message("unknown: nothing recorded explains it"),
 )
 """Why a sample is unexplained, by number; 0 where it is explained."""
 (
     SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, TIMELESS, SPLIT, STALE, ROLLS,
-    STANDS, INFINITE, UNKNOWN,
+    STANDS, LEFT_OUT, INFINITE, UNKNOWN,
 ) = range(1, len(REASONS))  # fmt: skip
 
 SPLITS = {"contactSlop": CONTACT_SLOP_M, "splitImpulsePenetrationThreshold": -0.04}
@@ -136,6 +140,7 @@ def judged(
     springy: frozenset[int],
     rigid: frozenset[int],
     rolling: frozenset[int],
+    nearest_m: Mapping[int, float],
     soft: bool,
     stepped: bool,
     machine: str,
@@ -154,6 +159,8 @@ def judged(
         Those that are btRigidBodies.
     rolling
         Bodies with rolling or spinning friction, whose torque PyBullet does not report.
+    nearest_m
+        The least contactProcessingThreshold that a call gave each body, by number.
     soft
         Whether there are soft bodies.
     stepped
@@ -225,6 +232,7 @@ def judged(
     for number, why in (
         (ROLLS, masked & moved),
         (SPLIT, split),
+        (LEFT_OUT, _left_out(track, touches, nearest_m) & moved),
         (STALE, _stale(track, touches, forced) & linear & moved),
     ):
         reason[why & (reason == UNKNOWN)] = number
@@ -309,6 +317,21 @@ def _masked(epoch: Epoch, touches: Touches, rigid: frozenset[int]) -> Flags:
         alone = epoch.dynamics.reported["kind"][0] == RIGID
         masked[touches.step[~(alone & _meets(touches, rigid))]] = True
     return masked
+
+
+def _left_out(track: Track, touches: Touches, nearest_m: Mapping[int, float]) -> Flags:
+    """Return in which samples a point was too far away for the engine to process.
+
+    That is beyond the lesser of both bodies' thresholds
+    (`btSequentialImpulseConstraintSolver::convertContact`).
+    """
+    own_m = nearest_m.get(track.body.number, math.inf)
+    others, which = np.unique(touches.other_body, return_inverse=True)
+    others_m = np.array([nearest_m.get(int(number), math.inf) for number in others])
+    left_out = np.zeros(len(track), dtype=bool)
+    if len(others):
+        left_out[touches.step[touches.distance_m > np.minimum(own_m, others_m[which])]] = True
+    return left_out
 
 
 def _reason(body: Body, epoch: Epoch, law: Law) -> int:
