@@ -35,8 +35,8 @@ CLOSES = 1e-12
 ULPS = 16
 """Allowed deviation of velocities while a body turns, in units of rounding of a step's terms.
 
-Measured: 5. Where something touched without a force, in units of what the solver may have tried:
-0.8 in 5,822 samples of 596 recordings, and 6.3 in one, where the touching body was 80 times as
+Measured: 5. Where something touched without a force, in units of what the solver may have tried: at
+most 0.8 in 5,822 samples of 596 recordings, and 6.3 in one, where the touching body was 80 times as
 fast.
 """
 

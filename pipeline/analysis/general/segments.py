@@ -5,10 +5,10 @@
 
 The segment of a sample is that of the step which led to it, so it depends on two samples and the
 contacts between them. Not covered, so `unexplained`: contact in a timestep of several substeps, of
-which PyBullet reports only the last; rolling and spinning friction, which it does not report; and
-the first step of a btRigidBody that touches something after it was turned or given another mass,
-since it is pushed with the inertia it was loaded with. Not covered, so `jointed`: bodies with
-joints.
+which PyBullet reports only the last; rolling and spinning friction, which it does not report, or,
+without cone friction, in place of sliding friction; and the first step of a btRigidBody that
+touches something after it was turned or given another mass, since it is pushed with the inertia it
+was loaded with. Not covered, so `jointed`: bodies with joints.
 """
 
 from __future__ import annotations

@@ -175,7 +175,7 @@ def judged(
     deviation, energy_j = np.zeros((2, rows))
     impulse_n_s, point_energy_j = np.zeros((rows, 3)), np.zeros(len(touches.step))
     falls, held, split, masked = np.zeros((4, rows), dtype=bool)
-    # Of the change of velocity, and of the move by the new one.
+    # Whether the momentum balances, and whether the body is where its velocities moved it.
     linear, moved = np.zeros((2, rows), dtype=bool)
     laws: list[tuple[Epoch, Law | None]] = []
     jointed = bool(track.body.joints)

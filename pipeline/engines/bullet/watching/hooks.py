@@ -352,7 +352,7 @@ class Watch:
             return []
         if name not in MODELS:
             return ids if arguments.get("linkMasses") else []
-        file = next(iter(arguments.values()), None)
+        file = arguments.get(ARGUMENTS[name][0])
         path = path_of(file, self._search_path) if type(file) is str else None
         if path is None:
             return []

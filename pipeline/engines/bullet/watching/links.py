@@ -11,7 +11,8 @@ FOLDERS = (
     "", "./data/", "../data/", "../../data/", "../../../data/", "../../../../data/",
 )  # fmt: skip
 """Where PyBullet looks for a file (`b3BulletDefaultFileIO::findFile`)."""
-MOST_BYTES = 10000000
+MOST_BYTES = 10_000_000
+"""Of a file that is read; a longer one is read up to here."""
 
 MODELS = {
     "loadURDF": (("robot",),),
@@ -62,6 +63,6 @@ def links_in(path: str, call: str, *, merged: bool) -> list[int]:
     parser.StartElementHandler, parser.EndElementHandler = start, end
     with open(path, "rb") as file:
         text = file.read(MOST_BYTES)
-    with contextlib.suppress(expat.ExpatError):
+    with contextlib.suppress(expat.ExpatError, LookupError, ValueError):  # also of its encoding
         parser.Parse(text, True)
     return links
