@@ -691,16 +691,15 @@ steps(10)
 """,
         DEEP,
     ),
-    "forces of points that the engine left out": (
-        """
-p.loadURDF("tray/tray.urdf", [0, 0, 0.1], globalScaling=1.73, useMaximalCoordinates=True)
-box = p.createCollisionShape(
-    p.GEOM_BOX, halfExtents=[.1, .1, .1], collisionFramePosition=[.05, 0, .02])
-turned = p.getQuaternionFromEuler([-1.726, 0.970, 2.912])
-p.createMultiBody(5.6, box, -1, [-0.223, -0.133, 0.255], turned, useMaximalCoordinates=True)
+    "force of a point that the engine left out": (
+        GRAVITY + """
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[1, 1, .1])
+ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
+p.createMultiBody(0, box, useMaximalCoordinates=True)
+p.createMultiBody(1, ball, -1, [0, 0, .3], useMaximalCoordinates=True)
+for each in (0, 1): p.changeDynamics(each, -1, restitution=.9)
 p.changeDynamics(0, -1, contactProcessingThreshold=0)
-p.setPhysicsEngineParameter(useSplitImpulse=0)
-steps(100)
+steps(50)
 """,
         "contactProcessingThreshold",
     ),
