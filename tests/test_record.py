@@ -30,7 +30,9 @@ from pipeline.engines.bullet.watching import pipe
 from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.recording import schema
 from pipeline.recording.script_reader import read_script
+from pipeline.stages.info import info
 from pipeline.stages.record import Recorded, record_script
+from pipeline.stages.record_block import record
 
 BANNER = "pybullet build time"
 
@@ -838,6 +840,51 @@ def test_what_is_no_script_is_one_line(bench: Bench) -> None:
     assert (done.returncode, bench.out.read_text()) == (1, "mine")
     done = bench.drop("record", "--python", "./no-such", script)
     assert "--python" in done.stderr
+
+
+def test_arguments_and_names_that_are_not_utf_8_reach_the_script(bench: Bench) -> None:
+    text = """
+import os, sys
+print(ascii(sys.argv))
+b = p.loadURDF("cube_small.urdf")
+p.getCameraImage(8, 8)
+p.stepSimulation()
+raise ValueError(sys.argv[1])
+"""
+    name = bench.script(scripts.HEAD + text, name="\udcff.py")
+    recorded, printed = bench.record(name, "a\udcff", "\ufffd")
+    assert printed.splitlines()[-1] == ascii([name, "a\udcff", "\ufffd"])
+    assert (recorded.samples, recorded.frames) == (2, 1)
+    assert recorded.error == "ValueError: a?"
+    assert info(bench.out).what == "'\ufffd.py' 'a\ufffd' '\ufffd', failed"
+    for arguments in (["a\0"], "text", [1]):
+        with pytest.raises(ScenarioError, match=r"^arguments must be a list of texts without null"):
+            record_script("script.py", arguments, is_module=True)  # type: ignore[arg-type]
+    with pytest.raises(ScenarioError, match=r"the script must be a Python file, got 'a.x00'"):
+        record_script("a\0")
+    with pytest.raises(DropError, match="cannot be started"):
+        bench.record(name, python="\0")
+
+
+def test_limits_are_numbers_of_any_library(bench: Bench) -> None:
+    script = bench.script(scripts.HEAD + "while True:\n    p.stepSimulation()")
+    recorded, _ = bench.record(
+        script, steps=np.int64(3), duration_s=np.float32(1), seed=np.uint8(4)
+    )
+    assert (recorded.ended, recorded.samples) == ("steps", 4)
+    assert " --steps 3 --duration 1 --seed 4 " in str(info(bench.out).command)
+    for value in (3.5, 3.0, True, "3", np.float64(3)):
+        for name in ("steps", "seed"):
+            with pytest.raises(ScenarioError, match=f"^{name} must be a whole number, got "):
+                bench.record(script, **{name: value})
+            with (
+                pytest.raises(ScenarioError, match=f"^{name} must be a whole number, got "),
+                record(bench.folder / "block.rrd", **{name: value}),
+            ):
+                pass
+    for duration_s in (True, "1", 1j, 10**400):
+        with pytest.raises(ScenarioError, match=r"^duration_s must be a number, got "):
+            bench.record(script, duration_s=duration_s)
 
 
 BLOCK = """

@@ -421,7 +421,7 @@ class Watch:
             "view": _vector(arguments.get("viewMatrix")),
             "projection": _vector(arguments.get("projectionMatrix")), "file": file, "line": line,
         }  # fmt: skip
-        head = json.dumps(note).encode()
+        head = protocol.encoded(note)
         self.pipe.send(protocol.IMAGE, protocol.IMAGE_HEAD.pack(len(head)) + head + data)
 
     def _stepping(self, name: str, original: Any) -> Callable[..., Any]:

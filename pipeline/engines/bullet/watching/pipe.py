@@ -51,7 +51,7 @@ class Pipe:
 
     def note(self, what: str, **values: Any) -> None:
         """Send a JSON object."""
-        self.send(NOTE, json.dumps({"what": what, **values}).encode())
+        self.send(NOTE, encoded({"what": what, **values}))
 
     def send(self, kind: bytes, payload: bytes) -> None:
         """Send a frame."""
@@ -112,6 +112,11 @@ class Pipe:
             return os.fstat(self._pipe).st_ino == self._inode
         except OSError:
             return False
+
+
+def encoded(note: dict[str, Any]) -> bytes:
+    """Return a JSON object as UTF-8; bytes of a file name that are not UTF-8 become `?`."""
+    return json.dumps(note, ensure_ascii=False).encode("utf-8", "replace")
 
 
 def frame(kind: bytes, payload: bytes) -> bytes:
