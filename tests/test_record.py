@@ -999,6 +999,82 @@ def test_a_stream_that_ends_at_any_byte_is_understood_up_to_there(cut: int) -> N
         assert whole <= max(cut, len(pipe.MAGIC)) < whole + pipe.HEADER.size + len(found) + 9
 
 
+@pytest.mark.parametrize(
+    "garbage",
+    [b"garbage" * 9, b"Some text of its own", b"\0" * 90],
+    ids=["no kind", "too long", "zeros"],
+)
+def test_frames_end_where_somebody_else_has_written_into_the_stream(garbage: bytes) -> None:
+    frames = Frames()
+    sent = [pipe.frame(pipe.SAMPLE, b"12345"), garbage, pipe.frame(pipe.SAMPLE, b"67890")]
+    found = list(frames.feed(pipe.MAGIC)) + [one for data in sent for one in frames.feed(data)]
+    assert found == [(pipe.SAMPLE, b"12345")]
+    assert frames.broken
+
+
+OVERWRITES = """
+for fd in range(3, 30):
+    try:
+        os.write(fd, b'garbage' * 9)
+    except OSError:
+        pass
+"""
+CLOSES = "os.closerange(3, 4096)\n"
+FILLS = "for i in range(4):\n    p.getCameraImage(300, 300)\n"
+
+
+@pytest.mark.parametrize(
+    ("does", "samples", "why"),
+    [
+        (OVERWRITES, None, "wrote into"),
+        (CLOSES + FILLS, 101, "closed"),
+        (CLOSES, 201, ""),  # the block of shared memory holds as much
+    ],
+    ids=["writes", "closes", "closes and does little"],
+)
+def test_a_recording_ends_where_the_script_takes_the_pipe_and_says_so(
+    bench: Bench, does: str, samples: int | None, why: str
+) -> None:
+    rest = "for i in range(100):\n    p.stepSimulation()\n"
+    notes: list[str] = []
+    recorded, _ = bench.record(bench.script(STEPS + does + rest), note=notes.append)
+    assert recorded.ended == "finished"
+    assert samples is None or recorded.samples == samples
+    counted = f"{recorded.samples} sample{'s' * (recorded.samples != 1)}"
+    told = f"the recording ends after {counted}: the script {why} drop's pipe"
+    assert notes == ([told] if why else [])
+    assert len(states(bench.out)) == recorded.samples
+
+
+def test_pybullet_that_is_imported_again_is_recorded_too(bench: Bench) -> None:
+    again = """
+import importlib, sys
+first = p.stepSimulation
+importlib.reload(p)
+p.stepSimulation()
+del sys.modules["pybullet"]
+import pybullet as q
+assert q is not p
+for step in (q.stepSimulation, p.stepSimulation, first):
+    step()
+show(q)
+"""
+    script = bench.script(STEPS + again)
+    bare = bench.bare(script)
+    recorded, printed = bench.record(script)
+    assert printed == bare.stdout
+    assert recorded.error == ""
+    assert recorded.samples == 105
+    block = (
+        "import sys\nfrom pipeline import record\nwith record('out.rrd', force=True) as block:\n"
+        "    del sys.modules['pybullet']\n    import pybullet as q\n"
+        "    q.stepSimulation()\n    kept = q.stepSimulation\nkept()\nq.stepSimulation()\n"
+        "assert 'Hook' not in str(type(q.stepSimulation))\nprint(block.recorded.samples)\n"
+    )
+    done = bench.bare(bench.script(STEPS + block))
+    assert done.stdout.splitlines()[-1] == "2", done.stderr
+
+
 def test_a_stream_of_another_version_is_refused() -> None:
     with pytest.raises(DropError, match="another version of drop"):
         list(Frames().feed(b"DROPREC\x02" + b"x" * 20))

@@ -158,7 +158,7 @@ def record_script(
                 note=note,
             )
     (ended,) = endings
-    if not script.samples:
+    if not script.samples and not process.decoder.cut_off:
         note("nothing was simulated: the script never connected to PyBullet, or loaded nothing")
     if process.decoder.real_time and not keep_sleeping:
         note(
