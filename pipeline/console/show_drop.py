@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +22,7 @@ from pipeline.console.output import (
     titled,
 )
 from pipeline.fields import LARGE, decimals, engineering, fraction
+from pipeline.messages import shell_command
 from pipeline.scenario import ENGINES, EXACT_INTEGRATORS
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def show_run(run: Run, *, as_json: bool) -> None:
 
 def run_lines(run: Run) -> list[str]:
     """Tell the whole story of a drop, and where it lies."""
-    command = shlex.join(["drop", "view", str(run.simulation.recording)])
+    command = shell_command("drop", "view", run.simulation.recording)
     return [
         *analysis_lines(run.analysis),
         "",

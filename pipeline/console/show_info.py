@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import shlex
 from typing import TYPE_CHECKING
 
-from pipeline.console.output import print_json, print_lines, titled
+from pipeline.console.output import pasteable, print_json, print_lines, titled
+from pipeline.messages import shell_command
 
 if TYPE_CHECKING:
     from pipeline.stages.info import Info
 
+COLUMN = 12
 MOST_BODIES = 6
 """Bodies that are told; all are in the JSON."""
 
@@ -29,7 +30,6 @@ def info_lines(info: Info) -> list[str]:
     bodies = [*info.bodies[:MOST_BODIES], *([f"and {more:,} more: see --json"] if more > 0 else [])]
     touching = f"{info.contact_samples:,} of them in contact" if info.contact_samples else ""
     times = f"{info.samples:,} in {info.duration_s:.9g} s"
-    analyze = shlex.join(["drop", "analyze", str(info.recording)])
     told = {
         "recording": f"{info.recording}, {info.bytes / 1e3:,.0f} kB, {state}",
         info.kind: info.what,
@@ -38,11 +38,13 @@ def info_lines(info: Info) -> list[str]:
         "frames": f"{info.frames:,}" if info.frames else "none",
         "engine": info.engine,
         "id": info.recording_id,
-        "again": info.command,
-        "analysis": f"{info.layer}" if info.layer else f"none yet: {analyze}",
     }
     lines = []
     for title, words in told.items():
-        if words is not None:
-            lines += titled(title, words, column=12, style="dim")
-    return lines
+        lines += titled(title, words, column=COLUMN, style="dim")
+    if info.command is not None:
+        lines += pasteable("again", info.command, column=COLUMN, style="dim")
+    if info.layer is not None:
+        return lines + titled("analysis", str(info.layer), column=COLUMN, style="dim")
+    analyze = f"none yet: {shell_command('drop', 'analyze', info.recording)}"
+    return lines + pasteable("analysis", analyze, column=COLUMN, style="dim")

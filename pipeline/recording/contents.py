@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from pipeline.errors import RecordingError
 from pipeline.fields import shown
 from pipeline.files.outputs import free_part_of, is_part
-from pipeline.messages import Message
+from pipeline.messages import Message, shell_command
 from pipeline.recording import columns, rrd, schema
 from pipeline.recording.checks import again, damaged
 from pipeline.recording.columns import Properties
@@ -71,7 +70,7 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
             "{path} cannot be read: {reason}; see: {command}",
             path=path,
             reason=error.strerror or str(error),
-            command=shlex.join(["ls", "-l", str(path)]),
+            command=shell_command("ls", "-l", path),
         ) from None
 
 
@@ -163,5 +162,5 @@ def _unfinished(path: Path, what: Message) -> RecordingError:
         "{path} is damaged: {what}; to read what it holds, rename it: {command}",
         path=path,
         what=what,
-        command=shlex.join(["mv", str(path), str(free_part_of(path))]),
+        command=shell_command("mv", path, free_part_of(path)),
     )

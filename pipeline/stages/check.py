@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import shlex
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from pipeline.errors import OutputError, RecordingError, ScenarioError, check_su
 from pipeline.figures.animation import decoded
 from pipeline.files.outputs import check_apart, check_target
 from pipeline.files.whole import replaced
+from pipeline.messages import shell_command
 from pipeline.recording import sealing
 from pipeline.recording.checks import again
 from pipeline.recording.reader import Recording, frames, is_recording, read
@@ -149,7 +149,7 @@ def check_replaceable(golden: Path, recording: Path, *, of_script: bool = False)
 
 def there_is_none(recording: Path, golden: Path) -> RecordingError:
     """Return the error for a golden recording that is not there."""
-    again = shlex.join(["drop", "check", str(recording), "--against", str(golden), "--update"])
+    again = shell_command("drop", "check", recording, "--against", golden, "--update")
     return RecordingError(
         f"there is no golden recording {golden}; to make {recording} the golden one: {again}"
     )
