@@ -86,6 +86,33 @@ def is_script(path: Path) -> bool:
     return first is not None and first.entity == f"__properties/{schema.ORIGIN_PROPERTY}"
 
 
+def check_of_drop(path: Path, *, otherwise: str) -> None:
+    """Make sure that a file is not the recording of a script.
+
+    Raises
+    ------
+    RecordingError
+        If it is, or is missing, damaged, or not a recording of ours; the message names the
+        function that takes it otherwise.
+    """
+    if is_script(path):
+        raise RecordingError(
+            "{path} must be the recording of a drop, got that of a script; call {function}",
+            path=path,
+            function=otherwise,
+        )
+
+
+def check_of_script(path: Path, *, otherwise: str) -> None:
+    """Make sure that a file is the recording of a script; raises as `check_of_drop` does."""
+    if not is_script(path):
+        raise RecordingError(
+            "{path} must be the recording of a script, got that of a drop; call {function}",
+            path=path,
+            function=otherwise,
+        )
+
+
 def gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> None:
     """Add a chunk's values to its property: `rerun rrd split` writes each in a chunk of its own.
 

@@ -12,7 +12,7 @@ from pipeline.analysis.drop.results import Analysis
 from pipeline.errors import check_suffix
 from pipeline.files.outputs import check_apart, check_target, refused
 from pipeline.files.table import check_table, write_table
-from pipeline.recording.contents import is_script
+from pipeline.recording.contents import check_of_drop, is_script
 from pipeline.recording.layer import is_layer, layer_of, write_layer
 from pipeline.recording.reader import read
 from pipeline.stages.narrative import events, findings_markdown
@@ -64,6 +64,7 @@ def analyze(
     path = Path(recording)
     layer, tables = outputs_of(path, out, table, force=force)
     progress("analyzing", 0, _PARTS)
+    check_of_drop(path, otherwise="analyze_script")
     read_back = read(path)
     progress("analyzing", 1, _PARTS)
     analysis = analysis_of(

@@ -20,6 +20,7 @@ from pipeline.files.whole import replaced
 from pipeline.messages import shell_command
 from pipeline.recording import sealing
 from pipeline.recording.checks import again
+from pipeline.recording.contents import check_of_drop
 from pipeline.recording.reader import Recording, frames, is_recording, read
 from pipeline.scenario import Camera
 from pipeline.shown import Shown
@@ -106,6 +107,7 @@ def check(
     """
     path, golden = Path(recording), Path(against)
     check_tolerance(tolerance_m)
+    check_of_drop(path, otherwise="check_script")
     run = _whole(path)
     if not update:
         if not os.path.lexists(golden):

@@ -20,7 +20,7 @@ from pipeline.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation, Play
 from pipeline.files.outputs import check_apart, check_kind, check_target
 from pipeline.files.whole import written_whole
 from pipeline.recording.checks import again
-from pipeline.recording.contents import is_script
+from pipeline.recording.contents import check_of_drop, is_script
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
 from pipeline.shown import Shown
@@ -111,6 +111,7 @@ def render(
         if named is None and not force:
             check_kind(target, beginning, MADE_BY_DROP)
 
+    check_of_drop(path, otherwise="render_script")
     read_back = read(path)
     analysis = analysis_of(
         read_back.scenario, read_back.engine, read_back.states, read_back.contacts
