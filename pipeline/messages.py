@@ -80,7 +80,8 @@ def _quoted(word: str) -> str:
     if word.isprintable() and "  " not in word:
         return shlex.quote(word)
     pairs = zip(" " + word, word, strict=False)
-    return f"$'{''.join(_escaped(one, after_space=before == ' ') for before, one in pairs)}'"
+    escaped = [_escaped(letter, after_space=before == " ") for before, letter in pairs]
+    return f"$'{''.join(escaped)}'"
 
 
 def _escaped(character: str, *, after_space: bool) -> str:

@@ -678,6 +678,37 @@ def test_a_script_that_fails_shows_its_own_traceback_and_exits_1(bench: Bench) -
     assert mine.stderr.splitlines()[-1].startswith("drop: the script failed: ValueError")
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        """
+def load():
+    p.loadURDF("nothing.urdf")
+try:
+    p.getBodyInfo(9)
+except p.error:
+    try:
+        load()
+    except p.error as error:
+        try:
+            import time; time.sleep("x")
+        except TypeError:
+            try:
+                raise RuntimeError("on purpose") from error
+            except RuntimeError as itself:
+                raise itself from itself
+""",
+        "import runpy; runpy.run_path('no such file')",
+        "if:",
+    ],
+    ids=["chain", "runpy", "syntax"],
+)
+def test_a_traceback_is_that_of_the_script(bench: Bench, text: str) -> None:
+    script = bench.script(STEPS + text)
+    bare, mine = bench.bare(script), bench.drop("record", script)
+    assert bare.stderr.strip() in mine.stderr
+
+
 @pytest.mark.parametrize("to_the_group", [True, False])
 def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool) -> None:
     script = bench.script(
