@@ -10,6 +10,7 @@ import functools
 import gettext
 import itertools
 import os
+import shlex
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Self
@@ -73,6 +74,40 @@ def translated(text: str) -> str:
 def localized(template: str, /, **values: object) -> str:
     """Return a message in the reader's language at once, for what is only ever shown."""
     return translated(Message(template, **values))
+def shell_command(*words: str | Path) -> str:
+    """Return a command as it can be pasted into a shell, bash or zsh.
+
+    A file whose name begins with a dash is given as `./-NAME`, so that it is no option. What a line
+    of ours does not keep, such as a newline or two spaces, is written in the escapes of `$'…'`.
+    """
+    texts = [
+        f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word)
+        for word in words
+    ]
+    return " ".join(map(_quoted, texts))
+
+
+def _quoted(word: str) -> str:
+    if word.isprintable() and "  " not in word:
+        return shlex.quote(word)
+    pairs = zip(" " + word, word, strict=False)
+    escaped = [_escaped(letter, after_space=before == " ") for before, letter in pairs]
+    return f"$'{''.join(escaped)}'"
+
+
+def _escaped(character: str, *, after_space: bool) -> str:
+    code = ord(character)
+    if character in "\\'":
+        return f"\\{character}"
+    if character in "\n\t":
+        return repr(character)[1:-1]
+    if character.isprintable() and not (character == " " and after_space):
+        return character
+    if 0xDC80 <= code <= 0xDCFF:  # a byte that is not UTF-8
+        return f"\\x{code - 0xDC00:02x}"
+    if code < 0x80:
+        return f"\\x{code:02x}"
+    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
 @functools.cache

@@ -19,6 +19,7 @@ from rerun.chunk import RrdReader
 from pipeline import Scenario, colours, simulate
 from pipeline.analysis.drop.case import Case, case_of
 from pipeline.analysis.drop.comparison import Side, compare
+from pipeline.analysis.general.decomposition import TERMS
 from pipeline.engines import other_world
 from pipeline.errors import DropError, ScenarioError
 from pipeline.recording import other_layer, writer
@@ -90,6 +91,35 @@ def test_physx_spins_by_its_law_to_the_bit() -> None:
         case = dropped(drawn("physx", seed))
         after = case.law.step(case.samples.before())
         assert np.array_equal(after.spin_rad_s[1:], case.samples.spin_rad_s[1:])
+
+
+@PHYSX
+def test_terms_add_up_though_physx_rounds_the_release_to_single_precision(
+    recorded: Recorder,
+) -> None:
+    recording = recorded(
+        engine="physx", height_m=2.06, velocity_m_s=(0.1, 0.0, 0.3), linear_damping=0.5, floor=False
+    )
+    analysis = judge(recording)
+    first = recording.states.row(0, named=True)
+    assert first["z_m"] == float(np.float32(2.06)) != 2.06
+    found = analysis.table.select("error_m", *(f"{name}_m" for name in TERMS)).to_numpy()
+    # The terms are below 1 m, so each of them, and each of their sums, rounds by 1.1e-16 m at most.
+    assert np.abs(found[:, 0] - found[:, 1:].sum(axis=1)).max() < 1e-15
+    assert found[0].tolist() == [first["z_m"] - 2.06, 0, 0, 0, first["z_m"] - 2.06]
+    # A flight begins with its first sample, whatever was asked for.
+    (flight,) = analysis.flights
+    assert flight.terms_m is not None
+    off_m = found[-1, 0] - flight.error_m[2]
+    speed_m_s = first["vz_m_s"] - 0.3
+    assert off_m == pytest.approx(first["z_m"] - 2.06 + speed_m_s * flight.end_s, abs=1e-14)
+    assert sum(getattr(flight.terms_m, name)[2] for name in TERMS) == pytest.approx(
+        flight.error_m[2], abs=1e-15
+    )
+    engine = recording.engine
+    speeds = [first[f"v{axis}_m_s"] for axis in "xyz"]
+    energy_j = engine.mass_kg * (np.dot(speeds, speeds) / 2 - engine.gravity_m_s2[2] * first["z_m"])
+    assert analysis.energy.initial_j == pytest.approx(energy_j, rel=1e-15)
 
 
 @pytest.mark.parametrize("engine", OTHERS)

@@ -9,12 +9,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pybullet as p
 import pytest
 from conftest import Drop
 
 import pipeline
 from pipeline import DropError, Run, Scenario, analyze, check, plan_of, simulate, sweep
-from pipeline.errors import PARAMETERS, OutputError, ScenarioError, in_parameters
+from pipeline.errors import PARAMETERS, OutputError, RecordingError, ScenarioError, in_parameters
 from pipeline.scenario import Camera
 
 ROOT = Path(__file__).parents[1]
@@ -23,10 +24,13 @@ ROOT = Path(__file__).parents[1]
 def test_what_is_public_is_listed_and_helped_with() -> None:
     functions = [
         "analyze",
+        "analyze_script",
         "check",
+        "check_script",
         "record",
         "record_script",
         "render",
+        "render_script",
         "run",
         "simulate",
         "sweep",
@@ -34,6 +38,32 @@ def test_what_is_public_is_listed_and_helped_with() -> None:
     assert set(functions) < set(dir(pipeline))
     told = pydoc.render_doc(pipeline, renderer=pydoc.plaintext)
     assert all(re.search(rf"^    {name}\(", told, re.MULTILINE) for name in functions)
+
+
+def test_the_recording_of_a_block_has_functions_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standard: Run
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pipeline.record("block.rrd"):
+        p.connect(p.DIRECT)
+        box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.1])
+        p.createMultiBody(1, box)
+        p.stepSimulation()
+        p.disconnect()
+    analysis = pipeline.analyze_script("block.rrd")
+    assert analysis.explained == {"samples": 2, "of": 2}
+    assert "1 flight, 1 set" in str(analysis)
+    assert pipeline.render_script("block.rrd").frames == 1
+    checked = pipeline.check_script("block.rrd", "block.rrd")
+    assert checked.same
+    assert "same" in str(checked)
+    for verb, *golden in (("analyze",), ("render",), ("check", "block.rrd")):
+        with pytest.raises(RecordingError, match=f"got that of a script; call {verb}_script$"):
+            getattr(pipeline, verb)("block.rrd", *golden)
+    Path("run.rrd").write_bytes(standard.simulation.recording.read_bytes())
+    for verb, *golden in (("analyze",), ("render",), ("check", "run.rrd")):
+        with pytest.raises(RecordingError, match=f"got that of a drop; call {verb}$"):
+            getattr(pipeline, f"{verb}_script")("run.rrd", *golden)
 
 
 @pytest.mark.long

@@ -30,7 +30,9 @@ from pipeline.engines.bullet.watching import pipe
 from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.recording import schema
 from pipeline.recording.script_reader import read_script
+from pipeline.stages.info import info
 from pipeline.stages.record import Recorded, record_script
+from pipeline.stages.record_block import record
 
 BANNER = "pybullet build time"
 
@@ -676,6 +678,37 @@ def test_a_script_that_fails_shows_its_own_traceback_and_exits_1(bench: Bench) -
     assert mine.stderr.splitlines()[-1].startswith("drop: the script failed: ValueError")
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        """
+def load():
+    p.loadURDF("nothing.urdf")
+try:
+    p.getBodyInfo(9)
+except p.error:
+    try:
+        load()
+    except p.error as error:
+        try:
+            import time; time.sleep("x")
+        except TypeError:
+            try:
+                raise RuntimeError("on purpose") from error
+            except RuntimeError as itself:
+                raise itself from itself
+""",
+        "import runpy; runpy.run_path('no such file')",
+        "if:",
+    ],
+    ids=["chain", "runpy", "syntax"],
+)
+def test_a_traceback_is_that_of_the_script(bench: Bench, text: str) -> None:
+    script = bench.script(STEPS + text)
+    bare, mine = bench.bare(script), bench.drop("record", script)
+    assert bare.stderr.strip() in mine.stderr
+
+
 @pytest.mark.parametrize("to_the_group", [True, False])
 def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool) -> None:
     script = bench.script(
@@ -840,6 +873,51 @@ def test_what_is_no_script_is_one_line(bench: Bench) -> None:
     assert "--python" in done.stderr
 
 
+def test_arguments_and_names_that_are_not_utf_8_reach_the_script(bench: Bench) -> None:
+    text = """
+import os, sys
+print(ascii(sys.argv))
+b = p.loadURDF("cube_small.urdf")
+p.getCameraImage(8, 8)
+p.stepSimulation()
+raise ValueError(sys.argv[1])
+"""
+    name = bench.script(scripts.HEAD + text, name="\udcff.py")
+    recorded, printed = bench.record(name, "a\udcff", "\ufffd")
+    assert printed.splitlines()[-1] == ascii([name, "a\udcff", "\ufffd"])
+    assert (recorded.samples, recorded.frames) == (2, 1)
+    assert recorded.error == "ValueError: a?"
+    assert info(bench.out).what == "'\ufffd.py' 'a\ufffd' '\ufffd', failed"
+    for arguments in (["a\0"], "text", [1]):
+        with pytest.raises(ScenarioError, match=r"^arguments must be a list of texts without null"):
+            record_script("script.py", arguments, is_module=True)  # type: ignore[arg-type]
+    with pytest.raises(ScenarioError, match=r"the script must be a Python file, got 'a.x00'"):
+        record_script("a\0")
+    with pytest.raises(DropError, match="cannot be started"):
+        bench.record(name, python="\0")
+
+
+def test_limits_are_numbers_of_any_library(bench: Bench) -> None:
+    script = bench.script(scripts.HEAD + "while True:\n    p.stepSimulation()")
+    recorded, _ = bench.record(
+        script, steps=np.int64(3), duration_s=np.float32(1), seed=np.uint8(4)
+    )
+    assert (recorded.ended, recorded.samples) == ("steps", 4)
+    assert " --steps 3 --duration 1 --seed 4 " in str(info(bench.out).command)
+    for value in (3.5, 3.0, True, "3", np.float64(3)):
+        for name in ("steps", "seed"):
+            with pytest.raises(ScenarioError, match=f"^{name} must be a whole number, got "):
+                bench.record(script, **{name: value})
+            with (
+                pytest.raises(ScenarioError, match=f"^{name} must be a whole number, got "),
+                record(bench.folder / "block.rrd", **{name: value}),
+            ):
+                pass
+    for duration_s in (True, "1", 1j, 10**400):
+        with pytest.raises(ScenarioError, match=r"^duration_s must be a number, got "):
+            bench.record(script, duration_s=duration_s)
+
+
 BLOCK = """
 import pybullet as p, time
 from pybullet import stepSimulation as by_name
@@ -950,6 +1028,82 @@ def test_a_stream_that_ends_at_any_byte_is_understood_up_to_there(cut: int) -> N
         assert [payload for _, payload in found] == [bytes([n]) * n for n in range(len(found))]
         whole = len(pipe.MAGIC) + sum(pipe.HEADER.size + n for n in range(len(found)))
         assert whole <= max(cut, len(pipe.MAGIC)) < whole + pipe.HEADER.size + len(found) + 9
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [b"garbage" * 9, b"Some text of its own", b"\0" * 90],
+    ids=["no kind", "too long", "zeros"],
+)
+def test_frames_end_where_somebody_else_has_written_into_the_stream(garbage: bytes) -> None:
+    frames = Frames()
+    sent = [pipe.frame(pipe.SAMPLE, b"12345"), garbage, pipe.frame(pipe.SAMPLE, b"67890")]
+    found = list(frames.feed(pipe.MAGIC)) + [one for data in sent for one in frames.feed(data)]
+    assert found == [(pipe.SAMPLE, b"12345")]
+    assert frames.broken
+
+
+OVERWRITES = """
+for fd in range(3, 30):
+    try:
+        os.write(fd, b'garbage' * 9)
+    except OSError:
+        pass
+"""
+CLOSES = "os.closerange(3, 4096)\n"
+FILLS = "for i in range(4):\n    p.getCameraImage(300, 300)\n"
+
+
+@pytest.mark.parametrize(
+    ("does", "samples", "why"),
+    [
+        (OVERWRITES, None, "wrote into"),
+        (CLOSES + FILLS, 101, "closed"),
+        (CLOSES, 201, ""),  # the block of shared memory holds as much
+    ],
+    ids=["writes", "closes", "closes and does little"],
+)
+def test_a_recording_ends_where_the_script_takes_the_pipe_and_says_so(
+    bench: Bench, does: str, samples: int | None, why: str
+) -> None:
+    rest = "for i in range(100):\n    p.stepSimulation()\n"
+    notes: list[str] = []
+    recorded, _ = bench.record(bench.script(STEPS + does + rest), note=notes.append)
+    assert recorded.ended == "finished"
+    assert samples is None or recorded.samples == samples
+    counted = f"{recorded.samples} sample{'s' * (recorded.samples != 1)}"
+    told = f"the recording ends after {counted}: the script {why} drop's pipe"
+    assert notes == ([told] if why else [])
+    assert len(states(bench.out)) == recorded.samples
+
+
+def test_pybullet_that_is_imported_again_is_recorded_too(bench: Bench) -> None:
+    again = """
+import importlib, sys
+first = p.stepSimulation
+importlib.reload(p)
+p.stepSimulation()
+del sys.modules["pybullet"]
+import pybullet as q
+assert q is not p
+for step in (q.stepSimulation, p.stepSimulation, first):
+    step()
+show(q)
+"""
+    script = bench.script(STEPS + again)
+    bare = bench.bare(script)
+    recorded, printed = bench.record(script)
+    assert printed == bare.stdout
+    assert recorded.error == ""
+    assert recorded.samples == 105
+    block = (
+        "import sys\nfrom pipeline import record\nwith record('out.rrd', force=True) as block:\n"
+        "    del sys.modules['pybullet']\n    import pybullet as q\n"
+        "    q.stepSimulation()\n    kept = q.stepSimulation\nkept()\nq.stepSimulation()\n"
+        "assert 'Hook' not in str(type(q.stepSimulation))\nprint(block.recorded.samples)\n"
+    )
+    done = bench.bare(bench.script(STEPS + block))
+    assert done.stdout.splitlines()[-1] == "2", done.stderr
 
 
 def test_a_stream_of_another_version_is_refused() -> None:

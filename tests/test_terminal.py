@@ -9,7 +9,9 @@ import os
 import pty
 import re
 import shlex
+import shutil
 import struct
+import subprocess
 import termios
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -22,13 +24,14 @@ import pytest
 import typer
 from command import ROOT, drop_here, environment, run_here
 from conftest import Drop, Recorder, judge
+from rich.text import Text
 
 from cli import app
 from pipeline.analysis.drop.comparison import Comparison, Place, Setting
 from pipeline.analysis.drop.convergence import StudiedRun, study_of
 from pipeline.analysis.general.statistics import Summary
 from pipeline.console import output
-from pipeline.console.output import counted, millimetres
+from pipeline.console.output import counted, millimetres, pasteable
 from pipeline.console.progress import rate
 from pipeline.console.show_check import DIFFERS, show_check
 from pipeline.console.show_drop import show_analysis, show_rendering, show_simulation
@@ -36,6 +39,7 @@ from pipeline.console.show_sweep import readable_step, show_sweep
 from pipeline.console.show_view import show_view
 from pipeline.fields import decimals, engineering
 from pipeline.figures.composition import caption
+from pipeline.messages import shell_command
 from pipeline.recording.viewer import Viewer
 from pipeline.stages.check import Check, Frames
 from pipeline.stages.render import Rendering
@@ -737,6 +741,46 @@ def test_printed_commands_can_be_pasted(drop: Drop, tmp_path: Path) -> None:
     (tmp_path / folder / "run.analysis.rrd").unlink()
     told = " ".join(drop("info", f"{folder}/run.rrd").stdout.split())
     assert shlex.split(told.partition("none yet: ")[2]) == ["drop", "analyze", f"{folder}/run.rrd"]
+
+
+ODD_WORDS = [
+    "", "a", "-x", "it's", "a b", "a  b   c", " a ", "line\nbreak\tand\\'s", "\x1b[1m\x01f",
+    "\u202eé\U0001f600", "\u00a0", "\udcffa", "$HOME `ls` \"!\"", "{braces}", "\u2028\U000e0001",
+]  # fmt: skip
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+def test_a_shell_reads_the_words_of_a_printed_command_as_they_were() -> None:
+    command = shell_command("printf", r"%s\0", *ODD_WORDS, Path("-a/b"), Path("b"))
+    lines = " ".join(command.split())  # as a line of ours has it
+    wrapped = [Text.from_markup(line).plain for line in pasteable("", lines, column=12)]
+    assert len(wrapped) > 1
+    for text in (lines, "\n".join(wrapped)):
+        done = subprocess.run(
+            ["bash", "-c", text], stdout=subprocess.PIPE, check=True,
+            env={**os.environ, "LC_ALL": "C.UTF-8"},
+        )  # fmt: skip
+        assert list(map(os.fsdecode, done.stdout.split(b"\0")[:-1])) == [*ODD_WORDS, "./-a/b", "b"]
+    assert command.isprintable()
+
+
+def test_info_gives_the_command_that_records_a_script_again(drop: Drop, tmp_path: Path) -> None:
+    arguments = ["", "two\nlines", "a long argument that fills a line", "and another one of these"]
+    (tmp_path / "-né.py").write_text(SCRIPT.format(boxes=1))
+    limits = ("--duration", "0.0125", "--seed", "12345678901234")
+    drop("record", *limits, "-o", "./-s.rrd", "--", "-né.py", *arguments)
+    done = drop("info", "./-s.rrd")
+    printed = done.stdout.partition("again ")[2].partition("analysis ")[0]
+    assert len(printed.splitlines()) > 1
+    assert all(len(line) <= 80 for line in done.stdout.splitlines())
+    command = json.loads(drop("info", "./-s.rrd", "--json").stdout)["command"]
+    for text in (printed.replace("\\\n", ""), command):  # which shlex does not know, nor $'…'
+        words = shlex.split(text.replace(r"$'two\nlines'", "'two\nlines'"))
+        assert words == ["drop", "record", *limits, "--", "-né.py", *arguments]
+    assert done.stdout.endswith("none yet: drop analyze ./-s.rrd\n")
+    # A byte that is not UTF-8 is not known any more.
+    drop("record", "--steps", "3", "--force", "-o", "./-s.rrd", "./-né.py", "\udcff")
+    assert "again " not in drop("info", "./-s.rrd").stdout
 
 
 # -- drop info ------------------------------------------------------------------------------------

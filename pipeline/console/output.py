@@ -152,6 +152,28 @@ def titled(title: str, words: str, *, column: int, style: str = "") -> list[str]
     return [head + first, *(head + line for head, line in lines[1:])]
 
 
+_SHELL_WORD = re.compile(r"""(?:\$'(?:\\.|[^'\\])*'|'[^']*'|"[^"]*"|\S)+""")
+
+
+def pasteable(title: str, command: str, *, column: int, style: str = "") -> list[str]:
+    """Return a command beside its title, with Rich's markup.
+
+    A long one goes on in lines that a shell reads as one: none breaks within a quoted word.
+    """
+    from rich.markup import escape
+
+    lines, room = [""], width() - column - len(" \\")
+    for word in _SHELL_WORD.findall(command):
+        if lines[-1] and len(lines[-1]) + 1 + len(word) > room:
+            lines.append(word)
+        else:
+            lines[-1] += f" {word}" if lines[-1] else word
+    head = f"[{style}]{title}[/]" if style else title
+    heads = [head + " " * (column - len(title)), *[" " * column] * (len(lines) - 1)]
+    ends = [*[" \\"] * (len(lines) - 1), ""]  # after `escape`, which doubles a backslash at an end
+    return [a + escape(b) + c for a, b, c in zip(heads, lines, ends, strict=True)]
+
+
 def finding(code: str, message: str, *, column: int) -> list[str]:
     """Return a finding with Rich's markup, its code highlighted."""
     words = Message("{code}: {message}", code=code, message=message)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -41,7 +40,7 @@ from pipeline.console.words import (
     unfinished,
 )
 from pipeline.fields import LARGE, decimals, engineering, fraction
-from pipeline.messages import Message, joined, localized, translated
+from pipeline.messages import Message, joined, localized, shell_command, translated
 from pipeline.scenario import ENGINES, EXACT_INTEGRATORS
 
 if TYPE_CHECKING:
@@ -93,7 +92,7 @@ def show_run(run: Run, *, as_json: bool) -> None:
 
 def run_lines(run: Run) -> list[str]:
     """Tell the whole story of a drop, and where its files are."""
-    command = shlex.join(["drop", "view", str(run.simulation.recording)])
+    command = shell_command("drop", "view", run.simulation.recording)
     return [
         *analysis_lines(run.analysis),
         "",

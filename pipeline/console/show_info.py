@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import shlex
 from typing import TYPE_CHECKING
 
-from pipeline.console.output import print_json, print_lines, titled
+from pipeline.console.output import pasteable, print_json, print_lines, titled
 from pipeline.console.words import NONE, RECORDING, SCRIPT
-from pipeline.messages import Message, joined, localized, translated
+from pipeline.messages import Message, joined, localized, shell_command, translated
 
 if TYPE_CHECKING:
     from pipeline.stages.info import Info
 
+COLUMN = 12
 MOST_BODIES = 6
 """Bodies that are listed; all are in the JSON."""
 
@@ -39,8 +39,8 @@ def info_lines(info: Info) -> list[str]:
     if info.contact_samples:
         touching = Message("{samples:,} of them in contact", samples=info.contact_samples)
         samples = joined(", ", [samples, touching])
-    analyze = shlex.join(["drop", "analyze", str(info.recording)])
-    lines: dict[Message, str | None] = {
+    analyze = shell_command("drop", "analyze", info.recording)
+    facts: dict[Message, str] = {
         RECORDING: Message(
             "{recording}, {kilobytes:,.0f} kB, {state}",
             recording=str(info.recording),
@@ -53,14 +53,15 @@ def info_lines(info: Info) -> list[str]:
         Message("frames"): f"{info.frames:,}" if info.frames else NONE,
         Message("engine"): info.engine,
         Message("id"): info.recording_id,
-        Message("again"): info.command,
-        Message("analysis"): str(info.layer)
-        if info.layer
-        else Message("none yet: {analyze}", analyze=analyze),
     }
-    return [
+    lines = [
         line
-        for title, words in lines.items()
-        if words is not None
-        for line in titled(title, words, column=12, style="dim")
+        for title, words in facts.items()
+        for line in titled(title, words, column=COLUMN, style="dim")
     ]
+    if info.command is not None:
+        lines += pasteable(Message("again"), info.command, column=COLUMN, style="dim")
+    if info.layer is not None:
+        return lines + titled(Message("analysis"), str(info.layer), column=COLUMN, style="dim")
+    none_yet = Message("none yet: {analyze}", analyze=analyze)
+    return lines + pasteable(Message("analysis"), none_yet, column=COLUMN, style="dim")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import shlex
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.console.output import note, print_json, print_lines, titled
-from pipeline.messages import Message, joined
+from pipeline.messages import Message, joined, shell_command
 
 if TYPE_CHECKING:
     from pipeline.stages.view import View
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 def show_view(view: View, *, as_json: bool) -> None:
     """Print what is shown, and where."""
     for layer in view.stale:
-        recording = str(layer).removesuffix(".analysis.rrd") + ".rrd"
-        again = shlex.join(["drop", "analyze", recording])
+        recording = Path(str(layer).removesuffix(".analysis.rrd") + ".rrd")
+        again = shell_command("drop", "analyze", recording)
         note(
             Message(
                 "{layer} belongs to an earlier recording; make it again with: {again}",

@@ -11,7 +11,6 @@ import contextlib
 import itertools
 import os
 import re
-import shlex
 import shutil
 import stat
 from collections.abc import Iterator, Sequence
@@ -20,7 +19,7 @@ from pathlib import Path
 from rich.filesize import decimal
 
 from pipeline.errors import OutputError
-from pipeline.messages import Message
+from pipeline.messages import Message, shell_command
 
 MOST_PARTS = 9
 """Unfinished files under one name: a limit to what killed runs leave behind."""
@@ -97,7 +96,7 @@ def check_target(path: Path, *, force: bool) -> None:
             raise OutputError(
                 "the folder {folder} does not exist; create it with: {command}",
                 folder=folder,
-                command=shlex.join(["mkdir", "-p", str(folder)]),
+                command=shell_command("mkdir", "-p", folder),
             )
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(

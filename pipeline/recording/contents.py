@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from pipeline.errors import RecordingError
 from pipeline.fields import shown
 from pipeline.files.outputs import free_part_of, is_part
-from pipeline.messages import Message
+from pipeline.messages import Message, shell_command
 from pipeline.recording import columns, rrd, schema
 from pipeline.recording.checks import again, damaged
 from pipeline.recording.columns import Properties
@@ -71,7 +70,7 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
             "{path} cannot be read: {reason}; see: {command}",
             path=path,
             reason=error.strerror or str(error),
-            command=shlex.join(["ls", "-l", str(path)]),
+            command=shell_command("ls", "-l", path),
         ) from None
 
 
@@ -85,6 +84,33 @@ def is_script(path: Path) -> bool:
     """
     first = next(chunks_of(path), None)
     return first is not None and first.entity == f"__properties/{schema.ORIGIN_PROPERTY}"
+
+
+def check_of_drop(path: Path, *, otherwise: str) -> None:
+    """Make sure that a file is not the recording of a script.
+
+    Raises
+    ------
+    RecordingError
+        If it is, or is missing, damaged, or not a recording of ours; the message names the
+        function that takes it otherwise.
+    """
+    if is_script(path):
+        raise RecordingError(
+            "{path} must be the recording of a drop, got that of a script; call {function}",
+            path=path,
+            function=otherwise,
+        )
+
+
+def check_of_script(path: Path, *, otherwise: str) -> None:
+    """Make sure that a file is the recording of a script; raises as `check_of_drop` does."""
+    if not is_script(path):
+        raise RecordingError(
+            "{path} must be the recording of a script, got that of a drop; call {function}",
+            path=path,
+            function=otherwise,
+        )
 
 
 def gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> None:
@@ -163,5 +189,5 @@ def _unfinished(path: Path, what: Message) -> RecordingError:
         "{path} is damaged: {what}; to read what it holds, rename it: {command}",
         path=path,
         what=what,
-        command=shlex.join(["mv", str(path), str(free_part_of(path))]),
+        command=shell_command("mv", path, free_part_of(path)),
     )

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ import polars as pl
 
 from pipeline.errors import RecordingError, ScenarioError
 from pipeline.fields import counted, shown
-from pipeline.messages import Message
+from pipeline.messages import Message, shell_command
 from pipeline.recording import columns, png, rows, rrd, schema
 from pipeline.recording.checks import (
     check_camera,
@@ -219,7 +218,7 @@ def _inputs(properties: Mapping[str, Properties], path: Path) -> tuple[Scenario,
             "{path} must be the recording of a drop, got that of a script; look at it with: "
             "{command}",
             path=path,
-            command=shlex.join(["drop", "view", str(path)]),
+            command=shell_command("drop", "view", path),
         )
     names = (schema.SCENARIO_PROPERTY, schema.ENGINE_PROPERTY)
     for name in names:

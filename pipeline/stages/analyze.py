@@ -13,7 +13,7 @@ from pipeline.errors import check_suffix
 from pipeline.files.outputs import check_apart, check_target, refused
 from pipeline.files.table import check_table, write_table
 from pipeline.messages import Message
-from pipeline.recording.contents import is_script
+from pipeline.recording.contents import check_of_drop, is_script
 from pipeline.recording.layer import is_layer, layer_of, write_layer
 from pipeline.recording.reader import read
 from pipeline.stages.narrative import events, findings_markdown
@@ -66,6 +66,7 @@ def analyze(
     path = Path(recording)
     layer, tables = outputs_of(path, out, table, force=force)
     progress(ANALYZING, 0, _PARTS)
+    check_of_drop(path, otherwise="analyze_script")
     read_back = read(path)
     progress(ANALYZING, 1, _PARTS)
     analysis = analysis_of(

@@ -12,6 +12,7 @@ from pipeline.analysis.script.results import ScriptAnalysis
 from pipeline.analysis.script.times import Times
 from pipeline.errors import ScenarioError
 from pipeline.files.table import write_table
+from pipeline.recording.contents import check_of_script
 from pipeline.recording.script_layer import write_script_layer
 from pipeline.recording.script_reader import read_script
 from pipeline.seen import Seen, body_named
@@ -67,6 +68,7 @@ def analyze_script(
     path = Path(recording)
     layer, tables = outputs_of(path, out, table, force=force)
     progress(ANALYZING, 0, 3)
+    check_of_script(path, otherwise="analyze")
     read_back = read_script(path)
     progress(ANALYZING, 1, 3)
     ended = read_back.ended or {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import shlex
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -19,9 +18,10 @@ from pipeline.fields import all_of
 from pipeline.figures.animation import decoded
 from pipeline.files.outputs import check_apart, check_target
 from pipeline.files.whole import replaced
-from pipeline.messages import Message, joined
+from pipeline.messages import Message, joined, shell_command
 from pipeline.recording import sealing
 from pipeline.recording.checks import damaged
+from pipeline.recording.contents import check_of_drop
 from pipeline.recording.reader import Recording, frames, is_recording, read
 from pipeline.scenario import Camera
 from pipeline.shown import Shown
@@ -108,6 +108,7 @@ def check(
     """
     path, golden = Path(recording), Path(against)
     check_tolerance(tolerance_m)
+    check_of_drop(path, otherwise="check_script")
     run = _whole(path)
     if not update:
         if not os.path.lexists(golden):
@@ -159,7 +160,7 @@ def check_replaceable(golden: Path, recording: Path, *, of_script: bool = False)
 
 def no_golden(recording: Path, golden: Path) -> RecordingError:
     """Return the error for a missing golden recording."""
-    update = shlex.join(["drop", "check", str(recording), "--against", str(golden), "--update"])
+    update = shell_command("drop", "check", recording, "--against", golden, "--update")
     return RecordingError(
         "there is no golden recording {golden}; to make {recording} the golden one: {command}",
         golden=golden, recording=recording, command=update,

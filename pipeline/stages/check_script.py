@@ -16,7 +16,7 @@ from pipeline.analysis.script.difference import Difference
 from pipeline.errors import RecordingError
 from pipeline.files.whole import replaced
 from pipeline.messages import Message
-from pipeline.recording.contents import is_script
+from pipeline.recording.contents import check_of_script, is_script
 from pipeline.recording.script_reader import ScriptRecording, read_script
 from pipeline.recording.script_scene import frames_of_cameras
 from pipeline.shown import Shown
@@ -100,6 +100,7 @@ def check_script(
     """
     path, golden = Path(recording), Path(against)
     check_tolerance(tolerance_m)
+    check_of_script(path, otherwise="check")
     run = _whole(path)
     if not update:
         if not os.path.lexists(golden):

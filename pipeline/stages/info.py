@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -12,7 +11,7 @@ import polars as pl
 from pipeline.analysis.general.jsonable import jsonable
 from pipeline.analysis.script.times import Times
 from pipeline.fields import counted
-from pipeline.messages import Message, joined
+from pipeline.messages import Message, joined, shell_command
 from pipeline.recording.about import engine_in_words
 from pipeline.recording.contents import is_script
 from pipeline.recording.layer import is_layer, layer_of
@@ -25,6 +24,9 @@ from pipeline.shown import Shown
 from pipeline.stages.record import DURATION_S
 from pipeline.stages.record_block import BLOCK
 from pipeline.sweeping.plan import replay_command
+
+REPLACED = "\ufffd"
+"""Recorded for each byte that is not UTF-8; see `pipeline.stages.record.encodable`."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,8 @@ class Info(Shown, lines_of="pipeline.console.show_info:info_lines"):
     engine: str
     """The engine that made it."""
     command: str | None
-    """The command that repeats its physics; None for a block of Python."""
+    """The command that repeats its physics; None for a block of Python, and where a name or an
+    argument was not UTF-8."""
     layer: Path | None
     """The analysis beside it; None if there is none, or it is of another recording."""
 
@@ -111,15 +114,18 @@ def _of_script(recording: ScriptRecording) -> Info:
     seen, path, origin = recording.seen, recording.path, recording.origin
     ended = recording.ended or {}
     script, arguments = str(origin["script"]), _texts(origin.get("arguments"))
-    program = shlex.join([*_program(script), *arguments])
     limits = {name: origin.get(name) for name in ("steps", "duration_s", "seed")}
     options = [
         word
         for name, value in limits.items()
         if value is not None and (name, value) != ("duration_s", DURATION_S)
-        for word in (f"--{name.removesuffix('_s')}", f"{value:.9g}")
+        for word in (f"--{name.removesuffix('_s')}", _digits(value))
     ]
-    command = f"{shlex.join(['drop', 'record', *options])} {program}"
+    program = [*_program(script), *arguments]
+    again = None
+    if script != BLOCK and not any(REPLACED in word for word in program):
+        options_end = ["--"] if program[0].startswith("-") and program[0] != "-m" else []
+        again = shell_command("drop", "record", *options, *options_end, *program)
     samples = ended.get("samples", seen.states["step"].n_unique())
     return Info(
         recording=path,
@@ -139,9 +145,15 @@ def _of_script(recording: ScriptRecording) -> Info:
         engine=Message("PyBullet in Python {version}", version=ended["made_with_version"])
         if ended
         else "PyBullet",
-        command=None if script == BLOCK else command,
+        command=again,
         layer=_layer(path, recording.recording_id),
     )
+
+
+def _digits(value: float) -> str:
+    """Return a number so that the same is read back; 2, not 2.0."""
+    short = f"{value:.9g}"
+    return short if isinstance(value, float) and float(short) == value else str(value)
 
 
 def _program(script: str) -> list[str]:

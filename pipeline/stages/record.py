@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import operator
 import os
 import signal
 import sys
@@ -13,13 +14,14 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from pipeline.engines.bullet import script as running
 from pipeline.engines.bullet.script import Program
 from pipeline.errors import ScenarioError, check_suffix
-from pipeline.fields import all_of
+from pipeline.fields import all_of, shown
 from pipeline.files.outputs import check_apart, check_target, make_folder, reserved
 from pipeline.messages import Message
 from pipeline.recording import writer
@@ -119,15 +121,8 @@ def record_script(
         If the interpreter cannot be started.
     """
     began = time.perf_counter()
-    digest = _digest(target, is_module)
-    if steps is not None and not 1 <= steps <= LARGEST_INT:
-        raise ScenarioError("--steps must be at least 1 and below 2**63, got {steps}", steps=steps)
-    if duration_s is not None and not 0 < duration_s < float("inf"):
-        raise ScenarioError("--duration must be above 0 s, got {duration:g}", duration=duration_s)
-    if seed is not None and abs(seed) > LARGEST_INT:
-        raise ScenarioError("--seed must be between -2**63 and 2**63, got {seed}", seed=seed)
-    if steps is None and duration_s is None:
-        duration_s = DURATION_S
+    digest, arguments = _digest(target, is_module), _texts(arguments)
+    steps, duration_s, seed = checked_limits(steps, duration_s, seed)
     interpreter = python or sys.executable
     # A script may compute with the time of day: a second run must see the same.
     begins_s = time.time() if seed is None else SEEDED_CLOCK_S
@@ -136,9 +131,9 @@ def record_script(
     )
     origin: dict[str, Any] = {
         "kind": "script",
-        "script": f"-m {target}" if is_module else Path(target).name,
+        "script": encodable(f"-m {target}" if is_module else Path(target).name),
         "script_sha256": digest,
-        "arguments": list(arguments) or None,
+        "arguments": [*map(encodable, arguments)] or None,
         "seed": seed,
         "steps": steps,
         "duration_s": duration_s,
@@ -164,7 +159,7 @@ def record_script(
                 note=note,
             )
     (ended,) = endings
-    if not script.samples:
+    if not script.samples and not process.decoder.cut_off:
         note(
             Message(
                 "nothing was simulated: the script did not connect to PyBullet, or loaded nothing"
@@ -266,18 +261,90 @@ def _again(
     return True, first
 
 
+def checked_limits(
+    steps: int | None, duration_s: float | None, seed: int | None
+) -> tuple[int | None, float | None, int | None]:
+    """Return the limits of a recording and its seed as Python's own numbers.
+
+    Raises
+    ------
+    ScenarioError
+        If one is of another type, or a limit that no script can reach.
+    """
+    steps, seed = _integer("--steps", steps), _integer("--seed", seed)
+    if duration_s is not None:
+        try:
+            if not isinstance(duration_s, Real) or isinstance(duration_s, bool):
+                raise TypeError
+            duration_s = float(duration_s)
+        except (TypeError, OverflowError):
+            raise ScenarioError(
+                "--duration must be a number, got {value}", value=shown(duration_s)
+            ) from None
+    if steps is not None and not 1 <= steps <= LARGEST_INT:
+        raise ScenarioError(
+            "--steps must be at least 1 and below 2**63, got {value}", value=shown(steps)
+        )
+    if duration_s is not None and not 0 < duration_s < float("inf"):
+        raise ScenarioError("--duration must be above 0 s, got {value:g}", value=duration_s)
+    if seed is not None and abs(seed) > LARGEST_INT:
+        raise ScenarioError(
+            "--seed must be between -2**63 and 2**63, got {value}", value=shown(seed)
+        )
+    if steps is None and duration_s is None:
+        duration_s = DURATION_S
+    return steps, duration_s, seed
+
+
+def _integer(option: str, value: object) -> int | None:
+    """Return a whole number of any library as Python's."""
+    if value is None:
+        return None
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        return operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        raise ScenarioError(
+            "{option} must be a whole number, got {value}", option=option, value=shown(value)
+        ) from None
+
+
 def _digest(target: str, is_module: bool) -> str | None:
     """Return the digest of a script's text; None for a module, which is not looked up here."""
     if is_module:
         return None
     try:
         return hashlib.sha256(Path(target).read_bytes()).hexdigest()
-    except OSError as error:
+    except (OSError, ValueError) as error:  # ValueError: the name has a null character
         raise ScenarioError(
-            "the script must be a Python file, got {path!r}: {reason}; a module is run with -m",
-            path=target,
-            reason=error.strerror,
+            "the script must be a Python file, got {path}: {reason}; a module is run with -m",
+            path=shown(target),
+            reason=getattr(error, "strerror", None) or str(error),
         ) from None
+
+
+def _texts(arguments: Sequence[str]) -> list[str]:
+    """Return a script's arguments as a list of texts that a process can be given."""
+    try:
+        if isinstance(arguments, str | bytes):
+            raise TypeError
+        texts = [*map(os.fsdecode, arguments)]
+        if any("\0" in text for text in texts):
+            raise ValueError
+        for text in texts:
+            os.fsencode(text)
+    except (TypeError, ValueError):
+        raise ScenarioError(
+            "arguments must be a list of texts without null characters, got {value}",
+            value=shown(arguments),
+        ) from None
+    return texts
+
+
+def encodable(text: str) -> str:
+    """Return a text as UTF-8 can hold it: a byte that is not UTF-8 becomes U+FFFD."""
+    return text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
 
 
 @contextlib.contextmanager

@@ -27,12 +27,12 @@ from typing import Any
 from pipeline.engines.bullet.script import Listener, shared_block
 from pipeline.engines.bullet.watching import ending, start
 from pipeline.engines.bullet.watching.hooks import Stop
-from pipeline.errors import DropError, OutputError, ScenarioError, check_suffix
+from pipeline.errors import DropError, OutputError, check_suffix
 from pipeline.files.outputs import check_target
 from pipeline.recording import writer
 from pipeline.recording.script import Script
 from pipeline.recording.script_layout import layout
-from pipeline.stages.record import DURATION_S, Recorded, recorded_of
+from pipeline.stages.record import Recorded, checked_limits, recorded_of
 from pipeline.workers import module_path
 
 BLOCK = "a block of Python"
@@ -81,14 +81,7 @@ def record(
     path, block = Path(out), Block()
     check_target(path, force=force)
     check_suffix("out", path, (".rrd",))
-    if (steps is not None and steps < 1) or (duration_s is not None and not duration_s > 0):
-        raise ScenarioError(
-            "steps and duration_s must be above 0, got {steps} and {duration_s}",
-            steps=steps,
-            duration_s=duration_s,
-        )
-    if steps is None and duration_s is None:
-        duration_s = DURATION_S
+    steps, duration_s, seed = checked_limits(steps, duration_s, seed)
     with shared_block() as memory:
         reading, writing = os.pipe()
         request = {"reading": reading, "block": memory.fileno(), "out": str(path), "force": force}

@@ -21,7 +21,7 @@ from pipeline.files.outputs import check_apart, check_kind, check_target
 from pipeline.files.whole import written_whole
 from pipeline.messages import Message
 from pipeline.recording.checks import damaged
-from pipeline.recording.contents import is_script
+from pipeline.recording.contents import check_of_drop, is_script
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
 from pipeline.shown import Shown
@@ -112,6 +112,7 @@ def render(
         if named is None and not force:
             check_kind(target, beginning, MADE_BY_DROP)
 
+    check_of_drop(path, otherwise="render_script")
     read_back = read(path)
     analysis = analysis_of(
         read_back.scenario, read_back.engine, read_back.states, read_back.contacts

@@ -20,6 +20,7 @@ from pipeline.figures.playback import EVERY_FRAME, Animation, playback
 from pipeline.files.outputs import check_apart, check_kind, check_target
 from pipeline.files.whole import written_whole
 from pipeline.messages import Message
+from pipeline.recording.contents import check_of_script
 from pipeline.recording.script_reader import read_script
 from pipeline.recording.script_scene import Part, frames_of_cameras, parts_of
 from pipeline.scenario import STANDARD_CAMERA, Camera, View
@@ -93,6 +94,7 @@ def render_script(
     check_target(gif, force=force or out is None)
     if out is None and not force:
         check_kind(gif, b"GIF8", MADE_BY_DROP)
+    check_of_script(path, otherwise="render")
     read_back = read_script(path)
     taken = max(frames_of_cameras(path).values(), key=len, default=[])
     report = functools.partial(progress, Message("writing {suffix}", suffix=gif.suffix[1:]))

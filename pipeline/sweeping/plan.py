@@ -8,13 +8,13 @@ advance: run 999,999,999 is as cheap as run 0.
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from pipeline.errors import ScenarioError
 from pipeline.fields import exact
+from pipeline.messages import shell_command
 from pipeline.scenario import Engine, Scenario
 from pipeline.sweeping.sampling import Variation, drawn, variations_of
 
@@ -213,4 +213,4 @@ def replay_command(values: Mapping[str, Any], *, out: str) -> str:
             words += [] if value else [spec.name]
         elif value is not None:
             words += [spec.name, exact(value)]
-    return shlex.join(words)
+    return shell_command(*words)

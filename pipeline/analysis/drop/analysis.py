@@ -86,7 +86,9 @@ def analysis_of(
         phases, mismatch = replace(phases, contact_step=unseen), None
     clamped = clamped_step(case, phases)
     coverage = coverage_of(case, phases, mismatch, clamped)
-    flights, parts = decomposed(case.samples, case.law, case.segments, at_least=coverage.samples)
+    flights, parts = decomposed(
+        case.samples, case.law, case.segments, release=case.fall, at_least=coverage.samples
+    )
     parts = parts.first(coverage.samples)
     energies = mechanics(case.engine, case.samples)
     table = _table(case, phases, parts, energies)

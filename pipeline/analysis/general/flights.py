@@ -62,24 +62,33 @@ def start_of(motion: Motion, sample: int, law: Law) -> Fall:
 
 
 def decomposed(
-    motion: Motion, law: Law, segments: Segments, *, at_least: int = 0
+    motion: Motion,
+    law: Law,
+    segments: Segments,
+    *,
+    release: Fall | None = None,
+    at_least: int = 0,
 ) -> tuple[list[Flight], Decomposition]:
-    """Return all flights, and the errors of the first samples broken down as those of a flight.
+    """Return all flights, and the errors of the first samples broken down as those of a fall.
 
-    These are `at_least` that many samples; where the body begins in flight, all of that flight, so
-    that exact arithmetic, which is slow, is done once.
+    That fall begins with `release`, as it was asked for, or with the first sample: an engine in
+    single precision rounds the release, and the terms of each sample include that rounding. At
+    least `at_least` samples are broken down; where the body begins in flight, all of that flight,
+    so that exact arithmetic, which is slow, is done once.
     """
     runs = [(first - 1, last) for first, last in segments.runs(FLIGHT) if first]
-    begins = bool(runs) and runs[0][0] == 0
+    first_sample = start_of(motion, 0, law)
+    release = release or first_sample
+    begins = bool(runs) and runs[0][0] == 0 and release == first_sample
     samples = max(at_least, runs[0][1] + 1) if begins else at_least
-    parts = decompose(law, start_of(motion, 0, law), motion.position_m[:samples])
+    parts = decompose(law, release, motion.position_m[:samples])
     flights = [
         _flight(
             motion,
             law,
             first,
             last,
-            parts=parts if first == 0 else None,
+            parts=parts if begins and first == 0 else None,
             held=bool(segments.held[first + 1 : last + 1].any()),
         )
         for first, last in runs

@@ -187,13 +187,13 @@ class Script(Listener):
                 pass_fds=(writing, self._block.fileno()),
                 env={"MALLOC_PERTURB_": program.perturb, **os.environ},
             )
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ValueError: the path has a null character
             self._close()
             raise DropError(
                 "{python} cannot be started: {reason}; --python takes the path of a Python "
                 "interpreter",
                 python=program.python,
-                reason=error.strerror,
+                reason=getattr(error, "strerror", None) or str(error),
             ) from None
         finally:
             os.close(writing)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pipeline.engines.bullet.watching import pipe
 from pipeline.errors import DropError
+from pipeline.fields import counted
 from pipeline.messages import Message
 from pipeline.seen import (
     Appearance,
@@ -76,6 +77,9 @@ REPORTED = (
 """What `getDynamicsInfo` returns, in order, and whether it is valid for a btRigidBody too."""
 
 
+FRAMES = (pipe.NOTE, pipe.SAMPLE, pipe.CONTACTS, pipe.SET, pipe.IMAGE)
+
+
 class StreamError(DropError):
     """A stream that our other half did not send."""
 
@@ -86,6 +90,13 @@ class Frames:
     def __init__(self) -> None:
         self._data = bytearray()
         self._begun = False
+        self.broken = False
+        """Whether somebody else has written into the stream: what follows cannot be read."""
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether the last frame is incomplete."""
+        return bool(self._data)
 
     def feed(self, data: bytes) -> Iterator[tuple[bytes, bytes]]:
         """Yield kind and payload of each frame that is now complete.
@@ -95,6 +106,8 @@ class Frames:
         StreamError
             If the stream does not begin like ours.
         """
+        if self.broken:
+            return
         self._data += data
         offset = 0
         if not self._begun:
@@ -106,14 +119,19 @@ class Frames:
         try:
             while len(self._data) - offset >= pipe.HEADER.size:
                 kind, length = pipe.HEADER.unpack_from(self._data, offset)
+                if kind not in FRAMES or length >= pipe.LONGEST:
+                    self.broken = True
+                    return
                 end = offset + pipe.HEADER.size + length
                 if len(self._data) < end:
                     return
                 payload = bytes(memoryview(self._data)[offset + pipe.HEADER.size : end])
                 offset = end
                 yield kind, payload
+                if self.broken:
+                    return
         finally:
-            del self._data[:offset]
+            del self._data[: None if self.broken else offset]
 
 
 class _World:
@@ -161,6 +179,8 @@ class Decoder:
         self.stopped = ""
         self.ended: dict[str, Any] | None = None
         self.faults: list[str] = []
+        self.cut_off = False
+        """Whether the script closed the pipe or wrote into it: the end is missing."""
         self.real_time = False
         self.unseeded: list[str] = []
         self._frames = Frames()
@@ -173,7 +193,11 @@ class Decoder:
         """Yield the events in the next part of the stream."""
         for kind, payload in self._frames.feed(data):
             if kind == pipe.NOTE:
-                note = json.loads(payload)
+                try:
+                    note = json.loads(payload)
+                except ValueError:
+                    self._frames.broken = True
+                    break
                 yield from getattr(self, f"_on_{note.pop('what')}")(**note)
             elif kind == pipe.IMAGE:
                 yield from self._on_image(payload)
@@ -186,6 +210,20 @@ class Decoder:
         for world in self._worlds.values():
             yield from self._gathered(world)
         yield from self._pending_call()
+        if self._frames.broken:
+            self._is_cut_off("the script wrote into drop's pipe")
+        elif self._frames.is_cut:
+            self._is_cut_off("the rest is missing in drop's pipe")
+
+    def _is_cut_off(self, why: str) -> None:
+        self.cut_off = True
+        self.faults.append(
+            Message(
+                "the recording ends after {samples}: {why}",
+                samples=counted(self.steps, "sample"),
+                why=Message(why),
+            )
+        )
 
     # -- numbers ----------------------------------------------------------------------------------
 
@@ -447,6 +485,10 @@ class Decoder:
 
     def _on_end(self, **note: Any) -> Iterator[Event]:  # noqa: ANN401
         self.ended = note
+        yield from ()
+
+    def _on_cut(self) -> Iterator[Event]:
+        self._is_cut_off("the script closed drop's pipe")
         yield from ()
 
     def _on_image(self, payload: bytes) -> Iterator[Event]:

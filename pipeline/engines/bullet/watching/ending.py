@@ -8,8 +8,11 @@ import traceback
 from collections.abc import Callable
 from types import TracebackType
 
+from . import clock, draws, hooks
 from .hooks import Stop, Watch
 
+WRAPPERS = (hooks.__file__, clock.__file__, draws.__file__)
+"""The files whose functions stand before others: the script's tracebacks are without them."""
 PR_SET_PDEATHSIG, SIGKILL = 1, 9
 """From Linux's `sys/prctl.h` and `signal.h`."""
 
@@ -41,10 +44,10 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
     except BaseException as error:  # noqa: BLE001 - the script's own
         watch.clock.remove()
         end(watch, "failed", in_one_line(error))
-        trace = error.__traceback__
-        while trace is not None and trace.tb_next and _is_ours(trace, ours):
-            trace = trace.tb_next
-        sys.excepthook(type(error), error.with_traceback(trace), trace)
+        while error.__traceback__ is not None and _is_ours(error.__traceback__, ours):
+            error.__traceback__ = error.__traceback__.tb_next
+        _hide_wrappers(error)
+        sys.excepthook(type(error), error, error.__traceback__)
         code = 1
     sys.exit(code)  # type: ignore[arg-type]
 
@@ -60,6 +63,26 @@ def end(watch: Watch, how: str, error: str = "") -> None:
 def _is_ours(trace: TracebackType, ours: str) -> bool:
     name = trace.tb_frame.f_code.co_filename
     return name in (ours, __file__) or "runpy" in name
+
+
+def _hide_wrappers(failure: BaseException) -> None:
+    """Leave out of an error's traceback, and of those it follows, what stands before a function."""
+    pending: list[BaseException | None] = [failure]
+    cleaned: set[int] = set()
+    while pending:
+        error = pending.pop()
+        if error is None or id(error) in cleaned:
+            continue
+        cleaned.add(id(error))
+        trace, kept = error.__traceback__, []
+        while trace is not None:
+            if trace.tb_frame.f_code.co_filename not in WRAPPERS:
+                kept.append(trace)
+            trace = trace.tb_next
+        for before, after in zip(kept, [*kept[1:], None]):
+            before.tb_next = after
+        error.__traceback__ = kept[0] if kept else None
+        pending += [error.__cause__, error.__context__]
 
 
 def in_one_line(error: BaseException) -> str:

@@ -142,13 +142,15 @@ class Watch:
     # -- in place of pybullet's functions ---------------------------------------------------------
 
     def install(self, module: ModuleType) -> None:
-        """Replace the functions of pybullet, in place."""
+        """Replace the functions of pybullet, in place; those of a reloaded module are already."""
         originals = {
             name: value
             for name, value in vars(module).items()
-            if isinstance(value, BuiltinFunctionType)
+            if isinstance(value, BuiltinFunctionType) and not issubclass(type(value), Hook)
         }
-        self._p = SimpleNamespace(**{**vars(module), **originals})
+        if not originals:
+            return
+        self._p = SimpleNamespace(**{**vars(module), **vars(self._p), **originals})
         self._modules.append((module, originals))
         for name, original in originals.items():
             handler = self._handler(name, original)
@@ -156,7 +158,7 @@ class Watch:
             setattr(module, name, kind(original))
         self.pipe.note("pybullet", version=module.getAPIVersion(), file=module.__file__)
         for client in range(MOST_CLIENTS):  # connected before we came
-            if self._p.isConnected(client):
+            if client not in self._worlds and self._p.isConnected(client):
                 self._begin(client, "before")
 
     def remove(self) -> None:
@@ -468,7 +470,7 @@ class Watch:
             "view": _vector(arguments.get("viewMatrix")),
             "projection": _vector(arguments.get("projectionMatrix")), "file": file, "line": line,
         }  # fmt: skip
-        head = json.dumps(note).encode()
+        head = protocol.encoded(note)
         self.pipe.send(protocol.IMAGE, protocol.IMAGE_HEAD.pack(len(head)) + head + data)
 
     def _stepping(self, name: str, original: Any) -> Callable[..., Any]:

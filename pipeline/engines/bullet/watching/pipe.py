@@ -31,6 +31,10 @@ IMAGE_HEAD = struct.Struct("<I")
 BLOCK = struct.Struct("<QQ")
 """At the block's start: bytes sent so far, and bytes in it now."""
 BLOCK_BYTES = 1 << 20
+CUT_BYTES = 64
+"""Of the block, for the note that it is full and the pipe closed."""
+LONGEST = 1 << 29
+"""No payload is as long; four letters read as a length are longer."""
 FLUSH_BYTES = 1 << 16
 FLUSH_S = 0.25
 
@@ -47,11 +51,14 @@ class Pipe:
         self._before = self._used = 0
         self._flushed_at = _now()
         self.open = True
+        self._closed = False
+        """Whether the script has closed it: then the block takes what still fits."""
         self.write(MAGIC)
+        self.flush()
 
     def note(self, what: str, **values: Any) -> None:
         """Send a JSON object."""
-        self.send(NOTE, json.dumps({"what": what, **values}).encode())
+        self.send(NOTE, encoded({"what": what, **values}))
 
     def send(self, kind: bytes, payload: bytes) -> None:
         """Send a frame."""
@@ -61,21 +68,30 @@ class Pipe:
         """Put bytes into the block, and send it when there is enough in it."""
         if not self.open:
             return
-        if BLOCK.size + self._used + len(data) > BLOCK_BYTES:
+        if not self._fits(data):
             self.flush()
-            if BLOCK.size + len(data) > BLOCK_BYTES:
+            if not self._fits(data):
                 self._hand_over(data)
+                if self._closed:
+                    self.open = False
+                    self._put(frame(NOTE, encoded({"what": "cut"})))
                 return
+        self._put(data)
+        if self._used > FLUSH_BYTES or _now() - self._flushed_at > FLUSH_S:
+            self.flush()
+
+    def _fits(self, data: bytes | memoryview) -> bool:
+        return BLOCK.size + self._used + len(data) <= BLOCK_BYTES - CUT_BYTES
+
+    def _put(self, data: bytes | memoryview) -> None:
         start = BLOCK.size + self._used
         self._memory[start : start + len(data)] = data
         self._used += len(data)
         BLOCK.pack_into(self._memory, 0, self._before, self._used)
-        if self._used > FLUSH_BYTES or _now() - self._flushed_at > FLUSH_S:
-            self.flush()
 
     def flush(self) -> None:
         """Send what is in the block."""
-        if self.open and self._used:
+        if self.open and self._used and not self._closed:
             self._hand_over(self._memory[BLOCK.size : BLOCK.size + self._used])
 
     def close(self) -> None:
@@ -92,8 +108,8 @@ class Pipe:
 
     def _hand_over(self, data: bytes | memoryview) -> None:
         # A script may close all files and open its own: never write into one of those.
-        if not self._is_ours():
-            self.open = False
+        self._closed = self._closed or not self._is_ours()
+        if self._closed:
             return
         rest = memoryview(data)
         try:
@@ -112,6 +128,11 @@ class Pipe:
             return os.fstat(self._pipe).st_ino == self._inode
         except OSError:
             return False
+
+
+def encoded(note: dict[str, Any]) -> bytes:
+    """Return a JSON object as UTF-8; bytes of a file name that are not UTF-8 become `?`."""
+    return json.dumps(note, ensure_ascii=False).encode("utf-8", "replace")
 
 
 def frame(kind: bytes, payload: bytes) -> bytes:

@@ -58,39 +58,49 @@ def watch(
     draws.begin()
     started.on_removal(draws.remove)
     for name, then in (("pybullet", started.install), ("numpy.random", draws.on_numpy)):
+        once = name != "pybullet"  # which a script may forget, and import again
         if name in sys.modules:
             then(sys.modules[name])
-        else:
-            finder = _OnImport(name, then)
-            sys.meta_path.insert(0, finder)
-            started.on_removal(finder.remove)
+            if once:
+                continue
+        finder = _OnImport(name, then, once=once)
+        sys.meta_path.insert(0, finder)
+        started.on_removal(finder.remove)
     return started
 
 
 class _OnImport(importlib.abc.MetaPathFinder):
-    """Calls a function with a module as soon as the script imports it."""
+    """Calls a function with a module when the script imports it: every time, or once."""
 
-    def __init__(self, name: str, then: Callable[[ModuleType], None]) -> None:
-        self._name, self._then = name, then
+    def __init__(self, name: str, then: Callable[[ModuleType], None], *, once: bool) -> None:
+        self._name, self._then, self._once = name, then, once
+        self._over = False
 
     def remove(self) -> None:
         """Stop waiting."""
+        self._over = True
         if self in sys.meta_path:
             sys.meta_path.remove(self)
 
     def find_spec(
         self, fullname: str, _path: Sequence[str] | None, _target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        if fullname != self._name:
+        if fullname != self._name or self not in sys.meta_path:
             return None
-        self.remove()
-        spec = importlib.util.find_spec(fullname)
+        place = sys.meta_path.index(self)
+        del sys.meta_path[place]
+        try:
+            spec = importlib.util.find_spec(fullname)
+        finally:
+            sys.meta_path.insert(place, self)
         if spec is not None and spec.loader is not None:
-            then, execute = self._then, spec.loader.exec_module
+            execute = spec.loader.exec_module
 
             def exec_module(module: ModuleType) -> None:
                 execute(module)
-                then(module)
+                if not self._over:
+                    self._over = self._once
+                    self._then(module)
 
             loader: Any = spec.loader
             loader.exec_module = exec_module
