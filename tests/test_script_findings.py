@@ -268,6 +268,11 @@ HARMLESS = {
         "solver-stopped-early", FLOOR + CUBE.format(0.5) + "steps(120)",
     ),
     "a hundred times as heavy": ("mass-ratio", STACK.format(100)),
+    "made heavy once it is elsewhere": (
+        "mass-ratio",
+        STACK.format(1) + "\np.resetBasePositionAndOrientation(b, [3, 0, 5], [0, 0, 0, 1])\n"
+        "steps(2)\np.changeDynamics(b, -1, mass=1000)\nsteps(3)",
+    ),
     "heavy on the ground": (
         "mass-ratio", FLOOR + BOX.format("9999", "1, 1, 1", "0, 0, 1") + "steps(3)",
     ),
@@ -334,6 +339,11 @@ def test_a_finding_is_gone_where_its_advice_was_followed(analyzed: Analyzed, cas
 def test_what_only_looks_like_it_is_no_finding(analyzed: Analyzed, name: str) -> None:
     code, scene = HARMLESS[name]
     assert not {code, "law-mismatch"} & {*codes(analyzed(scene))}
+
+
+def test_a_mass_counts_while_it_touches(analyzed: Analyzed) -> None:
+    lighter = STACK.format(500) + "\np.changeDynamics(b, -1, mass=1)\nsteps(3)"
+    assert found(analyzed(lighter), "mass-ratio").step == 12
 
 
 def test_a_motion_that_nothing_explains_is_a_mismatch(

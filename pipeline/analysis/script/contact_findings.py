@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.analysis.script.evidence import Evidence
+from pipeline.analysis.script.evidence import Evidence, start_of
 from pipeline.analysis.script.results import ScriptContact, ScriptFinding
 from pipeline.fields import decimals
 from pipeline.messages import Message
@@ -79,11 +79,7 @@ def _later(e: Evidence, came: dict[int, int], number: int, row: int) -> bool:
 
 
 def _sides(e: Evidence, row: int, number: int) -> tuple[str, str]:
-    contacts = e.contacts
-    sides = [
-        (int(contacts.body_a[row]), int(contacts.link_a[row])),
-        (int(contacts.body_b[row]), int(contacts.link_b[row])),
-    ]
+    sides = e.sides(row)
     mine, other = sides if sides[0][0] == number else reversed(sides)
     return e.label(*mine), e.label(*other)
 
@@ -94,7 +90,7 @@ def _deep(e: Evidence) -> Iterator[ScriptFinding]:
     began = set().union(*map(_first_steps, e.seen.by_body.values()))
     deep_m = np.maximum(-contacts.distance_m, 0.0)
     starts = np.isin(contacts.step, list(began)) & (deep_m > OVERLAP_M)
-    thin_m = np.array([_thinner_m(e, pair) for pair in pairs])
+    thin_m = np.array([_thinner_m(e, point) for point in pairs])
     thin_m[np.unique(pair_of[starts])] = np.inf
     share = deep_m / thin_m[pair_of]
     if not len(share) or share.max() <= DEEP:
@@ -144,10 +140,10 @@ def _springs(e: Evidence, row: int) -> bool:
     )
 
 
-def _thinner_m(e: Evidence, pair: list[int]) -> float:
-    """Return the smallest edge of two parts that can move [m]; the ground may be a thin sheet."""
-    parts = [part for part in (pair[:2], pair[2:]) if e.mass_kg(*part) > 0]
-    edges = [e.extents_m(*part) for part in parts]
+def _thinner_m(e: Evidence, row: int) -> float:
+    """Return the smallest edge of two touching parts that can move [m]; the ground may be thin."""
+    at = start_of(int(e.contacts.step[row]))
+    edges = [e.extents_m(*part) for part in e.sides(row) if e.mass_kg(*part, at) > 0]
     return min((float(edge.min()) for edge in edges if edge is not None), default=math.inf)
 
 
@@ -240,7 +236,7 @@ def _stands(e: Evidence, body: int) -> bool:
 
 def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     contacts, (pair_of, pairs) = e.contacts, e.pairs
-    ratios = np.array([_ratio(e, pair) for pair in pairs])
+    ratios = np.array([_ratio(e, point) for point in pairs])
     ratio = np.where(contacts.normal_force_n > 0, ratios[pair_of] if len(pairs) else 0.0, 0.0)
     if not len(ratio) or ratio.max() <= HEAVIER:
         return
@@ -256,7 +252,8 @@ def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     yield e.finding("mass-ratio", message, step=int(contacts.step[row]))
 
 
-def _ratio(e: Evidence, pair: list[int]) -> float:
-    """Return how many times heavier one part is than the other; 0 where one does not move."""
-    masses = e.mass_kg(pair[0], pair[1]), e.mass_kg(pair[2], pair[3])
-    return max(masses) / min(masses) if min(masses) > 0 and pair[0] != pair[2] else 0.0
+def _ratio(e: Evidence, row: int) -> float:
+    """Return how many times heavier one touching part is than the other; 0 if one cannot move."""
+    at, sides = start_of(int(e.contacts.step[row])), e.sides(row)
+    masses = [e.mass_kg(*part, at) for part in sides]
+    return max(masses) / min(masses) if min(masses) > 0 and sides[0][0] != sides[1][0] else 0.0
