@@ -132,11 +132,11 @@ def _first_steps(record: OfBody) -> set[int]:
 
 def _springs(e: Evidence, row: int) -> bool:
     """Whether one side of a contact was given a stiffness."""
-    sides = int(e.contacts.body_a[row]), int(e.contacts.body_b[row])
+    at = start_of(int(e.contacts.step[row]))
     return any(
-        (np.nan_to_num(dynamics.reported["contact_stiffness"], nan=-1.0) >= 0).any()
-        for body in sides
-        for dynamics in e.dynamics_of(body)
+        e.reported("contact_stiffness", *part, at) >= 0
+        or e.given(("contactStiffness", "contactDamping"), *part, at)
+        for part in e.sides(row)
     )
 
 
@@ -197,7 +197,9 @@ def _gained(e: Evidence) -> Iterator[ScriptFinding]:
 def _gain(
     e: Evidence, body: int, contact: ScriptContact, gained_j: float, before_j: float
 ) -> ScriptFinding:
-    restitutions = [_restitution(e, body), *(_restitution(e, pusher.id) for pusher in contact.by)]
+    (pair_of, pairs), step = e.pairs, e.contacts.step
+    points = (e.contacts.body_a == body) | (e.contacts.body_b == body)
+    points &= (step >= contact.first_step) & (step <= contact.last_step)
     # A smaller timestep does not help: out of the same depth it pushes faster.
     cause = Message(
         "the engine pushes overlapping bodies apart, and that leaves them faster; call "
@@ -208,7 +210,7 @@ def _gain(
             "the engine pushes overlapping bodies apart, and that leaves them faster; place it "
             "outside, or call p.setPhysicsEngineParameter(contactERP=0)"
         )
-    if restitutions[0] * max(restitutions[1:]) > 1:
+    if any(_restitution(e, pairs[pair]) > 1 for pair in np.unique(pair_of[points])):
         cause = Message("their restitutions multiply to more than 1; lower one of them")
     message = Message(
         "{body} gains {gained:.3g} J from contact with {others} between {start:.4g} s and "
@@ -224,9 +226,15 @@ def _gain(
     return e.finding("energy-gained", message, body=body, step=contact.first_step)
 
 
-def _restitution(e: Evidence, body: int) -> float:
-    dynamics = e.dynamics_of(body)
-    return float(np.nan_to_num(dynamics[-1].reported["restitution"][0])) if dynamics else 0.0
+def _restitution(e: Evidence, row: int) -> float:
+    """Return the restitution of a contact point: the product of those of both sides."""
+    at, product = start_of(int(e.contacts.step[row])), 1.0
+    for part in e.sides(row):
+        reported = e.reported("restitution", *part, at)
+        # Of a btRigidBody it is not reported.
+        given = e.given(("restitution",), *part, at) if math.isnan(reported) else [reported]
+        product *= given[0] if given else 0.0
+    return product
 
 
 def _stands(e: Evidence, body: int) -> bool:

@@ -19,7 +19,7 @@ from pipeline.analysis.script.results import BodyAnalysis, ScriptFinding
 from pipeline.analysis.script.times import Times
 from pipeline.analysis.script.tracks import order
 from pipeline.messages import Message
-from pipeline.seen import At, Body, Call, Dynamics, Seen
+from pipeline.seen import Appearance, At, Body, Call, Dynamics, Seen
 
 Float64 = NDArray[np.float64]
 Moment = tuple[int, float]
@@ -109,9 +109,40 @@ class Evidence:
     def reported(self, name: str, body: int, link: int, at: Moment) -> float:
         """Return what the engine last reported of a part at a moment; nan where it is unknown."""
         dynamics = self.dynamics_of(body)
-        last = bisect_right([order(each.at) for each in dynamics], at) - 1
+        last = bisect_right(self._moments["dynamics"][body], at) - 1 if dynamics else 0
         values = dynamics[max(last, 0)].reported[name] if dynamics else np.zeros(0)
         return float(values[link + 1]) if 0 <= link + 1 < len(values) else math.nan
+
+    def given(self, names: tuple[str, ...], body: int, link: int, at: Moment) -> list[float]:
+        """Return what `changeDynamics` last gave a part up to a moment; empty if it never did.
+
+        PyBullet takes these arguments together, and ignores them if one is missing or below 0.
+        """
+        if body in self.seen.bodies:
+            came = order(self.appearance(body, at).at)
+            last = bisect_right(self._moments["given"][body], at)
+            for each in reversed(self.seen.by_body[body].given[:last]):
+                if order(each.at) >= came and each.values.get("linkIndex") == link:
+                    values = [float(np.ravel(each.values.get(name, -1))[0]) for name in names]
+                    if min(values) >= 0:
+                        return values
+        return []
+
+    def appearance(self, body: int, at: Moment) -> Appearance:
+        """Return when a body was last added, up to a moment: it may be loaded several times."""
+        last = bisect_right(self._moments["came"][body], at) - 1
+        return self.seen.by_body[body].came[max(last, 0)]
+
+    @cached_property
+    def _moments(self) -> dict[str, dict[int, list[Moment]]]:
+        """The moments of what was seen of each body, by kind."""
+        return {
+            kind: {
+                number: [order(event.at) for event in getattr(record, kind)]
+                for number, record in self.seen.by_body.items()
+            }
+            for kind in ("came", "dynamics", "given")
+        }
 
     def mass_kg(self, body: int, link: int, at: Moment) -> float:
         """Return the mass of a part at a moment; 0 where it is unknown."""
