@@ -207,6 +207,17 @@ HARMLESS = {
         "tunnelled", GRAVITY + BULLET + "steps(6)\n" + BOX.format("0", "0.005, 1, 1", "1, 0, 0.5")
         + "steps(2)",
     ),
+    "a wall that is put elsewhere before the first step": (
+        "tunnelled",
+        WALL + BULLET + "p.applyExternalForce(b, -1, [0, 0, 0.1], [0, 0, 0], p.LINK_FRAME)\n"
+        "p.resetBasePositionAndOrientation(wall, [1, 0, -9], [0, 0, 0, 1])\nsteps(8)",
+    ),
+    "a wall that stands elsewhere in the next scene": (
+        "tunnelled",
+        "for x in (9, 1):\n    p.resetSimulation()\n    " + GRAVITY
+        + "    " + BOX.format("0", "0.005, 1, 1", "x, 0, 0.5") + "    "
+        + BULLET.replace("\np.", "\n    p.") + "    steps(8 if x == 9 else 2)",
+    ),
     "a wall that is not to be met": (
         "tunnelled", WALL + BULLET + "p.setCollisionFilterPair(b, wall, -1, -1, 0)\nsteps(8)",
     ),
@@ -340,6 +351,18 @@ def test_a_finding_is_gone_where_its_advice_was_followed(analyzed: Analyzed, cas
 def test_what_only_looks_like_it_is_no_finding(analyzed: Analyzed, name: str) -> None:
     code, scene = HARMLESS[name]
     assert not {code, "law-mismatch"} & {*codes(analyzed(scene))}
+
+
+@pytest.mark.parametrize(
+    "rest",
+    [
+        "p.resetBasePositionAndOrientation(wall, [9, 0, 0], [0, 0, 0, 1])",
+        "p.resetSimulation()\n" + GRAVITY + BOX.format("0", "0.005, 1, 1", "9, 0, 0") + BULLET,
+    ],
+)
+def test_a_wall_stands_where_it_is_until_it_is_moved(analyzed: Analyzed, rest: str) -> None:
+    moved = f"{WALL}{BULLET}steps(8)\n{rest}\nsteps(2)"
+    assert found(analyzed(moved), "tunnelled").step == 3
 
 
 def test_a_mass_counts_while_it_touches(analyzed: Analyzed) -> None:

@@ -8,6 +8,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -33,6 +34,18 @@ OF_ALL = ("restoreState",)
 """Calls that change every body."""
 
 
+class Slab(NamedTuple):
+    """A body that nothing passes through, in the steps in which it stood where it appeared."""
+
+    body: Body
+    low_m: Float64
+    high_m: Float64
+    after: int
+    """The step after which it appeared."""
+    until: float
+    """The last step in which it stood there."""
+
+
 @dataclass(frozen=True)
 class Evidence:
     """A script's recording, and the analysis of its bodies."""
@@ -50,11 +63,12 @@ class Evidence:
     @cached_property
     def set_bodies(self) -> frozenset[int]:
         """Bodies that calls have moved after they appeared."""
-        return frozenset(
-            number
-            for number, record in self.seen.by_body.items()
-            if any(put.at.step > record.came[0].at.step for put in record.puts)
-        )
+        return frozenset(number for number in self.seen.by_body if self._moves_of(number))
+
+    def _moves_of(self, body: int) -> list[Moment]:
+        """Return when calls moved a body; where it appeared is reported like a move."""
+        came = {*self._moments["came"][body]}
+        return [at for at in self._moments["puts"][body] if at not in came]
 
     @cached_property
     def pairs(self) -> tuple[NDArray[np.intp], list[int]]:
@@ -93,13 +107,23 @@ class Evidence:
         )
 
     @cached_property
-    def slabs(self) -> list[tuple[Body, Float64, Float64]]:
-        """Fixed boxes and planes, with their corners: nothing passes through them."""
+    def slabs(self) -> list[Slab]:
+        """Fixed boxes and planes, from when they appeared until they were moved or removed."""
         slabs = []
-        for body in self.seen.bodies.values():
-            fixed = body.number not in self.judged and body.number not in self.set_bodies
-            if fixed and _is_slab(body):
-                slabs.append((body, np.array(body.bounds_m[:3]), np.array(body.bounds_m[3:])))
+        for number, record in self.seen.by_body.items():
+            if number in self.judged:
+                continue
+            gone = [
+                order(each.at)
+                for each in self.seen.appearances
+                if each.body.number == number and not each.there
+            ]
+            for appearance in filter(_is_slab, record.came):
+                body, began = appearance.body, order(appearance.at)
+                ends = [at for at in (*gone, *self._moves_of(number)) if at > began]
+                low_m, high_m = np.reshape(body.bounds_m, (2, 3))
+                until = min(ends, default=(math.inf, 0))[0]
+                slabs.append(Slab(body, low_m, high_m, began[0], until))
         return slabs
 
     def dynamics_of(self, body: int) -> list[Dynamics]:
@@ -141,7 +165,7 @@ class Evidence:
                 number: [order(event.at) for event in getattr(record, kind)]
                 for number, record in self.seen.by_body.items()
             }
-            for kind in ("came", "dynamics", "given")
+            for kind in ("came", "dynamics", "given", "puts")
         }
 
     def mass_kg(self, body: int, link: int, at: Moment) -> float:
@@ -200,8 +224,9 @@ def start_of(step: int) -> Moment:
     return step - 1, math.inf
 
 
-def _is_slab(body: Body) -> bool:
+def _is_slab(appearance: Appearance) -> bool:
     """Whether a body fills the box around it: it is one shape, and not turned."""
+    body = appearance.body
     if len(body.shapes) != 1 or len(body.bounds_m) != 6 or body.shapes[0].kind not in SLABS:
         return False
     (shape,) = body.shapes

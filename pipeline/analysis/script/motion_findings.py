@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.analysis.general.segments import SET, UNEXPLAINED
 from pipeline.analysis.script.evidence import Evidence
@@ -14,7 +13,6 @@ from pipeline.analysis.script.results import ScriptFinding
 from pipeline.fields import decimals, fraction
 from pipeline.laws.bullet_air import DEFAULT_DAMPING
 from pipeline.messages import Message
-from pipeline.seen import Body
 
 DAMPED_M = 1e-3
 """How far damping must move a body in a flight to be worth reporting."""
@@ -71,16 +69,16 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
     )
     if track.body.joints or filtered:
         return
-    moved = track.led & ~track.put
+    moved, passed = track.led & ~track.put, set()
     before_m, after_m = track.before.position_m, track.motion.position_m
-    for other, low, high in e.slabs:
-        if other.client != track.body.client:
+    for other, low, high, after, until in e.slabs:
+        if other.client != track.body.client or other.number in passed:
             continue
         axis = int(np.argmin(high - low))
         down = (before_m[:, axis] > high[axis]) & (after_m[:, axis] < low[axis])
         up = (before_m[:, axis] < low[axis]) & (after_m[:, axis] > high[axis])
         beside = [other for other in range(3) if other != axis]
-        inside = _there(e, other, track.steps)
+        inside = (track.steps > after) & (track.steps <= until)
         for position_m in (before_m, after_m):
             inside &= ((position_m > low) & (position_m < high))[:, beside].all(axis=1)
         rows = np.flatnonzero(moved & inside & (down | up))
@@ -88,6 +86,7 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
         if len(rows) and not touched[0]:
             row = int(rows[0])
             step = int(track.steps[row])
+            passed.add(other.number)
             message = Message(
                 "{body} passes through {other} at step {step} without a contact: it moves "
                 "{way:.4g} mm in that step, and {other} is {thickness:.4g} mm thick; use a smaller "
@@ -99,15 +98,6 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
                 thickness=(high - low)[axis] * 1e3,
             )
             yield e.finding("tunnelled", message, body=number, step=step)
-
-
-def _there(e: Evidence, body: Body, steps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return in which steps a body was there, from the first to the last of its appearances."""
-    there = np.zeros(len(steps), dtype=bool)
-    for appearance in e.seen.appearances:
-        if appearance.body.number == body.number:
-            there[steps > appearance.at.step] = appearance.there
-    return there
 
 
 def _clamped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
