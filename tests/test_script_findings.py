@@ -218,6 +218,11 @@ HARMLESS = {
         + "    " + BOX.format("0", "0.005, 1, 1", "x, 0, 0.5") + "    "
         + BULLET.replace("\np.", "\n    p.") + "    steps(8 if x == 9 else 2)",
     ),
+    "a picture of a ball": (
+        "tunnelled",
+        WALL + "b = p.createMultiBody(1, -1, p.createVisualShape(p.GEOM_SPHERE, radius=0.02), "
+        "[0, 0, 0.5])\np.resetBaseVelocity(b, [90, 0, 0])\nsteps(8)",
+    ),
     "a wall that is not to be met": (
         "tunnelled", WALL + BULLET + "p.setCollisionFilterPair(b, wall, -1, -1, 0)\nsteps(8)",
     ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -174,12 +175,19 @@ class Evidence:
 
     def extents_m(self, body: int, link: int) -> Float64 | None:
         """Return the edges of the box around a part as loaded, (3,); None without a size."""
-        known = self.seen.bodies.get(body)
-        bounds = () if known is None else known.bounds_m[6 * (link + 1) : 6 * (link + 2)]
-        if len(bounds) != 6:
-            return None
-        edges = np.subtract(bounds[3:], bounds[:3])
+        edges = self._box_m(body, link, (sys.maxsize, 0))
         return edges if (edges > 0).all() else None
+
+    def collides(self, body: int, link: int, at: Moment) -> bool:
+        """Whether a part has a shape that can touch another."""
+        return bool(self._box_m(body, link, at).any())
+
+    def _box_m(self, body: int, link: int, at: Moment) -> Float64:
+        """Return the edges of the box around a part where it appeared, (3,); 0 without a shape."""
+        bounds: tuple[float, ...] = ()
+        if body in self.seen.bodies:
+            bounds = self.appearance(body, at).body.bounds_m[6 * (link + 1) : 6 * (link + 2)]
+        return np.subtract(bounds[3:], bounds[:3]) if len(bounds) == 6 else np.zeros(3)
 
     def label(self, body: int, link: int = -1) -> str:
         """Return the name of a part: the body, and the link where it is not the base."""

@@ -7,12 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.analysis.general.segments import SET, UNEXPLAINED
-from pipeline.analysis.script.evidence import Evidence
+from pipeline.analysis.script.evidence import Evidence, start_of
 from pipeline.analysis.script.judged import UNKNOWN, Judged
 from pipeline.analysis.script.results import ScriptFinding
 from pipeline.fields import decimals, fraction
 from pipeline.laws.bullet_air import DEFAULT_DAMPING
 from pipeline.messages import Message
+from pipeline.states import BASE
 
 DAMPED_M = 1e-3
 """How far damping must move a body in a flight to be worth reporting."""
@@ -82,8 +83,10 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
         for position_m in (before_m, after_m):
             inside &= ((position_m > low) & (position_m < high))[:, beside].all(axis=1)
         rows = np.flatnonzero(moved & inside & (down | up))
+        if not len(rows) or not e.collides(number, BASE, start_of(int(track.steps[rows[0]]))):
+            continue
         touched = np.isin(rows, judged.touches.step[judged.touches.other_body == other.number])
-        if len(rows) and not touched[0]:
+        if not touched[0]:
             row = int(rows[0])
             step = int(track.steps[row])
             passed.add(other.number)
