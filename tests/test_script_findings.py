@@ -461,3 +461,46 @@ def test_a_restitution_and_a_stiffness_that_come_later_explain_nothing(analyzed:
     soft = "p.changeDynamics(b, -1, contactStiffness=30, contactDamping=1)\n"
     later = f"{FLOOR}{CUBE.format(1)}steps(150)\np.resetBaseVelocity(b, [0, 0, 5])\n{soft}steps(1)"
     assert "contactStiffness" not in found(analyzed(later), "deep-penetration").message
+
+
+THIN = FLOOR + (
+    "c = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.003])\n"
+    "turned = p.getQuaternionFromEuler([0.4, 0.3, 0.2])\n"
+)
+FAST = "p.resetBaseVelocity(b, [9, 0, 0])\nsteps(1)\n"
+
+
+@pytest.mark.parametrize(
+    ("turned", "drawn", "thick_mm"),
+    [
+        ("turned", "-1", "6"),  # PyBullet draws what it collides with
+        ("[0, 0, 0, 1]", "p.createVisualShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.001])", "6"),
+        ("[0.5, 0.5, 0.5, 0.5]", "p.createVisualShape(p.GEOM_SPHERE, radius=0.1)", "6"),
+        ("turned", "p.createVisualShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.001])", None),
+    ],
+)
+def test_a_body_is_as_thick_as_its_own_shape(
+    analyzed: Analyzed, turned: str, drawn: str, thick_mm: str | None
+) -> None:
+    scene = f"{THIN}b = p.createMultiBody(1, c, {drawn}, [0, 0, 1], {turned})\n{FAST}"
+    findings = {each.code: each.message for each in analyzed(scene).findings}
+    assert ("timestep-too-long" in findings) == (thick_mm is not None)
+    assert thick_mm is None or f" {thick_mm} mm thick" in findings["timestep-too-long"]
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_turned_mesh_has_no_known_thickness(analyzed: Analyzed, turned: bool) -> None:
+    orientation = "p.getQuaternionFromEuler([0.4, 0.3, 0.2])" if turned else "[0, 0, 0, 1]"
+    scene = f'{FLOOR}b = p.loadURDF("cube_small.urdf", [0, 0, 1], {orientation})\n{FAST}'
+    fast = scene.replace("[9, 0, 0]", "[30, 0, 0]")
+    assert ("timestep-too-long" in codes(analyzed(fast))) != turned
+
+
+def test_a_body_that_is_loaded_again_has_a_thickness_of_its_own(analyzed: Analyzed) -> None:
+    """The same id, name and make-up after a reset are the same body."""
+    thin = f"{THIN}b = p.createMultiBody(1, c, -1, [0, 0, 1])\n"
+    thick = thin.replace("0.003", "0.1")
+    scene = f"{thin}{FAST}p.resetSimulation()\n{thick}steps(9)"
+    assert found(analyzed(scene), "timestep-too-long").step == 1
+    scene = f"{thick}{FAST}p.resetSimulation()\n{thin}steps(9)"
+    assert "timestep-too-long" not in codes(analyzed(scene))

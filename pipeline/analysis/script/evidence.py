@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-import sys
-from bisect import bisect_right
-from collections.abc import Iterable, Mapping
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -16,21 +15,20 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.general.contacts import Contacts
+from pipeline.analysis.general.samples import motion_of
+from pipeline.analysis.script.edges import box_m, corners_of, edges_of
 from pipeline.analysis.script.judged import Judged
 from pipeline.analysis.script.results import BodyAnalysis, ScriptFinding
 from pipeline.analysis.script.times import Times
 from pipeline.analysis.script.tracks import order
 from pipeline.messages import Message
 from pipeline.seen import Appearance, At, Body, Call, Dynamics, Seen
+from pipeline.states import BASE
 
 Float64 = NDArray[np.float64]
 Moment = tuple[int, float]
 """Steps and calls before it: the sort key of an event (`order`)."""
 
-SLABS = ("box", "plane")
-"""Shapes that fill the box around them where they are not turned."""
-MARGIN_M = 1e-3
-"""Margin of Bullet's box around a body, on each side."""
 OF_ALL = ("restoreState",)
 """Calls that change every body."""
 
@@ -119,12 +117,14 @@ class Evidence:
                 for each in self.seen.appearances
                 if each.body.number == number and not each.there
             ]
-            for appearance in filter(_is_slab, record.came):
-                body, began = appearance.body, order(appearance.at)
+            for came in record.came:
+                body, began = came.body, order(came.at)
+                corners_m = corners_of(body, self._orientation(came, BASE))
+                if corners_m is None:
+                    continue
                 ends = [at for at in (*gone, *self._moves_of(number)) if at > began]
-                low_m, high_m = np.reshape(body.bounds_m, (2, 3))
                 until = min(ends, default=(math.inf, 0))[0]
-                slabs.append(Slab(body, low_m, high_m, began[0], until))
+                slabs.append(Slab(body, *corners_m, began[0], until))
         return slabs
 
     def dynamics_of(self, body: int) -> list[Dynamics]:
@@ -173,21 +173,40 @@ class Evidence:
         """Return the mass of a part at a moment; 0 where it is unknown."""
         return float(np.nan_to_num(self.reported("mass_kg", body, link, at)))
 
-    def extents_m(self, body: int, link: int) -> Float64 | None:
-        """Return the edges of the box around a part as loaded, (3,); None without a size."""
-        edges = self._box_m(body, link, (sys.maxsize, 0))
-        return edges if (edges > 0).all() else None
+    def extents_m(self, body: int, link: int, at: Moment) -> Float64 | None:
+        """Return the edges of the box around a part along its own axes, (3,); None if unknown."""
+        if not self.collides(body, link, at):
+            return None
+        came = self.appearance(body, at)
+        key = body, link, order(came.at)
+        if key not in self._extents:
+            self._extents[key] = edges_of(came.body, link, self._orientation(came, link))
+        return self._extents[key]
+
+    @cached_property
+    def _extents(self) -> dict[tuple[int, int, Moment], Float64 | None]:
+        """Those that were asked for, by part and by when its body appeared."""
+        return {}
 
     def collides(self, body: int, link: int, at: Moment) -> bool:
         """Whether a part has a shape that can touch another."""
-        return bool(self._box_m(body, link, at).any())
+        known = body in self.seen.bodies
+        return known and bool(box_m(self.appearance(body, at).body, link).any())
 
-    def _box_m(self, body: int, link: int, at: Moment) -> Float64:
-        """Return the edges of the box around a part where it appeared, (3,); 0 without a shape."""
-        bounds: tuple[float, ...] = ()
-        if body in self.seen.bodies:
-            bounds = self.appearance(body, at).body.bounds_m[6 * (link + 1) : 6 * (link + 2)]
-        return np.subtract(bounds[3:], bounds[:3]) if len(bounds) == 6 else np.zeros(3)
+    def _orientation(self, came: Appearance, link: int) -> Sequence[float] | None:
+        """Return the orientation of a part where its body appeared; None if unknown."""
+        number, at = came.body.number, order(came.at)
+        puts = self.seen.by_body[number].puts
+        which = bisect_left(self._moments["puts"][number], at)
+        if which < len(puts) and order(puts[which].at) == at:
+            states = puts[which].states
+            return tuple(states["orientation"][states["link"] == link][0])
+        # What time moves is in the first sample of all instead.
+        rows = self.seen.parts.get((number, link))
+        if rows is None or came.sampled:
+            return None
+        row = rows.filter(pl.col("step") == came.at.step)
+        return tuple(motion_of(row).orientation[0]) if len(row) else None
 
     def label(self, body: int, link: int = -1) -> str:
         """Return the name of a part: the body, and the link where it is not the base."""
@@ -230,16 +249,6 @@ class Evidence:
 def start_of(step: int) -> Moment:
     """Return when a step began, with all that was called before it."""
     return step - 1, math.inf
-
-
-def _is_slab(appearance: Appearance) -> bool:
-    """Whether a body fills the box around it: it is one shape, and not turned."""
-    body = appearance.body
-    if len(body.shapes) != 1 or len(body.bounds_m) != 6 or body.shapes[0].kind not in SLABS:
-        return False
-    (shape,) = body.shapes
-    wider_m = np.subtract(body.bounds_m[3:], body.bounds_m[:3]) - shape.size_m[:3]
-    return shape.kind == "plane" or bool((np.abs(wider_m) <= 2 * MARGIN_M * (1 + 1e-6)).all())
 
 
 def _is_of(call: Call, body: Body) -> bool:

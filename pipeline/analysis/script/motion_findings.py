@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,6 +11,7 @@ from pipeline.analysis.general.segments import SET, UNEXPLAINED
 from pipeline.analysis.script.evidence import Evidence, start_of
 from pipeline.analysis.script.judged import UNKNOWN, Judged
 from pipeline.analysis.script.results import ScriptFinding
+from pipeline.analysis.script.tracks import life_of, order
 from pipeline.fields import decimals, fraction
 from pipeline.laws.bullet_air import DEFAULT_DAMPING
 from pipeline.messages import Message
@@ -117,15 +119,18 @@ def _clamped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding
 
 
 def _too_fast(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
-    edges_m, track = e.extents_m(number, -1), judged.track
+    track = judged.track
     swept = any("ccdSweptSphereRadius" in epoch.given for epoch in track.epochs)
     alone = all(
         body is track.body or body.client != track.body.client for body in e.seen.bodies.values()
     )
-    if edges_m is None or track.body.joints or swept or alone:
+    if track.body.joints or swept or alone:
         return
+    edges_m = [e.extents_m(number, BASE, order(came.at)) for came in e.seen.by_body[number].came]
+    thick_m = np.array([math.inf if edge is None else edge.min() for edge in edges_m])
+    thin_m = thick_m[life_of(e.seen.by_body[number], track.steps)]
     way_m = np.linalg.norm(track.motion.position_m - track.before.position_m, axis=1)
-    rows = np.flatnonzero(track.led & ~track.put & (way_m > edges_m.min()))
+    rows = np.flatnonzero(track.led & ~track.put & (way_m > thin_m))
     if len(rows):
         row = int(rows[np.argmax(way_m[rows])])
         law, step = judged.law_at(row), int(track.steps[row])
@@ -140,7 +145,7 @@ def _too_fast(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindin
             way=way_m[row] * 1e3,
             of_step=of_step,
             step=step,
-            thickness=edges_m.min() * 1e3,
+            thickness=thin_m[row] * 1e3,
         )
         yield e.finding("timestep-too-long", message, body=number, step=step)
 

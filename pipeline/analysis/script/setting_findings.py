@@ -189,7 +189,7 @@ def _of_inertia(e: Evidence, number: int, dynamics: Dynamics) -> Iterator[Script
             yield e.finding(
                 "impossible-inertia", message, body=number, step=dynamics.at.step, site=site
             )
-        edges_m = e.extents_m(number, link)
+        edges_m = e.extents_m(number, link, until)
         if edges_m is None:
             continue
         most = float(mass_kg) * float(edges_m @ edges_m) / 4
