@@ -298,6 +298,28 @@ HARMLESS = {
         ROBOT + "p.setJointMotorControl2(r, 1, p.VELOCITY_CONTROL, targetVelocity=9, force=1)\n"
         "steps(30)",
     ),
+    "a motor of a robot that a reset has removed": (
+        "motor-at-limit",
+        f"{ROBOT}{DRIVEN.format(5)}steps(5)\np.resetSimulation()\n{ROBOT}"
+        "p.resetJointState(r, 1, 1)\nsteps(30)",
+    ),
+    "a motor of a robot that is removed before a step": (
+        "motor-at-limit",
+        f"{ROBOT}steps(5)\n{DRIVEN.format(5)}p.removeBody(r)\n{ROBOT}"
+        "p.resetJointState(r, 1, 1)\nsteps(30)",
+    ),
+    "limits that are given": (
+        "joint-beyond-limits",
+        f"{ROBOT}p.changeDynamics(r, 1, jointLowerLimit=-3, jointUpperLimit=3)\n"
+        "p.resetJointState(r, 1, 2.5)\nsteps(3)",
+    ),
+    "limits that are given while it moves, the lower one by default": (
+        "joint-beyond-limits",
+        f"{ROBOT}steps(2)\np.changeDynamics(r, 1, jointUpperLimit=3)\n"
+        "p.changeDynamics(r, 2, jointLowerLimit=0, jointUpperLimit=1)\n"
+        "p.changeDynamics(r, 1, jointLowerLimit=4, jointUpperLimit=0)\n"
+        "p.resetJointState(r, 1, 2.5)\nsteps(3)",
+    ),
     "a script that asks for real time without a window": (
         "real-time", FLOOR + CUBE.format(1) + "p.setRealTimeSimulation(1)\nsteps(3)",
     ),
@@ -461,6 +483,26 @@ def test_a_restitution_and_a_stiffness_that_come_later_explain_nothing(analyzed:
     soft = "p.changeDynamics(b, -1, contactStiffness=30, contactDamping=1)\n"
     later = f"{FLOOR}{CUBE.format(1)}steps(150)\np.resetBaseVelocity(b, [0, 0, 5])\n{soft}steps(1)"
     assert "contactStiffness" not in found(analyzed(later), "deep-penetration").message
+
+
+def test_limits_count_in_the_steps_in_which_they_hold(analyzed: Analyzed) -> None:
+    """Given by `changeDynamics`, and gone with the robot."""
+    narrow = "p.changeDynamics(r, 1, jointLowerLimit=-1, jointUpperLimit=1)\n"
+    put = "p.resetJointState(r, 1, 1.5)\nsteps(2)\n"
+    finding = found(analyzed(f"{ROBOT}{put}{narrow}steps(2)"), "joint-beyond-limits")
+    assert finding.step == 4
+    assert "limits are -1 and 1:" in finding.message
+    again = f"{ROBOT}{narrow}steps(2)\np.resetSimulation()\n{ROBOT}{put}"
+    assert "joint-beyond-limits" not in codes(analyzed(again))
+
+
+def test_a_motor_that_is_set_again_drives_the_robot_that_is_loaded_again(
+    analyzed: Analyzed,
+) -> None:
+    scene = (
+        f"{ROBOT}{DRIVEN.format(5)}steps(5)\np.removeBody(r)\n{ROBOT}{DRIVEN.format(5)}steps(30)"
+    )
+    assert found(analyzed(scene), "motor-at-limit").step == 6
 
 
 THIN = FLOOR + (
