@@ -281,6 +281,12 @@ HARMLESS = {
         + BOX.format("1", "0.05, 0.05, 0.05", "-0.2, 0, 0.05")
         + "p.resetBaseVelocity(b, [5, 0, 0])\nsteps(60)",
     ),
+    "a rolling ball that is pushed": (
+        "energy-gained",
+        FLOOR + 'b = p.loadURDF("sphere_small.urdf", [0, 0, 0.03])\n'
+        "p.changeDynamics(b, -1, rollingFriction=0.001)\nsteps(50)\nfor i in range(20):\n"
+        "    p.applyExternalForce(b, -1, [3, 0, 0], [0, 0, 0], p.LINK_FRAME)\n    steps(1)",
+    ),
     "an impact that takes all iterations": (
         "solver-stopped-early", FLOOR + CUBE.format(0.5) + "steps(120)",
     ),

@@ -52,8 +52,8 @@ def _beyond(e: Evidence, body: Body, joint: Joint, column: int) -> Iterator[Scri
         step = int(joints.steps[row])
         message = Message(
             "{body} has its joint {joint} at {position:.4g} {unit} at step {step}; its limits are "
-            "{low:.4g} and {high:.4g}: neither the start nor p.resetJointState is checked against "
-            "them, and the solver enforces them only approximately",
+            "{low:.4g} and {high:.4g}: a start, p.resetJointState or new limits may "
+            "leave it beyond them, and the solver enforces them only approximately",
             body=body.label,
             joint=joint.name,
             position=position[row],
