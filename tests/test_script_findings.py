@@ -430,6 +430,19 @@ def test_a_velocity_that_is_held_is_told_of_what_a_constraint_holds_too(analyzed
     assert found(analyzed(scene), "velocity-clamped").step == 10
 
 
+def test_a_velocity_that_is_held_within_a_step_need_not_end_there(
+    recorded_scene: Callable[[str], ScriptRecording],
+) -> None:
+    scene = (
+        FLOOR + CUBE.format(0.025) + "p.applyExternalForce(b, -1, [0, 0, -4000], [0, 0, 0], 1)\n"
+    )
+    seen = recorded_scene(f"{scene}steps(1)").seen
+    assert seen.states["vz_m_s"].abs().max() < 50  # type: ignore[operator]
+    finding = found(analyze(seen), "velocity-clamped")
+    assert finding.step == 1
+    assert "within step 1" in finding.message
+
+
 def test_what_damping_moves_is_what_is_gone_without(
     recorded_scene: Callable[[str], ScriptRecording],
 ) -> None:

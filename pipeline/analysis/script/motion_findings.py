@@ -110,7 +110,7 @@ def _clamped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding
     if len(rows):
         step = int(judged.track.steps[rows[0]])
         message = Message(
-            "{body} reaches 100 m/s or rad/s at step {step} and is clamped there: a btMultiBody "
+            "{body} exceeds 100 m/s or rad/s within step {step} and is clamped: a btMultiBody "
             "limits every component to ±100; load it with useMaximalCoordinates=True",
             body=e.label(number),
             step=step,
