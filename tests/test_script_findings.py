@@ -524,6 +524,24 @@ def test_a_motor_that_is_set_again_drives_the_robot_that_is_loaded_again(
     assert found(analyzed(scene), "motor-at-limit").step == 6
 
 
+def test_an_inertia_that_was_given_is_gone_with_its_body(
+    analyzed: Analyzed, tmp_path: Path
+) -> None:
+    """The file of the cube that is loaded again says so, no call does."""
+    file = tmp_path / "cube.urdf"
+    file.write_text(
+        '<robot name="cube"><link name="base"><inertial><mass value="1"/><inertia ixx="1" ixy="0" '
+        'ixz="0" iyy="1" iyz="0" izz="1"/></inertial><collision><geometry><box size="0.1 0.1 0.1"/>'
+        "</geometry></collision></link></robot>"
+    )
+    load = f'{GRAVITY}b = p.loadURDF("{file}", [0, 0, 1], flags=p.URDF_USE_INERTIA_FROM_FILE)\n'
+    given = "p.changeDynamics(b, -1, localInertiaDiagonal=[0.001, 0.001, 0.001])\n"
+    scene = f"{load}{given}steps(2)\np.resetSimulation()\n{load}steps(2)"
+    finding = found(analyzed(scene), "inertia-far-from-shape")
+    assert finding.site is None
+    assert "in its file" in finding.message
+
+
 THIN = FLOOR + (
     "c = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.003])\n"
     "turned = p.getQuaternionFromEuler([0.4, 0.3, 0.2])\n"
