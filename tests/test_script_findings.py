@@ -223,6 +223,12 @@ HARMLESS = {
         WALL + "b = p.createMultiBody(1, -1, p.createVisualShape(p.GEOM_SPHERE, radius=0.02), "
         "[0, 0, 0.5])\np.resetBaseVelocity(b, [90, 0, 0])\nsteps(8)",
     ),
+    "a floor that is turned, and thinner than the box around it": (
+        "tunnelled",
+        GRAVITY + 'p.loadURDF("plane.urdf", [0, 0, 0], [0.38268, 0, 0, 0.92388])\n'
+        + BOX.format("1", "0.1, 0.1, 0.1", "0, 10, -80") + "p.setTimeStep(2)\n"
+        "p.resetBaseVelocity(b, [0, 0, 90])\nsteps(3)",
+    ),
     "a wall that is not to be met": (
         "tunnelled", WALL + BULLET + "p.setCollisionFilterPair(b, wall, -1, -1, 0)\nsteps(8)",
     ),
@@ -496,9 +502,11 @@ b = p.loadURDF("cube_small.urdf", [0, 0, 0.2], useMaximalCoordinates={maximal})
     assert "contactStiffness" in deep.message
 
 
-def test_a_restitution_and_a_stiffness_that_come_later_explain_nothing(analyzed: Analyzed) -> None:
+def test_a_restitution_and_a_stiffness_that_do_not_act_explain_nothing(analyzed: Analyzed) -> None:
     later = f"{BOUNCE}steps(60)\n{RESTITUTION.format(1.3)}steps(1)"
     assert "contactERP" in found(analyzed(later), "energy-gained").message
+    slow = f"{FLOOR}{CUBE.format(0.005)}{RESTITUTION.format(1.3)}p.setTimeStep(1 / 1000)\nsteps(50)"
+    assert "contactERP" in found(analyzed(slow), "energy-gained").message
     soft = "p.changeDynamics(b, -1, contactStiffness=30, contactDamping=1)\n"
     later = f"{FLOOR}{CUBE.format(1)}steps(150)\np.resetBaseVelocity(b, [0, 0, 5])\n{soft}steps(1)"
     assert "contactStiffness" not in found(analyzed(later), "deep-penetration").message

@@ -8,8 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.analysis.script.evidence import Evidence, start_of
+from pipeline.analysis.script.judged import Judged
 from pipeline.analysis.script.results import ScriptContact, ScriptFinding
 from pipeline.fields import decimals
+from pipeline.laws.bullet_contact import RESTITUTION_THRESHOLD_M_S
 from pipeline.messages import Message
 from pipeline.seen import OfBody
 
@@ -145,6 +147,8 @@ def _thinner_m(e: Evidence, row: int) -> float:
 
     Infinity where one is unknown.
     """
+    if any(body not in e.seen.bodies for body, _ in e.sides(row)):
+        return math.inf
     at = start_of(int(e.contacts.step[row]))
     edges = [e.extents_m(*part, at) for part in e.sides(row) if e.mass_kg(*part, at) > 0]
     return min(
@@ -202,9 +206,6 @@ def _gained(e: Evidence) -> Iterator[ScriptFinding]:
 def _gain(
     e: Evidence, body: int, contact: ScriptContact, gained_j: float, before_j: float
 ) -> ScriptFinding:
-    (pair_of, pairs), step = e.pairs, e.contacts.step
-    points = (e.contacts.body_a == body) | (e.contacts.body_b == body)
-    points &= (step >= contact.first_step) & (step <= contact.last_step)
     # A smaller timestep does not help: out of the same depth it pushes faster.
     cause = Message(
         "the engine pushes overlapping bodies apart, and that leaves them faster; call "
@@ -215,7 +216,7 @@ def _gain(
             "the engine pushes overlapping bodies apart, and that leaves them faster; place it "
             "outside, or call p.setPhysicsEngineParameter(contactERP=0)"
         )
-    if any(_restitution(e, pairs[pair]) > 1 for pair in np.unique(pair_of[points])):
+    if _bounces(e, e.judged[body], contact):
         cause = Message("their restitutions multiply to more than 1; lower one of them")
     message = Message(
         "{body} gains {gained:.3g} J from contact with {others} between {start:.4g} s and "
@@ -229,6 +230,28 @@ def _gain(
         cause=cause,
     )
     return e.finding("energy-gained", message, body=body, step=contact.first_step)
+
+
+def _bounces(e: Evidence, judged: Judged, contact: ScriptContact) -> bool:
+    """Whether a body met something so fast, and so elastic, that it left it faster."""
+    contacts, track, (pair_of, pairs) = e.contacts, judged.track, e.pairs
+    on_a, on_b = (side == track.body.number for side in (contacts.body_a, contacts.body_b))
+    its = (contacts.step >= contact.first_step) & (contacts.step <= contact.last_step)
+    its &= on_a | on_b
+    elastic = [pair for pair in np.unique(pair_of[its]) if _restitution(e, pairs[pair]) > 1]
+    points = np.flatnonzero(its & np.isin(pair_of, elastic))
+    rows = np.searchsorted(track.steps, contacts.step[points])
+    first = int(np.searchsorted(track.steps, contact.first_step))
+    epoch, law = next(each for each in judged.laws if first < each[0].rows.stop)
+    assert law is not None
+    start = law.step(track.before.at(rows))
+    mine = on_a[points][:, None]
+    arm_m = np.where(mine, contacts.position_a_m[points], contacts.position_b_m[points])
+    arm_m -= track.before.position_m[rows]
+    velocity_m_s = start.velocity_m_s + np.cross(start.spin_rad_s, arm_m)
+    towards = np.where(mine, -1, 1) * contacts.normal[points]
+    given = epoch.settings.values.get("set_restitutionVelocityThreshold", RESTITUTION_THRESHOLD_M_S)
+    return bool((np.sum(velocity_m_s * towards, axis=1) > np.ravel(given)[0]).any())
 
 
 def _restitution(e: Evidence, row: int) -> float:
