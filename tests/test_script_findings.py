@@ -225,9 +225,10 @@ HARMLESS = {
     ),
     "a floor that is turned, and thinner than the box around it": (
         "tunnelled",
-        GRAVITY + 'p.loadURDF("plane.urdf", [0, 0, 0], [0.38268, 0, 0, 0.92388])\n'
-        + BOX.format("1", "0.1, 0.1, 0.1", "0, 10, -80") + "p.setTimeStep(2)\n"
-        "p.resetBaseVelocity(b, [0, 0, 90])\nsteps(3)",
+        GRAVITY + 'p.loadURDF("plane.urdf", [0, 0, 0], [0.5, 0, 0, 0.866])\n'
+        + BOX.format("1", "0.1, 0.1, 0.1", "0, -60, 0")
+        + "p.setTimeStep(2)\np.changeDynamics(b, -1, linearDamping=0)\n"
+        "p.resetBaseVelocity(b, [0, 90, 0])\nsteps(1)",
     ),
     "a wall that is not to be met": (
         "tunnelled", WALL + BULLET + "p.setCollisionFilterPair(b, wall, -1, -1, 0)\nsteps(8)",
