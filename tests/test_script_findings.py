@@ -343,6 +343,11 @@ HARMLESS = {
         "p.createConstraint(b, -1, a, -1, p.JOINT_FIXED, [0, 0, 1], [0, 0, -0.2], [0, 0, 0.2])\n"
         "steps(60)",
     ),
+    "in contact from the start, and changed later": (
+        "deep-penetration",
+        FLOOR + CUBE.format(0.01)
+        + "steps(1)\np.changeDynamics(b, -1, lateralFriction=0.9)\nsteps(1)",
+    ),
     "half a millimetre": ("starts-in-contact", FLOOR + CUBE.format(0.0245) + "steps(3)"),
 }  # fmt: skip
 """What looks like a finding, and is none."""

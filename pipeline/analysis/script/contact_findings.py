@@ -92,8 +92,10 @@ def _deep(e: Evidence) -> Iterator[ScriptFinding]:
     began = set().union(*map(_first_steps, e.seen.by_body.values()))
     deep_m = np.maximum(-contacts.distance_m, 0.0)
     starts = np.isin(contacts.step, list(began)) & (deep_m > OVERLAP_M)
-    thin_m = np.array([_thinner_m(e, point) for point in pairs])
-    thin_m[np.unique(pair_of[starts])] = np.inf
+    known = {e.sides(pairs[pair]) for pair in np.unique(pair_of[starts])}
+    thin_m = np.array(
+        [math.inf if e.sides(point) in known else _thinner_m(e, point) for point in pairs]
+    )
     share = deep_m / thin_m[pair_of]
     if not len(share) or share.max() <= DEEP:
         return
