@@ -74,6 +74,8 @@ def translated(text: str) -> str:
 def localized(template: str, /, **values: object) -> str:
     """Return a message in the reader's language at once, for what is only ever shown."""
     return translated(Message(template, **values))
+
+
 def shell_command(*words: str | Path) -> str:
     """Return a command as it can be pasted into a shell, bash or zsh.
 

@@ -7,9 +7,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.analysis.script.evidence import Evidence
+from pipeline.analysis.script.evidence import Evidence, start_of
+from pipeline.analysis.script.judged import Judged
 from pipeline.analysis.script.results import ScriptContact, ScriptFinding
 from pipeline.fields import decimals
+from pipeline.laws.bullet_contact import RESTITUTION_THRESHOLD_M_S
 from pipeline.messages import Message
 from pipeline.seen import OfBody
 
@@ -79,11 +81,7 @@ def _later(e: Evidence, came: dict[int, int], number: int, row: int) -> bool:
 
 
 def _sides(e: Evidence, row: int, number: int) -> tuple[str, str]:
-    contacts = e.contacts
-    sides = [
-        (int(contacts.body_a[row]), int(contacts.link_a[row])),
-        (int(contacts.body_b[row]), int(contacts.link_b[row])),
-    ]
+    sides = e.sides(row)
     mine, other = sides if sides[0][0] == number else reversed(sides)
     return e.label(*mine), e.label(*other)
 
@@ -94,8 +92,10 @@ def _deep(e: Evidence) -> Iterator[ScriptFinding]:
     began = set().union(*map(_first_steps, e.seen.by_body.values()))
     deep_m = np.maximum(-contacts.distance_m, 0.0)
     starts = np.isin(contacts.step, list(began)) & (deep_m > OVERLAP_M)
-    thin_m = np.array([_thinner_m(e, pair) for pair in pairs])
-    thin_m[np.unique(pair_of[starts])] = np.inf
+    known = {e.sides(pairs[pair]) for pair in np.unique(pair_of[starts])}
+    thin_m = np.array(
+        [math.inf if e.sides(point) in known else _thinner_m(e, point) for point in pairs]
+    )
     share = deep_m / thin_m[pair_of]
     if not len(share) or share.max() <= DEEP:
         return
@@ -136,19 +136,26 @@ def _first_steps(record: OfBody) -> set[int]:
 
 def _springs(e: Evidence, row: int) -> bool:
     """Whether one side of a contact was given a stiffness."""
-    sides = int(e.contacts.body_a[row]), int(e.contacts.body_b[row])
+    at = start_of(int(e.contacts.step[row]))
     return any(
-        (np.nan_to_num(dynamics.reported["contact_stiffness"], nan=-1.0) >= 0).any()
-        for body in sides
-        for dynamics in e.dynamics_of(body)
+        e.reported("contact_stiffness", *part, at) >= 0
+        or e.given(("contactStiffness", "contactDamping"), *part, at)
+        for part in e.sides(row)
     )
 
 
-def _thinner_m(e: Evidence, pair: list[int]) -> float:
-    """Return the smallest edge of two parts that can move [m]; the ground may be a thin sheet."""
-    parts = [part for part in (pair[:2], pair[2:]) if e.mass_kg(*part) > 0]
-    edges = [e.extents_m(*part) for part in parts]
-    return min((float(edge.min()) for edge in edges if edge is not None), default=math.inf)
+def _thinner_m(e: Evidence, row: int) -> float:
+    """Return the smallest edge of two touching parts that can move [m]; the ground may be thin.
+
+    Infinity where one is unknown.
+    """
+    if any(body not in e.seen.bodies for body, _ in e.sides(row)):
+        return math.inf
+    at = start_of(int(e.contacts.step[row]))
+    edges = [e.extents_m(*part, at) for part in e.sides(row) if e.mass_kg(*part, at) > 0]
+    return min(
+        (math.inf if edge is None else float(edge.min()) for edge in edges), default=math.inf
+    )
 
 
 def _approach_m(e: Evidence, row: int) -> float:
@@ -201,7 +208,6 @@ def _gained(e: Evidence) -> Iterator[ScriptFinding]:
 def _gain(
     e: Evidence, body: int, contact: ScriptContact, gained_j: float, before_j: float
 ) -> ScriptFinding:
-    restitutions = [_restitution(e, body), *(_restitution(e, pusher.id) for pusher in contact.by)]
     # A smaller timestep does not help: out of the same depth it pushes faster.
     cause = Message(
         "the engine pushes overlapping bodies apart, and that leaves them faster; call "
@@ -212,7 +218,7 @@ def _gain(
             "the engine pushes overlapping bodies apart, and that leaves them faster; place it "
             "outside, or call p.setPhysicsEngineParameter(contactERP=0)"
         )
-    if restitutions[0] * max(restitutions[1:]) > 1:
+    if _bounces(e, e.judged[body], contact):
         cause = Message("their restitutions multiply to more than 1; lower one of them")
     message = Message(
         "{body} gains {gained:.3g} J from contact with {others} between {start:.4g} s and "
@@ -228,9 +234,37 @@ def _gain(
     return e.finding("energy-gained", message, body=body, step=contact.first_step)
 
 
-def _restitution(e: Evidence, body: int) -> float:
-    dynamics = e.dynamics_of(body)
-    return float(np.nan_to_num(dynamics[-1].reported["restitution"][0])) if dynamics else 0.0
+def _bounces(e: Evidence, judged: Judged, contact: ScriptContact) -> bool:
+    """Whether a body met something so fast, and so elastic, that it left it faster."""
+    contacts, track, (pair_of, pairs) = e.contacts, judged.track, e.pairs
+    on_a, on_b = (side == track.body.number for side in (contacts.body_a, contacts.body_b))
+    its = (contacts.step >= contact.first_step) & (contacts.step <= contact.last_step)
+    its &= on_a | on_b
+    elastic = [pair for pair in np.unique(pair_of[its]) if _restitution(e, pairs[pair]) > 1]
+    points = np.flatnonzero(its & np.isin(pair_of, elastic))
+    rows = np.searchsorted(track.steps, contacts.step[points])
+    first = int(np.searchsorted(track.steps, contact.first_step))
+    epoch, law = next(each for each in judged.laws if first < each[0].rows.stop)
+    assert law is not None
+    start = law.step(track.before.at(rows))
+    mine = on_a[points][:, None]
+    arm_m = np.where(mine, contacts.position_a_m[points], contacts.position_b_m[points])
+    arm_m -= track.before.position_m[rows]
+    velocity_m_s = start.velocity_m_s + np.cross(start.spin_rad_s, arm_m)
+    towards = np.where(mine, -1, 1) * contacts.normal[points]
+    given = epoch.settings.values.get("set_restitutionVelocityThreshold", RESTITUTION_THRESHOLD_M_S)
+    return bool((np.sum(velocity_m_s * towards, axis=1) > np.ravel(given)[0]).any())
+
+
+def _restitution(e: Evidence, row: int) -> float:
+    """Return the restitution of a contact point: the product of those of both sides."""
+    at, product = start_of(int(e.contacts.step[row])), 1.0
+    for part in e.sides(row):
+        reported = e.reported("restitution", *part, at)
+        # Of a btRigidBody it is not reported.
+        given = e.given(("restitution",), *part, at) if math.isnan(reported) else [reported]
+        product *= given[0] if given else 0.0
+    return product
 
 
 def _stands(e: Evidence, body: int) -> bool:
@@ -240,7 +274,7 @@ def _stands(e: Evidence, body: int) -> bool:
 
 def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     contacts, (pair_of, pairs) = e.contacts, e.pairs
-    ratios = np.array([_ratio(e, pair) for pair in pairs])
+    ratios = np.array([_ratio(e, point) for point in pairs])
     ratio = np.where(contacts.normal_force_n > 0, ratios[pair_of] if len(pairs) else 0.0, 0.0)
     if not len(ratio) or ratio.max() <= HEAVIER:
         return
@@ -256,7 +290,8 @@ def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     yield e.finding("mass-ratio", message, step=int(contacts.step[row]))
 
 
-def _ratio(e: Evidence, pair: list[int]) -> float:
-    """Return how many times heavier one part is than the other; 0 where one does not move."""
-    masses = e.mass_kg(pair[0], pair[1]), e.mass_kg(pair[2], pair[3])
-    return max(masses) / min(masses) if min(masses) > 0 and pair[0] != pair[2] else 0.0
+def _ratio(e: Evidence, row: int) -> float:
+    """Return how many times heavier one touching part is than the other; 0 if one cannot move."""
+    at, sides = start_of(int(e.contacts.step[row])), e.sides(row)
+    masses = [e.mass_kg(*part, at) for part in sides]
+    return max(masses) / min(masses) if min(masses) > 0 and sides[0][0] != sides[1][0] else 0.0

@@ -2,30 +2,47 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterable, Mapping
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.general.contacts import Contacts
+from pipeline.analysis.general.samples import motion_of
+from pipeline.analysis.script.edges import box_m, corners_of, edges_of
 from pipeline.analysis.script.judged import Judged
 from pipeline.analysis.script.results import BodyAnalysis, ScriptFinding
 from pipeline.analysis.script.times import Times
+from pipeline.analysis.script.tracks import order
 from pipeline.messages import Message
-from pipeline.seen import At, Body, Call, Dynamics, Seen
+from pipeline.seen import Appearance, At, Body, Call, Dynamics, Seen
+from pipeline.states import BASE
 
 Float64 = NDArray[np.float64]
+Moment = tuple[int, float]
+"""Steps and calls before it: the sort key of an event (`order`)."""
 
-SLABS = ("box", "plane")
-"""Shapes that fill the box around them where they are not turned."""
-MARGIN_M = 1e-3
-"""Margin of Bullet's box around a body, on each side."""
 OF_ALL = ("restoreState",)
 """Calls that change every body."""
+
+
+class Slab(NamedTuple):
+    """A body that nothing passes through, in the steps in which it stood where it appeared."""
+
+    body: Body
+    low_m: Float64
+    high_m: Float64
+    after: int
+    """The step after which it appeared."""
+    until: float
+    """The last step in which it stood there."""
 
 
 @dataclass(frozen=True)
@@ -45,50 +62,151 @@ class Evidence:
     @cached_property
     def set_bodies(self) -> frozenset[int]:
         """Bodies that calls have moved after they appeared."""
-        return frozenset(
-            number
-            for number, record in self.seen.by_body.items()
-            if any(put.at.step > record.came[0].at.step for put in record.puts)
+        return frozenset(number for number in self.seen.by_body if self._moves_of(number))
+
+    def _moves_of(self, body: int) -> list[Moment]:
+        """Return when calls moved a body; where it appeared is reported like a move."""
+        came = {*self._moments["came"][body]}
+        return [at for at in self._moments["puts"][body] if at not in came]
+
+    @cached_property
+    def pairs(self) -> tuple[NDArray[np.intp], list[int]]:
+        """The pair of each contact point, as a number, and one point of each pair.
+
+        A pair is two parts under the same reports of the engine: with another mass it is another.
+        """
+        contacts = self.contacts
+        names = ("body_a", "link_a", "body_b", "link_b")
+        points = pl.DataFrame(
+            {
+                **{name: getattr(contacts, name) for name in names},
+                "report_a": self._reports(contacts.body_a),
+                "report_b": self._reports(contacts.body_b),
+            }
+        )
+        pairs = points.with_row_index("point").group_by(points.columns, maintain_order=True).first()
+        which = points.join(
+            pairs.with_row_index(), on=points.columns, how="left", maintain_order="left"
+        )
+        return which["index"].to_numpy().astype(np.intp), pairs["point"].to_list()
+
+    def _reports(self, bodies: NDArray[np.int64]) -> NDArray[np.intp]:
+        """Return how many reports of the engine precede those on the body of each contact point."""
+        reports = sorted((each.body.number, each.at.step) for each in self.seen.dynamics)
+        # In one number: a body, and the steps before; a point belongs to the step before its own.
+        known = np.array([(body << 40) + step for body, step in reports], np.int64)
+        return np.searchsorted(known, (bodies << 40) + self.contacts.step - 1, side="right")
+
+    def sides(self, row: int) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Return body and link of both sides of a contact point."""
+        contacts = self.contacts
+        return (
+            (int(contacts.body_a[row]), int(contacts.link_a[row])),
+            (int(contacts.body_b[row]), int(contacts.link_b[row])),
         )
 
     @cached_property
-    def pairs(self) -> tuple[NDArray[np.intp], list[list[int]]]:
-        """The pair of each contact point, as a number, and the pairs: bodies and links."""
-        contacts = self.contacts
-        names = ("body_a", "link_a", "body_b", "link_b")
-        points = pl.DataFrame({name: getattr(contacts, name) for name in names})
-        pairs = points.unique().sort(names)
-        which = points.join(pairs.with_row_index(), on=names, how="left", maintain_order="left")
-        return which["index"].to_numpy().astype(np.intp), [list(pair) for pair in pairs.rows()]
-
-    @cached_property
-    def slabs(self) -> list[tuple[Body, Float64, Float64]]:
-        """Fixed boxes and planes, with their corners: nothing passes through them."""
+    def slabs(self) -> list[Slab]:
+        """Fixed boxes and planes, from when they appeared until they were moved or removed."""
         slabs = []
-        for body in self.seen.bodies.values():
-            fixed = body.number not in self.judged and body.number not in self.set_bodies
-            if fixed and _is_slab(body):
-                slabs.append((body, np.array(body.bounds_m[:3]), np.array(body.bounds_m[3:])))
+        for number, record in self.seen.by_body.items():
+            if number in self.judged:
+                continue
+            gone = [
+                order(each.at)
+                for each in self.seen.appearances
+                if each.body.number == number and not each.there
+            ]
+            for came in record.came:
+                body, began = came.body, order(came.at)
+                corners_m = corners_of(body, self._orientation(came, BASE))
+                if corners_m is None:
+                    continue
+                ends = [at for at in (*gone, *self._moves_of(number)) if at > began]
+                until = min(ends, default=(math.inf, 0))[0]
+                slabs.append(Slab(body, *corners_m, began[0], until))
         return slabs
 
     def dynamics_of(self, body: int) -> list[Dynamics]:
         """Return what the engine reported of a body, in order."""
         return self.seen.by_body[body].dynamics if body in self.seen.by_body else []
 
-    def mass_kg(self, body: int, link: int) -> float:
-        """Return the last mass of a part; 0 where it is unknown."""
+    def reported(self, name: str, body: int, link: int, at: Moment) -> float:
+        """Return what the engine last reported of a part at a moment; nan where it is unknown."""
         dynamics = self.dynamics_of(body)
-        masses = dynamics[-1].reported["mass_kg"] if dynamics else np.zeros(0)
-        return float(masses[link + 1]) if 0 <= link + 1 < len(masses) else 0.0
+        last = bisect_right(self._moments["dynamics"][body], at) - 1 if dynamics else 0
+        values = dynamics[max(last, 0)].reported[name] if dynamics else np.zeros(0)
+        return float(values[link + 1]) if 0 <= link + 1 < len(values) else math.nan
 
-    def extents_m(self, body: int, link: int) -> Float64 | None:
-        """Return the edges of the box around a part as loaded, (3,); None without a size."""
-        known = self.seen.bodies.get(body)
-        bounds = () if known is None else known.bounds_m[6 * (link + 1) : 6 * (link + 2)]
-        if len(bounds) != 6:
+    def given(self, names: tuple[str, ...], body: int, link: int, at: Moment) -> list[float]:
+        """Return what `changeDynamics` last gave a part up to a moment; empty if it never did.
+
+        PyBullet takes these arguments together, and ignores them if one is missing or below 0.
+        """
+        if body in self.seen.bodies:
+            came = order(self.appearance(body, at).at)
+            last = bisect_right(self._moments["given"][body], at)
+            for each in reversed(self.seen.by_body[body].given[:last]):
+                if order(each.at) >= came and each.values.get("linkIndex") == link:
+                    values = [float(np.ravel(each.values.get(name, -1))[0]) for name in names]
+                    if min(values) >= 0:
+                        return values
+        return []
+
+    def appearance(self, body: int, at: Moment) -> Appearance:
+        """Return when a body was last added, up to a moment: it may be loaded several times."""
+        last = bisect_right(self._moments["came"][body], at) - 1
+        return self.seen.by_body[body].came[max(last, 0)]
+
+    @cached_property
+    def _moments(self) -> dict[str, dict[int, list[Moment]]]:
+        """The moments of what was seen of each body, by kind."""
+        return {
+            kind: {
+                number: [order(event.at) for event in getattr(record, kind)]
+                for number, record in self.seen.by_body.items()
+            }
+            for kind in ("came", "dynamics", "given", "puts")
+        }
+
+    def mass_kg(self, body: int, link: int, at: Moment) -> float:
+        """Return the mass of a part at a moment; 0 where it is unknown."""
+        return float(np.nan_to_num(self.reported("mass_kg", body, link, at)))
+
+    def extents_m(self, body: int, link: int, at: Moment) -> Float64 | None:
+        """Return the edges of the box around a part along its own axes, (3,); None if unknown."""
+        if not self.collides(body, link, at):
             return None
-        edges = np.subtract(bounds[3:], bounds[:3])
-        return edges if (edges > 0).all() else None
+        came = self.appearance(body, at)
+        key = body, link, order(came.at)
+        if key not in self._extents:
+            self._extents[key] = edges_of(came.body, link, self._orientation(came, link))
+        return self._extents[key]
+
+    @cached_property
+    def _extents(self) -> dict[tuple[int, int, Moment], Float64 | None]:
+        """Those that were asked for, by part and by when its body appeared."""
+        return {}
+
+    def collides(self, body: int, link: int, at: Moment) -> bool:
+        """Whether a part has a shape that can touch another."""
+        known = body in self.seen.bodies
+        return known and bool(box_m(self.appearance(body, at).body, link).any())
+
+    def _orientation(self, came: Appearance, link: int) -> Sequence[float] | None:
+        """Return the orientation of a part where its body appeared; None if unknown."""
+        number, at = came.body.number, order(came.at)
+        puts = self.seen.by_body[number].puts
+        which = bisect_left(self._moments["puts"][number], at)
+        if which < len(puts) and order(puts[which].at) == at:
+            states = puts[which].states
+            return tuple(states["orientation"][states["link"] == link][0])
+        # What time moves is in the first sample of all instead.
+        rows = self.seen.parts.get((number, link))
+        if rows is None or came.sampled:
+            return None
+        row = rows.filter(pl.col("step") == came.at.step)
+        return tuple(motion_of(row).orientation[0]) if len(row) else None
 
     def label(self, body: int, link: int = -1) -> str:
         """Return the name of a part: the body, and the link where it is not the base."""
@@ -128,13 +246,9 @@ class Evidence:
         return ScriptFinding(code, message, name, step, site)
 
 
-def _is_slab(body: Body) -> bool:
-    """Whether a body fills the box around it: it is one shape, and not turned."""
-    if len(body.shapes) != 1 or len(body.bounds_m) != 6 or body.shapes[0].kind not in SLABS:
-        return False
-    (shape,) = body.shapes
-    wider_m = np.subtract(body.bounds_m[3:], body.bounds_m[:3]) - shape.size_m[:3]
-    return shape.kind == "plane" or bool((np.abs(wider_m) <= 2 * MARGIN_M * (1 + 1e-6)).all())
+def start_of(step: int) -> Moment:
+    """Return when a step began, with all that was called before it."""
+    return step - 1, math.inf
 
 
 def _is_of(call: Call, body: Body) -> bool:
