@@ -709,6 +709,16 @@ steps(50)
 """,
         "contactProcessingThreshold",
     ),
+    "split impulse of what was added without mass": (
+        """
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+p.createMultiBody(1, box, useMaximalCoordinates=True)
+p.createMultiBody(0, box, -1, [0, 0, .14], useMaximalCoordinates=True)
+p.changeDynamics(1, -1, mass=1)
+steps(1)
+""",
+        DEEP,
+    ),
 }  # fmt: skip
 """What PyBullet does not report, or reports too long, and the reason that is given for it."""
 

@@ -56,8 +56,8 @@ REASONS = (
         "force of sliding friction"
     ),
     Message(
-        "a btRigidBody that was added without mass: Bullet never moves it, even if it gets mass "
-        "later, but lets contact and pushes change its velocity"
+        "a btRigidBody that was added without mass: even if it gets mass later, Bullet does not "
+        "integrate it, but lets contact and pushes change its velocity"
     ),
     Message(
         "contactProcessingThreshold: the engine leaves out points at a greater distance, of which "
@@ -186,9 +186,13 @@ def judged(
         )
         laws.append((epoch, law))
         part = epoch.rows
+        points = (touches.step >= part.start) & (touches.step < part.stop)
+        theirs = touches.at(points, touches.step[points] - part.start)
+        deep = _deep(epoch, theirs, rigid)
         if epoch.stands:
             code[part] = np.where(track.led & _same(track, NUMBERS), STILL, code)[part]
-            reason[part] = np.where(_same(track, POSE), STANDS, UNKNOWN)[part]
+            reason[part] = np.where(deep, SPLIT, UNKNOWN)
+            reason[part][_same(track, POSE)[part]] = STANDS
             continue
         if law is None:
             code[part] = np.where(track.led[part], JOINTED, code[part])
@@ -199,8 +203,6 @@ def judged(
         if not EPSILON <= law.timestep_s < math.inf:
             reason[part] = TIMELESS
             continue
-        points = (touches.step >= part.start) & (touches.step < part.stop)
-        theirs = touches.at(points, touches.step[points] - part.start)
         pushed = track.force_n[part], track.torque_n_m[part]
         segments = segments_of(
             track.motion.at(part),
@@ -219,7 +221,7 @@ def judged(
         point_energy_j[points] = balance.point_energy_j
         falls[part] = segments.code == FLIGHT
         reason[part] = SOFT if soft else _reason(track.body, epoch, law)
-        motion, deep = track.motion.at(part), _deep(epoch, theirs, rigid)
+        motion = track.motion.at(part)
         masked[part] = rolls[part] & _masked(epoch, theirs, rigid)
         linear[part] = balance.closes_linear(motion)
         # It moves bodies, but does not change their velocities.

@@ -37,8 +37,8 @@ class Epoch:
     given: Mapping[str, Any]
     """What calls set for it since it appeared, by argument of `changeDynamics`."""
     stands: bool
-    """Whether it is a btRigidBody that was added without mass: the engine never moves it, even if
-    it gets mass later (`btDiscreteDynamicsWorld::addRigidBody`)."""
+    """Whether it is a btRigidBody that was added without mass: even if it gets mass later, the
+    engine does not integrate it (`btDiscreteDynamicsWorld::addRigidBody`)."""
 
 
 @dataclass(frozen=True)
