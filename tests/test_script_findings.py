@@ -50,7 +50,8 @@ INERTIA = (
     "p.changeDynamics(b, -1, localInertiaDiagonal=[{}])\n"
     "p.changeDynamics(b, -1, lateralFriction=1)\nsteps(2)"
 )  # fmt: skip
-BOUNCE = FLOOR + CUBE.format(0.2) + "for one in (0, b): p.changeDynamics(one, -1, restitution=1)\n"
+RESTITUTION = "for number in (0, b): p.changeDynamics(number, -1, restitution={})\n"
+BOUNCE = FLOOR + CUBE.format(0.2) + RESTITUTION.format(1)
 PILE = (
     FLOOR
     + """p.setPhysicsEngineParameter(numSolverIterations={})
@@ -268,6 +269,11 @@ HARMLESS = {
         "solver-stopped-early", FLOOR + CUBE.format(0.5) + "steps(120)",
     ),
     "a hundred times as heavy": ("mass-ratio", STACK.format(100)),
+    "made heavy once it is elsewhere": (
+        "mass-ratio",
+        STACK.format(1) + "\np.resetBasePositionAndOrientation(b, [3, 0, 5], [0, 0, 0, 1])\n"
+        "steps(2)\np.changeDynamics(b, -1, mass=1000)\nsteps(3)",
+    ),
     "heavy on the ground": (
         "mass-ratio", FLOOR + BOX.format("9999", "1, 1, 1", "0, 0, 1") + "steps(3)",
     ),
@@ -336,6 +342,11 @@ def test_what_only_looks_like_it_is_no_finding(analyzed: Analyzed, name: str) ->
     assert not {code, "law-mismatch"} & {*codes(analyzed(scene))}
 
 
+def test_a_mass_counts_while_it_touches(analyzed: Analyzed) -> None:
+    lighter = STACK.format(500) + "\np.changeDynamics(b, -1, mass=1)\nsteps(3)"
+    assert found(analyzed(lighter), "mass-ratio").step == 12
+
+
 def test_a_motion_that_nothing_explains_is_a_mismatch(
     recorded_scene: Callable[[str], ScriptRecording],
 ) -> None:
@@ -394,3 +405,31 @@ def test_a_springy_contact_is_told_its_stiffness(analyzed: Analyzed) -> None:
     rigid, springy = (one for one in CASES if one.code == "deep-penetration")
     assert "contactStiffness" in found(analyzed(springy.scene), "deep-penetration").message
     assert "contactStiffness" not in found(analyzed(rigid.scene), "deep-penetration").message
+
+
+@pytest.mark.parametrize("maximal", [False, True])
+def test_a_restitution_and_a_stiffness_count_while_they_act(
+    analyzed: Analyzed, maximal: bool
+) -> None:
+    """Of a btRigidBody both are known only from the calls that gave them."""
+    scene = (
+        GRAVITY
+        + f"""p.loadURDF("plane.urdf", useMaximalCoordinates={maximal})
+b = p.loadURDF("cube_small.urdf", [0, 0, 0.2], useMaximalCoordinates={maximal})
+"""
+    )
+    bouncy, dull = RESTITUTION.format(1.2), RESTITUTION.format(0)
+    gained = found(analyzed(f"{scene}{bouncy}steps(60)\n{dull}steps(1)"), "energy-gained")
+    assert "restitutions multiply" in gained.message
+    soft = "p.changeDynamics(b, -1, contactStiffness=30, contactDamping=1)\n"
+    hard = "p.changeDynamics(b, -1, contactStiffness=-1, contactDamping=-1)\n"
+    deep = found(analyzed(f"{scene}{soft}steps(60)\n{hard}steps(1)"), "deep-penetration")
+    assert "contactStiffness" in deep.message
+
+
+def test_a_restitution_and_a_stiffness_that_come_later_explain_nothing(analyzed: Analyzed) -> None:
+    later = f"{BOUNCE}steps(60)\n{RESTITUTION.format(1.3)}steps(1)"
+    assert "contactERP" in found(analyzed(later), "energy-gained").message
+    soft = "p.changeDynamics(b, -1, contactStiffness=30, contactDamping=1)\n"
+    later = f"{FLOOR}{CUBE.format(1)}steps(150)\np.resetBaseVelocity(b, [0, 0, 5])\n{soft}steps(1)"
+    assert "contactStiffness" not in found(analyzed(later), "deep-penetration").message

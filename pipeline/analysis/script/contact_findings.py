@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.analysis.script.evidence import Evidence
+from pipeline.analysis.script.evidence import Evidence, start_of
 from pipeline.analysis.script.results import ScriptContact, ScriptFinding
 from pipeline.fields import decimals
 from pipeline.messages import Message
@@ -79,11 +79,7 @@ def _later(e: Evidence, came: dict[int, int], number: int, row: int) -> bool:
 
 
 def _sides(e: Evidence, row: int, number: int) -> tuple[str, str]:
-    contacts = e.contacts
-    sides = [
-        (int(contacts.body_a[row]), int(contacts.link_a[row])),
-        (int(contacts.body_b[row]), int(contacts.link_b[row])),
-    ]
+    sides = e.sides(row)
     mine, other = sides if sides[0][0] == number else reversed(sides)
     return e.label(*mine), e.label(*other)
 
@@ -94,7 +90,7 @@ def _deep(e: Evidence) -> Iterator[ScriptFinding]:
     began = set().union(*map(_first_steps, e.seen.by_body.values()))
     deep_m = np.maximum(-contacts.distance_m, 0.0)
     starts = np.isin(contacts.step, list(began)) & (deep_m > OVERLAP_M)
-    thin_m = np.array([_thinner_m(e, pair) for pair in pairs])
+    thin_m = np.array([_thinner_m(e, point) for point in pairs])
     thin_m[np.unique(pair_of[starts])] = np.inf
     share = deep_m / thin_m[pair_of]
     if not len(share) or share.max() <= DEEP:
@@ -136,18 +132,18 @@ def _first_steps(record: OfBody) -> set[int]:
 
 def _springs(e: Evidence, row: int) -> bool:
     """Whether one side of a contact was given a stiffness."""
-    sides = int(e.contacts.body_a[row]), int(e.contacts.body_b[row])
+    at = start_of(int(e.contacts.step[row]))
     return any(
-        (np.nan_to_num(dynamics.reported["contact_stiffness"], nan=-1.0) >= 0).any()
-        for body in sides
-        for dynamics in e.dynamics_of(body)
+        e.reported("contact_stiffness", *part, at) >= 0
+        or e.given(("contactStiffness", "contactDamping"), *part, at)
+        for part in e.sides(row)
     )
 
 
-def _thinner_m(e: Evidence, pair: list[int]) -> float:
-    """Return the smallest edge of two parts that can move [m]; the ground may be a thin sheet."""
-    parts = [part for part in (pair[:2], pair[2:]) if e.mass_kg(*part) > 0]
-    edges = [e.extents_m(*part) for part in parts]
+def _thinner_m(e: Evidence, row: int) -> float:
+    """Return the smallest edge of two touching parts that can move [m]; the ground may be thin."""
+    at = start_of(int(e.contacts.step[row]))
+    edges = [e.extents_m(*part) for part in e.sides(row) if e.mass_kg(*part, at) > 0]
     return min((float(edge.min()) for edge in edges if edge is not None), default=math.inf)
 
 
@@ -201,7 +197,9 @@ def _gained(e: Evidence) -> Iterator[ScriptFinding]:
 def _gain(
     e: Evidence, body: int, contact: ScriptContact, gained_j: float, before_j: float
 ) -> ScriptFinding:
-    restitutions = [_restitution(e, body), *(_restitution(e, pusher.id) for pusher in contact.by)]
+    (pair_of, pairs), step = e.pairs, e.contacts.step
+    points = (e.contacts.body_a == body) | (e.contacts.body_b == body)
+    points &= (step >= contact.first_step) & (step <= contact.last_step)
     # A smaller timestep does not help: out of the same depth it pushes faster.
     cause = Message(
         "the engine pushes overlapping bodies apart, and that leaves them faster; call "
@@ -212,7 +210,7 @@ def _gain(
             "the engine pushes overlapping bodies apart, and that leaves them faster; place it "
             "outside, or call p.setPhysicsEngineParameter(contactERP=0)"
         )
-    if restitutions[0] * max(restitutions[1:]) > 1:
+    if any(_restitution(e, pairs[pair]) > 1 for pair in np.unique(pair_of[points])):
         cause = Message("their restitutions multiply to more than 1; lower one of them")
     message = Message(
         "{body} gains {gained:.3g} J from contact with {others} between {start:.4g} s and "
@@ -228,9 +226,15 @@ def _gain(
     return e.finding("energy-gained", message, body=body, step=contact.first_step)
 
 
-def _restitution(e: Evidence, body: int) -> float:
-    dynamics = e.dynamics_of(body)
-    return float(np.nan_to_num(dynamics[-1].reported["restitution"][0])) if dynamics else 0.0
+def _restitution(e: Evidence, row: int) -> float:
+    """Return the restitution of a contact point: the product of those of both sides."""
+    at, product = start_of(int(e.contacts.step[row])), 1.0
+    for part in e.sides(row):
+        reported = e.reported("restitution", *part, at)
+        # Of a btRigidBody it is not reported.
+        given = e.given(("restitution",), *part, at) if math.isnan(reported) else [reported]
+        product *= given[0] if given else 0.0
+    return product
 
 
 def _stands(e: Evidence, body: int) -> bool:
@@ -240,7 +244,7 @@ def _stands(e: Evidence, body: int) -> bool:
 
 def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     contacts, (pair_of, pairs) = e.contacts, e.pairs
-    ratios = np.array([_ratio(e, pair) for pair in pairs])
+    ratios = np.array([_ratio(e, point) for point in pairs])
     ratio = np.where(contacts.normal_force_n > 0, ratios[pair_of] if len(pairs) else 0.0, 0.0)
     if not len(ratio) or ratio.max() <= HEAVIER:
         return
@@ -256,7 +260,8 @@ def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     yield e.finding("mass-ratio", message, step=int(contacts.step[row]))
 
 
-def _ratio(e: Evidence, pair: list[int]) -> float:
-    """Return how many times heavier one part is than the other; 0 where one does not move."""
-    masses = e.mass_kg(pair[0], pair[1]), e.mass_kg(pair[2], pair[3])
-    return max(masses) / min(masses) if min(masses) > 0 and pair[0] != pair[2] else 0.0
+def _ratio(e: Evidence, row: int) -> float:
+    """Return how many times heavier one touching part is than the other; 0 if one cannot move."""
+    at, sides = start_of(int(e.contacts.step[row])), e.sides(row)
+    masses = [e.mass_kg(*part, at) for part in sides]
+    return max(masses) / min(masses) if min(masses) > 0 and sides[0][0] != sides[1][0] else 0.0

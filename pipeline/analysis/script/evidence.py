@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,10 +17,13 @@ from pipeline.analysis.general.contacts import Contacts
 from pipeline.analysis.script.judged import Judged
 from pipeline.analysis.script.results import BodyAnalysis, ScriptFinding
 from pipeline.analysis.script.times import Times
+from pipeline.analysis.script.tracks import order
 from pipeline.messages import Message
-from pipeline.seen import At, Body, Call, Dynamics, Seen
+from pipeline.seen import Appearance, At, Body, Call, Dynamics, Seen
 
 Float64 = NDArray[np.float64]
+Moment = tuple[int, float]
+"""Steps and calls before it: the sort key of an event (`order`)."""
 
 SLABS = ("box", "plane")
 """Shapes that fill the box around them where they are not turned."""
@@ -52,14 +57,40 @@ class Evidence:
         )
 
     @cached_property
-    def pairs(self) -> tuple[NDArray[np.intp], list[list[int]]]:
-        """The pair of each contact point, as a number, and the pairs: bodies and links."""
+    def pairs(self) -> tuple[NDArray[np.intp], list[int]]:
+        """The pair of each contact point, as a number, and one point of each pair.
+
+        A pair is two parts under the same reports of the engine: with another mass it is another.
+        """
         contacts = self.contacts
         names = ("body_a", "link_a", "body_b", "link_b")
-        points = pl.DataFrame({name: getattr(contacts, name) for name in names})
-        pairs = points.unique().sort(names)
-        which = points.join(pairs.with_row_index(), on=names, how="left", maintain_order="left")
-        return which["index"].to_numpy().astype(np.intp), [list(pair) for pair in pairs.rows()]
+        points = pl.DataFrame(
+            {
+                **{name: getattr(contacts, name) for name in names},
+                "report_a": self._reports(contacts.body_a),
+                "report_b": self._reports(contacts.body_b),
+            }
+        )
+        pairs = points.with_row_index("point").group_by(points.columns, maintain_order=True).first()
+        which = points.join(
+            pairs.with_row_index(), on=points.columns, how="left", maintain_order="left"
+        )
+        return which["index"].to_numpy().astype(np.intp), pairs["point"].to_list()
+
+    def _reports(self, bodies: NDArray[np.int64]) -> NDArray[np.intp]:
+        """Return how many reports of the engine precede those on the body of each contact point."""
+        reports = sorted((each.body.number, each.at.step) for each in self.seen.dynamics)
+        # In one number: a body, and the steps before; a point belongs to the step before its own.
+        known = np.array([(body << 40) + step for body, step in reports], np.int64)
+        return np.searchsorted(known, (bodies << 40) + self.contacts.step - 1, side="right")
+
+    def sides(self, row: int) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Return body and link of both sides of a contact point."""
+        contacts = self.contacts
+        return (
+            (int(contacts.body_a[row]), int(contacts.link_a[row])),
+            (int(contacts.body_b[row]), int(contacts.link_b[row])),
+        )
 
     @cached_property
     def slabs(self) -> list[tuple[Body, Float64, Float64]]:
@@ -75,11 +106,47 @@ class Evidence:
         """Return what the engine reported of a body, in order."""
         return self.seen.by_body[body].dynamics if body in self.seen.by_body else []
 
-    def mass_kg(self, body: int, link: int) -> float:
-        """Return the last mass of a part; 0 where it is unknown."""
+    def reported(self, name: str, body: int, link: int, at: Moment) -> float:
+        """Return what the engine last reported of a part at a moment; nan where it is unknown."""
         dynamics = self.dynamics_of(body)
-        masses = dynamics[-1].reported["mass_kg"] if dynamics else np.zeros(0)
-        return float(masses[link + 1]) if 0 <= link + 1 < len(masses) else 0.0
+        last = bisect_right(self._moments["dynamics"][body], at) - 1 if dynamics else 0
+        values = dynamics[max(last, 0)].reported[name] if dynamics else np.zeros(0)
+        return float(values[link + 1]) if 0 <= link + 1 < len(values) else math.nan
+
+    def given(self, names: tuple[str, ...], body: int, link: int, at: Moment) -> list[float]:
+        """Return what `changeDynamics` last gave a part up to a moment; empty if it never did.
+
+        PyBullet takes these arguments together, and ignores them if one is missing or below 0.
+        """
+        if body in self.seen.bodies:
+            came = order(self.appearance(body, at).at)
+            last = bisect_right(self._moments["given"][body], at)
+            for each in reversed(self.seen.by_body[body].given[:last]):
+                if order(each.at) >= came and each.values.get("linkIndex") == link:
+                    values = [float(np.ravel(each.values.get(name, -1))[0]) for name in names]
+                    if min(values) >= 0:
+                        return values
+        return []
+
+    def appearance(self, body: int, at: Moment) -> Appearance:
+        """Return when a body was last added, up to a moment: it may be loaded several times."""
+        last = bisect_right(self._moments["came"][body], at) - 1
+        return self.seen.by_body[body].came[max(last, 0)]
+
+    @cached_property
+    def _moments(self) -> dict[str, dict[int, list[Moment]]]:
+        """The moments of what was seen of each body, by kind."""
+        return {
+            kind: {
+                number: [order(event.at) for event in getattr(record, kind)]
+                for number, record in self.seen.by_body.items()
+            }
+            for kind in ("came", "dynamics", "given")
+        }
+
+    def mass_kg(self, body: int, link: int, at: Moment) -> float:
+        """Return the mass of a part at a moment; 0 where it is unknown."""
+        return float(np.nan_to_num(self.reported("mass_kg", body, link, at)))
 
     def extents_m(self, body: int, link: int) -> Float64 | None:
         """Return the edges of the box around a part as loaded, (3,); None without a size."""
@@ -126,6 +193,11 @@ class Evidence:
             message = Message("{finding} ({site})", finding=message, site=site)
         name = None if body is None else self.label(body)
         return ScriptFinding(code, message, name, step, site)
+
+
+def start_of(step: int) -> Moment:
+    """Return when a step began, with all that was called before it."""
+    return step - 1, math.inf
 
 
 def _is_slab(body: Body) -> bool:
