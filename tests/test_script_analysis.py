@@ -106,6 +106,12 @@ for i in range(80):
         "p.resetBaseVelocity(b, [1, 0, 0], [0, 3, 9])\nsteps(150)",
         {"set": 1},
     ),
+    "pushed where it may roll": (
+        FLOOR + 'b = p.loadURDF("sphere_small.urdf", [0, 0, 0.03], useMaximalCoordinates={maximal})'
+        "\np.changeDynamics(b, -1, rollingFriction=0.01)\nsteps(10)\nfor i in range(30):\n"
+        "    p.applyExternalForce(b, -1, [0.5, 0, 0], [0, 0, 0], p.LINK_FRAME)\n    steps(1)",
+        {"pushed": 30, "set": 1},
+    ),
     "spring": (
         FLOOR + ABOVE + "p.changeDynamics(b, -1, contactStiffness=1000, contactDamping=10)\n"
         "steps(150)",

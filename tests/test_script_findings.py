@@ -207,6 +207,22 @@ HARMLESS = {
         "tunnelled", GRAVITY + BULLET + "steps(6)\n" + BOX.format("0", "0.005, 1, 1", "1, 0, 0.5")
         + "steps(2)",
     ),
+    "a wall that is put elsewhere before the first step": (
+        "tunnelled",
+        WALL + BULLET + "p.applyExternalForce(b, -1, [0, 0, 0.1], [0, 0, 0], p.LINK_FRAME)\n"
+        "p.resetBasePositionAndOrientation(wall, [1, 0, -9], [0, 0, 0, 1])\nsteps(8)",
+    ),
+    "a wall that stands elsewhere in the next scene": (
+        "tunnelled",
+        "for x in (9, 1):\n    p.resetSimulation()\n    " + GRAVITY
+        + "    " + BOX.format("0", "0.005, 1, 1", "x, 0, 0.5") + "    "
+        + BULLET.replace("\np.", "\n    p.") + "    steps(8 if x == 9 else 2)",
+    ),
+    "a picture of a ball": (
+        "tunnelled",
+        WALL + "b = p.createMultiBody(1, -1, p.createVisualShape(p.GEOM_SPHERE, radius=0.02), "
+        "[0, 0, 0.5])\np.resetBaseVelocity(b, [90, 0, 0])\nsteps(8)",
+    ),
     "a wall that is not to be met": (
         "tunnelled", WALL + BULLET + "p.setCollisionFilterPair(b, wall, -1, -1, 0)\nsteps(8)",
     ),
@@ -265,6 +281,12 @@ HARMLESS = {
         + BOX.format("1", "0.05, 0.05, 0.05", "-0.2, 0, 0.05")
         + "p.resetBaseVelocity(b, [5, 0, 0])\nsteps(60)",
     ),
+    "a rolling ball that is pushed": (
+        "energy-gained",
+        FLOOR + 'b = p.loadURDF("sphere_small.urdf", [0, 0, 0.03])\n'
+        "p.changeDynamics(b, -1, rollingFriction=0.001)\nsteps(50)\nfor i in range(20):\n"
+        "    p.applyExternalForce(b, -1, [3, 0, 0], [0, 0, 0], p.LINK_FRAME)\n    steps(1)",
+    ),
     "an impact that takes all iterations": (
         "solver-stopped-early", FLOOR + CUBE.format(0.5) + "steps(120)",
     ),
@@ -281,6 +303,28 @@ HARMLESS = {
         "motor-at-limit",
         ROBOT + "p.setJointMotorControl2(r, 1, p.VELOCITY_CONTROL, targetVelocity=9, force=1)\n"
         "steps(30)",
+    ),
+    "a motor of a robot that a reset has removed": (
+        "motor-at-limit",
+        f"{ROBOT}{DRIVEN.format(5)}steps(5)\np.resetSimulation()\n{ROBOT}"
+        "p.resetJointState(r, 1, 1)\nsteps(30)",
+    ),
+    "a motor of a robot that is removed before a step": (
+        "motor-at-limit",
+        f"{ROBOT}steps(5)\n{DRIVEN.format(5)}p.removeBody(r)\n{ROBOT}"
+        "p.resetJointState(r, 1, 1)\nsteps(30)",
+    ),
+    "limits that are given": (
+        "joint-beyond-limits",
+        f"{ROBOT}p.changeDynamics(r, 1, jointLowerLimit=-3, jointUpperLimit=3)\n"
+        "p.resetJointState(r, 1, 2.5)\nsteps(3)",
+    ),
+    "limits that are given while it moves, the lower one by default": (
+        "joint-beyond-limits",
+        f"{ROBOT}steps(2)\np.changeDynamics(r, 1, jointUpperLimit=3)\n"
+        "p.changeDynamics(r, 2, jointLowerLimit=0, jointUpperLimit=1)\n"
+        "p.changeDynamics(r, 1, jointLowerLimit=4, jointUpperLimit=0)\n"
+        "p.resetJointState(r, 1, 2.5)\nsteps(3)",
     ),
     "a script that asks for real time without a window": (
         "real-time", FLOOR + CUBE.format(1) + "p.setRealTimeSimulation(1)\nsteps(3)",
@@ -342,6 +386,18 @@ def test_what_only_looks_like_it_is_no_finding(analyzed: Analyzed, name: str) ->
     assert not {code, "law-mismatch"} & {*codes(analyzed(scene))}
 
 
+@pytest.mark.parametrize(
+    "rest",
+    [
+        "p.resetBasePositionAndOrientation(wall, [9, 0, 0], [0, 0, 0, 1])",
+        "p.resetSimulation()\n" + GRAVITY + BOX.format("0", "0.005, 1, 1", "9, 0, 0") + BULLET,
+    ],
+)
+def test_a_wall_stands_where_it_is_until_it_is_moved(analyzed: Analyzed, rest: str) -> None:
+    moved = f"{WALL}{BULLET}steps(8)\n{rest}\nsteps(2)"
+    assert found(analyzed(moved), "tunnelled").step == 3
+
+
 def test_a_mass_counts_while_it_touches(analyzed: Analyzed) -> None:
     lighter = STACK.format(500) + "\np.changeDynamics(b, -1, mass=1)\nsteps(3)"
     assert found(analyzed(lighter), "mass-ratio").step == 12
@@ -372,6 +428,19 @@ def test_a_velocity_that_is_held_is_told_of_what_a_constraint_holds_too(analyzed
         "steps(9)"
     )  # fmt: skip
     assert found(analyzed(scene), "velocity-clamped").step == 10
+
+
+def test_a_velocity_that_is_held_within_a_step_need_not_end_there(
+    recorded_scene: Callable[[str], ScriptRecording],
+) -> None:
+    scene = (
+        FLOOR + CUBE.format(0.025) + "p.applyExternalForce(b, -1, [0, 0, -4000], [0, 0, 0], 1)\n"
+    )
+    seen = recorded_scene(f"{scene}steps(1)").seen
+    assert seen.states["vz_m_s"].abs().max() < 50  # type: ignore[operator]
+    finding = found(analyze(seen), "velocity-clamped")
+    assert finding.step == 1
+    assert "within step 1" in finding.message
 
 
 def test_what_damping_moves_is_what_is_gone_without(
@@ -433,3 +502,84 @@ def test_a_restitution_and_a_stiffness_that_come_later_explain_nothing(analyzed:
     soft = "p.changeDynamics(b, -1, contactStiffness=30, contactDamping=1)\n"
     later = f"{FLOOR}{CUBE.format(1)}steps(150)\np.resetBaseVelocity(b, [0, 0, 5])\n{soft}steps(1)"
     assert "contactStiffness" not in found(analyzed(later), "deep-penetration").message
+
+
+def test_limits_count_in_the_steps_in_which_they_hold(analyzed: Analyzed) -> None:
+    """Given by `changeDynamics`, and gone with the robot."""
+    narrow = "p.changeDynamics(r, 1, jointLowerLimit=-1, jointUpperLimit=1)\n"
+    put = "p.resetJointState(r, 1, 1.5)\nsteps(2)\n"
+    finding = found(analyzed(f"{ROBOT}{put}{narrow}steps(2)"), "joint-beyond-limits")
+    assert finding.step == 4
+    assert "limits are -1 and 1:" in finding.message
+    again = f"{ROBOT}{narrow}steps(2)\np.resetSimulation()\n{ROBOT}{put}"
+    assert "joint-beyond-limits" not in codes(analyzed(again))
+
+
+def test_a_motor_that_is_set_again_drives_the_robot_that_is_loaded_again(
+    analyzed: Analyzed,
+) -> None:
+    scene = (
+        f"{ROBOT}{DRIVEN.format(5)}steps(5)\np.removeBody(r)\n{ROBOT}{DRIVEN.format(5)}steps(30)"
+    )
+    assert found(analyzed(scene), "motor-at-limit").step == 6
+
+
+def test_an_inertia_that_was_given_is_gone_with_its_body(
+    analyzed: Analyzed, tmp_path: Path
+) -> None:
+    """The file of the cube that is loaded again says so, no call does."""
+    file = tmp_path / "cube.urdf"
+    file.write_text(
+        '<robot name="cube"><link name="base"><inertial><mass value="1"/><inertia ixx="1" ixy="0" '
+        'ixz="0" iyy="1" iyz="0" izz="1"/></inertial><collision><geometry><box size="0.1 0.1 0.1"/>'
+        "</geometry></collision></link></robot>"
+    )
+    load = f'{GRAVITY}b = p.loadURDF("{file}", [0, 0, 1], flags=p.URDF_USE_INERTIA_FROM_FILE)\n'
+    given = "p.changeDynamics(b, -1, localInertiaDiagonal=[0.001, 0.001, 0.001])\n"
+    scene = f"{load}{given}steps(2)\np.resetSimulation()\n{load}steps(2)"
+    finding = found(analyzed(scene), "inertia-far-from-shape")
+    assert finding.site is None
+    assert "in its file" in finding.message
+
+
+THIN = FLOOR + (
+    "c = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.003])\n"
+    "turned = p.getQuaternionFromEuler([0.4, 0.3, 0.2])\n"
+)
+FAST = "p.resetBaseVelocity(b, [9, 0, 0])\nsteps(1)\n"
+
+
+@pytest.mark.parametrize(
+    ("turned", "drawn", "thick_mm"),
+    [
+        ("turned", "-1", "6"),  # PyBullet draws what it collides with
+        ("[0, 0, 0, 1]", "p.createVisualShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.001])", "6"),
+        ("[0.5, 0.5, 0.5, 0.5]", "p.createVisualShape(p.GEOM_SPHERE, radius=0.1)", "6"),
+        ("turned", "p.createVisualShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.001])", None),
+    ],
+)
+def test_a_body_is_as_thick_as_its_own_shape(
+    analyzed: Analyzed, turned: str, drawn: str, thick_mm: str | None
+) -> None:
+    scene = f"{THIN}b = p.createMultiBody(1, c, {drawn}, [0, 0, 1], {turned})\n{FAST}"
+    findings = {each.code: each.message for each in analyzed(scene).findings}
+    assert ("timestep-too-long" in findings) == (thick_mm is not None)
+    assert thick_mm is None or f" {thick_mm} mm thick" in findings["timestep-too-long"]
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_turned_mesh_has_no_known_thickness(analyzed: Analyzed, turned: bool) -> None:
+    orientation = "p.getQuaternionFromEuler([0.4, 0.3, 0.2])" if turned else "[0, 0, 0, 1]"
+    scene = f'{FLOOR}b = p.loadURDF("cube_small.urdf", [0, 0, 1], {orientation})\n{FAST}'
+    fast = scene.replace("[9, 0, 0]", "[30, 0, 0]")
+    assert ("timestep-too-long" in codes(analyzed(fast))) != turned
+
+
+def test_a_body_that_is_loaded_again_has_a_thickness_of_its_own(analyzed: Analyzed) -> None:
+    """The same id, name and make-up after a reset are the same body."""
+    thin = f"{THIN}b = p.createMultiBody(1, c, -1, [0, 0, 1])\n"
+    thick = thin.replace("0.003", "0.1")
+    scene = f"{thin}{FAST}p.resetSimulation()\n{thick}steps(9)"
+    assert found(analyzed(scene), "timestep-too-long").step == 1
+    scene = f"{thick}{FAST}p.resetSimulation()\n{thin}steps(9)"
+    assert "timestep-too-long" not in codes(analyzed(scene))

@@ -129,8 +129,9 @@ def segments_of(
     before
         What each step began with; None where that is the sample before.
     rolls
-        In which samples contact may have given an unreported torque: these are `contact` if their
-        linear momentum balances, regardless of spin; None where that is not enough.
+        In which samples contact may have given an unreported torque: these are `contact` or
+        `pushed` if their linear momentum balances, regardless of spin; None where that is not
+        enough.
     """
     before = motion.before() if before is None else before
     balance = balance_of(motion, law, touches, pushed, before=before)
@@ -164,9 +165,10 @@ def segments_of(
     code = np.full(len(motion), UNEXPLAINED, np.int8)
     code[there & free & ~balance.touched & ~forced] = FLIGHT
     code[there & balanced & balance.touched] = CONTACT
-    if rolls is not None and not several:
-        code[there & near & rolls & balance.closes_linear(motion)] = CONTACT
     code[there & balanced & forced] = PUSHED
+    if rolls is not None and not several:
+        rolling = there & near & rolls & balance.closes_linear(motion)
+        code[rolling] = np.where(forced, PUSHED, CONTACT)[rolling]
     code[np.arange(len(motion)) == 0 if placed is None else placed] = SET
     off_m_s = np.where(
         balance.touched | forced, _off(motion.velocity_m_s, balance.velocity_m_s), fall_m_s

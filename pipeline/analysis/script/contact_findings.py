@@ -141,10 +141,15 @@ def _springs(e: Evidence, row: int) -> bool:
 
 
 def _thinner_m(e: Evidence, row: int) -> float:
-    """Return the smallest edge of two touching parts that can move [m]; the ground may be thin."""
+    """Return the smallest edge of two touching parts that can move [m]; the ground may be thin.
+
+    Infinity where one is unknown.
+    """
     at = start_of(int(e.contacts.step[row]))
-    edges = [e.extents_m(*part) for part in e.sides(row) if e.mass_kg(*part, at) > 0]
-    return min((float(edge.min()) for edge in edges if edge is not None), default=math.inf)
+    edges = [e.extents_m(*part, at) for part in e.sides(row) if e.mass_kg(*part, at) > 0]
+    return min(
+        (math.inf if edge is None else float(edge.min()) for edge in edges), default=math.inf
+    )
 
 
 def _approach_m(e: Evidence, row: int) -> float:

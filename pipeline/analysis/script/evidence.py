@@ -4,33 +4,45 @@ from __future__ import annotations
 
 import math
 import re
-from bisect import bisect_right
-from collections.abc import Iterable, Mapping
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.general.contacts import Contacts
+from pipeline.analysis.general.samples import motion_of
+from pipeline.analysis.script.edges import box_m, corners_of, edges_of
 from pipeline.analysis.script.judged import Judged
 from pipeline.analysis.script.results import BodyAnalysis, ScriptFinding
 from pipeline.analysis.script.times import Times
 from pipeline.analysis.script.tracks import order
 from pipeline.messages import Message
 from pipeline.seen import Appearance, At, Body, Call, Dynamics, Seen
+from pipeline.states import BASE
 
 Float64 = NDArray[np.float64]
 Moment = tuple[int, float]
 """Steps and calls before it: the sort key of an event (`order`)."""
 
-SLABS = ("box", "plane")
-"""Shapes that fill the box around them where they are not turned."""
-MARGIN_M = 1e-3
-"""Margin of Bullet's box around a body, on each side."""
 OF_ALL = ("restoreState",)
 """Calls that change every body."""
+
+
+class Slab(NamedTuple):
+    """A body that nothing passes through, in the steps in which it stood where it appeared."""
+
+    body: Body
+    low_m: Float64
+    high_m: Float64
+    after: int
+    """The step after which it appeared."""
+    until: float
+    """The last step in which it stood there."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +62,12 @@ class Evidence:
     @cached_property
     def set_bodies(self) -> frozenset[int]:
         """Bodies that calls have moved after they appeared."""
-        return frozenset(
-            number
-            for number, record in self.seen.by_body.items()
-            if any(put.at.step > record.came[0].at.step for put in record.puts)
-        )
+        return frozenset(number for number in self.seen.by_body if self._moves_of(number))
+
+    def _moves_of(self, body: int) -> list[Moment]:
+        """Return when calls moved a body; where it appeared is reported like a move."""
+        came = {*self._moments["came"][body]}
+        return [at for at in self._moments["puts"][body] if at not in came]
 
     @cached_property
     def pairs(self) -> tuple[NDArray[np.intp], list[int]]:
@@ -93,13 +106,25 @@ class Evidence:
         )
 
     @cached_property
-    def slabs(self) -> list[tuple[Body, Float64, Float64]]:
-        """Fixed boxes and planes, with their corners: nothing passes through them."""
+    def slabs(self) -> list[Slab]:
+        """Fixed boxes and planes, from when they appeared until they were moved or removed."""
         slabs = []
-        for body in self.seen.bodies.values():
-            fixed = body.number not in self.judged and body.number not in self.set_bodies
-            if fixed and _is_slab(body):
-                slabs.append((body, np.array(body.bounds_m[:3]), np.array(body.bounds_m[3:])))
+        for number, record in self.seen.by_body.items():
+            if number in self.judged:
+                continue
+            gone = [
+                order(each.at)
+                for each in self.seen.appearances
+                if each.body.number == number and not each.there
+            ]
+            for came in record.came:
+                body, began = came.body, order(came.at)
+                corners_m = corners_of(body, self._orientation(came, BASE))
+                if corners_m is None:
+                    continue
+                ends = [at for at in (*gone, *self._moves_of(number)) if at > began]
+                until = min(ends, default=(math.inf, 0))[0]
+                slabs.append(Slab(body, *corners_m, began[0], until))
         return slabs
 
     def dynamics_of(self, body: int) -> list[Dynamics]:
@@ -141,21 +166,47 @@ class Evidence:
                 number: [order(event.at) for event in getattr(record, kind)]
                 for number, record in self.seen.by_body.items()
             }
-            for kind in ("came", "dynamics", "given")
+            for kind in ("came", "dynamics", "given", "puts")
         }
 
     def mass_kg(self, body: int, link: int, at: Moment) -> float:
         """Return the mass of a part at a moment; 0 where it is unknown."""
         return float(np.nan_to_num(self.reported("mass_kg", body, link, at)))
 
-    def extents_m(self, body: int, link: int) -> Float64 | None:
-        """Return the edges of the box around a part as loaded, (3,); None without a size."""
-        known = self.seen.bodies.get(body)
-        bounds = () if known is None else known.bounds_m[6 * (link + 1) : 6 * (link + 2)]
-        if len(bounds) != 6:
+    def extents_m(self, body: int, link: int, at: Moment) -> Float64 | None:
+        """Return the edges of the box around a part along its own axes, (3,); None if unknown."""
+        if not self.collides(body, link, at):
             return None
-        edges = np.subtract(bounds[3:], bounds[:3])
-        return edges if (edges > 0).all() else None
+        came = self.appearance(body, at)
+        key = body, link, order(came.at)
+        if key not in self._extents:
+            self._extents[key] = edges_of(came.body, link, self._orientation(came, link))
+        return self._extents[key]
+
+    @cached_property
+    def _extents(self) -> dict[tuple[int, int, Moment], Float64 | None]:
+        """Those that were asked for, by part and by when its body appeared."""
+        return {}
+
+    def collides(self, body: int, link: int, at: Moment) -> bool:
+        """Whether a part has a shape that can touch another."""
+        known = body in self.seen.bodies
+        return known and bool(box_m(self.appearance(body, at).body, link).any())
+
+    def _orientation(self, came: Appearance, link: int) -> Sequence[float] | None:
+        """Return the orientation of a part where its body appeared; None if unknown."""
+        number, at = came.body.number, order(came.at)
+        puts = self.seen.by_body[number].puts
+        which = bisect_left(self._moments["puts"][number], at)
+        if which < len(puts) and order(puts[which].at) == at:
+            states = puts[which].states
+            return tuple(states["orientation"][states["link"] == link][0])
+        # What time moves is in the first sample of all instead.
+        rows = self.seen.parts.get((number, link))
+        if rows is None or came.sampled:
+            return None
+        row = rows.filter(pl.col("step") == came.at.step)
+        return tuple(motion_of(row).orientation[0]) if len(row) else None
 
     def label(self, body: int, link: int = -1) -> str:
         """Return the name of a part: the body, and the link where it is not the base."""
@@ -198,15 +249,6 @@ class Evidence:
 def start_of(step: int) -> Moment:
     """Return when a step began, with all that was called before it."""
     return step - 1, math.inf
-
-
-def _is_slab(body: Body) -> bool:
-    """Whether a body fills the box around it: it is one shape, and not turned."""
-    if len(body.shapes) != 1 or len(body.bounds_m) != 6 or body.shapes[0].kind not in SLABS:
-        return False
-    (shape,) = body.shapes
-    wider_m = np.subtract(body.bounds_m[3:], body.bounds_m[:3]) - shape.size_m[:3]
-    return shape.kind == "plane" or bool((np.abs(wider_m) <= 2 * MARGIN_M * (1 + 1e-6)).all())
 
 
 def _is_of(call: Call, body: Body) -> bool:

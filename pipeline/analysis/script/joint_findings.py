@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import re
+from bisect import bisect_right
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.analysis.general.segments import unbroken
 from pipeline.analysis.script.evidence import Evidence
 from pipeline.analysis.script.results import ScriptFinding
+from pipeline.analysis.script.tracks import life_of, order
 from pipeline.messages import Message
 from pipeline.seen import Body, Joint
+
+Float64 = NDArray[np.float64]
 
 BEYOND = 0.01
 """Share of its range by which a joint may exceed it before it is worth reporting."""
 FOR_LONG = 10
 """Consecutive samples at its limit that make a motor worth reporting."""
+LIMITS = {"jointLowerLimit": 1.0, "jointUpperLimit": -1.0}
+"""Arguments of `changeDynamics`, and what they are by default."""
 RESETS = ("resetJointState", "resetJointStateMultiDof")
 POSITION_CONTROL = 2
 """PyBullet's number for it. A motor that holds a velocity is often used as friction, so being at
@@ -35,30 +42,50 @@ def findings(e: Evidence) -> Iterator[ScriptFinding]:
 
 
 def _beyond(e: Evidence, body: Body, joint: Joint, column: int) -> Iterator[ScriptFinding]:
-    low, high = joint.limits
-    if not low < high:
-        return
     joints = e.seen.joints[body.number]
     position = joints.position[:, column]
-    over = np.maximum(position - high, low - position)
-    row = int(np.argmax(over))
-    if over[row] > BEYOND * (high - low):
+    lows, highs = _limits(e, body, joint)
+    over = np.where(lows < highs, np.maximum(position - highs, lows - position), -np.inf)
+    beyond = over > BEYOND * (highs - lows)
+    if beyond.any():
+        row = int(np.argmax(np.where(beyond, over, -np.inf)))
         step = int(joints.steps[row])
         message = Message(
             "{body} has its joint {joint} at {position:.4g} {unit} at step {step}; its limits are "
-            "{low:.4g} and {high:.4g}: neither the start nor p.resetJointState is checked against "
-            "them, and the solver enforces them only approximately",
+            "{low:.4g} and {high:.4g}: a start, p.resetJointState or new limits may "
+            "leave it beyond them, and the solver enforces them only approximately",
             body=body.label,
             joint=joint.name,
             position=position[row],
             unit="m" if joint.kind == "prismatic" else "rad",
             step=step,
-            low=low,
-            high=high,
+            low=lows[row],
+            high=highs[row],
         )
-        first = int(joints.steps[np.argmax(over > BEYOND * (high - low))])
+        first = int(joints.steps[np.argmax(beyond)])
         site = _put_by(e, body, joint, first)
         yield e.finding("joint-beyond-limits", message, body=body.number, step=step, site=site)
+
+
+def _limits(e: Evidence, body: Body, joint: Joint) -> tuple[Float64, Float64]:
+    """Return the lowest and the highest position in the step that led to each sample.
+
+    `changeDynamics` changes both, `getJointInfo` goes on reporting those of the file. One that is
+    not given is 1 or -1, and both are ignored where the lowest is above the highest
+    (`pybullet_changeDynamicsInfo`).
+    """
+    steps, record = e.seen.joints[body.number].steps, e.seen.by_body[body.number]
+    life, came = life_of(record, steps), [order(each.at) for each in record.came]
+    began = np.maximum(steps - 1, np.array([step for step, _ in came])[life])
+    limits = np.tile(joint.limits, (len(steps), 1))
+    for given in record.given:
+        low, high = (
+            float(np.ravel(given.values.get(name, default))[0]) for name, default in LIMITS.items()
+        )
+        if given.values.get("linkIndex") == joint.link and low <= high:
+            its = life == bisect_right(came, order(given.at)) - 1
+            limits[its & (began >= given.at.step)] = low, high
+    return limits[:, 0], limits[:, 1]
 
 
 def _put_by(e: Evidence, body: Body, joint: Joint, step: int) -> str | None:
@@ -74,6 +101,9 @@ def _put_by(e: Evidence, body: Body, joint: Joint, step: int) -> str | None:
 def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFinding]:
     """Yield the motor of a body that was at its maximum force for longest."""
     joints, longest = e.seen.joints[body.number], (0, 0, 0, 0.0)
+    record = e.seen.by_body[body.number]
+    came, life = [order(each.at) for each in record.came], life_of(record, joints.steps)
+    again = (np.diff(joints.steps, prepend=-2) != 1) | (np.diff(life, prepend=0) != 0)
     for column, joint in enumerate(moving):
         motors = [
             motor
@@ -87,8 +117,15 @@ def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFi
         drives = np.array([each.mode == POSITION_CONTROL and each.force > 0 for each in motors])
         limits = np.array([motor.force for motor in motors])
         torque = np.abs(joints.torque[:, column])
-        full = (which >= 0) & drives[which] & (torque >= limits[which] * (1 - 1e-6))
-        for first, last in unbroken(full, np.diff(joints.steps, prepend=-2) != 1):
+        # A body that is loaded again has none of the motors that it had.
+        drives_it = np.array([bisect_right(came, order(motor.at)) - 1 for motor in motors])
+        full = (
+            (which >= 0)
+            & (drives_it[which] == life)
+            & drives[which]
+            & (torque >= limits[which] * (1 - 1e-6))
+        )
+        for first, last in unbroken(full, again):
             if last - first >= longest[0]:
                 longest = last - first + 1, column, first, float(limits[which[first]])
     samples, column, first, limit = longest

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.analysis.general.segments import SET, UNEXPLAINED
-from pipeline.analysis.script.evidence import Evidence
+from pipeline.analysis.script.evidence import Evidence, start_of
 from pipeline.analysis.script.judged import UNKNOWN, Judged
 from pipeline.analysis.script.results import ScriptFinding
+from pipeline.analysis.script.tracks import life_of, order
 from pipeline.fields import decimals, fraction
 from pipeline.laws.bullet_air import DEFAULT_DAMPING
 from pipeline.messages import Message
-from pipeline.seen import Body
+from pipeline.states import BASE
 
 DAMPED_M = 1e-3
 """How far damping must move a body in a flight to be worth reporting."""
@@ -71,23 +72,26 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
     )
     if track.body.joints or filtered:
         return
-    moved = track.led & ~track.put
+    moved, passed = track.led & ~track.put, set()
     before_m, after_m = track.before.position_m, track.motion.position_m
-    for other, low, high in e.slabs:
-        if other.client != track.body.client:
+    for other, low, high, after, until in e.slabs:
+        if other.client != track.body.client or other.number in passed:
             continue
         axis = int(np.argmin(high - low))
         down = (before_m[:, axis] > high[axis]) & (after_m[:, axis] < low[axis])
         up = (before_m[:, axis] < low[axis]) & (after_m[:, axis] > high[axis])
         beside = [other for other in range(3) if other != axis]
-        inside = _there(e, other, track.steps)
+        inside = (track.steps > after) & (track.steps <= until)
         for position_m in (before_m, after_m):
             inside &= ((position_m > low) & (position_m < high))[:, beside].all(axis=1)
         rows = np.flatnonzero(moved & inside & (down | up))
+        if not len(rows) or not e.collides(number, BASE, start_of(int(track.steps[rows[0]]))):
+            continue
         touched = np.isin(rows, judged.touches.step[judged.touches.other_body == other.number])
-        if len(rows) and not touched[0]:
+        if not touched[0]:
             row = int(rows[0])
             step = int(track.steps[row])
+            passed.add(other.number)
             message = Message(
                 "{body} passes through {other} at step {step} without a contact: it moves "
                 "{way:.4g} mm in that step, and {other} is {thickness:.4g} mm thick; use a smaller "
@@ -101,21 +105,12 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
             yield e.finding("tunnelled", message, body=number, step=step)
 
 
-def _there(e: Evidence, body: Body, steps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return in which steps a body was there, from the first to the last of its appearances."""
-    there = np.zeros(len(steps), dtype=bool)
-    for appearance in e.seen.appearances:
-        if appearance.body.number == body.number:
-            there[steps > appearance.at.step] = appearance.there
-    return there
-
-
 def _clamped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
     rows = np.flatnonzero(judged.held)
     if len(rows):
         step = int(judged.track.steps[rows[0]])
         message = Message(
-            "{body} reaches 100 m/s or rad/s at step {step} and is clamped there: a btMultiBody "
+            "{body} exceeds 100 m/s or rad/s within step {step} and is clamped: a btMultiBody "
             "limits every component to ±100; load it with useMaximalCoordinates=True",
             body=e.label(number),
             step=step,
@@ -124,15 +119,18 @@ def _clamped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding
 
 
 def _too_fast(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
-    edges_m, track = e.extents_m(number, -1), judged.track
+    track = judged.track
     swept = any("ccdSweptSphereRadius" in epoch.given for epoch in track.epochs)
     alone = all(
         body is track.body or body.client != track.body.client for body in e.seen.bodies.values()
     )
-    if edges_m is None or track.body.joints or swept or alone:
+    if track.body.joints or swept or alone:
         return
+    edges_m = [e.extents_m(number, BASE, order(came.at)) for came in e.seen.by_body[number].came]
+    thick_m = np.array([math.inf if edge is None else edge.min() for edge in edges_m])
+    thin_m = thick_m[life_of(e.seen.by_body[number], track.steps)]
     way_m = np.linalg.norm(track.motion.position_m - track.before.position_m, axis=1)
-    rows = np.flatnonzero(track.led & ~track.put & (way_m > edges_m.min()))
+    rows = np.flatnonzero(track.led & ~track.put & (way_m > thin_m))
     if len(rows):
         row = int(rows[np.argmax(way_m[rows])])
         law, step = judged.law_at(row), int(track.steps[row])
@@ -147,7 +145,7 @@ def _too_fast(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindin
             way=way_m[row] * 1e3,
             of_step=of_step,
             step=step,
-            thickness=edges_m.min() * 1e3,
+            thickness=thin_m[row] * 1e3,
         )
         yield e.finding("timestep-too-long", message, body=number, step=step)
 

@@ -159,22 +159,20 @@ def _inertia(e: Evidence) -> Iterator[ScriptFinding]:
 
 def _of_inertia(e: Evidence, number: int, dynamics: Dynamics) -> Iterator[ScriptFinding]:
     """Yield what is wrong with the inertia that the engine reported of a body's parts."""
-    until = order(dynamics.at)
-    given = [each.values for each in e.seen.by_body[number].given if order(each.at) <= until]
-    site = None
-    remedy = Message(
-        "correct <inertia> in its file, or give p.changeDynamics another localInertiaDiagonal"
-    )
-    if any("localInertiaDiagonal" in values for values in given):
-        site = e.site(("changeDynamics",), dynamics.at, dynamics.body, "localInertiaDiagonal")
-        remedy = Message("give p.changeDynamics another localInertiaDiagonal")
+    at = order(dynamics.at)
     for link, (mass_kg, moments) in enumerate(
         zip(dynamics.reported["mass_kg"], dynamics.reported["inertia_kg_m2"], strict=True), start=-1
     ):
         if not mass_kg > 0 or not moments.any():
             continue
         low, middle, high = sorted(moments.tolist())
-        part = e.label(number, link)
+        part, site = e.label(number, link), None
+        remedy = Message(
+            "correct <inertia> in its file, or give p.changeDynamics another localInertiaDiagonal"
+        )
+        if e.given(("localInertiaDiagonal",), number, link, at):
+            site = e.site(("changeDynamics",), dynamics.at, dynamics.body, "localInertiaDiagonal")
+            remedy = Message("give p.changeDynamics another localInertiaDiagonal")
         if low + middle < high * (1 - 1e-6):
             message = Message(
                 "{part} has moments of inertia of {low:.3g}, {middle:.3g} and {high:.3g} kg m², "
@@ -189,7 +187,7 @@ def _of_inertia(e: Evidence, number: int, dynamics: Dynamics) -> Iterator[Script
             yield e.finding(
                 "impossible-inertia", message, body=number, step=dynamics.at.step, site=site
             )
-        edges_m = e.extents_m(number, link)
+        edges_m = e.extents_m(number, link, at)
         if edges_m is None:
             continue
         most = float(mass_kg) * float(edges_m @ edges_m) / 4

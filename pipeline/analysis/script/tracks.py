@@ -77,7 +77,7 @@ def tracks_of(seen: Seen) -> Iterator[Track]:
 def _track(seen: Seen, body: Body, rows: pl.DataFrame) -> Track:
     steps, motion = rows["step"].to_numpy(), motion_of(rows)
     record = seen.by_body[body.number]
-    life = _life_of(record, steps)
+    life = life_of(record, steps)
     led = (np.diff(steps, prepend=steps[0]) == 1) & (np.diff(life, prepend=0) == 0)
     before, put = motion.at(np.arange(len(steps)) - led), np.zeros(len(steps), dtype=bool)
     for each in record.puts:
@@ -106,7 +106,7 @@ NUMBERS = ("position_m", "orientation", "velocity_m_s", "spin_rad_s")
 """Of a motion."""
 
 
-def _life_of(record: OfBody, steps: Int64) -> NDArray[np.intp]:
+def life_of(record: OfBody, steps: Int64) -> NDArray[np.intp]:
     """Return to which of the bodies with a number each step belongs: a script may load it again.
 
     The sample at the step at which a body appeared is its own if none was taken before.
@@ -131,7 +131,7 @@ def _pushes(
     stay if it is put elsewhere afterwards.
     """
     force_n, torque_n_m = np.zeros((2, len(steps), 3))
-    life = _life_of(record, steps)
+    life = life_of(record, steps)
     for push in record.pushes:
         row = _row_after(steps, push.at)
         if row is None or order(record.came[life[row]].at) > order(push.at):
@@ -191,7 +191,7 @@ def _epochs(seen: Seen, body: Body, steps: Int64, led: Flags) -> Iterator[Epoch]
     began = np.where(led, steps - 1, steps)
     starts = [[each.at.step for each in events] for events in (settings, dynamics, given)]
     known = [np.searchsorted(each, began, side="right") - 1 for each in starts]
-    which = np.array([*known, _life_of(record, steps)])
+    which = np.array([*known, life_of(record, steps)])
     changes = np.flatnonzero((np.diff(which, axis=1) != 0).any(axis=0)) + 1
     bounds = [0, *changes.tolist(), len(steps)]
     for first, end in pairwise(bounds):

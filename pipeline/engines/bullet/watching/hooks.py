@@ -279,6 +279,7 @@ class Watch:
                 world.fresh.add(body)
         if name in REMOVES_BODIES:
             world.stale_bodies = True
+            world.forget_body(body)
         if name == "createConstraint":
             self._guarded(world, lambda: _tell_constraint(world, arguments, result))
         if name == "removeConstraint":

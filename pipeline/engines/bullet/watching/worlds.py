@@ -225,6 +225,11 @@ class World:
         self.given, self._later, self._motors = {}, [], {}
         self.returns_analytics = False
 
+    def forget_body(self, engine_id: int | None) -> None:
+        """Note that a body was removed: the next one with its id has nothing of it."""
+        self._later = [later for later in self._later if later[0] != engine_id]
+        self._motors = {key: value for key, value in self._motors.items() if key[0] != engine_id}
+
     def _list_bodies(self) -> None:
         p, client = self._p, self.client
         ids = [p.getBodyUniqueId(index, client) for index in range(p.getNumBodies(client))]
