@@ -348,6 +348,14 @@ HARMLESS = {
         FLOOR + CUBE.format(0.01)
         + "steps(1)\np.changeDynamics(b, -1, lateralFriction=0.9)\nsteps(1)",
     ),
+    "a bounce that gives less than the weight takes": (
+        "energy-gained",
+        GRAVITY + BOX.format("0", "3, 3, 0.01", "0, 0, -0.1")
+        + "p.changeDynamics(b, -1, restitution=1.2)\np.setTimeStep(0.01)\n"
+        "b = p.createMultiBody(1, p.createCollisionShape(p.GEOM_CAPSULE, radius=0.032, "
+        "height=0.105), basePosition=[0, 0, 0.05])\n"
+        "p.changeDynamics(b, -1, restitution=0.5)\nsteps(40)",
+    ),
     "half a millimetre": ("starts-in-contact", FLOOR + CUBE.format(0.0245) + "steps(3)"),
 }  # fmt: skip
 """What looks like a finding, and is none."""
@@ -597,3 +605,47 @@ def test_a_body_that_is_loaded_again_has_a_thickness_of_its_own(analyzed: Analyz
     assert found(analyzed(scene), "timestep-too-long").step == 1
     scene = f"{thick}{FAST}p.resetSimulation()\n{thin}steps(9)"
     assert "timestep-too-long" not in codes(analyzed(scene))
+
+
+INSIDE = FLOOR + CUBE.format(0.005)
+SOFT = "p.changeDynamics(b, -1, contactStiffness={}, contactDamping=1)\n"
+BESIDE = (
+    GRAVITY + BOX.format("0", "0.05, 0.05, 0.2", "0, 0, 0.2")
+    + BOX.format("1", "0.025, 0.025, 0.025", "0.069, 0, 0.5")
+    + "p.resetBaseVelocity(b, [0, 0, -20])\n"
+)  # fmt: skip
+CAUSES = {
+    "a spring, and what was put into it": (
+        "energy-gained", INSIDE + SOFT.format(1000) + "steps(9)", "place it outside",
+    ),
+    "the overlap, not a restitution that nothing is fast enough for": (
+        "energy-gained", INSIDE + RESTITUTION.format(1.2) + "steps(9)", "(contactERP=0)",
+    ),
+    "restitution, not what is overlapped in a step": (
+        "energy-gained", FLOOR + CUBE.format(0.2) + RESTITUTION.format(1.2) + "steps(60)",
+        "lower one of them",
+    ),
+    "neither where one limit or another leaves it slower than both": (
+        "energy-gained",
+        FLOOR + CUBE.format(0.2) + RESTITUTION.format(1.2)
+        + "p.changeDynamics(b, -1, contactStiffness=100, contactDamping=50)\nsteps(60)",
+        "nothing pushed it",
+    ),
+    "the approach, whatever the spring": (
+        "deep-penetration",
+        FLOOR + CUBE.format(0.3) + "p.setTimeStep(0.01)\n" + SOFT.format(9) + "steps(25)",
+        "detected only once they overlap",
+    ),
+    "none where they meet at an edge": ("deep-penetration", BESIDE + "steps(9)", "thinner one"),
+    "no spring that has not given way": (
+        "deep-penetration", BESIDE + SOFT.format(1000) + "steps(9)", "thinner one",
+    ),
+}  # fmt: skip
+"""What a finding ends with: a cause, advice, or neither."""
+
+
+@pytest.mark.parametrize("name", CAUSES)
+def test_a_cause_is_named_where_what_was_recorded_implies_it(analyzed: Analyzed, name: str) -> None:
+    code, scene, ending = CAUSES[name]
+    message = found(analyzed(scene), code).message
+    assert message.endswith(ending)

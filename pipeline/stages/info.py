@@ -131,7 +131,8 @@ def _of_script(recording: ScriptRecording) -> Info:
         recording=path,
         recording_id=recording.recording_id,
         kind="script",
-        what=f"{script if script == BLOCK else program}, {ended.get('ended', 'never finished')}",
+        what=f"{script if script == BLOCK else shell_command(*program)}, "
+        f"{ended.get('ended', 'never finished')}",
         complete=not recording.partial,
         samples=int(samples),
         duration_s=_duration_s(seen),

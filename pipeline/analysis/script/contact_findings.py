@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pipeline.analysis.script.evidence import Evidence, start_of
-from pipeline.analysis.script.judged import Judged
 from pipeline.analysis.script.results import ScriptContact, ScriptFinding
 from pipeline.fields import decimals
-from pipeline.laws.bullet_contact import RESTITUTION_THRESHOLD_M_S
+from pipeline.laws.bullet_contact import (
+    CONTACT_ERP,
+    CONTACT_SLOP_M,
+    RESTITUTION_THRESHOLD_M_S,
+)
 from pipeline.messages import Message
 from pipeline.seen import OfBody
 
@@ -23,6 +27,8 @@ GAINED = 0.05
 """Share of its kinetic energy that a body may gain from contact before it is worth reporting."""
 SLOW_M_S = 0.1
 """A contact gives little energy to a body that leaves it slower than this."""
+AGREES = 0.1
+"""Share of a speed or a depth by which its explanation may miss it."""
 HEAVIER = 100.0
 """Ratio of masses beyond which Bullet's solver does not converge in time."""
 
@@ -102,30 +108,48 @@ def _deep(e: Evidence) -> Iterator[ScriptFinding]:
     row = int(np.argmax(share))
     step = int(contacts.step[row])
     mine, other = _sides(e, row, int(contacts.body_a[row]))
-    way_m = _approach_m(e, row)
-    cause = Message(
-        "Bullet corrects only a part of the depth in each step; use a smaller timestep with "
-        "p.setTimeStep"
-    )
-    if _springs(e, row):
-        cause = Message("their contact is a spring; give p.changeDynamics more contactStiffness")
-    elif way_m >= deep_m[row] / 2:
-        cause = Message(
-            "they approach each other by {way:.4g} mm in a step, and contact within a step is "
-            "detected only once they overlap; use a smaller timestep with p.setTimeStep",
-            way=way_m * 1e3,
-        )
     message = Message(
-        "{mine} and {other} overlap by {depth} mm at step {step}, {share:.0%} of the thinner one: "
-        "{cause}",
+        "{mine} and {other} overlap by {depth} mm at step {step}, {share:.0%} of the thinner one",
         mine=mine,
         other=other,
         depth=decimals(deep_m[row] * 1e3, 2),
         step=step,
         share=share[row],
-        cause=cause,
     )
-    yield e.finding("deep-penetration", message, step=step)
+    yield e.finding("deep-penetration", _because(message, _cause_of_depth(e, row)), step=step)
+
+
+def _because(seen: Message, cause: Message | None) -> Message:
+    """Return what was seen, and its cause where what was recorded implies one."""
+    return seen if cause is None else Message("{seen}: {cause}", seen=seen, cause=cause)
+
+
+def _cause_of_depth(e: Evidence, row: int) -> Message | None:
+    """Return the cause of a deep contact: both came that far in a step, or a spring gave way."""
+    contacts, (pair_of, _), springs = e.contacts, e.pairs, _springs(e, row)
+    parting = _parting(e, row)
+    if parting is None:
+        return None
+    depth_m, step = -contacts.distance_m[row], contacts.step[row]
+    overlaps = (pair_of == pair_of[row]) & (contacts.distance_m < 0)
+    steps = np.unique(contacts.step[overlaps & (contacts.step <= step)])
+    steps = steps[np.flatnonzero(np.diff(steps, prepend=-2) > 1)[-1] :]
+    way_m = -parting.before_m_s * parting.step_s
+    if len(steps) == 1 and way_m >= (1 - AGREES) * depth_m:
+        cause = Message(
+            "they approach each other by {way:.4g} mm in a step, and contact within a step is "
+            "detected only once they overlap",
+            way=way_m * 1e3,
+        )
+        # A spring may let them as deep in smaller steps.
+        advice = Message("{cause}; use a smaller timestep with p.setTimeStep", cause=cause)
+        return cause if springs else advice
+    resisted = np.isin(steps, contacts.step[overlaps & (contacts.normal_force_n > 0)])
+    began_m = -contacts.distance_m[overlaps & (contacts.step == steps[0])].min()
+    slow = abs(way_m) <= AGREES * depth_m
+    if springs and resisted.all() and slow and began_m <= depth_m / 2:
+        return Message("their contact is a spring; give p.changeDynamics more contactStiffness")
+    return None
 
 
 def _first_steps(record: OfBody) -> set[int]:
@@ -158,25 +182,51 @@ def _thinner_m(e: Evidence, row: int) -> float:
     )
 
 
-def _approach_m(e: Evidence, row: int) -> float:
-    """Return how far two bodies approached in the step of a contact or the one before it [m].
+class Parting(NamedTuple):
+    """How fast the sides of a contact point part along its normal in a step; negative: approach."""
 
-    0 where one has joints: the motion of links is not looked at.
-    """
-    contacts, ways_m = e.contacts, np.zeros((2, 3))
-    for body, sign in ((int(contacts.body_a[row]), -1), (int(contacts.body_b[row]), 1)):
+    before_m_s: float
+    """As the step began."""
+    free_m_s: float
+    """As the step would have left them without contact."""
+    after_m_s: float
+    step_s: float
+    """Timestep of the integrator."""
+    settings: Mapping[str, Any]
+    """Of the engine."""
+
+
+def _parting(e: Evidence, row: int) -> Parting | None:
+    """Return how the sides of a contact point part; None if one has joints or was not recorded."""
+    contacts, speeds_m_s, sides = e.contacts, np.zeros(3), e.sides(row)
+    if not {body for body, _ in sides} <= e.seen.bodies.keys():
+        return None
+    points_m = contacts.position_a_m[row], contacts.position_b_m[row]
+    step_s = math.nan
+    settings: Mapping[str, Any] = {}
+    for (body, _), point_m, sign in zip(sides, points_m, (1, -1), strict=True):
         judged = e.judged.get(body)
         if judged is None:
             continue
-        if judged.track.body.joints:
-            return 0.0
-        steps = judged.track.steps
-        for number in range(2):
-            at = int(np.searchsorted(steps, contacts.step[row] - number))
-            if at < len(steps) and judged.track.led[at]:
-                track = judged.track
-                ways_m[number] += sign * (track.motion.position_m[at] - track.before.position_m[at])
-    return float((ways_m @ contacts.normal[row]).max())
+        track, at = judged.track, int(np.searchsorted(judged.track.steps, contacts.step[row]))
+        epoch, law = next((each for each in judged.laws if at < each[0].rows.stop), (None, None))
+        if epoch is None or law is None or not track.led[at]:
+            return None
+        motions = [each.at(slice(at, at + 1)) for each in (track.before, track.motion)]
+        motions.insert(1, law.step(motions[0]))
+        arm_m = point_m - motions[0].position_m[0]
+        for number, motion in enumerate(motions):
+            velocity_m_s = motion.velocity_m_s[0] + np.cross(motion.spin_rad_s[0], arm_m)
+            speeds_m_s[number] += sign * velocity_m_s @ contacts.normal[row]
+        step_s, settings = law.step_s, epoch.settings.values
+    before_m_s, free_m_s, after_m_s = speeds_m_s.tolist()
+    return Parting(before_m_s, free_m_s, after_m_s, step_s, settings)
+
+
+def _given(settings: Mapping[str, Any], name: str, default: float) -> float:
+    """Return a setting of the engine that calls may have given; it takes none below 0."""
+    value = float(np.ravel(settings.get(f"set_{name}", -1))[0])
+    return value if value >= 0 else default
 
 
 def _gained(e: Evidence) -> Iterator[ScriptFinding]:
@@ -186,7 +236,8 @@ def _gained(e: Evidence) -> Iterator[ScriptFinding]:
             continue
         track = judged.track
         for contact in body.contacts:
-            if not all(_stands(e, pusher.id) for pusher in contact.by):
+            gave = contact.most_given_step is not None
+            if not gave or not all(_stands(e, pusher.id) for pusher in contact.by):
                 continue
             first = int(np.searchsorted(track.steps, contact.first_step))
             last = int(np.searchsorted(track.steps, contact.last_step))
@@ -208,52 +259,68 @@ def _gained(e: Evidence) -> Iterator[ScriptFinding]:
 def _gain(
     e: Evidence, body: int, contact: ScriptContact, gained_j: float, before_j: float
 ) -> ScriptFinding:
-    # A smaller timestep does not help: out of the same depth it pushes faster.
-    cause = Message(
-        "the engine pushes overlapping bodies apart, and that leaves them faster; call "
-        "p.setPhysicsEngineParameter(contactERP=0)"
-    )
-    if contact.first_step in _first_steps(e.seen.by_body[body]):
-        cause = Message(
-            "the engine pushes overlapping bodies apart, and that leaves them faster; place it "
-            "outside, or call p.setPhysicsEngineParameter(contactERP=0)"
-        )
-    if _bounces(e, e.judged[body], contact):
-        cause = Message("their restitutions multiply to more than 1; lower one of them")
     message = Message(
         "{body} gains {gained:.3g} J from contact with {others} between {start:.4g} s and "
-        "{end:.4g} s, on top of {before:.3g} J of kinetic energy, and nothing pushed it: {cause}",
+        "{end:.4g} s, on top of {before:.3g} J of kinetic energy, and nothing pushed it",
         body=e.label(body),
         gained=gained_j,
         others=", ".join(sorted({pusher.body for pusher in contact.by})),
         start=contact.start_s,
         end=contact.end_s,
         before=before_j,
-        cause=cause,
     )
+    message = _because(message, _cause_of_gain(e, body, contact, gained_j))
     return e.finding("energy-gained", message, body=body, step=contact.first_step)
 
 
-def _bounces(e: Evidence, judged: Judged, contact: ScriptContact) -> bool:
-    """Whether a body met something so fast, and so elastic, that it left it faster."""
-    contacts, track, (pair_of, pairs) = e.contacts, judged.track, e.pairs
-    on_a, on_b = (side == track.body.number for side in (contacts.body_a, contacts.body_b))
-    its = (contacts.step >= contact.first_step) & (contacts.step <= contact.last_step)
-    its &= on_a | on_b
-    elastic = [pair for pair in np.unique(pair_of[its]) if _restitution(e, pairs[pair]) > 1]
-    points = np.flatnonzero(its & np.isin(pair_of, elastic))
-    rows = np.searchsorted(track.steps, contacts.step[points])
-    first = int(np.searchsorted(track.steps, contact.first_step))
-    epoch, law = next(each for each in judged.laws if first < each[0].rows.stop)
-    assert law is not None
-    start = law.step(track.before.at(rows))
-    mine = on_a[points][:, None]
-    arm_m = np.where(mine, contacts.position_a_m[points], contacts.position_b_m[points])
-    arm_m -= track.before.position_m[rows]
-    velocity_m_s = start.velocity_m_s + np.cross(start.spin_rad_s, arm_m)
-    towards = np.where(mine, -1, 1) * contacts.normal[points]
-    given = epoch.settings.values.get("set_restitutionVelocityThreshold", RESTITUTION_THRESHOLD_M_S)
-    return bool((np.sum(velocity_m_s * towards, axis=1) > np.ravel(given)[0]).any())
+def _cause_of_gain(
+    e: Evidence, body: int, contact: ScriptContact, gained_j: float
+) -> Message | None:
+    """Return what gave a body energy: what it was put into, or the step that gave most of it.
+
+    With a hard contact a step leaves the sides parting at e u + erp d / dt, for restitution e,
+    speed of approach u (0 below a threshold) and overlap d: `pipeline.laws.bullet_contact`.
+    """
+    contacts, its = e.contacts, (e.contacts.body_a == body) | (e.contacts.body_b == body)
+    rows = np.flatnonzero(its & (contacts.step == contact.most_given_step))
+    row = int(rows[np.argmax(contacts.normal_force_n[rows])])
+    parting = _parting(e, row)
+    if parting is None:
+        return None
+    met_m_s = max(0.0, -parting.free_m_s)
+    bounces = met_m_s >= _given(
+        parting.settings, "restitutionVelocityThreshold", RESTITUTION_THRESHOLD_M_S
+    )
+    bounced_m_s = _restitution(e, row) * met_m_s if bounces else 0.0
+    first = its & (contacts.step == contact.first_step)
+    inside = contact.first_step in _first_steps(e.seen.by_body[body])
+    inside &= bool(contacts.distance_m[first].min() < -OVERLAP_M)
+    if _springs(e, row):
+        if inside and bounced_m_s <= met_m_s:
+            return Message(
+                "their contact is a spring, which pushes overlapping bodies apart; place it outside"
+            )
+        return None
+    depth_m = -contacts.distance_m[row] - CONTACT_SLOP_M
+    share = _given(parting.settings, "contactERP", CONTACT_ERP) if depth_m > 0 else 1.0
+    pushed_m_s = share * depth_m / parting.step_s
+    off_m_s = abs(bounced_m_s + pushed_m_s - parting.after_m_s)
+    if off_m_s > AGREES * parting.after_m_s or contact.most_given_j < gained_j / 3:
+        return None
+    if bounced_m_s - met_m_s > max(0.0, pushed_m_s):
+        return Message("their restitutions multiply to more than 1; lower one of them")
+    if pushed_m_s <= 0:
+        return None
+    # A smaller timestep does not help: out of the same depth it pushes faster.
+    if inside and contact.most_given_step == contact.first_step:
+        return Message(
+            "the engine pushes overlapping bodies apart, and that leaves them faster; place it "
+            "outside, or call p.setPhysicsEngineParameter(contactERP=0)"
+        )
+    return Message(
+        "the engine pushes overlapping bodies apart, and that leaves them faster; call "
+        "p.setPhysicsEngineParameter(contactERP=0)"
+    )
 
 
 def _restitution(e: Evidence, row: int) -> float:
