@@ -51,7 +51,7 @@ INERTIA = (
     "p.changeDynamics(b, -1, lateralFriction=1)\nsteps(2)"
 )  # fmt: skip
 RESTITUTION = "for number in (0, b): p.changeDynamics(number, -1, restitution={})\n"
-BOUNCE = FLOOR + CUBE.format(0.2) + RESTITUTION.format(1)
+BOUNCE = FLOOR + CUBE.format(0.202) + RESTITUTION.format(1)
 PILE = (
     FLOOR
     + """p.setPhysicsEngineParameter(numSolverIterations={})
@@ -129,8 +129,8 @@ CASES = [
         FLOOR + CUBE.format(0.2)
         + "for one in (0, b): p.changeDynamics(one, -1, restitution=0.9)\nsteps(100)",
     ),
-    Case(  # what goes in by 3 mm before it bounces is pushed out as well
-        "energy-gained", BOUNCE + "steps(100)", "1_cube_small", 46, None,
+    Case(  # what overlaps by millimetres before it bounces is pushed out as well
+        "energy-gained", BOUNCE + "steps(100)", "1_cube_small", 47, None,
         BOUNCE + "p.setPhysicsEngineParameter(contactERP=0)\nsteps(100)",
     ),
     Case(
@@ -222,6 +222,13 @@ HARMLESS = {
         "tunnelled",
         WALL + "b = p.createMultiBody(1, -1, p.createVisualShape(p.GEOM_SPHERE, radius=0.02), "
         "[0, 0, 0.5])\np.resetBaseVelocity(b, [90, 0, 0])\nsteps(8)",
+    ),
+    "a floor that is turned, and thinner than the box around it": (
+        "tunnelled",
+        GRAVITY + 'p.loadURDF("plane.urdf", [0, 0, 0], [0.5, 0, 0, 0.866])\n'
+        + BOX.format("1", "0.1, 0.1, 0.1", "0, -60, 0")
+        + "p.setTimeStep(2)\np.changeDynamics(b, -1, linearDamping=0)\n"
+        "p.resetBaseVelocity(b, [0, 90, 0])\nsteps(1)",
     ),
     "a wall that is not to be met": (
         "tunnelled", WALL + BULLET + "p.setCollisionFilterPair(b, wall, -1, -1, 0)\nsteps(8)",
@@ -343,6 +350,11 @@ HARMLESS = {
         "b = p.createMultiBody(1, p.createCollisionShape(p.GEOM_CAPSULE, radius=0.032, "
         "height=0.105), basePosition=[0, 0, 0.05])\n"
         "p.changeDynamics(b, -1, restitution=0.5)\nsteps(40)",
+    ),
+    "in contact from the start, and changed later": (
+        "deep-penetration",
+        FLOOR + CUBE.format(0.01)
+        + "steps(1)\np.changeDynamics(b, -1, lateralFriction=0.9)\nsteps(1)",
     ),
     "half a millimetre": ("starts-in-contact", FLOOR + CUBE.format(0.0245) + "steps(3)"),
 }  # fmt: skip
@@ -504,9 +516,11 @@ b = p.loadURDF("cube_small.urdf", [0, 0, 0.2], useMaximalCoordinates={maximal})
     assert "contactStiffness" in deep.message
 
 
-def test_a_restitution_and_a_stiffness_that_come_later_explain_nothing(analyzed: Analyzed) -> None:
+def test_a_restitution_and_a_stiffness_that_do_not_act_explain_nothing(analyzed: Analyzed) -> None:
     later = f"{BOUNCE}steps(60)\n{RESTITUTION.format(1.3)}steps(1)"
     assert "contactERP" in found(analyzed(later), "energy-gained").message
+    slow = f"{FLOOR}{CUBE.format(0.005)}{RESTITUTION.format(1.3)}p.setTimeStep(1 / 1000)\nsteps(50)"
+    assert "contactERP" in found(analyzed(slow), "energy-gained").message
     soft = "p.changeDynamics(b, -1, contactStiffness=30, contactDamping=1)\n"
     later = f"{FLOOR}{CUBE.format(1)}steps(150)\np.resetBaseVelocity(b, [0, 0, 5])\n{soft}steps(1)"
     assert "contactStiffness" not in found(analyzed(later), "deep-penetration").message
@@ -611,10 +625,14 @@ CAUSES = {
         "energy-gained", FLOOR + CUBE.format(0.2) + RESTITUTION.format(1.2) + "steps(60)",
         "lower one of them",
     ),
-    "neither where one limit or another leaves it slower than both": (
+    "neither where a spring may have given it too": (
         "energy-gained",
         FLOOR + CUBE.format(0.2) + RESTITUTION.format(1.2)
         + "p.changeDynamics(b, -1, contactStiffness=100, contactDamping=50)\nsteps(60)",
+        "nothing pushed it",
+    ),
+    "no overlap that gave a tenth of it": (
+        "energy-gained", FLOOR + CUBE.format(0.2) + RESTITUTION.format(1) + "steps(60)",
         "nothing pushed it",
     ),
     "the approach, whatever the spring": (
@@ -623,7 +641,7 @@ CAUSES = {
         "detected only once they overlap",
     ),
     "none where they meet at an edge": ("deep-penetration", BESIDE + "steps(9)", "thinner one"),
-    "no spring that has not given way": (
+    "no spring that has not been compressed": (
         "deep-penetration", BESIDE + SOFT.format(1000) + "steps(9)", "thinner one",
     ),
 }  # fmt: skip
