@@ -126,12 +126,13 @@ def _because(seen: Message, cause: Message | None) -> Message:
 
 def _cause_of_depth(e: Evidence, row: int) -> Message | None:
     """Return the cause of a deep contact: both came that far in a step, or a spring gave way."""
-    contacts, (pair_of, _), springs = e.contacts, e.pairs, _springs(e, row)
+    contacts, (pair_of, pairs), springs = e.contacts, e.pairs, _springs(e, row)
+    same = [number for number, point in enumerate(pairs) if e.sides(point) == e.sides(row)]
     parting = _parting(e, row)
     if parting is None:
         return None
     depth_m, step = -contacts.distance_m[row], contacts.step[row]
-    overlaps = (pair_of == pair_of[row]) & (contacts.distance_m < 0)
+    overlaps = np.isin(pair_of, same) & (contacts.distance_m < 0)
     steps = np.unique(contacts.step[overlaps & (contacts.step <= step)])
     steps = steps[np.flatnonzero(np.diff(steps, prepend=-2) > 1)[-1] :]
     way_m = -parting.before_m_s * parting.step_s
@@ -305,7 +306,7 @@ def _cause_of_gain(
     share = _given(parting.settings, "contactERP", CONTACT_ERP) if depth_m > 0 else 1.0
     pushed_m_s = share * depth_m / parting.step_s
     off_m_s = abs(bounced_m_s + pushed_m_s - parting.after_m_s)
-    if off_m_s > AGREES * parting.after_m_s or contact.most_given_j < gained_j / 3:
+    if off_m_s > AGREES * parting.after_m_s or contact.most_given_j < gained_j / 2:
         return None
     if bounced_m_s - met_m_s > max(0.0, pushed_m_s):
         return Message("their restitutions multiply to more than 1; lower one of them")
