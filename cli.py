@@ -1,6 +1,6 @@
 """The command `drop`: parse, call a stage, print. No physics and no files here.
 
-What a command needs is imported when it runs, so that `drop --help` is quick.
+Each command imports what it needs when it runs, so that `drop --help` is quick.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ app = App(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
     help="Drop a box in PyBullet, keep everything in one Rerun recording, and learn where each "
-    "millimetre of the error comes from.",
+    "millimetre of error comes from.",
     epilog="Start with: drop run",
 )
 
@@ -38,7 +38,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, for s
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 OfBody = Annotated[
     str | None,
-    typer.Option("--body", metavar="NAME|ID", help="Of a script's recording: this body only."),
+    typer.Option("--body", metavar="NAME|ID", help="For a script's recording: this body only."),
 ]
 At = Annotated[
     list[str] | None,
@@ -68,7 +68,7 @@ Caption = Annotated[
 ]
 Dark = Annotated[bool, typer.Option("--dark", help="Draw plots for a dark page.")]
 WithPlot = Annotated[
-    bool, typer.Option("--with-plot", help="Let heights and error grow beside the frames.")
+    bool, typer.Option("--with-plot", help="Plot heights and error beside the frames.")
 ]
 
 
@@ -99,21 +99,21 @@ def simulate(
     spawn: Annotated[bool, typer.Option("--spawn", help="Show the fall live in a viewer.")] = False,
     connect: Annotated[
         str | None,
-        typer.Option(metavar="URL", help="Show it live in a viewer that is open already."),
+        typer.Option(metavar="URL", help="Show it live in a viewer that is already open."),
     ] = None,
     force: Force = False,
     json: Json = False,
     scenario: Scenario,
     camera: Camera | None,
 ) -> None:
-    """Drop the body and put everything that happens into one recording."""
+    """Drop the body and record everything that happens."""
     from pipeline.console.show_drop import show_simulation
     from pipeline.errors import ScenarioError
     from pipeline.stages import view
     from pipeline.stages.simulate import simulate
 
     if spawn and connect is not None:
-        raise ScenarioError("--spawn and --connect are two ways to one viewer; give one of them")
+        raise ScenarioError("--spawn and --connect exclude each other; give one of them")
     viewer = view.spawn if spawn else None if connect is None else view.connection(connect)
     with progress() as report:
         simulation = simulate(
@@ -148,10 +148,10 @@ def analyze(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Say where each millimetre between simulation and theory comes from.
+    """Explain each millimetre between simulation and theory.
 
-    Of the recording of a script: what each of its bodies did, the budget of each flight, what
-    contact gave and took, and what is worth a second look.
+    For a script's recording: what each of its bodies did, the error budget of each flight, the
+    energy that contacts gave and took, and what is worth a second look.
     """
     from pipeline.errors import ScenarioError
     from pipeline.kinds import times
@@ -163,15 +163,15 @@ def analyze(
         from pipeline.stages.analyze_script import analyze_script
 
         with progress() as report:
-            told = analyze_script(
+            script = analyze_script(
                 run, at_s=at_s, body=body, out=out, table=table, force=force, progress=report
             )
-        show_script(told, as_json=json)
+        show_script(script, as_json=json)
         return
     from pipeline.console.show_drop import show_analysis
 
     if body is not None:
-        raise ScenarioError("--body names a body of a script's recording; a drop has one body")
+        raise ScenarioError("--body is for recordings of scripts; a drop has only one body")
     with progress() as report:
         analysis = analyze(run, at_s=at_s, out=out, table=table, force=force, progress=report)
     show_analysis(analysis, as_json=json)
@@ -204,7 +204,7 @@ def render(
     ] = None,
     view: Annotated[
         View | None,
-        typer.Option("--camera", help="Of a script's recording: draw its poses, seen from there."),
+        typer.Option("--camera", help="For a script's recording: draw its poses with this camera."),
     ] = None,
     body: OfBody = None,
     force: Force = False,
@@ -212,8 +212,8 @@ def render(
 ) -> None:
     """Make a gif of the recorded frames, and a plot of heights and errors.
 
-    Of the recording of a script: of what its own camera saw, or, with --camera and where it took no
-    pictures, of the recorded poses.
+    For a script's recording: a gif of the images it took; with --camera, or if it took none, of
+    the recorded poses.
     """
     from pipeline.console.show_drop import show_rendering
     from pipeline.errors import ScenarioError
@@ -225,18 +225,18 @@ def render(
         from pipeline.stages.render_script import render_script
 
         if plot is not None or dark:
-            raise ScenarioError("--plot and --dark are of a theory, which only a drop has")
+            raise ScenarioError("--plot and --dark need a theory, which only a drop has")
         with progress() as report:
-            drawn = render_script(
+            rendering = render_script(
                 run, out=out, animation=animation, view=view, body=body, force=force,
                 progress=report,
             )  # fmt: skip
-        show_rendering(drawn, as_json=json)
+        show_rendering(rendering, as_json=json)
         return
     if view is not None or body is not None:
         raise ScenarioError(
-            "--camera and --body are of a script's recording here; a drop's frames are taken when "
-            "it is recorded: drop simulate --camera"
+            "--camera and --body are for recordings of scripts; a drop's frames are taken when it "
+            "is recorded, with: drop simulate --camera"
         )
     with progress() as report:
         rendering = render(
@@ -256,7 +256,7 @@ def run(
     out_dir: Annotated[
         Path,
         typer.Option(
-            "--out-dir", "-o", metavar="DIR", help="Where the files go; created if missing."
+            "--out-dir", "-o", metavar="DIR", help="Folder for the files; created if missing."
         ),
     ] = Path("recordings"),
     at: At = None,
@@ -277,11 +277,11 @@ def run(
 
     animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
     with progress() as report:
-        whole = run(
+        result = run(
             scenario, out_dir, camera=camera, at_s=times(at or []), animation=animation, dark=dark,
             note=output.note, progress=report,
         )  # fmt: skip
-    show_run(whole, as_json=json)
+    show_run(result, as_json=json)
 
 
 @app.command(
@@ -292,14 +292,14 @@ def check(
     run: Run,
     *,
     against: Annotated[
-        Path, typer.Option(metavar="GOLDEN.rrd", help="The recording that is right.")
+        Path, typer.Option(metavar="GOLDEN.rrd", help="The recording to compare with.")
     ],
     tolerance: Annotated[
         float,
         typer.Option(
             parser=a_number,
             metavar="METRES",
-            help="Largest difference that passes; of a velocity, what it moves in a step. "
+            help="Largest difference that passes; for a velocity, the distance per step. "
             "0: bit for bit, but 1e-9 m for a drop in contact.",
         ),
     ] = 0.0,
@@ -308,26 +308,26 @@ def check(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Compare a recording with a golden one; exit 3 where the physics differs.
+    """Compare a recording with a golden one; exit with 3 if the physics differs.
 
-    Both are of a drop, or both of a script.
+    Both must be of a drop, or both of a script.
     """
     from pipeline.stages.check_script import check_script, is_script
 
     if is_script(run):
         from pipeline.console.show_script_check import show_script_check
 
-        found = check_script(run, against, tolerance_m=tolerance, update=update)
-        raise typer.Exit(show_script_check(found, as_json=json))
+        script_check = check_script(run, against, tolerance_m=tolerance, update=update)
+        raise typer.Exit(show_script_check(script_check, as_json=json))
     from pipeline.console.show_check import show_check
     from pipeline.stages.check import check
 
-    checked = check(run, against, tolerance_m=tolerance, update=update)
-    raise typer.Exit(show_check(checked, as_json=json))
+    drop_check = check(run, against, tolerance_m=tolerance, update=update)
+    raise typer.Exit(show_check(drop_check, as_json=json))
 
 
 @app.command(
-    short_help="Run many scenarios, and say how the error behaves.",
+    short_help="Run many scenarios, and show how the error behaves.",
     epilog="Example: drop sweep --timestep 1/240,1/480,1/960 --out sweep",
 )
 @takes_scenario_lists
@@ -339,7 +339,7 @@ def sweep(
             "--out",
             "-o",
             metavar="DIR",
-            help="Where results and recordings go; run the command again to resume.",
+            help="Folder for results and recordings; run the command again to resume.",
         ),
     ],
     at: Annotated[
@@ -394,10 +394,11 @@ def sweep(
     lists: dict[str, str | bool | None],
     camera: Camera | None,
 ) -> None:
-    """Run many scenarios, and say how the error behaves.
+    """Run many scenarios, and show how the error behaves.
 
-    Every scenario option takes a list A,B,C; lists of vectors have semicolons: "0,0,0;0,0,1".
-    The sweep is their product, in the order of the options below, the last one changing fastest.
+    Every scenario option takes a list A,B,C; vectors are separated by semicolons: "0,0,0;0,0,1".
+    The sweep is the product of the lists, in the order of the options below, the last one changing
+    fastest.
     """
     if ray is None and jobs != 1 and (jobs or samples):
         from pipeline.sweeping.engines import get_ready
@@ -410,7 +411,7 @@ def sweep(
 
     plan = plan_of(lists, samples=samples, seed=seed, vary=vary or [])
     with sweep_progress() as report:
-        swept = sweep(
+        result = sweep(
             plan,
             out,
             at_s=times([at])[0],
@@ -424,7 +425,7 @@ def sweep(
             force=force,
             progress=report,
         )
-    raise typer.Exit(show_sweep(swept, as_json=json))
+    raise typer.Exit(show_sweep(result, as_json=json))
 
 
 @app.command(
@@ -435,11 +436,11 @@ def sweep(
 def record(
     program: Annotated[
         list[str],
-        typer.Argument(metavar="SCRIPT.py …", help="The script to run, and all that it is given."),
+        typer.Argument(metavar="SCRIPT.py …", help="The script to run, and its arguments."),
     ],
     *,
     module: Annotated[
-        bool, typer.Option("-m", help="Run a module of that name, as python -m does.")
+        bool, typer.Option("-m", help="Run a module by its name, as python -m does.")
     ] = False,
     out: Annotated[
         Path | None,
@@ -452,14 +453,14 @@ def record(
     ] = None,
     steps: Annotated[
         int | None,
-        typer.Option(parser=an_integer, metavar="N", help="Stop it after so many steps."),
+        typer.Option(parser=an_integer, metavar="N", help="Stop it after N steps."),
     ] = None,
     duration: Annotated[
         float | None,
         typer.Option(
             parser=a_number,
             metavar="SECONDS",
-            help="Stop it after so much simulated time [s]. [default: 60, without --steps]",
+            help="Stop it after this simulated time [s]. [default: 60, without --steps]",
         ),
     ] = None,
     seed: Annotated[
@@ -467,7 +468,7 @@ def record(
         typer.Option(parser=an_integer, metavar="N", help="Seed random and numpy.random with N."),
     ] = None,
     twice: Annotated[
-        bool, typer.Option("--twice", help="Run it again, and say from which step on it differs.")
+        bool, typer.Option("--twice", help="Run it again, and report the first step that differs.")
     ] = False,
     python: Annotated[
         str | None,
@@ -475,15 +476,17 @@ def record(
     ] = None,
     keep_sleeping: Annotated[
         bool,
-        typer.Option("--keep-sleeping", help="Let it sleep when it asks to; else time is virtual."),
+        typer.Option(
+            "--keep-sleeping", help="Let its sleeps take time; else its clock is virtual."
+        ),
     ] = False,
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Run somebody's PyBullet script, and put everything that happens into one recording.
+    """Run a PyBullet script, and record everything that happens.
 
-    Options of drop stand before the script; all that follows it is the script's own. Standard
-    output is the script's alone.
+    Options of drop come before the script; everything after it is passed to the script. Standard
+    output is left to the script.
     """
     import sys
 
@@ -501,11 +504,11 @@ def record(
 
 
 @app.command(
-    short_help="Say what a recording is.",
+    short_help="Describe a recording.",
     epilog="Example: drop info recordings/run.rrd",
 )
 def info(run: Run, *, json: Json = False) -> None:
-    """Say what a recording is: of what, how long, of which bodies, and whether it is whole."""
+    """Describe a recording: what made it, its length, its bodies, and whether it is complete."""
     from pipeline.console.show_info import show_info
     from pipeline.stages.info import info
 
@@ -524,12 +527,12 @@ def view(
         Path | None,
         typer.Option(
             metavar="GOLDEN.rrd",
-            help="Show one recording with this one in grey, at the first difference.",
+            help="Show this recording in grey beside it, at the first difference.",
         ),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Open recordings and their analyses in the Rerun viewer; ends when it is closed."""
+    """Open recordings and their analyses in the Rerun viewer; end when it is closed."""
     from contextlib import ExitStack
 
     from pipeline.console.show_view import show_view
@@ -537,15 +540,15 @@ def view(
     from pipeline.stages import view
 
     if against is not None and len(runs) > 1:
-        raise ScenarioError(f"--against takes one recording to compare, got {len(runs)}")
+        raise ScenarioError("--against takes one recording to compare, got {n}", n=len(runs))
     with ExitStack() as stack:
         if against is None:
             from pipeline.stages.view_engines import opened
 
-            shown = stack.enter_context(opened(runs, web=web))
+            opened_view = stack.enter_context(opened(runs, web=web))
         else:
             from pipeline.stages.view_golden import with_golden
 
-            shown = stack.enter_context(with_golden(runs[0], against, web=web))
-        show_view(shown, as_json=json)
-        view.show(shown)
+            opened_view = stack.enter_context(with_golden(runs[0], against, web=web))
+        show_view(opened_view, as_json=json)
+        view.show(opened_view)

@@ -3,6 +3,7 @@
 The outputs and pictures that pages show are those of their commands; the references are written
 from the code. `tests/test_pages.py` and `tests/test_references.py` fail where one is stale. The
 picture of the viewer is made only when it is asked for: `python docs/regenerate.py viewer.png`.
+`drop.po`, the Japanese messages, gets those that are new: translate them there, and run it again.
 """
 
 from __future__ import annotations
@@ -37,6 +38,10 @@ def main(names: list[str]) -> None:
         write({pages.DOCS / name: text.encode() for name, text in validation.made().items()})
     if not names or "README.md" in names:
         write(readme.made())
+    if not names or "drop.po" in names:
+        from generators import translations  # takes Babel, which only [docs] brings
+
+        write(translations.made())
     if readme.VIEWER.name in names:
         write(readme.viewer_picture())
     for page in pages.pages():

@@ -1,18 +1,18 @@
 """A drop, from its scenario to its pictures.
 
-A `Scenario` is dropped in PyBullet by `simulate`, which puts everything that happened into one
-Rerun recording. From there on the recording is all there is: `analyze` reads it back and takes its
-error apart, `render` makes a gif and a plot of it. `run` does the three in a row, `sweep` does many
-drops. `check` compares a recording with a golden one, and `info` says what one is.
+`simulate` drops a `Scenario` in PyBullet and writes everything that happens into one Rerun
+recording, from which alone all else is computed: `analyze` breaks its error down, `render` makes a
+gif and a plot. `run` does the three in a row, `sweep` does many drops. `check` compares a recording
+with a golden one, and `info` describes one.
 
-`record` records what a block of Python does with PyBullet, `record_script` what somebody's script
-does; `analyze_script`, `render_script` and `check_script` take these recordings.
+`record` records what a block of Python does with PyBullet, `record_script` what a script does;
+`analyze_script`, `render_script` and `check_script` take these recordings.
 
     from pipeline import Scenario, simulate, analyze, render
 
 A result prints as the terminal shows it; in a notebook it comes with its plot.
 
-The names here are loaded when they are first used, so that importing the package costs nothing.
+The names here are loaded on first use, so that importing the package is quick.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One colour for one thing, in the plot and in the viewer alike.
+"""One colour per thing, the same in plots and in the viewer.
 
 Okabe and Ito's palette, which colour-blind readers can tell apart.
 """
@@ -7,10 +7,10 @@ SIMULATED = "#0072b2"
 FREE_FALL = "#8a8f98"
 DAMPED_FALL = "#56b4e9"
 GOLDEN = "#c3c8cf"
-"""What a golden recording adds to another."""
+"""The golden recording beside another."""
 TOTAL = "#222222"
 TOTAL_IN_VIEWER = "#8f5fd0"
-"""The viewer has a light theme and a dark one, and a curve one colour for both."""
+"""Legible on the viewer's light and dark themes: a curve has one colour for both."""
 TIMESTEP = "#d55e00"
 DAMPING = "#009e73"
 INTERACTION = "#cc79a7"
@@ -21,7 +21,7 @@ TERMS = {
     "interaction": INTERACTION,
     "rounding": ROUNDING,
 }
-"""Of the error, in the order in which they are named everywhere."""
+"""The error's terms, in the order used everywhere."""
 ENGINES = {
     "bullet": SIMULATED,
     "mujoco": "#ee6677",
@@ -29,7 +29,7 @@ ENGINES = {
     "drake": "#a39128",
     "physx": "#aa3377",
 }
-"""Paul Tol's bright ones, which no term has; the yellow is darker, to be seen on white."""
+"""Paul Tol's bright palette, which no term uses; the yellow is darker, to be visible on white."""
 KINETIC = "#d55e00"
 ROTATION = "#cc79a7"
 POTENTIAL = "#56b4e9"
@@ -42,4 +42,4 @@ SEGMENTS = {
     "still": "#4b5563",
     "unexplained": "#d55e00",
 }
-"""What a sample of a body can be."""
+"""The classes of a body's samples."""

@@ -1,4 +1,4 @@
-"""The errors `drop` raises on purpose: one line each, with the rule, the value and what to try."""
+"""The errors `drop` raises on purpose, one line each: the rule, the value and what to try."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ PARAMETERS = {
     "no-camera": "camera=None", "no-record": "record=False", "force": "force=True",
     "with-plot": "with_plot=True", "caption": "caption=True", "dark": "dark=True",
 }  # fmt: skip
-"""Options whose parameter in Python is not the option's name in underscores."""
+"""Options whose Python parameter is not just the option's name with underscores."""
 _OPTION = re.compile(
-    r"""(?P<kept>(?<!\w)'[^']*'              # what was given
+    r"""(?P<kept>(?<!\w)'[^']*'              # a quoted value
                |\bdrop\ (?:simulate|analyze|render|run|check|sweep|record|view|info)\ [^;]*
                |\b(?:mkdir|ls|mv|pip|ray)\ [^;]*)
       |--(?P<name>[a-z][a-z-]*[a-z])
@@ -30,36 +30,36 @@ _OPTION = re.compile(
 
 
 def in_parameters(message: str) -> str:
-    """Say in the names of Python's parameters what is said in those of options."""
+    """Rewrite the option names in an English message as Python's parameter names."""
 
-    def said(found: re.Match[str]) -> str:
-        if found["kept"] is not None:
-            return found["kept"]
-        name = PARAMETERS.get(found["name"], found["name"].replace("-", "_"))
-        if found["number"] is not None:
-            return f"{name}={found['number']}"
-        return name if found["word"] is None else f"{name}={found['word']!r}"
+    def renamed(match: re.Match[str]) -> str:
+        if match["kept"] is not None:
+            return match["kept"]
+        name = PARAMETERS.get(match["name"], match["name"].replace("-", "_"))
+        if match["number"] is not None:
+            return f"{name}={match['number']}"
+        return name if match["word"] is None else f"{name}={match['word']!r}"
 
-    return _OPTION.sub(said, message)
+    return _OPTION.sub(renamed, message)
 
 
 class DropError(Exception):
-    """Something could not be done; the message says what, and what to do.
+    """Something failed; the message says what, and what to try.
 
-    It is a template and the values that it names. It is written with the names of options, as the
-    command line prints it. As a text it has the names of parameters, as whoever catches it in
-    Python wrote them.
+    The message is a template with values. It names options, as the command line prints it; `str`
+    returns it in English, with the names of Python's parameters instead.
     """
 
     exit_code = 1
 
     def __init__(self, template: str, /, **values: object) -> None:
-        super().__init__(Message(template, **values) if values else template)
+        whole = isinstance(template, Message) and not values
+        super().__init__(template if whole else Message(template, **values))
 
     @property
-    def in_options(self) -> str:
-        """The message as the command line says it."""
-        message: str = self.args[0]
+    def in_options(self) -> Message:
+        """The message as the command line prints it."""
+        message: Message = self.args[0]
         return message
 
     def __str__(self) -> str:
@@ -67,7 +67,7 @@ class DropError(Exception):
 
 
 class ScenarioError(DropError, ValueError):
-    """A value that no drop can be made with: outside its domain, or not readable."""
+    """An invalid value: outside its domain, or unreadable."""
 
     exit_code = 2
 
@@ -77,11 +77,11 @@ class RecordingError(DropError):
 
 
 class OutputError(DropError):
-    """A file that cannot be written where it was asked for."""
+    """A file that cannot be written under the name given."""
 
 
 def check_suffix(option: str, path: Path, suffixes: Iterable[str]) -> None:
-    """Make sure that a file's suffix names a format that can be written.
+    """Check that a file's suffix names a format that can be written.
 
     Raises
     ------
@@ -89,11 +89,10 @@ def check_suffix(option: str, path: Path, suffixes: Iterable[str]) -> None:
         If it does not.
     """
     *others, last = suffixes
-    if path.suffix not in (*others, last):
-        allowed = f"{', '.join(others)} or {last}" if others else last
-        raise ScenarioError(
-            "{option} must end in {allowed}, got {path!r}",
-            option=option,
-            allowed=allowed,
-            path=str(path),
-        )
+    if path.suffix in (*others, last):
+        return
+    allowed = Message("{one} or {other}", one=", ".join(others), other=last) if others else last
+    raise ScenarioError(
+        "{option} must end in {allowed}, got {path!r}",
+        option=option, allowed=allowed, path=str(path),
+    )  # fmt: skip

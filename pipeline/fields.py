@@ -1,6 +1,6 @@
-"""A field that knows its command-line option: how it is written, and which values it may hold.
+"""A field that knows its command-line option: how its values are written, which are allowed.
 
-What is declared once here serves the command line, the recording and a sweep alike.
+One declaration serves the command line, the recording and sweeps.
 """
 
 from __future__ import annotations
@@ -34,21 +34,31 @@ def fraction(value: float) -> str:
 
 
 def counted(number: int, thing: str, things: str = "") -> Message:
-    """Return how many there are of a thing: 1 sample, 1,000 samples."""
+    """Return a number with its noun: 1 sample, 1,000 samples."""
     noun = Message(thing if number == 1 else things or f"{thing}s")
     noun.template = thing  # what is translated: Japanese, the only translation, has no plural
     return Message("{number:,} {noun}", number=number, noun=noun)
 
 
+def alternatives(texts: Iterable[str]) -> str:
+    """Return texts as alternatives: A or B or C."""
+    return functools.reduce(lambda a, b: Message("{one} or {other}", one=a, other=b), texts)
+
+
+def all_of(texts: Iterable[str]) -> str:
+    """Return texts as an enumeration: A and B and C."""
+    return functools.reduce(lambda a, b: Message("{one} and {other}", one=a, other=b), texts)
+
+
 LARGE = 1e6
-"""From here on a number is written in powers of ten."""
+"""From here on numbers are written in powers of ten."""
 
 
 def decimals(value: float, places: int, sign: str = "") -> str:
-    """Write a number with so many decimals; a large one as engineers do: 9.81e9, -12.5e6.
+    """Write a number with a given number of decimals; a large one as 9.81e9 or -12.5e6.
 
-    `sign` is that of Python's formats: `+` writes one before every number. What is nothing in so
-    many decimals has no minus.
+    `sign` is that of Python's formats: `+` signs every number. A number that rounds to zero has no
+    minus.
     """
     if abs(value) >= LARGE:
         return engineering(value, sign)
@@ -63,7 +73,7 @@ def engineering(value: float, sign: str = "") -> str:
 
 
 def exact(value: object) -> str:
-    """Write a value so that reading it gives the same to the last bit: the other way of parsing."""
+    """Write a value so that parsing it gives the same value to the last bit."""
     return ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)
 
 
@@ -72,7 +82,7 @@ def exact(value: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """How a field is given on the command line, and which numbers it may hold."""
+    """How a field is given on the command line, and which numbers are allowed."""
 
     name: str
     help: str
@@ -83,13 +93,13 @@ class Option:
     above: bool = False
     """Whether `low` itself is excluded."""
     left_to: str = "the engine's own"
-    """Whose value it is where none is given and the default is `default`."""
+    """Whose value applies where the default is `default`."""
     choices: tuple[str, ...] = ()
-    """The only texts it takes; empty where there are too many to list."""
+    """The only texts allowed; empty where there are too many to list."""
 
     @property
     def is_left(self) -> bool:
-        """Whether somebody else's value is the default."""
+        """Whether the default is left to the engine or the URDF."""
         return self.default == "default"
 
     @property
@@ -110,10 +120,13 @@ class Option:
         try:
             return self.kind.read(raw)
         except ScenarioError as error:
-            raise ScenarioError(f"{self.name} takes {error}, got {shown(raw)}") from None
+            raise ScenarioError(
+                "{option} takes {what}, got {value}",
+                option=self.name, what=error.in_options, value=shown(raw),
+            ) from None  # fmt: skip
 
     def written(self, value: object) -> str:
-        """Write a value for people; a fraction only where the default is one, as 1/240."""
+        """Write a value to be read; as a fraction only where the default is one, as 1/240."""
         if value is None:
             return "default"
         if isinstance(value, list | tuple):
@@ -128,7 +141,7 @@ class Option:
         Raises
         ------
         ScenarioError
-            If one of them cannot be read, or lies outside the domain.
+            If one of them cannot be read, or is outside the domain.
         """
         by_semicolon = bool(self.kind.components) or ";" in raw
         parts = raw.split(";" if by_semicolon else ",")
@@ -137,40 +150,46 @@ class Option:
             self.check(value)
         return values
 
-    def domain(self) -> str:
-        """Say which values are allowed."""
-        if math.isinf(self.low) and math.isinf(self.high):
-            return "finite"
-        low = "above" if self.above else "at least"
-        if math.isinf(self.high):
-            return f"finite and {low} {self.low:g}"
-        return f"{low} {self.low:g} and at most {self.high:g}"
+    def domain(self) -> Message:
+        """Return which values are allowed."""
+        low, high = self.low, self.high
+        if math.isinf(low) and math.isinf(high):
+            return Message("finite")
+        if math.isinf(high):
+            if self.above:
+                return Message("finite and above {low:g}", low=low)
+            return Message("finite and at least {low:g}", low=low)
+        if self.above:
+            return Message("above {low:g} and at most {high:g}", low=low, high=high)
+        return Message("at least {low:g} and at most {high:g}", low=low, high=high)
 
     def contains(self, value: float) -> bool:
-        """Whether a number lies in the domain; nan never does."""
+        """Whether a number is in the domain; nan never is."""
         above_low = value > self.low if self.above else value >= self.low
         return above_low and value <= self.high and abs(value) <= sys.float_info.max
 
     def check(self, value: object) -> None:
-        """Make sure that the numbers in a value lie in the domain.
+        """Check that the numbers in a value are in the domain.
 
         Raises
         ------
         ScenarioError
-            If one lies outside it.
+            If one is outside it.
         """
-        for one in value if isinstance(value, tuple) else (value,):
-            is_number = isinstance(one, int | float) and not isinstance(one, bool)
-            if is_number and not self.contains(one):
-                raise ScenarioError(
-                    f"{self.name} must be {self.domain()}, got {shown(one)}{self._meant(one)}"
-                )
+        for part in value if isinstance(value, tuple) else (value,):
+            is_number = isinstance(part, int | float) and not isinstance(part, bool)
+            if is_number and not self.contains(part):
+                raise self._outside(part)
 
-    def _meant(self, value: float) -> str:
-        """Ask whether a frequency was given where a fraction belongs: 240 for 1/240."""
-        if "/" not in self.default or not value > self.high or not self.contains(1 / value):
-            return ""
-        return f"; did you mean 1/{value:.9g}?"
+    def _outside(self, value: float) -> ScenarioError:
+        """Return the error; for 240 in place of 1/240 it asks whether the fraction was meant."""
+        error = Message(
+            "{option} must be {domain}, got {value}",
+            option=self.name, domain=self.domain(), value=shown(value),
+        )  # fmt: skip
+        if "/" in self.default and value > self.high and self.contains(1 / value):
+            return ScenarioError("{error}; did you mean 1/{value:.9g}?", error=error, value=value)
+        return ScenarioError(error)
 
 
 def option(
@@ -195,7 +214,7 @@ def option(
 
 
 class Optioned:
-    """What a dataclass of such fields can do: check its values, and be read from text."""
+    """A dataclass of such fields: it checks its values, and can be read from text."""
 
     __slots__ = ()
 
@@ -207,12 +226,12 @@ class Optioned:
 
     @classmethod
     def from_text(cls, given: Mapping[str, str | bool | None]) -> Self:
-        """Build from command-line values by field name; what is not given or None is the default.
+        """Build from command-line values by field name; absent or None means the default.
 
         Raises
         ------
         ScenarioError
-            If a value cannot be read, or lies outside its domain.
+            If a value cannot be read, or is outside its domain.
         """
         values: dict[str, Any] = {}
         for name, spec in cls.options().items():
@@ -230,24 +249,27 @@ class Optioned:
         Raises
         ------
         ScenarioError
-            If it is of another type, or lies outside its domain.
+            If it is of another type, or outside its domain.
         """
         spec, hint = cls.options()[name], _hints(cls)[name]  # type: ignore[arg-type]
         try:
             value = _of_kind(given, hint)
         except (TypeError, OverflowError):
-            raise ScenarioError(f"{spec.name} must be {_kind(hint)}, got {shown(given)}") from None
+            raise ScenarioError(
+                "{option} must be {kind}, got {value}",
+                option=spec.name, kind=_kind(hint), value=shown(given),
+            ) from None  # fmt: skip
         spec.check(value)
         return value
 
     @classmethod
     def listed(cls, name: str, given: object) -> tuple[Any, ...]:
-        """Return several values of a field: text as the command line's, a list, or one value.
+        """Return several values of a field, from command-line text, a list, or a single value.
 
         Raises
         ------
         ScenarioError
-            If one of them is not one.
+            If one of them is invalid.
         """
         if isinstance(given, str):
             return cls.options()[name].read_list(given)
@@ -255,40 +277,40 @@ class Optioned:
         return tuple(cls.checked(name, value) for value in values)
 
     def check_domains(self) -> None:
-        """Check every value's type and domain; a whole number becomes a float where one belongs.
+        """Check every value's type and domain; a whole number becomes a float where declared so.
 
         Raises
         ------
         ScenarioError
-            If one is of another type, or lies outside its domain.
+            If one is of another type, or outside its domain.
         """
         for name in self.options():
             value = self.checked(name, getattr(self, name))
-            object.__setattr__(self, name, value)  # frozen for everybody else
+            object.__setattr__(self, name, value)  # the dataclass is frozen
 
 
 UNIONS = (UnionType, Union)
-"""Both are of `X | None`: the second where X is a Literal."""
+"""The origin of `X | None` is one of these: the second where X is a Literal."""
 
 # -- types ----------------------------------------------------------------------------------------
 
 
 def shown(value: object) -> str:
-    """Return a value as an error quotes it: not longer than a line takes."""
+    """Return a value as an error quotes it: short enough for a line."""
     try:
         text = repr(value)
     except ValueError:  # Python refuses to write out a number of some thousand digits
-        text = "a number too long to write"
+        return Message("a number too long to write")
     return text if len(text) <= 120 else f"{text[:100]}…{text[-10:]}"
 
 
 @functools.cache
 def _hints(kind: Any) -> dict[str, Any]:  # noqa: ANN401 - a class; mypy doubts its hash
-    return get_type_hints(kind)  # evaluates every annotation, in ten times what the checks take
+    return get_type_hints(kind)  # evaluating every annotation takes ten times as long as the checks
 
 
 def _of_kind(value: Any, hint: Any) -> Any:  # noqa: ANN401
-    """Return a value as the type that a field is declared with; TypeError if it is of another."""
+    """Return a value as a field's declared type; TypeError if it is of another."""
     arguments = get_args(hint)
     if get_origin(hint) is Literal:
         if value in arguments:
@@ -313,9 +335,14 @@ def _of_kind(value: Any, hint: Any) -> Any:  # noqa: ANN401
 def _kind(hint: Any) -> str:  # noqa: ANN401
     arguments = get_args(hint)
     if get_origin(hint) is Literal:
-        return " or ".join(arguments)
+        return alternatives(arguments)
     if get_origin(hint) in UNIONS:
-        return " or ".join(_kind(argument) for argument in arguments if argument is not NoneType)
+        return alternatives(_kind(argument) for argument in arguments if argument is not NoneType)
     if get_origin(hint) is tuple:
-        return f"{len(arguments)} times {_kind(arguments[0])}"
-    return {float: "a number", int: "a whole number", bool: "True or False", str: "text"}[hint]
+        return Message("{n} times {kind}", n=len(arguments), kind=_kind(arguments[0]))
+    return {
+        float: Message("a number"),
+        int: Message("a whole number"),
+        bool: "True or False",
+        str: Message("text"),
+    }[hint]

@@ -1,4 +1,4 @@
-"""The kinds of value that an option takes: how each is read, and what it is made of.
+"""The kinds of value that an option takes: how each is parsed, and its components.
 
 Text is only ever parsed, never evaluated.
 """
@@ -26,12 +26,12 @@ def number(text: str) -> float:
 
 
 def _digits(text: str) -> str:
-    """Return a text that is a number to others too: Python alone takes `1_0`, and `١` for 1.
+    """Return a number's text as it is, unless only Python would read it: `1_0`, or `١` for 1.
 
     Raises
     ------
     ValueError
-        If it has such.
+        If only Python would.
     """
     if "_" in text or not text.isascii():
         raise ValueError
@@ -75,7 +75,7 @@ def size(text: str) -> tuple[int, int]:
 
 
 def text(value: str) -> str:
-    """Take the text as it is."""
+    """Return the text as it is."""
     return value
 
 
@@ -85,12 +85,15 @@ def times(texts: Sequence[str]) -> list[float]:
     Raises
     ------
     ScenarioError
-        If one of them is no number.
+        If one of them is not a number.
     """
     try:
-        return [number(one) for one in texts]
+        return [number(text) for text in texts]
     except ScenarioError as error:
-        raise ScenarioError(f"--at takes {error}, got {', '.join(map(repr, texts))}") from None
+        raise ScenarioError(
+            "{option} takes {what}, got {value}",
+            option="--at", what=error.in_options, value=", ".join(map(repr, texts)),
+        ) from None  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,15 +101,15 @@ class Kind:
     """One kind of value."""
 
     read: Callable[[str], Any]
-    """From text; a ScenarioError says what it takes."""
+    """Parses a text; its ScenarioError says what is expected."""
     metavar: str
-    """What stands for it in `--help`."""
+    """Its placeholder in `--help`."""
     of: type[float | int | str]
-    """What it is, or its parts are."""
+    """Its type, or that of its parts."""
     components: tuple[str, ...] = ()
-    """What its parts are called, where each can be given alone."""
+    """The names of its parts, where each can be given alone."""
     joined: str = ","
-    """What stands between its parts."""
+    """The separator of its parts."""
 
 
 NUMBER = Kind(number, "NUMBER", float)

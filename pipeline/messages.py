@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import gettext
+import itertools
 import os
 import shlex
 from collections.abc import Iterable
@@ -16,6 +17,10 @@ from typing import Self
 
 LOCALE = Path(__file__).parent / "locale"
 """Where the translations are: `LANGUAGE/LC_MESSAGES/drop.mo`, compiled from `drop.po`."""
+VARIABLES = ("DROP_LANG", "LANGUAGE", "LC_ALL", "LC_MESSAGES", "LANG")
+"""The environment's, which name the reader's language; the first that is set counts."""
+
+_NOTHING = ""  # not written below, where it would be taken for a message
 
 
 class Message(str):
@@ -39,28 +44,36 @@ class Message(str):
         return (self.template,), self.values
 
     def __add__(self, other: str) -> Message:
-        return joined("", [self, other])
+        return joined(_NOTHING, [self, other])
 
     def __radd__(self, other: str) -> Message:
-        return joined("", [other, self])
+        return joined(_NOTHING, [other, self])
 
 
 def joined(separator: str, parts: Iterable[str]) -> Message:
     """Return messages and texts as one message, with a separator between them."""
-    values = {f"part{number}": part for number, part in enumerate(parts)}
-    return Message(separator.join(f"{{{name}}}" for name in values), **values)
+    values: dict[str, str] = {f"part{number}": part for number, part in enumerate(parts)}
+    template = "{separator}".join(f"{{{name}}}" for name in values)
+    return Message(template, separator=Message(separator), **values)
 
 
 def translated(text: str) -> str:
     """Return a message in the reader's language; English where there is no translation."""
-    if not isinstance(text, Message):
+    catalog = _catalog(*map(os.environ.get, VARIABLES))
+    if not isinstance(text, Message) or type(catalog) is gettext.NullTranslations:
         return text
-    template = _catalog().gettext(text.template)
+    # Of no template at all gettext returns the head of its file.
+    template = catalog.gettext(text.template) if text.template else ""
     if not text.values:
-        return template
+        return template if template != text.template else str(text)
     return template.format_map(
         {name: translated(v) if isinstance(v, str) else v for name, v in text.values.items()}
     )
+
+
+def localized(template: str, /, **values: object) -> str:
+    """Return a message in the reader's language at once, for what is only ever shown."""
+    return translated(Message(template, **values))
 
 
 def shell_command(*words: str | Path) -> str:
@@ -100,8 +113,9 @@ def _escaped(character: str, *, after_space: bool) -> str:
 
 
 @functools.cache
-def _catalog() -> gettext.NullTranslations:
-    """Return the translations for `DROP_LANG`, else for what the locale's variables name."""
-    language = os.environ.get("DROP_LANG")
-    languages = [language] if language else None
-    return gettext.translation("drop", LOCALE, languages, fallback=True)
+def _catalog(*variables: str | None) -> gettext.NullTranslations:
+    """Return the translations for the first of some variables that is set, as gettext reads it."""
+    languages = next(filter(None, variables), "").split(":")
+    # English needs no file: what a reader understands less comes after it.
+    wanted = itertools.takewhile(lambda language: not language.startswith("en"), languages)
+    return gettext.translation("drop", LOCALE, list(wanted), fallback=True)

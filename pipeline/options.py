@@ -1,4 +1,4 @@
-"""Scenario and camera as command-line options, the same wherever a scenario is taken."""
+"""Scenario and camera as command-line options, the same for every command that takes a scenario."""
 
 from __future__ import annotations
 
@@ -13,24 +13,26 @@ from pipeline.kinds import integer, number
 from pipeline.scenario import Camera, Scenario
 
 Given = Mapping[str, Any]
-"""What was given on the command line, by parameter name."""
+"""The values given on the command line, by parameter name."""
+LONGEST = 40
+"""Characters that the choices of an option may take in its help, on a terminal of 50 columns."""
 
 
 def a_number(given: Any) -> Any:  # noqa: ANN401
-    """Read a number as every option does; Typer hands a default through, too."""
+    """Parse a number as every option does; Typer passes a default through, too."""
     return number(given) if isinstance(given, str) else given
 
 
 def an_integer(given: Any) -> Any:  # noqa: ANN401
-    """Read a whole number as every option does; Typer hands a default through, too."""
+    """Parse a whole number as every option does; Typer passes a default through, too."""
     return integer(given) if isinstance(given, str) else given
 
 
 def takes_scenario(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options of `Scenario` and `Camera`.
 
-    The command is called with `scenario: Scenario` and `camera: Camera | None` in their place, and
-    with its own parameters as they are.
+    The command is called with `scenario: Scenario` and `camera: Camera | None` in their place; its
+    own parameters are kept.
     """
     no_camera = _parameter("no_camera", "--no-camera", "Take no frames.", "Camera")
     options = [
@@ -50,7 +52,7 @@ def takes_scenario(command: Callable[..., None]) -> Callable[..., None]:
 def takes_scenario_lists(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options of `Scenario`, each of which takes a list, and of `Camera`.
 
-    The command is called with `lists`, the texts that were given by field name, and with
+    The command is called with `lists`, the given texts by field name, and with
     `camera: Camera | None`, which is None unless `--camera` is given.
     """
     options = [
@@ -73,14 +75,15 @@ def _grafted(
     *,
     instead_of: tuple[str, ...],
 ) -> Callable[..., None]:
-    """Return a command with options in place of some of its parameters, made from them."""
-    own = inspect.signature(command, eval_str=True)
-    kept = [parameter for parameter in own.parameters.values() if parameter.name not in instead_of]
+    """Return a command with options in place of the parameters that are made from them."""
+    signature = inspect.signature(command, eval_str=True)
+    kept = [own for own in signature.parameters.values() if own.name not in instead_of]
 
     def grafted(**given: Any) -> None:  # noqa: ANN401
-        command(**{one.name: given[one.name] for one in kept}, **inputs(given))
+        command(**{own.name: given[own.name] for own in kept}, **inputs(given))
 
-    grafted.__signature__ = own.replace(parameters=[*kept, *options])  # type: ignore[attr-defined]
+    signature = signature.replace(parameters=[*kept, *options])
+    grafted.__signature__ = signature  # type: ignore[attr-defined]
     grafted.__name__, grafted.__doc__ = command.__name__, command.__doc__
     return grafted
 
@@ -96,7 +99,7 @@ def _parameter(
     panel: str,
     spec: Option | None = None,
 ) -> inspect.Parameter:
-    """Return one option: a flag unless it has a value to read."""
+    """Return one option: a flag unless it takes a value."""
     if spec is None or spec.is_flag:
         flag = typer.Option(option, help=help, rich_help_panel=panel, show_default=False)
         annotation: Any = Annotated[bool, flag]
@@ -104,6 +107,8 @@ def _parameter(
     else:
         default = spec.left_to if spec.is_left else spec.default
         metavar = "|".join(spec.choices) or spec.kind.metavar
+        if len(metavar) > LONGEST:
+            metavar = "NAME"
         valued = typer.Option(
             option, help=f"{help} [default: {default}]", rich_help_panel=panel,
             show_default=False, metavar=metavar, autocompletion=lambda: spec.choices,
@@ -115,7 +120,7 @@ def _parameter(
 
 
 def _texts(options: Mapping[str, Option], given: Given) -> dict[str, str | bool | None]:
-    """Return the values of these options; a `--no-` flag that was given switches its field off."""
+    """Return the values of these options; a `--no-` flag that is given switches its field off."""
     return {
         name: not given[name] if spec.is_flag else given[name] for name, spec in options.items()
     }

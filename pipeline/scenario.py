@@ -1,8 +1,8 @@
 """What to drop, and how: the two inputs of every run, validated, in SI units.
 
-Each field of `Scenario` and `Camera` carries its command-line option, its help and its parser, so
-that the command line, the recording and a sweep all speak of the same thing. This is the bottom
-of the house: it imports nothing of ours but how a field is declared.
+Each field of `Scenario` and `Camera` carries its command-line option, help and parser, so that the
+command line, the recording and sweeps agree. This is the bottom room: it imports only how a field
+is declared.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from itertools import count
 from typing import Literal, get_args
 
 from pipeline.errors import ScenarioError
-from pipeline.fields import Optioned, option, shown
+from pipeline.fields import Optioned, all_of, alternatives, option, shown
 from pipeline.kinds import (
     INTEGER,
     NUMBER,
@@ -35,14 +35,14 @@ View = Literal["standard", "close", "follow"]
 ENGINES: dict[Engine, str] = {
     "bullet": "PyBullet", "mujoco": "MuJoCo", "dart": "DART", "drake": "Drake", "physx": "PhysX",
 }  # fmt: skip
-"""The engines by the names that their users know."""
+"""The engines' proper names."""
 INTEGRATORS: dict[Engine, tuple[Integrator, ...]] = {
     "mujoco": ("euler", "rk4", "implicit", "implicitfast"),
     "drake": ("discrete", "continuous"),
 }
-"""Those of the engines that have several, the default first."""
+"""The integrators of engines that have several, the default first."""
 EXACT_INTEGRATORS = ("rk4", "continuous")
-"""Those without an error where gravity is all that acts."""
+"""Those without an error under gravity alone."""
 ENGINES_WITH: dict[str, tuple[Engine, ...]] = {
     "linear_damping": ("bullet", "dart", "drake", "physx"),
     "angular_damping": ("bullet", "physx"),
@@ -55,29 +55,30 @@ ENGINES_WITH: dict[str, tuple[Engine, ...]] = {
     "substeps": ("bullet",),
     "coordinates": ("bullet",),
 }
-"""The engines that have an option, where not all do: by its field."""
+"""The engines that have an option, by field; an option not listed is one of all engines."""
 WITHOUT = {"linear_damping": 0.0, "angular_damping": 0.0, "substeps": 1}
-"""What an engine does that does not have the option."""
+"""The value of an option that describes an engine without it."""
 
 GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.0}
 BYTES_PER_SAMPLE = 480
-"""What a sample takes in a recording without frames, however long it is: of a box that lies on its
-four corners, which creep. In flight it is half of that."""
+"""Size of a sample in a recording without frames, of any length, for a box resting on its four
+corners, which creep. In flight it is half of that."""
 ANALYSIS_BYTES_PER_SAMPLE = 1500
-"""What it takes of memory to analyze one, at most: of a box that slides or turns as it lies."""
+"""Memory to analyze a sample, at most: for a box that slides or turns on the floor."""
 MAX_STEPS = 1_000_000_000
-"""Beyond this a recording would take some 500 GB; ask for several shorter ones."""
+"""A recording of more steps would take over 500 GB."""
 
 
 def gravity(text: str) -> float:
-    """Read a z component in m/s², or the name of a preset."""
+    """Parse a z component in m/s², or the name of a preset."""
     preset = GRAVITY_PRESETS_M_S2.get(text.lower())
     if preset is not None:
         return preset
     try:
         return number(text)
     except ScenarioError:
-        raise ScenarioError(f"a number or one of {', '.join(GRAVITY_PRESETS_M_S2)}") from None
+        presets = ", ".join(GRAVITY_PRESETS_M_S2)
+        raise ScenarioError("a number or one of {presets}", presets=presets) from None
 
 
 GRAVITY = Kind(gravity, "NUMBER|NAME", float)
@@ -85,14 +86,14 @@ GRAVITY = Kind(gravity, "NUMBER|NAME", float)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Scenario(Optioned):
-    """One drop: the body, the world it falls in, and how the engine is told to step it.
+    """One drop: the body, the world it falls in, and how the engine steps it.
 
     `None` leaves the engine's own value. World axes are x, y, z with z up; the floor is z = 0.
 
     Raises
     ------
     ScenarioError
-        If a value lies outside its domain, or the duration is no whole number of steps.
+        If a value is outside its domain, or the duration is not a whole number of steps.
     """
 
     height_m: float = option(
@@ -139,7 +140,7 @@ class Scenario(Optioned):
         default=None, shown="default", low=1e-9, high=1e9, left_to="the URDF's",
     )  # fmt: skip
     restitution: float | None = option(
-        "--restitution", "Restitution of body (all links) and floor both.", NUMBER,
+        "--restitution", "Restitution of both body (all links) and floor.", NUMBER,
         default=None, shown="default", low=0, high=1,
     )  # fmt: skip
     restitution_threshold_m_s: float | None = option(
@@ -147,7 +148,7 @@ class Scenario(Optioned):
         default=None, shown="default", low=0, high=1e4,
     )  # fmt: skip
     friction: float | None = option(
-        "--friction", "Lateral friction of body (all links) and floor both.", NUMBER,
+        "--friction", "Lateral friction of both body (all links) and floor.", NUMBER,
         default=None, shown="default", low=0, high=10,
     )  # fmt: skip
     contact_erp: float | None = option(
@@ -159,11 +160,11 @@ class Scenario(Optioned):
         default=None, shown="default", low=0, high=1,
     )  # fmt: skip
     solver_iterations: int | None = option(
-        "--solver-iterations", "Most iterations of the contact solver per step.", INTEGER,
+        "--solver-iterations", "Maximum iterations of the contact solver per step.", INTEGER,
         default=None, shown="default", low=1, high=100_000,
     )  # fmt: skip
     substeps: int | None = option(
-        "--substeps", "Steps that the engine makes of each timestep.", INTEGER,
+        "--substeps", "Substeps that the engine takes per timestep.", INTEGER,
         default=None, shown="default", low=1, high=1000,
     )  # fmt: skip
     coordinates: Coordinates = option(
@@ -174,7 +175,8 @@ class Scenario(Optioned):
         "--engine", "Engine that drops the body.", default="bullet", choices=get_args(Engine)
     )
     integrator: Integrator | None = option(
-        "--integrator", "Of MuJoCo (euler …) or Drake (discrete …).",
+        "--integrator",
+        "Of MuJoCo: euler, rk4, implicit, implicitfast; of Drake: discrete, continuous.",
         default=None, shown="default", choices=get_args(Integrator),
     )  # fmt: skip
     stepped: bool = option("--no-step", "Mistake 1: never call stepSimulation.", default=True)
@@ -185,35 +187,41 @@ class Scenario(Optioned):
         self.check_domains()
         self._check_engine()
         if not self.body or "\0" in self.body:
-            raise ScenarioError(f"--body must name a URDF file, got {shown(self.body)}")
+            raise ScenarioError("--body must name a URDF file, got {body}", body=shown(self.body))
         if self.floor and not self.height_m > 0:
             raise ScenarioError(
-                f"--height must be above 0 and at most 1e+06, got {shown(self.height_m)}; "
-                "only with --no-floor a body starts lower"
+                "--height must be above 0 and at most 1e+06, got {height}; only with --no-floor "
+                "can a body start lower",
+                height=shown(self.height_m),
             )
         if len(self.orientation) == 4:
             object.__setattr__(self, "orientation", _unit(self.orientation))
         ratio = self.duration_s / self.timestep_s
         if ratio > MAX_STEPS:
             raise ScenarioError(
-                f"--duration over --timestep must be at most {MAX_STEPS:,} steps, got {ratio:.3g}, "
-                f"some {ratio * BYTES_PER_SAMPLE / 1e9:,.0f} GB on disk and "
-                f"{ratio * ANALYSIS_BYTES_PER_SAMPLE / 1e9:,.0f} GB of memory; try a longer "
-                "timestep"
+                "--duration over --timestep must be at most {most:,} steps, got {steps:.3g}, about "
+                "{disk:,.0f} GB on disk and {memory:,.0f} GB of memory; try a longer timestep",
+                most=MAX_STEPS,
+                steps=ratio,
+                disk=ratio * BYTES_PER_SAMPLE / 1e9,
+                memory=ratio * ANALYSIS_BYTES_PER_SAMPLE / 1e9,
             )
-        # 1e-9: what is left of a decimal such as 0.0041666666667 is meant as the fraction.
+        # 1e-9: a rounded decimal such as 0.0041666666667 means the fraction.
         if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
-            below, above = math.floor(ratio), math.ceil(ratio)
-            near = " or ".join(f"{n * self.timestep_s:.12g}" for n in (below, above) if n > 0)
+            near = [n * self.timestep_s for n in (math.floor(ratio), math.ceil(ratio)) if n > 0]
             raise ScenarioError(
-                f"--duration must be a whole number of timesteps of {self.timestep_s:.12g} s, "
-                f"got {self.duration_s:.12g} s, that is {ratio:.6g} of them; try {near}"
+                "--duration must be a whole number of timesteps of {timestep:.12g} s, got "
+                "{duration:.12g} s, that is {steps:.6g} of them; try {near}",
+                timestep=self.timestep_s,
+                duration=self.duration_s,
+                steps=ratio,
+                near=alternatives(f"{duration_s:.12g}" for duration_s in near),
             )
         if self.substeps is not None:
             self._check_substeps(self.substeps)
 
     def _check_engine(self) -> None:
-        """Make sure that the engine has the options that were given."""
+        """Check that the engine has the options that are given."""
         name, integrators = ENGINES[self.engine], INTEGRATORS.get(self.engine, ())
         for field, engines in ENGINES_WITH.items():
             spec = self.options()[field]
@@ -221,11 +229,21 @@ class Scenario(Optioned):
             if value == WITHOUT.get(field) or self.engine in engines:
                 continue
             if spec.written(value) != spec.default:
-                others = " and ".join(ENGINES[each] for each in engines)
-                raise ScenarioError(f"{spec.name} is an option of {others}, not of {name}; omit it")
+                others = all_of(ENGINES[each] for each in engines)
+                raise ScenarioError(
+                    "{option} is an option of {engines}, not of {engine}; omit it",
+                    option=spec.name, engines=others, engine=name,
+                )  # fmt: skip
         if self.integrator is not None and self.integrator not in integrators:
-            takes = f"takes {', '.join(integrators)}" if integrators else "has one only: omit it"
-            raise ScenarioError(f"--integrator of {name} {takes}, got {self.integrator}")
+            if not integrators:
+                raise ScenarioError(
+                    "--integrator must be omitted for {engine}, which has only one, got {given}",
+                    engine=name, given=self.integrator,
+                )  # fmt: skip
+            raise ScenarioError(
+                "--integrator of {engine} takes {integrators}, got {given}",
+                engine=name, integrators=", ".join(integrators), given=self.integrator,
+            )  # fmt: skip
 
     def _check_substeps(self, substeps: int) -> None:
         taken = _substeps_taken(self.timestep_s, substeps)
@@ -234,24 +252,28 @@ class Scenario(Optioned):
                 n for n in count(substeps - 1, -1) if _substeps_taken(self.timestep_s, n) == {n}
             )
             raise ScenarioError(
-                f"--substeps must be what the engine takes in every --timestep, and of {substeps} "
-                f"it takes {min(taken)} in some of {self.timestep_s:.12g} s: dt / (dt/N) is "
-                f"rounded; try {next(near)}"
+                "--substeps must be a number that the engine takes in every timestep; of "
+                "{substeps} it takes only {taken} in some timesteps of {timestep:.12g} s, because "
+                "dt / (dt/N) is rounded; try {near}",
+                substeps=substeps,
+                taken=min(taken),
+                timestep=self.timestep_s,
+                near=next(near),
             )
 
     @property
     def effective_integrator(self) -> Integrator | None:
-        """The integrator that the engine uses; None where it has one only."""
+        """The integrator that the engine uses; None where it has only one."""
         return self.integrator or next(iter(INTEGRATORS.get(self.engine, ())), None)
 
     @property
     def steps(self) -> int:
-        """How many timesteps make the duration; a recording has one sample more."""
+        """The number of timesteps in the duration; a recording has one sample more."""
         return round(self.duration_s / self.timestep_s)
 
     @property
     def orientation_xyzw(self) -> Quaternion:
-        """The orientation at release as a unit quaternion: about x, then y, then z, world axes."""
+        """The orientation at release as a unit quaternion; angles are about world x, then y, z."""
         if len(self.orientation) == 4:
             return self.orientation
         half = [math.radians(angle) / 2 for angle in self.orientation]
@@ -265,46 +287,46 @@ class Scenario(Optioned):
 
     @property
     def effective_gravity_m_s2(self) -> float:
-        """The z component of gravity that the engine was told: 0 where it never was."""
+        """The z component of gravity that the engine was given: 0 where it was given none."""
         return self.gravity_m_s2 if self.gravity_set else 0.0
 
 
 def _unit(quaternion: Quaternion) -> Quaternion:
-    """Return a quaternion of length 1; one that is to rounding stays as it is, to be read back."""
+    """Return a quaternion of length 1; one that is to rounding is kept, so that it reads back."""
     length = math.hypot(*quaternion)
     if not length > 0:
         raise ScenarioError("--orientation must not be the quaternion 0,0,0,0; try 0,0,0,1")
     if abs(length - 1) <= 1e-15:
         return quaternion
-    x, y, z, w = (part / length for part in quaternion)
-    return x, y, z, w
+    x, y, z, w = quaternion
+    return x / length, y / length, z / length, w / length
 
 
 def _substeps_taken(timestep_s: float, substeps: int) -> set[int]:
-    """Return how many steps the engine makes of a timestep when told to make that many.
+    """Return the numbers of substeps that the engine takes in timesteps when asked for that many.
 
-    It adds up the time that it has not stepped yet, and takes as many whole substeps as that holds
-    (`btDiscreteDynamicsWorld::stepSimulation`): one less where dt / (dt/N) rounds below N.
+    It accumulates the time not stepped yet, and takes as many whole substeps as fit into it
+    (`btDiscreteDynamicsWorld::stepSimulation`): one fewer where dt / (dt/N) rounds below N.
     """
-    substep_s, left_s, found = timestep_s / substeps, 0.0, set()
-    for _ in range(10):  # what is left over repeats from the second timestep on
+    substep_s, left_s, counts = timestep_s / substeps, 0.0, set()
+    for _ in range(10):  # the remainder repeats from the second timestep on
         left_s += timestep_s
         taken = int(left_s / substep_s)
         left_s -= taken * substep_s
-        found.add(taken)
-    return found
+        counts.add(taken)
+    return counts
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Camera(Optioned):
-    """How the fall is photographed: a look-at camera, up axis z; the experiment's by default.
+    """How frames are taken: a look-at camera, up axis z; by default the experiment's.
 
-    A view other than the standard one is aimed when the body is known, see
+    A view other than the standard one is aimed once the body is known, see
     `pipeline.engines.bullet.visible_world.framed`.
     """
 
     view: View = option(
-        "--camera", "standard, close (where the body lands) or follow (moves along with it).",
+        "--camera", "standard, close (where the body lands) or follow (moves with the body).",
         default="standard", choices=get_args(View),
     )  # fmt: skip
     capture_every: int = option(
@@ -331,11 +353,11 @@ class Camera(Optioned):
         self.check_domains()
 
     def looking_at(self, position_m: Vector) -> Camera:
-        """Return the camera as it stands for a picture of the body at a position [m]."""
+        """Return the camera aimed for a picture of the body at a position [m]."""
         return replace(self, target_m=position_m) if self.view == "follow" else self
 
     def frames_of(self, steps: int) -> int:
-        """Return how many frames are taken of a fall of so many steps; the release is one."""
+        """Return how many frames are taken of a fall of that many steps, the release included."""
         return steps // self.capture_every + 1
 
     @property

@@ -1,6 +1,6 @@
 """A result prints as the terminal shows it, and in a notebook with its plot.
 
-It names who prints it, as `module:function`: a room above, which is loaded when it is asked.
+It names the function that formats it, as `module:function`: in a room above, so loaded on demand.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ NOTEBOOK = "pipeline.console.notebook"
 
 
 class Shown:
-    """What every result can do: be printed, in Python as by the command."""
+    """A result that Python prints as the command does."""
 
     __slots__ = ()
     lines_of: ClassVar[str]
@@ -24,8 +24,8 @@ class Shown:
     def lines(self) -> list[str]:
         """Return what the terminal prints, with Rich's markup."""
         module, _, function = self.lines_of.partition(":")
-        found: list[str] = getattr(importlib.import_module(module), function)(self)
-        return found
+        lines: list[str] = getattr(importlib.import_module(module), function)(self)
+        return lines
 
     def __str__(self) -> str:
         return str(importlib.import_module(NOTEBOOK).text_of(self))

@@ -21,16 +21,12 @@ from pipeline.recording.reader import Recording, read
 from pipeline.recording.viewer import binary
 from pipeline.stages.run import Run, run
 
+os.environ["DROP_LANG"] = "en"  # in which the tests expect what is printed, wherever they run
 # The same examples every time: a test that fails is a change, and no bad luck.
 settings.register_profile("drop", derandomize=True, deadline=None)
 settings.load_profile("drop")
 
 Drop = Callable[..., subprocess.CompletedProcess[str]]
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest tests, so that none is left when the others are done."""
-    items.sort(key=lambda item: item.get_closest_marker("long") is None)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -47,10 +43,11 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Let a test that skips fail in CI, whatever its reason: what it needs is there.
 
-    But CI runs all tests with `[test]` first, and then, with `[dev]`, `pytest -m needs`.
+    But CI runs `pytest` with `[test]` first, and then, with `[dev]`, `pytest -m "needs or long"`.
     """
     report = yield
-    later = item.get_closest_marker("needs") is not None and not item.config.option.markexpr
+    first = "needs" not in item.config.option.markexpr
+    later = item.get_closest_marker("needs") is not None and first
     if report.skipped and os.environ.get("CI") and not later:
         report.outcome = "failed"
         report.longrepr = f"in CI nothing is skipped: {report.longrepr}"

@@ -1,6 +1,6 @@
 """Verification: an animation shows the right frames at the right time, in every format.
 
-What is written is decoded again, by Pillow and PyAV, and compared with the recording's own frames.
+The files are decoded again, by Pillow and PyAV, and compared with the recording's own frames.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Pixels = np.ndarray
 
 
 def shown(path: Path) -> tuple[list[Pixels], list[float]]:
-    """Return the pictures that a viewer shows, and when each begins [s]; the end comes last."""
+    """Return the pictures that a viewer shows, and when each begins [s], with the end last."""
     if path.suffix == ".mp4":
         import av
 
@@ -44,7 +44,7 @@ def shown(path: Path) -> tuple[list[Pixels], list[float]]:
             pictures = list(film.decode(video=0))
             begins = [float(frame.time) for frame in pictures]
             step = begins[1] - begins[0]
-            return [one.to_ndarray(format="rgb24") for one in pictures], [
+            return [picture.to_ndarray(format="rgb24") for picture in pictures], [
                 *begins,
                 begins[-1] + step,
             ]
@@ -92,7 +92,7 @@ def test_speed_and_rate_decide_what_is_shown(
     assert (played.fps, played.speed) == pytest.approx((fps, speed))
     if shown_frames is not None:
         assert played.frames == list(shown_frames)
-    # Whatever is shown is the recorded frame nearest to its time, from the first to the end.
+    # Each picture is the recorded frame nearest to its time, from the first to the last.
     simulated_s = np.array(played.frames) / 40
     wanted_s = np.arange(len(played.frames)) / played.fps * played.speed
     assert np.abs(simulated_s - wanted_s).max() <= 0.5 / 40 + 1e-12
@@ -112,7 +112,7 @@ def test_no_film_is_endless(speed: float, fps: float) -> None:
         playback(Animation(speed=speed, fps=fps), 41, 6 / 240, most_fps=50)
 
 
-def test_a_long_recording_is_shown_whole_however_long_it_is() -> None:
+def test_a_recording_of_any_length_is_shown_completely() -> None:
     assert len(playback(Animation(speed=1.0, fps=40.0), 200_001, 1 / 40, most_fps=50).frames) == (
         200_001
     )
@@ -128,15 +128,15 @@ def test_every_pixel_is_shown_at_its_time(
     wanted: dict[str, float], end_s: float,
 ) -> None:  # fmt: skip
     path = tmp_path / f"fall{suffix}"
-    made = render(standard.simulation.recording, out=path, animation=Animation(**wanted),
+    rendering = render(standard.simulation.recording, out=path, animation=Animation(**wanted),
                   plot=tmp_path / "p.png")  # fmt: skip
-    assert (made.gif, made.frames) == (path, 41)
+    assert (rendering.gif, rendering.frames) == (path, 41)
     assert shown(path)[1][-1] == pytest.approx(end_s, abs=0.006)
     for number in (0, 1, 7, 18, 39, 40):
-        middle_s = (number + 0.5) / made.fps
+        middle_s = (number + 0.5) / rendering.fps
         assert np.array_equal(at(path, middle_s), recorded[number])
     with Image.open(path) as image:
-        assert image.info["loop"] == 0  # for ever
+        assert image.info["loop"] == 0  # forever
 
 
 @pytest.mark.parametrize("suffix", [".webp", ".apng"])
@@ -194,7 +194,7 @@ def test_no_frames_make_no_animation(suffix: str) -> None:
         pytest.param("a.mp4", 240.0, marks=pytest.mark.needs("av")),
     ],
 )  # fmt: skip
-def test_a_format_goes_as_fast_as_it_can_and_no_faster(name: str, fastest: float) -> None:
+def test_a_format_plays_up_to_its_fastest_rate(name: str, fastest: float) -> None:
     check_animation(Path(name), fastest)
     with pytest.raises(ScenarioError, match=f"at most {fastest:g} in a {Path(name).suffix}"):
         check_animation(Path(name), fastest * 1.001)
@@ -212,7 +212,7 @@ def test_a_film_without_pyav_says_what_to_install(monkeypatch: pytest.MonkeyPatc
         check_animation(Path("fall.mp4"), None)
 
 
-# -- what stands beside ---------------------------------------------------------------------------
+# -- beside the frames ----------------------------------------------------------------------------
 
 
 def test_the_caption_says_time_height_and_error() -> None:
@@ -222,9 +222,9 @@ def test_the_caption_says_time_height_and_error() -> None:
 def test_caption_and_plot_are_those_of_the_step_that_is_shown(
     standard: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    said: list[tuple[float, ...]] = []
+    captioned: list[tuple[float, ...]] = []
     monkeypatch.setattr(
-        composition, "caption", lambda *values: said.append(values) or caption(*values)
+        composition, "caption", lambda *values: captioned.append(values) or caption(*values)
     )
     table, picture = standard.analysis.table, Image.new("RGB", (240, 180), "white")
     both = composition.Composition(table, picture.size, with_plot=True)
@@ -232,13 +232,13 @@ def test_caption_and_plot_are_those_of_the_step_that_is_shown(
     for step in (0, 72, 240):
         whole = both.composed(picture, step)
         row = table.row(step, named=True)
-        assert said.pop() == (row["time_s"], row["simulated_m"], row["error_m"])
+        assert captioned.pop() == (row["time_s"], row["simulated_m"], row["error_m"])
         beside = np.asarray(whole)[:180, 240:]
         assert np.array_equal(beside, np.asarray(plot.at(row["time_s"])))
 
 
 def test_what_the_plot_names_has_the_colour_of_its_curve(standard: Run) -> None:
-    """The names stand above the panels, the height in m and the error in mm."""
+    """The names are above the panels, the height in m and the error in mm."""
     plot, figure = GrowingPlot(standard.analysis.table, (480, 360), dark=False), Figure()
     above, below = plot._drawn(figure, standard.analysis.table)
     assert (above.get_title(loc="left"), below.get_title(loc="left")) == (
@@ -259,7 +259,7 @@ def test_what_the_plot_names_has_the_colour_of_its_curve(standard: Run) -> None:
 def test_the_camera_picture_stays_itself(
     standard: Run, recorded: list[Pixels], tmp_path: Path
 ) -> None:
-    """To the pixel, also in a gif: plot and caption leave it the colours that it needs."""
+    """To the pixel, even in a gif: plot and caption leave enough colours for it."""
     path = tmp_path / "fall.gif"
     render(standard.simulation.recording, out=path, animation=Animation(with_plot=True),
            plot=tmp_path / "p.png")  # fmt: skip
@@ -277,24 +277,24 @@ def test_the_plot_grows_with_time(standard: Run) -> None:
     plot = GrowingPlot(table, (480, 360), dark=False)
     ends = [np.asarray(plot.at(time_s)).astype(int) for time_s in (0.0, 0.2, 0.4, 1.0)]
     blank, *_, whole = ends
-    columns = [np.flatnonzero((one != blank).any(axis=(0, 2))) for one in ends[1:]]
+    columns = [np.flatnonzero((end != blank).any(axis=(0, 2))) for end in ends[1:]]
     reached = [int(changed.max()) for changed in columns]
     assert reached == sorted(reached)
     per_s = (reached[2] - reached[0]) / 0.8
     assert reached[1] - reached[0] == pytest.approx(0.2 * per_s, abs=2)
-    for one, now in zip(ends[1:3], reached[:2], strict=True):
-        # Up to now it is the whole plot, after it the empty one.
-        assert np.array_equal(one[:, :now], whole[:, :now])
-        assert np.array_equal(one[:, now + 1 :], blank[:, now + 1 :])
+    for end, now in zip(ends[1:3], reached[:2], strict=True):
+        # Up to the current time it equals the whole plot, after it the empty one.
+        assert np.array_equal(end[:, :now], whole[:, :now])
+        assert np.array_equal(end[:, now + 1 :], blank[:, now + 1 :])
 
 
 def test_a_caption_needs_no_plot(standard: Run) -> None:
     picture = Image.new("RGB", (480, 360), "white")
     bare = composition.Composition(standard.analysis.table, picture.size, with_plot=False)
-    one, other = (bare.composed(picture, step) for step in (0, 72))
-    assert one.width == 480
-    assert one.height > 360
-    assert one.tobytes() != other.tobytes()
+    start, later = (bare.composed(picture, step) for step in (0, 72))
+    assert start.width == 480
+    assert start.height > 360
+    assert start.tobytes() != later.tobytes()
 
 
 def test_a_drop_of_one_sample_has_its_plot_too() -> None:
@@ -316,8 +316,8 @@ def test_the_command_line_says_how_fast_it_plays(drop: Drop, standard: Run) -> N
     options = ("--speed", "0.25", "--caption", "--out", "slow.webp", "--plot", "p.svg")
     done = drop("render", run, *options)
     assert "slow.webp   41 frames, 4.10 s, 4 times slower" in done.stdout
-    made = json.loads(drop("render", run, *options, "--force", "--json").stdout)
-    assert made == {"gif": "slow.webp", "frames": 41, "fps": 10.0, "plot": "p.svg"}
+    printed = json.loads(drop("render", run, *options, "--force", "--json").stdout)
+    assert printed == {"gif": "slow.webp", "frames": 41, "fps": 10.0, "plot": "p.svg"}
 
 
 def test_frames_alone_need_no_plotting_library() -> None:

@@ -1,8 +1,8 @@
-"""Bad input: whatever a scenario is asked to be, it is a scenario or one clear line.
+"""Bad input: any input gives a scenario, or an error in one clear line.
 
 Property-tested over each field's whole domain and beyond it. A scenario that is accepted is
-simulated and analyzed: the engine gives numbers, the analysis explains them, and nothing but
-results reaches standard output.
+simulated and analyzed: the engine gives finite numbers, the analysis explains them, and only
+results reach standard output.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ ANYTHING = st.one_of(
     st.tuples(st.floats(), st.floats(), st.floats()),
     st.sampled_from([10**400, -(10**400), 10**5000, 5e-324, sys.float_info.max, math.nan]),
 )  # fmt: skip
-"""Of every type, and the numbers that are hard on a program."""
+"""Values of every type, and numbers that programs often get wrong."""
 TEXTS = st.one_of(
     st.text(),
     st.floats().map(str),
@@ -66,13 +66,13 @@ def one_line(error: BaseException) -> str:
 
 
 def refused_or(make: Callable[[], Optioned], option: Option) -> Optioned | None:
-    """Return what is made, or None where it is refused in one line that names the option."""
+    """Return what is made, or None if it is rejected in one line that names the option."""
     try:
         return make()
     except ScenarioError as error:
-        said = one_line(error)
-    # A timestep of its own may not fit the standard duration.
-    assert option.name in said or "--duration" in said
+        line = one_line(error)
+    # Another timestep may not fit the standard duration.
+    assert option.name in line or "--duration" in line
     return None
 
 
@@ -87,12 +87,12 @@ def test_any_value_in_any_field_is_taken_or_refused_in_one_line(
 ) -> None:
     name = data.draw(st.sampled_from(sorted(kind.options())))
     value = data.draw(ANYTHING)
-    made = refused_or(lambda: kind(**{name: value}), kind.options()[name])
-    if made is None:
+    optioned = refused_or(lambda: kind(**{name: value}), kind.options()[name])
+    if optioned is None:
         return
-    taken = getattr(made, name)
+    taken = getattr(optioned, name)
     assert taken == value or list(taken) == list(value)
-    assert type(made)(**dataclasses.asdict(made)) == made  # type: ignore[call-overload]
+    assert type(optioned)(**dataclasses.asdict(optioned)) == optioned  # type: ignore[call-overload]
 
 
 @given(data=st.data())
@@ -109,8 +109,8 @@ COMMAND: Any = typer.main.get_command(app)
 COMMANDS = COMMAND.commands
 NUMERIC = {
     (command, option.opts[0]): option.metavar
-    for command, one in COMMANDS.items()
-    for option in one.params
+    for command, click_command in COMMANDS.items()
+    for option in click_command.params
     if option.metavar in (
         "NUMBER", "N", "S", "METRES", "SECONDS", "X,Y,Z", "R,P,Y|X,Y,Z,W", "NUMBER|NAME",
         "WIDTHxHEIGHT",
@@ -134,18 +134,18 @@ def test_a_number_is_what_every_program_takes_for_one(
         text = ONES.get(NUMERIC[command, option], "{}").format(number)
         with pytest.raises((ScenarioError, typer.BadParameter)) as raised:
             COMMAND([command, option, text, *GIVEN[command]], standalone_mode=False)
-        said, code = running._verdict(raised.value)
+        message, code = running._verdict(raised.value)
         assert code == 2
-        assert said.startswith(f"{option} takes ")
-        assert f"got {text!r}" in said
+        assert message.startswith(f"{option} takes ")
+        assert f"got {text!r}" in message
         assert list(tmp_path.iterdir()) == []
 
 
 def test_every_option_that_becomes_a_number_is_read_like_that() -> None:
     held = {
         (command, option.opts[0])
-        for command, one in COMMANDS.items()
-        for option in one.params
+        for command, click_command in COMMANDS.items()
+        for option in click_command.params
         if option.type_descriptor.annotation in (int, float)
     }
     assert held
@@ -159,7 +159,7 @@ def test_nor_is_another_number_drawn(values: str) -> None:
 
 
 def edges(spec: Option) -> list[tuple[float, bool]]:
-    """Return numbers at the edges of a domain, and whether they lie in it."""
+    """Return numbers at the edges of a domain, and whether they are in it."""
     inward, outward = math.nextafter(spec.low, math.inf), math.nextafter(spec.low, -math.inf)
     return [
         (spec.low, not spec.above), (inward, True), (outward, False), (spec.high, True),
@@ -210,7 +210,7 @@ def test_angles_are_turns_about_the_worlds_axes_x_then_y_then_z(angles: Any) -> 
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("1,2", "orientation takes angles R,P,Y"),
         ("0,0,0,0", "orientation must not be the quaternion"),
@@ -218,14 +218,14 @@ def test_angles_are_turns_about_the_worlds_axes_x_then_y_then_z(angles: Any) -> 
         ("a,b,c", "orientation takes"),
     ],
 )
-def test_what_is_no_orientation_is_refused(text: str, said: str) -> None:
-    with pytest.raises(ScenarioError, match=said):
+def test_an_invalid_orientation_is_rejected(text: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
         Scenario.from_text({"orientation": text})
 
 
 @pytest.mark.parametrize("timestep_s", [1 / 240, 1 / 100, 1 / 1000, 0.1])
 def test_substeps_are_those_that_the_engine_takes(timestep_s: float) -> None:
-    """Bullet takes int(dt / (dt/N)) of them, and that can be N - 1: such an N is refused."""
+    """Bullet takes int(dt / (dt/N)) of them, which can be N - 1: such an N is rejected."""
     refused = []
     for substeps in range(1, 301):
         try:
@@ -246,7 +246,7 @@ def test_too_many_steps_are_refused_with_what_they_would_take() -> None:
 def test_a_whole_number_is_as_good_as_a_float_in_every_recording_of_a_process(
     tmp_path: Path,
 ) -> None:
-    """Rerun keeps the type that a component was first logged with in a process."""
+    """Rerun keeps the type with which a component was first logged in a process."""
     for number, height_m in enumerate((1, 1.5)):
         path = tmp_path / f"{number}.rrd"
         simulate(Scenario(height_m=height_m, mass_kg=2, duration_s=1 / 240), path, camera=None)
@@ -257,19 +257,19 @@ def test_a_whole_number_is_as_good_as_a_float_in_every_recording_of_a_process(
 
 
 def within(name: str) -> st.SearchStrategy[Any]:
-    """Return values of a field's whole domain, its edges and what is small included."""
+    """Return values of a field's whole domain, including its edges and small values."""
     spec, default = NUMBERS[name], getattr(Scenario(), name)
-    one = st.floats(spec.low, spec.high, exclude_min=spec.above)
-    one |= st.sampled_from([value for value, inside in edges(spec) if inside])
+    number = st.floats(spec.low, spec.high, exclude_min=spec.above)
+    number |= st.sampled_from([value for value, inside in edges(spec) if inside])
     if isinstance(default, tuple):
-        return st.just(default) | st.tuples(one, one, one)
+        return st.just(default) | st.tuples(number, number, number)
     if name in ("solver_iterations", "substeps"):
         return st.none() | st.integers(1, 200 if name == "solver_iterations" else 8)
-    return st.just(default) | one
+    return st.just(default) | number
 
 
 def extreme(extremes: dict[str, Any], steps: int) -> Scenario:
-    """Return such a scenario; one that starts below its floor is another example."""
+    """Return such a scenario; skip examples that start below their floor."""
     if extremes.get("floor", True):
         assume(extremes.get("height_m", 1.0) > 0)
     timestep_s = extremes.get("timestep_s", 1 / 240)
@@ -316,7 +316,7 @@ def test_the_engine_copes_with_the_whole_domain(extremes: dict[str, Any], steps:
 @settings(
     max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-@example(  # what cancels in a step is larger than what is left
+@example(  # the parts that cancel in a step are larger than the rest
     extremes={"spin_rad_s": (0, 1, 49), "timestep_s": 1.0, "floor": False, "gravity_set": False},
     steps=30,
 )
@@ -431,7 +431,7 @@ def test_a_urdf_of_ones_own_with_anything_in_it_is_loaded_or_refused(
     folder.mkdir(exist_ok=True)
     own = folder / "mutated.urdf"
     own.write_text(text[:start] + inserted + text[stop:], errors="replace")
-    # Not tried in a process of its own: what is read in it must be enough to tell.
+    # Not tried in a separate process: parsing it must suffice to decide.
     monkeypatch.setattr(probe, "problem_of", lambda _: "")
     try:
         with World(Scenario(body=str(own), spin_rad_s=(1.0, 2.0, 3.0), duration_s=0.1)) as world:
@@ -444,7 +444,7 @@ def test_a_urdf_of_ones_own_with_anything_in_it_is_loaded_or_refused(
         own.unlink()
 
 
-def test_every_body_of_pybullet_data_is_found_without_a_word() -> None:
+def test_every_body_of_pybullet_data_is_found_silently() -> None:
     assert find_body("cube_small.urdf").is_file()
     assert find_body("../pybullet_data/cube_small.urdf").is_file()
     for body in (
@@ -478,22 +478,22 @@ NAMES = (
 def test_names_are_taken_as_they_are_whatever_is_in_them(
     drop: Drop, tmp_path: Path, name: str
 ) -> None:
-    """Of folders, recordings and bodies: taken as they are, said as they are, on one line."""
+    """Names of folders, recordings and bodies are used and printed as they are, on one line."""
     folder = tmp_path / name
     folder.mkdir()
     (folder / f"{name}.urdf").write_text(urdf())
     run = folder / f"{name}.rrd"
     short = ("--no-camera", "--duration", "0.1", "--body", f"{folder}/{name}.urdf")
-    made = drop("simulate", f"--out={run}", *short, "--json")
-    assert made.returncode == 0, made.stderr
-    assert json.loads(made.stdout)["recording"] == str(run)
-    told = drop("analyze", run)
-    assert (told.returncode, told.stderr) == (0, "")
+    simulated = drop("simulate", f"--out={run}", *short, "--json")
+    assert simulated.returncode == 0, simulated.stderr
+    assert json.loads(simulated.stdout)["recording"] == str(run)
+    analyzed = drop("analyze", run)
+    assert (analyzed.returncode, analyzed.stderr) == (0, "")
     again = drop("simulate", f"--out={run}", *short)
     assert again.returncode == 1
     assert len(again.stderr.splitlines()) == 1
-    assert {one.name for one in tmp_path.iterdir()} == {name}
-    assert {one.suffix for one in folder.iterdir()} == {".rrd", ".urdf"}
+    assert {file.name for file in tmp_path.iterdir()} == {name}
+    assert {file.suffix for file in folder.iterdir()} == {".rrd", ".urdf"}
 
 
 def test_a_name_with_a_dash_in_front_is_no_option_of_rerun(
@@ -506,7 +506,7 @@ def test_a_name_with_a_dash_in_front_is_no_option_of_rerun(
     assert analyze(run).layer == Path("-x.analysis.rrd")
     assert check(run, golden, update=True).updated
     assert check(run, golden).same
-    assert {one.name for one in tmp_path.iterdir()} == {
+    assert {file.name for file in tmp_path.iterdir()} == {
         "-x.rrd", "-x.analysis.rrd", "--golden.rrd",
     }  # fmt: skip
 
@@ -515,7 +515,7 @@ def test_a_name_with_a_dash_in_front_is_no_option_of_rerun(
 def test_a_home_that_the_shell_did_not_expand_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    """As in `--out-dir=~/runs`: no folder called ~ comes about. One that is there is a folder."""
+    """As in `--out-dir=~/runs`: no folder called ~ is created. An existing one is used."""
     monkeypatch.chdir(tmp_path)
     home = Path(name).expanduser()
     for write in (
@@ -532,9 +532,9 @@ def test_a_home_that_the_shell_did_not_expand_is_said(
     assert Path(name, "run.rrd").is_file()
 
 
-def test_a_name_that_is_no_text_is_refused(drop: Drop, tmp_path: Path) -> None:
+def test_a_name_that_is_not_text_is_rejected(drop: Drop, tmp_path: Path) -> None:
     name = b"\xff\xfe.rrd".decode(errors="surrogateescape")
-    made = drop("simulate", f"--out={name}", "--no-camera", "--duration", "0.1", "--json")
-    assert (made.returncode, made.stdout) == (1, "")
-    assert len(made.stderr.splitlines()) == 1
+    done = drop("simulate", f"--out={name}", "--no-camera", "--duration", "0.1", "--json")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert len(done.stderr.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []

@@ -1,9 +1,9 @@
 """Bad recordings: every mutation of a real one gives the right numbers, or one clear line.
 
-"Right" is meant to the bit: what is read back of a file that is accepted equals what was recorded,
-and every number and picture is a function of that. Files are changed in two ways: as bytes, as a
-disk or a transfer would, and as chunks, as a program would; the latter also with new digests, as
-somebody would who wants the change to pass.
+"Right" means to the bit: the data read back from an accepted file equal those recorded, and every
+number and picture is a function of them. Files are changed as bytes, as by a disk or a transfer,
+and as chunks, as by a program; the latter also with new digests, as by somebody who wants the
+change to pass.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from pipeline.recording.reader import frames, read
 from pipeline.workers import Worker
 
 FLIPS = 300
-"""Flipped bits, each in a file of its own; far more were tried by hand, see docs/reliability.md."""
+"""Flipped bits, one per file; far more were tried by hand, see docs/reliability.md."""
 SEED = 6
 ENTITIES = tuple(f"/{entity}" for entity in schema.TABLES)
 NUMBERS = {
@@ -47,7 +47,7 @@ NUMBERS = {
 }
 """Components of float64, and how many numbers a part or a contact point has of each."""
 ROWS = {"state": 241, "contacts": 132}
-"""Of the recording that is mutated: its box touches the floor with four corners from 109 on."""
+"""Steps of the mutated recording: its box touches the floor with four corners from 109 on."""
 POINTS = 4
 MEMORY_MB = 1000
 SECONDS = 10
@@ -71,18 +71,18 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Sound:
 
 
 def refusal(path: Path, sound: Sound) -> dict[str, str]:
-    """Return why a file is refused, by what cannot be read of it: all, or only its frames.
+    """Return why a file is rejected, by what cannot be read: all of it, or only its frames.
 
-    Empty where it gives, to the bit, what was recorded.
+    Empty if it reads back, to the bit, as recorded.
     """
     try:
-        found = read(path)
+        recording = read(path)
     except RecordingError as error:
         return {"all": str(error)}
-    assert found.states.equals(sound.read.states)
-    assert found.contacts.equals(sound.read.contacts)
-    assert (found.scenario, found.engine) == (sound.read.scenario, sound.read.engine)
-    assert (found.camera, found.partial) == (sound.read.camera, False)
+    assert recording.states.equals(sound.read.states)
+    assert recording.contacts.equals(sound.read.contacts)
+    assert (recording.scenario, recording.engine) == (sound.read.scenario, sound.read.engine)
+    assert (recording.camera, recording.partial) == (sound.read.camera, False)
     try:
         pictures = dict(frames(path))
     except RecordingError as error:
@@ -92,7 +92,7 @@ def refusal(path: Path, sound: Sound) -> dict[str, str]:
 
 
 def verdict(path: Path, sound: Sound) -> str:
-    """Return `right`, or `refused` where the stages say the same one line and write nothing."""
+    """Return `right`, or `refused` if the stages report the same one line and write nothing."""
     why = refusal(path, sound)
     if not why:
         return "right"
@@ -104,8 +104,8 @@ def verdict(path: Path, sound: Sound) -> str:
         assert str(raised.value) == line
     assert str(path) in line
     assert len(line.splitlines()) == 1
-    made = {one.name for one in path.parent.iterdir()}
-    assert made <= {path.name, "run.png"}  # the plot needs no frames
+    files = {file.name for file in path.parent.iterdir()}
+    assert files <= {path.name, "run.png"}  # the plot needs no frames
     path.with_suffix(".png").unlink(missing_ok=True)
     return "refused"
 
@@ -114,7 +114,7 @@ def verdict(path: Path, sound: Sound) -> str:
 
 
 def test_flipped_bits_are_refused_or_change_nothing(sound: Sound, tmp_path: Path) -> None:
-    """Bits anywhere: in the state they are damage; in what no number comes from, they may pass."""
+    """Bits anywhere: in the state they are damage; in data that no number uses they may pass."""
     chance, path, verdicts = random.Random(SEED), tmp_path / "run.rrd", Counter[str]()
     for _ in range(FLIPS):
         data = bytearray(sound.data)
@@ -150,19 +150,19 @@ def test_a_part_that_was_cut_gives_the_samples_before_the_cut(
     path = tmp_path / "run.rrd.part"
     path.write_bytes(sound.data[: len(sound.data) * percent // 100])
     try:
-        found = read(path)
-    except RecordingError as error:  # the samples are one batch here: all there, or not yet
-        found, why = None, str(error)
-    if found is None:
+        recording = read(path)
+    except RecordingError as error:  # the samples are one batch here: all present, or none
+        recording, why = None, str(error)
+    if recording is None:
         assert percent < 60, why
         return
-    assert found.partial == ("recording" not in properties_of(path))
-    assert found.states.equals(sound.read.states)
-    assert found.contacts.equals(sound.read.contacts)
+    assert recording.partial == ("recording" not in properties_of(path))
+    assert recording.states.equals(sound.read.states)
+    assert recording.contacts.equals(sound.read.contacts)
 
 
 def test_a_part_with_no_sample_yet_is_refused(sound: Sound, tmp_path: Path) -> None:
-    """As a tool writes it that filters; ours hands over whole batches."""
+    """As written by a filtering tool; ours writes whole batches."""
     closing = f"/__properties/{schema.RECORDING_PROPERTY}"
     path = rewritten(
         sound.path, tmp_path / "run.rrd.part", both(taken(lambda _: []), without(closing))
@@ -174,7 +174,7 @@ def test_a_part_with_no_sample_yet_is_refused(sound: Sound, tmp_path: Path) -> N
 def test_of_a_part_that_was_cut_before_its_states_the_contacts_are_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The contacts of a batch come first, so that no sample is ever read without its own."""
+    """The contacts of a batch come first, so that no sample is ever read without them."""
     monkeypatch.setattr("pipeline.stages.simulate.BATCH", 60)
     whole, path = tmp_path / "run.rrd", tmp_path / "run.rrd.part"
     simulate(Scenario(), whole, camera=None)
@@ -183,13 +183,13 @@ def test_of_a_part_that_was_cut_before_its_states_the_contacts_are_left_out(
     for percent in range(5, 100):
         path.write_bytes(data[: len(data) * percent // 100])
         try:
-            found = read(path)
-        except RecordingError:  # nothing of it was there yet
+            recording = read(path)
+        except RecordingError:  # nothing was written yet
             continue
-        samples = len(found.states)
+        samples = len(recording.states)
         lengths.add(samples)
-        assert found.states.equals(expected.states.head(samples))
-        assert found.contacts.equals(expected.contacts.filter(pl.col("step") < samples))
+        assert recording.states.equals(expected.states.head(samples))
+        assert recording.contacts.equals(expected.contacts.filter(pl.col("step") < samples))
     assert lengths >= {60, 120, 180, 240}
 
 
@@ -229,7 +229,7 @@ def test_other_damage_to_bytes_is_refused(sound: Sound, tmp_path: Path, kind: st
 def test_a_chunk_that_claims_to_be_huge_is_not_believed(
     sound: Sound, tmp_path: Path, claimed: int
 ) -> None:
-    """The size after unpacking stands in the message; Rerun's own reader reserves it unseen."""
+    """The message states the size after unpacking; Rerun's own reader allocates it unchecked."""
     head, size = 140, 204  # of the first chunk: where its header is, and its field 3
     assert sound.data[size] == 0x18
     end = next(place for place in range(size + 1, size + 9) if sound.data[place] < 0x80) + 1
@@ -257,11 +257,11 @@ def varint(value: int) -> bytes:
 
 Batch = pa.RecordBatch
 Change = Callable[[str, Batch], Iterator[Batch] | None]
-"""From an entity and its rows to what is written in their place; None leaves them as they are."""
+"""From an entity and its rows to what is written in their place; None keeps them."""
 
 
 def rewritten(source: Path, path: Path, change: Change, *, resealed: bool = False) -> Path:
-    """Write a recording again, with a change; `resealed` gives it the digests of what it is now."""
+    """Write a recording again, with a change; `resealed` gives it digests that fit."""
     closing = f"/__properties/{schema.RECORDING_PROPERTY}"
     chunks: list[Chunk] = []
     for chunk in RrdReader(source).stream():
@@ -271,7 +271,7 @@ def rewritten(source: Path, path: Path, change: Change, *, resealed: bool = Fals
         if batches is None:
             chunks.append(chunk)
         else:
-            chunks += [one for batch in batches for one in Chunk.from_record_batch(batch)]
+            chunks += [chunk for batch in batches for chunk in Chunk.from_record_batch(batch)]
     write(path, chunks)
     if resealed:
         write(path, [*chunks, seal_of(path)])
@@ -285,7 +285,7 @@ def write(path: Path, chunks: list[Chunk]) -> None:
 
 
 def seal_of(path: Path) -> Chunk:
-    """Return the closing property that fits what a file holds, whatever that is."""
+    """Return the closing property that fits the contents of a file."""
     parts: dict[str, list[Any]] = {entity: [] for entity in schema.TABLES}
     pictures: dict[int, bytes] = {}
     for chunk in rrd.chunks(path):
@@ -316,7 +316,7 @@ def seal_of(path: Path) -> Chunk:
 
 
 def properties_of(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the properties that a file holds, whatever they are."""
+    """Return all properties of a file."""
     return {
         chunk.entity.removeprefix("__properties/"): {
             key: value[0] if len(value) == 1 else value
@@ -360,16 +360,16 @@ def cast(kind: pa.DataType) -> Change:
             return None
         values = batch.column("position_m").to_pylist()
         if pa.types.is_string(kind.value_type):
-            values = [[str(one) for one in row] for row in values]
+            values = [[str(value) for value in row] for row in values]
         elif pa.types.is_integer(kind.value_type):
-            values = [[round(one * 1000) for one in row] for row in values]
+            values = [[round(value * 1000) for value in row] for row in values]
         return iter([with_column(batch, "position_m", pa.array(values, type=kind))])
 
     return changed
 
 
 def stripped(component: str) -> Change:
-    """Take a component out."""
+    """Remove a component."""
     of, _, name = component.partition("/")
 
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
@@ -414,7 +414,7 @@ def doubled(*entities: str) -> Change:
 
 
 def with_property(name: str, key: str, value: Any) -> Change:
-    """Change one value of a property, or add it; None takes it out."""
+    """Change one value of a property, or add it; None removes it."""
 
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         if entity != f"/__properties/{name}":
@@ -424,8 +424,10 @@ def with_property(name: str, key: str, value: Any) -> Change:
             return iter([batch.remove_column(index)])
         values = value if isinstance(value, pa.Array) else pa.array([value])
         if index < 0:
-            told = {"rerun:component": key, "rerun:kind": "data"}
-            return iter([batch.append_column(pa.field(key, values.type, metadata=told), values)])
+            metadata = {"rerun:component": key, "rerun:kind": "data"}
+            return iter(
+                [batch.append_column(pa.field(key, values.type, metadata=metadata), values)]
+            )
         return iter([with_column(batch, key, values)])
 
     return changed
@@ -437,12 +439,12 @@ def both(*changes: Change) -> Change:
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         batches, touched = [batch], False
         for change in changes:
-            found = [change(entity, one) for one in batches]
-            touched |= any(one is not None for one in found)
+            results = [change(entity, new_batches) for new_batches in batches]
+            touched |= any(new_batches is not None for new_batches in results)
             batches = [
                 new
-                for old, one in zip(batches, found, strict=True)
-                for new in ([old] if one is None else one)
+                for old, new_batches in zip(batches, results, strict=True)
+                for new in ([old] if new_batches is None else new_batches)
             ]
         return iter(batches) if touched else None
 
@@ -504,7 +506,7 @@ REFUSED: dict[str, Change] = {
     },
     **{
         f"step {step} missing in {name}": taken(
-            lambda rows, step=step: [one for one in range(rows) if one != step], *entities
+            lambda rows, step=step: [row for row in range(rows) if row != step], *entities
         )
         for step in (0, 1, 120, 240)
         for name, entities in (("all", ENTITIES), ("states", (STATES,)))
@@ -527,7 +529,7 @@ REFUSED: dict[str, Change] = {
     "the other sign": with_numbers(lambda rows: -rows, VELOCITY),
     "one unit in the last place": with_numbers(lambda rows: np.nextafter(rows, 2), POSITION),
     "one step of contacts missing": taken(
-        lambda rows: [one for one in range(rows) if one != 60], CONTACTS
+        lambda rows: [row for row in range(rows) if row != 60], CONTACTS
     ),
     "contacts before there are any": at_step(0, 60),
     "timestep in milliseconds": with_property("scenario", "timestep_s", [1000 / 240]),
@@ -602,7 +604,7 @@ def test_every_bit_of_the_state_matters(sound: Sound, tmp_path: Path) -> None:
 
 
 def test_two_recordings_in_one_file_are_refused(sound: Sound, tmp_path: Path) -> None:
-    """As `rerun rrd merge` makes it, and as two writers of one file would."""
+    """As made by `rerun rrd merge`, and by two writers of one file."""
     other, path = tmp_path / "other.rrd", tmp_path / "both" / "run.rrd"
     path.parent.mkdir()
     simulate(Scenario(height_m=2.0), other, camera=None)
@@ -641,7 +643,7 @@ CONTRADICTED: dict[str, Change] = {
         for row in (1, 131)
     },
 }  # fmt: skip
-"""What is not the fall of its scenario, however the body moves."""
+"""Changes that contradict the scenario, however the body moves."""
 NOTICED: dict[str, Change] = {
     "one height": with_numbers(put(60, 2, 0.7), POSITION),
     "one height by one unit in the last place": with_numbers(
@@ -754,7 +756,7 @@ LIES: dict[str, Change] = {
     "a camera of an unknown view": with_property("camera", "view", ["behind"]),
     "a camera that is nowhere": with_property("camera", "distance_m", [np.inf]),
 }  # fmt: skip
-"""Inputs that cannot be, each with the digests that fit it."""
+"""Impossible inputs, each with digests that fit."""
 OTHER_KINDS: dict[str, Change] = {
     **{
         f"{values.type.value_type} in {name}.{key}": with_property(name, key, values)
@@ -769,7 +771,7 @@ OTHER_KINDS: dict[str, Change] = {
         )
     },
 }  # fmt: skip
-"""Columns of which there is no digest of ours."""
+"""Columns without a digest of ours."""
 
 
 @pytest.mark.parametrize("kind", LIES)
@@ -792,7 +794,7 @@ def test_columns_of_other_kinds_are_one_line(sound: Sound, tmp_path: Path, kind:
 
 
 def with_frames(change: Callable[[int, bytes], bytes | None]) -> Change:
-    """Change the pictures, by step; None takes one out."""
+    """Change the pictures, by step; None removes one."""
 
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         if entity != f"/{schema.IMAGE}":
@@ -860,7 +862,7 @@ def test_frames_at_other_steps_than_the_cameras_are_refused(sound: Sound, tmp_pa
 
 
 def test_a_frame_whose_pixels_cannot_be_decoded_is_refused(sound: Sound, tmp_path: Path) -> None:
-    """It is built like a PNG of the right size, and its digest is right too."""
+    """It is structured like a PNG of the right size, and its digest is right, too."""
 
     def spoilt(_: int, png: bytes) -> bytes:
         end = png.index(b"IDAT") - 4
@@ -960,7 +962,7 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
         lambda: struct.pack("<QQ", rrd.STORE, 0) * 100_000, "messages in",
     ),
 }  # fmt: skip
-"""What is put before everything else that a file holds, and what is said of it."""
+"""Chunks put at the start of a file, and the error for each."""
 
 
 def with_bomb(sound: Sound, path: Path, kind: str) -> Path:
@@ -986,7 +988,7 @@ def worker() -> Iterator[Worker]:
 
 
 def test_a_bomb_takes_little_memory(sound: Sound, tmp_path: Path, worker: Worker) -> None:
-    """More than the interpreter with its libraries, which take 150 MB, but far from 1 GB."""
+    """More than the interpreter and its libraries, which take 150 MB, but far less than 1 GB."""
     for kind in ("a property of 250 MB", "zeros for a state", "zeros that nobody asked for"):
         path = with_bomb(sound, tmp_path / "run.rrd", kind)
         worker.ask("command:measured", ["analyze", path], tmp_path, SECONDS)

@@ -1,4 +1,4 @@
-"""Verification: the terms of the error are what physics says they are, and they add up."""
+"""Verification: the terms of the error are those that physics predicts, and they add up."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_four_recordings_give_the_same_budget_without_any_theory(recorded: Recor
     interaction = (on - limit_on) - (off - limit_off)
     (moment,) = judge(recorded()).at
     assert moment.terms_m is not None
-    # Extrapolation leaves the term of second order, which is all in damping × timestep.
+    # Extrapolation leaves the second-order term, all of it in damping × timestep.
     assert timestep == pytest.approx(moment.terms_m.timestep, abs=1e-15)
     assert damping == pytest.approx(moment.terms_m.damping, abs=4.2e-7)
     assert interaction == pytest.approx(moment.terms_m.interaction, abs=4.2e-7)
@@ -144,7 +144,7 @@ def test_a_velocity_that_is_held_is_not_booked_as_an_interaction(recorded: Recor
     assert analysis.coverage.samples == 1
     assert "limit of 100" in analysis.coverage.why
     energy = analysis.energy
-    # The first step: 150 m/s less damping and gravity, then cut to 100.
+    # The first step: 150 m/s minus damping and gravity, then limited to 100.
     assert energy.clamp_j is not None
     assert energy.closing_j is not None
     assert energy.clamp_j < -0.1 / 2 * (140**2 - 100**2)
@@ -162,7 +162,7 @@ def test_a_body_with_joints_is_left_out_loudly(recorded: Recorder) -> None:
 
 
 def test_a_landing_that_is_not_flat_gets_no_prediction(recorded: Recorder) -> None:
-    """A spinning box lands on an edge and tumbles: no law here says where it comes to rest."""
+    """A spinning box lands on an edge and tumbles: no law here predicts where it comes to rest."""
     analysis = judge(recorded(spin_rad_s=(4.0, 7.0, 0.0), duration_s=3.0))
     assert analysis.coverage.samples < analysis.coverage.of
     assert analysis.contact is None
@@ -181,7 +181,7 @@ def test_a_box_that_fell_over_is_expected_on_the_face_it_lies_on(recorded: Recor
     assert rest.error_m == pytest.approx(-1e-5, abs=5e-6)
 
 
-def test_samples_from_the_middle_are_taken_apart_as_in_the_whole_fall(recorded: Recorder) -> None:
+def test_samples_from_the_middle_are_broken_down_as_in_the_whole_fall(recorded: Recorder) -> None:
     recording, law = recorded(), law_of()
     position_m = recording.states.select("x_m", "y_m", "z_m").to_numpy()[:100]
     whole = decompose(law, thrown_as(law), position_m)
@@ -207,22 +207,22 @@ def test_the_impact_is_where_theory_and_samples_have_it(recorded: Recorder) -> N
     assert impact.penetration_m < impact.speed_m_s / 240
 
 
-def test_what_happened_is_told_at_the_step_at_which_it_happened(recorded: Recorder) -> None:
-    """The box is deepest at step 108, where it first touches: it is told that it touches, then."""
+def test_events_are_reported_at_the_step_at_which_they_happen(recorded: Recorder) -> None:
+    """The box is deepest at step 108, where it first touches: first contact is reported there."""
     analysis = judge(recorded(), at_s=[0.3])
-    told = events(analysis)
-    assert [step for step, _ in told] == sorted(step for step, _ in told)
-    steps = {word: step for step, line in told for word in line.replace(",", " ").split()}
+    happened = events(analysis)
+    assert [step for step, _ in happened] == sorted(step for step, _ in happened)
+    steps = {word: step for step, line in happened for word in line.replace(",", " ").split()}
     assert analysis.rest is not None
     assert (steps["release"], steps["damping"], steps["lowest"], steps["contact"]) == (
         0, 72, 108, 108,
     )  # fmt: skip
-    lines = [line for _, line in told]
+    lines = [line for _, line in happened]
     (contact, *_), (lowest, *_) = (
         [at for at, line in enumerate(lines) if word in line] for word in ("contact", "lowest")
     )
     assert contact < lowest
-    assert told[-1][0] == analysis.rest.settled_step
+    assert happened[-1][0] == analysis.rest.settled_step
 
 
 @pytest.mark.parametrize("timestep_s", [1 / 60, 1 / 240, 1 / 480, 1 / 960])
@@ -265,7 +265,7 @@ def test_bounces_rise_as_theory_says_once_the_correction_is_off(recorded: Record
     assert bounce.apex_m == pytest.approx(0.25 * 0.975, rel=0.02)
     assert 0.5 < inflated.effective_restitution < 0.58
     assert inflated.correction_m_s > 0
-    assert [one.predicted_apex_m for one in judge(exact).bounces[:2]] == pytest.approx(
+    assert [bounce.predicted_apex_m for bounce in judge(exact).bounces[:2]] == pytest.approx(
         [0.5**2 * 0.975, 0.5**4 * 0.975]
     )
 
@@ -299,13 +299,13 @@ def test_what_the_spin_loses_in_the_air_is_booked_to_rotation_and_the_rest_to_co
     assert energy.rotation_j == pytest.approx(lost_j, rel=1e-12)
     assert energy.closing_j == pytest.approx(0, abs=1e-12)
     if floor:
-        assert spin_j[-1] < 0.99 * spin_j[landed - 1]  # the floor brakes it, too
+        assert spin_j[-1] < 0.99 * spin_j[landed - 1]  # the floor slows it down, too
     else:
         assert energy.contact_j == pytest.approx(0, abs=1e-12)
 
 
-def test_where_no_step_was_taken_nothing_works(recorded: Recorder) -> None:
-    """A body that hangs there at 3 m/s, in damping and gravity, keeps its energy."""
+def test_without_a_step_no_work_is_done(recorded: Recorder) -> None:
+    """A body that is never stepped, at 3 m/s with damping and gravity, keeps its energy."""
     energy = judge(recorded(stepped=False, velocity_m_s=(0.0, 0.0, 3.0))).energy
     assert energy.initial_j == energy.final_j == pytest.approx(0.981 + 0.1 * 9 / 2)
     causes = (energy.damping_j, energy.integrator_j, energy.rotation_j, energy.contact_j)
@@ -322,7 +322,7 @@ def test_the_drift_is_the_largest_on_the_way_whatever_its_sign() -> None:
 
 
 def test_undamped_energy_less_its_integrator_term_is_conserved(recorded: Recorder) -> None:
-    """In the air without damping E - m g dt v / 2 keeps its value, g = 9.81 and v downwards < 0."""
+    """In the air without damping E - m g dt v / 2 is constant, g = 9.81 and v downwards < 0."""
     recording = recorded(linear_damping=0.0)
     table = judge(recording).table.head(100)
     shadow = table["energy_j"].to_numpy() - 0.1 * 9.81 / 240 * recording.states["vz_m_s"][:100] / 2
@@ -361,10 +361,10 @@ def test_energy_and_momentum_of_a_turned_body_are_those_of_its_principal_axes() 
         velocity_m_s=np.zeros((1, 3)), spin_rad_s=np.array([[0.0, 0.0, 3.0]]),
     )  # fmt: skip
     inertia_kg_m2 = np.array([1.0, 10.0, 100.0])
-    found = mechanics_of_part(sample, 1.5, inertia_kg_m2, -9.81)
-    assert found.kinetic_angular_j[0] == pytest.approx(10 * 3**2 / 2)
-    assert found.angular_momentum_kg_m2_s[0] == pytest.approx([0, 0, 30])
-    assert found.potential_j[0] == pytest.approx(1.5 * 9.81 * 2)
+    sample_mechanics = mechanics_of_part(sample, 1.5, inertia_kg_m2, -9.81)
+    assert sample_mechanics.kinetic_angular_j[0] == pytest.approx(10 * 3**2 / 2)
+    assert sample_mechanics.angular_momentum_kg_m2_s[0] == pytest.approx([0, 0, 30])
+    assert sample_mechanics.potential_j[0] == pytest.approx(1.5 * 9.81 * 2)
 
 
 def test_what_starts_at_zero_has_no_relative_drift(recorded: Recorder) -> None:
@@ -377,7 +377,7 @@ def test_what_starts_at_zero_has_no_relative_drift(recorded: Recorder) -> None:
 
 
 def test_what_slides_or_spins_is_not_at_rest(recorded: Recorder) -> None:
-    """Its height stays, or its centre does; rest is that position and orientation stay."""
+    """Its height stays, or its centre; at rest both position and orientation stay."""
     slides = recorded(height_m=0.03, velocity_m_s=(0.5, 0.0, 0.0), friction=0.0, duration_s=1.0)
     spins = recorded(
         body="sphere_small.urdf", height_m=0.0301, spin_rad_s=(0.0, 0.0, 50.0), friction=0.0,
@@ -398,19 +398,19 @@ SLOW: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("kind", SLOW)
 def test_what_goes_on_slowly_has_no_first_sample_of_its_rest(recorded: Recorder, kind: str) -> None:
-    """It would be another in each longer recording, and the body moved before as it does after."""
-    made = recorded(**{"duration_s": 3.0, "friction": 0.0} | SLOW[kind])
-    analysis = judge(made)
+    """It would change with the recording's length: the body moves the same before and after."""
+    recording = recorded(**{"duration_s": 3.0, "friction": 0.0} | SLOW[kind])
+    analysis = judge(recording)
     rest, stops = analysis.rest, kind == "is slowed down"
     assert rest is not None
-    assert rest.height_m == made.states["z_m"][-1]
+    assert rest.height_m == recording.states["z_m"][-1]
     assert ("rest" in analysis.table["phase"]) == stops
     assert (rest.settled_step is not None) == stops
     assert ("at rest" in events(analysis)[-1][1]) == stops
 
 
 def test_a_body_rests_only_after_a_tenth_of_a_second(recorded: Recorder) -> None:
-    """However long the recording is, 24 steps of 1/240 s lie between settling and its end."""
+    """For any length of the recording, 24 steps of 1/240 s are between settling and its end."""
     recording = recorded()
     lasts = {}
     for samples in range(150, 242):
@@ -444,4 +444,4 @@ def test_a_rod_that_toppled_is_not_measured_against_its_upright_height(
         None,
         None,
     )
-    assert "rest-below-expected" not in [one.code for one in analysis.findings]
+    assert "rest-below-expected" not in [finding.code for finding in analysis.findings]

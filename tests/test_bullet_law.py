@@ -1,7 +1,7 @@
 """Verification: the discrete law is PyBullet's, bit for bit, and its exact version is that law.
 
-On x86-64 the engine rounds once per operation, and equality is asserted. Elsewhere a compiler may
-fuse multiply and add: then 1e-12 is allowed, some thousand roundings of a metre.
+On x86-64 the engine rounds once per operation, and equality is asserted. On other machines a
+compiler may fuse multiply and add: there 1e-12 is allowed, some thousand roundings of a metre.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ def thrown(
     **how: Any,
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the positions, the velocities and the mass of a body in a world without a floor."""
-    told = {"linearDamping": linear_damping, "mass": mass_kg}
-    dynamics = {name: value for name, value in told.items() if value is not None}
+    settings = {"linearDamping": linear_damping, "mass": mass_kg}
+    dynamics = {name: value for name, value in settings.items() if value is not None}
     seen = drive(samples=steps + 1, floor=False, dynamics=dynamics, **how)
     return seen.position_m, seen.velocity_m_s, seen.mass_kg
 
@@ -41,11 +41,11 @@ def exact_path(law: BulletLaw, *, steps: int, velocity_m_s: Any = (0.0, 0.0, 0.0
     return law.exact_path((0.0, 0.0, 1.0), velocity_m_s, steps=steps)
 
 
-def assert_same(found: np.ndarray, expected: np.ndarray) -> None:
+def assert_same(actual: np.ndarray, expected: np.ndarray) -> None:
     if ROUNDS_ONCE:
-        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_array_equal(actual, expected)
     else:
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-12)
 
 
 # -- by hand ---------------------------------------------------------------------------------------
@@ -105,9 +105,9 @@ def test_the_law_is_pybullets(coordinates: Any, linear_damping: float | None) ->
             steps=60, mass_kg=mass, velocity_m_s=velocity, **setting
         )
         law = law_of(mass_kg=mass_kg, **setting)
-        found = airborne(law, 60, velocity_m_s=velocity)
-        assert_same(found[0], positions)
-        assert_same(found[1], velocities)
+        predicted = airborne(law, 60, velocity_m_s=velocity)
+        assert_same(predicted[0], positions)
+        assert_same(predicted[1], velocities)
         many = law.held(law.free_velocities(velocities[:-1]))
         # Each of its few operations rounds the largest of what it adds.
         largest = np.abs(velocities).max() + abs(gravity) * dt
@@ -123,7 +123,7 @@ def test_the_law_is_pybullets(coordinates: Any, linear_damping: float | None) ->
 
 @pytest.mark.parametrize("coordinates", MODES)
 def test_damping_is_taken_as_the_engine_takes_it(coordinates: Any) -> None:
-    # Negative is passed over; above 1 is clamped in maximal coordinates, and only there.
+    # Negative values are ignored; values above 1 are clamped in maximal coordinates only.
     default = {"reduced": 0.03999999910593033, "maximal": 0.0}[coordinates]
     assert effective_damping(None, coordinates) == effective_damping(-0.3, coordinates) == default
     assert effective_damping(3.0, coordinates) == {"reduced": 3.0, "maximal": 1.0}[coordinates]
@@ -139,19 +139,19 @@ def test_velocity_is_limited_in_reduced_coordinates_only(coordinates: Any) -> No
     setting: Any = {"linear_damping": 0.0, "coordinates": coordinates}
     fast: Any = {"velocity_m_s": (0.0, 130.0, -99.99)}
     _, velocities, mass_kg = thrown(steps=3, **fast, **setting)
-    _, found = airborne(law_of(mass_kg=mass_kg, **setting), 3, **fast)
-    assert_same(found, velocities)
+    _, predicted = airborne(law_of(mass_kg=mass_kg, **setting), 3, **fast)
+    assert_same(predicted, velocities)
     limited = coordinates == "reduced"
-    assert (np.abs(found[1:]).max() == bullet_air.MAX_COORDINATE_VELOCITY_M_S) == limited
+    assert (np.abs(predicted[1:]).max() == bullet_air.MAX_COORDINATE_VELOCITY_M_S) == limited
 
 
 @pytest.mark.parametrize("velocity_m_s", [(0.0, 0.0, 1e-9), (1e-9, 0.0, -1e-9), (0.0, 0.0, 2e-8)])
 def test_a_body_that_barely_moves_has_no_speed(velocity_m_s: Any) -> None:
-    # safeNorm takes a squared length up to 2.2e-16 for none: there the drag is linear only.
+    # safeNorm takes a squared length up to 2.2e-16 for zero: there the drag is only linear.
     setting: Any = {"gravity_m_s2": 0.0, "linear_damping": 0.5}
     _, velocities, mass_kg = thrown(steps=50, velocity_m_s=velocity_m_s, **setting)
-    _, found = airborne(law_of(mass_kg=mass_kg, **setting), 50, velocity_m_s=velocity_m_s)
-    assert_same(found, velocities)
+    _, predicted = airborne(law_of(mass_kg=mass_kg, **setting), 50, velocity_m_s=velocity_m_s)
+    assert_same(predicted, velocities)
 
 
 @pytest.mark.parametrize("coordinates", MODES)
@@ -232,7 +232,7 @@ def test_exact_heights_hold_thirty_digits() -> None:
 
 
 def test_exact_paths_go_sideways_too() -> None:
-    # Maximal coordinates have no drag by default: x = x0 + v t, from wherever it starts.
+    # Maximal coordinates have no drag by default: x = x0 + v t, from any start.
     law = law_of(coordinates="maximal")
     exact = law.exact_path((1.0, -2.0, 3.0), (0.1, 0.3, 0.0), steps=100, first=100)
     dt = Decimal(1 / 240)

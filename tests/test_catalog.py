@@ -1,4 +1,4 @@
-"""Many recordings are queried through Rerun's own catalog, with the code that the docs show."""
+"""Many recordings are queried through Rerun's own catalog, with the code shown in the docs."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def analyses(tmp_path_factory: pytest.TempPathFactory) -> list[Analysis]:
     """Return the analyses of three timesteps, whose recordings are in a folder `drops`."""
     folder = tmp_path_factory.mktemp("catalog") / "drops"
     folder.mkdir()
-    found = []
+    results = []
     for hertz in HERTZ:
         simulate(Scenario(timestep_s=1 / hertz), folder / f"{hertz}.rrd", camera=None)
-        found.append(analyze(folder / f"{hertz}.rrd", at_s=[0.3]))
-    return found
+        results.append(analyze(folder / f"{hertz}.rrd", at_s=[0.3]))
+    return results
 
 
 def test_one_query_gets_the_error_at_one_time_of_all_runs(
@@ -34,9 +34,9 @@ def test_one_query_gets_the_error_at_one_time_of_all_runs(
     assert path is not None
     monkeypatch.chdir(path.parents[1])
     (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    found: dict[str, Any] = {}
-    exec(code, found)
-    for row, hertz, analysis in zip(found["rows"], HERTZ, analyses, strict=True):
+    variables: dict[str, Any] = {}
+    exec(code, variables)
+    for row, hertz, analysis in zip(variables["rows"], HERTZ, analyses, strict=True):
         (moment,) = analysis.at
         assert moment.terms_m is not None
         assert row == {

@@ -1,4 +1,4 @@
-"""A golden recording is held: what differs is found, named, and told apart from what does not."""
+"""Comparison with a golden recording: exactly what differs is found and named."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def side(recording: Recording) -> Side:
 
 
 def compared(recorded: Recorder, **change: object) -> Comparison:
-    """Compare a fall made with other settings with the standard one, the settings being hidden."""
+    """Compare a fall with other settings with the standard fall, hiding the settings."""
     other, golden = side(recorded(**change)), side(recorded())
     return compare(replace(other, scenario=golden.scenario, engine=golden.engine), golden)
 
@@ -58,12 +58,12 @@ def touched(golden: Side, column: str, step: int, by: float) -> Side:
 
 
 def test_a_fresh_standard_drop_is_the_golden_one(standard: Run) -> None:
-    found = check(standard.simulation.recording, GOLDEN)
-    assert found.same, found
-    assert found.comparison is not None
-    assert found.comparison.largest_difference_m == 0.0
-    assert found.frames is not None
-    assert (found.frames.compared, found.frames.differing) == (41, 0)
+    result = check(standard.simulation.recording, GOLDEN)
+    assert result.same, result
+    assert result.comparison is not None
+    assert result.comparison.largest_difference_m == 0.0
+    assert result.frames is not None
+    assert (result.frames.compared, result.frames.differing) == (41, 0)
 
 
 def test_the_golden_recording_is_small_and_opens_with_its_layout() -> None:
@@ -79,24 +79,24 @@ def test_the_same_physics_exits_0(drop: Drop, tmp_path: Path, standard: Run) -> 
     run = tmp_path / "run.rrd"
     run.write_bytes(standard.simulation.recording.read_bytes())
     done = drop("check", "run.rrd", "--against", GOLDEN, "--json")
-    found = json.loads(done.stdout)
+    result = json.loads(done.stdout)
     assert (done.returncode, done.stderr) == (0, "")
-    assert found["same"] is True
-    assert found["largest_difference_m"] == 0.0
-    assert found["first_difference"] is None
+    assert result["same"] is True
+    assert result["largest_difference_m"] == 0.0
+    assert result["first_difference"] is None
     assert drop("check", "run.rrd", "--against", GOLDEN).stdout.startswith("same")
 
 
-def test_other_physics_exits_3_and_is_told_as_the_setting_it_is(drop: Drop) -> None:
+def test_other_physics_exits_3_and_names_the_setting(drop: Drop) -> None:
     drop("simulate", "--out", "run.rrd", "--no-camera", "--timestep", "1/480")
     done = drop("check", "run.rrd", "--against", GOLDEN, "--json")
-    found = json.loads(done.stdout)
+    result = json.loads(done.stdout)
     assert done.returncode == 3
-    assert found["same"] is False
-    assert found["differences"] == [{"name": "timestep_s", "value": 1 / 480, "golden": 1 / 240}]
-    assert found["first_difference"] is None
-    said = drop("check", "run.rrd", "--against", GOLDEN).stdout
-    assert "setting     --timestep 1/480, golden 1/240\n" in said
+    assert result["same"] is False
+    assert result["differences"] == [{"name": "timestep_s", "value": 1 / 480, "golden": 1 / 240}]
+    assert result["first_difference"] is None
+    output = drop("check", "run.rrd", "--against", GOLDEN).stdout
+    assert "setting     --timestep 1/480, golden 1/240\n" in output
 
 
 def test_a_file_that_is_missing_or_unfinished_exits_1(drop: Drop, tmp_path: Path) -> None:
@@ -126,18 +126,20 @@ def test_a_file_that_is_missing_or_unfinished_exits_1(drop: Drop, tmp_path: Path
 def test_another_scenario_is_another_experiment(
     recorded: Recorder, change: dict[str, float], name: str
 ) -> None:
-    found = compare(side(recorded(**change)), side(recorded()))
-    assert not found.same
-    assert found.differences[0].name == name
-    assert found.looks_like is None
+    result = compare(side(recorded(**change)), side(recorded()))
+    assert not result.same
+    assert result.differences[0].name == name
+    assert result.looks_like is None
 
 
-def test_another_version_is_told_but_is_no_difference(recorded: Recorder) -> None:
+def test_another_version_is_reported_but_is_not_a_difference(recorded: Recorder) -> None:
     golden = side(recorded())
     newer = replace(golden, engine=replace(golden.engine, pybullet_version="3.3.0"))
-    found = compare(newer, golden)
-    assert found.same
-    assert [(one.name, one.value) for one in found.versions] == [("pybullet_version", "3.3.0")]
+    result = compare(newer, golden)
+    assert result.same
+    assert [(version.name, version.value) for version in result.versions] == [
+        ("pybullet_version", "3.3.0")
+    ]
 
 
 def test_the_same_body_under_another_name_is_the_same_body(recorded: Recorder) -> None:
@@ -145,7 +147,10 @@ def test_the_same_body_under_another_name_is_the_same_body(recorded: Recorder) -
     moved = replace(golden, scenario=replace(golden.scenario, body="/elsewhere/cube.urdf"))
     assert compare(moved, golden).same
     other = replace(moved, engine=replace(golden.engine, body_sha256="another"))
-    assert {one.name for one in compare(other, golden).differences} == {"body", "body_sha256"}
+    assert {difference.name for difference in compare(other, golden).differences} == {
+        "body",
+        "body_sha256",
+    }
 
 
 @pytest.mark.parametrize(
@@ -156,22 +161,24 @@ def test_what_the_engine_reports_is_compared_where_the_scenario_leaves_it(
     recorded: Recorder, name: str, value: float
 ) -> None:
     golden = side(recorded())
-    found = compare(replace(golden, engine=replace(golden.engine, **{name: value})), golden)
-    assert not found.same
-    assert [(one.name, one.value) for one in found.differences] == [(f"engine.{name}", value)]
+    result = compare(replace(golden, engine=replace(golden.engine, **{name: value})), golden)
+    assert not result.same
+    assert [(difference.name, difference.value) for difference in result.differences] == [
+        (f"engine.{name}", value)
+    ]
 
 
 @pytest.mark.parametrize("column", ["x_m", "z_m", "qw", "vz_m_s", "wy_rad_s"])
 def test_one_bit_in_the_air_is_found_and_named(recorded: Recorder, column: str) -> None:
     golden = side(recorded())
     one_bit = float(np.spacing(golden.states[column][50])) or 5e-324
-    found = compare(altered(golden, column, 50, one_bit), golden)
-    assert found.first is not None
-    assert (found.first.step, found.first.column) == (50, column)
-    assert found.looks_like is not None
+    result = compare(altered(golden, column, 50, one_bit), golden)
+    assert result.first is not None
+    assert (result.first.step, result.first.column) == (50, column)
+    assert result.looks_like is not None
 
 
-def test_in_contact_a_nanometre_is_let_pass_and_not_more(recorded: Recorder) -> None:
+def test_in_contact_a_nanometre_passes_and_no_more(recorded: Recorder) -> None:
     assert IN_CONTACT_M == 1e-9  # docs/ci.md says so
     golden = side(recorded())
     assert compare(altered(golden, "z_m", 200, 0.5 * IN_CONTACT_M), golden).same
@@ -179,13 +186,13 @@ def test_in_contact_a_nanometre_is_let_pass_and_not_more(recorded: Recorder) -> 
     assert beyond.first is not None
     assert beyond.first.step == 200
     assert beyond.largest_difference_m == pytest.approx(2 * IN_CONTACT_M, rel=1e-6)
-    # A velocity may be wrong by what moves the body a nanometre in a step.
+    # A velocity may be off by what moves the body a nanometre in a step.
     fast = IN_CONTACT_M * 240
     assert compare(altered(golden, "vz_m_s", 200, 0.5 * fast), golden).same
     assert not compare(altered(golden, "vz_m_s", 200, 2 * fast), golden).same
 
 
-def test_what_is_let_pass_in_a_column_is_what_moves_the_body_a_nanometre(
+def test_the_tolerance_of_a_column_is_what_moves_the_body_a_nanometre(
     recorded: Recorder,
 ) -> None:
     """The cube's centre is 0.025 m from its floor, it weighs 0.1 kg, a step is 1/240 s."""
@@ -215,7 +222,7 @@ def test_what_is_let_pass_in_a_column_is_what_moves_the_body_a_nanometre(
 
 
 def test_friction_is_compared_as_one_force(recorded: Recorder) -> None:
-    """Its directions turn freely where it is small; the force is what moves the body."""
+    """Its directions are arbitrary where it is small; only the force moves the body."""
     golden = side(recorded())
     turned = golden.contacts.with_columns(
         friction_1_n=-pl.col("friction_1_n"), f1x=-pl.col("f1x"), f1y=-pl.col("f1y"),
@@ -233,19 +240,19 @@ def test_friction_is_compared_as_one_force(recorded: Recorder) -> None:
 @pytest.mark.parametrize("column", ["body_a", "link_b"])
 def test_which_parts_touch_is_compared_with_no_tolerance(recorded: Recorder, column: str) -> None:
     golden = side(recorded())
-    found = compare(touched(golden, column, 200, 1), golden, tolerance_m=1e3)
-    assert found.first is not None
-    assert (found.first.step, found.first.column) == (200, f"contact_{column}")
+    result = compare(touched(golden, column, 200, 1), golden, tolerance_m=1e3)
+    assert result.first is not None
+    assert (result.first.step, result.first.column) == (200, f"contact_{column}")
 
 
 def test_the_largest_difference_is_that_of_any_axis_and_either_sign(recorded: Recorder) -> None:
     golden = side(recorded())
     apart = altered(altered(golden, "x_m", 20, -0.25), "z_m", 70, 0.125)
-    found = compare(apart, golden)
-    assert (found.largest_difference_m, found.largest_difference_step) == (0.25, 20)
+    result = compare(apart, golden)
+    assert (result.largest_difference_m, result.largest_difference_step) == (0.25, 20)
 
 
-def test_what_differs_is_given_as_it_is_here_and_as_it_is_in_the_golden_one(
+def test_a_difference_gives_the_value_here_and_in_the_golden_recording(
     recorded: Recorder,
 ) -> None:
     golden = side(recorded())
@@ -253,45 +260,45 @@ def test_what_differs_is_given_as_it_is_here_and_as_it_is_in_the_golden_one(
     here, there = other.states["z_m"][50], golden.states["z_m"][50]
     assert compare(other, golden).first == Place(50, "z_m", here, there)
     assert compare(golden, other).first == Place(50, "z_m", there, here)
-    (found,) = compare(side(recorded(duration_s=0.5)), golden).differences
-    assert found == Setting("duration_s", 0.5, 1.0)
+    (result,) = compare(side(recorded(duration_s=0.5)), golden).differences
+    assert result == Setting("duration_s", 0.5, 1.0)
 
 
 def test_a_contact_that_only_one_of_them_has_differs(recorded: Recorder) -> None:
     golden = side(recorded())
     early = golden.contacts.head(1).with_columns(step=pl.lit(50, pl.Int64))
     touching = replace(golden, contacts=pl.concat([early, golden.contacts]))
-    for one, other, value, there in (
+    for mine, theirs, value, there in (
         (touching, golden, 1.0, 0.0), (golden, touching, 0.0, 1.0),
     ):  # fmt: skip
-        found = compare(one, other, tolerance_m=1.0)
-        assert found.first == Place(50, "contact_points", value, there)
+        result = compare(mine, theirs, tolerance_m=1.0)
+        assert result.first == Place(50, "contact_points", value, there)
     less = replace(golden, contacts=golden.contacts.head(-1))
     assert compare(less, golden, tolerance_m=1.0).first == Place(240, "contact_points", 3.0, 4.0)
     assert not compare(replace(golden, contacts=golden.contacts.clear()), golden).same
 
 
 def test_what_differs_first_comes_first(recorded: Recorder) -> None:
-    """Points after a step that has more of them do not face each other any more."""
+    """After a step with more points in one recording, points no longer correspond."""
     golden = side(recorded())
     less = replace(golden, contacts=golden.contacts.filter(pl.col("step") != 150))
     assert compare(less, golden).first == Place(150, "contact_points", 0.0, 4.0)
     for step, column in ((149, "contact_distance_m"), (151, "contact_points")):
-        found = compare(touched(less, "distance_m", step, 1e-3), golden).first
-        assert found is not None
-        assert (found.step, found.column) == (min(step, 150), column)
-    found = compare(touched(altered(golden, "z_m", 150, 1e-3), "distance_m", 150, 1), golden).first
-    assert found is not None
-    assert (found.step, found.column) == (150, "z_m")
+        result = compare(touched(less, "distance_m", step, 1e-3), golden).first
+        assert result is not None
+        assert (result.step, result.column) == (min(step, 150), column)
+    result = compare(touched(altered(golden, "z_m", 150, 1e-3), "distance_m", 150, 1), golden).first
+    assert result is not None
+    assert (result.step, result.column) == (150, "z_m")
 
 
 def test_a_link_that_differs_is_named(recorded: Recorder) -> None:
     golden = side(recorded(body="r2d2.urdf", height_m=0.5, duration_s=0.25))
     (row,) = np.flatnonzero((golden.states["step"] == 20) & (golden.states["link"] == 3))
-    found = compare(altered(golden, "y_m", int(row), 1e-3), golden)
-    assert found.first is not None
-    assert (found.first.step, found.first.column) == (20, "link3_y_m")
-    assert found.largest_difference_m == 0.0  # between the bases
+    result = compare(altered(golden, "y_m", int(row), 1e-3), golden)
+    assert result.first is not None
+    assert (result.first.step, result.first.column) == (20, "link3_y_m")
+    assert result.largest_difference_m == 0.0  # between the bases
 
 
 def test_a_tolerance_is_a_length(recorded: Recorder) -> None:
@@ -304,7 +311,7 @@ def test_a_tolerance_is_a_length(recorded: Recorder) -> None:
     assert not compare(resting, golden, tolerance_m=0.5e-6).same
 
 
-def test_elsewhere_than_on_x86_a_fused_multiply_is_let_pass(recorded: Recorder) -> None:
+def test_a_fused_multiply_passes_on_machines_other_than_x86(recorded: Recorder) -> None:
     golden = side(recorded())
     arm = replace(golden, engine=replace(golden.engine, machine="aarch64"))
     assert compare(altered(arm, "z_m", 50, 5e-13), golden).same
@@ -316,7 +323,7 @@ def test_elsewhere_than_on_x86_a_fused_multiply_is_let_pass(recorded: Recorder) 
 
 
 def test_other_damping_gravity_and_law_are_recognised(recorded: Recorder) -> None:
-    """Each is another run of the engine, put forward as if it had the golden settings."""
+    """Each is another run of the engine, presented as if it had the golden settings."""
     for change, words in (
         ({"linear_damping": 0.1}, "the same law with linear damping 0.1 instead of 0.04"),
         ({"linear_damping": 0.0}, "the same law with linear damping"),
@@ -328,9 +335,9 @@ def test_other_damping_gravity_and_law_are_recognised(recorded: Recorder) -> Non
         ({"restitution": 0.5}, "the same fall up to the impact, then other contact"),
         ({"height_m": 1.1}, "another release"),
     ):  # fmt: skip
-        found = compared(recorded, **change)
-        assert found.looks_like is not None
-        assert words in found.looks_like, change
+        result = compared(recorded, **change)
+        assert result.looks_like is not None
+        assert words in result.looks_like, change
 
 
 @pytest.mark.parametrize(
@@ -339,7 +346,7 @@ def test_other_damping_gravity_and_law_are_recognised(recorded: Recorder) -> Non
 def test_another_integrator_is_recognised(
     recorded: Recorder, weight_before: float, words: str
 ) -> None:
-    """The golden velocities, the position moved by those before the step, or by the mean."""
+    """The golden velocities, but the position advanced by those before the step, or the mean."""
     golden = side(recorded())
     v, dt = golden.states["vz_m_s"].to_numpy(), golden.scenario.timestep_s
     z = golden.states["z_m"].to_numpy().copy()
@@ -347,9 +354,9 @@ def test_another_integrator_is_recognised(
         moving = weight_before * v[step] + (1 - weight_before) * v[step + 1]
         z[step + 1] = z[step] + dt * moving
     run = replace(golden, states=golden.states.with_columns(z_m=z))
-    found = compare(run, golden)
-    assert found.looks_like is not None
-    assert words in found.looks_like
+    result = compare(run, golden)
+    assert result.looks_like is not None
+    assert words in result.looks_like
 
 
 def test_altered_samples_turning_and_rounding_are_recognised(recorded: Recorder) -> None:
@@ -377,11 +384,11 @@ def test_frames_are_compared_by_their_pixels(
     pictured: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def other(path: Path) -> list[tuple[int, bytes]]:
-        found = list(frames(path))
+        result = list(frames(path))
         if path == pictured:
-            return found
+            return result
         again = []
-        for step, png in found:
+        for step, png in result:
             stream, image = io.BytesIO(), Image.open(io.BytesIO(png)).convert("RGB")
             if step == 12 and spoil:
                 image.putpixel((3, 4), (255, 0, 255))
@@ -395,16 +402,16 @@ def test_frames_are_compared_by_their_pixels(
     spoil = False
     assert check(pictured, copy).same
     spoil = True
-    found = check(pictured, copy)
-    assert not found.same
-    assert found.first is not None
-    assert (found.first.step, found.first.column) == (12, "frame")
+    result = check(pictured, copy)
+    assert not result.same
+    assert result.first is not None
+    assert (result.first.step, result.first.column) == (12, "frame")
 
 
 def test_a_frame_is_only_ever_opened_as_a_png(
     pictured: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Pillow hands an EPS to Ghostscript, as soon as it may guess."""
+    """Pillow passes an EPS to Ghostscript if it may guess the format."""
     stream = io.BytesIO()
     Image.new("RGB", (64, 48)).save(stream, "eps")
 
@@ -424,13 +431,15 @@ def test_a_frame_is_only_ever_opened_as_a_png(
         check(copy, pictured)
 
 
-def test_without_frames_the_rest_is_compared_and_it_is_said(pictured: Path, tmp_path: Path) -> None:
+def test_without_frames_the_rest_is_compared_and_a_note_says_so(
+    pictured: Path, tmp_path: Path
+) -> None:
     simulate(Scenario(duration_s=0.1), tmp_path / "bare.rrd", camera=None)
-    found = check(tmp_path / "bare.rrd", pictured)
-    assert found.same
-    assert found.frames is not None
-    assert found.frames.compared == 0
-    assert "bare.rrd has no frames" in str(found.frames.why)
+    result = check(tmp_path / "bare.rrd", pictured)
+    assert result.same
+    assert result.frames is not None
+    assert result.frames.compared == 0
+    assert "bare.rrd has no frames" in str(result.frames.why)
 
 
 # -- update ---------------------------------------------------------------------------------------
@@ -444,11 +453,11 @@ def test_update_writes_the_golden_anew_and_whole(drop: Drop, tmp_path: Path) -> 
     assert drop("check", "old.rrd", "--against", "golden.rrd").returncode == 0
     assert drop("check", "new.rrd", "--against", "golden.rrd").returncode == 3
     second = drop("check", "new.rrd", "--against", "golden.rrd", "--update", "--json")
-    told = json.loads(second.stdout)
-    assert (second.returncode, told["same"]) == (0, False)
-    assert [one["name"] for one in told["differences"]] == ["duration_s"]
+    result = json.loads(second.stdout)
+    assert (second.returncode, result["same"]) == (0, False)
+    assert [difference["name"] for difference in result["differences"]] == ["duration_s"]
     assert drop("check", "new.rrd", "--against", "golden.rrd").returncode == 0
-    assert {one.name for one in tmp_path.iterdir()} == {"old.rrd", "new.rrd", "golden.rrd"}
+    assert {file.name for file in tmp_path.iterdir()} == {"old.rrd", "new.rrd", "golden.rrd"}
     assert read(tmp_path / "golden.rrd").states.equals(read(tmp_path / "new.rrd").states)
 
 
@@ -456,7 +465,7 @@ def test_update_writes_the_golden_anew_and_whole(drop: Drop, tmp_path: Path) -> 
 def test_update_replaces_recordings_only(
     tmp_path: Path, recorded: Recorder, standard: Run, kind: str
 ) -> None:
-    """Whatever else is called .rrd stays as it is; of a layer, a recording is not made again."""
+    """Any other file called .rrd is kept, even a layer."""
     run, golden = recorded().path, tmp_path / "golden.rrd"
     if kind == "layer":
         golden.write_bytes(standard.analysis.layer.read_bytes())
@@ -467,11 +476,11 @@ def test_update_replaces_recordings_only(
     else:
         golden.write_bytes({"text": b"my notes", "nothing": b"", "picture": b"\x89PNG"}[kind])
     before = golden.lstat()
-    with pytest.raises(OutputError, match=r"golden\.rrd is not a recording that drop made"):
+    with pytest.raises(OutputError, match=r"golden\.rrd is not a recording made by drop"):
         check(run, golden, update=True)
     after = golden.lstat()
     assert (before.st_ino, before.st_mtime_ns) == (after.st_ino, after.st_mtime_ns)
-    assert [one.name for one in tmp_path.iterdir()] == ["golden.rrd"]
+    assert [file.name for file in tmp_path.iterdir()] == ["golden.rrd"]
 
 
 @pytest.mark.parametrize("kind", ["whole", "packed", "unfinished", "another schema"])
@@ -510,7 +519,7 @@ def test_update_keeps_the_golden_where_the_new_one_cannot_be_written(
         check(recorded().path, golden, update=True)
     monkeypatch.undo()
 
-    # Rerun's command line does not notice a full disk: what it wrote has no end.
+    # Rerun's command line does not notice a full disk: its output is cut off.
     def cut(*arguments: object) -> str:
         Path(str(arguments[-1])).write_bytes(GOLDEN.read_bytes()[:-100])
         return ""
@@ -519,4 +528,4 @@ def test_update_keeps_the_golden_where_the_new_one_cannot_be_written(
     with pytest.raises(OutputError, match="its end is missing"):
         check(recorded().path, golden, update=True)
     assert golden.read_bytes() == GOLDEN.read_bytes()
-    assert [one.name for one in tmp_path.iterdir()] == ["golden.rrd"]
+    assert [file.name for file in tmp_path.iterdir()] == ["golden.rrd"]

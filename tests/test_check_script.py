@@ -1,7 +1,7 @@
-"""A golden recording of a script is held: what differs first is found, with its cause.
+"""Comparison with a golden recording of a script: the first difference is found, and its cause.
 
-Each script is recorded once for all tests; what no script can bring about here, such as another
-engine, is altered in what was read back.
+Each script is recorded once for all tests; differences that no script can cause here, such as
+another engine, are made in the data read back.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ from pipeline import Scenario, colours, simulate
 from pipeline.analysis.script.cause import Side
 from pipeline.analysis.script.comparison import ScriptComparison, compare_scripts
 from pipeline.analysis.script.difference import Difference
+from pipeline.analysis.script.input_differences import input_differences
+from pipeline.analysis.script.sample_differences import paired
 from pipeline.errors import OutputError, RecordingError
 from pipeline.recording import schema
 from pipeline.recording import viewer as program
@@ -66,7 +68,7 @@ Record = Callable[..., Path]
 
 @pytest.fixture(scope="session")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Record:
-    """Return a function that records a script `sim.py`, once: what it replaces in `BOX`."""
+    """Return a function that records `BOX` with changes as `sim.py`, once for each change."""
     folder = tmp_path_factory.mktemp("scripts")
 
     @cache
@@ -97,14 +99,14 @@ def golden(recording: Record) -> Path:
 
 
 def compared(path: Path, golden: Path, **how: Any) -> ScriptComparison:
-    found = check_script(path, golden, **how).comparison
-    assert found is not None
-    return found
+    result = check_script(path, golden, **how).comparison
+    assert result is not None
+    return result
 
 
 def side(path: Path) -> Side:
-    found = read_script(path)
-    return Side(found.origin, found.ended or {}, found.seen)
+    read_back = read_script(path)
+    return Side(read_back.origin, read_back.ended or {}, read_back.seen)
 
 
 # -- the command ----------------------------------------------------------------------------------
@@ -114,15 +116,15 @@ def test_the_same_script_recorded_twice_is_the_same_to_the_bit(
     recording: Record, golden: Path, drop: Drop
 ) -> None:
     done = drop("check", recording(run=1), "--against", golden, "--json")
-    found = json.loads(done.stdout)
+    result = json.loads(done.stdout)
     assert (done.returncode, done.stderr) == (0, "")
-    assert found["same"] is True
-    assert found["largest_difference_m"] == 0.0
-    assert found["frames"] == {"compared": 1, "differing": 0, "first_step": None, "why": None}
+    assert result["same"] is True
+    assert result["largest_difference_m"] == 0.0
+    assert result["frames"] == {"compared": 1, "differing": 0, "first_step": None, "why": None}
     for key in ("first_difference", "looks_like", "cause", "call_before", "other_call"):
-        assert found[key] is None
-    said = drop("check", recording(run=1), "--against", golden).stdout
-    assert "positions   identical\n" in said
+        assert result[key] is None
+    output = drop("check", recording(run=1), "--against", golden).stdout
+    assert "positions   identical\n" in output
 
 
 def test_another_constant_exits_3_and_is_named_by_step_body_and_column(
@@ -130,22 +132,22 @@ def test_another_constant_exits_3_and_is_named_by_step_body_and_column(
 ) -> None:
     changed = recording(("[0, 0, 0.2]", "[0, 0, 0.25]"))
     done = drop("check", changed, "--against", golden, "--json")
-    found = json.loads(done.stdout)
+    result = json.loads(done.stdout)
     assert done.returncode == 3
-    assert found["first_difference"] == {
+    assert result["first_difference"] == {
         "step": 0, "body": "1_sphere", "link": -1, "column": "z_m", "value": 0.25, "golden": 0.2,
         "difference": pytest.approx(0.05),
     }  # fmt: skip
-    assert found["other_call"]["value"]["arguments"].endswith("[0, 0, 0.25]")
-    assert found["other_call"]["golden"]["arguments"].endswith("[0, 0, 0.2]")
-    assert found["other_call"]["value"]["line"] == 6
-    assert found["cause"] == "another script: its text and its calls differ"
-    assert found["looks_like"].startswith("1_sphere is 50 mm off at step 0, ")
+    assert result["other_call"]["value"]["arguments"].endswith("[0, 0, 0.25]")
+    assert result["other_call"]["golden"]["arguments"].endswith("[0, 0, 0.2]")
+    assert result["other_call"]["value"]["line"] == 6
+    assert result["cause"] == "another script: its text and its calls differ"
+    assert result["looks_like"].startswith("1_sphere is 50 mm off at step 0, ")
     schema_of_it = strict(schema_of("check"))
-    assert not list(Draft202012Validator(schema_of_it).iter_errors(found))
-    said = drop("check", changed, "--against", golden).stdout
-    assert "first       step 0, 1_sphere, z_m: 0.25, golden 0.2 (+0.05)\n" in said
-    assert "call        " in said
+    assert not list(Draft202012Validator(schema_of_it).iter_errors(result))
+    output = drop("check", changed, "--against", golden).stdout
+    assert "first       step 0, 1_sphere, z_m: 0.25, golden 0.2 (+0.05)\n" in output
+    assert "call        " in output
 
 
 def test_a_script_and_a_drop_are_not_compared(golden: Path, drop: Drop, tmp_path: Path) -> None:
@@ -159,7 +161,7 @@ def test_a_script_and_a_drop_are_not_compared(golden: Path, drop: Drop, tmp_path
     assert read_script(golden).ended is not None
 
 
-def test_what_is_not_there_not_whole_or_no_length_is_one_line(
+def test_missing_files_unfinished_ones_and_bad_tolerances_are_one_line(
     golden: Path, drop: Drop, tmp_path: Path
 ) -> None:
     done = drop("check", golden, "--against", "no.rrd")
@@ -181,11 +183,11 @@ def test_update_makes_it_the_golden_recording(
     assert check_script(golden, tmp_path / "new.rrd").same
     changed = recording(("-9.81", "-1.6"))
     done = drop("check", changed, "--against", "new.rrd", "--update", "--json")
-    found = json.loads(done.stdout)
-    assert (done.returncode, found["same"], found["updated"]) == (0, False, True)
+    result = json.loads(done.stdout)
+    assert (done.returncode, result["same"], result["updated"]) == (0, False, True)
     assert check_script(changed, tmp_path / "new.rrd").same
     tmp_path.joinpath("text.rrd").write_text("not a recording")
-    with pytest.raises(OutputError, match=r"text\.rrd is not the recording of a script"):
+    with pytest.raises(OutputError, match=r"text\.rrd is not a recording of a script"):
         check_script(golden, tmp_path / "text.rrd", update=True)
 
 
@@ -216,25 +218,27 @@ def test_update_makes_it_the_golden_recording(
         (("range(60)", "range(50)"), Difference(51, "1_sphere", -1, "there", 0.0, 1.0)),
     ],
 )  # fmt: skip
-def test_what_went_in_otherwise_is_named(
+def test_other_inputs_are_named(
     recording: Record, golden: Path, change: tuple[str, str], first: Difference
 ) -> None:
-    found = compared(recording(change), golden)
-    assert found.first == first
-    assert not found.same
+    result = compared(recording(change), golden)
+    assert result.first == first
+    assert not result.same
 
 
-def test_what_goes_in_after_the_samples_differ_is_no_cause(recording: Record, golden: Path) -> None:
-    """A script that pushes harder the farther it is off: only what began it is told."""
+def test_inputs_after_the_samples_differ_are_not_the_cause(recording: Record, golden: Path) -> None:
+    """A script that pushes harder the farther it is off: only the first cause is reported."""
     steering = (
         "    p.stepSimulation()",
         "    z = p.getBasePositionAndOrientation(ball)[0][2]\n"
         "    p.applyExternalForce(ball, -1, [0, 0, 0.3 - z], [0, 0, 0], p.LINK_FRAME)\n"
         "    p.stepSimulation()",
     )
-    found = compared(recording(steering, ("-9.81", "-9.8")), recording(steering))
-    assert [one.column for one in found.differences] == ["engine.gravityAccelerationZ"]
-    assert found.samples_part_at == 1
+    result = compared(recording(steering, ("-9.81", "-9.8")), recording(steering))
+    assert [difference.column for difference in result.differences] == [
+        "engine.gravityAccelerationZ"
+    ]
+    assert result.samples_part_at == 1
     assert not compared(recording(steering), golden).same
 
 
@@ -243,26 +247,42 @@ def test_a_body_that_is_missing_or_more(recording: Record, golden: Path) -> None
         ("arm = p.loadURDF", "arm = 0  #"),
         ("    p.setJointMotorControl2", "    0  #"),
     )
-    found = compared(recording(*without), golden)
-    assert found.first == Difference(0, "2_arm", None, "there", 0.0, 1.0)
-    assert found.largest_difference_m == 0.0
-    assert found.looks_like == "every state is identical"
-    assert found.other_call is not None
-    assert found.other_call.golden is not None
-    assert found.other_call.golden.function == "loadURDF"
+    result = compared(recording(*without), golden)
+    assert result.first == Difference(0, "2_arm", None, "there", 0.0, 1.0)
+    assert result.largest_difference_m == 0.0
+    assert result.looks_like == "every state is identical"
+    assert result.other_call is not None
+    assert result.other_call.golden is not None
+    assert result.other_call.golden.function == "loadURDF"
     more = compared(golden, recording(*without))
     assert more.first == Difference(0, "2_arm", None, "there", 1.0, 0.0)
 
 
-def test_the_calls_before_it_and_the_other_one_are_told(recording: Record, golden: Path) -> None:
-    found = compared(recording(("[0.5, 0, 0]", "[0.7, 0, 0]")), golden)
-    assert found.call_before is not None
-    assert found.call_before.at.step == 21
-    assert found.other_call is not None
-    assert found.other_call.value is not None
-    assert found.other_call.value.function == "resetBaseVelocity"
-    assert (found.other_call.value.at.step, found.other_call.value.line) == (21, 13)
-    assert found.other_call.value.arguments == "1, [0.7, 0, 0]"
+def test_differences_are_always_listed_in_the_same_order(recording: Record, golden: Path) -> None:
+    more = "".join(
+        f"p.createMultiBody(1, basePosition=[{number}, 5, 9], baseVisualShapeIndex=-1)\n"
+        for number in range(9)
+    )
+    path = recording(("arm = ", f"{more}arm = "))
+    seen = read_script(path).seen
+    missing = input_differences(seen, read_script(golden).seen)
+    labels = [difference.body for _, difference in missing if difference.value == 1.0]
+    assert labels == sorted(labels)
+    assert len(labels) > 9
+    assert list(paired(seen, seen).bodies) == list(seen.bodies)
+
+
+def test_the_calls_before_it_and_the_other_call_are_reported(
+    recording: Record, golden: Path
+) -> None:
+    result = compared(recording(("[0.5, 0, 0]", "[0.7, 0, 0]")), golden)
+    assert result.call_before is not None
+    assert result.call_before.at.step == 21
+    assert result.other_call is not None
+    assert result.other_call.value is not None
+    assert result.other_call.value.function == "resetBaseVelocity"
+    assert (result.other_call.value.at.step, result.other_call.value.line) == (21, 13)
+    assert result.other_call.value.arguments == "1, [0.7, 0, 0]"
 
 
 def test_an_altered_number_of_a_state_is_found_and_what_it_looks_like(golden: Path) -> None:
@@ -272,14 +292,17 @@ def test_an_altered_number_of_a_state_is_found_and_what_it_looks_like(golden: Pa
         x_m=pl.when(at).then(pl.col("x_m") + 0.001 * (pl.col("step") - 29)).otherwise("x_m")
     )
     mine = replace(theirs, seen=replace(theirs.seen, states=states))
-    found = compare_scripts(mine, theirs)
-    assert found.first is not None
-    assert (found.first.step, found.first.body, found.first.link) == (30, "1_sphere", -1)
-    assert found.first.difference == pytest.approx(1e-3)
-    assert found.looks_like == ("1_sphere is 1 mm off at step 30, 31 mm off at the end (step 60)")
-    assert found.largest_difference_m == pytest.approx(0.031)
-    assert found.call_before is not None
-    assert (found.call_before.function, found.call_before.at.step) == ("setJointMotorControl2", 29)
+    result = compare_scripts(mine, theirs)
+    assert result.first is not None
+    assert (result.first.step, result.first.body, result.first.link) == (30, "1_sphere", -1)
+    assert result.first.difference == pytest.approx(1e-3)
+    assert result.looks_like == ("1_sphere is 1 mm off at step 30, 31 mm off at the end (step 60)")
+    assert result.largest_difference_m == pytest.approx(0.031)
+    assert result.call_before is not None
+    assert (result.call_before.function, result.call_before.at.step) == (
+        "setJointMotorControl2",
+        29,
+    )
     assert compare_scripts(mine, theirs, tolerance_m=0.032).same
     assert not compare_scripts(mine, theirs, tolerance_m=0.030).same
 
@@ -291,15 +314,17 @@ def test_what_only_turns_is_in_the_same_place(golden: Path) -> None:
         wy_rad_s=pl.when(at).then(pl.col("wy_rad_s") + 1).otherwise("wy_rad_s")
     )
     mine = replace(theirs, seen=replace(theirs.seen, states=states))
-    found = compare_scripts(mine, theirs)
-    assert found.first is not None
-    assert found.first.column == "wy_rad_s"
-    assert found.looks_like == (
+    result = compare_scripts(mine, theirs)
+    assert result.first is not None
+    assert result.first.column == "wy_rad_s"
+    assert result.looks_like == (
         "1_sphere moves differently from step 30 on, in the same place at the end (step 60)"
     )
 
 
-def test_as_far_as_both_go_they_are_the_same(recording: Record, golden: Path, drop: Drop) -> None:
+def test_recordings_are_compared_up_to_the_end_of_the_shorter(
+    recording: Record, golden: Path, drop: Drop
+) -> None:
     pushed = (
         "    p.stepSimulation()",
         "    p.applyExternalForce(ball, -1, [0, 0, 1], [0, 0, 0], p.LINK_FRAME)\n"
@@ -311,12 +336,12 @@ def test_as_far_as_both_go_they_are_the_same(recording: Record, golden: Path, dr
         ("range(60)", "range(70)"), ("    p.setJoint", "    step > 59 or p.setJoint"),
     )  # fmt: skip
     not_removing = (("range(60)", "range(70)"), removing[2])
-    found = compared(recording(*removing), recording(*not_removing))
-    assert found.cause == "another script: its text and its calls differ"
-    assert {one.column for one in found.differences} == {"bodies.rows"}
-    found = compared(recording(steps=50), golden)
-    assert found.first == Difference(51, "1_sphere", -1, "there", 0.0, 1.0)
-    assert found.cause == (
+    result = compared(recording(*removing), recording(*not_removing))
+    assert result.cause == "another script: its text and its calls differ"
+    assert {difference.column for difference in result.differences} == {"bodies.rows"}
+    result = compared(recording(steps=50), golden)
+    assert result.first == Difference(51, "1_sphere", -1, "there", 0.0, 1.0)
+    assert result.cause == (
         "the same calls as far as both go: it ended after step 50 (steps), golden after step 60 "
         "(finished)"
     )
@@ -325,7 +350,7 @@ def test_as_far_as_both_go_they_are_the_same(recording: Record, golden: Path, dr
     assert done.returncode == 3
 
 
-def test_a_joint_and_a_contact_point_are_held_to_the_bit(golden: Path) -> None:
+def test_joints_and_contact_points_are_compared_to_the_bit(golden: Path) -> None:
     theirs = side(golden)
     joints = theirs.seen.joints[2]
     torque = joints.torque.copy()
@@ -345,28 +370,28 @@ def test_a_joint_and_a_contact_point_are_held_to_the_bit(golden: Path) -> None:
 
 
 def test_an_image_that_differs(recording: Record, golden: Path, drop: Drop) -> None:
-    found = check_script(recording(("[1, 1, 1], [0", "[1, 1, 2], [0")), golden)
-    assert found.first == Difference(60, None, None, "frame")
-    assert found.frames is not None
-    assert (found.frames.compared, found.frames.differing) == (1, 1)
-    assert found.comparison is not None
-    assert found.comparison.looks_like == "every state is identical"
-    assert found.comparison.cause == (
+    result = check_script(recording(("[1, 1, 1], [0", "[1, 1, 2], [0")), golden)
+    assert result.first == Difference(60, None, None, "frame")
+    assert result.frames is not None
+    assert (result.frames.compared, result.frames.differing) == (1, 1)
+    assert result.comparison is not None
+    assert result.comparison.looks_like == "every state is identical"
+    assert result.comparison.cause == (
         "another text of the script, but the same calls, other images: another camera, which does "
         "not count as a call, or a file that is drawn has changed"
     )
-    said = drop("check", found.recording, "--against", golden).stdout
-    assert "cause       another text of the script" in said
+    output = drop("check", result.recording, "--against", golden).stdout
+    assert "cause       another text of the script" in output
 
 
-def test_an_image_that_differs_after_another_call_has_that_for_its_cause(
+def test_an_image_that_differs_after_another_call_is_caused_by_it(
     recording: Record, golden: Path
 ) -> None:
     held = ("p.getCameraImage(16, 16", "p.setGravity(0, 0, -9.81)\np.getCameraImage(16, 15")
-    found = check_script(recording(held), golden)
-    assert found.first == Difference(60, None, None, "frame")
-    assert found.comparison is not None
-    assert found.comparison.cause == "another script: its text and its calls differ"
+    result = check_script(recording(held), golden)
+    assert result.first == Difference(60, None, None, "frame")
+    assert result.comparison is not None
+    assert result.comparison.cause == "another script: its text and its calls differ"
 
 
 # -- its cause ------------------------------------------------------------------------------------
@@ -377,9 +402,9 @@ def test_unseeded_random_numbers_are_the_cause(recording: Record) -> None:
         ("import pybullet as p", "import pybullet as p, random"),
         ("[0, 0, 0.2]", "[0, 0, random.random()]"),
     )
-    found = compared(recording(*drawing, run=1), recording(*drawing, run=2))
-    assert found.cause is not None
-    assert found.cause.startswith(
+    result = compared(recording(*drawing, run=1), recording(*drawing, run=2))
+    assert result.cause is not None
+    assert result.cause.startswith(
         "the same script, other calls: it draws unseeded random numbers, random.random at sim.py:6"
     )
     seeded = [recording(*drawing, run=run, seed=3) for run in range(2)]
@@ -387,25 +412,25 @@ def test_unseeded_random_numbers_are_the_cause(recording: Record) -> None:
 
 
 def test_another_file_that_the_same_calls_load(recording: Record, golden: Path) -> None:
-    found = compared(recording(mass=1.1), golden)
-    assert found.first == Difference(0, "2_arm", 0, "dynamics.mass_kg", 1.1, 1.0)
-    assert found.other_call is None
-    assert found.cause is not None
-    assert "a file that they load has changed" in found.cause
+    result = compared(recording(mass=1.1), golden)
+    assert result.first == Difference(0, "2_arm", 0, "dynamics.mass_kg", 1.1, 1.0)
+    assert result.other_call is None
+    assert result.cause is not None
+    assert "a file that they load has changed" in result.cause
 
 
 def test_the_same_calls_and_other_numbers_are_another_engine(golden: Path) -> None:
     theirs = side(golden)
     states = theirs.seen.states.with_columns(pl.col("vz_m_s") * (1 + 1e-15))
     seen = replace(theirs.seen, states=states)
-    found = compare_scripts(replace(theirs, seen=seen), theirs)
-    assert found.cause is not None
-    assert found.cause.startswith("the same calls, other numbers, and the same versions")
+    result = compare_scripts(replace(theirs, seen=seen), theirs)
+    assert result.cause is not None
+    assert result.cause.startswith("the same calls, other numbers, and the same versions")
     upgraded = replace(theirs, seen=seen, ended={**theirs.ended, "made_with_pybullet_api": 1})
-    found = compare_scripts(upgraded, theirs)
-    assert found.cause is not None
-    assert "another engine or machine, made with pybullet_api 1, golden 2" in found.cause
-    assert [one.name for one in found.versions] == ["pybullet_api"]
+    result = compare_scripts(upgraded, theirs)
+    assert result.cause is not None
+    assert "another engine or machine, made with pybullet_api 1, golden 2" in result.cause
+    assert [version.name for version in result.versions] == ["pybullet_api"]
 
 
 GRAVITY = "p.setGravity(0, 0, -9.81)\n"
@@ -414,18 +439,16 @@ LENS = "p.computeProjectionMatrixFOV(60, 1, 0.1, 10))\n"
 
 def test_a_simulation_without_bodies_is_no_difference(recording: Record, golden: Path) -> None:
     more = recording((GRAVITY, f"{GRAVITY}z = p.connect(p.DIRECT)\np.setGravity(1, 1, 1, z)\n"))
-    for one, other in ((more, golden), (golden, more)):
-        assert compared(one, other).same
+    for run, against in ((more, golden), (golden, more)):
+        assert compared(run, against).same
 
 
-def test_connecting_is_no_call_and_is_the_cause_all_the_same(
-    recording: Record, golden: Path
-) -> None:
+def test_connecting_is_not_a_call_but_can_be_the_cause(recording: Record, golden: Path) -> None:
     again = recording((LENS, f"{LENS}p.disconnect()\np.connect(p.DIRECT)\n"))
-    for one, other in ((again, golden), (golden, again)):
-        found = compared(one, other)
-        assert found.first is not None
-        assert (found.first.column, found.cause) == (
+    for run, against in ((again, golden), (golden, again)):
+        result = compared(run, against)
+        assert result.first is not None
+        assert (result.first.column, result.cause) == (
             "engine.rows",
             "another text of the script, but the same calls, and a simulation that begins or ends "
             "elsewhere: connecting to PyBullet and disconnecting do not count as calls",
@@ -434,15 +457,15 @@ def test_connecting_is_no_call_and_is_the_cause_all_the_same(
 
 def test_the_same_calls_at_other_steps_are_the_cause(recording: Record, golden: Path) -> None:
     later = recording(("for step in range(60)", "p.stepSimulation()\nfor step in range(60)"))
-    found = compared(later, golden)
-    assert found.other_call is None or found.other_call.moved
-    assert found.cause == (
+    result = compared(later, golden)
+    assert result.other_call is None or result.other_call.moved
+    assert result.cause == (
         "another text of the script, but the same calls, at other steps: setJointMotorControl2 at "
         "sim.py:11 after step 1, golden 0"
     )
 
 
-def test_what_is_not_told_of_a_long_list_may_be_the_cause(golden: Path) -> None:
+def test_an_element_not_shown_of_a_long_list_may_be_the_cause(golden: Path) -> None:
     theirs = side(golden)
     first, *others = theirs.seen.calls
     shortened = replace(first, arguments="[0, 1, … 40 values]")
@@ -468,15 +491,15 @@ def test_another_text_with_the_same_calls_is_the_same_physics(
     )
 
 
-def test_where_a_file_lies_makes_no_other_call(golden: Path) -> None:
+def test_the_folder_of_a_file_does_not_make_a_call_different(golden: Path) -> None:
     theirs = side(golden)
     calls = [
-        replace(one, arguments=one.arguments.replace("'arm.urdf'", "'/home/me/arm.urdf'"))
-        for one in theirs.seen.calls
+        replace(call, arguments=call.arguments.replace("'arm.urdf'", "'/home/me/arm.urdf'"))
+        for call in theirs.seen.calls
     ]
     assert calls != theirs.seen.calls
     mine = replace(theirs, seen=replace(theirs.seen, calls=calls))
-    elsewhere = [replace(one, arguments=one.arguments.replace("/me/", "/ci/")) for one in calls]
+    elsewhere = [replace(call, arguments=call.arguments.replace("/me/", "/ci/")) for call in calls]
     other = replace(theirs, seen=replace(theirs.seen, calls=elsewhere))
     assert compare_scripts(mine, other).other_call is None
 
@@ -497,10 +520,10 @@ def test_two_clients_are_compared_each_by_its_steps(tmp_path: Path) -> None:
     assert not second_first.equals(theirs.seen.contacts)
     swapped = replace(theirs, seen=replace(theirs.seen, contacts=second_first))
     assert compare_scripts(swapped, theirs).same
-    found = compared(paths[2], paths[0])
-    assert found.first == Difference(0, None, None, "engine.gravityAccelerationZ", -11.81, -10.81)
-    assert found.looks_like is not None
-    assert found.looks_like.startswith("3_cube_small is 0.0174 mm off at step 1, ")
+    result = compared(paths[2], paths[0])
+    assert result.first == Difference(0, None, None, "engine.gravityAccelerationZ", -11.81, -10.81)
+    assert result.looks_like is not None
+    assert result.looks_like.startswith("3_cube_small is 0.0174 mm off at step 1, ")
 
 
 def test_an_altered_recording_is_refused_by_its_checksum(golden: Path, tmp_path: Path) -> None:
@@ -548,15 +571,17 @@ def test_bodies_and_heights_of_the_golden_one_are_added_in_grey(
 ) -> None:
     changed = recording(("[0, 0, 0.2]", "[0, 0, 0.25]"))
     with with_golden(changed, golden, web=True) as shown:
-        (layer,) = [Path(one) for one in shown.viewer.command if one.endswith("golden.rrd")]
+        (layer,) = [
+            Path(argument) for argument in shown.viewer.command if argument.endswith("golden.rrd")
+        ]
         assert (shown.same, shown.first_difference) == (False, 0)
-        added = {one.entity_path: one.to_record_batch() for one in RrdReader(layer).stream()
-                 if "Transform3D:scale" not in one.to_record_batch().schema.names}  # fmt: skip
-        drawn = {one.entity_path: one.to_record_batch() for one in RrdReader(layer).stream()
-                 if "Transform3D:scale" in one.to_record_batch().schema.names}  # fmt: skip
+        added = {chunk.entity_path: chunk.to_record_batch() for chunk in RrdReader(layer).stream()
+                 if "Transform3D:scale" not in chunk.to_record_batch().schema.names}  # fmt: skip
+        drawn = {chunk.entity_path: chunk.to_record_batch() for chunk in RrdReader(layer).stream()
+                 if "Transform3D:scale" in chunk.to_record_batch().schema.names}  # fmt: skip
         assert read_id(layer) == read_id(changed)
     assert not layer.exists()
-    tops = {"/".join(one.split("/")[:4]) for one in {**added, **drawn}}
+    tops = {"/".join(entity.split("/")[:4]) for entity in {**added, **drawn}}
     assert tops == {"/world/golden/1_sphere", "/world/golden/2_arm", "/height/golden/1_sphere"}
     colours_seen = drawn["/world/golden/1_sphere/base/0"].column("Ellipsoids3D:colors").to_pylist()
     assert colours_seen == [[0xC3C8CF60]]
@@ -574,7 +599,7 @@ def test_a_drop_and_its_golden_one_are_seen_together(tmp_path: Path) -> None:
     undamped = tmp_path / "undamped.rrd"
     simulate(Scenario(duration_s=0.1, linear_damping=0.0), undamped, camera=None)
     with with_golden(undamped, tmp_path / "run.rrd", web=True) as shown:
-        added = {one.entity_path for one in RrdReader(Path(shown.viewer.command[2])).stream()}
+        added = {chunk.entity_path for chunk in RrdReader(Path(shown.viewer.command[2])).stream()}
         assert (shown.same, shown.first_difference) == (False, 2)
     assert added == {"/world/golden", "/height/golden"}
 
@@ -585,14 +610,16 @@ def test_both_open_as_one_recording_at_the_first_difference(
 ) -> None:
     changed = recording(("[0.5, 0, 0]", "[0.7, 0, 0]"))
     with with_golden(changed, golden, web=True) as shown:
-        layer = next(Path(one) for one in shown.viewer.command if one.endswith("golden.rrd"))
+        layer = next(
+            Path(argument) for argument in shown.viewer.command if argument.endswith("golden.rrd")
+        )
         with Viewer(changed, layer) as viewer:
             port = int(viewer.url.split(":")[2].split("/")[0])
             assert shown.first_difference == 21
             program.put_cursor(program.Viewer([], port, None), 0.3, viewer.process, step=21)
             state = viewer.client.get_state()
-            (one,) = state.recordings
-            assert (one.current_timeline, one.current_time) == ("sim_step", 21)
+            (opened,) = state.recordings
+            assert (opened.current_timeline, opened.current_time) == ("sim_step", 21)
             assert "Heights of free bodies [m]" in [view.name for view in state.views]
             assert viewer.warnings() == []
             heights = next(v for v in state.views if v.name == "Heights of free bodies [m]")
@@ -606,7 +633,7 @@ def test_several_recordings_have_no_golden_one(golden: Path, drop: Drop) -> None
 
 
 def test_an_image_that_was_altered_is_damage(golden: Path, tmp_path: Path) -> None:
-    """Its digest is asked for, where both recordings claim the same one too."""
+    """Its digest is checked, even if both recordings claim the same one."""
 
     def change(chunk: Chunk) -> list[Chunk]:
         batch = chunk.to_record_batch()
@@ -633,7 +660,7 @@ def test_an_image_that_was_altered_is_damage(golden: Path, tmp_path: Path) -> No
         ("engine", "time_s", [0.5]),
     ],
 )
-def test_what_is_said_of_a_recording_is_held_too(
+def test_a_recordings_properties_have_a_checksum(
     golden: Path, tmp_path: Path, entity: str, name: str, value: list[Any]
 ) -> None:
     def change(chunk: Chunk) -> list[Chunk]:

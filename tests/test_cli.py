@@ -28,8 +28,8 @@ def test_run_makes_everything_and_tells_the_story(drop: Drop, tmp_path: Path) ->
     done = drop("run")
     assert done.returncode == 0
     assert done.stderr == ""
-    made = {path.name for path in (tmp_path / "recordings").iterdir()}
-    assert made == {"run.rrd", "run.analysis.rrd", "run.gif", "run.png"}
+    files = {path.name for path in (tmp_path / "recordings").iterdir()}
+    assert files == {"run.rrd", "run.analysis.rrd", "run.gif", "run.png"}
     for figure in ("1.0000", "0.0250", "0.5567", "0.5585", "-0.0018", "-6.13", "+4.31"):
         assert figure in done.stdout
     assert max(map(len, lines(done.stdout))) <= 80
@@ -101,7 +101,7 @@ def test_table_holds_every_sample(drop: Drop, tmp_path: Path, standard: Run, suf
 
 
 def test_standard_output_carries_the_result_and_nothing_else(drop_process: Drop) -> None:
-    """Bullet's banner comes from C, at exit where stdout is a pipe; Rerun logs when told to."""
+    """Bullet prints its banner from C, at exit if stdout is a pipe; Rerun logs if asked to."""
     done = drop_process("simulate", "--out", "run.rrd", "--no-camera", "--json")
     assert isinstance(json.loads(done.stdout), dict)
     assert done.stderr == ""
@@ -116,7 +116,7 @@ def test_rerun_cannot_be_switched_off_or_made_to_talk_on_stdout(
     assert json.loads(done.stdout)["bytes"] == (tmp_path / "run.rrd").stat().st_size > 10_000
 
 
-def test_a_reader_that_goes_away_is_no_error() -> None:
+def test_a_reader_that_closes_the_pipe_is_not_an_error() -> None:
     command = f"{sys.executable} -m cli analyze --help | head -1"
     done = subprocess.run(
         ["bash", "-c", command], capture_output=True, text=True, cwd=Path(__file__).parents[1],
@@ -129,7 +129,7 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "code", "said"),
+    ("options", "code", "message"),
     [
         (["--timestep", "0"], 2, "0.0"),
         (["--timestep", "-1"], 2, "-1.0"),
@@ -155,14 +155,14 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     ],
 )
 def test_bad_scenarios_get_one_line(
-    drop: Drop, tmp_path: Path, options: list[str], code: int, said: str
+    drop: Drop, tmp_path: Path, options: list[str], code: int, message: str
 ) -> None:
     done = drop("simulate", "--out", "run.rrd", *options)
     assert done.returncode == code
     assert done.stdout == ""
     assert len(lines(done.stderr)) == 1
     assert done.stderr.startswith("drop: ")
-    assert said in done.stderr
+    assert message in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 
@@ -192,13 +192,13 @@ def test_bad_recordings_get_one_line(
         LazyChunkStream.from_iter([]).write_rrd(path, application_id="x", recording_id="y")
     elif kind != "missing":
         path.write_bytes({"empty": b"", "text": b"hello" * 99, "cut": whole[:-9999]}[kind])
-    before = {one.name for one in tmp_path.iterdir()}
+    before = {file.name for file in tmp_path.iterdir()}
     done = drop(stage, "run.rrd")
     assert done.returncode == 1
     assert done.stdout == ""
     assert len(lines(done.stderr)) == 1
     assert done.stderr.startswith("drop: run.rrd")
-    assert {one.name for one in tmp_path.iterdir()} == before
+    assert {file.name for file in tmp_path.iterdir()} == before
 
 
 def test_a_time_outside_the_recording_is_wrong_usage(
@@ -210,9 +210,7 @@ def test_a_time_outside_the_recording_is_wrong_usage(
         assert (done.returncode, len(lines(done.stderr))) == (2, 1)
 
 
-def test_a_traceback_only_where_it_is_asked_for(
-    drop_process: Drop, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_traceback_only_on_request(drop_process: Drop, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "Traceback" not in drop_process("analyze", "no.rrd").stderr
     monkeypatch.setenv("DROP_DEBUG", "1")
     assert "Traceback" in drop_process("analyze", "no.rrd").stderr

@@ -1,7 +1,7 @@
 """Verification: the contact law follows PyBullet's converged solver through impact and rest.
 
-What it predicts about bounces is checked against e^(2k) h. The solver is made to converge
-(`solverResidualThreshold=0`); what its default leaves out is asserted too, with its sign and size.
+Its predictions of bounces are checked against e^(2k) h. The solver is made to converge
+(`solverResidualThreshold=0`); the effect of its default is asserted too, with its sign and size.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Dropped:
     velocity_m_s: float = 0.0
 
     def law(self, rate: float, substeps: int = 1) -> BulletLaw:
-        """Return its law at so many steps a second."""
+        """Return its law at a given number of steps per second."""
         return law_of(
             timestep_s=1 / rate, substeps=substeps, gravity_m_s2=self.gravity_m_s2,
             mass_kg=MASS_KG, linear_damping=self.linear_damping, coordinates=self.coordinates,
@@ -84,7 +84,7 @@ def predicted(
 
 
 class Bounce(NamedTuple):
-    """A contact that ended in the air: its last sample before, effective restitution, apex."""
+    """A contact followed by flight: its last sample before, effective restitution, apex."""
 
     step: int
     restitution: float
@@ -95,15 +95,15 @@ def bounces_of(series: tuple[np.ndarray, np.ndarray], fall: Dropped, rate: int) 
     heights_m, velocities_m_s = series
     below = np.concatenate(([False], heights_m <= REST_HEIGHT_M, [False]))
     starts, ends = np.flatnonzero(np.diff(below.astype(np.int8))).reshape(-1, 2).T
-    found = []
+    bounces = []
     for start, end, following in zip(starts, ends, [*starts[1:], len(heights_m)], strict=False):
         if end < len(heights_m):
             falling = (0, 0, velocities_m_s[start])
             approach_m_s = -bullet_contact.free_velocity(fall.law(rate), falling)
             rebound_m_s = velocities_m_s[start + 1 : end + 1].max()
             apex_m = heights_m[end:following].max() - REST_HEIGHT_M
-            found.append(Bounce(int(start), rebound_m_s / approach_m_s, apex_m))
-    return found
+            bounces.append(Bounce(int(start), rebound_m_s / approach_m_s, apex_m))
+    return bounces
 
 
 # -- against PyBullet ------------------------------------------------------------------------------
@@ -113,8 +113,8 @@ def bounces_of(series: tuple[np.ndarray, np.ndarray], fall: Dropped, rate: int) 
 @pytest.mark.parametrize("rate", [60, 240, 480, 960])
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 0.9])
 def test_the_whole_second_is_pybullets(coordinates: Any, rate: int, restitution: float) -> None:
-    # Each body carries the restitution; the pair's is the product. Bounces that differ by a last
-    # place may see the floor a grain of its distance (2^-50 m) off, a speed of that / dt for 1 s.
+    # Each body has the restitution; the pair's is the product. Bounces that differ in a last place
+    # may see the floor's distance off by 2^-50 m, which is a speed of 2^-50 m / dt for 1 s.
     grain_m = 2**-50 * rate if restitution else 0.0
     for erp, (gravity, k) in itertools.product((0.0, 0.08, 0.2), ((-9.81, None), (-1.62, 0.0))):
         fall = fall_of(gravity, k, coordinates)
@@ -161,7 +161,7 @@ def test_threshold_and_substeps_are_pybullets(
 
 
 def test_the_floor_of_our_own_worlds_is_the_laws() -> None:
-    """In maximal coordinates too: the floor is a btMultiBody, and decides how contact is solved."""
+    """In maximal coordinates too: the floor is a btMultiBody, which decides the contact solver."""
     scenario = Scenario(
         coordinates="maximal", restitution=0.9, solver_residual=0.0, timestep_s=1 / 60
     )
@@ -190,7 +190,7 @@ def test_contact_begins_where_the_body_just_touches(coordinates: Any) -> None:
 def test_a_body_as_fast_as_the_threshold_bounces_and_one_a_bit_slower_does_not(
     coordinates: Any,
 ) -> None:
-    """Thrown down without gravity, it arrives as fast as it was thrown."""
+    """Thrown down without gravity, it arrives at the speed of the throw."""
     threshold_m_s = bullet_contact.RESTITUTION_THRESHOLD_M_S
     for speed_m_s, bounces in ((threshold_m_s, True), (np.nextafter(threshold_m_s, 0), False)):
         fall = Dropped(0.05, 0.0, 0.0, coordinates, velocity_m_s=-speed_m_s)
@@ -257,7 +257,7 @@ def test_no_rebound_below_the_threshold_or_upwards() -> None:
 
 
 @pytest.mark.parametrize("coordinates", MODES)
-def test_without_position_correction_restitution_is_what_was_asked_for(coordinates: Any) -> None:
+def test_without_position_correction_restitution_is_as_given(coordinates: Any) -> None:
     fall = fall_of(linear_damping=0.0, coordinates=coordinates)
     series = predicted(fall, 960, 960, restitution=0.5, contact_erp=0.0)
     first, *_ = bounces_of(series, fall, 960)
@@ -272,12 +272,12 @@ def test_without_position_correction_bounces_converge_to_theory() -> None:
     expected = bullet_contact.rebound_heights(fall.height_m - REST_HEIGHT_M, 0.5, 2)
     for rate in (960, 96_000):
         series = predicted(fall, rate, int(1.2 * rate), restitution=0.5, contact_erp=0.0)
-        found = [bounce.apex_m for bounce in bounces_of(series, fall, rate)[:2]]
-        assert np.abs(found - expected).max() < 5 / rate
+        apexes_m = [bounce.apex_m for bounce in bounces_of(series, fall, rate)[:2]]
+        assert np.abs(apexes_m - expected).max() < 5 / rate
 
 
 def test_position_correction_inflates_restitution() -> None:
-    # e + erp f, 0 <= f < 1: no timestep makes it go away
+    # e + erp f, 0 <= f < 1: at any timestep
     fall = fall_of()
     for rate in (240, 960, 9600):
         first = bounces_of(predicted(fall, rate, rate, restitution=0.5), fall, rate)[0]
@@ -295,8 +295,8 @@ def test_the_bounces_found_in_the_engines_heights_are_the_laws() -> None:
         assert seen.apex_m == pytest.approx(expected.apex_m, abs=1e-12)
 
 
-def test_without_restitution_nothing_bounces_but_by_position_correction() -> None:
-    # Position correction alone gives back up to its 8 % of the penetration per step.
+def test_without_restitution_only_position_correction_bounces() -> None:
+    # Position correction alone returns up to its 8 % of the penetration per step.
     fall = fall_of()
     assert bounces_of(predicted(fall, 240, 480, contact_erp=0.0), fall, 240) == []
     assert all(each.restitution < 0.08 for each in bounces_of(predicted(fall, 240, 480), fall, 240))

@@ -1,4 +1,4 @@
-"""Verification of the refinement studies: orders, limits and indices of series that are known."""
+"""Verification of the refinement studies: orders, limits and indices of known series."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ def test_the_observed_order_of_a_power_law_is_its_exponent() -> None:
 @pytest.mark.parametrize("steps", [HALVED, [0.1, 0.05, 0.01], [0.4, 0.3, 0.1]])
 @pytest.mark.parametrize("order", [1.0, 2.0, 0.5])
 def test_three_solutions_give_order_and_limit(steps: list[float], order: float) -> None:
-    """Of f = 2 - 3 h^p, with one ratio and with two."""
+    """For f = 2 - 3 h^p, with equal ratios and with different ones."""
     solutions = [2 - 3 * h**order for h in steps]
-    found = solution_order(steps, solutions)
-    assert found == pytest.approx(order, abs=1e-9)
+    observed = solution_order(steps, solutions)
+    assert observed == pytest.approx(order, abs=1e-9)
     limit = richardson(*solutions[1:], ratio=steps[1] / steps[2], order=order)
     assert limit == pytest.approx(2.0, abs=1e-12)
 
 
-def test_what_does_not_close_in_has_no_order() -> None:
-    assert solution_order(HALVED, [1.0, 2.0, 1.5]) is None  # from both sides
+def test_a_series_that_does_not_converge_has_no_order() -> None:
+    assert solution_order(HALVED, [1.0, 2.0, 1.5]) is None  # oscillating
     assert solution_order(HALVED, [1.0, 2.0, 2.0]) is None
-    assert solution_order(HALVED, [0.0, 1.0, 3.0]) is None  # apart
+    assert solution_order(HALVED, [0.0, 1.0, 3.0]) is None  # diverging
     assert solution_order([1 / 10, 1 / 20, 1 / 30], [3.0, 2.0, 1.0]) is None  # with two ratios
 
 
@@ -60,10 +60,10 @@ def test_the_convergence_index_is_an_estimate_times_the_safety_factor() -> None:
 def test_errors_of_opposite_signs_cancel_at_a_timestep() -> None:
     """At dt* = 2 damping/(g t) where -g t dt/2 + damping = 0: the article's drop at 0.3 s."""
     damping_m = 0.0043102198351
-    found = cancelling_timestep(1 / 240, timestep_m=-9.81 * 0.3 / 480, damping_m=damping_m)
-    assert found == pytest.approx(2 * damping_m / (9.81 * 0.3), rel=1e-14)
-    assert found is not None
-    assert round(1 / found) == 341
+    timestep_s = cancelling_timestep(1 / 240, timestep_m=-9.81 * 0.3 / 480, damping_m=damping_m)
+    assert timestep_s == pytest.approx(2 * damping_m / (9.81 * 0.3), rel=1e-14)
+    assert timestep_s is not None
+    assert round(1 / timestep_s) == 341
     assert cancelling_timestep(1 / 240, timestep_m=-1.0, damping_m=0.0) is None
     assert cancelling_timestep(1 / 240, timestep_m=-1.0, damping_m=-1.0) is None
 
@@ -104,7 +104,7 @@ def runs_of(error_of: Callable[[float], float], frequencies: Sequence[int]) -> l
 
 
 def test_order_and_limit_are_those_of_the_finest_runs() -> None:
-    """The coarsest of four is not yet on its way, and the two ratios of the finest differ."""
+    """The coarsest of four is not in the asymptotic range, and the finest have two ratios."""
     study = study_of(runs_of(lambda h: 3 * h if h < 0.1 else 1.0, (5, 20, 40, 120)))
     assert study.order == pytest.approx(1.0, abs=1e-9)
     assert study.extrapolated_m == pytest.approx(0.5, abs=1e-12)
@@ -114,10 +114,10 @@ def test_order_and_limit_are_those_of_the_finest_runs() -> None:
     assert study.damped_fall_m == 0.5
 
 
-def test_what_a_study_says_of_damping_is_the_finest_runs() -> None:
-    """Its limit is the damping's share; where that cancels follows from timestep and share alike.
+def test_the_damping_of_a_study_is_that_of_the_finest_runs() -> None:
+    """Its limit is the damping's share; where that cancels follows from the timestep's share, too.
 
-    The shares of the coarsest run are others, as they would be at another time.
+    The coarsest run has other shares, as it would at another time.
     """
     coarse = StudiedRun(0.1, 0.4, -0.1, -0.3, 0.2, 0.0, 0.0)
     fine = StudiedRun(0.02, 0.5 + 1e-3, 1e-3, -0.004, 0.005, 2e-4, -3e-4)
@@ -134,7 +134,7 @@ def test_what_a_study_says_of_damping_is_the_finest_runs() -> None:
     [(1e-12, False), (-1e-12, False), (0.99e-7, False), (1.01e-7, True), (4e-3, True)],
 )
 def test_damping_matters_where_it_shows_in_an_order(damping_m: float, matters: bool) -> None:
-    """Of an error of 1 mm, from one of 2 mm: an order of 1 is then off by at most 1e-4."""
+    """In errors of 2 mm and 1 mm: an order of 1 is then off by at most 1e-4."""
     runs = [
         StudiedRun(step_s, 0.5, error_m, error_m - damping_m, damping_m, 0.0, 0.0)
         for step_s, error_m in ((1 / 240, 2e-3), (1 / 480, 1e-3))
@@ -150,10 +150,10 @@ def test_damping_matters_where_it_shows_in_an_order(damping_m: float, matters: b
     [(1 / 13487086115049, False), (1 / 9610, False), (1 / 9590, True), (1 / 341, True),
      (1 / 25, True), (1 / 23, False), (None, False)],
 )  # fmt: skip
-def test_errors_that_cancel_far_from_all_that_was_tried_are_not_spoken_of(
+def test_errors_that_cancel_far_from_all_timesteps_are_not_reported(
     cancelling_s: float | None, near: bool
 ) -> None:
-    """Of 1/240 to 1/960 s, 1/9600 to 1/24 s are near; a step longer than the fall is none."""
+    """For 1/240 to 1/960 s, 1/9600 to 1/24 s are near; a step longer than the fall is not."""
     plain = study_of(runs_of(lambda step_s: step_s, (240, 480, 960)))
     study = replace(plain, cancelling_timestep_s=cancelling_s)
     assert study.cancels_near(0.3) == near
@@ -182,19 +182,19 @@ def test_refining_hurts_where_the_size_of_the_error_grows(
 
 
 def test_a_summary_leaves_out_the_rows_that_have_no_number() -> None:
-    """Of 0 … 100, shuffled, without its gaps: quantiles 5, 50 and 95, mean 50, spread 29.3."""
+    """For 0 … 100, shuffled, with gaps left out: quantiles 5, 50 and 95, mean 50, spread 29.3."""
     values = np.random.default_rng(1).permutation(101).astype(float).tolist()
     rows = pl.LazyFrame({"error_m": [*values, None, None], "damping_m": [None] * 103},
                         schema_overrides={"damping_m": pl.Float64})  # fmt: skip
-    (found,) = summaries(rows, ("error_m", "damping_m"))
-    assert (found.quantity, found.count, found.mean) == ("error_m", 101, pytest.approx(50))
-    assert found.quantiles == pytest.approx({"5%": 5, "50%": 50, "95%": 95})
-    assert found.spread == pytest.approx(math.sqrt(101 * 102 / 12))
+    (summary,) = summaries(rows, ("error_m", "damping_m"))
+    assert (summary.quantity, summary.count, summary.mean) == ("error_m", 101, pytest.approx(50))
+    assert summary.quantiles == pytest.approx({"5%": 5, "50%": 50, "95%": 95})
+    assert summary.spread == pytest.approx(math.sqrt(101 * 102 / 12))
     half = 1.983971519 * math.sqrt(102 / 12)  # t(100, 97.5 %) of tables
-    assert found.interval == pytest.approx((50 - half, 50 + half), rel=1e-8)
+    assert summary.interval == pytest.approx((50 - half, 50 + half), rel=1e-8)
 
 
-def test_moments_are_those_of_all_values_however_they_came() -> None:
+def test_moments_of_parts_merge_to_those_of_all_values() -> None:
     values = [1e9 + x for x in (1.0, 2.0, 4.0, 8.0, 16.0)]
     in_parts = Moments().with_values(values[:2]).merged(Moments().with_values(values[2:]))
     assert in_parts.count == 5
@@ -205,7 +205,7 @@ def test_moments_are_those_of_all_values_however_they_came() -> None:
 
 @pytest.mark.parametrize("value", [-6.131250000000108e-3, 0.1, 1 / 3, 1e9 + 0.1])
 def test_equal_values_have_no_spread_at_all(value: float) -> None:
-    """A mean of equal values, summed up and divided, may be off by its last bit, and they by it."""
+    """A computed mean of equal values may be off by its last bit, and so would be their spread."""
     moments = Moments().with_values([value] * 300)
     assert (moments.mean, moments.spread, moments.interval) == (value, 0.0, (value, value))
     assert moments.merged(moments).with_values([value] * 7) == Moments(607, value, 0.0)

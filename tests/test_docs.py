@@ -1,4 +1,4 @@
-"""The documents say what the program does."""
+"""The documents are true of the program."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_the_readmes_two_commands_are_what_ci_runs() -> None:
     ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     everything = [line for line in ci.splitlines() if line.startswith(("pip", "pytest"))]
     assert everything == ["pip install '.[test]' && pytest", "pip install '.[dev]'",
-                          "pytest -m needs"]  # fmt: skip
+                          'pytest -m "needs or long"']  # fmt: skip
 
 
 SKIPPING = """
@@ -50,7 +50,7 @@ def test_with(): pass
     [
         ("", [], set(), {"with"}),
         ("true", [], {"skip", "skipif"}, {"with"}),  # CI runs once more, with the extras:
-        ("true", ["-m", "needs"], {"without"}, {"with"}),
+        ("true", ["-m", "needs or long"], {"without"}, {"with"}),
     ],
 )
 def test_in_ci_nothing_is_skipped(
@@ -78,7 +78,7 @@ def test_the_readme_names_every_option() -> None:
         assert f"`{option.name}`" in README, option.name
 
 
-def test_the_pictures_in_the_readme_are_there_and_small() -> None:
+def test_the_pictures_in_the_readme_exist_and_are_small() -> None:
     names = re.findall(r"(?:!\[.*?\]\(|src(?:set)?=\")(.*?)[)\"]", README)
     assert len(names) == 5
     for name in names:
@@ -88,13 +88,13 @@ def test_the_pictures_in_the_readme_are_there_and_small() -> None:
 def test_every_dependency_has_a_reason() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     wanted = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
-    names = {re.split(r"[\[<>=~! ]", one)[0] for one in wanted} - {"drop-physics"}
+    names = {re.split(r"[\[<>=~! ]", requirement)[0] for requirement in wanted} - {"drop-physics"}
     table = ARCHITECTURE.partition("## Dependencies")[2]
     assert [name for name in names if name not in table] == []
 
 
 def test_nobody_is_told_to_install_somebody_elses_package() -> None:
-    """The index has another `drop`; ours is `drop-physics`."""
+    """The package index has another `drop`; ours is `drop-physics`."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert project["name"] == "drop-physics"
     assert list(project["scripts"]) == ["drop"]
@@ -103,9 +103,9 @@ def test_nobody_is_told_to_install_somebody_elses_package() -> None:
     )
     folders = [ROOT / name for name in ("docs", "pipeline", "tests", "benchmarks", "recordings")]
     files = [ROOT / "cli.py", ROOT / "pyproject.toml", ROOT / ".ci/run", *ROOT.glob("*.md")]
-    files += [one for folder in folders for one in folder.rglob("*") if one.suffix in TEXTS]
+    files += [file for folder in folders for file in folder.rglob("*") if file.suffix in TEXTS]
     assert len(files) > 150
-    wrong = [one for one in files if others.search(one.read_text(encoding="utf-8"))]
+    wrong = [file for file in files if others.search(file.read_text(encoding="utf-8"))]
     assert wrong == []
 
 
@@ -138,8 +138,8 @@ EPSILON = 2.0**-52
 def test_rounding_is_as_small_as_the_readme_says(scenario: Scenario, tmp_path: Path) -> None:
     """Below steps × 2⁻⁵² × the largest height so far. Measured over 35 scenarios: 0.36 of it.
 
-    A position rounds by at most half of 2⁻⁵² of itself in each step. Velocities do as well, and
-    the more steps there are, the more of these cancel.
+    A position rounds by at most half of 2⁻⁵² of itself in each step. So do velocities, and the more
+    steps there are, the more of these roundings cancel.
     """
     simulate(scenario, tmp_path / "run.rrd", camera=None)
     analyze(tmp_path / "run.rrd", table=tmp_path / "run.parquet")

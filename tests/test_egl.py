@@ -1,4 +1,4 @@
-"""Validation: `--renderer egl` draws without a screen, and says what drew; without EGL, tiny does.
+"""Validation: `--renderer egl` draws without a screen, and records the driver; else tiny draws.
 
 Debian needs: libegl1 libegl-mesa0 libgl1-mesa-dri.
 """
@@ -17,6 +17,8 @@ from PIL import Image
 from pipeline import Camera, Scenario, simulate
 from pipeline.engines.bullet import camera_frames
 from pipeline.recording.reader import Recording, frames, read
+
+pytestmark = pytest.mark.long
 
 EGL = Camera(renderer="egl", capture_every=20, size_px=(160, 120))
 SHORT = Scenario(duration_s=0.25)
@@ -46,17 +48,20 @@ def test_egl_is_recorded_as_what_it_is(by_egl: Recording) -> None:
 
 
 def test_egl_sees_the_box_where_tinyrenderer_sees_it(by_egl: Recording, tmp_path: Path) -> None:
-    """Shades differ, so the box is what changes between the release and the last frame.
+    """Shades differ, so the box is found as the pixels that change from release to last frame.
 
-    It has five pixels; which of its faces stand out from the floor depends on their shade.
+    It has five pixels; which of its faces are visible on the floor depends on their shade.
     """
     tiny = Camera(capture_every=20, size_px=(160, 120))
     simulate(SHORT, tmp_path / "tiny.rrd", camera=tiny)
     expected, actual = pixels_of(tmp_path / "tiny.rrd"), pixels_of(by_egl.path)
     assert list(actual) == list(expected) == [0, 20, 40, 60]
-    for one in (expected, actual):
-        assert len(np.unique(one[0].reshape(-1, 3), axis=0)) > 3  # no empty picture
-    moved = [np.argwhere(np.abs(one[60] - one[0]).max(axis=2) > 40) for one in (expected, actual)]
+    for images in (expected, actual):
+        assert len(np.unique(images[0].reshape(-1, 3), axis=0)) > 3  # not an empty picture
+    moved = [
+        np.argwhere(np.abs(images[60] - images[0]).max(axis=2) > 40)
+        for images in (expected, actual)
+    ]
     centres = [where.mean(axis=0) for where in moved]
     assert np.abs(centres[0] - centres[1]).max() < 3
 
@@ -69,7 +74,7 @@ def test_the_fall_is_the_same_whatever_draws_it(by_egl: Recording, tmp_path: Pat
 def test_without_egl_tinyrenderer_draws_and_the_recording_says_so(
     drop_process: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The plugin ends its process where there is no device; that must not be ours."""
+    """The plugin ends its process if there is no device; that must not be ours."""
     monkeypatch.setenv("EGL_VISIBLE_DEVICES", "99")
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_DIRS", "/nowhere")
     options = ("--renderer", "egl", "--duration", "0.25", "--size", "160x120")

@@ -1,4 +1,4 @@
-"""The same drop in every engine: recorded as it takes it, and explained by its own law.
+"""The same drop in every engine: recorded as the engine steps it, and explained by its own law.
 
 MuJoCo has more in `test_mujoco`.
 """
@@ -44,7 +44,7 @@ SINGLE = 2.0**-23
 
 
 def drawn(engine: str, seed: int) -> Scenario:
-    """Return a scenario of a body in the air; every other one is thrown, every third spins."""
+    """Return a scenario of a body in the air; every second is thrown, every third spins."""
     rng = np.random.default_rng(seed)
     timestep_s = float(rng.choice([1 / 240, 1 / 1000, 0.01, 0.0003]))
     values: dict[str, object] = {
@@ -159,6 +159,7 @@ def test_all_share_the_integrator(
     assert 1e-8 < rounding_m < 2e-7 if engine == "physx" else rounding_m < 1e-15
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("engine", OTHERS)
 def test_the_same_run_is_the_same_to_the_bit(
     tmp_path: Path, drop_process: Drop, engine: str
@@ -167,7 +168,7 @@ def test_the_same_run_is_the_same_to_the_bit(
     for name in ("a.rrd", "b.rrd"):
         done = drop_process("simulate", *tumbling, "--out", name)
         assert done.returncode == 0, done.stderr
-        # What it has otherwise than PyBullet is said, and nothing else.
+        # Notes only say where the engine differs from PyBullet.
         assert all(" where PyBullet has " in line for line in done.stderr.splitlines())
     a, b = (read(tmp_path / name) for name in ("a.rrd", "b.rrd"))
     assert a.states.equals(b.states)
@@ -175,8 +176,8 @@ def test_the_same_run_is_the_same_to_the_bit(
 
 
 @pytest.mark.parametrize("engine", OTHERS)
-def test_nothing_false_is_said_of_contact(recorded: Recorder, engine: str) -> None:
-    """A body that tumbles is explained, or the reason is given; nobody altered the recording."""
+def test_findings_about_contact_are_true(recorded: Recorder, engine: str) -> None:
+    """A tumbling body is explained, or the reason is given, and never called altered."""
     for scenario in ({}, TUMBLING, {"timestep_s": 1 / 960}, {"body": "sphere_small.urdf"}):
         analysis = judge(recorded(engine=engine, **scenario))
         codes = {finding.code for finding in analysis.findings}
@@ -232,7 +233,7 @@ def test_restitution_is_combined_as_the_engine_does(recorded: Recorder) -> None:
 
 
 @DRAKE
-def test_what_an_engine_cannot_compute_is_one_line() -> None:
+def test_a_drop_that_an_engine_cannot_compute_is_one_line() -> None:
     """A slab that falls through Drake's floor in one step becomes non-finite there."""
     scenario = Scenario(engine="drake", body="block.urdf", height_m=5.0, spin_rad_s=(90.0, 90.0, 0))
     with other_world.OtherWorld(scenario) as world, pytest.raises(DropError, match="non-finite"):
@@ -250,23 +251,25 @@ def test_dart_does_not_end_the_process_far_away(drop_process: Drop) -> None:
 @pytest.mark.parametrize("engine", OTHERS)
 def test_moving_from_pybullet_only_the_damping_differs(recorded: Recorder, engine: str) -> None:
     sides = (recorded(engine=engine), recorded())
-    found = compare(*(Side(s.scenario, s.engine, s.states, s.contacts) for s in sides))
+    comparison = compare(*(Side(s.scenario, s.engine, s.states, s.contacts) for s in sides))
     if engine != "physx":
-        assert "--linear-damping 0 and they agree to the bit until contact" in str(found.looks_like)
-    assert "damping -1" in str(found.looks_like)
+        assert "--linear-damping 0 and they agree to the bit until contact" in str(
+            comparison.looks_like
+        )
+    assert "damping -1" in str(comparison.looks_like)
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"engine": "dart", "contact_erp": 0.1}, "contact_erp is an option of PyBullet, not of"),
         ({"engine": "drake", "restitution": 0.5}, "not of Drake; omit it"),
-        ({"engine": "physx", "integrator": "rk4"}, "integrator of PhysX has one only"),
+        ({"engine": "physx", "integrator": "rk4"}, "integrator must be omitted for PhysX"),
         ({"engine": "drake", "integrator": "rk4"}, "takes discrete, continuous, got rk4"),
     ],
 )
-def test_an_option_that_it_does_not_have(options: dict[str, object], said: str) -> None:
-    with pytest.raises(ScenarioError, match=said):
+def test_an_option_that_it_does_not_have(options: dict[str, object], message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
         Scenario(**options)  # type: ignore[arg-type]
 
 
@@ -276,13 +279,13 @@ def test_an_option_that_it_does_not_have(options: dict[str, object], said: str) 
 def swept(drop: Drop, *options: str) -> dict[str, Any]:
     done = drop("sweep", "--out", "swept", "--no-record", "--json", *options)
     assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    printed: dict[str, Any] = json.loads(done.stdout)
+    return printed
 
 
 def test_a_sweep_says_what_each_does_on_the_floor(tmp_path: Path, drop: Drop) -> None:
-    found = swept(drop, "--engine", "bullet,mujoco", "--plot", "engines.svg")
-    bullet, mujoco = found["engines"]
+    printed = swept(drop, "--engine", "bullet,mujoco", "--plot", "engines.svg")
+    bullet, mujoco = printed["engines"]
     assert (bullet["engine"], mujoco["engine"]) == ("bullet", "mujoco")
     assert bullet["rest_error_m"] == pytest.approx(-11.98e-6, abs=1e-8)
     assert (bullet["rest_cause"], mujoco["rest_cause"]) == ("slop, solver", "soft contact")
@@ -297,13 +300,13 @@ def test_a_sweep_says_what_each_does_on_the_floor(tmp_path: Path, drop: Drop) ->
 
 def test_a_sweep_of_a_spinning_body_says_what_drifts_and_its_order(drop: Drop) -> None:
     spinning = ("--spin", "1,9,1", "--gravity", "zero", "--no-floor", "--body", "block.urdf")
-    found = swept(
+    runs = swept(
         drop, *spinning, "--engine", "mujoco", "--integrator", "euler,rk4",
         "--timestep", "1/500,1/1000", "--duration", "1",
     )["engines"]  # fmt: skip
-    drifts = {(one["timestep_s"], one["order"] is None): one for one in found}
+    drifts = {(run["timestep_s"], run["order"] is None): run for run in runs}
     assert len(drifts) == 2
-    orders = [one["order"] for one in found if one["order"] is not None]
+    orders = [run["order"] for run in runs if run["order"] is not None]
     assert orders == [pytest.approx(1, abs=0.01), pytest.approx(4, abs=0.05)]
 
 
@@ -311,9 +314,9 @@ def test_an_engine_that_fails_is_a_row_and_the_others_are_compared(drop: Drop) -
     options = ("--engine", "bullet,mujoco", "--restitution", "0.5")
     done = drop("sweep", "--out", "swept", "--no-record", "--json", *options)
     assert done.returncode == 1
-    found = json.loads(done.stdout)
-    assert found["failed"] == 1
-    assert [one["engine"] for one in found["engines"]] == ["bullet"]
+    printed = json.loads(done.stdout)
+    assert printed["failed"] == 1
+    assert [run["engine"] for run in printed["engines"]] == ["bullet"]
 
 
 def test_recordings_of_one_drop_open_as_one_a_colour_for_each(tmp_path: Path) -> None:
@@ -321,7 +324,9 @@ def test_recordings_of_one_drop_open_as_one_a_colour_for_each(tmp_path: Path) ->
     for path in paths:
         simulate(Scenario(engine=path.stem), path, camera=None)  # type: ignore[arg-type]
     with opened(paths, web=True) as shown:
-        layers = [Path(one) for one in shown.viewer.command if one.endswith("/0.rrd")]
+        layers = [
+            Path(argument) for argument in shown.viewer.command if argument.endswith("/0.rrd")
+        ]
         (layer,) = layers
         assert shown.recordings == paths
         assert recording_id(layer) == recording_id(paths[0])
@@ -331,29 +336,29 @@ def test_recordings_of_one_drop_open_as_one_a_colour_for_each(tmp_path: Path) ->
         assert str(writer.rgba(colours.ENGINES["mujoco"]) - 0xFF + other_layer.ALPHA) in seen
     simulate(Scenario(engine="mujoco", height_m=2.0), tmp_path / "other.rrd", camera=None)
     with opened([paths[0], tmp_path / "other.rrd"], web=True) as shown:
-        assert not any("drop-" in one for one in shown.viewer.command)
+        assert not any("drop-" in argument for argument in shown.viewer.command)
 
 
 @DART
 @DRAKE
 @PHYSX
 def test_the_table_of_the_readme_is_what_the_engines_do(drop: Drop) -> None:
-    found = swept(drop, "--engine", ",".join(ENGINES))
+    printed = swept(drop, "--engine", ",".join(ENGINES))
     readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-    for row, one in zip(found["table"], found["engines"], strict=True):
+    for row, run in zip(printed["table"], printed["engines"], strict=True):
         (line,) = re.findall(rf"^\| {ENGINES[row['engine']]} \|(.*)\|$", readme, re.MULTILINE)
         cells = [cell.strip().split(" ")[0] for cell in line.split("|")]
         numbers = [
             f"{row['error_m'] * 1e3:+.3f}",
             f"{row['timestep_m'] * 1e3:+.3f}",
             f"{row['damping_m'] * 1e3:+.3f}" if row["damping_m"] else "0",
-            f"{one['penetration_m'] * 1e3:.2f}",
-            "" if one["rest_error_m"] is None else f"{one['rest_error_m'] * 1e6:+.2f}",
+            f"{run['penetration_m'] * 1e3:.2f}",
+            "" if run["rest_error_m"] is None else f"{run['rest_error_m'] * 1e6:+.2f}",
         ]
         assert cells == numbers
 
 
-def test_what_an_engine_does_not_take_from_the_urdf_is_said(tmp_path: Path) -> None:
+def test_a_note_says_what_an_engine_ignores_in_the_urdf(tmp_path: Path) -> None:
     urdf = tmp_path / "box.urdf"
     urdf.write_text(
         """<robot name="box"><link name="box"><contact><lateral_friction value="0.3"/>

@@ -1,4 +1,4 @@
-"""Verification: an analysis says what every sample of a drop is, and no more than that."""
+"""Verification: an analysis explains every sample of a drop, and claims no more than that."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COLUMNS = ["x_m", "qy", "vx_m_s", "vz_m_s", "wy_rad_s"]
 
 
 def codes(analysis: Analysis) -> set[str]:
-    return {one.code for one in analysis.findings}
+    return {finding.code for finding in analysis.findings}
 
 
 def test_a_box_is_explained_through_its_tumbling(recorded: Recorder) -> None:
@@ -29,11 +29,11 @@ def test_a_box_is_explained_through_its_tumbling(recorded: Recorder) -> None:
     assert analysis.tumbled_step is not None
     assert asdict(analysis.explained) == {"samples": 721, "of": 721, "until_s": 3.0, "why": None}
     assert analysis.segments.contact > 100
-    ends = [one.last_step for one in analysis.flights]
+    ends = [flight.last_step for flight in analysis.flights]
     assert max(ends) > analysis.tumbled_step + 20
-    # Contact and flight take turns from the release to the end.
+    # Contact and flight alternate from the release to the end.
     for phase in analysis.contact_phases:
-        begins = [one for one in analysis.flights if one.last_step == phase.first_step - 1]
+        begins = [flight for flight in analysis.flights if flight.last_step == phase.first_step - 1]
         assert len(begins) == 1
     assert "law-mismatch" not in codes(analysis)
 
@@ -88,23 +88,23 @@ def test_what_contact_gave_is_momentum_and_energy(recorded: Recorder) -> None:
     velocity_m_s = recording.states.select("vx_m_s", "vy_m_s", "vz_m_s").to_numpy()
     dt = analysis.scenario["timestep_s"]
     weighed_j = 0.0
-    for one in analysis.contact_phases:
-        before, after = velocity_m_s[one.first_step - 1], velocity_m_s[one.last_step]
-        steps = one.last_step - one.first_step + 1
+    for phase in analysis.contact_phases:
+        before, after = velocity_m_s[phase.first_step - 1], velocity_m_s[phase.last_step]
+        steps = phase.last_step - phase.first_step + 1
         impulse = mass_kg * (after - before) + np.array((0, 0, weight_n * dt * steps))
-        assert one.impulse_n_s == pytest.approx(impulse.tolist(), abs=1e-13)
-        assert one.largest_force_n * dt * steps >= np.linalg.norm(one.impulse_n_s) * (1 - 1e-9)
-        # Weight gives the step m g·(v + v_law)/2 dt, and the height that it takes m g·v' dt.
-        up_m_s = velocity_m_s[one.first_step - 1 : one.last_step + 1, 2]
+        assert phase.impulse_n_s == pytest.approx(impulse.tolist(), abs=1e-13)
+        assert phase.largest_force_n * dt * steps >= np.linalg.norm(phase.impulse_n_s) * (1 - 1e-9)
+        # Gravity adds m g·(v + v_law)/2 dt in a step, and the height takes m g·v' dt.
+        up_m_s = velocity_m_s[phase.first_step - 1 : phase.last_step + 1, 2]
         held_m_s = up_m_s[:-1] - 9.81 * dt / 2 - up_m_s[1:]
         weighed_j += -weight_n * dt * float(held_m_s.sum())
-    # In the ledger's last flights the integrator loses what it does before the first contact too.
+    # The ledger includes what the integrator loses in the flights after the first contact.
     first = analysis.flights[0].last_step
-    for one in analysis.flights[1:]:
-        assert one.first_step > first
-        lost_m_s = np.diff(velocity_m_s[one.first_step : one.last_step + 1, 2]) / 2
+    for flight in analysis.flights[1:]:
+        assert flight.first_step > first
+        lost_m_s = np.diff(velocity_m_s[flight.first_step : flight.last_step + 1, 2]) / 2
         weighed_j -= -weight_n * dt * float(lost_m_s.sum())
-    taken_j = sum(one.kinetic_j for one in analysis.contact_phases)
+    taken_j = sum(phase.kinetic_j for phase in analysis.contact_phases)
     assert analysis.energy.contact_j is not None
     assert taken_j + weighed_j == pytest.approx(analysis.energy.contact_j, abs=1e-12)
 
@@ -129,7 +129,7 @@ def test_an_altered_sample_ends_what_is_explained(
     until_s = None if step == 0 else pytest.approx((step - 1) / 240)
     assert analysis.explained.until_s == until_s
     assert f"at sample {step} " in (analysis.explained.why or "")
-    # The sample itself, and at most the one that is stepped from it.
+    # The sample itself, and at most the next one, which is stepped from it.
     assert 1 <= analysis.segments.unexplained <= 2
     assert "law-mismatch" in codes(analysis)
 
@@ -144,20 +144,20 @@ def test_an_altered_force_ends_what_is_explained(recorded: Recorder) -> None:
             "normal_force_n"
         )
     )  # fmt: skip
-    found = analysis_of(recording.scenario, recording.engine, recording.states, contacts)
-    assert found.explained.until_s == pytest.approx((step - 1) / 240)
-    assert found.segments.unexplained == 1
+    analysis = analysis_of(recording.scenario, recording.engine, recording.states, contacts)
+    assert analysis.explained.until_s == pytest.approx((step - 1) / 240)
+    assert analysis.segments.unexplained == 1
 
 
 def test_a_release_that_is_not_the_scenarios_is_unexplained(recorded: Recorder) -> None:
-    found = altered(recorded(floor=False), 0, "z_m", -(2.0**-53))  # the last bit below 1
-    assert found.explained.until_s == (None if ROUNDS_ONCE else 1.0)
+    analysis = altered(recorded(floor=False), 0, "z_m", -(2.0**-53))  # the last bit below 1
+    assert analysis.explained.until_s == (None if ROUNDS_ONCE else 1.0)
 
 
 # -- what is not covered ---------------------------------------------------------------------------
 
 
-def test_joints_are_said_and_nothing_is_claimed(recorded: Recorder) -> None:
+def test_joints_are_reported_and_nothing_is_claimed(recorded: Recorder) -> None:
     analysis = judge(recorded(body="r2d2.urdf", duration_s=0.1))
     assert (analysis.explained.samples, analysis.explained.until_s) == (1, 0.0)
     assert analysis.segments.jointed == 24
@@ -174,7 +174,7 @@ def test_substeps_are_explained_in_the_air_alone(recorded: Recorder) -> None:
     assert "law-mismatch" not in codes(analysis)
 
 
-def test_rolling_friction_is_said(recorded: Recorder, tmp_path: Path) -> None:
+def test_rolling_friction_is_reported(recorded: Recorder, tmp_path: Path) -> None:
     body = urdf_of(
         tmp_path, shape('<sphere radius="0.05"/>'), contact='<rolling_friction value="0.05"/>'
     )
@@ -184,8 +184,8 @@ def test_rolling_friction_is_said(recorded: Recorder, tmp_path: Path) -> None:
     assert "law-mismatch" not in codes(analysis)
 
 
-def test_the_first_push_of_a_turned_btrigidbody_is_said(recorded: Recorder) -> None:
-    """A slab that is loaded lying and released on its edge is pushed as if it lay."""
+def test_the_first_push_of_a_turned_btrigidbody_is_reported(recorded: Recorder) -> None:
+    """A slab that is loaded flat and released on its edge is pushed as if it were flat."""
     how: Any = {"body": "jenga/jenga.urdf", "orientation": (20.0, 50.0, 10.0), "height_m": 0.02}
     analysis = judge(recorded(coordinates="maximal", **how))
     assert analysis.explained.until_s == 0
@@ -200,23 +200,23 @@ def test_a_recording_without_a_step_is_still(recorded: Recorder) -> None:
     analysis = judge(recording)
     assert analysis.segments.still == analysis.explained.samples == 241
     assert analysis.flights == []
-    found = altered(recording, 100, "qz", 1e-12)
-    assert found.explained.until_s == pytest.approx(99 / 240)
-    assert found.segments.unexplained == 1
+    analysis = altered(recording, 100, "qz", 1e-12)
+    assert analysis.explained.until_s == pytest.approx(99 / 240)
+    assert analysis.segments.unexplained == 1
 
 
 def test_a_flight_whose_velocity_is_held_has_an_error_and_no_terms(recorded: Recorder) -> None:
     analysis = judge(recorded(velocity_m_s=(0.0, 0.0, 150.0), floor=False))
     (flight,) = analysis.flights
     assert flight.terms_m is None
-    assert flight.error_m[2] < -40  # of 150 m in a second it goes 100 at most
-    assert analysis.explained.why is None  # the limit is Bullet's, and in its law
+    assert flight.error_m[2] < -40  # it covers at most 100 of 150 m in a second
+    assert analysis.explained.why is None  # the limit is part of Bullet's law
 
 
 # -- on the terminal -------------------------------------------------------------------------------
 
 
-def test_the_terminal_says_it_in_a_few_lines(drop: Drop) -> None:
+def test_the_terminal_shows_it_in_a_few_lines(drop: Drop) -> None:
     drop("simulate", "--out", "b.rrd", "--restitution", "0.8", "--duration", "3", "--no-camera")
     shown = drop("analyze", "b.rrd").stdout
     lines = shown.splitlines()

@@ -1,8 +1,8 @@
-"""Faults: whatever happens while a recording is written, nothing that was there is lost.
+"""Faults: whatever happens while a recording is written, no existing file is lost.
 
-After each fault an existing recording is untouched or replaced whole, the `.part` holds every whole
-chunk that was handed over and can be analyzed, one line says what happened, the exit code is right,
-nothing hangs, and no process is left behind. By hand, with more runs that are killed:
+After each fault an existing recording is untouched or replaced whole, the `.part` holds every
+complete chunk that was written and can be analyzed, one line says what happened, the exit code is
+right, nothing hangs, and no process is left behind. By hand, with more runs that are killed:
 
     python tests/test_faults.py 50 SEED
 """
@@ -51,10 +51,10 @@ from pipeline.sweeping.plan import plan_of
 from pipeline.workers import cores
 
 KILLS = 12
-"""Runs that are killed, each at a moment of its own: by each signal while stepping and sealing."""
+"""Runs that are killed, each at another moment: by each signal while stepping and sealing."""
 SEED = 6
 ONE_BATCH = BATCH * BYTES_PER_SAMPLE
-"""At most so many bytes are handed over at once."""
+"""Maximum number of bytes written at once."""
 LIMIT_S = 10
 """Nothing hangs longer than this."""
 
@@ -65,7 +65,7 @@ FULL = ("simulate", "--out", "run.rrd", "--force")
 
 
 def start(arguments: tuple[str, ...], folder: Path, **how: object) -> subprocess.Popen[str]:
-    """Start the command in a session of its own, so that all its processes can be counted."""
+    """Start the command in a new session, so that all its processes can be counted."""
     return subprocess.Popen(
         [sys.executable, "-m", "cli", *arguments],
         cwd=folder,
@@ -78,16 +78,16 @@ def start(arguments: tuple[str, ...], folder: Path, **how: object) -> subprocess
     )
 
 
-def told(arguments: tuple[str, ...], folder: Path) -> tuple[int, str, str]:
-    """Run the command in this process; return its exit code, and what it said."""
+def outcome(arguments: tuple[str, ...], folder: Path) -> tuple[int, str, str]:
+    """Run the command in this process; return its exit code and what it printed."""
     done = drop_here(*arguments, folder=folder)
     return done.returncode, done.stdout, done.stderr
 
 
 def ended(process: subprocess.Popen[str]) -> tuple[str, str]:
-    """Return what a process said once it, and all that it started, has ended."""
+    """Return what a process printed, once it and all processes it started have ended."""
     try:
-        said = process.communicate(timeout=LIMIT_S)
+        output = process.communicate(timeout=LIMIT_S)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         raise
@@ -95,7 +95,7 @@ def ended(process: subprocess.Popen[str]) -> tuple[str, str]:
     while is_alive(process.pid):
         assert time.monotonic() < deadline, "a process was left behind"
         time.sleep(0.02)
-    return said
+    return output
 
 
 def is_alive(group: int) -> bool:
@@ -119,7 +119,7 @@ def assert_one_line(stdout: str, stderr: str, *words: str) -> None:
 
 
 def salvaged(part: Path) -> Recording | None:
-    """Return what a `.part` holds, None where it was stopped before its first sample was whole."""
+    """Return what a `.part` holds; None if it was stopped before its first complete sample."""
     if size(part) < 2 * ONE_BATCH:
         with contextlib.suppress(RecordingError):
             return read(part)
@@ -129,7 +129,7 @@ def salvaged(part: Path) -> Recording | None:
 
 @pytest.fixture(scope="module")
 def precious(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """Return a recording that was there before."""
+    """Return a recording that already existed."""
     path = tmp_path_factory.mktemp("precious") / "run.rrd"
     simulate(Scenario(duration_s=0.1), path, camera=None)
     return path.read_bytes()
@@ -140,9 +140,9 @@ def precious(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 @contextlib.contextmanager
 def small_disk(folder: Path, kilobytes: int) -> Iterator[None]:
-    """Mount a small disk on a folder; where that is not allowed, limit the size of files instead.
+    """Mount a small disk on a folder; if that is not allowed, limit the size of files instead.
 
-    The limit is that of this process, and of those that it starts.
+    The limit is that of this process and of those it starts.
     """
     options = f"size={kilobytes}k"
     mount = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
@@ -177,21 +177,21 @@ def test_a_full_disk_costs_neither_the_old_recording_nor_the_samples_that_fitted
     disk.mkdir()
     with small_disk(disk, old_kb + room_kb):
         (disk / "run.rrd").write_bytes(precious)
-        code, *said = told(arguments, disk)
+        code, *output = outcome(arguments, disk)
         assert code == 1
-        assert_one_line(*said, "run.rrd", "make room")
+        assert_one_line(*output, "run.rrd", "make room")
         assert (disk / "run.rrd").read_bytes() == precious
         part = disk / "run.rrd.part"
-        assert {one.name for one in disk.iterdir()} == {"run.rrd", "run.rrd.part"}
-        assert "run.rrd.part" in said[1]
-        found = salvaged(part)
-        assert samples == (0 if found is None else len(found.states))
-        if found is not None:
+        assert {file.name for file in disk.iterdir()} == {"run.rrd", "run.rrd.part"}
+        assert "run.rrd.part" in output[1]
+        salvage = salvaged(part)
+        assert samples == (0 if salvage is None else len(salvage.states))
+        if salvage is not None:
             assert analyze(part, out=tmp_path / "layer.rrd").airborne.samples > 0
 
 
 @pytest.mark.parametrize(("arguments", "room_kb"), [(TINY, 8), (FULL, 200)])
-def test_a_disk_that_is_too_small_from_the_start_is_left_as_it_is(
+def test_nothing_is_written_to_a_disk_that_is_too_small_from_the_start(
     tmp_path: Path,
     precious: bytes,
     monkeypatch: pytest.MonkeyPatch,
@@ -201,11 +201,11 @@ def test_a_disk_that_is_too_small_from_the_start_is_left_as_it_is(
     whole = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: whole._replace(free=1024 * room_kb))
     (tmp_path / "run.rrd").write_bytes(precious)
-    code, *said = told(arguments, tmp_path)
+    code, *output = outcome(arguments, tmp_path)
     assert code == 1
-    assert_one_line(*said, "run.rrd needs about", "kB are free")
+    assert_one_line(*output, "run.rrd needs about", "kB are free")
     assert (tmp_path / "run.rrd").read_bytes() == precious
-    assert [one.name for one in tmp_path.iterdir()] == ["run.rrd"]
+    assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
 
 
 @pytest.mark.parametrize(
@@ -219,7 +219,7 @@ def test_a_disk_that_is_too_small_from_the_start_is_left_as_it_is(
     ],
     ids=lambda arguments: arguments[-1],
 )
-def test_a_full_disk_leaves_nothing_half_of_anything_else(
+def test_a_full_disk_leaves_no_other_file_half_written(
     tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
     disk = tmp_path / "disk"
@@ -228,15 +228,15 @@ def test_a_full_disk_leaves_nothing_half_of_anything_else(
     data = (tmp_path / "run.rrd").read_bytes()
     with small_disk(disk, len(data) // 1024 + 12):
         (disk / "run.rrd").write_bytes(data)
-        code, *said = told(arguments, disk)
-        assert code == 1, said
-        assert_one_line(*said, "cannot be written")
+        code, *output = outcome(arguments, disk)
+        assert code == 1, output
+        assert_one_line(*output, "cannot be written")
         assert (disk / "run.rrd").read_bytes() == data
-        assert [one.name for one in disk.iterdir()] == ["run.rrd"]
-        assert "what was recorded" not in said[1]
+        assert [file.name for file in disk.iterdir()] == ["run.rrd"]
+        assert "what was recorded" not in output[1]
 
 
-def test_a_full_disk_names_the_file_that_is_written_and_not_the_one_it_is_made_of(
+def test_a_full_disk_names_the_file_written_and_not_its_source(
     tmp_path: Path,
 ) -> None:
     disk, script = tmp_path / "disk", tmp_path / "script.py"
@@ -244,13 +244,15 @@ def test_a_full_disk_names_the_file_that_is_written_and_not_the_one_it_is_made_o
     script.write_text("import pybullet as p\np.connect(p.DIRECT)\np.stepSimulation()\n")
     record_script(str(script), out=tmp_path / "run.rrd")
     with small_disk(disk, 12):
-        code, *said = told(("check", "../run.rrd", "--against", "golden.rrd", "--update"), disk)
-        assert code == 1, said
-        assert_one_line(*said, "drop: golden.rrd.part cannot be written")
+        code, *output = outcome(
+            ("check", "../run.rrd", "--against", "golden.rrd", "--update"), disk
+        )
+        assert code == 1, output
+        assert_one_line(*output, "drop: golden.rrd.part cannot be written")
         assert not list(disk.iterdir())
 
 
-def test_a_rename_that_fails_names_the_file_that_was_to_be(
+def test_a_rename_that_fails_names_the_final_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -261,7 +263,7 @@ def test_a_rename_that_fails_names_the_file_that_was_to_be(
         Path("a").rename("b")
 
 
-def test_a_layout_that_cannot_be_kept_meanwhile_is_what_is_named(
+def test_a_layout_that_cannot_be_stored_temporarily_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> None:
@@ -278,22 +280,22 @@ def test_a_full_disk_in_a_sweep_is_one_line(tmp_path: Path, room_kb: int) -> Non
     disk.mkdir()
     arguments = ("--samples", "200", "--vary", "height=uniform:1:2", "--no-record", "--jobs", "1")
     with small_disk(disk, room_kb):
-        code, *said = told(("sweep", "--out", "s", *arguments), disk)
+        code, *output = outcome(("sweep", "--out", "s", *arguments), disk)
         assert code == 1
-        assert_one_line(*said, ".parquet cannot be written: ", "again to resume")
-        assert "No space left" in said[1] or "File too large" in said[1]
+        assert_one_line(*output, ".parquet cannot be written: ", "again to resume")
+        assert "No space left" in output[1] or "File too large" in output[1]
         assert not list(disk.rglob("*.part"))
 
 
-def test_a_sweep_whose_recordings_cannot_fit_is_not_begun(tmp_path: Path) -> None:
+def test_a_sweep_whose_recordings_cannot_fit_is_not_started(tmp_path: Path) -> None:
     arguments = ("--samples", "100000000000", "--vary", "height=uniform:1:2")
-    code, *said = told(("sweep", "--out", "s", *arguments), tmp_path)
+    code, *output = outcome(("sweep", "--out", "s", *arguments), tmp_path)
     assert code == 1
-    assert_one_line(*said, "s/recordings needs about 5.0 PB", "record less")
+    assert_one_line(*output, "s/recordings needs about 5.0 PB", "record less")
     assert not list(tmp_path.rglob("*.rrd*"))
 
 
-def test_too_little_room_is_said_before_the_work_is_begun(tmp_path: Path) -> None:
+def test_too_little_room_is_reported_before_the_work_starts(tmp_path: Path) -> None:
     free = shutil.disk_usage(tmp_path).free
     with pytest.raises(OutputError, match=r"B .*free"):
         check_room(tmp_path / "run.rrd", free * 2)
@@ -305,14 +307,14 @@ def test_too_little_room_is_said_before_the_work_is_begun(tmp_path: Path) -> Non
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_a_large_recording_takes_is_said_before_the_work_is_begun(
+def test_what_a_large_recording_takes_is_reported_before_the_work_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pipeline.stages.simulate.LARGE_BYTES", 1000)
     notes: list[str] = []
     simulate(Scenario(), tmp_path / "run.rrd", camera=None, note=notes.append)
     assert len(notes) == 1
-    assert "241 samples take some" in notes[0]
+    assert "241 samples take about" in notes[0]
     assert "GB of memory to analyze" in notes[0]
 
 
@@ -334,10 +336,10 @@ def test_a_folder_that_is_read_only_gets_one_line_and_nothing_new(
             stack.callback(disk.chmod, 0o755)
         for arguments in (TINY, ("analyze", "run.rrd"), ("render", "run.rrd"),
                           ("check", "run.rrd", "--against", "golden.rrd", "--update")):  # fmt: skip
-            code, *said = told(arguments, disk)
+            code, *output = outcome(arguments, disk)
             assert code == 1
-            assert_one_line(*said, "cannot be written")
-        assert [one.name for one in disk.iterdir()] == ["run.rrd"]
+            assert_one_line(*output, "cannot be written")
+        assert [file.name for file in disk.iterdir()] == ["run.rrd"]
 
 
 def test_a_folder_that_vanishes_gets_one_line(tmp_path: Path) -> None:
@@ -346,13 +348,13 @@ def test_a_folder_that_vanishes_gets_one_line(tmp_path: Path) -> None:
     process = start((*SHORT[:2], str(folder / "run.rrd"), *SHORT[3:]), tmp_path)
     wait_for(lambda: size(folder / "run.rrd.part") > 0, "no .part")
     shutil.rmtree(folder)
-    said = ended(process)
+    output = ended(process)
     assert process.returncode == 1
-    assert_one_line(*said, "No such file")
+    assert_one_line(*output, "No such file")
     assert not folder.exists()
 
 
-def test_targets_that_are_no_files_are_left_as_they_are(tmp_path: Path) -> None:
+def test_targets_that_are_not_files_are_kept(tmp_path: Path) -> None:
     (tmp_path / "a file").write_text("precious")
     os.mkfifo(tmp_path / "pipe.rrd")
     for target, words in (
@@ -361,10 +363,10 @@ def test_targets_that_are_no_files_are_left_as_they_are(tmp_path: Path) -> None:
         (tmp_path / "pipe.rrd", "not a regular file"),
         (tmp_path / ("x" * 300 + ".rrd"), "too long"),
     ):
-        code, *said = told(("simulate", "--out", str(target), "--force"), tmp_path)
-        assert_one_line(*said, words)
+        code, *output = outcome(("simulate", "--out", str(target), "--force"), tmp_path)
+        assert_one_line(*output, words)
         assert code == 1
-    assert {one.name for one in tmp_path.iterdir()} == {"a file", "pipe.rrd"}
+    assert {file.name for file in tmp_path.iterdir()} == {"a file", "pipe.rrd"}
     assert (tmp_path / "a file").read_text() == "precious"
 
 
@@ -388,7 +390,7 @@ def named(kind: str, folder: Path, target: Path, suffix: str) -> Path:
 
 @pytest.fixture
 def run_rrd(tmp_path: Path, precious: bytes) -> Path:
-    """Return a recording in a folder of its own."""
+    """Return a recording in a separate folder."""
     path = tmp_path / "run.rrd"
     path.write_bytes(precious)
     return path
@@ -455,7 +457,7 @@ def test_the_part_that_is_read_is_not_written_over(run_rrd: Path, precious: byte
 
 
 @pytest.mark.parametrize("name", ["a.png", "b.gif"])
-def test_a_recording_that_is_called_like_a_picture_is_not_drawn_over(
+def test_a_recording_named_like_a_picture_is_not_overwritten(
     run_rrd: Path, precious: bytes, name: str
 ) -> None:
     path = run_rrd.rename(run_rrd.with_name(name))
@@ -501,7 +503,7 @@ def test_only_a_layer_is_replaced_under_a_layers_default_name(
 def test_only_pictures_are_replaced_under_their_default_names(
     run_rrd: Path, precious: bytes
 ) -> None:
-    """And of those only what drop made: somebody's own film may have the name."""
+    """And only those that drop made: a user's own film may have the name."""
     film = io.BytesIO()
     Image.new("RGB", (8, 8), "red").save(film, "gif")
     plot = io.BytesIO()
@@ -519,7 +521,7 @@ def test_only_pictures_are_replaced_under_their_default_names(
 
 
 def test_a_part_that_is_a_link_is_not_followed(run_rrd: Path, precious: bytes) -> None:
-    """Nor is one that is a pipe waited for."""
+    """Nor does a pipe make it wait."""
     part = run_rrd.with_name("new.rrd.part")
     for make in (lambda: part.symlink_to(run_rrd), lambda: os.mkfifo(part), part.mkdir):
         make()
@@ -564,12 +566,12 @@ WRITERS: dict[str, Callable[[Path, Path, bool], object]] = {
     "script.rrd": lambda run, out, force: record_one_step(run.parent, out, force=force),
     "golden.rrd": lambda run, out, _: check(run, out, update=True),
 }  # fmt: skip
-"""By the name of what is written: how, from a recording `run.rrd` with frames."""
+"""How each file is written from a recording `run.rrd` with frames, by the file's name."""
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_part_that_is_there_is_left_as_it_is(tmp_path: Path, filmed: Path, name: str) -> None:
-    """It may be anybody's, whole or unfinished; with --force it goes."""
+def test_an_existing_part_is_kept(tmp_path: Path, filmed: Path, name: str) -> None:
+    """It may be anything, complete or unfinished; with --force it is replaced."""
     run, out = tmp_path / "run.rrd", tmp_path / name
     run.write_bytes(filmed.read_bytes())
     part = part_of(out)
@@ -585,12 +587,12 @@ def test_a_part_that_is_there_is_left_as_it_is(tmp_path: Path, filmed: Path, nam
 
 
 def stop(*_: object) -> None:
-    """Be told of the progress, and end as Ctrl-C does it."""
+    """Receive the progress, and end as by Ctrl-C."""
     raise KeyboardInterrupt
 
 
 def test_a_run_that_was_stopped_can_be_repeated_and_what_it_left_stays(tmp_path: Path) -> None:
-    """Until too much of that is there: then a line says so."""
+    """Until there are too many such files: then a line says so."""
     run, notes = tmp_path / "run.rrd", list[str]()
     left: dict[Path, bytes] = {}
     for number in range(1, MOST_PARTS + 1):
@@ -603,12 +605,12 @@ def test_a_run_that_was_stopped_can_be_repeated_and_what_it_left_stays(tmp_path:
         left[part] = part.read_bytes()
     with pytest.raises(OutputError, match=r"run\.rrd\.part and 8 more unfinished files"):
         simulate(Scenario(duration_s=0.1), run, camera=None)
-    assert {one: one.read_bytes() for one in tmp_path.iterdir()} == left
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == left
     part.unlink()
     simulate(Scenario(duration_s=0.1), run, camera=None)
     assert not read(run).partial
     del left[part]
-    assert {one: one.read_bytes() for one in tmp_path.iterdir() if one != run} == left
+    assert {file: file.read_bytes() for file in tmp_path.iterdir() if file != run} == left
 
 
 def test_with_force_a_stopped_run_leaves_one_part_however_often(tmp_path: Path) -> None:
@@ -618,10 +620,10 @@ def test_with_force_a_stopped_run_leaves_one_part_however_often(tmp_path: Path) 
                 Scenario(duration_s=0.1), tmp_path / "run.rrd", camera=None, force=True,
                 progress=stop,
             )  # fmt: skip
-    assert [one.name for one in tmp_path.iterdir()] == ["run.rrd.part"]
+    assert [file.name for file in tmp_path.iterdir()] == ["run.rrd.part"]
 
 
-def test_beside_a_part_that_is_there_a_second_writer_is_turned_away_too(tmp_path: Path) -> None:
+def test_a_second_writer_is_rejected_beside_an_existing_part_too(tmp_path: Path) -> None:
     run = tmp_path / "run.rrd"
     part_of(run).write_bytes(b"precious")
     with sealing.unfinished(run, force=False) as part:
@@ -635,8 +637,8 @@ def test_beside_a_part_that_is_there_a_second_writer_is_turned_away_too(tmp_path
     assert run.read_bytes() == b"mine"
 
 
-def test_what_is_in_a_forced_part_is_of_this_run(tmp_path: Path) -> None:
-    """What fails before it has written anything does not say that something is in there."""
+def test_a_forced_part_holds_only_this_run(tmp_path: Path) -> None:
+    """A run that fails before writing anything does not claim that the part holds anything."""
     run = tmp_path / "run.rrd"
     with pytest.raises(KeyboardInterrupt):
         simulate(Scenario(duration_s=0.1), run, camera=None, progress=stop)
@@ -649,7 +651,7 @@ def test_what_is_in_a_forced_part_is_of_this_run(tmp_path: Path) -> None:
 def test_a_damaged_recording_is_read_under_a_name_that_is_free(
     run_rrd: Path, precious: bytes
 ) -> None:
-    """The line that says how to read what was cut does not say to replace what is there."""
+    """The line on how to read a cut recording does not suggest replacing an existing file."""
     part_of(run_rrd).write_bytes(b"theirs")
     run_rrd.write_bytes(precious[:-2000])
     with pytest.raises(RecordingError) as raised:
@@ -660,7 +662,7 @@ def test_a_damaged_recording_is_read_under_a_name_that_is_free(
 def test_a_part_that_is_also_a_whole_recording_is_not_written_into(
     run_rrd: Path, precious: bytes
 ) -> None:
-    """A run is killed after its recording has the final name, and before the other one is gone."""
+    """A run is killed after its recording has got the final name, before the `.part` is removed."""
     part = part_of(run_rrd)
     part.hardlink_to(run_rrd)
     with sealing.unfinished(run_rrd, force=True):
@@ -678,23 +680,23 @@ def test_a_link_that_leads_nowhere_is_a_file_that_exists(run_rrd: Path) -> None:
     assert not run_rrd.with_name("nowhere").exists()
 
 
-def test_a_recording_that_is_created_meanwhile_stays(run_rrd: Path) -> None:
-    """And what is said of the files is so."""
+def test_a_recording_created_by_another_process_is_kept(run_rrd: Path) -> None:
+    """And the message is true of the files."""
     new = run_rrd.with_name("new.rrd")
 
-    def meanwhile(*_: object) -> None:
+    def create(*_: object) -> None:
         new.write_text("theirs")
 
     with pytest.raises(OutputError, match="created by another process") as raised:
-        simulate(Scenario(duration_s=0.1), new, camera=None, progress=meanwhile)
+        simulate(Scenario(duration_s=0.1), new, camera=None, progress=create)
     assert new.read_text() == "theirs"
     assert raised.value.__notes__ == [f"what had been recorded is in {new}.part"]
     assert not read(new.with_name("new.rrd.part")).partial
-    said = str(raised.value).split()
-    assert not [word for word in said if "new.rrd." in word]  # no file that is gone
+    output = str(raised.value).split()
+    assert not [word for word in output if "new.rrd." in word]  # no file that is gone
 
 
-def test_what_does_not_verify_is_not_said_to_stay(
+def test_a_recording_that_does_not_verify_is_not_reported_as_kept(
     run_rrd: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = sealing._rerun
@@ -706,7 +708,7 @@ def test_what_does_not_verify_is_not_said_to_stay(
     new = run_rrd.with_name("new.rrd")
     with pytest.raises(OutputError, match="does not verify") as raised:
         simulate(Scenario(duration_s=0.1), new, camera=None)
-    assert {one.name for one in new.parent.iterdir()} == {"run.rrd", "new.rrd.part"}
+    assert {file.name for file in new.parent.iterdir()} == {"run.rrd", "new.rrd.part"}
     assert "sealed" not in str(raised.value)
     assert raised.value.__notes__ == [f"what had been recorded is in {new}.part"]
 
@@ -724,12 +726,12 @@ def test_runs_at_once_in_one_folder_are_numbered(
 
     monkeypatch.setattr(run_stage, "Worker", waiting)
 
-    def one(_: int) -> str:
+    def run_one(_: int) -> str:
         whole = run_stage.run(Scenario(duration_s=0.1), tmp_path / "d", camera=None)
         return whole.simulation.recording.name
 
     with ThreadPoolExecutor(3) as pool:
-        names = sorted(pool.map(one, range(3)))
+        names = sorted(pool.map(run_one, range(3)))
     assert names == ["run-2.rrd", "run-3.rrd", "run.rrd"]
     assert len(list((tmp_path / "d").iterdir())) == 3 * 3  # recording, layer, plot
 
@@ -744,9 +746,9 @@ def test_a_run_that_fails_frees_its_number(tmp_path: Path) -> None:
 
 
 def killed(folder: Path, number: int, seed: int, precious: bytes) -> tuple[int, str, str]:
-    """Kill one run at its moment; return its exit code and what it said.
+    """Kill one run at its moment; return its exit code and what it printed.
 
-    Two of three are killed while they step, the others about the time when they are sealed.
+    Two of three are killed while stepping, the others around the time of sealing.
     """
     chance = random.Random(seed * 1000 + number)
     how = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)[number % 3]
@@ -754,7 +756,7 @@ def killed(folder: Path, number: int, seed: int, precious: bytes) -> tuple[int, 
     (folder / "run.rrd").write_bytes(precious)
     long = number // 3 % 3 != 2
     process = start(LONG if long else SHORT, folder)
-    # By what it has written, however fast this machine is at the moment.
+    # Timed by what it has written, so that the machine's speed does not matter.
     least = chance.uniform(0, 3 * ONE_BATCH) if long else 0
     wait_for(lambda: size(folder / "run.rrd.part", missing=-1) >= least, "no .part")
     time.sleep(chance.uniform(0, 0.1 if long else 0.6))
@@ -768,7 +770,7 @@ def killed(folder: Path, number: int, seed: int, precious: bytes) -> tuple[int, 
 
 
 def hold_many(kills: int, seed: int, place: Path, precious: bytes) -> None:
-    """Kill so many runs, and hold what each leaves."""
+    """Kill a number of runs, and check what each leaves."""
     folders = [place / str(number) for number in range(kills)]
     given = folders, range(kills), [seed] * kills, [precious] * kills
     with ThreadPoolExecutor(2) as pool:
@@ -778,38 +780,36 @@ def hold_many(kills: int, seed: int, place: Path, precious: bytes) -> None:
         if (folder / "run.rrd").read_bytes() != precious:
             assert not read(folder / "run.rrd").partial
         part = folder / "run.rrd.part"
-        if part.exists() and (found := salvaged(part)) is not None:
-            parts.append(found)
+        if part.exists() and (salvage := salvaged(part)) is not None:
+            parts.append(salvage)
             salvaged_after.add(code)
         if code in (130, 143):
             assert_one_line(stdout, stderr, "interrupted" if code == 130 else "terminated")
             assert ("run.rrd.part" in stderr) == (part.exists() and size(part) > 0)
-        # What a killed process cannot take back: the copy that was being sealed, nothing else.
+        # A killed process cannot remove the copy being sealed; nothing else may be left.
         known = {"run.rrd", "run.rrd.part", "run.rrd.part.sealed"}
-        assert {one.name for one in folder.iterdir()} <= known
+        assert {file.name for file in folder.iterdir()} <= known
         assert code == -9 or not (folder / "run.rrd.part.sealed").exists()
     assert len(parts) >= kills / 4
     assert salvaged_after >= {130, 143, -9}
-    # One scenario falls one way: every part is the beginning of the longest.
-    longest = max((found.states for found in parts), key=len)
-    for found in parts:
-        assert found.states.equals(longest.head(len(found.states)))
-        assert found.partial or len(found.states) == found.scenario.steps + 1
+    # The scenario is deterministic: every part is a beginning of the longest.
+    longest = max((salvage.states for salvage in parts), key=len)
+    for salvage in parts:
+        assert salvage.states.equals(longest.head(len(salvage.states)))
+        assert salvage.partial or len(salvage.states) == salvage.scenario.steps + 1
     assert len(longest) > 10_000
 
 
 @pytest.mark.long
-def test_killed_at_any_moment_it_loses_nothing_that_was_there(
-    tmp_path: Path, precious: bytes
-) -> None:
+def test_a_run_killed_at_any_moment_loses_no_existing_file(tmp_path: Path, precious: bytes) -> None:
     hold_many(KILLS, SEED, tmp_path, precious)
 
 
 @pytest.mark.long
-def test_a_sweep_that_is_killed_again_and_again_goes_on_with_what_is_its_own(
+def test_a_sweep_that_is_killed_repeatedly_resumes_from_its_own_files(
     tmp_path: Path, drop: Drop
 ) -> None:
-    """What it finds then: whole parts, recordings of parts that are not, and what was begun."""
+    """It then finds complete parts, recordings of incomplete ones, and unfinished files."""
     plan = {"samples": 70, "seed": 1, "vary": ["height=uniform:1:2"]}  # in parts of 2
     words = ("sweep", "--out", "s", "--samples", "70", "--seed", "1", "--vary",
              "height=uniform:1:2", "--jobs", "2")  # fmt: skip
@@ -822,16 +822,16 @@ def test_a_sweep_that_is_killed_again_and_again_goes_on_with_what_is_its_own(
         assert process.returncode in (-9, 143, 0), stderr
     last = drop(*words)
     assert (last.returncode, last.stderr) == (0, "")
-    found = pl.read_parquet(tmp_path / "s" / "results.parquet")
+    results = pl.read_parquet(tmp_path / "s" / "results.parquet")
     alone = sweep(plan_of({}, **plan), tmp_path / "alone", record=False, jobs=1).table()
-    assert found.drop("recording").equals(alone.drop("recording"))
-    assert [f"recordings/run-{run}.rrd" for run in range(70)] == found["recording"].to_list()
-    for row in found.iter_rows(named=True):
+    assert results.drop("recording").equals(alone.drop("recording"))
+    assert [f"recordings/run-{run}.rrd" for run in range(70)] == results["recording"].to_list()
+    for row in results.iter_rows(named=True):
         assert read(tmp_path / "s" / row["recording"]).scenario.height_m == row["height_m"]
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
-def test_what_a_killed_run_left_is_analyzed_and_said_to_be_partial(
+def test_what_a_killed_run_left_is_analyzed_and_reported_as_partial(
     drop: Drop, tmp_path: Path, how: signal.Signals
 ) -> None:
     process, part = start(LONG, tmp_path), tmp_path / "run.rrd.part"
@@ -839,15 +839,15 @@ def test_what_a_killed_run_left_is_analyzed_and_said_to_be_partial(
     process.send_signal(how)
     ended(process)
     samples = len(read(part).states)
-    # Only a batch that is not whole yet may be missing.
+    # Only a batch that was not complete may be missing.
     assert samples > size(part) / BYTES_PER_SAMPLE - BATCH
     done = drop("analyze", "run.rrd.part", "--json")
-    told = json.loads(done.stdout)
-    assert (done.returncode, told["partial"]) == (0, True)
+    analysis = json.loads(done.stdout)
+    assert (done.returncode, analysis["partial"]) == (0, True)
     assert f"never finished: this is the analysis of the {samples:,} samples" in done.stderr
-    assert abs(told["at"][0]["error_m"] + 0.001820347613623) < 1e-15
+    assert abs(analysis["at"][0]["error_m"] + 0.001820347613623) < 1e-15
     assert drop("render", "run.rrd.part").returncode == 0
-    # Under a final name the same file is no recording, and the line says how to read it.
+    # Under a final name the same file is not a recording, and the line says how to read it.
     part.rename(tmp_path / "run.rrd")
     refused = drop("analyze", "run.rrd")
     assert refused.returncode == 1
@@ -862,9 +862,9 @@ def test_a_part_that_is_cut_within_a_message_gives_all_messages_before_it(tmp_pa
     data, whole = part.read_bytes(), read(part)
     for less in (1, 16, 1000, 100_000, ONE_BATCH // 2):
         part.write_bytes(data[:-less])
-        found = read(part)
-        assert len(found.states) >= len(whole.states) - BATCH
-        assert found.states.equals(whole.states.head(len(found.states)))
+        cut = read(part)
+        assert len(cut.states) >= len(whole.states) - BATCH
+        assert cut.states.equals(whole.states.head(len(cut.states)))
 
 
 def test_a_recording_can_be_read_while_it_grows(tmp_path: Path) -> None:
@@ -872,11 +872,11 @@ def test_a_recording_can_be_read_while_it_grows(tmp_path: Path) -> None:
     seen = [0]
     wait_for(lambda: size(part) > 1.5 * ONE_BATCH, "no .part")
     while len(seen) < 4:
-        found = read(part)
-        assert found.partial
-        assert len(found.states) >= seen[-1]
-        if len(found.states) > seen[-1]:
-            seen.append(len(found.states))
+        growing = read(part)
+        assert growing.partial
+        assert len(growing.states) >= seen[-1]
+        if len(growing.states) > seen[-1]:
+            seen.append(len(growing.states))
     process.terminate()
     ended(process)
     assert process.returncode == 143
@@ -885,13 +885,13 @@ def test_a_recording_can_be_read_while_it_grows(tmp_path: Path) -> None:
 # -- others ---------------------------------------------------------------------------------------
 
 
-def test_a_second_writer_is_turned_away(tmp_path: Path) -> None:
+def test_a_second_writer_is_rejected(tmp_path: Path) -> None:
     first = start(LONG, tmp_path)
     wait_for((tmp_path / "run.rrd.part").exists, "no .part")
     second = start(SHORT, tmp_path)
-    said = ended(second)
+    output = ended(second)
     assert second.returncode == 1
-    assert_one_line(*said, "another process is writing run.rrd")
+    assert_one_line(*output, "another process is writing run.rrd")
     before = size(tmp_path / "run.rrd.part")
     wait_for(lambda: size(tmp_path / "run.rrd.part") > before, "the first writer stopped")
     first.terminate()
@@ -899,7 +899,7 @@ def test_a_second_writer_is_turned_away(tmp_path: Path) -> None:
 
 
 def test_many_writers_of_one_target_leave_one_whole_recording(tmp_path: Path) -> None:
-    """They start at once; each finishes, or is rejected before or after its work."""
+    """They start together; each finishes, or is rejected before or after its work."""
     arguments = ("simulate", "--out", "run.rrd", "--no-camera", "--force", "--duration", "0.5")
     processes = [start(arguments, tmp_path) for _ in range(4)]
     for process in processes:
@@ -908,7 +908,7 @@ def test_many_writers_of_one_target_leave_one_whole_recording(tmp_path: Path) ->
         assert len((stdout + stderr).splitlines()) == 1
     assert {process.returncode for process in processes} >= {0}
     assert len(read(tmp_path / "run.rrd").states) == 121
-    assert [one.name for one in tmp_path.iterdir()] == ["run.rrd"]
+    assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
 
 
 def test_many_analyses_of_one_recording_leave_whole_files(tmp_path: Path) -> None:
@@ -918,7 +918,7 @@ def test_many_analyses_of_one_recording_leave_whole_files(tmp_path: Path) -> Non
         stdout, stderr = ended(process)
         assert process.returncode in (0, 1)
         assert len((stdout + stderr).splitlines()) == 1
-    assert {one.name for one in tmp_path.iterdir()} == {"run.rrd", "run.png"}
+    assert {file.name for file in tmp_path.iterdir()} == {"run.rrd", "run.png"}
     assert (tmp_path / "run.png").read_bytes().endswith(b"IEND\xaeB`\x82")
 
 
@@ -943,9 +943,9 @@ def test_a_frame_worker_that_dies_is_one_line_and_no_loss(
     process = start(MANY_FRAMES, tmp_path)
     wait_for(lambda: size(tmp_path / "run.rrd.part") > 2_000_000, "no frames")
     os.kill(int(descendants_of(process.pid)[0]), how)
-    said = ended(process)
+    output = ended(process)
     assert process.returncode == 1
-    assert_one_line(*said, "worker process died", "run.rrd.part")
+    assert_one_line(*output, "worker process died", "run.rrd.part")
     assert (tmp_path / "run.rrd").read_bytes() == precious
     assert read(tmp_path / "run.rrd.part").partial
 
@@ -955,7 +955,7 @@ def test_frame_workers_end_with_their_parent(tmp_path: Path, how: signal.Signals
     process = start(MANY_FRAMES, tmp_path)
     wait_for(lambda: size(tmp_path / "run.rrd.part") > 2_000_000, "no frames")
     if how == signal.SIGINT:
-        os.killpg(process.pid, how)  # as a terminal does it: to everybody at once
+        os.killpg(process.pid, how)  # as a terminal does: to all processes at once
     else:
         process.send_signal(how)
     stdout, stderr = ended(process)
@@ -969,7 +969,7 @@ def test_frame_workers_end_with_their_parent(tmp_path: Path, how: signal.Signals
 
 
 def test_only_python_writes_to_standard_output() -> None:
-    """Bullet prints from C, in a buffer that is emptied when the process ends."""
+    """Bullet prints from C, into a buffer that is flushed when the process ends."""
     code = """
 import ctypes, sys, types, typer
 from pipeline.console.running import main
@@ -1032,10 +1032,10 @@ def test_standard_output_that_is_closed_or_full_ends_in_its_exit_code(
         ("analyze gone.rrd", 2, None, 1, 0),
     ],
 )
-def test_standard_output_or_error_that_is_closed_or_full_is_no_other_end(
+def test_a_closed_or_full_standard_output_or_error_does_not_change_the_exit_code(
     short: Path, command: str, stream: int, to: str | None, code: int, lines: int
 ) -> None:
-    """In this process: how Python itself ends is seen above."""
+    """In this process: the test above covers how Python itself ends."""
     with (
         Path(os.devnull).open("r+") as nothing,
         tempfile.TemporaryFile("w+") as error,
@@ -1045,13 +1045,13 @@ def test_standard_output_or_error_that_is_closed_or_full_is_no_other_end(
         streams[stream] = target.fileno() if to else None
         ended = run_here(command.split(), short, streams=streams, environment=environment())
         error.seek(0)
-        said = error.read()
-    assert (ended, len(said.splitlines())) == (code, lines), said
+        output = error.read()
+    assert (ended, len(output.splitlines())) == (code, lines), output
     if command.startswith("simulate"):
         assert not read(short / "new.rrd").partial
 
 
-def test_standard_output_that_may_not_be_so_large_is_what_is_named(short: Path) -> None:
+def test_a_standard_output_that_gets_too_large_is_named(short: Path) -> None:
     done = subprocess.run(
         ["bash", "-c", f'ulimit -f 0; "{sys.executable}" -m cli sweep --help >out.txt'],
         cwd=short, env=environment(), capture_output=True, text=True, check=False,

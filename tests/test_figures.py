@@ -1,7 +1,7 @@
 """Verification: a gif shows every frame, exactly, at its time; a plot shows what its table says.
 
-The frames are PyBullet's own, drawn here and through none of our code; the tables follow Bullet's
-law of one step, `v += dt (-g - k v (1 + |v|)); z += dt v`, beside its closed forms.
+The frames are drawn by PyBullet here, without any of our code; the tables follow Bullet's law of
+one step, `v += dt (-g - k v (1 + |v|)); z += dt v`, beside its closed forms.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def standard_frames() -> list[Pixels]:
 
 
 def coloured(count: int, *, seed: int = 0, size: tuple[int, int] = (40, 30)) -> Pixels:
-    """Return a picture of exactly so many colours, at random places."""
+    """Return a picture with a given number of colours, at random places."""
     rng = np.random.default_rng(seed)
     packed = rng.choice(1 << 24, count, replace=False)
     palette = np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1).astype(np.uint8)
@@ -103,8 +103,8 @@ def decoded(gif: bytes) -> tuple[list[Pixels], list[int]]:
         return pictures, delays_ms
 
 
-def same(one: Sequence[Pixels], other: Sequence[Pixels]) -> bool:
-    return len(one) == len(other) and all(map(np.array_equal, one, other))
+def same(ours: Sequence[Pixels], theirs: Sequence[Pixels]) -> bool:
+    return len(ours) == len(theirs) and all(map(np.array_equal, ours, theirs))
 
 
 # -- gif: what comes out --------------------------------------------------------------------------
@@ -112,14 +112,14 @@ def same(one: Sequence[Pixels], other: Sequence[Pixels]) -> bool:
 
 def test_every_recorded_frame_is_in_the_gif_to_the_pixel(standard_frames: list[Pixels]) -> None:
     still = sum(map(np.array_equal, standard_frames, standard_frames[1:]))
-    assert still >= 10  # the box lies still in the end: these are what other writers merge
+    assert still >= 10  # the box is still in the end: other writers merge these
     wrote, gif = written(standard_frames)
     pictures, delays_ms = decoded(gif)
     assert wrote == Gif(frames=41, duration_s=2.05, quantised=0)
     assert same(pictures, standard_frames)
     assert delays_ms == [50] * 41
     with Image.open(io.BytesIO(gif)) as image:
-        assert image.info["loop"] == 0  # for ever
+        assert image.info["loop"] == 0  # forever
 
 
 def test_only_what_changed_is_stored(standard_frames: list[Pixels]) -> None:
@@ -162,7 +162,7 @@ def test_up_to_256_colours_are_exact(count: int) -> None:
 
 
 def test_new_colours_get_a_palette_of_their_own() -> None:
-    frames = [coloured(200, seed=seed) for seed in (1, 2, 2, 1, 3)]  # 600 colours in all
+    frames = [coloured(200, seed=seed) for seed in (1, 2, 2, 1, 3)]  # 600 colours in total
     frames.append(frames[-1].copy())
     frames[-1][3, 4] = (1, 2, 3)
     wrote, gif = written(frames)
@@ -192,7 +192,7 @@ def test_more_colours_than_a_gif_holds_are_reported_and_close() -> None:
 
 
 def test_frames_are_written_as_they_come() -> None:
-    """Memory cannot grow with the number of frames: each is written before the next is asked."""
+    """Memory does not grow with the number of frames: each is written before the next is taken."""
     stream = io.BytesIO()
     lengths = []
 
@@ -343,8 +343,8 @@ def panels(name: str) -> dict[str, Axes]:
 
 
 def line(axes: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
-    (found,) = (one for one in axes.lines if one.get_label() == label)
-    return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
+    (curve,) = (curve for curve in axes.lines if curve.get_label() == label)
+    return np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())
 
 
 def texts(axes: Axes) -> list[str]:
@@ -374,18 +374,18 @@ def test_a_plot_for_dark_pages_is_dark() -> None:
 
 
 @pytest.mark.parametrize("name", ["standard", "Moon, still in the air", "bounces", "20 km"])
-def test_no_words_lie_on_others_or_off_the_page(name: str) -> None:
+def test_no_words_overlap_or_leave_the_page(name: str) -> None:
     figure = build_figure(TABLES[name])
     figure.draw_without_rendering()
     words = [*figure.texts, *figure.legends[0].get_texts()]
     for axes in axes_of(figure).values():
         words += [axes.xaxis.label, axes.yaxis.label, *axes.texts]
         words += [axes.get_title(loc="left") and axes._left_title]
-    boxes = [(one, one.get_window_extent()) for one in words if one and one.get_text()]
-    for one, box in boxes:
-        assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1, one
-    for (one, box), (other, other_box) in itertools.combinations(boxes, 2):
-        assert not box.overlaps(other_box), (one, other)
+    boxes = [(word, word.get_window_extent()) for word in words if word and word.get_text()]
+    for word, box in boxes:
+        assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1, word
+    for (word, box), (other, other_box) in itertools.combinations(boxes, 2):
+        assert not box.overlaps(other_box), (word, other)
 
 
 STRIKING = {
@@ -400,7 +400,7 @@ STRIKING = {
         Facts("", impact_s=0.97, rest_m=None),
     ),
 }
-"""Where words stood, a curve or the line of the impact ran."""
+"""Drops in which a curve or the impact's line once ran through words."""
 
 
 @pytest.mark.parametrize("name", [*TABLES, *STRIKING])
@@ -423,18 +423,18 @@ def test_no_word_is_struck_through(name: str) -> None:
 
 
 def runs_through(line: Line2D, box: Bbox) -> bool:
-    """Whether a curve has a point in a box, where a thousand are drawn between two samples."""
+    """Whether a curve has a point in a box, with a thousand points between two samples."""
     x, y = line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float)).T
     places = np.linspace(0, len(x) - 1, 1000 * max(1, len(x) - 1) + 1)
     x, y = (np.interp(places, np.arange(len(x)), of) for of in (x, y))
     return bool(((box.x0 < x) & (x < box.x1) & (box.y0 < y) & (y < box.y1)).any())
 
 
-def test_impact_and_rest_are_told_wherever_there_is_room() -> None:
+def test_impact_and_rest_are_labelled_wherever_there_is_room() -> None:
     for name, (table, facts) in STRIKING.items():
-        said = " ".join(texts(axes_of(build_figure(table, facts))["height"]))
-        assert "impact at" in said, name
-        assert ("rests at" in said) == (facts is None or facts.rest_m is not None), name
+        words = " ".join(texts(axes_of(build_figure(table, facts))["height"]))
+        assert "impact at" in words, name
+        assert ("rests at" in words) == (facts is None or facts.rest_m is not None), name
 
 
 @pytest.mark.parametrize("floor", [True, False])
@@ -444,8 +444,8 @@ def test_beside_a_body_that_nobody_stepped_no_theory_falls(floor: bool) -> None:
     table = fallen.with_columns(*nothing, simulated_m=pl.lit(1.0), phase=pl.lit("falling"))
     figure = build_figure(table)
     axes = axes_of(figure)["height"]
-    assert [one.get_label() for one in axes.lines] == ["simulated"]
-    assert [one.get_text() for one in figure.legends[0].get_texts()] == ["simulated"]
+    assert [curve.get_label() for curve in axes.lines] == ["simulated"]
+    assert [label.get_text() for label in figure.legends[0].get_texts()] == ["simulated"]
     assert axes.get_ylim()[0] == 0
     moved = table.with_columns(simulated_m=1.0 - 1e-6 * pl.col("time_s"))
     assert len(axes_of(build_figure(moved))["height"].lines) == 3
@@ -497,7 +497,7 @@ def test_an_svg_keeps_its_text_as_text_and_no_date() -> None:
     assert "sans-serif" in svg  # for readers without matplotlib's own font
 
 
-def test_the_users_own_settings_stay_out_and_untouched() -> None:
+def test_the_users_own_settings_are_ignored_and_untouched() -> None:
     import matplotlib
 
     before, plain = io.BytesIO(), io.BytesIO()
@@ -552,15 +552,20 @@ def test_the_sum_is_written_out_at_the_time_asked_for() -> None:
 
 
 def test_the_moment_that_is_written_out_is_marked_where_it_is_in_the_stack() -> None:
-    """A dot on the total, and a line through all of the stack: −6.131 up to +4.311 mm."""
+    """A dot on the total, and a line through the whole stack, from −6.131 to +4.311 mm."""
     axes = panels("standard")["error"]
     row = STANDARD.row(72, named=True)
-    (dot, *_) = (one for one in axes.lines if one.get_marker() == "o" and len(one.get_xdata()) == 1)
+    (dot, *_) = (
+        curve for curve in axes.lines if curve.get_marker() == "o" and len(curve.get_xdata()) == 1
+    )
     assert (dot.get_xdata()[0], dot.get_ydata()[0]) == (
         pytest.approx(0.3), pytest.approx(1e3 * (row["simulated_m"] - row["free_fall_m"])),
     )  # fmt: skip
-    upright = [segment for one in axes.collections if isinstance(one, LineCollection)
-               for segment in one.get_segments() if segment[0][0] == segment[1][0]]  # fmt: skip
+    lines = (
+        collection for collection in axes.collections if isinstance(collection, LineCollection)
+    )
+    segments = (segment for collection in lines for segment in collection.get_segments())
+    upright = [segment for segment in segments if segment[0][0] == segment[1][0]]
     (through,) = upright
     top_mm = 1e3 * (row["damping_m"] + row["interaction_m"])
     assert through[:, 0] == pytest.approx(0.3)
@@ -581,7 +586,7 @@ def test_impact_and_rest_are_pointed_out() -> None:
     axes = panels("standard")
     assert texts(axes["height"]) == ["impact at 0.4479 s", "rests at 25.000 mm"]
     for panel in ("height", "error"):
-        (dashed,) = (one for one in axes[panel].lines if one.get_linestyle() == "--")
+        (dashed,) = (curve for curve in axes[panel].lines if curve.get_linestyle() == "--")
         assert dashed.get_xdata() == [facts.impact_s] * 2
     times, heights = line(axes["impact"], "simulated")
     assert axes["impact"].get_xlabel() == "time from impact [ms]"
@@ -592,7 +597,7 @@ def test_impact_and_rest_are_pointed_out() -> None:
     assert times[lowest] == pytest.approx(1e3 * (108 / 240 - facts.impact_s))  # ms
 
 
-def test_a_table_says_by_itself_what_was_dropped() -> None:
+def test_a_table_alone_tells_what_was_dropped() -> None:
     facts = facts_of(STANDARD)
     assert (facts.title, facts.subtitle) == ("Dropped from 1 m", "240 steps of 1/240 s")
     assert facts_of(TABLES["two samples"]).subtitle == "1 step of 1/240 s"
@@ -614,14 +619,14 @@ def test_high_bounces_are_not_covered_by_the_enlargement() -> None:
 
 
 def test_in_other_units_curves_marks_and_words_are_in_them() -> None:
-    """A short fall from 20 mm over the floor: the time in ms, all that is drawn as well."""
+    """A short fall from 20 mm above the floor: the time axis and all marks are in ms."""
     table = table_of(height_m=0.025 + 1e-5, timestep_s=1e-5, steps=800, gravity_m_s2=9.81)
     axes = axes_of(build_figure(table))
     impact_ms = 1e3 * (facts_of(table).impact_s or 0)
     assert axes["error"].get_xlabel() == "time [ms]"
     assert texts(axes["height"])[0] == f"impact at {impact_ms:.4g} ms"
     for panel in ("height", "error"):
-        (dashed,) = (one for one in axes[panel].lines if one.get_linestyle() == "--")
+        (dashed,) = (curve for curve in axes[panel].lines if curve.get_linestyle() == "--")
         assert dashed.get_xdata() == pytest.approx([impact_ms] * 2)
     explained = 1e3 * table.drop_nulls("timestep_m")["time_s"].to_numpy()
     assert line(axes["height"], "simulated")[0] == pytest.approx(1e3 * table["time_s"].to_numpy())
@@ -674,7 +679,7 @@ def test_a_timestep_is_a_fraction_only_where_it_is_that_fraction(
 
 
 def test_errors_of_a_nanometre_have_an_axis_of_their_own() -> None:
-    """Rounding, some 1e-16 m, has not: there the axis stays in mm, from −1 to 1."""
+    """Rounding errors of 1e-16 m do not: there the axis stays in mm, from −1 to 1."""
     tiny = STANDARD.with_columns(pl.col(f"{name}_m") * 1e-7 for name in TERMS)
     axes = axes_of(build_figure(tiny))["error"]
     assert axes.get_ylabel() == "simulated − free fall [nm]"
@@ -704,17 +709,17 @@ def test_one_thing_has_one_colour_in_both_panels() -> None:
         "simulated": colours.SIMULATED,
     }
     for panel, (label, colour) in itertools.product(("height", "impact"), curves.items()):
-        (drawn,) = (one for one in axes[panel].lines if one.get_label() == label)
+        (drawn,) = (curve for curve in axes[panel].lines if curve.get_label() == label)
         assert drawn.get_color() == colour
     for area in axes["error"].collections:
         if (name := str(area.get_label())) in colours.TERMS:
             assert area.get_facecolor()[0] == pytest.approx(to_rgba(colours.TERMS[name], 0.75))
-    squares = [one.get_color() for one in axes["error"].lines if one.get_marker() == "s"]
-    assert squares == list(colours.TERMS.values())  # in the order of the sum that they stand by
+    squares = [curve.get_color() for curve in axes["error"].lines if curve.get_marker() == "s"]
+    assert squares == list(colours.TERMS.values())  # in the order of the sum beside them
 
 
 def test_the_colours_are_those_that_readers_have_learnt() -> None:
-    """As words, docs and pictures have them: Okabe and Ito's, and two greys."""
+    """As in texts, docs and pictures: Okabe and Ito's, and two greys."""
     assert colours.TERMS == {
         "timestep": "#d55e00",  # vermilion
         "damping": "#009e73",  # bluish green
@@ -724,7 +729,7 @@ def test_the_colours_are_those_that_readers_have_learnt() -> None:
     assert (colours.SIMULATED, colours.DAMPED_FALL, colours.FREE_FALL) == (
         "#0072b2", "#56b4e9", "#8a8f98",
     )  # fmt: skip
-    # Vermilion for what moves, purple for what turns, sky blue for what lies high.
+    # Vermilion for what moves, purple for what turns, sky blue for height.
     assert (colours.KINETIC, colours.ROTATION, colours.POTENTIAL) == (
         "#d55e00", "#cc79a7", "#56b4e9",
     )  # fmt: skip
@@ -736,7 +741,7 @@ def test_the_colours_are_those_that_readers_have_learnt() -> None:
 )
 @pytest.mark.parametrize("page", ["#ffffff", "#0d1011"], ids=["light", "dark"])
 def test_what_matters_in_the_viewer_is_seen_in_both_of_its_themes(colour: str, page: str) -> None:
-    """WCAG 2 asks for a contrast of 3 where a line is told from its background."""
+    """WCAG 2 requires a contrast of 3 between a line and its background."""
 
     def luminance(of: str) -> float:
         linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgba(of)]
@@ -769,22 +774,22 @@ def test_numbers_are_signed_and_never_a_false_zero(value: float, decimals: int, 
 
 
 def test_theory_ends_where_a_bounce_begins() -> None:
-    """It says nothing of one; of a body that stays down it says where it lies."""
+    """It does not predict bounces; for a body that stays down it predicts its rest height."""
     tables = (
         (TABLES["bounces"], True),
-        (table_of(restitution=0.25), True),  # 6 % of the fall: one sees it
-        (table_of(restitution=0.08), False),  # 0.6 % of it: one does not
+        (table_of(restitution=0.25), True),  # 6 % of the fall: visible
+        (table_of(restitution=0.08), False),  # 0.6 % of it: not visible
         (STANDARD, False),
     )
     for table, ends in tables:
-        (above, _) = (one for one in build_figure(table).axes if one.get_label() != "impact")
+        (above, _) = (axes for axes in build_figure(table).axes if axes.get_label() != "impact")
         drawn = {line.get_label(): line for line in above.get_lines()}
         for curve in ("free fall", "damped fall"):
             assert np.isnan(drawn[curve].get_ydata()).any() == ends
         assert not np.isnan(drawn["simulated"].get_ydata()).any()
 
 
-def test_a_long_subtitle_takes_two_lines_that_no_word_lies_on() -> None:
+def test_a_long_subtitle_takes_two_lines_that_nothing_overlaps() -> None:
     figure = build_figure(STANDARD, Facts(title="t", subtitle=25 * "word "))
     figure.draw_without_rendering()
     (_, subtitle, *_) = figure.texts
@@ -812,7 +817,7 @@ def study(count: int = 1) -> Figure:
 
 
 def test_errors_are_drawn_in_millimetres_over_the_timestep_in_seconds() -> None:
-    """Their size; refining goes to the right."""
+    """Their absolute values; finer timesteps are to the right."""
     (axes,) = study().axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("timestep [s]", "|error| [mm]")
     for name in ("total", "timestep", "damping", "interaction"):
@@ -822,53 +827,54 @@ def test_errors_are_drawn_in_millimetres_over_the_timestep_in_seconds() -> None:
     left, right = axes.get_xlim()
     assert left > STEPS_S[0] > STEPS_S[-1] > right
     axes.figure.draw_without_rendering()
-    assert [one.get_text() for one in axes.get_xticklabels()] == ["1/240", "1/480", "1/960"]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["1/240", "1/480", "1/960"]
     assert "rounding at most 5×10⁻¹³ mm" in texts(axes)
 
 
 def test_each_error_has_its_colour_and_its_name_where_it_ends() -> None:
     (axes,) = study().axes
     inks = {"total": style.LIGHT.text} | colours.TERMS
-    drawn = {str(one.get_label()): one.get_color() for one in axes.lines}
-    names = {one.get_text(): one for one in axes.texts if one.get_text() in inks}
+    drawn = {str(curve.get_label()): curve.get_color() for curve in axes.lines}
+    names = {label.get_text(): label for label in axes.texts if label.get_text() in inks}
     low, high = np.log10(axes.get_ylim())
     for name in ("total", "timestep", "damping", "interaction"):
         assert (drawn[name], names[name].get_color()) == (inks[name], inks[name])
         end = (np.log10(1e3 * abs(ERRORS_M[name][-1])) - low) / (high - low)
-        # Names that would lie on each other, those of damping and total, give way upwards.
+        # Names that would overlap, those of damping and total, are moved up.
         assert end - 1e-9 <= names[name].xy[1] < end + 0.06
 
 
 def test_the_total_dips_where_timestep_and_damping_cancel() -> None:
-    """4.3 mm = 1.4715 m/s × dt at 1/342 s; it is marked at what the study found, here 1/341 s."""
+    """4.3 mm = 1.4715 m/s × dt at 1/342 s; the mark is at the study's timestep, here 1/341 s."""
     (axes,) = study().axes
-    (times, total) = next(one.get_data() for one in axes.lines if len(one.get_xdata()) > 100)
+    (times, total) = next(curve.get_data() for curve in axes.lines if len(curve.get_xdata()) > 100)
     assert times[np.argmin(total)] == pytest.approx(4.3e-3 / 1.4715, rel=2e-3)
     assert total == pytest.approx(1e3 * np.abs(4.3e-3 - 1.4715 * np.asarray(times)))
-    (mark,) = (one for one in axes.lines if list(one.get_ydata()) == [0, 1])
+    (mark,) = (curve for curve in axes.lines if list(curve.get_ydata()) == [0, 1])
     assert list(mark.get_xdata()) == [1 / 341] * 2
-    (said,) = (one for one in axes.texts if "cancel" in one.get_text())
-    assert said.get_text().endswith("cancel at 1/341 s")
-    assert said.xy[0] == 1 / 341
+    (label,) = (label for label in axes.texts if "cancel" in label.get_text())
+    assert label.get_text().endswith("cancel at 1/341 s")
+    assert label.xy[0] == 1 / 341
     axes.get_figure().draw_without_rendering()
-    assert said.get_bbox_patch() is not None  # it hides what it lies on: not the total
+    assert label.get_bbox_patch() is not None  # it hides what is below: not the total
     dip = axes.transData.transform(np.column_stack([times, total]))
-    hidden = said.get_bbox_patch().get_window_extent()
+    hidden = label.get_bbox_patch().get_window_extent()
     half = 3 / 2 * 150 / 72  # of the total's width [px]
     assert not any(hidden.contains(x + half, y) for x, y in dip)
 
 
 @pytest.mark.parametrize(
-    ("count", "said"), [(4, "first order"), (5, "; 1 more panel not shown"), (7, "; 3 more panels")]
+    ("count", "words"),
+    [(4, "first order"), (5, "; 1 more panel not shown"), (7, "; 3 more panels")],
 )
-def test_panels_for_which_there_is_no_room_are_counted(count: int, said: str) -> None:
+def test_panels_for_which_there_is_no_room_are_counted(count: int, words: str) -> None:
     figure = study(count)
     assert len(figure.axes) == 4
-    assert said in figure.texts[1].get_text()
+    assert words in figure.texts[1].get_text()
     assert ("not shown" in figure.texts[1].get_text()) == (count > 4)
 
 
-def test_one_timestep_is_no_convergence() -> None:
+def test_one_timestep_is_not_a_convergence_study() -> None:
     with pytest.raises(ScenarioError, match="needs two or more, got 1"):
         convergence_plot.check_plot(Path("errors.png"), timesteps=1, engines=False)
     convergence_plot.check_plot(Path("errors.svg"), timesteps=2, engines=False)

@@ -1,4 +1,4 @@
-"""Each finding is there when its cause is, with its number, and is not there without it."""
+"""Each finding is reported if and only if its cause is present, with its number."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BOUNCY = 0.7**0.5
 FAST = {"height_m": 2000.0, "linear_damping": 0.0, "duration_s": 12.0}
 RESTLESS = {"restitution": 1.0, "contact_erp": 0.0, "duration_s": 0.6}
 
-# Code -> a scenario that provokes it, a word of its message, and one that must not.
+# Code -> a scenario that causes it, a word of its message, and a scenario that does not.
 CASES: dict[str, tuple[dict[str, object], str, dict[str, object]]] = {
     "not-stepped": ({"stepped": False}, "241 samples", {}),
     "no-gravity": ({"gravity_set": False}, "1.0000 m", {}),
@@ -63,28 +63,28 @@ CASES: dict[str, tuple[dict[str, object], str, dict[str, object]]] = {
 @pytest.mark.parametrize("code", CASES)
 def test_a_finding_names_its_number_and_what_changes_it(recorded: Recorder, code: str) -> None:
     provoking, number, _ = CASES[code]
-    messages = {one.code: one.message for one in judge(recorded(**provoking)).findings}
+    messages = {finding.code: finding.message for finding in judge(recorded(**provoking)).findings}
     assert code in messages
     assert number in messages[code]
     assert re.search(r"--[a-z]|p\.[a-zA-Z]+", messages[code])
 
 
 @pytest.mark.parametrize("code", CASES)
-def test_a_finding_is_not_there_without_its_cause(recorded: Recorder, code: str) -> None:
+def test_a_finding_is_not_reported_without_its_cause(recorded: Recorder, code: str) -> None:
     *_, innocent = CASES[code]
-    assert code not in [one.code for one in judge(recorded(**innocent)).findings]
+    assert code not in [finding.code for finding in judge(recorded(**innocent)).findings]
 
 
-def test_weightlessness_that_was_asked_for_is_no_mistake(recorded: Recorder) -> None:
-    codes = {one.code for one in judge(recorded(gravity_m_s2=0.0)).findings}
+def test_intended_weightlessness_is_not_a_mistake(recorded: Recorder) -> None:
+    codes = {finding.code for finding in judge(recorded(gravity_m_s2=0.0)).findings}
     assert not codes & {"no-gravity", "not-stepped", "still-airborne"}
 
 
 def test_the_three_mistakes_are_told_apart(recorded: Recorder) -> None:
     mistakes = {"not-stepped": "stepped", "no-gravity": "gravity_set", "no-floor": "floor"}
     for code, field in mistakes.items():
-        found = {one.code for one in judge(recorded(**{field: False})).findings}
-        assert found & set(mistakes) == {code}
+        codes = {finding.code for finding in judge(recorded(**{field: False})).findings}
+        assert codes & set(mistakes) == {code}
 
 
 @pytest.mark.parametrize(
@@ -100,24 +100,26 @@ def test_an_altered_state_does_not_follow_the_law(
         .alias(column)
     )  # fmt: skip
     analysis = analysis_of(recording.scenario, recording.engine, altered, recording.contacts)
-    (message,) = [one.message for one in analysis.findings if one.code == "law-mismatch"]
+    (message,) = [
+        finding.message for finding in analysis.findings if finding.code == "law-mismatch"
+    ]
     assert f"sample {step} " in message
     assert analysis.coverage.samples == step
-    assert "law-mismatch" not in [one.code for one in judge(recording).findings]
+    assert "law-mismatch" not in [finding.code for finding in judge(recording).findings]
 
 
 def test_an_engine_with_another_law_is_noticed(recorded: Recorder) -> None:
-    """A recording that names the default damping, made with another."""
+    """A recording that claims the default damping, made with another."""
     other = recorded(linear_damping=0.05)
     named = recorded()
     analysis = analysis_of(named.scenario, named.engine, other.states, other.contacts)
-    assert "law-mismatch" in [one.code for one in analysis.findings]
+    assert "law-mismatch" in [finding.code for finding in analysis.findings]
 
 
 @pytest.mark.parametrize(("rate", "deep"), [(240, True), (300, True), (480, False)])
 def test_a_tenth_of_its_height_is_deep(recorded: Recorder, rate: int, deep: bool) -> None:
     """It sinks 18 %, 14 % and 8 % of its 5 cm."""
-    codes = [one.code for one in judge(recorded(timestep_s=1 / rate)).findings]
+    codes = [finding.code for finding in judge(recorded(timestep_s=1 / rate)).findings]
     assert ("deep-penetration" in codes) == deep
 
 
@@ -132,14 +134,16 @@ def test_inflated_is_relative_to_the_restitution_asked_for(recorded: Recorder) -
         assert bounce.effective_restitution is not None
         asked = analysis.engine.pair_restitution
         assert 0 < bounce.effective_restitution - asked < 0.0081
-        assert ("restitution-inflated" in [one.code for one in analysis.findings]) == inflated
+        assert (
+            "restitution-inflated" in [finding.code for finding in analysis.findings]
+        ) == inflated
 
 
 @pytest.mark.parametrize("coordinates", MODES)
 def test_a_contact_that_is_a_spring_is_not_explained_by_the_solver(
     recorded: Recorder, tmp_path: Path, coordinates: str
 ) -> None:
-    """Its four corners give way by m g / 4 k; only the URDF's own words are reported."""
+    """Its four corners give way by m g / 4 k; only the URDF's setting is reported."""
     spring = '<stiffness value="300"/><damping value="10"/>'
     body = urdf_of(tmp_path, box("0.1 0.2 0.06"), contact=spring)
     analysis = judge(recorded(body=body, duration_s=3.0, restitution=0.9, coordinates=coordinates))
@@ -156,29 +160,29 @@ def test_a_contact_that_is_a_spring_is_not_explained_by_the_solver(
     assert "bounce-swallowed" not in by_code
 
 
-def test_what_contact_turns_within_a_step_was_flat_before(
+def test_a_body_that_contact_turns_within_a_step_landed_flat(
     recorded: Recorder, tmp_path: Path
 ) -> None:
-    """A capsule that lies meets the floor at one end first, at so long a step."""
+    """A lying capsule touches the floor with one end first, at such a long step."""
     capsule = shape('<capsule radius="0.03" length="0.1"/>', rpy="0 1.5707963 0")
     body = urdf_of(tmp_path, capsule, mass_kg=7.0)
     analysis = judge(
         recorded(body=body, velocity_m_s=(0.0, 0.0, 1.0), restitution=0.8, timestep_s=1 / 37)
     )
-    (said,) = (found.message for found in analysis.findings if found.code == "tumbled")
-    assert "in the step that touches the floor" in said
-    assert said.endswith("not predicted")
+    (message,) = (finding.message for finding in analysis.findings if finding.code == "tumbled")
+    assert "in the step that touches the floor" in message
+    assert message.endswith("not predicted")
 
 
 @pytest.mark.parametrize("residual", [None, 0.0])
-def test_what_few_iterations_leave_more_of_them_take_away(
-    recorded: Recorder, residual: float | None
-) -> None:
+def test_more_iterations_remove_what_few_leave(recorded: Recorder, residual: float | None) -> None:
     drop = {"body": "cube.urdf", "height_m": 1.2193473333214817, "coordinates": "maximal"}
     few = judge(recorded(**drop, duration_s=3.0, solver_iterations=5, solver_residual=residual))
     many = judge(recorded(**drop, duration_s=3.0, solver_iterations=500, solver_residual=0.0))
-    (said,) = (one.message for one in few.findings if one.code == "rest-below-expected")
-    assert "--solver-iterations remove" in said
+    (message,) = (
+        finding.message for finding in few.findings if finding.code == "rest-below-expected"
+    )
+    assert "--solver-iterations remove" in message
     assert few.rest is not None
     assert many.rest is not None
     assert few.rest.error_m == pytest.approx(-14.67e-6, abs=1e-7)
@@ -186,26 +190,29 @@ def test_what_few_iterations_leave_more_of_them_take_away(
 
 
 def test_a_correction_that_a_body_needs_is_not_advised_against(recorded: Recorder) -> None:
-    """Without it this one stays in the floor, with a restitution of 0.03."""
+    """Without it this body stays in the floor, with a restitution of 0.03."""
     deep = {"timestep_s": 1 / 37, "duration_s": 480 / 37, "height_m": 0.44962217655126757,
             "restitution": 0.5, "velocity_m_s": (0.0, 0.0, 2.0), "gravity_m_s2": -30.0}  # fmt: skip
-    said = {one.code: one.message for one in judge(recorded(**deep)).findings}
-    assert said["restitution-inflated"].endswith("i.e. --timestep")
+    messages = {finding.code: finding.message for finding in judge(recorded(**deep)).findings}
+    assert messages["restitution-inflated"].endswith("i.e. --timestep")
     without = judge(recorded(**deep, contact_erp=0.0)).bounces[0].effective_restitution
     assert without is None or without < 0.1
 
 
-def test_what_is_not_known_to_land_is_not_said_to(recorded: Recorder) -> None:
-    """It is held at 100 m/s, and passes the floor's edge."""
+def test_an_unknown_landing_is_not_reported(recorded: Recorder) -> None:
+    """It moves at the limit of 100 m/s, and passes the floor's edge."""
     fast = {"height_m": 10.0, "linear_damping": 0.0, "velocity_m_s": (150.0, 0.0, 0.0)}
-    said = {one.code: one.message for one in judge(recorded(**fast, duration_s=0.5)).findings}
-    assert "before the impact" not in said["still-airborne"]
-    later = {one.code for one in judge(recorded(**fast, duration_s=3.0)).findings}
+    messages = {
+        finding.code: finding.message
+        for finding in judge(recorded(**fast, duration_s=0.5)).findings
+    }
+    assert "before the impact" not in messages["still-airborne"]
+    later = {finding.code for finding in judge(recorded(**fast, duration_s=3.0)).findings}
     assert "no-floor" in later
 
 
-def test_how_deep_it_was_within_substeps_is_not_said(recorded: Recorder) -> None:
-    """At the same motion, every substep seen, it is deeper than any sample of ten."""
+def test_the_depth_within_substeps_is_not_reported(recorded: Recorder) -> None:
+    """In the same motion with every substep recorded, it is deeper than in any sample of ten."""
     fast = {"velocity_m_s": (0.0, 0.0, -90.0), "height_m": 1.0, "duration_s": 0.1}
     seen = judge(recorded(**fast, timestep_s=1 / 4800))
     hidden = judge(recorded(**fast, timestep_s=1 / 480, substeps=10))
@@ -225,4 +232,4 @@ def test_a_contact_of_several_substeps_and_joints_is_not_denied(
     analysis = judge(recording)
     assert analysis.impact is None
     show_analysis(analysis, as_json=False)
-    assert "Impact      not known when" in capsys.readouterr().out
+    assert "Impact      time unknown" in capsys.readouterr().out

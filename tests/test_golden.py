@@ -14,7 +14,7 @@ from PIL import Image
 from pipeline.recording.reader import frames
 from pipeline.stages.run import Run
 
-# The law uses only + - × ÷ √, so every bit is pinned where each of them rounds once.
+# The law uses only + - × ÷ √, so every bit is reproducible where each of them rounds once.
 IN_THE_AIR = 0.0 if ROUNDS_ONCE else 1e-12
 # The contact solver's early exit is a discrete branch.
 AT_REST = 0.0 if ROUNDS_ONCE else 1e-9

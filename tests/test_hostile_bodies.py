@@ -1,6 +1,6 @@
-"""Hostile bodies: whatever a URDF or a mesh does to Bullet, `drop` says so in one line.
+"""Hostile bodies: whatever a URDF or a mesh does to Bullet, `drop` reports it in one line.
 
-First what is told from the files alone, then what is tried in a process of its own.
+First the checks of the files alone, then the trials in a separate process.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def mesh(name: str, more: str = "") -> str:
 
 
 def linked(count: int, kind: str = "fixed", *, star: bool = False) -> str:
-    """Return a body of so many joints, in a chain or all on its base."""
+    """Return a body with a given number of joints, in a chain or all on its base."""
     more = "".join(
         LINK.format(name=f"l{number}", shape=BOX)
         + JOINT.format(kind=kind, parent=f"l{0 if star else number - 1}", child=f"l{number}")
@@ -88,7 +88,7 @@ def read_before_bullet(path: Path) -> None:
 
 
 def refused(path: Path, rule: str) -> None:
-    """Hold that a URDF and its meshes are refused for what is in them, in one line."""
+    """Check that a URDF and its meshes are rejected for their contents, in one line."""
     with pytest.raises((ScenarioError, BodyFileError), match=rule) as raised:
         read_before_bullet(path)
     one_line(raised.value)
@@ -123,7 +123,9 @@ IN_A_JOINT = (
 
 @pytest.mark.parametrize("bad", ["nan", "inf", "-inf", "", "word", "1_0", "1e999", "0x10", "１"])
 @pytest.mark.parametrize("element", IN_A_LINK + IN_A_JOINT)
-def test_every_number_that_bullet_reads_must_be_one(tmp_path: Path, element: str, bad: str) -> None:
+def test_every_number_that_bullet_reads_must_be_a_number(
+    tmp_path: Path, element: str, bad: str
+) -> None:
     written(tmp_path, TETRAHEDRON, "m.obj")
     spot = "</link>" if element in IN_A_LINK else "</joint>"
     for number, rule in (("0.5", None), (bad, "must be")):
@@ -160,7 +162,7 @@ SPELLED: dict[str, str | bytes] = {
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 @pytest.mark.parametrize("kind", SPELLED)
-def test_what_bullet_would_read_otherwise_or_wait_for_is_refused(
+def test_what_bullet_would_misread_or_wait_for_is_rejected(
     tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "in"
@@ -182,11 +184,11 @@ def test_meshes_are_found_where_bullet_finds_them(tmp_path: Path) -> None:
     folder = tmp_path / "one" / "two"
     folder.mkdir(parents=True)
     for near, far in ((folder, tmp_path), (folder.parent, tmp_path)):
-        found = [written(place, TETRAHEDRON, "m.obj") for place in (near, far)]
+        meshes = [written(place, TETRAHEDRON, "m.obj") for place in (near, far)]
         for prefix in ("", "package://", "model://", "file://", "file://package://"):
-            assert check_urdf(written(folder, mesh(f"{prefix}m.obj")))[1] == found[0]
-        found[0].unlink()
-    assert check_urdf(written(folder, mesh(str(found[1]))))[1:] == [found[1]]
+            assert check_urdf(written(folder, mesh(f"{prefix}m.obj")))[1] == meshes[0]
+        meshes[0].unlink()
+    assert check_urdf(written(folder, mesh(str(meshes[1]))))[1:] == [meshes[1]]
     assert check_urdf(written(folder, mesh(f"{DATA}/duck.obj"))) == [
         folder / "own.urdf", DATA / "duck.obj", DATA / "duck.mtl", DATA / "duckCM.png",
     ]  # fmt: skip
@@ -206,7 +208,7 @@ def test_a_large_file_is_refused(tmp_path: Path) -> None:
 def test_the_limits_of_joints_are_those_of_pybullet(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At the limits PyBullet reads what is true; beyond them nothing, or another velocity."""
+    """At the limits PyBullet reads correctly; beyond them nothing, or a wrong velocity."""
     monkeypatch.setattr(probe, "problem_of", lambda _: "")
     for kind, most in (
         ("fixed", MOST_JOINTS), ("revolute", MOST_POSITIONS), ("spherical", MOST_POSITIONS // 4),
@@ -224,9 +226,10 @@ def test_the_limits_of_joints_are_those_of_pybullet(
         )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("star", [True, False])
 def test_many_links_are_counted_in_one_pass(tmp_path: Path, star: bool) -> None:
-    """Of 20,000 links, backwards as well: one pass for each of them would take minutes."""
+    """With 20,000 links, also in reverse order, one pass per link would take minutes."""
     text = linked(20_000, star=star)
     refused(written(tmp_path, text), "it has 20,000 joints")
     joints = re.findall(r"<joint.*?</joint>\n", text, re.DOTALL)
@@ -238,9 +241,11 @@ def test_many_links_are_counted_in_one_pass(tmp_path: Path, star: bool) -> None:
 # -- meshes ---------------------------------------------------------------------------------------
 
 
-def stl(triangles: int, *, said: int | None = None, first: float = 0.0) -> bytes:
+def stl(triangles: int, *, count: int | None = None, first: float = 0.0) -> bytes:
     corners = struct.pack("<12f2x", 0, 0, 1, first, 0, 0, 0.1, 0, 0, 0, 0.1, 0.1)
-    return bytes(80) + struct.pack("<I", triangles if said is None else said) + corners * triangles
+    return (
+        bytes(80) + struct.pack("<I", triangles if count is None else count) + corners * triangles
+    )
 
 
 MESHES: dict[str, tuple[str | bytes, str]] = {
@@ -267,9 +272,9 @@ MESHES: dict[str, tuple[str | bytes, str]] = {
     "a text of 84 bytes": ("solid a" + " " * 77, "stl"),
     "nothing": (b"", "stl"), "half a head": (bytes(40), "stl"),
     "cut": (stl(4)[:-1], "stl"), "too long": (stl(4) + b"x", "stl"),
-    "too many": (stl(4, said=5), "stl"), "minus one": (stl(4, said=2**32 - 1), "stl"),
-    # 50 times this is 0 in 32 bits, so that Bullet takes the size for right.
-    "a wrapped count": (stl(4, said=2**31 + 4), "stl"),
+    "too many": (stl(4, count=5), "stl"), "minus one": (stl(4, count=2**32 - 1), "stl"),
+    # 50 times this is 0 in 32 bits, so that Bullet accepts the size.
+    "a wrapped count": (stl(4, count=2**31 + 4), "stl"),
     "nan": (stl(4, first=math.nan), "stl"), "inf": (stl(4, first=math.inf), "stl"),
 }  # fmt: skip
 
@@ -282,7 +287,7 @@ def test_a_mesh_that_bullet_would_misread_is_refused(tmp_path: Path, kind: str) 
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "quoted"),
     [
         ("v 1 2 x", "'v 1 2 x' must hold three finite numbers"),
         ("v 0 0 é'", '"v 0 0 é\'" must hold three finite numbers'),
@@ -290,24 +295,24 @@ def test_a_mesh_that_bullet_would_misread_is_refused(tmp_path: Path, kind: str) 
         ("f 1 2 -9", "'-9' is a vertex before the first"),
     ],
 )
-def test_a_mesh_is_quoted_as_it_is_written(tmp_path: Path, line: str, said: str) -> None:
-    """And not as Python writes bytes."""
+def test_a_mesh_is_quoted_as_it_is_written(tmp_path: Path, line: str, quoted: str) -> None:
+    """Not as Python's repr of bytes."""
     written(tmp_path, f"{TETRAHEDRON}{line}\n", "m.obj")
     with pytest.raises(BodyFileError) as raised:
         read_before_bullet(written(tmp_path, mesh("m.obj")))
-    assert said in str(raised.value)
+    assert quoted in str(raised.value)
     assert "b'" not in str(raised.value)
 
 
-def test_good_meshes_are_taken(tmp_path: Path) -> None:
+def test_good_meshes_are_accepted(tmp_path: Path) -> None:
     written(tmp_path, TETRAHEDRON.replace("\n", "\r\n"), "m.obj")
     written(tmp_path, stl(4), "M.STL")
     for name in ("m.obj", "M.STL"):
         read_before_bullet(written(tmp_path, mesh(name)))
 
 
-def test_nearly_every_body_of_pybullet_data_would_pass_for_ones_own() -> None:
-    """What is refused is no XML, has no mesh, a radius of 0, a zero in its text, or no numbers."""
+def test_nearly_every_body_of_pybullet_data_passes_the_checks_for_own_files() -> None:
+    """Those rejected are not XML, lack a mesh or numbers, have a radius of 0 or a NUL character."""
     bodies = sorted(DATA.glob("*.urdf")) + sorted(DATA.glob("[!r]*/*.urdf"))
     failed = set()
     for path in bodies:
@@ -359,12 +364,14 @@ def test_the_command_ends_with_one_line_where_bullet_would_end_it(
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert done.stderr.startswith("drop: --body")
-    assert {one.name for one in tmp_path.iterdir()} <= {"own.urdf", "m.dae", "recordings"}
+    assert {file.name for file in tmp_path.iterdir()} <= {"own.urdf", "m.dae", "recordings"}
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
-def test_a_trial_ends_that_waits_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """For a texture in a place where Bullet looks and nobody would."""
+def test_a_trial_that_waits_forever_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For a texture in an unlikely place where Bullet looks."""
     (tmp_path / "data" / "data").mkdir(parents=True)
     os.mkfifo(tmp_path / "data" / "data" / "pipe.png")
     written(tmp_path, "newmtl a\nmap_Kd pipe.png\n", "a.mtl")
@@ -373,13 +380,13 @@ def test_a_trial_ends_that_waits_for_ever(tmp_path: Path, monkeypatch: pytest.Mo
     assert "not finished" in problem_of(written(tmp_path, mesh("m.obj")), Limits(wall_s=5))
 
 
-def test_a_trial_ends_that_computes_without_end(tmp_path: Path) -> None:
+def test_a_trial_that_computes_forever_is_ended(tmp_path: Path) -> None:
     shape = "<collision><geometry><box size='1 1 1'/></geometry></collision>\n"
     many = body().replace("<visual>", shape * 20_000 + "<visual>")
     assert "not finished" in problem_of(written(tmp_path, many), Limits(cpu_s=3))
 
 
-def test_a_trial_ends_that_takes_too_much_memory(tmp_path: Path) -> None:
+def test_a_trial_that_takes_too_much_memory_is_ended(tmp_path: Path) -> None:
     limits = Limits(memory_bytes=600_000_000)
     assert problem_of(written(tmp_path, body()), limits) == ""
     written(tmp_path, re.sub(r'count="\d+"', 'count="300000000"', CONE, count=1), "m.dae")
@@ -391,7 +398,7 @@ def test_a_trial_ends_that_takes_too_much_memory(tmp_path: Path) -> None:
 
 @pytest.fixture
 def trials(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """Return which bodies are tried from here on, in this process."""
+    """Return the bodies that are tried from now on, in this process."""
     tried: list[Path] = []
 
     def passed(path: Path) -> str:
@@ -475,7 +482,7 @@ MUTATED = {
 
 
 def mutated(data: bytes, chance: random.Random) -> bytes:
-    """Cut something out of a file, repeat it, or put something hard to digest in its place."""
+    """Cut something out of a file, repeat it, or replace it with something hard to parse."""
     start = chance.randrange(len(data) + 1)
     stop = min(len(data), start + chance.choice([0, 1, 4, 40]))
     middle = chance.choice([chance.choice(WORDS), data[start:stop] * 50, chance.randbytes(1)])
@@ -484,7 +491,7 @@ def mutated(data: bytes, chance: random.Random) -> bytes:
 
 @pytest.mark.parametrize("seed", range(24))
 def test_mutations_of_pybullets_own_files_are_loaded_or_refused(tmp_path: Path, seed: int) -> None:
-    """If this process dies, a body passed that should not."""
+    """If this process dies, a bad body has passed."""
     chance = random.Random(seed)
     place, names = chance.choice(sorted(MUTATED.items()))
     home = DATA / place if (DATA / place).is_dir() else (DATA / place).parent

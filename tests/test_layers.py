@@ -1,4 +1,4 @@
-"""The house: its rooms are as `docs/architecture.md` shows them, and imports point down only."""
+"""Architecture: the rooms are as `docs/architecture.md` shows them, and imports only point down."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PACKAGE = Path(pipeline.__file__).parent
 ARCHITECTURE = (Path(__file__).parents[1] / "docs/architecture.md").read_text(encoding="utf-8")
 ROOMS = ARCHITECTURE.partition("## The rooms")[2].partition("\n## ")[0]
 ROW = re.compile(r"^\| `(?:pipeline/)?(\w+)(?:\.py|/)`(.*?) \| (.*) \| (.*) \|$", re.MULTILINE)
-# Room -> what is said of it, and the rooms that it is said to know; from the top to the bottom.
+# Room -> its description, and the rooms that it may import, from the top to the bottom.
 SAID = {
     room: (more + what, set() if knows == "nothing" else set(knows.split(", ")))
     for room, more, what, knows in ROW.findall(ROOMS)
@@ -29,19 +29,19 @@ ONLY_IN = {
     "matplotlib": {"figures/"},
     "typer": {"options.py", "console/running.py", "console/help.py"},
 }
-# The judge never knows what it judges.
+# The judge never imports what it judges.
 JUDGE = ("laws/", "analysis/")
 
 
 def imports_of(path: Path) -> set[str]:
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    found: set[str] = set()
+    modules: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-    return found
+            modules |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return modules
 
 
 FILES = {str(path.relative_to(PACKAGE)): path for path in sorted(PACKAGE.rglob("*.py"))}
@@ -54,12 +54,14 @@ def room_of(*parts: str) -> str:
 
 
 def knows(room: str) -> set[str]:
-    """Return the rooms that a room imports from, but for `errors` and `messages`."""
+    """Return the rooms that a room imports from, except `errors` and `messages`."""
     paths = [path for name, path in FILES.items() if room_of(*Path(name).parts) == room]
     if room == "cli":
         paths = [PACKAGE.parent / "cli.py"]
-    modules = [one for path in paths for one in imports_of(path) if one.startswith("pipeline.")]
-    return {room_of(*one.split(".")[1:]) for one in modules} - {room, "errors", "messages"}
+    modules = [
+        module for path in paths for module in imports_of(path) if module.startswith("pipeline.")
+    ]
+    return {room_of(*module.split(".")[1:]) for module in modules} - {room, "errors", "messages"}
 
 
 @pytest.mark.parametrize("room", SAID)
@@ -78,26 +80,26 @@ def test_the_picture_shows_every_import_that_does_not_follow_from_others() -> No
     arrows: set[tuple[str, str]] = set()
     for room in reversed(SAID):
         known = knows(room)
-        beyond = set().union(*(reached[one] for one in known))
+        beyond = set().union(*(reached[other] for other in known))
         reached[room] = known | beyond
-        arrows |= {(room, one) for one in known - beyond}
+        arrows |= {(room, other) for other in known - beyond}
     drawn = re.findall(r"^ +(\w+) --> (.+)$", ROOMS, re.MULTILINE)
-    assert {(room, one) for room, to in drawn for one in to.split(" & ")} == arrows
+    assert {(room, target) for room, to in drawn for target in to.split(" & ")} == arrows
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_architecture_names_every_file_in_its_room(name: str) -> None:
     path = Path(name)
-    said, _ = SAID.get(room_of(*path.parts), ("", set()))
+    description, _ = SAID.get(room_of(*path.parts), ("", set()))
     if path.parts[0] != path.name:
-        assert path.name == "__init__.py" or f"`{path.stem}`" in said
+        assert path.name == "__init__.py" or f"`{path.stem}`" in description
     elif path.stem not in ("__init__", *SAID):
-        assert f"`{path.name}`" in said
+        assert f"`{path.name}`" in description
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_libraries_stay_in_their_rooms(name: str) -> None:
-    libraries = {one.split(".")[0] for one in imports_of(FILES[name])}
+    libraries = {module.split(".")[0] for module in imports_of(FILES[name])}
     for library, homes in ONLY_IN.items():
         if library in libraries:
             assert any(name.startswith(home) for home in homes), f"{name} imports {library}"
@@ -106,7 +108,9 @@ def test_libraries_stay_in_their_rooms(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name in FILES if name.startswith(JUDGE)])
 def test_the_judge_knows_neither_engine_nor_recorder(name: str) -> None:
     known = imports_of(FILES[name])
-    assert not any(one.startswith(("pybullet", "rerun", "pipeline.recording")) for one in known)
+    assert not any(
+        module.startswith(("pybullet", "rerun", "pipeline.recording")) for module in known
+    )
     assert not {"pipeline.engines.bullet.world", "pipeline.engines.bullet.engine"} & known
 
 
@@ -124,20 +128,20 @@ def test_help_loads_no_heavy_library() -> None:
     assert done.stderr.strip() == "[]"
 
 
-def test_every_public_name_is_there_and_known_to_type_checkers() -> None:
+def test_every_public_name_exists_and_is_known_to_type_checkers() -> None:
     tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
     (typed,) = [node for node in tree.body if isinstance(node, ast.If)]
-    told = [
+    declared = [
         alias.asname for node in typed.body if isinstance(node, ast.ImportFrom)
         for alias in node.names
     ]  # fmt: skip
-    assert sorted(told) == sorted(pipeline.__all__)
+    assert sorted(declared) == sorted(pipeline.__all__)
     for name in pipeline.__all__:
         assert getattr(pipeline, name).__name__ == name
 
 
 def test_an_analysis_loads_no_library_that_few_need() -> None:
-    """Each takes as long as all the rest of it: it is imported where it is called."""
+    """Each takes as long as everything else together, so it is imported where it is called."""
     command = "import sys, pipeline.analysis.drop.analysis; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", command],

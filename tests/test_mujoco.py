@@ -182,6 +182,7 @@ def test_a_shorter_time_constant_is_stiffer() -> None:
     assert rest_depth_m(9.81, 4, (-100.0, -10.0), SOLIMP) is None
 
 
+@pytest.mark.long
 def test_the_same_run_is_the_same_to_the_bit(tmp_path: Path, drop_process: Drop) -> None:
     tumbling = ("--spin", "3,5,-2", "--velocity", "1,0,1", "--no-camera", "--engine", "mujoco")
     for name in ("a.rrd", "b.rrd"):
@@ -220,7 +221,7 @@ def test_what_it_does_not_have_is_said_in_a_line(drop: Drop, options: list[str],
 def test_an_integrator_of_pybullet_is_refused(drop: Drop) -> None:
     done = drop("simulate", "--integrator", "rk4", "--out", "x.rrd")
     assert done.returncode == 2
-    assert "--integrator of PyBullet has one only: omit it" in " ".join(done.stderr.split())
+    assert "--integrator must be omitted for PyBullet" in " ".join(done.stderr.split())
 
 
 def test_an_engine_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

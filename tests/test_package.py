@@ -30,7 +30,7 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path) -> None:
     held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     code = {
         path.relative_to(ROOT).as_posix()
-        for kind in ("*.py", "*.json")
+        for kind in ("*.py", "*.json", "*.po", "*.mo")
         for path in (ROOT / "pipeline").rglob(kind)
     }
     assert held == code | {"cli.py", "pipeline/py.typed"}

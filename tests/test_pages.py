@@ -20,6 +20,7 @@ from regenerate import is_current
 from pipeline import Scenario, render, simulate
 from pipeline.laws.base import EXACT_MACHINES
 
+pytestmark = pytest.mark.long
 README = ROOT / "README.md"
 AGAIN = "a page is stale; make it again with: python docs/regenerate.py"
 PAGES = pages.pages()
@@ -27,7 +28,6 @@ MARKS = {
     "catalog.md": [pytest.mark.needs("datafusion")],
     "engines.md": [pytest.mark.needs(module) for module in ("dartpy", "pydrake", "sapien")],
 }
-MARKS |= {name: [pytest.mark.long] for name in ("README.md", "walkthrough.md")}
 TRANSLATED = [page for page in PAGES if pages.translations(page)]
 
 

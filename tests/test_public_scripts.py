@@ -15,6 +15,8 @@ from witness import interpreter
 from pipeline.recording.viewer import binary
 from pipeline.stages.record import record_script
 
+pytestmark = pytest.mark.long
+
 EXAMPLES = (
     "biped2d_pybullet", "collisionFilter", "constraint", "createVisualShapeArray",
     "deformable_anchor", "mimicJointConstraint", "motorMaxVelocity", "sceneAabb", "sleeptest",

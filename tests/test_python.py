@@ -66,6 +66,7 @@ def test_the_recording_of_a_block_has_functions_of_its_own(
             getattr(pipeline, f"{verb}_script")("run.rrd", *golden)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("page", ["README.md", "README.ja.md"])
 def test_the_readmes_script_runs_twice(page: str, tmp_path: Path) -> None:
     (script,) = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text("utf-8"), re.DOTALL)

@@ -633,6 +633,193 @@ steps(30)
     assert body_of(of, 1).unexplained == []
 
 
+ROUNDED = {
+    "spin of what is deep in another": """
+p.loadURDF("teddy_vhacd.urdf", [0, 0, 0.25], p.getQuaternionFromEuler([-1.612, 2.923, -1.682]))
+disc = p.createCollisionShape(p.GEOM_CYLINDER, radius=0.143, height=0.096)
+p.createMultiBody(0, disc, -1, [0, 0, 0.4], useMaximalCoordinates=True)
+p.loadURDF("cube.urdf", [0, 0, 0.55], p.getQuaternionFromEuler([2.082, -2.715, -2.384]))
+steps(1)
+""",
+    "velocity of what does not move, with spinning friction": """
+p.loadURDF("block.urdf", [0, 0, 0.1], globalScaling=0.31)
+disc = p.createCollisionShape(p.GEOM_CYLINDER, radius=0.188, height=0.139)
+p.createMultiBody(8.3, disc, -1, [0, 0, 0.4], p.getQuaternionFromEuler([-0.956, -0.841, 2.499]))
+turned = p.getQuaternionFromEuler([1.513, 2.011, 0.851])
+p.loadURDF("cube_no_rotation.urdf", [0, 0, 0.55], turned, useMaximalCoordinates=True)
+steps(3)
+""",
+}
+"""Without gravity or speed: what rounds are impulses that the solver takes back, all of them."""
+
+
+@pytest.mark.parametrize("what", ROUNDED)
+def test_rounding_of_impulses_that_are_taken_back_is_no_mismatch(
+    analyzed: Analyzed, what: str
+) -> None:
+    recording, analysis = analyzed(ROUNDED[what])
+    assert recording.seen.contacts["distance_m"].min() < -0.05  # type: ignore[operator]
+    assert "law-mismatch" not in codes(analysis)
+    assert body_of(analysis, 0).unexplained == []
+
+
+DEEP = "a btRigidBody deep in another"
+UNREPORTED = {
+    "sliding friction behind rolling friction": (
+        FLOOR + "p.setPhysicsEngineParameter(enableConeFriction=0)\n"
+        'b = p.loadURDF("sphere_small.urdf", [0, 0, 0.05])\n'
+        "p.changeDynamics(b, -1, rollingFriction=0.01)\n"
+        "p.resetBaseVelocity(b, [1, 0.5, 0], [3, 2, 1])\nsteps(30)",
+        "rolling friction with enableConeFriction=0",
+    ),
+    "split impulse beside rolling friction": (
+        GRAVITY + """
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+p.createMultiBody(0, box, useMaximalCoordinates=True)
+b = p.loadURDF("sphere_small.urdf", [.02, 0, .07], useMaximalCoordinates=True)
+p.changeDynamics(b, -1, rollingFriction=0.01, spinningFriction=0.01)
+p.resetBaseVelocity(b, [0, 0, 0], [3, 2, 1])
+steps(10)
+""",
+        DEEP,
+    ),
+    "split impulse from a link that is not shown": (
+        GRAVITY + """
+p.loadURDF("cube_no_rotation.urdf", useMaximalCoordinates=True)
+p.loadURDF("cube_small.urdf", [.3, .02, .47], useMaximalCoordinates=True)
+steps(10)
+""",
+        DEEP,
+    ),
+    "force of a point that the engine left out": (
+        GRAVITY + """
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[1, 1, .1])
+ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
+p.createMultiBody(0, box, useMaximalCoordinates=True)
+p.createMultiBody(1, ball, -1, [0, 0, .3], useMaximalCoordinates=True)
+for each in (0, 1): p.changeDynamics(each, -1, restitution=.9)
+p.changeDynamics(0, -1, contactProcessingThreshold=0)
+steps(50)
+""",
+        "contactProcessingThreshold",
+    ),
+}  # fmt: skip
+"""What PyBullet does not report, or reports too long, and the reason that is given for it."""
+
+
+@pytest.mark.parametrize("what", UNREPORTED)
+def test_what_pybullet_does_not_report_is_no_mismatch(analyzed: Analyzed, what: str) -> None:
+    scene, reason = UNREPORTED[what]
+    _, analysis = analyzed(scene)
+    assert {each.reason.partition(":")[0] for each in body_of(analysis, 1).unexplained} == {reason}
+    assert "law-mismatch" not in codes(analysis)
+
+
+@pytest.mark.parametrize(
+    ("scene", "column"),
+    [
+        (UNREPORTED["sliding friction behind rolling friction"][0], "x_m"),
+        (UNREPORTED["split impulse beside rolling friction"][0], "vx_m_s"),
+        (REASONS["turned it or changed its mass"].replace("{maximal}", "True"), "vx_m_s"),
+    ],
+    ids=["rolling friction", "split impulse", "inertia"],
+)
+def test_a_reason_does_not_cover_what_was_altered(
+    analyzed: Analyzed, scene: str, column: str
+) -> None:
+    """The position still follows from the velocities, or the momentum still closes."""
+    recording, analysis = analyzed(scene)
+    step = body_of(analysis, 1).unexplained[0].first_step
+    value = pl.col(column)
+    there = (pl.col("body") == 1) & (pl.col("step") == step)
+    states = recording.seen.states.with_columns(pl.when(there).then(value + 1e-6).otherwise(value))
+    assert "law-mismatch" in codes(analyze(replace(recording.seen, states=states)))
+
+
+@pytest.mark.parametrize("later", [0, 5])
+def test_what_is_added_without_mass_as_a_btrigidbody_stands(analyzed: Analyzed, later: int) -> None:
+    """Bullet gives such a body neither gravity nor steps; a contact still changes its velocity."""
+    recording, analysis = analyzed(f"""
+p.setGravity(3, 0, -9.81)
+ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
+gone = p.loadURDF("sphere_small.urdf", useMaximalCoordinates=True)
+p.removeBody(gone)
+p.changeDynamics(gone, -1, mass=1)
+a = p.loadURDF("sphere_small.urdf", useMaximalCoordinates=True, useFixedBase=True)
+b = p.createMultiBody(0, ball, -1, [2, 0, 0], useMaximalCoordinates=True)
+p.createMultiBody(1, ball, -1, [2, 0, .22])
+steps({later})
+for each in (a, b): p.changeDynamics(each, -1, mass=1)
+steps(30)
+""")
+    led = 30 - (later > 0)  # until a body has mass it is not sampled
+    assert body_of(analysis, 0).segments["still"] == led
+    standing = body_of(analysis, 1)
+    (held,) = standing.unexplained
+    forced = [step for step in steps_with_forces(recording.seen, 1) if step > later]
+    assert (held.samples, held.first_step) == (len(forced), min(forced))
+    assert held.reason.startswith("a btRigidBody that was added without mass")
+    assert standing.segments["still"] == led - held.samples
+    assert "law-mismatch" not in codes(analysis)
+    there = (pl.col("body") == 1) & (pl.col("step") == max(forced))
+    lower = pl.when(there).then(pl.col("z_m") - 1e-9).otherwise(pl.col("z_m"))
+    seen = replace(recording.seen, states=recording.seen.states.with_columns(lower))
+    assert found(analyze(seen), "law-mismatch").body == "1_link0"
+
+
+HIDING = {
+    'p.loadURDF("r2d2.urdf", useMaximalCoordinates=True)': [True],
+    'p.loadURDF("cube_small.urdf", useMaximalCoordinates=True)': [False],
+    'p.loadURDF("r2d2.urdf")': [False],
+    'p.loadURDF("two.urdf", useMaximalCoordinates=1)': [True],
+    'p.loadURDF("two.urdf", useMaximalCoordinates=1, flags=p.URDF_MERGE_FIXED_LINKS)': [False],
+    'p.loadSDF("gripper/wsg50_one_motor_gripper.sdf", True)': [True],
+    'p.loadSDF("stadium.sdf", useMaximalCoordinates=True)': [False] * 3,
+    'p.loadMJCF("mjcf/ant.xml", useMultiBody=0)': [True],
+    'p.loadMJCF("mjcf/capsule.xml", useMultiBody=0)': [False] * 2,
+}
+"""What loads bodies, and which of them have links that PyBullet does not show."""
+TWO_LINKS = """\
+<robot name="two">
+  <link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>
+  <link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>
+  <joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize("call", HIDING)
+def test_links_that_pybullet_does_not_show_are_known(
+    analyzed: Analyzed, tmp_path: Path, call: str
+) -> None:
+    (tmp_path / "two.urdf").write_text(TWO_LINKS)
+    search = f"p.setAdditionalSearchPath({str(tmp_path)!r})\n" if "two.urdf" in call else ""
+    recording, analysis = analyzed(f"{search}{call}\nsteps(3)")
+    bodies = recording.seen.bodies
+    assert [bodies[number].hides_links for number in sorted(bodies)] == HIDING[call]
+    assert "law-mismatch" not in codes(analysis)
+    reasons = {each.reason for body in analysis.bodies for each in body.unexplained}
+    assert reasons <= {
+        "links of a btRigidBody, which PyBullet does not show", "a state that is not finite",
+    }  # fmt: skip
+
+
+def test_what_a_call_gave_a_removed_body_is_not_given_to_the_next(analyzed: Analyzed) -> None:
+    """The first is gone before anything was recorded of it, and the second has its id."""
+    recording, analysis = analyzed(
+        GRAVITY
+        + """
+b = p.loadURDF("cube_small.urdf", [0, 0, 3])
+p.changeDynamics(b, -1, linearDamping=0.7, mass=3)
+p.removeBody(b)
+assert p.loadURDF("cube_small.urdf", [0, 0, 3]) == b
+steps(5)
+"""
+    )
+    assert recording.seen.by_body[0].given == []
+    assert body_of(analysis, 0).segments["flight"] == 5
+
+
 def test_a_mass_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None:
     """PyBullet loses the mass of a btRigidBody that is told its inertia alone, as memory has it."""
     recording, _ = analyzed(SCENES["free fall"][0].replace("{maximal}", "True"))

@@ -160,7 +160,7 @@ def test_lines_are_as_wide_as_the_terminal_between_50_and_100_columns(
         drop_process("record", "-o", f"script-{boxes}.rrd", "script.py")
     widest = 0
     for command in (
-        "--help", "record -h", "analyze run.rrd", "info run.rrd", "info script-3.rrd",
+        "--help", "simulate -h", "analyze run.rrd", "info run.rrd", "info script-3.rrd",
         "analyze script-1.rrd", "analyze script-3.rrd", "analyze no-recording-of-this-name.rrd",
         f"sweep -o s{columns} --timestep 1/240,1/480,1/960 --no-record", "render run.rrd",
     ):  # fmt: skip
@@ -482,7 +482,7 @@ def test_printed_study_tells_orders_limit_and_what_the_theory_knows(
         "Richardson 0.562860 m at order 1.0000; damped fall at 0.562860 m",
         # 1.25 times the true one, which is (0.00613 / 16) / 0.562476875
         "convergence index 0.0851% of the height at 1/3840 s; true error 0.0681%",
-        "errors cancel at about 1/341 s: there",
+        "errors cancel at about 1/341 s: timestep",
         "refining hurts the total grows again, to +4.31 mm",
     ):
         assert sentence in text
@@ -504,7 +504,7 @@ def test_printed_study_without_damping_explains_no_limit(
     told = said[said.index("height 1") :]
     assert told[2:5] == [
         "against free fall 1.000", "against damped fall 1.000",
-        "Richardson needs three timesteps whose heights close in on a limit",
+        "Richardson needs three timesteps whose heights converge",
     ]  # fmt: skip
     for word in ("*", "cancel", "hurts", "left out", "index"):
         assert word not in " ".join(told)
@@ -573,7 +573,7 @@ def test_printed_statistics_are_in_millimetres_beside_half_the_interval(
         "damping +4.0000 – – -3.0000 -1.0000 +2.0000",
         "over the 12 samples in the air; ± 95 % is that of the mean",
     ]
-    assert "not yet as narrow as asked for" in told[-1]
+    assert "wider than asked for" in told[-1]
     more = replace(group, samples=20)
     show_sweep(swept(tmp_path, statistics=[more]), as_json=False)
     assert "over the 12 of 20 samples in the air;" in " ".join(lines_of(capsys))
@@ -792,7 +792,7 @@ def test_info_says_what_a_drop_is_in_ten_lines(drop: Drop, tmp_path: Path, stand
     assert (done.returncode, done.stderr) == (0, "")
     told = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
     assert len(told) <= 10
-    assert told["recording"].endswith(" kB, whole, as it was written")
+    assert told["recording"].endswith(" kB, complete, verified")
     assert told["drop"] == "cube_small.urdf dropped from 1 m"
     assert told["bodies"] == "cube_small.urdf, 0.1 kg"
     assert told["samples"].startswith("241 in 1 s, 132 of them in contact")

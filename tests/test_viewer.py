@@ -36,6 +36,8 @@ from pipeline.recording.script_layout import world_view
 from pipeline.stages import view
 from pipeline.stages.run import Run
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[1]
 
 ALONE = {

@@ -15,7 +15,9 @@ Results go to standard output, everything else to standard error. Exit codes: 0 
 2 wrong usage, 3 a check found a difference, 130 stopped by Ctrl-C (143 by SIGTERM). A sweep fails
 if one of its runs does; `record` finishes its recording on Ctrl-C and exits with 0. With `--json`
 standard output is exactly one JSON object, described in [json.md](json.md). Lines are as wide as
-the terminal, from 50 to 100 columns.
+the terminal, from 50 to 100 columns. With `LANG=ja_JP.UTF-8` or `DROP_LANG=ja` results, notes and
+errors are in Japanese, and so are plots where a Japanese font is installed; help and JSON stay
+English.
 """
 WIDTH = 90
 

@@ -22,6 +22,7 @@ from cli import app
 from pipeline.sweeping.engines import dismiss
 
 ROOT = Path(__file__).parents[2]
+os.environ["DROP_LANG"] = "en"  # what pages show is in English, whoever makes them
 
 PROGRAMS = {
     "pip": (":", "installs; the extras it names are checked"),

@@ -1,4 +1,4 @@
-"""Help as plain text, the options in their groups; the reference in docs/ is the same text.
+"""Help as plain text, options in groups; the reference in docs/ has the same text.
 
 Typer draws boxes around it by default, and loading what draws them would take longer than
 everything else that `drop --help` does.
@@ -15,12 +15,13 @@ from typer.core import TyperCommand, TyperGroup
 from typer.models import CommandFunctionType
 
 from pipeline.errors import ScenarioError
+from pipeline.messages import joined
 
 SHELLS = ("bash", "zsh", "fish")
 
 
 class App(typer.Typer):
-    """The command line; every command's options are listed in their groups."""
+    """The command line; each command lists its options in groups."""
 
     def command(
         self,
@@ -43,8 +44,7 @@ class Command(TyperCommand):
         for param in params:
             is_argument = param.param_type_name == "argument"
             title = "Arguments" if is_argument else param.rich_help_panel or "Options"
-            called, said = param.get_help_record(ctx)
-            record = (param.metavar, param.help) if is_argument else (called, said)
+            record = (param.metavar, param.help) if is_argument else param.get_help_record(ctx)
             sections.setdefault(title, []).append(record)
         for title, records in sections.items():
             with formatter.section(title):
@@ -55,10 +55,15 @@ class Commands(TyperGroup):
     """The list of commands."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
-        """Read the options; those of completion may name a shell, else it is the one around us."""
+        """Parse the options; those of completion may name a shell, by default the current one."""
         if len(args) > 1 and args[0] in _COMPLETION:
             if args[1] not in SHELLS:
-                raise ScenarioError(f"{args[0]} takes {', '.join(SHELLS)}, got {args[1]!r}")
+                raise ScenarioError(
+                    "{option} takes {shells}, got {shell!r}",
+                    option=args[0],
+                    shells=joined(", ", SHELLS),
+                    shell=args[1],
+                )
             _COMPLETION[args[0]](ctx, None, args[1])
         return super().parse_args(ctx, args)
 

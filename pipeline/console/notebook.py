@@ -21,7 +21,7 @@ PICTURES = {".gif": "gif", ".png": "png", ".webp": "webp", ".apng": "apng", ".sv
 """What a browser shows: file suffix -> media type."""
 PRE = '<pre style="line-height: normal; overflow-x: auto">{code}</pre>'
 WIDEST = 1000
-"""Columns; lines were wrapped already."""
+"""Columns; the lines are already wrapped."""
 
 
 def text_of(result: Shown) -> str:
@@ -30,7 +30,7 @@ def text_of(result: Shown) -> str:
 
 
 def html_of(result: Shown) -> str:
-    """Return the same as HTML, and below it the tables and pictures of the result."""
+    """Return the same text as HTML, followed by the result's tables and pictures."""
     text = _printed(result).export_html(
         theme=DEFAULT_TERMINAL_THEME, inline_styles=True, code_format=PRE
     )
@@ -48,7 +48,7 @@ def _printed(result: Shown) -> Console:
 
 
 def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
-    """Yield the rows of a sweep, of which the text shows the first, and only what differs."""
+    """Yield the rows of a sweep: the text shows only the first, and only what differs."""
     from pipeline.stages.sweep import Sweep
 
     if isinstance(result, Sweep):
@@ -56,7 +56,7 @@ def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
 
 
 def _pictures(result: Any) -> Iterator[str]:  # noqa: ANN401
-    """Yield the pictures that were made of a result; of an analysis its plot is drawn."""
+    """Yield the pictures written for a result; an analysis is plotted now."""
     from pipeline.analysis.drop.results import Analysis
     from pipeline.stages.render import Rendering, plot_of
     from pipeline.stages.run import Run

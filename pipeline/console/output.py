@@ -1,4 +1,4 @@
-"""How things are printed: JSON, notes, lines, and numbers in the digits that make sense."""
+"""How output is printed: JSON, notes, lines, and numbers with sensible digits."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from typing import Any, TextIO
 
 from pipeline.fields import counted as counted
 from pipeline.fields import decimals
+from pipeline.messages import Message, translated
 
 WIDTH = 80
-"""Columns that a line of ours takes in a pipe, where no name in it is longer."""
+"""Width of a line in a pipe, unless a name in it is longer."""
 NARROWEST, WIDEST = 50, 100
-"""Columns that it takes at least and at most on a terminal, as far as that has them."""
+"""Least and greatest width on a terminal that is wide enough."""
 
 
 def width(stream: TextIO | None = None) -> int:
-    """Return how many columns a line may take: those of the terminal, within reason.
+    """Return how many columns a line may take: the terminal's, within these limits.
 
-    Not `shutil.get_terminal_size`, which asks descriptor 1: that leads nowhere here, see
+    Not `shutil.get_terminal_size`, which asks descriptor 1: here that is /dev/null, see
     `running`.
     """
     stream = stream or sys.stdout
@@ -37,16 +38,16 @@ def width(stream: TextIO | None = None) -> int:
 
 
 def harmless(text: str) -> str:
-    """Return a text with what a terminal would obey, or not show, in the escapes of JSON.
+    """Escape, as in JSON, what a terminal would interpret or not show.
 
-    Names and texts may come from a recording that somebody else made: control characters, escape
-    sequences, marks that reverse the direction of reading.
+    Names and texts may come from someone else's recording: control characters, escape sequences,
+    marks that reverse the reading direction.
     """
     if text.isprintable():
         return text
     return "".join(
-        one if one.isprintable() or unicodedata.category(one) == "Zs" else _escaped(one)
-        for one in text
+        letter if letter.isprintable() or unicodedata.category(letter) == "Zs" else _escaped(letter)
+        for letter in text
     )
 
 
@@ -56,37 +57,99 @@ def _escaped(character: str) -> str:
 
 
 def wants_colour(stream: TextIO) -> bool:
-    """Whether a stream may carry colours: a terminal, or one that FORCE_COLOR speaks for."""
+    """Whether a stream gets colours: it is a terminal, or FORCE_COLOR is set."""
     if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
         return False
     return bool(os.environ.get("FORCE_COLOR")) or stream.isatty()
 
 
 def millimetres(value_m: float) -> str:
-    """Right-align a length in mm; what four decimals cannot show is given in powers of ten."""
+    """Right-align a length in mm; in powers of ten where four decimals would show nothing."""
     value = value_m * 1e3 + 0.0  # no minus before a zero
     small = 0 < abs(value) < 5e-5
     text = f"{value:+.1e}" if small else decimals(value, 4, "+")
     return f"{text:>10} mm"
 
 
-def beside(title: str, words: str, column: int) -> list[str]:
-    """Return words beside a title, wrapped in a column of their own; below it where it is long."""
-    lines = textwrap.wrap(words, width() - column, break_on_hyphens=False, break_long_words=False)
-    if not lines or (title and len(title) > column - 2):
+def columns_of(text: str) -> int:
+    """Return how many columns a text takes: Chinese and Japanese characters take two."""
+    if text.isascii():
+        return len(text)
+    from rich.cells import cell_len
+
+    return cell_len(text)
+
+
+def left(text: str, columns: int) -> str:
+    """Left-align a text in columns."""
+    return text + " " * (columns - columns_of(text))
+
+
+def right(text: str, columns: int) -> str:
+    """Right-align a text in columns."""
+    return " " * (columns - columns_of(text)) + text
+
+
+def cut(text: str, columns: int) -> str:
+    """Cut a text to a number of columns."""
+    from rich.cells import set_cell_size
+
+    return set_cell_size(text, columns)
+
+
+_WIDE = "\u2e80-\ua4cf\uf900-\ufaff\uff01-\uff60"
+_UNBROKEN = re.compile(rf"[「\uff08(]*(?:[^{_WIDE}]+|.)[、。」ー\uff09):;,.…]*")
+"""Japanese has no spaces: a line may end after any character, but not before `、` or after `「`."""
+
+
+class _Part(str):
+    __slots__ = ()
+
+    def __len__(self) -> int:
+        return columns_of(str(self))
+
+
+class _Wrapper(textwrap.TextWrapper):
+    """Wraps at spaces and between Japanese characters, counting columns; never inside a name."""
+
+    def _split(self, text: str) -> list[str]:
+        chunks: list[str] = super()._split(text)
+        return [_Part(part) for chunk in chunks for part in _UNBROKEN.findall(chunk)]
+
+
+def wrapped(words: str, columns: int, indent: str = "") -> list[str]:
+    """Wrap words to a number of columns; all lines but the first are indented."""
+    wrapper = _Wrapper(
+        columns, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
+    )
+    return wrapper.wrap(words)
+
+
+def beside(title: str, words: str, column: int) -> list[tuple[str, str]]:
+    """Wrap words in a column beside a title; below it if the title is too long.
+
+    Both are in the reader's language. Each line has two parts; the first is as wide as the title's
+    column.
+    """
+    title = translated(title)
+    lines = wrapped(translated(words), width() - column)
+    if not lines or (title and columns_of(title) > column - 2):
         lines.insert(0, "")
     titles = [title, *[""] * (len(lines) - 1)]
-    return [f"{a:<{column}}{b}".rstrip() for a, b in zip(titles, lines, strict=True)]
+    return [(left(head, column), line) for head, line in zip(titles, lines, strict=True)]
 
 
 def titled(title: str, words: str, *, column: int, style: str = "") -> list[str]:
-    """Return the same with Rich's markup: words are escaped, and the title may have a style."""
+    """Return the same with Rich's markup: the words are escaped, the title may have a style."""
     from rich.markup import escape  # takes a tenth of the time of `drop --help`
 
-    first, *others = beside(title, words, column)
-    head = escape(first[:column])
+    lines = [
+        (escape(head if words else head.rstrip()), escape(words))
+        for head, words in beside(title, words, column)
+    ]
+    head, first = lines[0]
     head = f"[{style}]{head}[/]" if style else head
-    return [head + escape(first[column:]), *map(escape, others)]
+    return [head + first, *(head + line for head, line in lines[1:])]
 
 
 _SHELL_WORD = re.compile(r"""(?:\$'(?:\\.|[^'\\])*'|'[^']*'|"[^"]*"|\S)+""")
@@ -100,50 +163,52 @@ def pasteable(title: str, command: str, *, column: int, style: str = "") -> list
     from rich.markup import escape
 
     lines, room = [""], width() - column - len(" \\")
-    for word in _SHELL_WORD.findall(command):
-        if lines[-1] and len(lines[-1]) + 1 + len(word) > room:
+    for word in _SHELL_WORD.findall(translated(command)):
+        if lines[-1] and columns_of(f"{lines[-1]} {word}") > room:
             lines.append(word)
         else:
             lines[-1] += f" {word}" if lines[-1] else word
-    head = f"[{style}]{title}[/]" if style else title
-    heads = [head + " " * (column - len(title)), *[" " * column] * (len(lines) - 1)]
+    head = left(translated(title), column)
+    heads = [f"[{style}]{head}[/]" if style else head, *[" " * column] * (len(lines) - 1)]
     ends = [*[" \\"] * (len(lines) - 1), ""]  # after `escape`, which doubles a backslash at an end
     return [a + escape(b) + c for a, b, c in zip(heads, lines, ends, strict=True)]
 
 
 def finding(code: str, message: str, *, column: int) -> list[str]:
-    """Return a finding with Rich's markup: its code stands out."""
-    first, *others = titled("Finding", f"{code}: {message}", column=column, style="bold")
-    return [first.replace(f"{code}:", f"[yellow]{code}[/]:", 1), *others]
+    """Return a finding with Rich's markup, its code highlighted."""
+    words = Message("{code}: {message}", code=code, message=message)
+    first, *others = titled(Message("Finding"), words, column=column, style="bold")
+    return [first.replace(code, f"[yellow]{code}[/]", 1), *others]
 
 
 def listed(title: str, pairs: Sequence[tuple[str, str]], *, column: int) -> list[str]:
     """Return a table beside its title, with Rich's markup; the first row is its heading.
 
-    Each row has two parts; on a narrow terminal the second stands below the first.
+    Each row has two parts; on a narrow terminal the second is below the first.
     """
     from rich.markup import escape
 
-    wide = column + max(len(one) + len(other) for one, other in pairs) <= width()
+    wide = column + max(columns_of(first + second) for first, second in pairs) <= width()
     heading, *rows = (
-        [one + other] if wide else [one.rstrip(), *([f"  {other}"] if other else [])]
-        for one, other in pairs
+        [first + second] if wide else [first.rstrip(), *([f"  {second}"] if second else [])]
+        for first, second in pairs
     )
     indent = " " * (column if wide else 2)
-    lines = [f"[bold]{title:<{column}}[/][dim]{heading[0]}[/]"]
+    lines = [f"[bold]{left(translated(title), column)}[/][dim]{heading[0]}[/]"]
     lines += [f"{indent}[dim]{part}[/]" for part in heading[1:]]
     return [*lines, *(f"{indent}{escape(part)}" for row in rows for part in row)]
 
 
 def made(title: str, path: object, facts: str = "", *, column: int) -> list[str]:
-    """Return the line of a file that was made; what is said of it goes below a long name."""
+    """Return the line of a written file; the facts go below a long name."""
     from rich.markup import escape
 
-    head = f"[dim]{title}[/]{'':<{column - len(title)}}{escape(str(path))}"
+    title, facts = translated(title), translated(facts)
+    head = f"[dim]{title}[/]{left('', column - columns_of(title))}{escape(str(path))}"
     if not facts:
         return [head]
-    fits = column + len(str(path)) + 3 + len(facts) <= width()
-    return [f"{head}   {facts}"] if fits else [head, f"{'':<{column}}{facts}"]
+    fits = column + columns_of(str(path)) + 3 + columns_of(facts) <= width()
+    return [f"{head}   {facts}"] if fits else [head, f"{left('', column)}{facts}"]
 
 
 def print_json(value: dict[str, Any]) -> None:
@@ -157,35 +222,29 @@ def descriptor(stream: TextIO) -> int:
     """Return a stream's file descriptor, for another process to write to."""
     try:
         return stream.fileno()
-    except OSError:  # somebody has put a stream in memory in its place
+    except OSError:  # replaced by a stream in memory
         return 2 if stream is sys.stderr else 1
 
 
 def note(sentence: str) -> None:
-    """Say something that is worth knowing but no error, on standard error."""
-    print(one_line(f"drop: {sentence}"), file=sys.stderr)
+    """Print something worth knowing that is not an error, to standard error."""
+    print(one_line(f"drop: {translated(sentence)}"), file=sys.stderr)
 
 
 def error(sentence: str) -> None:
-    """Say what went wrong, on standard error; on a terminal the beginning is red."""
-    line = one_line(f"drop: {sentence}")
+    """Print what went wrong to standard error; on a terminal it begins in red."""
+    line = one_line(f"drop: {translated(sentence)}")
     if wants_colour(sys.stderr):
         line = f"\x1b[1;31mdrop:\x1b[0m{line.removeprefix('drop:')}"
     print(line, file=sys.stderr)
 
 
 def one_line(sentence: str) -> str:
-    """Return a sentence as one line; a terminal gets it wrapped at words, with an indent."""
+    """Return a sentence as one line; on a terminal it is wrapped, with an indent."""
     line = harmless(" ".join(sentence.split()))
     if not sys.stderr.isatty():
         return line
-    return textwrap.fill(
-        line,
-        width(sys.stderr),
-        subsequent_indent="      ",
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    return "\n".join(wrapped(line, width(sys.stderr), indent="      "))
 
 
 def print_lines(*lines: str, stream: TextIO | None = None) -> None:

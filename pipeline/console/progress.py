@@ -7,21 +7,24 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from pipeline.console.output import wants_colour
+from pipeline.console.output import left, wants_colour
+from pipeline.messages import Message, localized, translated
 
 
 @contextlib.contextmanager
 def progress() -> Iterator[Callable[[str, int, int], None]]:
-    """Yield what stages report to: what is done, how much of it, out of how much."""
+    """Yield the function that stages call: what is being done, how much of it, out of how much."""
     with _bars() as show:
         yield lambda what, done, total: show(what, what, done, total)
 
 
 @contextlib.contextmanager
 def sweep_progress() -> Iterator[Callable[[int, int, int], None]]:
-    """Yield what a sweep reports to: runs done, how many of them failed, out of how many."""
+    """Yield the function that a sweep calls: runs done, runs failed, out of how many."""
     with _bars() as show:
-        yield lambda done, failed, total: show("runs", f"runs, {failed:,} failed", done, total)
+        yield lambda done, failed, total: show(
+            "runs", Message("runs, {failed:,} failed", failed=failed), done, total
+        )
 
 
 @contextlib.contextmanager
@@ -49,20 +52,21 @@ def _bars() -> Iterator[Callable[[str, str, int, int], None]]:
             return Text(rate(task.speed), justify="right")
 
     columns = (
-        TextColumn("{task.description:<16}"),
+        TextColumn("{task.description}"),
         BarColumn(bar_width=14),
         TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
         Rate(),
         TimeRemainingColumn(),
-        TextColumn("left"),
+        TextColumn(localized("left")),
     )
     console = Console(stderr=True, color_system="auto" if wants_colour(sys.stderr) else None)
-    # The rate is that of the whole time: shares of a sweep come far apart.
+    # The rate is averaged over the whole time: parts of a sweep arrive at long intervals.
     with Progress(*columns, console=console, transient=True, speed_estimate_period=1e9) as bars:
         tasks: dict[str, Any] = {}
 
         def show(name: str, words: str, done: int, total: int) -> None:
-            if name not in tasks:  # what was there before says nothing of the rate
+            words = left(translated(words), 16)
+            if name not in tasks:  # earlier results say nothing about the rate
                 tasks[name] = bars.add_task(words, completed=done, total=total)
             bars.update(tasks[name], description=words, completed=done)
 
@@ -70,7 +74,7 @@ def _bars() -> Iterator[Callable[[str, str, int, int], None]]:
 
 
 def rate(per_second: float | None) -> str:
-    """Return how fast something goes, in the unit in which it is a number above one."""
+    """Return a rate per second, or per minute where it is below one per second."""
     if per_second is None:
         return ""
     return f"{per_second:,.0f}/s" if per_second >= 1 else f"{60 * per_second:.1f}/min"

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.console.output import width
 from pipeline.errors import DropError
+from pipeline.messages import Message, joined
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,26 +23,27 @@ if TYPE_CHECKING:
 
 
 COLLECTED_EVERY = 1_000_000
-"""Objects that are made before the garbage collector looks at them: more than imports make.
+"""New objects that trigger the garbage collector: more than the imports create.
 
 At 700, its default, it takes 0.17 s of the 1.4 s that `drop run --no-camera` computes.
 """
 
 
 class Stopped(BaseException):
-    """A signal told the process to end. Unlike KeyboardInterrupt, Typer lets it through."""
+    """A signal ended the process. Typer does not catch it, as it does KeyboardInterrupt."""
 
 
 def main() -> None:
     """Run `drop` as this process, whose signals and streams are ours until it ends.
 
-    The command line is imported once a signal that comes meanwhile ends in one line too.
+    The command line is imported after the handlers are set, so that a signal during the import
+    also ends in one line.
     """
     received: list[int] = []
 
     def stop(number: int, _: object) -> None:
         received.append(number)
-        signal.signal(number, signal.SIG_DFL)  # whoever asks again wants it at once
+        signal.signal(number, signal.SIG_DFL)  # a second signal ends it at once
         raise Stopped
 
     def load() -> typer.Typer:
@@ -56,7 +58,7 @@ def main() -> None:
     try:
         code = run(load, received)
     finally:
-        for number in (signal.SIGINT, signal.SIGTERM):  # done: Python is only tidying up
+        for number in (signal.SIGINT, signal.SIGTERM):  # done: Python is only cleaning up
             signal.signal(number, signal.SIG_IGN)
     _give_up_standard_output()
     raise SystemExit(code)
@@ -82,13 +84,13 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
     except (BrokenPipeError, SystemExit) as error:
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
             return int(error.code or 0)  # completion ends like this; fish asks for the code
-        return 141  # whoever read us has gone; Click and Rich turn that into an exit
+        return 141  # the reader has gone; Click and Rich turn that into an exit
     except (Exception, Stopped) as error:
         if os.environ.get("DROP_DEBUG") == "1":
             raise
         # A signal that arrives inside a library may come out as that library's own error.
-        said, code = _stopped(received[0]) if received else _verdict(error)
-        line = "; ".join([said, *getattr(error, "__notes__", [])])
+        sentence, code = _stopped(received[0]) if received else _verdict(error)
+        line = joined("; ", [sentence, *getattr(error, "__notes__", [])])
         from pipeline.console.output import error as say
 
         with contextlib.suppress(OSError):
@@ -97,15 +99,15 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Open what was closed before we came (`>&-`): else a recording gets its number, and its text.
+    """Open standard streams that are closed (`>&-`): else a recording would get their numbers.
 
-    What an encoding cannot say is written as an escape, which is valid in JSON too.
+    What the encoding cannot express is written as an escape, which is valid in JSON too.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: this one
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -126,7 +128,7 @@ def _keep_standard_output() -> None:
 
 
 def _give_up_standard_output() -> None:
-    """Send what is still buffered nowhere, so that Python does not complain of it at exit."""
+    """Discard what cannot be flushed, so that Python does not complain at exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -140,33 +142,48 @@ def _send_nowhere(number: int) -> None:
 
 
 def _stopped(number: int) -> tuple[str, int]:
-    return "interrupted" if number == signal.SIGINT else "terminated", 128 + number
+    interrupted = number == signal.SIGINT
+    return Message("interrupted") if interrupted else Message("terminated"), 128 + number
 
 
 def _verdict(error: BaseException) -> tuple[str, int]:
-    """Return what to say of an error, and the exit code."""
+    """Return the message of an error, and the exit code."""
     import typer
 
     if isinstance(error, DropError):
         return error.in_options, error.exit_code
-    full = {errno.ENOSPC: "no space left", errno.EFBIG: "the file is too large; see: ulimit -f"}
+    full = {
+        errno.ENOSPC: Message("no space left"),
+        errno.EFBIG: Message("the file is too large; see: ulimit -f"),
+    }
     if isinstance(error, OSError) and error.errno in full and error.filename is None:
-        return f"standard output cannot be written: {full[error.errno]}; send it elsewhere", 1
+        return Message(
+            "standard output cannot be written: {why}; send it elsewhere", why=full[error.errno]
+        ), 1
     if isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)
         command = "drop" if context is None else context.command_path
-        said = _unreadable(error) or error.format_message().rstrip(".")
-        return f"{said[:1].lower()}{said[1:]}; see: {command} --help", error.exit_code
-    return f"{type(error).__name__}: {error}; DROP_DEBUG=1 shows where", 1
+        sentence: str | None = _unreadable(error)
+        if sentence is None:
+            typers = error.format_message().rstrip(".")
+            sentence = f"{typers[:1].lower()}{typers[1:]}"
+        return Message(
+            "{error}; see: {command} --help", error=sentence, command=command
+        ), error.exit_code
+    return Message("{error}; DROP_DEBUG=1 shows where", error=f"{type(error).__name__}: {error}"), 1
 
 
-def _unreadable(error: BaseException) -> str | None:
-    """Return what to say of a text that is no number: Typer leaves the text out."""
+def _unreadable(error: BaseException) -> Message | None:
+    """Return the message for a text that is not a number: Typer's leaves the text out."""
     from pipeline.fields import shown
 
-    for one in getattr(error.__cause__, "errors", list)():
-        wanted = one.get("ctx", {}).get("error")
+    for details in getattr(error.__cause__, "errors", list)():
+        wanted = details.get("ctx", {}).get("error")
         if isinstance(wanted, DropError):
-            option = getattr(error, "param").opts[0]  # noqa: B009 - of some errors only
-            return f"{option} takes {wanted}, got {shown(one['input'])}"
+            return Message(
+                "{option} takes {wanted}, got {text}",
+                option=getattr(error, "param").opts[0],  # noqa: B009 - of some errors only
+                wanted=wanted.in_options,
+                text=shown(details["input"]),
+            )
     return None

@@ -7,14 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.analysis.drop.comparison import IN_CONTACT_M
 from pipeline.console.output import print_json, print_lines, titled
+from pipeline.console.words import NONE
+from pipeline.messages import Message, joined
 from pipeline.scenario import Scenario
 
 if TYPE_CHECKING:
     from pipeline.analysis.drop.comparison import Comparison, Place, Setting
     from pipeline.stages.check import Check, Frames
+    from pipeline.stages.check_script import ScriptCheck
 
 DIFFERS = 3
 """The exit code of a check that failed."""
+GOLDEN, IDENTICAL, NOTHING = Message("golden"), Message("identical"), Message("nothing")
+GIVEN = {True: Message("given"), False: Message("not given")}
 
 
 def show_check(check: Check, *, as_json: bool) -> int:
@@ -49,81 +54,113 @@ def check_lines(check: Check) -> list[str]:
     """Say whether the two are the same, and if not, where and how."""
     compared = check.comparison
     if compared is None:
-        return _titled("golden", f"{check.golden} is now {check.recording}")
-    lines = _titled("same" if check.same else "differs", f"{check.recording} and {check.golden}")
+        return updated_lines(check)
+    lines = verdict_lines(check)
     if compared.same_experiment and compared.largest_difference_m is not None:
-        lines += _titled("positions", _positions(check, compared))
+        lines += line_of(Message("positions"), _positions(check, compared))
     for difference in compared.differences:
-        is_option = difference.name in Scenario.options()
-        lines += _titled(
-            *(
-                ("setting", _option(difference))
-                if is_option
-                else ("engine", setting_line(difference))
-            )
-        )
+        if difference.name in Scenario.options():
+            lines += line_of(Message("setting"), _option(difference))
+        else:
+            lines += line_of(Message("engine"), setting_line(difference))
     if compared.same_experiment and check.first is not None:
-        lines += _titled("first", _first(check.first))
+        lines += line_of(Message("first"), _first(check.first))
     if compared.looks_like is not None:
-        lines += _titled("looks like", compared.looks_like)
+        lines += line_of(Message("looks like"), compared.looks_like)
     if check.frames is not None:
-        lines += _titled("frames", frames_line(check.frames))
+        lines += line_of(Message("frames"), frames_line(check.frames))
     for version in compared.versions:
-        lines += _titled("version", setting_line(version))
-    updated = _titled("golden", f"{check.golden} is now {check.recording}")
-    return [*lines, *updated] if check.updated else lines
+        lines += line_of(Message("version"), setting_line(version))
+    return [*lines, *updated_lines(check)] if check.updated else lines
 
 
-def _titled(title: str, words: str) -> list[str]:
+def line_of(title: str, words: str) -> list[str]:
+    """Return a line of a check: a title and words."""
     return titled(title, words, column=12)
 
 
-def _positions(check: Check, compared: Comparison) -> str:
+def verdict_lines(check: Check | ScriptCheck) -> list[str]:
+    """Say whether two recordings are the same."""
+    return line_of(
+        Message("same") if check.same else Message("differs"),
+        Message(
+            "{recording} and {golden}", recording=str(check.recording), golden=str(check.golden)
+        ),
+    )
+
+
+def updated_lines(check: Check | ScriptCheck) -> list[str]:
+    """Say which recording is the golden one now."""
+    words = Message(
+        "{golden} is now {recording}", golden=str(check.golden), recording=str(check.recording)
+    )
+    return line_of(GOLDEN, words)
+
+
+def _positions(check: Check, compared: Comparison) -> Message:
     if compared.largest_difference_m == 0:
-        return "identical"
-    return (
-        f"up to {compared.largest_difference_m:.3g} m apart, at step "
-        f"{compared.largest_difference_step}; allowed: {_allowed(check.tolerance_m)}"
+        return IDENTICAL
+    return Message(
+        "up to {apart:.3g} m apart, at step {step}; allowed: {allowed}",
+        apart=compared.largest_difference_m,
+        step=compared.largest_difference_step,
+        allowed=_allowed(check.tolerance_m),
     )
 
 
 def _allowed(tolerance_m: float) -> str:
     if tolerance_m > IN_CONTACT_M:
         return f"{tolerance_m:g} m"
-    air = f"{tolerance_m:g} m" if tolerance_m else "nothing"
-    return f"{air} in the air, {IN_CONTACT_M:g} m in contact"
+    return Message(
+        "{air} in the air, {contact:g} m in contact",
+        air=f"{tolerance_m:g} m" if tolerance_m else NOTHING,
+        contact=IN_CONTACT_M,
+    )
 
 
-def _option(one: Setting) -> str:
-    """Name a setting by the option that makes it."""
-    option = Scenario.options()[one.name]
-    if option.is_flag:
-        given, golden = ("not given" if value else "given" for value in (one.value, one.golden))
-        return f"{option.name} {given}, golden {golden}"
-    return f"{option.name} {option.written(one.value)}, golden {option.written(one.golden)}"
+def _option(setting: Setting) -> Message:
+    """Give a setting's value in both recordings, named by its option."""
+    option = Scenario.options()[setting.name]
+    value, golden = (
+        GIVEN[not given] if option.is_flag else option.written(given)
+        for given in (setting.value, setting.golden)
+    )
+    return beside_golden(option.name, value, golden)
 
 
-def setting_line(one: Setting) -> str:
-    """Say what both recordings have of something."""
-    name = one.name.removeprefix("engine.").removesuffix("_version")
-    return f"{name} {one.value}, golden {one.golden}"
+def beside_golden(name: str, value: object, golden: object) -> Message:
+    """Give a value of a recording, and that of the golden one."""
+    return Message("{name} {value}, golden {golden}", name=name, value=value, golden=golden)
 
 
-def _first(first: Place) -> str:
+def setting_line(setting: Setting) -> Message:
+    """Give a setting's value in both recordings."""
+    name = setting.name.removeprefix("engine.").removesuffix("_version")
+    return beside_golden(name, setting.value, setting.golden)
+
+
+def _first(first: Place) -> Message:
     if first.column == "frame":
-        return f"step {first.step}, its picture"
-    mine, theirs = (_number(value) for value in (first.value, first.golden))
-    return f"step {first.step}, {first.column}: {mine}, golden {theirs}"
+        return Message("step {step}, its picture", step=first.step)
+    return Message(
+        "step {step}, {column}: {value}, golden {golden}",
+        step=first.step,
+        column=first.column,
+        value=_number(first.value),
+        golden=_number(first.golden),
+    )
 
 
 def _number(value: float | None) -> str:
-    return "none" if value is None else repr(value)
+    return NONE if value is None else repr(value)
 
 
-def frames_line(frames: Frames) -> str:
+def frames_line(frames: Frames) -> Message:
     """Say how pictures compare."""
     if not frames.compared:
-        return f"none compared: {frames.why}"
-    differ = f"{frames.differing} differ" if frames.differing else "identical"
-    counts = f"{frames.compared} compared, {differ}"
-    return counts if frames.why is None else f"{counts}; {frames.why}"
+        return Message("none compared: {why}", why=frames.why)
+    differ: Message = IDENTICAL
+    if frames.differing:
+        differ = Message("{differing} differ", differing=frames.differing)
+    counts = Message("{compared} compared, {differ}", compared=frames.compared, differ=differ)
+    return counts if frames.why is None else joined("; ", [counts, frames.why])

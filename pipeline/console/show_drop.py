@@ -1,8 +1,9 @@
-"""Tell the story of one drop: what was recorded, what it tells, what was rendered."""
+"""The story of one drop: what was recorded, what it shows, what was rendered."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,22 +12,39 @@ from rich.markup import escape
 
 from pipeline.console.output import (
     beside,
+    columns_of,
     counted,
     finding,
+    left,
     listed,
     made,
     millimetres,
     note,
     print_json,
     print_lines,
+    right,
     titled,
+    width,
+    wrapped,
+)
+from pipeline.console.words import (
+    CONTACTS,
+    EXPLAINED,
+    FLIGHTS,
+    PLOT,
+    RECORDING,
+    TERMS,
+    errors_by_axis,
+    kinds_of_samples,
+    span,
+    unfinished,
 )
 from pipeline.fields import LARGE, decimals, engineering, fraction
-from pipeline.messages import shell_command
+from pipeline.messages import Message, joined, localized, shell_command, translated
 from pipeline.scenario import ENGINES, EXACT_INTEGRATORS
 
 if TYPE_CHECKING:
-    from pipeline.analysis.drop.results import Analysis, Bounce, Moment
+    from pipeline.analysis.drop.results import Analysis, Bounce, Coverage, Moment, Rest
     from pipeline.stages.render import Rendering
     from pipeline.stages.run import Run
     from pipeline.stages.simulate import Simulation
@@ -43,10 +61,7 @@ def show_simulation(simulation: Simulation, *, as_json: bool) -> None:
 def show_analysis(analysis: Analysis, *, as_json: bool) -> None:
     """Print what `analyze` found."""
     if analysis.partial:
-        note(
-            f"{analysis.recording} was never finished: this is the analysis of the "
-            f"{counted(len(analysis.table), 'sample')} that it holds, unverified"
-        )
+        note(unfinished(analysis.recording, len(analysis.table)))
     if as_json:
         print_json(analysis.as_json())
     else:
@@ -76,14 +91,14 @@ def show_run(run: Run, *, as_json: bool) -> None:
 
 
 def run_lines(run: Run) -> list[str]:
-    """Tell the whole story of a drop, and where it lies."""
+    """Tell the whole story of a drop, and where its files are."""
     command = shell_command("drop", "view", run.simulation.recording)
     return [
         *analysis_lines(run.analysis),
         "",
         *simulation_lines(run.simulation),
         *rendering_lines(run.rendering),
-        *made("see it move", command, column=_FILE),
+        *made(Message("see it move"), command, column=_FILE),
     ]
 
 
@@ -109,104 +124,137 @@ def _rendering_json(rendering: Rendering) -> dict[str, Any]:
 
 def simulation_lines(simulation: Simulation) -> list[str]:
     """Say what was recorded."""
-    facts = (
-        f"{counted(simulation.samples, 'sample')}, {counted(simulation.frames, 'frame')}, "
-        f"{simulation.bytes / 1e3:,.0f} kB, {simulation.wall_s:.1f} s"
+    facts = Message(
+        "{samples}, {frames}, {kilobytes:,.0f} kB, {wall_s:.1f} s",
+        samples=counted(simulation.samples, "sample"),
+        frames=counted(simulation.frames, "frame"),
+        kilobytes=simulation.bytes / 1e3,
+        wall_s=simulation.wall_s,
     )
-    return made("recording", simulation.recording, facts, column=_FILE)
+    return made(RECORDING, simulation.recording, facts, column=_FILE)
 
 
 def rendering_lines(rendering: Rendering) -> list[str]:
     """Say what was rendered, and how it plays."""
     lines = []
     if rendering.gif is not None:
-        facts = f"{counted(rendering.frames, 'frame')}, {rendering.frames / rendering.fps:.2f} s"
+        frames = counted(rendering.frames, "frame")
+        facts = [frames, f"{rendering.frames / rendering.fps:.2f} s"]
         if rendering.speed is not None:
-            facts += f", {_speed(rendering.speed)}"
-        lines += made(rendering.gif.suffix[1:], rendering.gif, facts, column=_FILE)
+            facts.append(_speed(rendering.speed))
+        lines += made(rendering.gif.suffix[1:], rendering.gif, joined(", ", facts), column=_FILE)
     if rendering.plot is not None:
-        lines += made("plot", rendering.plot, column=_FILE)
+        lines += made(PLOT, rendering.plot, column=_FILE)
     return lines
 
 
-def _speed(speed: float) -> str:
+def _speed(speed: float) -> Message:
     """Return a speed in words: real time, or what part or multiple of it."""
     if abs(speed - 1) < 5e-4:
-        return "in real time"
-    return f"{1 / speed:.4g} times slower" if speed < 1 else f"{speed:.4g} times faster"
+        return Message("in real time")
+    if speed < 1:
+        return Message("{times:.4g} times slower", times=1 / speed)
+    return Message("{times:.4g} times faster", times=speed)
 
 
 def analysis_lines(analysis: Analysis) -> list[str]:
-    """Tell a drop from its release to its rest, in lines of at most 80 characters."""
+    """Tell a drop from its release to its rest, in lines as wide as the terminal."""
     scenario = analysis.scenario
-    first, last = analysis.table.row(0, named=True), analysis.table.row(-1, named=True)
-    given, damping = scenario["linear_damping"], ""
-    if given is not None or scenario["engine"] == "bullet":
-        damping = f", damping {'default' if given is None else f'{given:g}'}"
-    body = escape(Path(scenario["body"]).name)
-    dropped = (
-        f"{body} dropped{_engine(scenario)} from {decimals(first['simulated_m'], 4)} m, "
-        f"timestep {fraction(scenario['timestep_s'])} s{damping}"
-    )
-    headline, *others = beside("", dropped, 0)
+    last = analysis.table.row(-1, named=True)
+    body = Path(scenario["body"]).name
+    headline, *others = map(escape, wrapped(translated(_dropped(analysis, body)), width()))
+    body = escape(body)
     lines = [
         headline.replace(body, f"[bold]{body}[/]", 1),
         *others,
-        f"after {last['time_s']:.4g} s its centre is at {decimals(last['simulated_m'], 4)} m",
+        localized(
+            "after {time:.4g} s its centre is at {height} m",
+            time=last["time_s"],
+            height=decimals(last["simulated_m"], 4),
+        ),
     ]
     for moment in analysis.at:
         lines += ["", *_moment(moment, scenario)]
-    coverage = analysis.coverage
-    if coverage.samples < coverage.of:
-        covered = {0: "no sample", 1: "sample 0"}.get(
-            coverage.samples, f"samples 0 to {coverage.samples - 1}"
-        )
-        lines += ["", *_titled("Covered", f"{covered} of {coverage.of:,}: {coverage.why}")]
+    if analysis.coverage.samples < analysis.coverage.of:
+        lines += ["", *_titled(Message("Covered"), _covered(analysis.coverage))]
     lines += ["", *_impact(analysis), *_bounces(analysis), *_rest(analysis), *_energy(analysis)]
     lines += ["", *_explained(analysis), *_flights(analysis), *_contacts(analysis)]
     if analysis.findings:
         lines.append("")
-    for one in analysis.findings:
-        lines += finding(one.code, one.message, column=_TITLE)
+    for each in analysis.findings:
+        lines += finding(each.code, each.message, column=_TITLE)
     return lines
+
+
+def _dropped(analysis: Analysis, body: str) -> Message:
+    """Say what was dropped, from where, in which engine; PyBullet is not named."""
+    scenario = analysis.scenario
+    values = {
+        "body": body,
+        "height": decimals(analysis.table["simulated_m"][0], 4),
+        "timestep": fraction(scenario["timestep_s"]),
+    }
+    if scenario["engine"] == "bullet":
+        dropped = Message("{body} dropped from {height} m, timestep {timestep} s", **values)
+    else:
+        integrator = f" ({scenario['integrator']})" if scenario["integrator"] else ""
+        dropped = Message(
+            "{body} dropped in {engine} from {height} m, timestep {timestep} s",
+            engine=ENGINES[scenario["engine"]] + integrator,
+            **values,
+        )
+    damping = scenario["linear_damping"]
+    if damping is None and scenario["engine"] != "bullet":
+        return dropped
+    if damping is None:
+        return dropped + Message(", damping default")
+    return dropped + Message(", damping {damping:g}", damping=damping)
+
+
+def _covered(coverage: Coverage) -> Message:
+    if coverage.samples == 0:
+        return Message("no sample of {of:,}: {why}", of=coverage.of, why=coverage.why)
+    if coverage.samples == 1:
+        return Message("sample 0 of {of:,}: {why}", of=coverage.of, why=coverage.why)
+    return Message(
+        "samples 0 to {last} of {of:,}: {why}",
+        last=coverage.samples - 1,
+        of=coverage.of,
+        why=coverage.why,
+    )
 
 
 def _titled(title: str, words: str) -> list[str]:
     return titled(title, words, column=_TITLE, style="bold")
 
 
-def _engine(scenario: dict[str, Any]) -> str:
-    """Say which engine dropped the body, and how it steps; nothing of PyBullet."""
-    if scenario["engine"] == "bullet":
-        return ""
-    integrator = f" ({scenario['integrator']})" if scenario["integrator"] else ""
-    return f" in {ENGINES[scenario['engine']]}{integrator}"
-
-
 def _moment(moment: Moment, scenario: dict[str, Any]) -> list[str]:
+    heights = (
+        (localized("simulated"), decimals(moment.simulated_m, 4)),
+        (localized("free fall"), decimals(moment.free_fall_m, 4)),
+        (localized("difference"), decimals(moment.error_m, 4, "+")),
+    )
+    column = max(14, *(columns_of(name) for name, _ in heights))
     lines = [
-        f"[bold]At {moment.time_s:.4g} s[/] (step {moment.step})",
-        f"  simulated      {decimals(moment.simulated_m, 4):>10} m",
-        f"  free fall      {decimals(moment.free_fall_m, 4):>10} m",
-        f"  difference     {decimals(moment.error_m, 4, '+'):>10} m",
+        localized("[bold]At {time:.4g} s[/] (step {step})", time=moment.time_s, step=moment.step),
+        *(f"  {left(name, column)} {height:>10} m" for name, height in heights),
     ]
     terms = moment.terms_m
     if terms is None:
-        return [*lines, "  not broken down: the law of free flight does not cover it"]
-    drag = "drag"
-    if scenario["linear_damping"] is None and terms.damping:
-        drag = "Bullet's default drag"
-    engine = ENGINES[scenario["engine"]]
+        return [
+            *lines,
+            "  " + localized("not broken down: the law of free flight does not cover it"),
+        ]
     why = {
-        "timestep": "Euler moves with the end-of-step velocity"
-        if scenario["integrator"] not in EXACT_INTEGRATORS
-        else "none: the integrator is exact where only gravity acts",
-        "damping": f"{drag}; independent of timestep"
-        if scenario["engine"] == "bullet" or scenario["linear_damping"]
-        else f"none: {engine} does not damp by itself",
-        "interaction": "timestep × damping",
-        "rounding": "single precision" if scenario["engine"] == "physx" else "double precision",
+        "timestep": Message("Euler moves with the end-of-step velocity"),
+        "damping": _drag(scenario, bool(terms.damping)),
+        "interaction": Message("timestep × damping"),
+        "rounding": Message("double precision"),
     }
+    if scenario["integrator"] in EXACT_INTEGRATORS:
+        why["timestep"] = Message("none: the integrator is exact where only gravity acts")
+    if scenario["engine"] == "physx":
+        why["rounding"] = Message("single precision")
     return [
         *lines,
         "",
@@ -216,99 +264,154 @@ def _moment(moment: Moment, scenario: dict[str, Any]) -> list[str]:
             for line in _term(name, getattr(terms, name), reason)
         ),
         f"  {'':<12} {'─' * 13}",
-        f"  {'total':<12} [bold]{millimetres(moment.error_m)}[/]",
+        f"  {left(translated(TERMS['total']), 12)} [bold]{millimetres(moment.error_m)}[/]",
     ]
+
+
+def _drag(scenario: dict[str, Any], is_felt: bool) -> Message:
+    if scenario["engine"] != "bullet" and not scenario["linear_damping"]:
+        engine = ENGINES[scenario["engine"]]
+        return Message("none: {engine} does not damp by itself", engine=engine)
+    if scenario["linear_damping"] is None and is_felt:
+        return Message("Bullet's default drag; independent of timestep")
+    return Message("drag; independent of timestep")
 
 
 def _term(name: str, value_m: float, reason: str) -> list[str]:
-    head = f"  {name:<12} {millimetres(value_m)}"
-    lines = beside(head, reason, len(head) + 3)
-    return [f"{line[: len(head) + 3]}[dim]{line[len(head) + 3 :]}[/]" for line in lines]
-
-
-def _impact(analysis: Analysis) -> list[str]:
-    impact, landing = analysis.impact, analysis.landing
-    if impact is None:
-        end_s = analysis.table["time_s"][-1]
-        words = f"none in {end_s:.4g} s"
-        if "contact" in analysis.table["phase"]:
-            words = "not known when: of several substeps PyBullet reports the last one's contact"
-        inside_m = (analysis.engine.rest_height_m or 0.0) - analysis.table["simulated_m"][-1]
-        if landing is not None and inside_m > 0:
-            words += f", and {decimals(inside_m * 1e3, 1)} mm inside the floor at the end"
-        if landing is not None:
-            words += f"; {_times(None, landing.time_free_fall_s, landing.time_damped_s)}"
-        return _titled("Impact", words)
-    predicted = _times(impact.time_simulated_s, impact.time_free_fall_s, impact.time_damped_s)
-    step_mm = impact.speed_m_s * analysis.scenario["timestep_s"] * 1e3
-    step_mm /= analysis.scenario["substeps"] or 1
-    depth = ""
-    if impact.penetration_m is not None:
-        depth = f", {decimals(impact.penetration_m * 1e3, 1)} mm deep"
-        if impact.lowest_step > impact.step:
-            depth += f" at most (step {impact.lowest_step})"
+    head = f"  {left(translated(TERMS[name]), 12)} {millimetres(value_m)}   "
+    first, *others = [words for _, words in beside("", reason, columns_of(head))]
     return [
-        *_titled("Impact", predicted or "theory does not say when: it is turned, or did not fall"),
-        *_titled(
-            "",
-            f"arrives at {decimals(impact.speed_m_s, 3)} m/s, {decimals(step_mm, 1)} mm a step; "
-            f"first contact at step {impact.step}{depth}",
-        ),
+        f"{head}[dim]{first}[/]",
+        *(f"{'':<{columns_of(head)}}[dim]{line}[/]" for line in others),
     ]
 
 
-def _times(simulated_s: float | None, free_s: float | None, damped_s: float | None) -> str:
-    times = {"simulated": simulated_s, "free fall": free_s, "damped fall": damped_s}
-    return ", ".join(f"{name} {time:.4f} s" for name, time in times.items() if time is not None)
+def _impact(analysis: Analysis) -> list[str]:
+    impact = analysis.impact
+    if impact is None:
+        return _titled(Message("Impact"), _no_impact(analysis))
+    predicted = _times(impact.time_simulated_s, impact.time_free_fall_s, impact.time_damped_s)
+    step_mm = impact.speed_m_s * analysis.scenario["timestep_s"] * 1e3
+    step_mm /= analysis.scenario["substeps"] or 1
+    arrives = Message(
+        "arrives at {speed} m/s, {step_mm} mm a step; first contact at step {step}",
+        speed=decimals(impact.speed_m_s, 3),
+        step_mm=decimals(step_mm, 1),
+        step=impact.step,
+    )
+    if impact.penetration_m is not None:
+        depth = decimals(impact.penetration_m * 1e3, 1)
+        if impact.lowest_step > impact.step:
+            arrives += Message(
+                ", {depth} mm deep at most (step {step})", depth=depth, step=impact.lowest_step
+            )
+        else:
+            arrives += Message(", {depth} mm deep", depth=depth)
+    unknown = Message("theory gives no time: the body is turned, or did not fall")
+    return [*_titled(Message("Impact"), predicted or unknown), *_titled("", arrives)]
+
+
+def _no_impact(analysis: Analysis) -> Message:
+    landing = analysis.landing
+    words = Message("none in {time:.4g} s", time=analysis.table["time_s"][-1])
+    if "contact" in analysis.table["phase"]:
+        words = Message(
+            "time unknown: of several substeps PyBullet reports only the last one's contact"
+        )
+    if landing is None:
+        return words
+    inside_m = (analysis.engine.rest_height_m or 0.0) - analysis.table["simulated_m"][-1]
+    if inside_m > 0:
+        depth = decimals(inside_m * 1e3, 1)
+        words += Message(", and {depth} mm inside the floor at the end", depth=depth)
+    return joined("; ", [words, _times(None, landing.time_free_fall_s, landing.time_damped_s)])
+
+
+def _times(simulated_s: float | None, free_s: float | None, damped_s: float | None) -> Message:
+    times = (
+        (Message("simulated"), simulated_s),
+        (Message("free fall"), free_s),
+        (Message("damped fall"), damped_s),
+    )
+    return joined(
+        ", ",
+        [
+            Message("{name} {time:.4f} s", name=name, time=time_s)
+            for name, time_s in times
+            if time_s is not None
+        ],
+    )
 
 
 def _bounces(analysis: Analysis) -> list[str]:
     explained = [bounce for bounce in analysis.bounces if bounce.effective_restitution is not None]
     lines = []
     if analysis.impact and analysis.engine.pair_restitution and (analysis.engine.substeps or 1) > 1:
-        lines = _titled(
-            "Bounces", "not counted: of substeps PyBullet reports only the last contact"
-        )
+        why = Message("not counted: of substeps PyBullet reports only the last contact")
+        lines = _titled(Message("Bounces"), why)
     for number, bounce in enumerate(explained[:_MOST_BOUNCES], start=1):
-        lines += _titled(f"Bounce {number}", _bounce(analysis, bounce))
-    left = len(explained) - _MOST_BOUNCES
-    if left > 0:
-        lines += _titled("", f"and {left} more bounce{'s' * (left > 1)}: see --json")
+        title = Message("Bounce {number}", number=number)
+        lines += _titled(title, _bounce(analysis, bounce))
+    more = len(explained) - _MOST_BOUNCES
+    if more > 0:
+        bounces = counted(more, "more bounce")
+        lines += _titled("", Message("and {bounces}: see --json", bounces=bounces))
     if analysis.tumbled_step is not None:
-        time_s = analysis.table["time_s"][analysis.tumbled_step]
-        words = f"from t = {time_s:.4g} s (step {analysis.tumbled_step}) on: "
-        words += "measured, not predicted"
-        tumbling = len(analysis.bounces) - len(explained)
-        if tumbling:
-            highest_mm = max(bounce.apex_m for bounce in analysis.bounces[len(explained) :]) * 1e3
-            words += (
-                f"; {tumbling} more bounce{'s' * (tumbling > 1)}, up to "
-                f"{decimals(highest_mm, 1)} mm"
-            )
-        lines += _titled("Tumbles" if analysis.tumbles else "Not flat", words)
+        title = Message("Tumbles") if analysis.tumbles else Message("Not flat")
+        tumbling = analysis.bounces[len(explained) :]
+        lines += _titled(title, _tumbles(analysis, analysis.tumbled_step, tumbling))
     return lines
 
 
-def _bounce(analysis: Analysis, bounce: Bounce) -> str:
-    said = f"rises {_positive_mm(bounce.apex_m)} mm"
-    if bounce.predicted_apex_m is None:
-        said += " in this recording"
+def _tumbles(analysis: Analysis, step: int, bounces: Sequence[Bounce]) -> Message:
+    time_s = analysis.table["time_s"][step]
+    words = Message(
+        "from t = {time:.4g} s (step {step}) on: measured, not predicted", time=time_s, step=step
+    )
+    if not bounces:
+        return words
+    highest_mm = max(bounce.apex_m for bounce in bounces) * 1e3
+    up_to = Message(
+        "{bounces}, up to {highest} mm",
+        bounces=counted(len(bounces), "more bounce"),
+        highest=decimals(highest_mm, 1),
+    )
+    return joined("; ", [words, up_to])
+
+
+def _bounce(analysis: Analysis, bounce: Bounce) -> Message:
+    apex = _positive_mm(bounce.apex_m)
     body, floor = analysis.engine.restitution, analysis.engine.floor_restitution
-    if bounce.predicted_apex_m is not None and body is not None and floor is not None:
+    if bounce.predicted_apex_m is None:
+        said = Message("rises {apex} mm in this recording", apex=apex)
+    elif body is None or floor is None:
+        said = Message("rises {apex} mm", apex=apex)
+    else:
         pair = analysis.engine.combined_restitution
         asked = f"{body * floor:.4g} ({body:g} × {floor:g})" if pair is None else f"{pair:.4g}"
-        said += f"; a restitution of {asked} alone gives {_positive_mm(bounce.predicted_apex_m)} mm"
-    said += f". Effective restitution {bounce.effective_restitution:.4f}"
+        said = Message(
+            "rises {apex} mm; a restitution of {asked} alone gives {predicted} mm",
+            apex=apex,
+            asked=asked,
+            predicted=_positive_mm(bounce.predicted_apex_m),
+        )
+    effective = bounce.effective_restitution
+    said += Message(". Effective restitution {effective:.4f}", effective=effective)
     if bounce.correction_m_s is not None and abs(bounce.correction_m_s) >= 5e-4:
-        said += f": the position correction changes the rebound by {bounce.correction_m_s:+.3f} m/s"
+        said += Message(
+            ": the position correction changes the rebound by {change:+.3f} m/s",
+            change=bounce.correction_m_s,
+        )
     if bounce.uncorrected_apex_m is not None and analysis.scenario["contact_erp"] != 0:
-        rises = f"{_positive_mm(bounce.uncorrected_apex_m)} mm"
-        said += f"; with --contact-erp 0 --solver-residual 0 it rises {rises}"
+        said += Message(
+            "; with --contact-erp 0 --solver-residual 0 it rises {apex} mm",
+            apex=_positive_mm(bounce.uncorrected_apex_m),
+        )
     return said
 
 
 def _positive_mm(length_m: float) -> str:
-    """Write a length in millimetres; what rounds to nothing has no sign."""
+    """Write a length in millimetres; what rounds to zero has no sign."""
     return decimals(round(length_m * 1e3, 1) + 0.0, 1)
 
 
@@ -316,30 +419,48 @@ def _rest(analysis: Analysis) -> list[str]:
     rest = analysis.rest
     if rest is None:
         return []
-    lines = _titled(
-        "Rest",
-        f"{decimals(rest.height_m, 4)} m: the position is the body's centre, not its underside",
+    height = Message(
+        "{height} m: the position is the body's centre, not its underside",
+        height=decimals(rest.height_m, 4),
     )
+    lines = _titled(Message("Rest"), height)
     if rest.settled_step is None:
-        lines += _titled("", "it goes on creeping or turning to the end of the recording")
+        lines += _titled("", Message("it keeps creeping or turning until the end of the recording"))
+    return lines + _titled("", _off(rest, analysis.engine.modulus_pa))
+
+
+def _off(rest: Rest, modulus_pa: float | None) -> Message:
+    """Say how far off a body lies, and why."""
     if rest.expected_m is None or rest.error_m is None:
-        return lines + _titled("", "nothing says how high a body lies that is turned like this")
-    error = f"{decimals(rest.error_m * 1e6, 2, '+')} µm off {rest.expected_m:g} m"
-    if rest.sinks_m is not None:
-        depth = decimals(rest.sinks_m * 1e6, 2)
-        by = "MuJoCo's soft contact (solref, solimp)"
-        if analysis.engine.modulus_pa is not None:
-            by = f"Drake's compliant contact (modulus {analysis.engine.modulus_pa:.0e} Pa)"
-        sinks = f"{by} carries it at a depth of {depth} µm"
-        return lines + _titled("", f"{error}: {sinks}")
-    if rest.terms_m is None:
-        return lines + _titled("", f"{error}; the contact law does not cover this landing")
-    terms = rest.terms_m
-    return lines + _titled(
-        "",
-        f"{error}: {_micrometres(terms.slop)} slop, {_micrometres(terms.solver)} solver stopped "
-        f"early, {_micrometres(terms.settling)} not yet settled",
+        return Message("no theory gives the height at rest in this orientation")
+    error = Message(
+        "{error} µm off {expected:g} m",
+        error=decimals(rest.error_m * 1e6, 2, "+"),
+        expected=rest.expected_m,
     )
+    if rest.sinks_m is not None and modulus_pa is not None:
+        why = Message(
+            "Drake's compliant contact (modulus {modulus:.0e} Pa) carries it at a depth of "
+            "{depth} µm",
+            modulus=modulus_pa,
+            depth=decimals(rest.sinks_m * 1e6, 2),
+        )
+    elif rest.sinks_m is not None:
+        why = Message(
+            "MuJoCo's soft contact (solref, solimp) carries it at a depth of {depth} µm",
+            depth=decimals(rest.sinks_m * 1e6, 2),
+        )
+    elif rest.terms_m is None:
+        return error + Message("; the contact law does not cover this landing")
+    else:
+        terms = rest.terms_m
+        why = Message(
+            "{slop} slop, {solver} solver stopped early, {settling} not yet settled",
+            slop=_micrometres(terms.slop),
+            solver=_micrometres(terms.solver),
+            settling=_micrometres(terms.settling),
+        )
+    return joined(": ", [error, why])
 
 
 def _micrometres(length_m: float) -> str:
@@ -348,14 +469,14 @@ def _micrometres(length_m: float) -> str:
 
 def _energy(analysis: Analysis) -> list[str]:
     energy = analysis.energy
-    lost = {
-        "damping": energy.damping_j,
-        "integrator": energy.integrator_j,
-        "velocity limit": energy.clamp_j,
-        "rotation": energy.rotation_j,
-        "angular damping in contact": energy.spin_damping_j,
-        "contact": energy.contact_j,
-    }
+    lost = (
+        (Message("damping"), energy.damping_j),
+        (Message("integrator"), energy.integrator_j),
+        (Message("velocity limit"), energy.clamp_j),
+        (Message("rotation"), energy.rotation_j),
+        (Message("angular damping in contact"), energy.spin_damping_j),
+        (Message("contact"), energy.contact_j),
+    )
     scale = max(abs(energy.initial_j), abs(energy.final_j))
 
     def joules(j: float, sign: str = "") -> str:
@@ -363,25 +484,39 @@ def _energy(analysis: Analysis) -> list[str]:
             return engineering(j, sign)
         return f"{j:{sign}.4f}" if scale >= 0.01 else f"{j:{sign}.3e}"
 
-    # What is a millionth of the whole is rounding, and no cause.
+    # Less than a millionth of the whole is rounding, not a cause.
     causes = [
-        f"{joules(j, '+')} {cause}" for cause, j in lost.items() if j and abs(j) > 1e-6 * scale
+        Message("{joules} {cause}", joules=joules(j, "+"), cause=cause)
+        for cause, j in lost
+        if j and abs(j) > 1e-6 * scale
     ]
-    sum_up = f"{joules(energy.initial_j)} J at release, {joules(energy.final_j)} J at the end"
-    return _titled("Energy", f"{sum_up}: {', '.join(causes)}" if causes else sum_up)
+    sum_up = Message(
+        "{initial} J at release, {final} J at the end",
+        initial=joules(energy.initial_j),
+        final=joules(energy.final_j),
+    )
+    words = joined(": ", [sum_up, joined(", ", causes)]) if causes else sum_up
+    return _titled(Message("Energy"), words)
 
 
 def _explained(analysis: Analysis) -> list[str]:
-    explained, counts = analysis.explained, asdict(analysis.segments)
-    kinds = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count)
+    explained = analysis.explained
+    kinds = kinds_of_samples(asdict(analysis.segments))
     if explained.why is None:
-        return _titled("Explained", f"all {explained.of:,} samples, step by step: {kinds}")
-    words = f"{explained.samples:,} of {explained.of:,} samples, step by step: {kinds}; "
-    return _titled("Explained", words + explained.why)
+        words = Message("all {of:,} samples, step by step: {kinds}", of=explained.of, kinds=kinds)
+    else:
+        words = Message(
+            "{samples:,} of {of:,} samples, step by step: {kinds}; {why}",
+            samples=explained.samples,
+            of=explained.of,
+            kinds=kinds,
+            why=explained.why,
+        )
+    return _titled(EXPLAINED, words)
 
 
 def _flights(analysis: Analysis) -> list[str]:
-    """Return a table of what each flight is off free fall at its end, from its first sample on."""
+    """Return a table of how far off free fall each flight ends, counted from its first sample."""
     rows = [
         (
             f"{flight.start_s:7.4f} s {flight.end_s:7.4f} s  ",
@@ -389,12 +524,12 @@ def _flights(analysis: Analysis) -> list[str]:
         )
         for flight in analysis.flights[:_MOST_FLIGHTS]
     ]
-    header = (f"{'from':>9} {'to':>9}   ", f"{'x off':>12} {'y off':>12} {'z off':>12}")
-    return _listed("Flights", header, rows, len(analysis.flights), "flight")
+    more = counted(len(analysis.flights) - len(rows), "more flight")
+    return _listed(FLIGHTS, (f"{span()}   ", errors_by_axis()), rows, more)
 
 
 def _contacts(analysis: Analysis) -> list[str]:
-    """Return a table of what each contact gave to the body."""
+    """Return a table of the impulse and energy of each contact."""
     phases, dt = analysis.contact_phases, analysis.scenario["timestep_s"]
     rows = [
         (
@@ -404,17 +539,20 @@ def _contacts(analysis: Analysis) -> list[str]:
         )
         for phase in phases[:_MOST_FLIGHTS]
     ]
-    header = (f"{'from':>9} {'to':>9}   ", f"{'impulse':>12} {'largest':>12} {'kinetic':>12}")
-    return _listed("Contacts", header, rows, len(phases), "contact")
+    names = (localized("impulse"), localized("largest"), localized("kinetic"))
+    header = (f"{span()}   ", " ".join(right(name, 12) for name in names))
+    return _listed(CONTACTS, header, rows, counted(len(phases) - len(rows), "more contact"))
 
 
 def _listed(
-    title: str, header: tuple[str, str], rows: list[tuple[str, str]], count: int, name: str
+    title: str, header: tuple[str, str], rows: list[tuple[str, str]], more: Message
 ) -> list[str]:
     if not rows:
         return []
-    lines, more = listed(title, [header, *rows], column=_TITLE), count - len(rows)
-    return [*lines, f"{'':{_TITLE}}and {counted(more, f'more {name}')}"] if more else lines
+    lines = listed(title, [header, *rows], column=_TITLE)
+    if not more.values["number"]:
+        return lines
+    return [*lines, " " * _TITLE + localized("and {more}", more=more)]
 
 
 _TITLE = 12

@@ -1,18 +1,19 @@
-"""Say what a recording is, in some ten lines."""
+"""What a recording is, in about ten lines."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from pipeline.console.output import pasteable, print_json, print_lines, titled
-from pipeline.messages import shell_command
+from pipeline.console.words import NONE, RECORDING, SCRIPT
+from pipeline.messages import Message, joined, localized, shell_command, translated
 
 if TYPE_CHECKING:
     from pipeline.stages.info import Info
 
 COLUMN = 12
 MOST_BODIES = 6
-"""Bodies that are told; all are in the JSON."""
+"""Bodies that are listed; all are in the JSON."""
 
 
 def show_info(info: Info, *, as_json: bool) -> None:
@@ -25,26 +26,43 @@ def show_info(info: Info, *, as_json: bool) -> None:
 
 def info_lines(info: Info) -> list[str]:
     """Say what a recording is."""
-    state = "whole, as it was written" if info.complete else "never finished, unverified"
+    state = (
+        Message("complete, verified") if info.complete else Message("never finished, unverified")
+    )
     more = len(info.bodies) - MOST_BODIES
-    bodies = [*info.bodies[:MOST_BODIES], *([f"and {more:,} more: see --json"] if more > 0 else [])]
-    touching = f"{info.contact_samples:,} of them in contact" if info.contact_samples else ""
-    times = f"{info.samples:,} in {info.duration_s:.9g} s"
-    told = {
-        "recording": f"{info.recording}, {info.bytes / 1e3:,.0f} kB, {state}",
-        info.kind: info.what,
-        "bodies": "; ".join(bodies) or "none",
-        "samples": f"{times}, {touching}" if touching else times,
-        "frames": f"{info.frames:,}" if info.frames else "none",
-        "engine": info.engine,
-        "id": info.recording_id,
+    bodies = [*map(translated, info.bodies[:MOST_BODIES])]
+    if more > 0:
+        bodies.append(localized("and {more:,} more: see --json", more=more))
+    samples = Message(
+        "{samples:,} in {duration:.9g} s", samples=info.samples, duration=info.duration_s
+    )
+    if info.contact_samples:
+        touching = Message("{samples:,} of them in contact", samples=info.contact_samples)
+        samples = joined(", ", [samples, touching])
+    facts: dict[Message, str] = {
+        RECORDING: Message(
+            "{recording}, {kilobytes:,.0f} kB, {state}",
+            recording=str(info.recording),
+            kilobytes=info.bytes / 1e3,
+            state=state,
+        ),
+        Message("drop") if info.kind == "drop" else SCRIPT: info.what,
+        Message("bodies"): "; ".join(bodies) if bodies else NONE,
+        Message("samples"): samples,
+        Message("frames"): f"{info.frames:,}" if info.frames else NONE,
+        Message("engine"): info.engine,
+        Message("id"): info.recording_id,
     }
-    lines = []
-    for title, words in told.items():
-        lines += titled(title, words, column=COLUMN, style="dim")
+    lines = [
+        line
+        for title, words in facts.items()
+        for line in titled(title, words, column=COLUMN, style="dim")
+    ]
     if info.command is not None:
-        lines += pasteable("again", info.command, column=COLUMN, style="dim")
+        lines += pasteable(Message("again"), info.command, column=COLUMN, style="dim")
+    analysis = Message("analysis")
     if info.layer is not None:
-        return lines + titled("analysis", str(info.layer), column=COLUMN, style="dim")
-    analyze = f"none yet: {shell_command('drop', 'analyze', info.recording)}"
-    return lines + pasteable("analysis", analyze, column=COLUMN, style="dim")
+        return lines + titled(analysis, str(info.layer), column=COLUMN, style="dim")
+    analyze = shell_command("drop", "analyze", info.recording)
+    missing = Message("none yet: {analyze}", analyze=analyze)
+    return lines + pasteable(analysis, missing, column=COLUMN, style="dim")

@@ -1,21 +1,23 @@
-"""Say what was recorded of a script, on standard error: standard output is the script's."""
+"""What was recorded of a script, on standard error: standard output is the script's."""
 
 from __future__ import annotations
 
 import sys
 from typing import TYPE_CHECKING
 
-from pipeline.console.output import counted, made, note, print_json, print_lines
+from pipeline.console.output import columns_of, counted, made, note, print_json, print_lines, titled
+from pipeline.console.words import SCRIPT
+from pipeline.messages import Message, translated
 
 if TYPE_CHECKING:
     from pipeline.stages.record import Recorded
 
 ENDED = {
-    "finished": "finished",
-    "steps": "stopped after --steps",
-    "duration": "stopped by its clock",
-    "interrupted": "stopped by Ctrl-C",
-    "failed": "failed",
+    "finished": Message("finished"),
+    "steps": Message("stopped after --steps"),
+    "duration": Message("stopped after --duration"),
+    "interrupted": Message("stopped by Ctrl-C"),
+    "failed": Message("failed"),
 }
 
 
@@ -42,16 +44,29 @@ def show_record(recorded: Recorded, *, as_json: bool) -> int:
         print_lines(*record_lines(recorded), stream=sys.stderr)
     if recorded.ended != "failed":
         return 0
-    note(f"the script failed: {recorded.error}; what it did until then is in {recorded.recording}")
+    note(
+        Message(
+            "the script failed: {error}; what it did until then is in {recording}",
+            error=recorded.error,
+            recording=str(recorded.recording),
+        )
+    )
     return 1
 
 
 def record_lines(recorded: Recorded) -> list[str]:
     """Say how the script ended, and what was recorded of it."""
-    facts = (
-        f"{counted(recorded.samples, 'sample')}, {counted(recorded.bodies, 'body', 'bodies')}, "
-        f"{counted(recorded.frames, 'frame')}, {recorded.bytes / 1e6:.2f} MB, "
-        f"{recorded.wall_s:.1f} s"
+    facts = Message(
+        "{samples}, {bodies}, {frames}, {megabytes:.2f} MB, {wall_s:.1f} s",
+        samples=counted(recorded.samples, "sample"),
+        bodies=counted(recorded.bodies, "body", "bodies"),
+        frames=counted(recorded.frames, "frame"),
+        megabytes=recorded.bytes / 1e6,
+        wall_s=recorded.wall_s,
     )
-    lines = made("recorded", recorded.recording, facts, column=10)
-    return [f"[dim]script[/]    {ENDED[recorded.ended]}", *lines]
+    title = Message("recorded")
+    column = 2 + max(columns_of(translated(head)) for head in (title, SCRIPT))
+    return [
+        *titled(SCRIPT, ENDED[recorded.ended], column=column, style="dim"),
+        *made(title, recorded.recording, facts, column=column),
+    ]

@@ -6,8 +6,19 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from pipeline.analysis.general.jsonable import jsonable
-from pipeline.console.output import print_json, print_lines, titled
-from pipeline.console.show_check import DIFFERS, frames_line, setting_line
+from pipeline.console.output import print_json, print_lines
+from pipeline.console.show_check import (
+    DIFFERS,
+    IDENTICAL,
+    NOTHING,
+    frames_line,
+    line_of,
+    setting_line,
+    updated_lines,
+    verdict_lines,
+)
+from pipeline.console.words import NONE
+from pipeline.messages import Message, joined
 
 if TYPE_CHECKING:
     from pipeline.analysis.script.cause import OtherCall
@@ -17,7 +28,7 @@ if TYPE_CHECKING:
     from pipeline.stages.check_script import ScriptCheck
 
 MOST = 6
-"""Settings that are told; all are in the JSON."""
+"""Settings that are listed; all are in the JSON."""
 LONGEST = 160
 """Characters of a call's arguments."""
 
@@ -42,7 +53,7 @@ def _json(check: ScriptCheck) -> dict[str, Any]:
     }  # fmt: skip
     if compared is not None:
         found |= {name: getattr(compared, name) for name in found.keys() & asdict(compared).keys()}
-        found["differences"] = [_as_setting(one) for one in compared.differences]
+        found["differences"] = [_as_setting(difference) for difference in compared.differences]
     found |= {
         "frames": check.frames, "tolerance_m": check.tolerance_m, "recording": check.recording,
         "golden": check.golden, "updated": check.updated,
@@ -50,83 +61,98 @@ def _json(check: ScriptCheck) -> dict[str, Any]:
     return dict(jsonable(found))
 
 
-def _as_setting(one: Difference) -> dict[str, Any]:
+def _as_setting(difference: Difference) -> dict[str, Any]:
     """Return a difference under the names that a setting has."""
-    return {"name" if name == "column" else name: value for name, value in asdict(one).items()}
+    values = asdict(difference)
+    return {"name" if name == "column" else name: value for name, value in values.items()}
 
 
 def check_lines(check: ScriptCheck) -> list[str]:
     """Say whether the two are the same, and if not, where and how."""
     compared = check.comparison
-    updated = _titled("golden", f"{check.golden} is now {check.recording}")
     if compared is None:
-        return updated
-    lines = _titled("same" if check.same else "differs", f"{check.recording} and {check.golden}")
+        return updated_lines(check)
+    lines = verdict_lines(check)
     if compared.largest_difference_m is not None:
-        lines += _titled("positions", _positions(check, compared))
+        lines += line_of(Message("positions"), _positions(check, compared))
     if check.first is not None:
-        lines += _titled("first", _difference(check.first))
+        lines += line_of(Message("first"), _difference(check.first))
     if compared.call_before is not None:
-        lines += _titled("after", _call(compared.call_before))
+        lines += line_of(Message("after"), _call(compared.call_before))
     if compared.looks_like is not None:
-        lines += _titled("looks like", compared.looks_like)
+        lines += line_of(Message("looks like"), compared.looks_like)
     if compared.other_call is not None:
-        lines += _titled("call", _other_call(compared.other_call))
+        lines += line_of(Message("call"), _other_call(compared.other_call))
     if compared.cause is not None:
-        lines += _titled("cause", compared.cause)
-    more = [one for one in compared.differences if one != check.first]
+        lines += line_of(Message("cause"), compared.cause)
+    more = [difference for difference in compared.differences if difference != check.first]
     for difference in more[:MOST]:
-        lines += _titled("also", _difference(difference))
+        lines += line_of(Message("also"), _difference(difference))
     if len(more) > MOST:
-        lines += _titled("", f"and {len(more) - MOST:,} more: see --json")
+        lines += line_of("", Message("and {more:,} more: see --json", more=len(more) - MOST))
     if check.frames is not None:
-        lines += _titled("frames", frames_line(check.frames))
+        lines += line_of(Message("frames"), frames_line(check.frames))
     for version in compared.versions:
-        lines += _titled("version", setting_line(version))
-    return [*lines, *updated] if check.updated else lines
+        lines += line_of(Message("version"), setting_line(version))
+    return [*lines, *updated_lines(check)] if check.updated else lines
 
 
-def _titled(title: str, words: str) -> list[str]:
-    return titled(title, words, column=12)
-
-
-def _positions(check: ScriptCheck, compared: ScriptComparison) -> str:
+def _positions(check: ScriptCheck, compared: ScriptComparison) -> Message:
     if not compared.largest_difference_m:
         ends = check.first is not None and check.first.column == "there"
-        return "identical, as far as both go" if ends else "identical"
-    allowed = f"{check.tolerance_m:g} m" if check.tolerance_m else "nothing"
-    return f"up to {compared.largest_difference_m:.3g} m apart; allowed: {allowed}"
+        return Message("identical, as far as both go") if ends else IDENTICAL
+    return Message(
+        "up to {apart:.3g} m apart; allowed: {allowed}",
+        apart=compared.largest_difference_m,
+        allowed=f"{check.tolerance_m:g} m" if check.tolerance_m else NOTHING,
+    )
 
 
-def _difference(one: Difference) -> str:
-    if one.column == "frame":
-        return f"step {one.step}, an image"
-    where = [f"step {one.step}"]
-    if one.body is not None:
-        where.append(one.body)
-    if one.link is not None and one.link >= 0:
-        where.append(f"link {one.link}")
-    said = f"{', '.join(where)}, {one.column}: {_value(one.value)}, golden {_value(one.golden)}"
-    return said if one.difference is None else f"{said} ({one.difference:+.3g})"
+def _difference(difference: Difference) -> Message:
+    if difference.column == "frame":
+        return Message("step {step}, an image", step=difference.step)
+    where: list[str] = [Message("step {step}", step=difference.step)]
+    if difference.body is not None:
+        where.append(difference.body)
+    if difference.link is not None and difference.link >= 0:
+        where.append(Message("link {link}", link=difference.link))
+    words = Message(
+        "{where}, {column}: {value}, golden {golden}",
+        where=joined(", ", where),
+        column=difference.column,
+        value=_value(difference.value),
+        golden=_value(difference.golden),
+    )
+    if difference.difference is None:
+        return words
+    return words + f" ({difference.difference:+.3g})"
 
 
 def _value(value: Value) -> str:
-    return "none" if value is None else value if isinstance(value, str) else repr(value)
+    return NONE if value is None else value if isinstance(value, str) else repr(value)
 
 
-def _other_call(other: OtherCall) -> str:
-    if other.value is None or other.golden is None:
-        return f"{_call(other.value)}, golden {_call(other.golden)}"
-    if other.moved:
-        place = f"{other.golden.file}:{other.golden.line}"
-        return f"the same from other lines, first {_call(other.value)}, golden {place}"
-    return f"{_call(other.value)}, golden {_call(other.golden)}"
+def _other_call(other: OtherCall) -> Message:
+    if other.value is not None and other.golden is not None and other.moved:
+        return Message(
+            "the same from other lines, first {call}, golden {file}:{line}",
+            call=_call(other.value),
+            file=other.golden.file,
+            line=other.golden.line,
+        )
+    return Message("{call}, golden {golden}", call=_call(other.value), golden=_call(other.golden))
 
 
-def _call(call: Call | None) -> str:
+def _call(call: Call | None) -> Message:
     if call is None:
-        return "none"
-    told = call.arguments
-    told = told if len(told) <= LONGEST else f"{told[:LONGEST]}…"
-    raised = f" raised {call.raised}" if call.raised else ""
-    return f"{call.at.call}: {call.function}({told}){raised} at {call.file}:{call.line}"
+        return NONE
+    arguments = call.arguments
+    if len(arguments) > LONGEST:
+        arguments = f"{arguments[:LONGEST]}…"
+    values = {
+        "call": f"{call.at.call}: {call.function}({arguments})",
+        "place": f"{call.file}:{call.line}",
+    }
+    if call.raised:
+        return Message("{call} raised {error} at {place}", error=call.raised, **values)
+    return Message("{call} at {place}", **values)

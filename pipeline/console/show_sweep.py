@@ -1,4 +1,4 @@
-"""Tell what a sweep found: a row per run, how the error converges, how it spreads."""
+"""What a sweep found: a row per run, how the error converges, how it spreads."""
 
 from __future__ import annotations
 
@@ -10,16 +10,21 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 
 from pipeline.console.output import (
+    columns_of,
     counted,
     error,
+    left,
     made,
     millimetres,
     print_json,
     print_lines,
+    right,
     titled,
     width,
 )
+from pipeline.console.words import PLOT, TERMS
 from pipeline.fields import decimals, fraction
+from pipeline.messages import Message, joined, localized, translated
 
 if TYPE_CHECKING:
     from pipeline.analysis.drop.convergence import Study
@@ -27,42 +32,59 @@ if TYPE_CHECKING:
     from pipeline.stages.sweep_groups import Group
 
 MOST_ROWS = 30
-"""So many runs fit on a screen; of more, the first are shown."""
+"""Runs that fit on a screen; of more, the first are shown."""
 MOST_STUDIES = 6
 LONGEST = 20
 """Characters of a value in the table."""
+HEADS = {
+    "impact": Message("impact"),
+    "deepest": Message("deepest"),
+    "at rest": Message("at rest"),
+    "cause": Message("cause"),
+    "contact": Message("contact"),
+    "a step": Message("a step"),
+    "angular momentum": Message("angular momentum"),
+    "order": Message("order"),
+    "energy": Message("energy"),
+}
+"""Of the columns that compare engines."""
 STUDY = 24
 """Column in which a study's sentences begin."""
-TERMS = {
-    "error_m": "total",
-    "timestep_m": "timestep",
-    "damping_m": "damping",
-    "interaction_m": "interaction",
-    "rounding_m": "rounding",
-}
+COLUMNS = {"error_m": "total"} | {f"{name}_m": name for name in TERMS if name != "total"}
+"""Columns of the results, and which terms they are."""
 
 
 def show_sweep(sweep: Sweep, *, as_json: bool) -> int:
-    """Print what a sweep made and found; return the exit code: 1 where runs failed."""
+    """Print the results of a sweep; return the exit code: 1 if runs failed."""
     if as_json:
         print_json(_json(sweep))
     else:
         print_lines(*sweep_lines(sweep))
     if sweep.failed:
-        error(f"{_failed(sweep)}; their rows in {sweep.results} say why")
+        error(
+            Message(
+                "{failed}; their rows in {results} say why",
+                failed=_failed(sweep),
+                results=str(sweep.results),
+            )
+        )
     return 1 if sweep.failed else 0
 
 
-def _failed(sweep: Sweep) -> str:
-    return f"{sweep.failed:,} of {counted(sweep.runs, 'run')} failed"
+def _failed(sweep: Sweep) -> Message:
+    runs = counted(sweep.runs, "run")
+    return Message("{failed:,} of {runs} failed", failed=sweep.failed, runs=runs)
 
 
 def sweep_lines(sweep: Sweep) -> list[str]:
     """Tell what a sweep found: its runs, how the error converges or spreads, its files."""
     runs = counted(sweep.runs, "run")
-    words = f"{runs}, errors at {sweep.at_s:g} s in mm, simulated minus free fall"
+    words = Message(
+        "{runs}, errors at {at:g} s in mm, simulated minus free fall", runs=runs, at=sweep.at_s
+    )
     first, *others = titled("", words, column=0)
-    lines = [first.replace(runs, f"[bold]{runs}[/]", 1), *others]
+    count = translated(runs)
+    lines = [first.replace(count, f"[bold]{count}[/]", 1), *others]
     if sweep.statistics:
         for group in sweep.statistics:
             lines += ["", *_statistics(group)]
@@ -73,7 +95,8 @@ def sweep_lines(sweep: Sweep) -> list[str]:
             lines += ["", *_study(group, group.study, sweep.at_s)]
     more = len(sweep.studies) - MOST_STUDIES
     if more > 0:
-        lines += ["", f"[dim]… and {more:,} more such sets of runs: see --json[/]"]
+        sets = localized("… and {more:,} more such sets of runs: see --json", more=more)
+        lines += ["", f"[dim]{sets}[/]"]
     if sweep.engine_runs:
         lines += ["", *_engines(sweep)]
     return [*lines, "", *_failures(sweep), *_files(sweep)]
@@ -96,7 +119,7 @@ def _json(sweep: Sweep) -> dict[str, Any]:
             group.values | {"summaries": [asdict(statistic) for statistic in group.statistics]}
             for group in sweep.statistics
         ],
-        "engines": [asdict(one) for one in sweep.engine_runs],
+        "engines": [asdict(run) for run in sweep.engine_runs],
         "narrow_enough": sweep.narrow_enough,
         "table": sweep.table().to_dicts(),
     }
@@ -108,17 +131,20 @@ def _json(sweep: Sweep) -> dict[str, Any]:
 def _rows(sweep: Sweep) -> list[str]:
     """Return a table of the runs: what differs between them, and their errors.
 
-    Columns that a line has no room for are left out, from the right, but never the total.
+    Columns that do not fit in a line are left out, from the right, but never the total.
     """
     shown = sweep.table(MOST_ROWS).to_dicts()
     labels = [[name, *(_cut(sweep.written(field, row[field])) for row in shown)]
               for field, name in sweep.axes]  # fmt: skip
-    errors = [[name, *(_mm(row[term]) for row in shown)] for term, name in TERMS.items()]
-    columns = [_aligned(one, str.ljust) for one in labels]
-    columns += [_aligned(error, str.rjust) for error in errors]
+    errors = [
+        [translated(TERMS[name]), *(_mm(row[column]) for row in shown)]
+        for column, name in COLUMNS.items()
+    ]
+    columns = [_aligned(label, left) for label in labels]
+    columns += [_aligned(error, right) for error in errors]
     total = len(labels)
     left_out: list[str] = []
-    while len(columns) > 1 and sum(len(column[0]) + 2 for column in columns) - 2 > width():
+    while len(columns) > 1 and sum(columns_of(column[0]) + 2 for column in columns) - 2 > width():
         at = -1 if len(columns) > total + 1 else total - 1
         total -= at == total - 1
         left_out.insert(0, columns.pop(at)[0].strip())
@@ -128,20 +154,26 @@ def _rows(sweep: Sweep) -> list[str]:
         failed = number and shown[number - 1]["error"] is not None
         lines.append(f"[dim]{line}[/]" if not number else f"[red]{line}[/]" if failed else line)
     if left_out:
-        without = f"without {', '.join(left_out)}: see {sweep.results}"
+        without = Message(
+            "without {columns}: see {results}",
+            columns=joined(", ", left_out),
+            results=str(sweep.results),
+        )
         lines += [f"[dim]{line}[/]" for line in titled("", without, column=0)]
     if sweep.runs > len(shown):
-        lines.append(f"[dim]… and {sweep.runs - len(shown):,} more in {sweep.results}[/]")
+        more, results = sweep.runs - len(shown), escape(str(sweep.results))
+        more_rows = localized("… and {more:,} more in {results}", more=more, results=results)
+        lines.append(f"[dim]{more_rows}[/]")
     return lines
 
 
 def _aligned(cells: list[str], align: Callable[[str, int], str]) -> list[str]:
-    width = max(8 if align is str.rjust else 0, *map(len, cells))
+    width = max(8 if align is right else 0, *map(columns_of, cells))
     return [align(cell, width) for cell in cells]
 
 
 def _cut(text: str) -> str:
-    """Return a value that takes no more than its share of a line; the end of a path tells most."""
+    """Shorten a value to its share of a line; of a path the end matters most."""
     return text if len(text) <= LONGEST else f"…{text[1 - LONGEST :]}"
 
 
@@ -167,56 +199,66 @@ def _study(group: Group, study: Study, at_s: float) -> list[str]:
     limit = f"{decimals(limit_mm, 2, '+') if large else f'{limit_mm:+.1e}'} mm"
     damped = study.damping_matters
     free_fall = _orders(study.orders_free_fall, len(pairs), wide, 2 if damped else 3)
+    damped_fall = _orders(study.orders_damped_fall, len(pairs), wide, 3)
+    star = " [yellow]*[/]" if damped else ""
     heading = "".join(pair.rjust(wide) for pair in pairs)
     lines = [
-        *_heading(group.label or "by timestep"),
-        f"  [dim]{'order of accuracy':<{STUDY - 2}}{heading}[/]",
-        f"{'    against free fall':<{STUDY}}{free_fall}{' [yellow]*[/]' if damped else ''}",
-        f"{'    against damped fall':<{STUDY}}"
-        + _orders(study.orders_damped_fall, len(pairs), wide, 3),
+        *_heading(group.label or Message("by timestep")),
+        "  [dim]" + left(localized("order of accuracy"), STUDY - 2) + f"{heading}[/]",
+        "    " + left(localized("against free fall"), STUDY - 4) + free_fall + star,
+        "    " + left(localized("against damped fall"), STUDY - 4) + damped_fall,
     ]
     if damped:
-        lines += _said("  *", f"meaningless: the error against free fall does not go to 0 but to "
-                       f"{limit}, because damping is another model. An order has a meaning only "
-                       "against 0.")  # fmt: skip
+        words = Message(
+            "meaningless: the error against free fall does not go to 0 but to {limit}, because "
+            "damping is another model. An order has a meaning only against 0.",
+            limit=limit,
+        )
+        lines += _said("*", words)
     for timestep_s in group.left_out_s:
-        lines += _said("  left out", f"{fraction(timestep_s)} s, which has no sample at that time")
+        words = Message(
+            "{timestep} s, which has no sample at that time", timestep=fraction(timestep_s)
+        )
+        lines += _said(Message("left out"), words)
     if study.extrapolated_m is None:
-        lines += _said("  Richardson", "needs three timesteps whose heights close in on a limit")
+        words = Message("needs three timesteps whose heights converge")
     else:
-        lines += _said(
-            "  Richardson",
-            f"{decimals(study.extrapolated_m, 6)} m at order {study.order:.4f}; damped fall at "
-            f"{decimals(study.damped_fall_m, 6)} m",
+        words = Message(
+            "{height} m at order {order:.4f}; damped fall at {damped} m",
+            height=decimals(study.extrapolated_m, 6),
+            order=study.order,
+            damped=decimals(study.damped_fall_m, 6),
         )
+    lines += _said(Message("Richardson"), words)
     if study.grid_convergence_index is not None:
-        lines += _said(
-            "  convergence index",
-            f"{study.grid_convergence_index:.4%} of the height at {steps[-1]} s; true error "
-            f"{study.relative_error:.4%}",
+        words = Message(
+            "{index:.4%} of the height at {timestep} s; true error {error:.4%}",
+            index=study.grid_convergence_index,
+            timestep=steps[-1],
+            error=study.relative_error,
         )
+        lines += _said(Message("convergence index"), words)
     if study.cancelling_timestep_s is not None and study.cancels_near(at_s):
-        lines += _said(
-            "  errors cancel at",
-            f"{readable_step(study.cancelling_timestep_s)}: there timestep and damping weigh the "
-            "same",
+        words = Message(
+            "{timestep}: timestep and damping are equal there",
+            timestep=readable_step(study.cancelling_timestep_s),
         )
+        lines += _said(Message("errors cancel at"), words)
     if study.refining_hurts and damped:
-        lines += _said(
-            "  refining hurts",
-            f"the total grows again, to {limit}: take it apart first",
-            style="yellow",
-        )
+        words = Message("the total grows again, to {limit}: break it down first", limit=limit)
+        lines += _said(Message("refining hurts"), words, style="yellow")
     return lines
 
 
 def _said(title: str, words: str, style: str = "") -> list[str]:
-    return titled(title, words, column=STUDY, style=style)
+    return titled("  " + translated(title), words, column=STUDY, style=style)
 
 
 def readable_step(timestep_s: float) -> str:
-    """Write a timestep that is no fraction by design: about 1/341 s."""
-    return f"{timestep_s:.4g} s" if timestep_s > 0.5 else f"about 1/{1 / timestep_s:.0f} s"
+    """Write a computed timestep as an approximate fraction: about 1/341 s."""
+    if timestep_s > 0.5:
+        return f"{timestep_s:.4g} s"
+    return Message("about 1/{steps:.0f} s", steps=1 / timestep_s)
 
 
 def _orders(orders: Sequence[float | None], last: int, width: int, decimals: int) -> str:
@@ -228,40 +270,41 @@ def _orders(orders: Sequence[float | None], last: int, width: int, decimals: int
 
 
 def _engines(sweep: Sweep) -> list[str]:
-    """Return a table of what each engine does on the floor, and one of what drifts."""
+    """Return a table of what each engine does on the floor, and a table of drifts."""
     runs, table = sweep.engine_runs, sweep.table(MOST_ROWS).to_dicts()
     labels = [
-        [name, *(_cut(sweep.written(field, table[one.run][field])) for one in runs)]
+        [name, *(_cut(sweep.written(field, table[run.run][field])) for run in runs)]
         for field, name in sweep.axes
     ]
     floor = {
-        "impact": [_unit(one.impact_s, 1, "s", 4) for one in runs],
-        "deepest": [_unit(one.penetration_m, 1e3, "mm", 2) for one in runs],
-        "at rest": [_unit(one.rest_error_m, 1e6, "µm", 2, "+") for one in runs],
-        "cause": [one.rest_cause or "–" for one in runs],
-        "contact": [_unit(one.contact_j, 1, "J", 4, "+") for one in runs],
-        "a step": [f"{one.step_us:6.1f} µs" for one in runs],
+        "impact": [_unit(run.impact_s, 1, "s", 4) for run in runs],
+        "deepest": [_unit(run.penetration_m, 1e3, "mm", 2) for run in runs],
+        "at rest": [_unit(run.rest_error_m, 1e6, "µm", 2, "+") for run in runs],
+        "cause": [translated(run.rest_cause or "–") for run in runs],
+        "contact": [_unit(run.contact_j, 1, "J", 4, "+") for run in runs],
+        "a step": [f"{run.step_us:6.1f} µs" for run in runs],
     }
     drift = {
-        "angular momentum": [_drift(one.angular_momentum_drift) for one in runs],
-        "order": [_unit(one.order, 1, "", 3) for one in runs],
-        "energy": [_drift(one.energy_drift) for one in runs],
+        "angular momentum": [_drift(run.angular_momentum_drift) for run in runs],
+        "order": [_unit(run.order, 1, "", 3) for run in runs],
+        "energy": [_drift(run.energy_drift) for run in runs],
     }
     lines = []
-    if any(one.impact_s is not None or one.penetration_m is not None for one in runs):
-        lines += [*_heading("on the floor"), *_table(labels, floor)]
-    if any(one.angular_momentum_drift is not None for one in runs):
+    if any(run.impact_s is not None or run.penetration_m is not None for run in runs):
+        lines += [*_heading(Message("on the floor")), *_table(labels, floor)]
+    if any(run.angular_momentum_drift is not None for run in runs):
         lines += [""] if lines else []
-        lines += [*_heading("drift before the first contact"), *_table(labels, drift)]
+        lines += [*_heading(Message("drift before the first contact")), *_table(labels, drift)]
     return lines
 
 
 def _table(labels: list[list[str]], columns: dict[str, list[str]]) -> list[str]:
-    cells = [_aligned(one, str.ljust) for one in labels]
+    cells = [_aligned(label, left) for label in labels]
     for name, values in columns.items():
-        align: Callable[[str, int], str] = str.ljust if name == "cause" else str.rjust
-        width = max(map(len, (name, *values)))
-        cells.append([align(cell, width) for cell in (name, *values)])
+        align = left if name == "cause" else right
+        column = [translated(HEADS[name]), *values]
+        width = max(map(columns_of, column))
+        cells.append([align(cell, width) for cell in column])
     rows = [escape("  ".join(row).rstrip()) for row in zip(*cells, strict=True)]
     return [f"[dim]{rows[0]}[/]", *rows[1:]]
 
@@ -276,13 +319,14 @@ def _drift(value: float | None) -> str:
     return "–" if value is None else f"{value:.2e}"
 
 
-# -- chance ---------------------------------------------------------------------------------------
+# -- statistics -----------------------------------------------------------------------------------
 
 
 def _statistics(group: Group) -> list[str]:
     lines = _heading(group.label) if group.label else []
     quantiles = list(group.statistics[0].quantiles) if group.statistics else []
-    lines.append(_cells("", ["mean", "± 95 %", "spread", *quantiles], style="dim"))
+    head = [localized("mean"), "± 95 %", localized("spread"), *quantiles]
+    lines.append(_cells("", head, style="dim"))
     for statistic in group.statistics:
         half = (
             None
@@ -291,25 +335,33 @@ def _statistics(group: Group) -> list[str]:
         )
         widths = [_mm(width).removeprefix("+") for width in (half, statistic.spread)]
         cells = [_mm(statistic.mean), *widths, *map(_mm, statistic.quantiles.values())]
-        lines.append(_cells(TERMS[statistic.quantity], cells))
+        lines.append(_cells(TERMS[COLUMNS[statistic.quantity]], cells))
     count = group.statistics[0].count if group.statistics else 0
     samples = counted(group.samples, "sample")
-    over = samples if count == group.samples else f"{count:,} of {samples}"
-    if not count:
-        lines.append(f"all {samples} failed" if group.samples > 1 else "the sample failed")
+    over = samples
+    if count != group.samples:
+        over = Message("{count:,} of {samples}", count=count, samples=samples)
+    if not count and group.samples > 1:
+        lines.append(localized("all {samples} failed", samples=samples))
+    elif not count:
+        lines.append(localized("the sample failed"))
     elif group.in_the_air:
-        lines.append(f"[dim]over the {over} in the air; ± 95 % is that of the mean[/]")
+        air = localized("over the {samples} in the air; ± 95 % is that of the mean", samples=over)
+        lines.append(f"[dim]{air}[/]")
     else:
-        lines.append(f"[dim]over {over}; none was in the air, so there is only the total[/]")
+        floor = localized(
+            "over {samples}; none was in the air, so there is only the total", samples=over
+        )
+        lines.append(f"[dim]{floor}[/]")
     return lines
 
 
 def _cells(name: str, cells: Sequence[str], style: str = "") -> str:
-    line = f"{name:<12}" + "".join(f"{cell:>11}" for cell in cells)
+    line = left(translated(name), 12) + "".join(right(cell, 11) for cell in cells)
     return f"[{style}]{line}[/]" if style else line
 
 
-# -- what else ------------------------------------------------------------------------------------
+# -- failures and files ---------------------------------------------------------------------------
 
 
 def _failures(sweep: Sweep) -> list[str]:
@@ -317,7 +369,11 @@ def _failures(sweep: Sweep) -> list[str]:
         return []
     first = sweep.first_failure()
     return [
-        f"[red]{_failed(sweep)}[/], see the column error; run {first['run']}:",
+        localized(
+            "[red]{failed}[/], see the column error; run {run}:",
+            failed=_failed(sweep),
+            run=first["run"],
+        ),
         *titled("", first["error"], column=2),
         "",
     ]
@@ -326,10 +382,12 @@ def _failures(sweep: Sweep) -> list[str]:
 def _files(sweep: Sweep) -> list[str]:
     old = sweep.runs - sweep.computed
     rows = counted(sweep.runs, "row")
-    known = f", {old:,} of them from before" if old > 0 else ""
-    lines = made("results", sweep.results, rows + known, column=12)
+    if old > 0:
+        rows = Message("{rows}, {old:,} of them from before", rows=rows, old=old)
+    lines = made(Message("results"), sweep.results, rows, column=12)
     if sweep.plot is not None:
-        lines += made("plot", sweep.plot, column=12)
+        lines += made(PLOT, sweep.plot, column=12)
     if sweep.narrow_enough is False:
-        lines.append("[yellow]the interval is not yet as narrow as asked for: more --samples[/]")
+        more = localized("the interval is wider than asked for: use more --samples")
+        lines.append(f"[yellow]{more}[/]")
     return lines

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.console.output import note, print_json, print_lines, titled
-from pipeline.messages import shell_command
+from pipeline.messages import Message, joined, shell_command
 
 if TYPE_CHECKING:
     from pipeline.stages.view import View
@@ -16,8 +16,13 @@ def show_view(view: View, *, as_json: bool) -> None:
     """Print what is shown, and where."""
     for layer in view.stale:
         recording = Path(str(layer).removesuffix(".analysis.rrd") + ".rrd")
-        again = shell_command("drop", "analyze", recording)
-        note(f"{layer} belongs to an earlier recording; make it again with: {again}")
+        note(
+            Message(
+                "{layer} belongs to an earlier recording; make it again with: {again}",
+                layer=str(layer),
+                again=shell_command("drop", "analyze", recording),
+            )
+        )
     if as_json:
         print_json(
             {
@@ -37,12 +42,20 @@ def show_view(view: View, *, as_json: bool) -> None:
 
 def view_lines(view: View) -> list[str]:
     """Say what is shown, and where."""
-    lines = titled("showing", " ".join(map(str, [*view.recordings, *view.layers])), column=19)
+    lines = titled(
+        Message("showing"), " ".join(map(str, [*view.recordings, *view.layers])), column=19
+    )
     if view.golden is not None:
         step = view.first_difference
-        where = "in its settings" if step is None else f"from step {step} on"
-        found = "the same physics" if view.same else f"differs {where}"
-        lines += titled("golden, in grey", f"{view.golden}: {found}", column=19)
+        if view.same:
+            difference = Message("the same physics")
+        elif step is None:
+            difference = Message("differs in its settings")
+        else:
+            difference = Message("differs from step {step} on", step=step)
+        words = joined(": ", [str(view.golden), difference])
+        lines += titled(Message("golden, in grey"), words, column=19)
     if view.viewer.page is not None:
-        lines += titled("open in a browser", f"{view.viewer.page}   (Ctrl-C ends it)", column=19)
+        words = Message("{page}   (Ctrl-C ends it)", page=view.viewer.page)
+        lines += titled(Message("open in a browser"), words, column=19)
     return lines

@@ -27,12 +27,12 @@ MIN_FPS = 1e-4
 
 
 def check_animation(path: Path, fps: float | None) -> None:
-    """Make sure that an animation can be written, before any work is done for it.
+    """Check that an animation can be written, before any work is done for it.
 
     Raises
     ------
     ScenarioError
-        If the suffix names no format of ours, or the format cannot show `fps`.
+        If the suffix names no format that can be written, or the format cannot show `fps`.
     DropError
         If the format needs a library that is not installed.
     """
@@ -43,18 +43,34 @@ def check_animation(path: Path, fps: float | None) -> None:
         return
     most, least = MAX_FPS[path.suffix], GIF_MIN_FPS if path.suffix == ".gif" else MIN_FPS
     if not 0 < fps <= most:
-        why = " (viewers play faster gifs at 10)" if path.suffix == ".gif" else ""
+        values = {"most": most, "fps": fps, "try_": f"{most:g}" if fps > most else "20"}
+        if path.suffix == ".gif":
+            raise ScenarioError(
+                "--fps must be above 0 and at most {most:g} in a .gif (viewers play faster gifs at "
+                "10), got {fps:g}; try --fps {try_}",
+                **values,
+            )
         raise ScenarioError(
-            f"--fps must be above 0 and at most {most:g} in a {path.suffix}{why}, "
-            f"got {fps:g}; try --fps {f'{most:g}' if fps > most else '20'}"
+            "--fps must be above 0 and at most {most:g} in a {suffix}, got {fps:g}; try --fps "
+            "{try_}",
+            suffix=path.suffix,
+            **values,
+        )
+    if fps < least and path.suffix == ".gif":
+        raise ScenarioError(
+            "--fps must be at least {least:.6f} (a gif shows a frame for at most 655.35 s), got "
+            "{fps:g}; try --fps 1",
+            least=least,
+            fps=fps,
         )
     if fps < least:
-        why = " (a gif shows a frame for at most 655.35 s)" if path.suffix == ".gif" else ""
-        raise ScenarioError(f"--fps must be at least {least:.6f}{why}, got {fps:g}; try --fps 1")
+        raise ScenarioError(
+            "--fps must be at least {least:.6f}, got {fps:g}; try --fps 1", least=least, fps=fps
+        )
 
 
 def decoded(pngs: Iterable[bytes]) -> Iterator[Image.Image]:
-    """Yield PNGs as RGB pictures; the very same one again where a PNG is that before it.
+    """Yield PNGs as RGB pictures; the same object again where a PNG equals the one before.
 
     Raises
     ------

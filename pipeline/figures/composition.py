@@ -1,4 +1,4 @@
-"""A camera picture with what belongs to it: a caption below, a growing plot beside."""
+"""A camera picture with a caption below it and a growing plot beside it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     import polars as pl
 
 GREYS = 8
-"""Shades of a caption's edges: few colours keep a gif exact."""
+"""Shades of a caption's edges: with few colours a gif stays exact."""
 
 
 class Composition:
-    """Puts captions, and a plot if asked for, to the pictures of one drop.
+    """Adds captions, and optionally a plot, to the pictures of one drop.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Composition:
     size_px
         Width and height of the camera's pictures [px].
     with_plot
-        Whether the plot stands beside them.
+        Whether the plot is beside them.
     dark
         Whether it is for a dark page.
     """
@@ -49,7 +49,7 @@ class Composition:
         self._size = (width * (2 if with_plot else 1), height + 2 * self._letters)
 
     def composed(self, picture: Image.Image, step: int) -> Image.Image:
-        """Return a camera's picture of a step, with everything that belongs to it."""
+        """Return a camera's picture of a step, with its caption and plot."""
         step = min(step, len(self._columns["time_s"]) - 1)
         time_s, height_m, error_m = (float(column[step]) for column in self._columns.values())
         whole = Image.new("RGB", self._size, self._ink.page)
@@ -71,7 +71,7 @@ class Composition:
 
 
 def caption(time_s: float, height_m: float, error_m: float) -> str:
-    """Return a moment in words; all captions of a drop have their digits in the same places."""
+    """Return the caption of a moment; in all captions of a drop the digits line up."""
     height = f"{round(height_m, 4) + 0.0:.4f}"
     error = f"{round(error_m * 1e3, 3) + 0.0:+.3f}"
     return f"t {time_s:.3f} s  height {height} m  error {error:>7} mm".replace("-", "−")

@@ -1,7 +1,7 @@
-"""Plot how the error and its terms change with the timestep: log-log, with slopes to hold them to.
+"""Plot how the error and its terms change with the timestep: log-log, with reference slopes.
 
-A straight line of slope p is an error of order p. The total against free fall is not one where
-damping is on: the timestep's share falls, the damping's stays, and where they cancel it dips.
+A straight line of slope p is an error of order p. With damping the total against free fall is not
+straight: the timestep's share falls, the damping's stays, and where they cancel it dips.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from pipeline import colours
 from pipeline.errors import ScenarioError, check_suffix
 from pipeline.figures import style
-from pipeline.figures.style import Ink
+from pipeline.figures.style import Ink, words
+from pipeline.messages import Message
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,9 +30,9 @@ Float64 = NDArray[np.float64]
 
 MOST_PANELS = 4
 WIDTH_IN, HEAD_IN, ROW_IN = 8.0, 0.75, 3.9
-"""Of the figure, of what stands above the panels, and of one row of them."""
+"""Of the figure, of the space above the panels, and of one row of panels."""
 LOWEST_M = 1e-9
-"""Below a nanometre nothing is drawn but a note: rounding is ten decades under the rest."""
+"""Below a nanometre only a note is drawn: rounding is ten decades below the rest."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Panel:
 
 
 def check_plot(path: Path, *, timesteps: int, engines: bool = False) -> None:
-    """Make sure that there is something to plot, before any work is done for it.
+    """Check that there is something to plot, before any work is done.
 
     Raises
     ------
@@ -57,8 +58,9 @@ def check_plot(path: Path, *, timesteps: int, engines: bool = False) -> None:
     check_suffix("--plot", path, (".png", ".svg"))
     if timesteps < 2 and not engines:
         raise ScenarioError(
-            f"--plot shows errors over the timestep and needs two or more, got {timesteps}; "
-            "try --timestep 1/240,1/480,1/960, or several engines"
+            "--plot shows errors over the timestep and needs two or more, got {timesteps}; "
+            "try --timestep 1/240,1/480,1/960, or several engines",
+            timesteps=timesteps,
         )
 
 
@@ -93,8 +95,8 @@ def plot_convergence(
 def build_figure(panels: Sequence[Panel], *, title: str, ink: Ink) -> Figure:
     """Return the figure: one axes per panel, labelled with its title, all on the same scales.
 
-    It is as wide as the plot of a drop, however many panels there are: shown in a text, its words
-    are as large.
+    It is as wide as the plot of a drop, however many panels there are, so that its letters look
+    equally large on a page.
     """
     shown = panels[:MOST_PANELS]
     columns = min(2, len(shown))
@@ -106,19 +108,24 @@ def build_figure(panels: Sequence[Panel], *, title: str, ink: Ink) -> Figure:
         0.95 / WIDTH_IN, 0.6 / height_in, 1 - 1.0 / WIDTH_IN, 1 - (HEAD_IN + 0.3) / height_in,
         wspace=0.47, hspace=0.38,
     )  # fmt: skip
-    figure.text(0.02, 1 - 0.17 / height_in, title, size=15, weight="bold", va="top")
+    figure.text(0.02, 1 - 0.17 / height_in, words(title), size=15, weight="bold", va="top")
     hidden = len(panels) - len(shown)
-    subtitle = "|simulated − free fall| and its terms; dashed: slope 1, an error of first order"
-    subtitle += f"; {hidden} more panel{'s' * (hidden > 1)} not shown" if hidden else ""
+    subtitle = words(
+        "|simulated − free fall| and its terms; dashed: slope 1, an error of first order"
+    )
+    if hidden == 1:
+        subtitle += words("; 1 more panel not shown")
+    elif hidden:
+        subtitle += words("; {hidden} more panels not shown", hidden=hidden)
     figure.text(0.02, 1 - 0.51 / height_in, subtitle, size=10.5, color=ink.faint, va="top")
     low, high = _limits_mm(shown)
-    for one in grid.flat[len(shown) :]:
-        one.remove()
-    for one, panel in zip(grid.flat, shown, strict=False):
-        one.set_label(panel.title)
-        _draw(one, panel, low, high, ink, most_ticks=6 if columns == 1 else 4)
-    for one in grid[:, 0]:
-        one.set_ylabel("|error| [mm]")
+    for axes in grid.flat[len(shown) :]:
+        axes.remove()
+    for axes, panel in zip(grid.flat, shown, strict=False):
+        axes.set_label(panel.title)
+        _draw(axes, panel, low, high, ink, most_ticks=6 if columns == 1 else 4)
+    for axes in grid[:, 0]:
+        axes.set_ylabel(words("|error| [mm]"))
     return figure
 
 
@@ -142,7 +149,7 @@ def _draw(axes: Axes, panel: Panel, low: float, high: float, ink: Ink, *, most_t
     axes.set_ylim(low, high)
     margin = (steps[0] / steps[-1]) ** 0.08
     axes.set_xlim(steps[0] * margin, steps[-1] / margin)  # refining goes to the right
-    axes.set_title(panel.title, size=11, loc="left", color=ink.text)
+    axes.set_title(words(panel.title), size=11, loc="left", color=ink.text)
     _slopes(axes, steps, low, high, ink)
     ends: list[tuple[float, str, str]] = []
     notes = []
@@ -150,7 +157,8 @@ def _draw(axes: Axes, panel: Panel, low: float, high: float, ink: Ink, *, most_t
         millimetres = np.abs(errors[name]) * 1e3
         if millimetres.max() < LOWEST_M * 1e3:
             if millimetres.max() > 0:
-                notes.append(f"{name} at most {style.signed(millimetres.max(), 0)[1:]} mm")
+                most = style.signed(millimetres.max(), 0)[1:]
+                notes.append(words("{name} at most {most} mm", name=Message(name), most=most))
             continue
         seen = np.where(millimetres >= low, millimetres, np.nan)
         is_total = name == "total"
@@ -170,7 +178,7 @@ def _draw(axes: Axes, panel: Panel, low: float, high: float, ink: Ink, *, most_t
             0.03, 0.03, "\n".join(notes), transform=axes.transAxes, size=9, color=ink.faint,
             bbox=_clear(ink),
         )  # fmt: skip
-    axes.set_xlabel("timestep [s]")
+    axes.set_xlabel(words("timestep [s]"))
     axes.xaxis.set_major_locator(FixedLocator(list(steps[:: -(-len(steps) // most_ticks)])))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(
@@ -211,8 +219,8 @@ def _label_ends(axes: Axes, ends: list[tuple[float, str, str]]) -> None:
         place = max(math.log10(value), last + apart)
         last = place
         axes.annotate(
-            name, (1.02, (place - low) / (high - low)), xycoords="axes fraction", color=colour,
-            va="center", size=10, weight="bold" if name == "total" else "normal",
+            words(name), (1.02, (place - low) / (high - low)), xycoords="axes fraction",
+            color=colour, va="center", size=10, weight="bold" if name == "total" else "normal",
         )  # fmt: skip
 
 
@@ -222,12 +230,13 @@ def _mark_cancelling(axes: Axes, timestep_s: float, ink: Ink) -> None:
         return
     axes.axvline(timestep_s, color=ink.faint, lw=0.9, ls=(0, (2, 2)), zorder=0.8)
     axes.annotate(
-        f"timestep and damping\ncancel at 1/{1 / timestep_s:.0f} s", (timestep_s, 0.42),
+        words("timestep and damping\ncancel at 1/{steps:.0f} s", steps=1 / timestep_s),
+        (timestep_s, 0.42),
         xycoords=axes.get_xaxis_transform(), xytext=(7, 0), textcoords="offset points", size=9,
         color=ink.faint, bbox=_clear(ink),
     )  # fmt: skip
 
 
 def _clear(ink: Ink) -> dict[str, object]:
-    """Return what keeps lines from running through a text."""
+    """Return the box that keeps lines from running through a text."""
     return {"facecolor": ink.page, "edgecolor": "none", "pad": 1.0}

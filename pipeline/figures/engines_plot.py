@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.figures import style
-from pipeline.figures.style import Ink
+from pipeline.figures.style import Ink, words
 
 Float64 = NDArray[np.float64]
 
 AFTER_S, BEFORE_S = 0.1, 0.01
-"""How much is drawn of what comes after an impact, and before it."""
+"""How much is drawn after an impact, and before it."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class Curve:
     time_s: Float64
     """Of each sample, shape (n,)."""
     height_m: Float64
-    """Of the centre, as many."""
+    """Of the centre, shape (n,)."""
     floor_height_m: float | None
-    """At which it touches the floor; None without one."""
+    """At which it touches the floor; None without a floor."""
 
 
 def plot_engines(
@@ -42,7 +42,7 @@ def plot_engines(
     format: Literal["png", "svg"],  # noqa: A002
     dark: bool = False,
 ) -> None:
-    """Plot runs over each other; the same runs give the same bytes.
+    """Plot runs on top of each other; the same runs give the same bytes.
 
     Parameters
     ----------
@@ -63,15 +63,17 @@ def build_figure(curves: Sequence[Curve], *, ink: Ink) -> Figure:
     figure = Figure(figsize=(8.0, 4.4), dpi=150)
     whole, floor = figure.subplots(1, 2)
     figure.subplots_adjust(0.09, 0.13, 0.985, 0.72, wspace=0.24)
-    figure.text(0.02, 0.96, "The same drop in several engines", size=15, weight="bold", va="top")
+    figure.text(
+        0.02, 0.96, words("The same drop in several engines"), size=15, weight="bold", va="top"
+    )
     for curve in curves:
         whole.plot(curve.time_s, curve.height_m, color=curve.colour, lw=1.6, label=curve.label)
     figure.legend(
         *whole.get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.012, 0.9),
         ncols=min(5, len(curves)), handlelength=1.4, columnspacing=1.6,
     )  # fmt: skip
-    whole.set_xlabel("time [s]")
-    whole.set_ylabel("height of the centre [m]")
+    whole.set_xlabel(words("time [{unit}]", unit="s"))
+    whole.set_ylabel(words("height of the centre [{unit}]", unit="m"))
     _floor(floor, curves, ink)
     return figure
 
@@ -84,14 +86,14 @@ def _floor(axes: Axes, curves: Sequence[Curve], ink: Ink) -> None:
             continue
         above_m = curve.height_m - curve.floor_height_m
         down = np.flatnonzero(above_m <= 0)
-        # One that looks ahead never gets there: then where it first turns.
+        # An engine that looks ahead never gets there: then where it first turns.
         turns = np.flatnonzero(np.diff(above_m) > 0)
         first = down[:1] if len(down) else turns[:1]
-        lands_s += [float(curve.time_s[one]) for one in first]
+        lands_s += [float(curve.time_s[sample]) for sample in first]
         axes.plot(curve.time_s * 1e3, above_m * 1e3, "o-", ms=2.5, lw=1.3, color=curve.colour)
-    axes.set_title("around the first impact", size=11, loc="left", color=ink.text)
-    axes.set_xlabel("time [ms]")
-    axes.set_ylabel("above the floor [mm]")
+    axes.set_title(words("around the first impact"), size=11, loc="left", color=ink.text)
+    axes.set_xlabel(words("time [{unit}]", unit="ms"))
+    axes.set_ylabel(words("above the floor [mm]"))
     axes.axhline(0, color=ink.faint, lw=0.9, zorder=0.8)
     if not lands_s:
         return

@@ -17,6 +17,7 @@ from pipeline.figures.style import (
     signed,
     thinned,
     unit_for,
+    words,
 )
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 COLUMNS = [f"{name}_m" for name in colours.TERMS]
 OPACITY = 0.75
 NOTHING_M = 1e-12
-"""Errors below this are rounding, and not worth an axis of their own."""
+"""Errors below this are rounding, and get no axis of their own."""
 
 
 def draw_terms(axes: Axes, explained: pl.DataFrame, time: Unit, ink: Ink) -> Unit:
@@ -49,11 +50,11 @@ def draw_terms(axes: Axes, explained: pl.DataFrame, time: Unit, ink: Ink) -> Uni
     """
     largest = float(np.abs(explained.select(COLUMNS).to_numpy().astype(float)).max(initial=0))
     unit = _unit_of_error(largest, usual="mm")
-    axes.set_ylabel(f"simulated − free fall [{unit.name}]")
+    axes.set_ylabel(words("simulated − free fall [{unit}]", unit=unit.name))
     if largest < NOTHING_M:
         axes.set_ylim(-1, 1)
     if not len(explained):
-        why = "no theory covers these samples"
+        why = words("no theory covers these samples")
         axes.text(0.5, 0.6, why, transform=axes.transAxes, ha="center", color=ink.faint)
         axes.set_yticks([])
         return unit
@@ -88,7 +89,7 @@ def row_at(explained: pl.DataFrame, at_s: float | None) -> dict[str, float]:
 def sum_up(
     axes: Axes, row: dict[str, float], time: Unit, unit: Unit, ink: Ink, *, left: float
 ) -> None:
-    """Write one sample's terms as a sum; their colours explain the stack's, its mark is a dot.
+    """Write one sample's terms as a sum, which is the stack's legend; a dot marks the sample.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def sum_up(
     ink
         The colours of all that is not data.
     left
-        Where the sum starts, in widths of the panel; from 1 on it stands beside it.
+        Where the sum starts, in widths of the panel; from 1 on it is beside the panel.
     """
     terms_m = {name: row[f"{name}_m"] for name in colours.TERMS}
     total_m = math.fsum(terms_m.values())
@@ -116,7 +117,7 @@ def sum_up(
     }
     axes.plot(at, total_m * unit.per_si, **dot, linestyle="", zorder=4, clip_on=False)
 
-    # What is tiny beside the whole stack, as an early moment of a long fall, has a unit of its own.
+    # A moment tiny beside the whole stack, as early in a long fall, has a unit of its own.
     largest = max(map(abs, terms_m.values()))
     unit = _unit_of_error(largest, usual=unit.name)
     decimals = decimals_for(largest * unit.per_si) if largest >= NOTHING_M else 3
@@ -128,7 +129,8 @@ def sum_up(
         axes.text(x, y, text, va="center", **where, **how)
 
     axes.plot(symbol, 0.94, **dot, linestyle="", **where)
-    write(symbol + 0.08 * wide, 0.94, f"at {at:.4g} {time.name}, in {unit.name}", color=ink.faint)
+    heading = words("at {at:.4g} {time}, in {unit}", at=at, time=time.name, unit=unit.name)
+    write(symbol + 0.08 * wide, 0.94, heading, color=ink.faint)
     for line, (name, term_m) in enumerate(terms_m.items()):
         y = 0.82 - 0.105 * line
         square: dict[str, Any] = {
@@ -139,8 +141,8 @@ def sum_up(
         }
         axes.plot(symbol, y, **square, markeredgewidth=0, linestyle="", **where)
         write(number, y, signed(term_m * unit.per_si, decimals), ha="right")
-        write(word, y, name)
+        write(word, y, words(name))
     axes.plot([left, left + wide], [0.44, 0.44], color=ink.faint, linewidth=0.9, **where)
     axes.plot([left, left + 0.06 * wide], [0.37, 0.37], color=ink.text, linewidth=2.4, **where)
     write(number, 0.37, signed(total_m * unit.per_si, decimals), ha="right", weight="bold")
-    write(word, 0.37, "total", weight="bold")
+    write(word, 0.37, words("total"), weight="bold")

@@ -12,7 +12,7 @@ class Facts:
     title: str
     subtitle: str = ""
     at_s: float | None = None
-    """The time whose error is taken apart [s], moved to the nearest sample that has terms; None
+    """The time whose error is broken down [s], moved to the nearest sample that has terms; None
     for the last one that has."""
     impact_s: float | None = None
     rest_m: float | None = None

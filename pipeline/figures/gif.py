@@ -1,7 +1,7 @@
-"""Write frames as a gif: every frame its own, every colour exact, memory flat.
+"""Write frames as a gif: every frame kept, every colour exact, constant memory.
 
 Pillow's own writer merges frames that do not differ, holds all of them at once, and picks new
-palettes for colours that it could keep. So the container is laid out here, one block per frame as
+palettes for colours that it could keep. So the container is written here, one block per frame as
 it comes, and Pillow does what takes time: decode, compare, compress. Each frame holds only the
 rectangle that differs from the frame before.
 
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageChops
 
 MADE_BY_DROP = b"made by drop"
-"""Stands in what we write: under its default name only that is replaced."""
+"""A comment in every file: under its default name only a file with it is replaced."""
 
 Box = tuple[int, int, int, int]
 """Left, top, right (exclusive), bottom (exclusive) [px]."""

@@ -1,6 +1,6 @@
 """A plot that grows with time: heights above, the error and its terms below.
 
-It is drawn twice, with its data and bare; a moment shows the one up to now, and then the other.
+It is drawn twice, with and without its data; a moment shows the first up to now, then the second.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 SEEN = {name: colour for name, colour in colours.TERMS.items() if name != "rounding"}
 COLOURS = 64
-"""As many leave room for the camera's in a gif's table of 256."""
+"""This many leave room for the camera's in a gif's table of 256."""
 HEIGHT_IN = 3.3
-"""Height of the figure [inch], which decides how large its letters are beside the whole."""
+"""Height of the figure [inch], which sets the relative size of its letters."""
 
 
 class GrowingPlot:
@@ -72,7 +72,7 @@ class GrowingPlot:
         above, below = figure.subplots(2, 1, sharex=True)
         figure.subplots_adjust(0.1, 0.12, 0.955, 0.93, hspace=0.3)
         below.set_xlim(0, float(table["time_s"][-1]) * self._time.per_si or 1)
-        below.set_xlabel(f"time [{self._time.name}]", size=9)
+        below.set_xlabel(style.words("time [{unit}]", unit=self._time.name), size=9)
         draw_heights(
             above,
             with_theory_that_applies(table),
@@ -85,16 +85,19 @@ class GrowingPlot:
         for line in above.lines:
             line.set_linewidth(0.6 * line.get_linewidth())
         drawn = {line.get_label() for line in above.lines}
-        heights = {label: colour for label, colour, _ in CURVES.values() if label in drawn}
+        labels = {style.words(label): colour for label, colour, _ in CURVES.values()}
+        labels[style.words("simulated")] = self._ink.simulated
+        heights = {label: colour for label, colour in labels.items() if label in drawn}
+        terms = {style.words(name): colour for name, colour in SEEN.items()}
         for axes, what, names in (
-            (above, "height", heights | {"simulated": self._ink.simulated}),
-            (below, "error", {"total": self._ink.text} | SEEN),
+            (above, style.words("height"), heights),
+            (below, style.words("error"), {style.words("total"): self._ink.text} | terms),
         ):
-            *_, unit = axes.get_ylabel().split()
+            unit = axes.get_ylabel().rpartition("[")[2]
             axes.set_ylabel("")
-            axes.set_title(f"{what} {unit}", loc="left", size=9.5, pad=4)
+            axes.set_title(f"{what} [{unit}", loc="left", size=9.5, pad=4)
             axes.tick_params(labelsize=8.5)
-            figure.legend(  # not the axes' own, which would be taken for data
+            figure.legend(  # not the axes' own, which would be hidden as data
                 handles=[Line2D([], []) for _ in names],
                 labels=list(names),
                 labelcolor=list(names.values()),

@@ -1,4 +1,4 @@
-"""The upper panel: what happened, beside what theory says; and the impact, enlarged."""
+"""The upper panel: what happened, beside theory; and the impact, enlarged."""
 
 from __future__ import annotations
 
@@ -19,17 +19,19 @@ from pipeline.figures.style import (
     mark_time,
     thinned,
     unit_for,
+    words,
     write_clear,
 )
+from pipeline.messages import Message
 
 if TYPE_CHECKING:
     import polars as pl
     from matplotlib.axes import Axes
 
-CURVES = {  # widest first: each lies on the one before and leaves its edges to be seen
-    "free_fall": ("free fall", colours.FREE_FALL, 6.5),
-    "damped_fall": ("damped fall", colours.DAMPED_FALL, 4.0),
-    "simulated": ("simulated", colours.SIMULATED, 1.6),
+CURVES = {  # widest first: each is drawn on the one before and leaves its edges visible
+    "free_fall": (Message("free fall"), colours.FREE_FALL, 6.5),
+    "damped_fall": (Message("damped fall"), colours.DAMPED_FALL, 4.0),
+    "simulated": (Message("simulated"), colours.SIMULATED, 1.6),
 }
 Float64 = NDArray[np.float64]
 
@@ -66,7 +68,7 @@ def draw_heights(
     _draw_curves(axes, drawn, drawn["time_s"].to_numpy() * time.per_si, unit, ink)
     top = highest + 0.09 * room
     axes.set_ylim((bottom - 0.06 * room * (bottom < 0)) * unit.per_si, top * unit.per_si)
-    axes.set_ylabel(f"height of the centre [{unit.name}]")
+    axes.set_ylabel(words("height of the centre [{unit}]", unit=unit.name))
     axes.tick_params(bottom=False)
     high = Place((1, 1), ("axes fraction", "axes fraction"), (0, 1), "right")
     if impact_s is not None:
@@ -74,15 +76,15 @@ def draw_heights(
         late = impact_s * time.per_si > 0.6 * axes.get_xlim()[1]
         left = Place((impact_s * time.per_si, 1), ("data", "axes fraction"), (-5, 1), "right")
         right = replace(left, offset=(5, 1), align="left")
-        said = f"impact at {impact_s * time.per_si:.4g} {time.name}"
-        write_clear(axes, said, [left, right] if late else [right, left], ink)
+        impact = words("impact at {at:.4g} {unit}", at=impact_s * time.per_si, unit=time.name)
+        write_clear(axes, impact, [left, right] if late else [right, left], ink)
         high = replace(left, offset=(-5, -14))  # below these words
     if rest_m is not None:
         rest = unit_for(abs(rest_m), METRES, usual="mm")
         low = Place((1, rest_m * unit.per_si), ("axes fraction", "data"), (0, 6), "right", "bottom")
         lower = replace(low, offset=(0, -6), above="top")
-        said = f"rests at {rest_m * rest.per_si:.3f} {rest.name}"
-        write_clear(axes, said, [low, lower, high], ink)
+        rests = words("rests at {height:.3f} {unit}", height=rest_m * rest.per_si, unit=rest.name)
+        write_clear(axes, rests, [low, lower, high], ink)
 
 
 def _reach(table: pl.DataFrame) -> tuple[float, float]:
@@ -103,13 +105,13 @@ def _draw_curves(axes: Axes, table: pl.DataFrame, times: Float64, unit: Unit, in
             linewidth=width,
             marker="o" if dots else None,
             markersize=4,
-            label=label,
+            label=words(label),
             solid_capstyle="butt",
         )
 
 
 def stays_low(table: pl.DataFrame, impact_s: float) -> bool:
-    """Tell whether the space above the curve is free after the impact."""
+    """Return whether the space above the curve is free after the impact."""
     heights_m = table["simulated_m"].to_numpy()
     after = heights_m[table["time_s"].to_numpy() >= impact_s]
     return bool(len(after) and np.abs(after).max() < 0.2 * heights_m.max())
@@ -136,15 +138,15 @@ def enlarge_impact(axes: Axes, table: pl.DataFrame, impact_s: float, ink: Ink) -
     lowest, highest = _reach(near)
     unit = unit_for(highest, METRES, usual="mm")
     time = unit_for(to_s, SECONDS, usual="ms")
-    # Its numbers stand on its left, and the line of the impact must not run through them.
+    # Its numbers are on its left, and the line of the impact must not run through them.
     left = max(0.60, impact_s / float(times_s[-1]) + 0.12)
     panel = axes.inset_axes((left, 0.33, 1 - left, 0.50))
     panel.set_label("impact")
-    panel.set_title("impact, enlarged", size=10, color=ink.faint, loc="left", pad=5)
+    panel.set_title(words("impact, enlarged"), size=10, color=ink.faint, loc="left", pad=5)
     _draw_curves(panel, near, (near["time_s"].to_numpy() - impact_s) * time.per_si, unit, ink)
     mark_time(panel, 0, time, ink)
     panel.set_xlim(from_s * time.per_si, to_s * time.per_si)
     panel.set_ylim(min(0, lowest * 1.05) * unit.per_si, highest * 1.05 * unit.per_si)
     panel.tick_params(labelsize=9)
-    panel.set_xlabel(f"time from impact [{time.name}]", size=9, labelpad=2)
-    panel.set_ylabel(f"height [{unit.name}]", size=9, labelpad=2)
+    panel.set_xlabel(words("time from impact [{unit}]", unit=time.name), size=9, labelpad=2)
+    panel.set_ylabel(words("height [{unit}]", unit=unit.name), size=9, labelpad=2)

@@ -1,4 +1,4 @@
-"""How an animation plays: which frames it shows, when, and what stands beside them."""
+"""How an animation plays: which frames it shows, when, and what is beside them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ STANDARD_FPS = 20.0
 
 @dataclass(frozen=True, kw_only=True)
 class Animation:
-    """How frames are to become an animation.
+    """How frames become an animation.
 
     Raises
     ------
@@ -21,18 +21,19 @@ class Animation:
     """
 
     fps: float | None = None
-    """Pictures per second; None for `STANDARD_FPS`, or for what the speed makes of the frames."""
+    """Pictures per second; None for `STANDARD_FPS`, or the rate that the speed gives."""
     speed: float | None = None
     """Simulated seconds per second, 1 is real time; None shows every frame once."""
     caption: bool = False
-    """Whether time, height and error stand below."""
+    """Whether time, height and error are written below."""
     with_plot: bool = False
-    """Whether a plot grows beside it; a caption stands below then too."""
+    """Whether a plot grows beside it; then there is a caption too."""
 
     def __post_init__(self) -> None:
         if self.speed is not None and not (self.speed > 0 and math.isfinite(self.speed)):
             raise ScenarioError(
-                f"--speed must be above 0, got {self.speed:g}; 1 is real time, 0.25 slow motion"
+                "--speed must be above 0, got {speed:g}; 1 is real time, 0.25 slow motion",
+                speed=self.speed,
             )
 
 
@@ -49,7 +50,7 @@ class Playback:
     speed: float
     """Simulated seconds per second."""
     frames: list[int]
-    """Number of the recorded frame in each picture, ascending; one may come again."""
+    """Number of the recorded frame in each picture, ascending; a frame may repeat."""
 
 
 MOST_PICTURES = 100_000
@@ -57,7 +58,7 @@ MOST_PICTURES = 100_000
 
 
 def playback(animation: Animation, count: int, interval_s: float, *, most_fps: float) -> Playback:
-    """Decide what is shown.
+    """Return which frames are shown, and when.
 
     Parameters
     ----------
@@ -84,8 +85,12 @@ def playback(animation: Animation, count: int, interval_s: float, *, most_fps: f
         fps = min(own_fps, most_fps)
     if (count - 1) * interval_s * fps > max(count, MOST_PICTURES) * speed:
         raise ScenarioError(
-            f"--speed and --fps must make at most {MOST_PICTURES:,} pictures, got {speed:g} and "
-            f"{fps:g} for {(count - 1) * interval_s:g} s; give a lower --fps"
+            "--speed and --fps must make at most {most:,} pictures, got {speed:g} and {fps:g} for "
+            "{duration:g} s; give a lower --fps",
+            most=MOST_PICTURES,
+            speed=speed,
+            fps=fps,
+            duration=(count - 1) * interval_s,
         )
     # The nearest recorded frame to each picture's time. 1e-9: the last one is not lost to rounding.
     pictures = math.floor((count - 1) * fps / own_fps * (1 + 1e-9)) + 1

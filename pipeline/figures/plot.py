@@ -1,8 +1,8 @@
-"""Plot a drop: its height against theory, and below it the error, taken apart.
+"""Plot a drop: its height against theory, and below it the error, broken down.
 
 The upper panel shows what happened. All curves lie within millimetres of each other there, so the
-impact, where they part, is shown enlarged. The lower panel stacks the terms of the error, what
-pulls down below zero and what pushes up above it, with their sum as a line: one sees them add up.
+impact, where they part, is shown enlarged. The lower panel stacks the terms of the error, negative
+ones below zero and positive ones above it, with their sum as a line.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ from pipeline.figures.error_panel import COLUMNS, draw_terms, row_at, sum_up
 from pipeline.figures.facts import Facts as Facts
 from pipeline.figures.gif import MADE_BY_DROP
 from pipeline.figures.height_panel import CURVES, draw_heights, enlarge_impact, stays_low
+from pipeline.messages import Message
 
 THEORY = ("free_fall_m", "damped_fall_m")
 BOUNCE = 0.01
-"""A bounce is seen from here on, as a share of the largest height."""
+"""The smallest visible bounce, as a share of the largest height."""
 LINE = 92
-"""Characters of a subtitle that fit beside each other."""
+"""Characters of a subtitle that fit in a line."""
 
 
 def facts_of(table: pl.DataFrame) -> Facts:
-    """Return what a table gives away by itself: where it starts, meets the floor and rests.
+    """Return what a table alone shows: where it starts, meets the floor and rests.
 
     Parameters
     ----------
@@ -39,10 +40,15 @@ def facts_of(table: pl.DataFrame) -> Facts:
         One row per sample, at least one, see `build_figure`.
     """
     heights_m, steps = table["simulated_m"], len(table) - 1
-    step = style.seconds(table["time_s"][1] - table["time_s"][0]) if steps else ""
+    subtitle: str = ""
+    if steps:
+        step = style.seconds(table["time_s"][1] - table["time_s"][0])
+        subtitle = Message("{steps} steps of {step}", steps=steps, step=step)
+        if steps == 1:
+            subtitle = Message("1 step of {step}", step=step)
     return Facts(
-        title=f"Dropped from {heights_m[0]:.6g} m",
-        subtitle=f"{steps} step{'s' * (steps > 1)} of {step}" if steps else "",
+        title=Message("Dropped from {height:.6g} m", height=heights_m[0]),
+        subtitle=subtitle,
         at_s=0.3,
         impact_s=_crossing_s(table),
         rest_m=heights_m[-1] if table["phase"][-1] == "rest" else None,
@@ -80,7 +86,7 @@ def plot_drop(
     format
         `png`, or `svg` with its text as text.
     facts
-        What to point out; None for what the table gives away by itself.
+        What to point out; None for what the table alone shows.
     dark
         Whether it is for a dark page.
 
@@ -117,7 +123,7 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
         `simulated_m`, `free_fall_m`, `damped_fall_m`, and `timestep_m`, `damping_m`,
         `interaction_m`, `rounding_m`, which are null where theory does not cover a sample.
     facts
-        What to point out; None for what the table gives away by itself.
+        What to point out; None for what the table alone shows.
     dark
         Whether it is for a dark page.
 
@@ -139,20 +145,20 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
     explained = table.drop_nulls(COLUMNS)
     end_s = float(table["time_s"][-1])
     time = style.unit_for(end_s, style.SECONDS, usual="s")
-    # After an early impact the right half of both panels is empty and takes what there is to say;
-    # else it is said beside them.
+    # After an early impact the right half of both panels is empty and takes the explanations;
+    # else that is written beside them.
     roomy = not len(explained) or float(explained["time_s"][-1]) < 0.56 * end_s
     with style.plain(ink):
         figure = Figure(figsize=(8, 6), dpi=150)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.15, 1])
-        subtitle = textwrap.wrap(facts.subtitle, LINE, max_lines=2, placeholder=" …")
+        subtitle = textwrap.wrap(style.words(facts.subtitle), LINE, max_lines=2, placeholder=" …")
         lower = 0.03 * (len(subtitle) > 1)
         figure.subplots_adjust(0.1, 0.085, 0.97 if roomy else 0.715, 0.845 - lower, hspace=0.12)
         above.set_label("height")
         below.set_label("error")
         below.set_xlim(0, end_s * time.per_si or 1)
-        below.set_xlabel(f"time [{time.name}]")
-        figure.text(0.02, 0.972, facts.title, size=15, weight="bold", va="top")
+        below.set_xlabel(style.words("time [{unit}]", unit=time.name))
+        figure.text(0.02, 0.972, style.words(facts.title), size=15, weight="bold", va="top")
         figure.text(0.02, 0.921, "\n".join(subtitle), size=10.5, color=ink.faint, va="top")
         draw_heights(above, table, impact_s=facts.impact_s, rest_m=facts.rest_m, time=time, ink=ink)
         if roomy and facts.impact_s is not None and stays_low(table, facts.impact_s):
@@ -178,9 +184,9 @@ def build_figure(table: pl.DataFrame, facts: Facts | None = None, *, dark: bool 
 
 
 def with_theory_that_applies(table: pl.DataFrame) -> pl.DataFrame:
-    """Leave out theory where it is of something else: of a body that never moved, or of a bounce.
+    """Leave out theory where it does not apply: to a body that never moved, or to a bounce.
 
-    Nobody learns from a fall of 4 m beside a simulation that nobody stepped.
+    A fall of 4 m beside a simulation that was never stepped explains nothing.
     """
     if _stands_still(table):
         return table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in THEORY)
@@ -195,7 +201,7 @@ def _stands_still(table: pl.DataFrame) -> bool:
 
 
 def until_it_bounces(table: pl.DataFrame) -> pl.DataFrame:
-    """End theory where it lands if the body leaves the floor again: it says nothing of a bounce."""
+    """End theory where it lands if the body leaves the floor again: it does not cover a bounce."""
     landed = np.flatnonzero((table["phase"] != "falling").to_numpy())
     theory = table.select("free_fall_m", "damped_fall_m").to_numpy()
     heights_m = table["simulated_m"].to_numpy()
@@ -210,7 +216,7 @@ def until_it_bounces(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _crossing_s(table: pl.DataFrame) -> float | None:
-    """Return when the simulated height passes the one that theory stops at [s].
+    """Return when the simulated height passes the height at which theory stops [s].
 
     That is between two samples; a body that lands on an edge does not get there before its first
     contact, and counts from that.

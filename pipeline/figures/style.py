@@ -1,25 +1,29 @@
-"""How plots look: one face for light and dark pages, and numbers in units fit to read.
+"""How plots look: one style for light and dark pages, and numbers in readable units.
 
-Nothing of the user's own matplotlib settings gets in: the same table gives the same bytes.
+The user's own matplotlib settings have no effect: the same table gives the same bytes.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import logging
 import math
+import pathlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import matplotlib
 import numpy as np
+from matplotlib import font_manager
 from matplotlib.path import Path
 from matplotlib.transforms import Bbox
 
 from pipeline import colours
+from pipeline.messages import Message, translated
 
 if TYPE_CHECKING:
-    import pathlib
     from typing import BinaryIO
 
     import polars as pl
@@ -36,29 +40,70 @@ DASHED = (0, (4, 3))
 
 @dataclass(frozen=True)
 class Ink:
-    """The colours of what differs between light and dark pages."""
+    """The colours that differ between light and dark pages."""
 
     page: str
     text: str
     faint: str
-    """For what explains and must not stand out: labels of axes, notes."""
+    """For explanations that must not stand out: labels of axes, notes."""
     simulated: str
-    """A thin line on the page, and on the broad ones of theory."""
+    """A thin line on the page, and on the broad lines of theory."""
 
 
 LIGHT = Ink(page="#ffffff", text=colours.TOTAL, faint="#5f6670", simulated=colours.SIMULATED)
 DARK = Ink(page="#0d1117", text="#e6edf3", faint="#9aa4af", simulated="#d8effd")
 
 
+JAPANESE = (
+    "Noto Sans CJK JP", "Noto Sans JP", "IPAexGothic", "IPAGothic", "TakaoGothic", "VL Gothic",
+    "Hiragino Sans", "Hiragino Kaku Gothic ProN", "Yu Gothic", "Meiryo", "MS Gothic",
+)  # fmt: skip
+"""Japanese fonts of the usual systems; the first that is installed is used."""
+
+
+@functools.cache
+def japanese_font() -> str | None:
+    """Return a font for Japanese; None where none is installed."""
+    fonts = {
+        font.name for font in font_manager.fontManager.ttflist if pathlib.Path(font.fname).is_file()
+    }
+    return next((name for name in JAPANESE if name in fonts), None)
+
+
+def words(template: str, /, **values: object) -> str:
+    """Return a message, or a template's, in the reader's language if there is a font for it."""
+    message = template if isinstance(template, Message) else Message(template, **values)
+    shown = translated(message)
+    return shown if shown == message or japanese_font() is not None else str(message)
+
+
+def families() -> list[str]:
+    """Return the fonts of a plot, which are searched in this order for each letter."""
+    # The first choice of sans-serif, DejaVu Sans, comes with matplotlib: alike on every machine.
+    font = japanese_font() if words("time [{unit}]", unit="s") != "time [s]" else None
+    return ["sans-serif"] if font is None else ["sans-serif", font]
+
+
+@contextlib.contextmanager
+def _regular_for_bold() -> Iterator[None]:
+    """Let a font without a bold face, as Japanese fonts often are, be regular without a warning."""
+    fonts = logging.getLogger("matplotlib.font_manager")
+    level = fonts.level
+    fonts.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        fonts.setLevel(level)
+
+
 @contextlib.contextmanager
 def plain(ink: Ink) -> Iterator[None]:
     """Set matplotlib up for one figure, and leave its settings as they were."""
-    with matplotlib.rc_context():
+    with matplotlib.rc_context(), _regular_for_bold():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(
             {
-                # Its first choice, DejaVu Sans, comes with matplotlib: alike on every machine.
-                "font.family": "sans-serif",
+                "font.family": families(),
                 "font.size": 11,
                 "figure.facecolor": ink.page,
                 "savefig.facecolor": ink.page,
@@ -79,7 +124,7 @@ def plain(ink: Ink) -> Iterator[None]:
                 "legend.frameon": False,
                 "legend.fontsize": 11,
                 "svg.fonttype": "none",  # text stays text
-                "svg.hashsalt": "drop",  # identifiers without chance
+                "svg.hashsalt": "drop",  # identifiers are not random
             }
         )
         yield
@@ -114,7 +159,7 @@ SECONDS = (Unit("s", 1.0), Unit("ms", 1e3), Unit("µs", 1e6))
 def unit_for(largest: float, units: tuple[Unit, ...], *, usual: str) -> Unit:
     """Return the unit in which the largest of some values reads best.
 
-    The usual one is kept from 0.01 to 9999 of it; else it is the largest that gives at least 1.
+    The usual unit is kept from 0.01 to 9999 of it; else it is the largest that gives at least 1.
 
     Parameters
     ----------
@@ -123,7 +168,7 @@ def unit_for(largest: float, units: tuple[Unit, ...], *, usual: str) -> Unit:
     units
         Units to choose from, largest first.
     usual
-        Name of the unit to keep where it will do; also the one for nothing but zeros.
+        Name of the unit to keep where it will do; also the unit where all values are zero.
     """
     keep = next(unit for unit in units if unit.name == usual)
     if largest == 0 or not math.isfinite(largest) or 0.01 <= largest * keep.per_si < 1e4:
@@ -140,7 +185,7 @@ def decimals_for(largest: float) -> int:
 
 
 def signed(value: float, decimals: int) -> str:
-    """Return a number with its sign; what would round to nothing in powers of ten: −3×10⁻¹³."""
+    """Return a number with its sign; in powers of ten where it would round to zero: −3×10⁻¹³."""
     if value == 0:
         return "0"
     if abs(value) >= 0.5 * 10**-decimals:
@@ -160,26 +205,26 @@ def seconds(value_s: float) -> str:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a note may stand, as matplotlib's `annotate` takes it."""
+    """Where a note may be, as matplotlib's `annotate` takes it."""
 
     at: tuple[float, float]
     of: tuple[str, str]
-    """Of what the two are coordinates."""
+    """The coordinate systems of the two."""
     offset: tuple[float, float]
     """From there [points]."""
     align: Literal["left", "right"]
     above: Literal["top", "bottom"] = "top"
-    """Which edge of the words stands there."""
+    """Which edge of the note is there."""
 
 
-def write_clear(axes: Axes, said: str, places: Sequence[Place], ink: Ink) -> None:
-    """Write a note at the first place where no line and no other note is; nowhere if there is none.
+def write_clear(axes: Axes, text: str, places: Sequence[Place], ink: Ink) -> None:
+    """Write a note at the first place without a line or another note; nowhere if there is none.
 
     Lines must have been drawn, and limits set.
     """
     for place in places:
         note = axes.annotate(
-            said,
+            text,
             place.at,
             xycoords=place.of,
             xytext=place.offset,
@@ -195,12 +240,12 @@ def write_clear(axes: Axes, said: str, places: Sequence[Place], ink: Ink) -> Non
 
 
 def is_struck(axes: Axes, note: Text) -> bool:
-    """Whether a line of a panel runs through a note in it, or another note lies on it."""
+    """Whether a line of a panel runs through a note in it, or another note overlaps it."""
     box = note.get_window_extent()
-    if any(box.overlaps(one.get_window_extent()) for one in axes.texts if one is not note):
+    if any(box.overlaps(text.get_window_extent()) for text in axes.texts if text is not note):
         return True
     if box.y0 < axes.bbox.y0:
-        return True  # there are the numbers of the axis
+        return True  # the numbers of the axis are there
     for line in axes.lines:
         points = line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float))
         half = 0.5 * line.get_linewidth() * axes.figure.dpi / 72  # of its width, in pixels

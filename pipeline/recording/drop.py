@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import colours
+from pipeline.messages import Message
 from pipeline.recording import schema, writer
 from pipeline.recording.about import about
 from pipeline.recording.digest import FrameDigest, RowsDigest, inputs_digest
@@ -100,7 +101,7 @@ def chunks_of(
         if photography is not None:
             yield from _frames(photography, scenario, base, pictures, progress)
         done += len(base)
-        progress("stepping", done, samples)
+        progress(Message("stepping"), done, samples)
 
     yield writer.property_chunk(
         schema.RECORDING_PROPERTY,
@@ -168,4 +169,4 @@ def _frames(
     for step, png in zip(due["step"].tolist(), photography.draw(poses_of(due)), strict=True):
         digest.update(step, png)
         yield writer.image_chunk(step, timestep_s, png)
-        progress("drawing frames", camera.frames_of(step), total)
+        progress(Message("drawing frames"), camera.frames_of(step), total)

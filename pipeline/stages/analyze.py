@@ -1,4 +1,4 @@
-"""Read a recording back and say where each millimetre of its error comes from."""
+"""Read a recording back and explain each millimetre of its error."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pipeline.analysis.drop.results import Analysis
 from pipeline.errors import check_suffix
 from pipeline.files.outputs import check_apart, check_target, refused
 from pipeline.files.table import check_table, write_table
+from pipeline.messages import Message
 from pipeline.recording.contents import check_of_drop, is_script
 from pipeline.recording.layer import is_layer, layer_of, write_layer
 from pipeline.recording.reader import read
@@ -22,8 +23,9 @@ if TYPE_CHECKING:
 
 __all__ = ["analyze", "is_script"]
 
+ANALYZING = Message("analyzing")
 _PARTS = 3
-"""Reading the recording, taking the error apart, writing what was found."""
+"""Reading the recording, breaking the error down, writing the results."""
 
 
 def analyze(
@@ -42,13 +44,13 @@ def analyze(
     recording
         The recording to read.
     at_s
-        Times to take apart [s]; without any, 0.3 s where that is in the air.
+        Times at which to break the error down [s]; by default 0.3 s, if that is in the air.
     out
         The layer recording to write; None puts it beside the recording.
     table
         A `.parquet` or `.csv` file for the table of all samples, or None.
     force
-        Whether files that exist may be replaced; a layer under its default name always is.
+        Whether existing files may be replaced; a layer under its default name always is.
     progress
         Called while it runs.
 
@@ -57,20 +59,20 @@ def analyze(
     RecordingError
         If the recording is missing, damaged or not one of ours.
     ScenarioError
-        If a time lies outside the recording, or a file has another suffix.
+        If a time is outside the recording, or a file has another suffix.
     OutputError
         If a file cannot be written, or would replace what the same command reads or writes.
     """
     path = Path(recording)
     layer, tables = outputs_of(path, out, table, force=force)
-    progress("analyzing", 0, _PARTS)
+    progress(ANALYZING, 0, _PARTS)
     check_of_drop(path, otherwise="analyze_script")
     read_back = read(path)
-    progress("analyzing", 1, _PARTS)
+    progress(ANALYZING, 1, _PARTS)
     analysis = analysis_of(
         read_back.scenario, read_back.engine, read_back.states, read_back.contacts, at_s=at_s
     )
-    progress("analyzing", 2, _PARTS)
+    progress(ANALYZING, 2, _PARTS)
     write_layer(
         layer,
         read_back,
@@ -80,16 +82,16 @@ def analyze(
         force=force,
         ours=out is None,
     )
-    for one in tables:
-        write_table(one, analysis.table, force=force)
-    progress("analyzing", _PARTS, _PARTS)
+    for file in tables:
+        write_table(file, analysis.table, force=force)
+    progress(ANALYZING, _PARTS, _PARTS)
     return replace(analysis, recording=path, layer=layer, partial=read_back.partial)
 
 
 def outputs_of(
     recording: Path, out: Path | str | None, table: Path | str | None, *, force: bool
 ) -> tuple[Path, list[Path]]:
-    """Return the layer and the tables to write, if they may be written.
+    """Return the layer and the tables to write, once it is checked that they can be.
 
     Raises
     ------
@@ -105,6 +107,6 @@ def outputs_of(
     check_suffix("--out", layer, (".rrd",))
     if out is None and not force and layer.is_file() and not is_layer(layer):
         raise refused(layer)
-    for one in tables:
-        check_table(one, force=force)
+    for file in tables:
+        check_table(file, force=force)
     return layer, tables

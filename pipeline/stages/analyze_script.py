@@ -1,4 +1,4 @@
-"""Read a script's recording back, and say what each of its bodies did, and why."""
+"""Read a script's recording back, and explain what each of its bodies did."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from pipeline.recording.contents import check_of_script
 from pipeline.recording.script_layer import write_script_layer
 from pipeline.recording.script_reader import read_script
 from pipeline.seen import Seen, body_named
-from pipeline.stages.analyze import outputs_of
+from pipeline.stages.analyze import ANALYZING, outputs_of
 from pipeline.stages.narrative import findings_listed
 
 if TYPE_CHECKING:
     from pipeline.recording.drop import Progress  # its module loads Rerun
 
 DEFAULT_AT_S = (0.3,)
-"""Where flights are taken apart beside their ends, unless other times are asked for."""
+"""When flights are broken down besides at their ends, unless other times are given."""
 
 
 def analyze_script(
@@ -43,16 +43,16 @@ def analyze_script(
     recording
         The recording to read.
     at_s
-        Times [s] at which the flights that are under way are taken apart, beside their ends;
-        without any, 0.3 s.
+        Times [s] at which flights under way are broken down, besides at their ends; by default
+        0.3 s.
     body
-        The one body to tell of, by name or number; None for all. The layer shows all.
+        The only body to report, by name or number; None for all. The layer shows all.
     out
         The layer recording to write; None puts it beside the recording.
     table
         A `.parquet` or `.csv` file for the table of all samples, or None.
     force
-        Whether files that exist may be replaced; a layer under its default name always is.
+        Whether existing files may be replaced; a layer under its default name always is.
     progress
         Called while it runs.
 
@@ -61,25 +61,24 @@ def analyze_script(
     RecordingError
         If the recording is missing, damaged or not that of a script.
     ScenarioError
-        If there is no such body, a time is not within the recording, or a file has another suffix.
+        If there is no such body, a time is outside the recording, or a file has another suffix.
     OutputError
         If a file cannot be written, or would replace what the same command reads or writes.
     """
     path = Path(recording)
     layer, tables = outputs_of(path, out, table, force=force)
-    progress("analyzing", 0, 3)
+    progress(ANALYZING, 0, 3)
     check_of_script(path, otherwise="analyze")
     read_back = read_script(path)
-    progress("analyzing", 1, 3)
+    progress(ANALYZING, 1, 3)
     ended = read_back.ended or {}
     origin = read_back.origin | {name: ended.get(name) for name in ("ended", "error")}
     analysis = script_analysis_of(read_back.seen, origin, at_s=at_s or DEFAULT_AT_S)
     _check_times(at_s, read_back.seen, analysis)
-    if body is None:
-        told = analysis
-    else:
-        told = analysis.of_body(body_named(read_back.seen.bodies.values(), body).number)
-    progress("analyzing", 2, 3)
+    reported = analysis
+    if body is not None:
+        reported = analysis.of_body(body_named(read_back.seen.bodies.values(), body).number)
+    progress(ANALYZING, 2, 3)
     write_script_layer(
         layer,
         read_back.recording_id,
@@ -89,22 +88,24 @@ def analyze_script(
         force=force,
         ours=out is None,
     )
-    for one in tables:
-        write_table(one, analysis.table, force=force)
-    progress("analyzing", 3, 3)
-    return replace(told, recording=path, layer=layer, partial=read_back.partial)
+    for file in tables:
+        write_table(file, analysis.table, force=force)
+    progress(ANALYZING, 3, 3)
+    return replace(reported, recording=path, layer=layer, partial=read_back.partial)
 
 
 def _check_times(at_s: Sequence[float], seen: Seen, analysis: ScriptAnalysis) -> None:
-    """Raise an error where a time that is asked for is not that of any simulation."""
-    clients = {one.client for one in seen.settings}
-    ends_s = [Times(seen, one).of(seen.samples.get(one, 1) - 1) for one in clients]
+    """Raise an error if a given time is not within any simulation."""
+    clients = {setting.client for setting in seen.settings}
+    ends_s = [Times(seen, client).of(seen.samples.get(client, 1) - 1) for client in clients]
     # Time may go back, where a timestep is below 0.
     end_s = max([0.0, *ends_s, *analysis.table["time_s"].drop_nulls()])
     for time_s in at_s:
         if not 0 <= time_s <= end_s * (1 + 1e-12):
             raise ScenarioError(
-                f"--at must lie within the recording, 0 to {end_s:g} s, got {time_s:g}"
+                "--at must lie within the recording, 0 to {end:g} s, got {time:g}",
+                end=end_s,
+                time=time_s,
             )
 
 
@@ -116,7 +117,7 @@ def _events(analysis: ScriptAnalysis) -> Iterator[tuple[int, float, str]]:
             yield step, times_s[step], f"{finding.code}: {finding.message}"
     for body in analysis.bodies:
         for contact in body.contacts:
-            others = ", ".join(sorted({one.body for one in contact.by}))
+            others = ", ".join(sorted({partner.body for partner in contact.by}))
             yield contact.first_step, contact.start_s, f"{body.label} meets {others}"
 
 

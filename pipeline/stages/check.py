@@ -1,4 +1,4 @@
-"""Is this recording the same physics as a golden one? And make a recording the golden one."""
+"""Check whether a recording is the same physics as a golden one, or make it the golden one."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from pipeline.analysis.drop.comparison import Comparison, Place, Side, compare
 from pipeline.analysis.general.samples import base_of
 from pipeline.errors import OutputError, RecordingError, ScenarioError, check_suffix
+from pipeline.fields import all_of
 from pipeline.figures.animation import decoded
 from pipeline.files.outputs import check_apart, check_target
 from pipeline.files.whole import replaced
-from pipeline.messages import shell_command
+from pipeline.messages import Message, joined, shell_command
 from pipeline.recording import sealing
-from pipeline.recording.checks import again
+from pipeline.recording.checks import damaged
 from pipeline.recording.contents import check_of_drop
 from pipeline.recording.reader import Recording, frames, is_recording, read
 from pipeline.scenario import Camera
@@ -33,11 +34,11 @@ class Frames:
     """How the pictures of two recordings compare."""
 
     compared: int
-    """How many pictures of one pose both have."""
+    """How many pairs of pictures of the same pose."""
     differing: int
     """How many of these differ."""
     first_step: int | None
-    """The first that does; None where none does."""
+    """Step of the first that differ; None where none do."""
     why: str | None
     """Why no more were compared; None where all were."""
 
@@ -49,15 +50,15 @@ class Check(Shown, lines_of="pipeline.console.show_check:check_lines"):
     recording: Path
     """The recording that was checked."""
     golden: Path
-    """The recording that is right."""
+    """The recording it was compared with."""
     tolerance_m: float
-    """Difference that was let pass."""
+    """Largest difference that passes."""
     comparison: Comparison | None
     """None where there was no golden recording yet."""
     frames: Frames | None
     """How the pictures compare; None where the samples cannot be compared."""
     updated: bool = False
-    """Whether the recording has become the golden one."""
+    """Whether the recording has been made the golden one."""
 
     @property
     def first(self) -> Place | None:
@@ -90,20 +91,20 @@ def check(
     against
         The golden recording.
     tolerance_m
-        Difference that is let pass [m]; 0 is bit for bit in the air and 1e-9 m in contact.
+        Largest difference that passes [m]; 0 is bit for bit in the air and 1e-9 m in contact.
     update
-        Whether to make the recording the golden one; what was golden before is replaced.
+        Whether to make the recording the golden one, in place of the previous one.
 
     Raises
     ------
     RecordingError
         If one of them is missing, damaged or unfinished.
     ScenarioError
-        If the tolerance is not a length, or a golden recording is to be written under a name that
-        does not end in .rrd.
+        If the tolerance is not a length, or with `update` if the golden recording's name does not
+        end in .rrd.
     OutputError
-        If the golden recording is to be written and cannot be, is the recording itself, or has the
-        name of a file that is no recording.
+        With `update`, if the golden recording cannot be written, is the recording itself, or is a
+        file that is not a recording.
     """
     path, golden = Path(recording), Path(against)
     check_tolerance(tolerance_m)
@@ -111,12 +112,12 @@ def check(
     run = _whole(path)
     if not update:
         if not os.path.lexists(golden):
-            raise there_is_none(path, golden)
+            raise no_golden(path, golden)
         return _checked(run, _whole(golden), tolerance_m)
     check_replaceable(golden, path)
     try:
         before = _checked(run, _whole(golden), tolerance_m)
-    except RecordingError:  # there is none yet, or none that can be read
+    except RecordingError:  # there is none yet, or it cannot be read
         before = Check(path, golden, tolerance_m, None, None)
     _make_golden(run, golden)
     return replace(before, updated=True)
@@ -125,50 +126,66 @@ def check(
 def check_tolerance(tolerance_m: float) -> None:
     """Raise a ScenarioError if a tolerance is not a length."""
     if not (math.isfinite(tolerance_m) and tolerance_m >= 0):
-        raise ScenarioError(f"--tolerance must be finite and at least 0, got {tolerance_m!r}")
+        raise ScenarioError(
+            "--tolerance must be finite and at least 0, got {tolerance!r}", tolerance=tolerance_m
+        )
 
 
 def check_replaceable(golden: Path, recording: Path, *, of_script: bool = False) -> None:
-    """Make sure that a recording can become the golden one.
+    """Check that a recording can be made the golden one.
 
     Raises
     ------
     ScenarioError
         If the golden recording's name does not end in .rrd.
     OutputError
-        If it cannot be written, is the recording itself, or is no recording of this kind.
+        If it cannot be written, is the recording itself, or is not a recording of this kind.
     """
     check_target(golden, force=True)
     check_apart([golden], inputs=[recording])
     check_suffix("--against", golden, (".rrd",))
     if os.path.lexists(golden) and not is_recording(golden, of_script=of_script):
-        kind = "the recording of a script" if of_script else "a recording that drop made"
+        if of_script:
+            raise OutputError(
+                "{path} is not a recording of a script, or is damaged, and is not replaced; remove "
+                "it, or give --against another name",
+                path=golden,
+            )
         raise OutputError(
-            f"{golden} is not {kind}, or is damaged, and is left as it is; remove it, or give "
-            "--against another name"
+            "{path} is not a recording made by drop, or is damaged, and is not replaced; remove "
+            "it, or give --against another name",
+            path=golden,
         )
 
 
-def there_is_none(recording: Path, golden: Path) -> RecordingError:
-    """Return the error for a golden recording that is not there."""
-    again = shell_command("drop", "check", recording, "--against", golden, "--update")
+def no_golden(recording: Path, golden: Path) -> RecordingError:
+    """Return the error for a missing golden recording."""
+    update = shell_command("drop", "check", recording, "--against", golden, "--update")
     return RecordingError(
-        f"there is no golden recording {golden}; to make {recording} the golden one: {again}"
+        "there is no golden recording {golden}; to make {recording} the golden one: {command}",
+        golden=golden, recording=recording, command=update,
+    )  # fmt: skip
+
+
+def unfinished(path: Path, command: str) -> RecordingError:
+    """Return the error for a recording that is not complete."""
+    return RecordingError(
+        "{path} was never finished, and only complete recordings are compared; record it again "
+        "with: drop {command}",
+        path=path,
+        command=command,
     )
 
 
 def _whole(path: Path) -> Recording:
     recording = read(path)
     if recording.partial:
-        raise RecordingError(
-            f"{path} was never finished, and only whole recordings are compared; record it again "
-            "with: drop simulate"
-        )
+        raise unfinished(path, "simulate")
     return recording
 
 
 def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
-    sides = [Side(one.scenario, one.engine, one.states, one.contacts) for one in (run, golden)]
+    sides = [Side(each.scenario, each.engine, each.states, each.contacts) for each in (run, golden)]
     comparison = compare(*sides, tolerance_m=tolerance_m)
     comparable = comparison.largest_difference_m is not None
     pictures = _compare_frames(run, golden) if comparable else None
@@ -176,14 +193,20 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
 
 
 def _make_golden(run: Recording, golden: Path) -> None:
-    """Write a recording under the golden name, packed, if it reads back the same."""
+    """Write a recording under the golden name, packed; check that it reads back the same."""
     with replaced(golden, force=False, ours=True) as part:
         sealing.pack(run.path, part)
         packed = _whole(part)
         if not (packed.states.equals(run.states) and packed.contacts.equals(run.contacts)):
-            raise RecordingError(f"{golden} was not written: packing {run.path} changed its state")
+            raise RecordingError(
+                "{golden} was not written: packing {path} changed its state",
+                golden=golden, path=run.path,
+            )  # fmt: skip
         if [step for step, _ in frames(part)] != [step for step, _ in frames(run.path)]:
-            raise RecordingError(f"{golden} was not written: packing {run.path} lost frames")
+            raise RecordingError(
+                "{golden} was not written: packing {path} lost frames",
+                golden=golden, path=run.path,
+            )  # fmt: skip
 
 
 # -- frames ---------------------------------------------------------------------------------------
@@ -191,15 +214,19 @@ def _make_golden(run: Recording, golden: Path) -> None:
 
 def _compare_frames(run: Recording, golden: Recording) -> Frames:
     """Compare the pictures that both have of the same pose; pictures of other poses may differ."""
+    if run.camera is None and golden.camera is None:
+        why = Message("neither {one} nor {other} has frames", one=run.path, other=golden.path)
+        return Frames(0, 0, None, why)
     if run.camera is None or golden.camera is None:
-        without = [str(one.path) for one in (run, golden) if one.camera is None]
-        why = f"neither {' nor '.join(without)} has" if len(without) > 1 else f"{without[0]} has no"
-        return Frames(0, 0, None, f"{why} frames")
-    mine, theirs = dict(frames(run.path)), dict(frames(golden.path))  # or an error
+        without = run.path if run.camera is None else golden.path
+        return Frames(0, 0, None, Message("{path} has no frames", path=without))
+    mine, theirs = dict(frames(run.path)), dict(frames(golden.path))  # raises an error if damaged
     if run.camera != golden.camera:
-        return Frames(0, 0, None, f"the cameras differ: {_camera_differences(run, golden)}")
+        differences = _camera_differences(run.camera, golden.camera)
+        why = Message("the cameras differ: {differences}", differences=differences)
+        return Frames(0, 0, None, why)
     if run.engine.machine != golden.engine.machine:
-        return Frames(0, 0, None, "they were drawn on different kinds of machine")
+        return Frames(0, 0, None, Message("they were drawn on different kinds of machine"))
     poses, others = base_of(run.states), base_of(golden.states)
     same_pose = poses.select(
         pl.all_horizontal(pl.col(name) == others[name] for name in POSE)
@@ -211,34 +238,27 @@ def _compare_frames(run: Recording, golden: Recording) -> Frames:
         if mine[step] != theirs[step]
         and not np.array_equal(pixels(mine[step], run.path), pixels(theirs[step], golden.path))
     ]
-    apart = len(mine) - len(steps)
-    return Frames(
-        compared=len(steps),
-        differing=len(differing),
-        first_step=differing[0] if differing else None,
-        why=f"in {apart} of {len(mine)} the body is elsewhere" if apart else None,
-    )
+    apart, first_step = len(mine) - len(steps), differing[0] if differing else None
+    elsewhere = Message("in {n} of {frames} the body is elsewhere", n=apart, frames=len(mine))
+    return Frames(len(steps), len(differing), first_step, elsewhere if apart else None)
 
 
-def _camera_differences(run: Recording, golden: Recording) -> str:
-    assert run.camera is not None
-    assert golden.camera is not None
-    mine, theirs, options = asdict(run.camera), asdict(golden.camera), Camera.options()
-    said = []
+def _camera_differences(run: Camera, golden: Camera) -> Message:
+    mine, theirs, options = asdict(run), asdict(golden), Camera.options()
+    differences = []
     for name in mine:
         if mine[name] != theirs[name]:
             option = options.get(name)
-            one, other = (
-                str(value) if option is None else option.written(value)
-                for value in (mine[name], theirs[name])
-            )
-            said.append(f"{name if option is None else option.name} {one} and {other}")
-    return ", ".join(said)
+            written = str if option is None else option.written
+            values = all_of(map(written, (mine[name], theirs[name])))
+            label = name if option is None else option.name
+            differences.append(Message("{label} {values}", label=label, values=values))
+    return joined(", ", differences)
 
 
 def pixels(png: bytes, path: Path) -> NDArray[np.uint8]:
-    """Return what a picture of a recording shows, or raise a RecordingError."""
+    """Return a recorded picture's pixels, or raise a RecordingError."""
     try:
         return np.asarray(next(decoded([png])))
     except ValueError as error:
-        raise RecordingError(f"{path} is damaged: {error}; {again(path)}") from None
+        raise damaged(path, error.args[0]) from None

@@ -1,4 +1,4 @@
-"""Is the recording of a script the same physics as a golden one? And make one the golden one."""
+"""Check whether a script's recording is the same physics as a golden one, or make it golden."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from pipeline.analysis.script.comparison import ScriptComparison, compare_script
 from pipeline.analysis.script.difference import Difference
 from pipeline.errors import RecordingError
 from pipeline.files.whole import replaced
+from pipeline.messages import Message
 from pipeline.recording.contents import check_of_script, is_script
 from pipeline.recording.script_reader import ScriptRecording, read_script
 from pipeline.recording.script_scene import frames_of_cameras
@@ -23,8 +24,9 @@ from pipeline.stages.check import (
     Frames,
     check_replaceable,
     check_tolerance,
+    no_golden,
     pixels,
-    there_is_none,
+    unfinished,
 )
 
 __all__ = ["ScriptCheck", "check_script", "is_script"]
@@ -37,15 +39,15 @@ class ScriptCheck(Shown, lines_of="pipeline.console.show_script_check:check_line
     recording: Path
     """The recording that was checked."""
     golden: Path
-    """The recording that is right."""
+    """The recording it was compared with."""
     tolerance_m: float
-    """Difference that was let pass."""
+    """Largest difference that passes."""
     comparison: ScriptComparison | None
     """None where there was no golden recording yet."""
     frames: Frames | None
     """How the images compare; None where there was no golden recording yet."""
     updated: bool = False
-    """Whether the recording has become the golden one."""
+    """Whether the recording has been made the golden one."""
 
     @property
     def first(self) -> Difference | None:
@@ -69,7 +71,7 @@ def check_script(
     tolerance_m: float = 0.0,
     update: bool = False,
 ) -> ScriptCheck:
-    """Compare the recording of a script with a golden one: what went in, samples, then images.
+    """Compare the recording of a script with a golden one: inputs, samples, then images.
 
     Parameters
     ----------
@@ -78,23 +80,23 @@ def check_script(
     against
         The golden recording.
     tolerance_m
-        Difference that is let pass in what moves [m]: of a velocity what moves the body so far in
-        one step, of an angle what moves its surface so far. 0 is bit for bit. Above 0 nothing is
-        asked of joints, contact points and images but what the motion shows of them, and what the
-        script does counts until a sample differs at all: it may answer the difference.
+        Largest difference in motion that passes [m]: of a velocity the distance in one step, of an
+        angle the way of the body's surface. 0 is bit for bit. Above 0, joints, contact points and
+        images count only through the motion, and the script's calls only until a sample differs at
+        all: they may be a response to the difference.
     update
-        Whether to make the recording the golden one; what was golden before is replaced.
+        Whether to make the recording the golden one, in place of the previous one.
 
     Raises
     ------
     RecordingError
         If one of them is missing, damaged, unfinished, or the recording of a drop.
     ScenarioError
-        If the tolerance is not a length, or a golden recording is to be written under a name that
-        does not end in .rrd.
+        If the tolerance is not a length, or with `update` if the golden recording's name does not
+        end in .rrd.
     OutputError
-        If the golden recording is to be written and cannot be, is the recording itself, or has the
-        name of a file that is no recording of a script.
+        With `update`, if the golden recording cannot be written, is the recording itself, or is a
+        file that is not a recording of a script.
     """
     path, golden = Path(recording), Path(against)
     check_tolerance(tolerance_m)
@@ -102,17 +104,19 @@ def check_script(
     run = _whole(path)
     if not update:
         if not os.path.lexists(golden):
-            raise there_is_none(path, golden)
+            raise no_golden(path, golden)
         if not is_script(golden):
             raise RecordingError(
-                f"{golden} must be the recording of a script, as {path} is, got that of a drop; "
-                "make one with: drop record"
+                "{golden} must be the recording of a script, as {path} is, got that of a drop; "
+                "make one with: drop record",
+                golden=golden,
+                path=path,
             )
         return _checked(run, _whole(golden), tolerance_m)
     check_replaceable(golden, path, of_script=True)
     try:
         before = _checked(run, _whole(golden), tolerance_m)
-    except RecordingError:  # there is none yet, or none that can be read
+    except RecordingError:  # there is none yet, or it cannot be read
         before = ScriptCheck(path, golden, tolerance_m, None, None)
     with replaced(golden, force=False, ours=True) as part:
         shutil.copyfile(path, part)
@@ -122,15 +126,12 @@ def check_script(
 def _whole(path: Path) -> ScriptRecording:
     recording = read_script(path)
     if recording.partial:
-        raise RecordingError(
-            f"{path} was never finished, and only whole recordings are compared; record it again "
-            "with: drop record"
-        )
+        raise unfinished(path, "record")
     return recording
 
 
 def _checked(run: ScriptRecording, golden: ScriptRecording, tolerance_m: float) -> ScriptCheck:
-    sides = [Side(one.origin, one.ended or {}, one.seen) for one in (run, golden)]
+    sides = [Side(each.origin, each.ended or {}, each.seen) for each in (run, golden)]
     comparison = compare_scripts(*sides, tolerance_m=tolerance_m)
     pictures = _compare_images(run, golden, until=comparison.samples_part_at)
     if tolerance_m:
@@ -149,33 +150,33 @@ def _compare_images(run: ScriptRecording, golden: ScriptRecording, *, until: int
     mine, theirs = (
         {
             camera: [(step, png) for step, _, png in taken]
-            for camera, taken in frames_of_cameras(one.path).items()
+            for camera, taken in frames_of_cameras(each.path).items()
         }
-        for one in (run, golden)
+        for each in (run, golden)
     )
     if not mine and not theirs:
-        return Frames(0, 0, None, "neither has images")
+        return Frames(0, 0, None, Message("neither has images"))
     for camera in sorted({*mine, *theirs}):
-        for one, other in zip_longest(mine.get(camera, []), theirs.get(camera, [])):
-            step = min(taken[0] for taken in (one, other) if taken is not None)
+        for image, other in zip_longest(mine.get(camera, []), theirs.get(camera, [])):
+            step = min(taken[0] for taken in (image, other) if taken is not None)
             if until is not None and step >= until:
                 apart += 1
                 continue
             compared += 1
-            if one is None or other is None or not _is(one, other, run, golden):
+            if image is None or other is None or not _same(image, other, run, golden):
                 differing.append(step)
-    why = f"{apart} taken when the bodies are elsewhere" if apart else None
+    why = Message("{n} taken when the bodies are elsewhere", n=apart) if apart else None
     return Frames(compared, len(differing), min(differing, default=None), why)
 
 
-def _is(
-    one: tuple[int, bytes],
+def _same(
+    image: tuple[int, bytes],
     other: tuple[int, bytes],
     run: ScriptRecording,
     golden: ScriptRecording,
 ) -> bool:
     """Whether two images are of the same step and the same to the pixel."""
-    return one == other or (
-        one[0] == other[0]
-        and np.array_equal(pixels(one[1], run.path), pixels(other[1], golden.path))
+    return image == other or (
+        image[0] == other[0]
+        and np.array_equal(pixels(image[1], run.path), pixels(other[1], golden.path))
     )

@@ -1,4 +1,4 @@
-"""Say what a recording is: of what, how long, of which bodies, and whether it is whole."""
+"""Describe a recording: what made it, its length, its bodies, and whether it is complete."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import polars as pl
 from pipeline.analysis.general.jsonable import jsonable
 from pipeline.analysis.script.times import Times
 from pipeline.fields import counted
-from pipeline.messages import shell_command
+from pipeline.messages import Message, joined, shell_command
 from pipeline.recording.about import engine_in_words
 from pipeline.recording.contents import is_script
 from pipeline.recording.layer import is_layer, layer_of
@@ -31,38 +31,38 @@ REPLACED = "\ufffd"
 
 @dataclass(frozen=True)
 class Info(Shown, lines_of="pipeline.console.show_info:info_lines"):
-    """What a recording is."""
+    """What a recording is and holds."""
 
     recording: Path
     """The file."""
     recording_id: str
     """Its id, which its layer shares."""
     kind: Literal["drop", "script"]
-    """Of what it is."""
+    """Whether a drop or a script was recorded."""
     what: str
     """The body that was dropped, or the script and how it ended."""
     complete: bool
-    """Whether it was finished; then all that it holds has passed its checksums."""
+    """Whether it was finished; then all its data have passed their checksums."""
     samples: int
-    """How many states of the simulation it holds, together."""
+    """How many states of the simulation it holds, in all."""
     duration_s: float
-    """Simulated time from its first sample to its last [s]; of a script, of its longest
+    """Simulated time from its first sample to its last [s]; for a script, of its longest
     simulation."""
     bodies: list[str]
-    """The bodies that can be told apart, each with its mass."""
+    """The bodies, each with its mass."""
     contact_samples: int
-    """Steps after which something touches."""
+    """Samples in which something touches."""
     frames: int
     """How many camera frames it holds."""
     bytes: int
     """The file's size."""
     engine: str
-    """What made it."""
+    """The engine that made it."""
     command: str | None
-    """What makes its physics again; None of a block of Python, and where a name or an argument was
-    not UTF-8."""
+    """The command that repeats its physics; None for a block of Python, and where a name or an
+    argument is not UTF-8."""
     layer: Path | None
-    """The analysis beside it; None where there is none, or it is of another recording."""
+    """The analysis beside it; None if there is none, or it is of another recording."""
 
     def as_json(self) -> dict[str, object]:
         """Return the contract's JSON object."""
@@ -70,7 +70,7 @@ class Info(Shown, lines_of="pipeline.console.show_info:info_lines"):
 
 
 def info(recording: Path | str) -> Info:
-    """Say what a recording is; all of it is read, and checked.
+    """Describe a recording, which is read and checked completely.
 
     Raises
     ------
@@ -81,9 +81,9 @@ def info(recording: Path | str) -> Info:
     return _of_script(read_script(path)) if is_script(path) else _of_drop(read(path))
 
 
-def _of_drop(found: Recording) -> Info:
-    scenario, path = found.scenario, found.path
-    samples = int(found.states["step"].max()) + 1  # type: ignore[arg-type]
+def _of_drop(recording: Recording) -> Info:
+    scenario, path = recording.scenario, recording.path
+    samples = int(recording.states["step"].max()) + 1  # type: ignore[arg-type]
     standard = Scenario()
     given = {
         name: getattr(scenario, name)
@@ -91,27 +91,28 @@ def _of_drop(found: Recording) -> Info:
         if getattr(scenario, name) != getattr(standard, name)
     }
     again = replay_command(given, out="again.rrd")
-    joints = f", {counted(found.engine.joints, 'joint')}" if found.engine.joints else ""
+    body = Path(scenario.body).name
     return Info(
         recording=path,
-        recording_id=found.recording_id,
+        recording_id=recording.recording_id,
         kind="drop",
-        what=f"{Path(scenario.body).name} dropped from {scenario.height_m:g} m",
-        complete=not found.partial,
+        what=Message("{body} dropped from {height:g} m", body=body, height=scenario.height_m),
+        complete=not recording.partial,
         samples=samples,
         duration_s=(samples - 1) * scenario.timestep_s,
-        bodies=[f"{Path(scenario.body).name}, {found.engine.mass_kg:.4g} kg{joints}"],
-        contact_samples=found.contacts["step"].n_unique(),
+        bodies=[_body(body, recording.engine.mass_kg, recording.engine.joints)],
+        contact_samples=recording.contacts["step"].n_unique(),
         frames=len(list(frames(path))),
         bytes=path.stat().st_size,
-        engine=engine_in_words(scenario, found.engine),
-        command=again if found.camera is None else again.replace(" --no-camera", "", 1),
-        layer=_layer(path, found.recording_id),
+        engine=engine_in_words(scenario, recording.engine),
+        command=again if recording.camera is None else again.replace(" --no-camera", "", 1),
+        layer=_layer(path, recording.recording_id),
     )
 
 
-def _of_script(found: ScriptRecording) -> Info:
-    seen, path, origin, ended = found.seen, found.path, found.origin, found.ended or {}
+def _of_script(recording: ScriptRecording) -> Info:
+    seen, path, origin = recording.seen, recording.path, recording.origin
+    ended = recording.ended or {}
     script, arguments = str(origin["script"]), _texts(origin.get("arguments"))
     limits = {name: origin.get(name) for name in ("steps", "duration_s", "seed")}
     options = [
@@ -121,27 +122,32 @@ def _of_script(found: ScriptRecording) -> Info:
         for word in (f"--{name.removesuffix('_s')}", _digits(value))
     ]
     program = [*_program(script), *arguments]
-    told = shell_command(*program)
-    again = None
+    what = script if script == BLOCK else shell_command(*program)
+    command = None
     if script != BLOCK and not any(REPLACED in word for word in program):
         options_end = ["--"] if program[0].startswith("-") and program[0] != "-m" else []
-        again = shell_command("drop", "record", *options, *options_end, *program)
+        command = shell_command("drop", "record", *options, *options_end, *program)
     samples = ended.get("samples", seen.states["step"].n_unique())
     return Info(
         recording=path,
-        recording_id=found.recording_id,
+        recording_id=recording.recording_id,
         kind="script",
-        what=f"{script if script == BLOCK else told}, {ended.get('ended', 'never finished')}",
-        complete=not found.partial,
+        what=f"{what}, {ended.get('ended', 'never finished')}",
+        complete=not recording.partial,
         samples=int(samples),
         duration_s=_duration_s(seen),
-        bodies=[_body(body, seen) for body in seen.bodies.values()],
+        bodies=[
+            _body(body.label, _mass_kg(body, seen), len(body.joints))
+            for body in seen.bodies.values()
+        ],
         contact_samples=seen.contacts["step"].n_unique(),
         frames=sum(map(len, frames_of_cameras(path).values())),
         bytes=path.stat().st_size,
-        engine=f"PyBullet in Python {ended['made_with_version']}" if ended else "PyBullet",
-        command=again,
-        layer=_layer(path, found.recording_id),
+        engine=Message("PyBullet in Python {version}", version=ended["made_with_version"])
+        if ended
+        else "PyBullet",
+        command=command,
+        layer=_layer(path, recording.recording_id),
     )
 
 
@@ -152,26 +158,31 @@ def _digits(value: float) -> str:
 
 
 def _program(script: str) -> list[str]:
-    """Return the words that name a script, or a module: `-m MODULE`."""
+    """Return the words that name a script, or a module as `-m MODULE`."""
     return script.split(" ", 1) if script.startswith("-m ") else [script]
 
 
 def _texts(value: object) -> list[str]:
-    """Return a property that is a list of texts; Rerun keeps one of one as its element."""
+    """Return a property that is a list of texts; Rerun reads a list of one as its element."""
     return [] if value is None else [*map(str, value if isinstance(value, list) else [value])]
 
 
 def _duration_s(seen: Seen) -> float:
-    """Return the time of the last sample [s], of the simulation that goes on longest."""
+    """Return the time of the last sample [s], of the longest simulation."""
     last = seen.states.group_by("body").agg(pl.col("step").max()).iter_rows()
     return max((Times(seen, seen.bodies[body].client).of(step) for body, step in last), default=0.0)
 
 
-def _body(body: Body, seen: Seen) -> str:
-    told = seen.by_body[body.number].dynamics
-    mass_kg = float(told[-1].reported["mass_kg"].sum()) if told else 0.0
-    joints = f", {counted(len(body.joints), 'joint')}" if body.joints else ""
-    return f"{body.label}, {f'{mass_kg:.4g} kg' if mass_kg else 'held still'}{joints}"
+def _mass_kg(body: Body, seen: Seen) -> float:
+    dynamics = seen.by_body[body.number].dynamics
+    return float(dynamics[-1].reported["mass_kg"].sum()) if dynamics else 0.0
+
+
+def _body(label: str, mass_kg: float, joints: int) -> Message:
+    body = Message("{label}, {mass:.4g} kg", label=label, mass=mass_kg)
+    if not mass_kg:
+        body = Message("{label}, held still", label=label)
+    return joined(", ", [body, counted(joints, "joint")]) if joints else body
 
 
 def _layer(path: Path, belongs_to: str) -> Path | None:

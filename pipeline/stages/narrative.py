@@ -1,4 +1,7 @@
-"""The analysis in words, for the layer: what happened when, and where the error comes from."""
+"""The analysis in words, for the layer: what happened when, and where the error comes from.
+
+It is recorded, and so always in English.
+"""
 
 from __future__ import annotations
 
@@ -11,51 +14,51 @@ from pipeline.fields import decimals
 
 
 def events(analysis: Analysis) -> list[tuple[int, str]]:
-    """Return what happened, as steps and lines: release, moments taken apart, impact, rest."""
+    """Return what happened, as steps and lines: release, error breakdowns, impact, rest."""
     height_m = analysis.table["simulated_m"][0]
-    found = [(0, f"release at {height_m:g} m")]
-    found += [(one.step, _sum(one)) for one in analysis.at]
+    lines = [(0, f"release at {height_m:g} m")]
+    lines += [(moment.step, _sum(moment)) for moment in analysis.at]
     impact, rest = analysis.impact, analysis.rest
     if impact is not None:
         # `impact.step` is the first sample that the contact has acted on; the body is in the floor,
         # and perhaps deepest, a step earlier.
         touches = min(impact.step, impact.lowest_step)
-        found.append((touches, f"first contact, arriving at {impact.speed_m_s:.3f} m/s"))
+        lines.append((touches, f"first contact, arriving at {impact.speed_m_s:.3f} m/s"))
     if analysis.tumbled_step is not None:
-        found.append((analysis.tumbled_step, "tumbles from here on"))
+        lines.append((analysis.tumbled_step, "tumbles from here on"))
     if impact is not None and impact.penetration_m is not None:
         depth_mm = impact.penetration_m * 1e3
-        found.append((impact.lowest_step, f"lowest point, {depth_mm:.3f} mm in the floor"))
-    found += [
+        lines.append((impact.lowest_step, f"lowest point, {depth_mm:.3f} mm in the floor"))
+    lines += [
         (bounce.step, f"rebound at {bounce.rebound_m_s:.3f} m/s") for bounce in analysis.bounces
     ]
     if rest is not None and rest.settled_step is not None:
-        found.append((rest.settled_step, f"at rest at {rest.height_m * 1e3:.3f} mm"))
-    return sorted(found, key=lambda event: event[0])
+        lines.append((rest.settled_step, f"at rest at {rest.height_m * 1e3:.3f} mm"))
+    return sorted(lines, key=lambda event: event[0])
 
 
 def _sum(moment: Moment) -> str:
-    """Write an error as a sum on one line; what rounds to nothing is left out."""
+    """Write an error as a sum on one line; terms that round to zero are left out."""
     terms = moment.terms_m
-    said = f"{decimals(moment.error_m * 1e3, 2, '+')} mm off"
+    total = f"{decimals(moment.error_m * 1e3, 2, '+')} mm off"
     if terms is None:
-        return said
+        return total
     parts = [
         f"{name} {value_m * 1e3:+.2f}"
         for name, value_m in asdict(terms).items()
         if abs(value_m) > 5e-6
     ]
-    return f"{said}: {', '.join(parts)}" if parts else said
+    return f"{total}: {', '.join(parts)}" if parts else total
 
 
 def _millimetres(value_m: float) -> str:
-    """Write a length in mm; what four decimals cannot show is given in powers of ten."""
+    """Write a length in mm; in powers of ten where four decimals would show zero."""
     value = value_m * 1e3 + 0.0
     return f"{value:+.4f}" if value == 0 or abs(value) >= 5e-5 else f"{value:+.1e}"
 
 
 def findings_markdown(analysis: Analysis) -> str:
-    """Return what the analysis found, as a text to read."""
+    """Return the analysis as Markdown."""
     return "\n".join([*_moments(analysis), *findings_listed(analysis.findings)])
 
 
@@ -74,7 +77,7 @@ def _moments(analysis: Analysis) -> Iterator[str]:
 
 
 def findings_listed(findings: Sequence[Finding | ScriptFinding]) -> Iterator[str]:
-    """Yield findings as a chapter of a text."""
+    """Yield the lines of the chapter on findings."""
     yield "## Findings"
     yield ""
     if not findings:

@@ -1,4 +1,4 @@
-"""Run somebody's script, and put everything that happens in its simulations into one recording."""
+"""Run a script, and record everything that happens in its simulations."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ from typing import Any
 from pipeline.engines.bullet import script as running
 from pipeline.engines.bullet.script import Program
 from pipeline.errors import ScenarioError, check_suffix
-from pipeline.fields import shown
+from pipeline.fields import all_of, shown
 from pipeline.files.outputs import check_apart, check_target, make_folder, reserved
+from pipeline.messages import Message
 from pipeline.recording import writer
 from pipeline.recording.script import Script
 from pipeline.recording.script_layout import layout
@@ -31,16 +32,16 @@ from pipeline.shown import Shown
 
 FOLDER = Path("recordings")
 DURATION_S = 60.0
-"""Simulated time after which a script is stopped that was given no end."""
+"""Simulated time after which a script is stopped, unless a limit is given."""
 LARGEST_INT = 2**63 - 1
-"""What a whole number in a recording goes up to."""
+"""The largest whole number in a recording."""
 SEEDED_CLOCK_S = 1e9
-"""What the clock of a seeded script shows at first [s]: a morning in September 2001."""
+"""The time at which the clock of a seeded script starts [s]: a morning in September 2001."""
 
 
 @dataclass(frozen=True)
 class Recorded(Shown, lines_of="pipeline.console.show_record:record_lines"):
-    """What a script's recording is."""
+    """What was recorded of a script."""
 
     recording: Path
     recording_id: str
@@ -49,7 +50,7 @@ class Recorded(Shown, lines_of="pipeline.console.show_record:record_lines"):
     ended: str
     """`finished`, `steps`, `duration`, `interrupted` or `failed`."""
     error: str
-    """What failed, in a line; empty where nothing did."""
+    """The script's error in one line; empty if there was none."""
     samples: int
     """States of a simulation: one more than its steps."""
     bodies: int
@@ -58,9 +59,9 @@ class Recorded(Shown, lines_of="pipeline.console.show_record:record_lines"):
     bytes: int
     wall_s: float
     twice: bool
-    """Whether it was run again, and compared."""
+    """Whether it was run a second time and compared."""
     first_difference: int | None
-    """Then the first step whose state differed; None where none did."""
+    """The first step whose state differed in the second run; None if none did."""
 
 
 def record_script(
@@ -79,51 +80,51 @@ def record_script(
     stdout: int = 1,
     note: Callable[[str], None] = lambda _: None,
 ) -> Recorded:
-    """Run a script, unchanged and without a window, and record it.
+    """Run an unchanged script without a window, and record it.
 
     Parameters
     ----------
     target
         The script's path, or a module's name.
     arguments
-        Its own arguments.
+        Its arguments.
     is_module
         Whether it is run as `python -m` does.
     out
         The recording to write; None puts it into `recordings`, under the script's name.
     steps, duration_s
-        After how many steps, and how much simulated time [s], it is stopped; without either,
-        after a minute.
+        Number of steps, and simulated time [s], after which it is stopped; without either, after
+        a minute.
     seed
-        Of `random`, `numpy.random`, and what numpy's `SeedSequence` draws; its clock then begins
-        at a fixed time. None leaves them alone.
+        The seed of `random`, `numpy.random`, and numpy's `SeedSequence`; the script's clock then
+        starts at a fixed time. None leaves them alone.
     twice
         Whether to run it again, with other leftovers in fresh memory, and compare every state.
     python
-        The interpreter that runs it; None for our own.
+        The interpreter that runs it; None for the current one.
     keep_sleeping
-        Whether it sleeps when it asks to.
+        Whether its sleeps take time.
     force
         Whether an existing recording may be replaced.
     stdout
         File descriptor of its standard output.
     note
-        Told in a sentence what is worth knowing but no reason to stop.
+        Called with a sentence worth knowing that is not an error.
 
     Raises
     ------
     ScenarioError
-        If there is no such script, or a limit that none can reach.
+        If there is no such script, or a limit is out of range.
     OutputError
         If the recording cannot be written.
     DropError
         If the interpreter cannot be started.
     """
     began = time.perf_counter()
-    digest, arguments = _checked(target, is_module), _texts(arguments)
+    digest, arguments = _digest(target, is_module), _texts(arguments)
     steps, duration_s, seed = checked_limits(steps, duration_s, seed)
     interpreter = python or sys.executable
-    # A script may compute with the time of day: it is the same when it is run again.
+    # A script may compute with the time of day: a second run must see the same.
     begins_s = time.time() if seed is None else SEEDED_CLOCK_S
     program = Program(
         target, arguments, interpreter, is_module, steps, duration_s, keep_sleeping, seed, begins_s
@@ -159,24 +160,38 @@ def record_script(
             )
     (ended,) = endings
     if not script.samples and not process.decoder.cut_off:
-        note("nothing was simulated: the script never connected to PyBullet, or loaded nothing")
+        note(
+            Message(
+                "nothing was simulated: the script did not connect to PyBullet, or loaded nothing"
+            )
+        )
     if process.decoder.real_time and not keep_sleeping:
         note(
-            "the script asked for real-time simulation, which needs a window: it was stepped by "
-            "a virtual clock"
+            Message(
+                "the script asked for real-time simulation, which needs a window: it was stepped "
+                "by a virtual clock"
+            )
         )
     if ended.how == "duration" and duration_s == DURATION_S:
         note(
-            f"stopped after {duration_s:g} s on the script's clock; --duration takes another limit"
+            Message(
+                "stopped after {duration:g} s on the script's clock; --duration sets another limit",
+                duration=duration_s,
+            )
         )
-    for one in ended.notes:
-        note(one)
+    for sentence in ended.notes:
+        note(sentence)
     if process.decoder.unseeded:
-        drawn = " and ".join(process.decoder.unseeded)
-        note(f"unseeded random numbers are drawn by {drawn}; --seed 0 makes them the same again")
+        note(
+            Message(
+                "unseeded random numbers are drawn by {names}; --seed 0 makes them the same in "
+                "every run",
+                names=all_of(process.decoder.unseeded),
+            )
+        )
     compared = twice and ended.how != "interrupted"
     if twice and not compared:
-        note("it was not run again: its first run was interrupted")
+        note(Message("not run again: the first run was interrupted"))
     again = None
     if compared:
         compared, again = _again(program, script, note)
@@ -189,7 +204,7 @@ def record_script(
 def recorded_of(
     script: Script, ended: Ending, path: Path, *, recording_id: str, name: str
 ) -> Recorded:
-    """Return what came of a script that ran once; how long it took is added by who knows."""
+    """Return the result of one run of a script; the caller adds how long it took."""
     return Recorded(
         recording=path,
         recording_id=recording_id,
@@ -209,7 +224,7 @@ def recorded_of(
 def _again(
     program: Program, script: Script, note: Callable[[str], None]
 ) -> tuple[bool, int | None]:
-    """Run a program again; return whether it came to its end, and the first step that differs."""
+    """Run a program again; return whether it was compared, and the first step that differs."""
     other, null = Script({}), os.open(os.devnull, os.O_WRONLY)
     try:
         again = replace(program, perturb=running.OTHER_PERTURB)
@@ -222,17 +237,26 @@ def _again(
     finally:
         os.close(null)
     if process.ending().how == "interrupted":
-        note("its second run was interrupted: nothing is said of whether it is the same")
+        note(Message("the second run was interrupted: it cannot be compared"))
         return False, None
     first = script.first_difference(other)
     if first is None:
-        note("recorded twice: every state is the same to the bit")
+        note(Message("recorded twice: every state is the same to the bit"))
     elif process.decoder.unseeded:
-        note(f"recorded twice: the states differ from step {first} on; it draws unseeded numbers")
+        note(
+            Message(
+                "recorded twice: the states differ from step {step} on; the script draws unseeded "
+                "random numbers",
+                step=first,
+            )
+        )
     else:
         note(
-            f"recorded twice: the states differ from step {first} on; with other leftovers in "
-            "fresh memory (MALLOC_PERTURB_), which PyBullet reads in some scenes"
+            Message(
+                "recorded twice: the states differ from step {step} on; the second run had other "
+                "leftovers in fresh memory (MALLOC_PERTURB_), which PyBullet reads in some scenes",
+                step=first,
+            )
         )
     return True, first
 
@@ -255,18 +279,17 @@ def checked_limits(
             duration_s = float(duration_s)
         except (TypeError, OverflowError):
             raise ScenarioError(
-                "--duration must be a number, got {value}", value=shown(duration_s)
-            ) from None
+                "{option} must be {domain}, got {value}",
+                option="--duration", domain=Message("a number"), value=shown(duration_s),
+            ) from None  # fmt: skip
     if steps is not None and not 1 <= steps <= LARGEST_INT:
         raise ScenarioError(
-            "--steps must be at least 1 and below 2**63, got {value}", value=shown(steps)
+            "--steps must be at least 1 and below 2**63, got {steps}", steps=shown(steps)
         )
     if duration_s is not None and not 0 < duration_s < float("inf"):
-        raise ScenarioError("--duration must be above 0 s, got {value:g}", value=duration_s)
+        raise ScenarioError("--duration must be above 0 s, got {duration:g}", duration=duration_s)
     if seed is not None and abs(seed) > LARGEST_INT:
-        raise ScenarioError(
-            "--seed must be between -2**63 and 2**63, got {value}", value=shown(seed)
-        )
+        raise ScenarioError("--seed must be between -2**63 and 2**63, got {seed}", seed=shown(seed))
     if steps is None and duration_s is None:
         duration_s = DURATION_S
     return steps, duration_s, seed
@@ -282,20 +305,21 @@ def _integer(option: str, value: object) -> int | None:
         return operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         raise ScenarioError(
-            "{option} must be a whole number, got {value}", option=option, value=shown(value)
-        ) from None
+            "{option} must be {domain}, got {value}",
+            option=option, domain=Message("a whole number"), value=shown(value),
+        ) from None  # fmt: skip
 
 
-def _checked(target: str, is_module: bool) -> str | None:
-    """Return the digest of a script's text; None of a module, which is not looked for here."""
+def _digest(target: str, is_module: bool) -> str | None:
+    """Return the digest of a script's text; None for a module, which is not looked up here."""
     if is_module:
         return None
     try:
         return hashlib.sha256(Path(target).read_bytes()).hexdigest()
     except (OSError, ValueError) as error:  # ValueError: the name has a null character
         raise ScenarioError(
-            "the script must be a Python file, got {target}: {reason}; a module is run with -m",
-            target=shown(target),
+            "the script must be a Python file, got {path!r}: {reason}; a module is run with -m",
+            path=target,
             reason=getattr(error, "strerror", None) or str(error),
         ) from None
 
@@ -325,7 +349,7 @@ def encodable(text: str) -> str:
 
 @contextlib.contextmanager
 def _target(target: str, out: Path | str | None, *, force: bool) -> Iterator[Path]:
-    """Yield the recording to write: the one asked for, or the first of the script's free names."""
+    """Yield the recording to write: the one given, or the first free name for the script."""
     if out is not None:
         path = Path(out)
         check_target(path, force=force)
@@ -340,7 +364,7 @@ def _target(target: str, out: Path | str | None, *, force: bool) -> Iterator[Pat
 
 @contextlib.contextmanager
 def _interrupts(then: Callable[[], None]) -> Iterator[None]:
-    """Have Ctrl-C end the script and not us: what was recorded until then is made whole."""
+    """Have Ctrl-C end the script but not this process, which completes the recording."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,11 +1,11 @@
-"""Record what a block of Python does with PyBullet: in notebooks, and in tests.
+"""Record what a block of Python does with PyBullet, in notebooks and tests.
 
     with record("run.rrd"):
         ...
 
-The recording is made by a process of its own, so that it is whole even where this one crashes.
-Functions that were taken from pybullet by name before the block (`from pybullet import
-stepSimulation`) are not seen; nothing is patched outside of it.
+A separate process writes the recording, so that it is complete even if this one crashes. Functions
+imported from pybullet by name before the block (`from pybullet import stepSimulation`) are not
+seen; nothing is patched outside the block.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from pipeline.stages.record import Recorded, checked_limits, recorded_of
 from pipeline.workers import module_path
 
 BLOCK = "a block of Python"
-"""What is said of it where a script has its name."""
+"""Recorded where a script has its name."""
 
 
 class Block:
-    """A block that is recorded; `recorded` says what of, once it has ended."""
+    """A block that is being recorded; `recorded` is the result, once it has ended."""
 
     recorded: Recorded | None = None
 
@@ -55,26 +55,26 @@ def record(
     keep_sleeping: bool = False,
     force: bool = False,
 ) -> Iterator[Block]:
-    """Record what is done with PyBullet in a `with` block, as `drop record` does of a script.
+    """Record what a `with` block does with PyBullet, as `drop record` does for a script.
 
     Parameters
     ----------
     out
         The recording to write.
     steps, duration_s
-        After how many steps, and how much simulated time [s], the block is left; without either,
+        Number of steps, and simulated time [s], after which the block is left; without either,
         after a minute.
     seed
-        Of `random`, `numpy.random`, and what numpy's `SeedSequence` draws; None leaves them alone.
+        The seed of `random`, `numpy.random`, and numpy's `SeedSequence`; None leaves them alone.
     keep_sleeping
-        Whether the block sleeps when it asks to.
+        Whether the block's sleeps take time.
     force
         Whether an existing recording may be replaced.
 
     Raises
     ------
     ScenarioError
-        If a limit is none.
+        If a limit is not above 0.
     OutputError
         If the recording cannot be written.
     """
@@ -84,9 +84,9 @@ def record(
     steps, duration_s, seed = checked_limits(steps, duration_s, seed)
     with shared_block() as memory:
         reading, writing = os.pipe()
-        told = {"reading": reading, "block": memory.fileno(), "out": str(path), "force": force}
+        request = {"reading": reading, "block": memory.fileno(), "out": str(path), "force": force}
         with subprocess.Popen(
-            [sys.executable, "-P", "-m", __name__, json.dumps(told)],
+            [sys.executable, "-P", "-m", __name__, json.dumps(request)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             pass_fds=(reading, memory.fileno()),
@@ -112,17 +112,19 @@ def record(
                 assert recorder.stdout is not None
                 answer = recorder.stdout.read()
     if not answer:
-        raise OutputError(f"{path} was not written: the process that records it ended")
-    said: dict[str, Any] = json.loads(answer)
-    if "error" in said and "recording" not in said:
-        raise OutputError(said["error"])
-    block.recorded = replace(Recorded(**said), recording=path)
+        raise OutputError(
+            "{path} was not written: the process that writes the recording ended", path=path
+        )
+    result: dict[str, Any] = json.loads(answer)
+    if "recording" not in result:
+        raise OutputError("{error}", error=result["error"])
+    block.recorded = replace(Recorded(**result), recording=path)
 
 
-def _record(told: dict[str, Any]) -> dict[str, Any]:
-    """Record what comes down a pipe, and return what there is to say of it."""
+def _record(request: dict[str, Any]) -> dict[str, Any]:
+    """Record what comes through a pipe, and return the result."""
     began = time.perf_counter()
-    path, recording_id = Path(told["out"]), uuid.uuid4().hex
+    path, recording_id = Path(request["out"]), uuid.uuid4().hex
     script = Script(
         {
             "kind": "script",
@@ -130,13 +132,13 @@ def _record(told: dict[str, Any]) -> dict[str, Any]:
             "drop_version": metadata.version("drop-physics"),
         }
     )
-    listener = Listener(told["reading"], told["block"])
+    listener = Listener(request["reading"], request["block"])
     writer.record(
         path,
         script.chunks(listener.events(), listener.ending),
         recording_id=recording_id,
         blueprint=lambda: layout(script),
-        force=told["force"],
+        force=request["force"],
     )
     recorded = recorded_of(script, listener.ending(), path, recording_id=recording_id, name=BLOCK)
     wall_s = time.perf_counter() - began
@@ -144,9 +146,9 @@ def _record(told: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is the block's, which ends and is recorded
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the block handles it, ends, and is recorded
     try:
-        answered = _record(json.loads(sys.argv[1]))
+        answer = _record(json.loads(sys.argv[1]))
     except DropError as failure:
-        answered = {"error": "; ".join([failure.in_options, *getattr(failure, "__notes__", [])])}
-    print(json.dumps(answered))
+        answer = {"error": "; ".join([failure.in_options, *getattr(failure, "__notes__", [])])}
+    print(json.dumps(answer))

@@ -1,4 +1,4 @@
-"""A world's fall as the chunks of a recording: what `simulate` and each run of a sweep write."""
+"""A world's fall as the chunks of a recording, for `simulate` and each run of a sweep."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from pipeline.report import EngineReport
 Float64 = NDArray[np.float64]
 
 BATCH = 8192
-"""Samples in one chunk of a recording: what a killed run loses at most. Longer ones take memory
+"""Samples in one chunk of a recording: the most that a killed run loses. Longer chunks take memory
 while they are packed, shorter ones for the index at the end of the file."""
 
 
 def recorded(
     world: World | OtherWorld, photographer: Photographer | None, batch: int, progress: Progress
 ) -> Iterator[Chunk]:
-    """Let the body of a world fall, and yield the recording of it."""
+    """Let the body of a world fall, and yield the chunks of its recording."""
     scenario, photography, gl_renderer = world.scenario, None, None
     if photographer is not None:
         photography = Photography(photographer.camera, photographer.draw, world_from_camera)
@@ -43,7 +43,7 @@ def recorded(
     floor_m = world.rest_height_m if scenario.floor else None
 
     def theory_m(time_s: Float64) -> tuple[Float64, Float64]:
-        """Return the heights of both theories, which stop at the floor and stay there."""
+        """Return the heights of both theories, which stop at the floor."""
         return (
             theory.stopped_by_floor(theory.free_fall_height(fall, time_s), floor_m),
             theory.stopped_by_floor(theory.damped_fall_height(fall, time_s), floor_m),
@@ -61,14 +61,14 @@ def recorded(
 
 
 def made_with(world: World | OtherWorld, *, gl_renderer: str | None = None) -> EngineReport:
-    """Return what a world reports, with the versions of all that takes part in a recording."""
+    """Return what a world reports, with the versions of everything involved in a recording."""
     versions: dict[str, Any] = engine_versions() | library_versions()
     return replace(world.report(), gl_renderer=gl_renderer or None, **versions)
 
 
 @functools.cache
 def library_versions() -> dict[str, str]:
-    """Return the versions of what takes part in a recording, and what it is made on."""
+    """Return the versions of the libraries involved in a recording, and the machine's kind."""
     return {
         "drop_version": metadata.version("drop-physics"),
         "numpy_version": metadata.version("numpy"),

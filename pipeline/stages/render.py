@@ -1,4 +1,4 @@
-"""Turn a recording into pictures: its frames as a gif, its heights and errors as a plot."""
+"""Render a recording: its frames as a gif, its heights and errors as a plot."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from pipeline.figures.gif import MADE_BY_DROP
 from pipeline.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation, Playback, playback
 from pipeline.files.outputs import check_apart, check_kind, check_target
 from pipeline.files.whole import written_whole
-from pipeline.recording.checks import again
+from pipeline.messages import Message
+from pipeline.recording.checks import damaged
 from pipeline.recording.contents import check_of_drop, is_script
 from pipeline.recording.reader import Recording, frames, read
 from pipeline.scenario import Scenario
@@ -40,11 +41,11 @@ class Rendering(Shown, lines_of="pipeline.console.show_drop:rendering_lines"):
     """What was rendered; a path is None where there was nothing to render."""
 
     gif: Path | None
-    """The gif; None where there are no frames."""
+    """The gif; None without frames."""
     frames: int
     """How many frames it has."""
     fps: float
-    """How many it shows per second."""
+    """Frames per second."""
     plot: Path | None
     """The plot."""
     speed: float | None
@@ -72,14 +73,14 @@ def render(
         The `.gif`, `.webp`, `.apng` or `.mp4` file to write; None puts a gif beside the recording
         under the recording's name.
     animation
-        How it plays, and what stands beside the frames.
+        How it plays, and what is shown beside the frames.
     plot
         A `.png` or `.svg` file for the plot; None puts a .png beside the recording.
     dark
         Whether plots and captions are for a dark page.
     force
-        Whether files that exist may be replaced; a gif and a plot under their default names are
-        where drop made them.
+        Whether existing files may be replaced; a gif and a plot under their default names are
+        replaced anyway if drop made them.
     progress
         Called while it runs.
     assistant
@@ -87,18 +88,18 @@ def render(
 
     Returns
     -------
-    What was written; without a gif where the recording has no frames and none was asked for.
+    What was written; without a gif if the recording has no frames and `out` is not given.
 
     Raises
     ------
     RecordingError
-        If the recording is missing, damaged, or has no frames while a gif is asked for by name.
+        If the recording is missing, damaged, or has no frames although `out` is given.
     ScenarioError
         If the frame rate or speed cannot be shown, or a file has another suffix.
     OutputError
         If a file cannot be written, or would replace what the same command reads or writes.
     DropError
-        If an .mp4 is asked for without PyAV.
+        If PyAV is missing for an .mp4.
     """
     path = Path(recording)
     gif = path.with_suffix(".gif") if out is None else Path(out)
@@ -123,13 +124,15 @@ def render(
     if read_back.camera is not None:
         recorded = list(frames(path))
         played = _played(read_back, len(recorded), animation, gif)
-        report = functools.partial(progress, f"writing {gif.suffix[1:]}")
+        report = functools.partial(progress, Message("writing {suffix}", suffix=gif.suffix[1:]))
         pictures = _pictures(recorded, played, animation, analysis, dark, report)
         with written_whole(gif, force=force, ours=out is None) as file, _refused(path):
             count = write_animation(pictures, file, suffix=gif.suffix, fps=played.fps)
     elif out is not None:
         raise RecordingError(
-            f"{path} has no frames to make {gif} of; record it without --no-camera"
+            "{path} has no frames to make {gif} from; record it without --no-camera",
+            path=path,
+            gif=gif,
         )
     with written_whole(plotted, force=force, ours=plot is None) as file:
         file.write(_plot(*drawing) if assistant is None else assistant.answer())
@@ -148,31 +151,42 @@ def plot_of(analysis: Analysis, *, dark: bool = False) -> bytes:
 
 
 def _plot(*drawing: Any) -> bytes:  # noqa: ANN401
-    from pipeline.figures.plot import plotted  # loads matplotlib, which another process may do
+    from pipeline.figures.plot import plotted  # loads matplotlib: not where an assistant plots
 
     return plotted(*drawing)
 
 
 @contextmanager
 def _refused(path: Path) -> Iterator[None]:
-    """Blame the recording for frames that are no pictures."""
+    """Report frames that are not pictures as damage of the recording."""
     try:
         yield
     except ValueError as error:
-        raise RecordingError(f"{path} is damaged: {error}; {again(path)}") from None
+        raise damaged(path, error.args[0]) from None
 
 
 def _facts(scenario: Scenario, analysis: Analysis) -> Facts:
     standard, own = asdict(Scenario()), asdict(scenario)
-    told = {"linear_damping": scenario.linear_damping}
-    others = {name: value for name, value in own.items() if value != standard[name]}
-    for name in ("body", "height_m", "timestep_s", "duration_s"):  # said already, or on the axis
-        others.pop(name, None)
+    shown = {"linear_damping": scenario.linear_damping}
+    shown |= {name: value for name, value in own.items() if value != standard[name]}
+    for name in ("body", "height_m", "timestep_s", "duration_s"):  # shown elsewhere, or on the axis
+        shown.pop(name, None)
     impact, rest = analysis.impact, analysis.rest
-    released = "thrown" if any(scenario.velocity_m_s) else "dropped"
+    title = Message(
+        "{body} dropped from {height:g} m", body=scenario.body, height=scenario.height_m
+    )
+    if any(scenario.velocity_m_s):
+        title = Message(
+            "{body} thrown from {height:g} m", body=scenario.body, height=scenario.height_m
+        )
+    subtitle = Message(
+        "timestep {timestep} s, {settings}",
+        timestep=fraction(scenario.timestep_s),
+        settings=label_of(shown),
+    )
     return Facts(
-        title=f"{scenario.body} {released} from {scenario.height_m:g} m",
-        subtitle=f"timestep {fraction(scenario.timestep_s)} s, {label_of(told | others)}",
+        title=title,
+        subtitle=subtitle,
         at_s=analysis.at[0].time_s if analysis.at else None,
         impact_s=None if impact is None else impact.time_simulated_s,
         rest_m=None if rest is None else rest.height_m,
@@ -195,7 +209,7 @@ def _pictures(
     dark: bool,
     report: Callable[[int, int], None],
 ) -> Iterator[Image.Image]:
-    """Yield what is shown, picture by picture, and report each one."""
+    """Yield the animation, picture by picture, and report each one."""
     shown = [recorded[number] for number in played.frames] if recorded else []
     composition = None
     for done, ((step, _), picture) in enumerate(

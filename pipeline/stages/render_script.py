@@ -1,4 +1,4 @@
-"""Turn a script's recording into an animation: of what its camera saw, or of its recorded poses."""
+"""Make an animation of a script's recording: of the images it took, or of its recorded poses."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from pipeline.figures.gif import MADE_BY_DROP
 from pipeline.figures.playback import EVERY_FRAME, Animation, playback
 from pipeline.files.outputs import check_apart, check_kind, check_target
 from pipeline.files.whole import written_whole
+from pipeline.messages import Message
 from pipeline.recording.contents import check_of_script
 from pipeline.recording.script_reader import read_script
 from pipeline.recording.script_scene import Part, frames_of_cameras, parts_of
@@ -33,15 +34,13 @@ if TYPE_CHECKING:
     from pipeline.recording.drop import Progress  # its module loads Rerun
 
 DRAWN_PER_S = 20.0
-"""Pictures of a second of simulated time that are drawn from poses."""
+"""Pictures drawn from poses per second of simulated time."""
 MOST_DRAWN = 2000
-"""Of an animation; a longer one shows every second, third … of them."""
+"""Pictures in an animation at most; a longer one shows every second, third … of them."""
 SHARE_OF_HEIGHT = 1 / 4
-"""Of a picture, that a body takes in it that the camera is near to."""
-
-
+"""Share of a picture's height that a body takes up in a close view."""
 FAR_M = 10.0
-"""What goes farther than this from the middle is not waited for by the camera."""
+"""Bodies farther than this from the middle may be out of view."""
 LEAST_REACH_M = 0.5
 
 
@@ -66,15 +65,14 @@ def render_script(
     animation
         How it plays.
     view
-        Where a camera stands that looks at the recorded poses: `standard` sees all that moves,
-        `close` where a body comes to be, `follow` goes along with it. None shows the frames that
-        the script took itself, and where it took none, `standard`.
+        The camera that looks at the recorded poses: `standard` sees everything that moves, `close`
+        where a body ends up, `follow` moves along with it. None shows the images that the script
+        took, or if it took none, `standard`.
     body
-        The body that `close` and `follow` are of, by name or number; None for the one that moves
-        farthest.
+        The body for `close` and `follow`, by name or number; None for the one that moves farthest.
     force
-        Whether a file that exists may be replaced; a gif under its default name is where drop made
-        it.
+        Whether an existing file may be replaced; a gif under its default name is replaced anyway
+        if drop made it.
     progress
         Called while it runs.
 
@@ -99,7 +97,7 @@ def render_script(
     check_of_script(path, otherwise="render")
     read_back = read_script(path)
     taken = max(frames_of_cameras(path).values(), key=len, default=[])
-    report = functools.partial(progress, f"writing {gif.suffix[1:]}")
+    report = functools.partial(progress, Message("writing {suffix}", suffix=gif.suffix[1:]))
     if view is None and taken:
         times_s = [time_s for _, time_s, _ in taken]
         interval_s = float(np.median(np.diff(times_s))) if len(taken) > 1 else 0.0
@@ -109,7 +107,9 @@ def render_script(
     else:
         parts = parts_of(path, read_back.seen)
         if not parts:
-            raise RecordingError(f"{path} has nothing to show: no body with a shape was recorded")
+            raise RecordingError(
+                "{path} has nothing to show: no body with a shape was recorded", path=path
+            )
         times_s = _drawn_at(parts)
         interval_s = times_s[1] - times_s[0] if len(times_s) > 1 else 1 / DRAWN_PER_S
         played = playback(animation, len(times_s), interval_s, most_fps=MAX_FPS[gif.suffix])
@@ -124,7 +124,7 @@ def render_script(
 
 
 def _drawn_at(parts: Sequence[Part]) -> list[float]:
-    """Return at which times pictures are drawn: evenly, and no more than `MOST_DRAWN`."""
+    """Return the times at which pictures are drawn: evenly spaced, at most `MOST_DRAWN`."""
     last_s = max(part.times_s[-1] for part in parts)
     count = int(last_s * DRAWN_PER_S + 1e-9) + 1
     every = -(-count // MOST_DRAWN)
@@ -132,11 +132,11 @@ def _drawn_at(parts: Sequence[Part]) -> list[float]:
 
 
 def _cameras(seen: Seen, view: View, body: str | None, times_s: Sequence[float]) -> list[Camera]:
-    """Return where the camera stands in each picture."""
+    """Return the camera of each picture."""
     number = _body_of(seen, body)
     positions_m = seen.states.select("x_m", "y_m", "z_m").to_numpy()
-    sizes_m = {number: _radius_m(one.bounds_m) for number, one in seen.bodies.items()}
-    round_m = np.array([sizes_m.get(one, 0.0) for one in seen.states["body"].to_list()])
+    radii_m = {each: _radius_m(body.bounds_m) for each, body in seen.bodies.items()}
+    round_m = np.array([radii_m.get(each, 0.0) for each in seen.states["body"].to_list()])
     low_m, high_m = _near(positions_m, round_m)
     if view == "standard" or number is None:
         reach_m = max(LEAST_REACH_M, float(np.linalg.norm(high_m - low_m)) / 2)
@@ -147,8 +147,9 @@ def _cameras(seen: Seen, view: View, body: str | None, times_s: Sequence[float])
     first = first.filter(pl.all_horizontal(pl.col("x_m", "y_m", "z_m").is_finite()))
     if first.is_empty():
         raise RecordingError(
-            f"no position of {seen.bodies[number].label} is finite: there is nothing to look at; "
-            "try --camera standard"
+            "no position of {body} is finite: the camera cannot be aimed at it; try --camera "
+            "standard",
+            body=seen.bodies[number].label,
         )
     way_m = first.select("x_m", "y_m", "z_m").to_numpy()
     times = Times(seen, seen.bodies[number].client)
@@ -165,26 +166,26 @@ def _cameras(seen: Seen, view: View, body: str | None, times_s: Sequence[float])
 def _near(
     positions_m: NDArray[np.float64], round_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return low and high corners of a box around bodies at positions, (n, 3), but for far ones.
+    """Return low and high corners of a box around bodies at positions, (n, 3), without far ones.
 
-    `round_m` is how far each reaches around its own, shape (n,).
+    `round_m` is the radius around each position, shape (n,).
     """
-    there = np.isfinite(positions_m).all(axis=1)
-    positions_m, around_m = positions_m[there], round_m[there, None]
+    finite = np.isfinite(positions_m).all(axis=1)
+    positions_m, around_m = positions_m[finite], round_m[finite, None]
     if not len(positions_m):
         return np.zeros(3), np.zeros(3)
     away_m = np.abs(positions_m - np.median(positions_m, axis=0)).max(axis=1)
-    # Between two places that are far apart the median has nothing near it.
+    # Between two distant groups nothing is near the median.
     near = away_m <= max(FAR_M, away_m.min())
     low_m, high_m = positions_m - around_m, positions_m + around_m
     return low_m[near].min(axis=0), high_m[near].max(axis=0)
 
 
 def _radius_m(bounds_m: Sequence[float]) -> float:
-    """Return how far a body's largest part reaches from its middle [m]; 0 of one without bounds."""
+    """Return the radius of a body's largest part [m]; 0 for a body without bounds."""
     edges_m = np.reshape(bounds_m, (-1, 6))
     radius_m = float((edges_m[:, 3:] - edges_m[:, :3]).max(initial=0.0)) / 2
-    return radius_m if radius_m < FAR_M else 0.0  # as wide as a floor: nobody sees the whole
+    return radius_m if radius_m < FAR_M else 0.0  # as wide as a floor, which is never seen whole
 
 
 def _looking(target_m: NDArray[np.float64], distance_m: float, view: View) -> Camera:
@@ -200,7 +201,7 @@ def _looking(target_m: NDArray[np.float64], distance_m: float, view: View) -> Ca
 
 
 def _body_of(seen: Seen, which: str | None) -> int | None:
-    """Return the number of the body asked for, or of the one that moves farthest."""
+    """Return the number of the given body, or of the one that moves farthest."""
     if which is not None:
         return body_named(seen.bodies.values(), which).number
     moved = seen.states.group_by("body").agg(
@@ -226,8 +227,9 @@ def _drawn(
                 yield Image.fromarray(worker.answer())
             except WorkerDiedError as died:
                 raise DropError(
-                    f"drawing the recorded shapes ended with {died.how}: a mesh is more than "
-                    "Bullet's renderer can take; the script's own frames are drawn without --camera"
+                    "drawing the recorded shapes ended with {how}: a mesh is more than Bullet's "
+                    "renderer can take; without --camera the images that the script took are shown",
+                    how=died.how,
                 ) from None
 
 

@@ -1,4 +1,4 @@
-"""The three stages in a row, with the recording handed from one to the next."""
+"""The three stages in a row, with the recording passed from one to the next."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from pipeline.stages.simulate import Simulation
 
 _DERIVED = (".analysis.rrd", ".gif", ".png")
-"""How the files end that analyze and render put beside a recording."""
+"""The endings of the files that analyze and render write beside a recording."""
 
 
 @dataclass(frozen=True)
 class Run(Shown, lines_of="pipeline.console.show_drop:run_lines"):
-    """What the three stages made."""
+    """The results of the three stages."""
 
     simulation: Simulation
     analysis: Analysis
@@ -43,10 +43,9 @@ def run(
     note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda *_: None,
 ) -> Run:
-    """Simulate, analyze and render into a folder; a second run there is numbered, also meanwhile.
+    """Simulate, analyze and render into a folder; more runs there, even concurrent, are numbered.
 
-    Another process draws the frames and the plot, so that what the stages load and do takes place
-    meanwhile.
+    Another process draws the frames and the plot, while the stages load and run.
 
     Raises
     ------

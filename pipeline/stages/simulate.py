@@ -1,4 +1,4 @@
-"""Drop the body, and put everything that happens into one recording."""
+"""Drop the body, and record everything that happens."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from pipeline.engines.bullet.engine import find_body
 from pipeline.engines.worlds import world_of
 from pipeline.errors import check_suffix
 from pipeline.files.outputs import check_apart, check_room, check_target
+from pipeline.messages import Message
 from pipeline.recording import writer
 from pipeline.recording.blueprint import Look, layout
 from pipeline.recording.drop import Progress
@@ -31,14 +32,13 @@ from pipeline.workers import Worker
 
 LIVE_EVERY_S = 1 / 30
 """Simulated time between two pictures of a live view [s]."""
-
 LARGE_BYTES = 1_000_000_000
-"""From here on it is said before the start what a recording takes."""
+"""The size from which on a note before the start says what a recording takes."""
 
 
 @dataclass(frozen=True)
 class Simulation(Shown, lines_of="pipeline.console.show_drop:simulation_lines"):
-    """What a run made."""
+    """What was recorded of a drop."""
 
     recording: Path
     """The file."""
@@ -72,19 +72,19 @@ def simulate(
     scenario
         What to drop, and how.
     out
-        The recording to write; it has this name only when it is whole and verified.
+        The recording to write; it gets this name only when it is complete and verified.
     camera
-        How to photograph the fall, or None for no frames.
+        How to take frames of the fall, or None for no frames.
     force
         Whether an existing file may be replaced.
     viewer
-        Called before the fall, to return the URL of a viewer that is to show it live; or None.
+        Called before the fall, to return the URL of a viewer to show it live; or None.
     note
-        Told in a sentence what is worth knowing but no reason to stop.
+        Called with a sentence worth knowing that is not an error.
     progress
         Called while it runs.
     assistant
-        A worker to draw frames with; where there are many, others help it.
+        A worker to draw frames; more are started if there are many frames.
 
     Raises
     ------
@@ -103,8 +103,12 @@ def simulate(
     if scenario.effective_gravity_m_s2 > 0:
         up = scenario.gravity_m_s2
         note(
-            f"gravity points upwards: {up:+g} m/s²; the body will rise; try --gravity {-up:g} to "
-            "let it fall"
+            Message(
+                "gravity points upwards: {up:+g} m/s²; the body will rise; try --gravity {down:g} "
+                "to let it fall",
+                up=up,
+                down=-up,
+            )
         )
     check_apart([path], inputs=[find_body(scenario.body)])
     recording_id = uuid.uuid4().hex
@@ -120,8 +124,8 @@ def simulate(
             )
         world = world_of(scenario)
         stack.enter_context(world)
-        for said in world.notes():
-            note(said)
+        for sentence in world.notes():
+            note(sentence)
         chunks = recorded(world, photographer, batch, progress)
         if url is not None:
             chunks = shown(chunks, url=url, recording_id=recording_id, look=look, note=note)
@@ -140,12 +144,16 @@ def simulate(
 
 
 def _check_size(path: Path, samples: int, note: Callable[[str], None]) -> None:
-    """Make sure that there is room for a recording, and say of a large one what it takes."""
+    """Check that there is room for a recording, and note what a large one takes."""
     size = samples * BYTES_PER_SAMPLE
     check_room(path, 2 * size)  # it is copied when it is sealed
     if size > LARGE_BYTES:
-        memory = samples * ANALYSIS_BYTES_PER_SAMPLE
         note(
-            f"{samples:,} samples take some {size / 1e9:.2g} GB on the disk, twice that while they "
-            f"are sealed, and {memory / 1e9:.2g} GB of memory to analyze"
+            Message(
+                "{samples:,} samples take about {disk:.2g} GB on disk, twice that while they are "
+                "sealed, and {memory:.2g} GB of memory to analyze",
+                samples=samples,
+                disk=size / 1e9,
+                memory=samples * ANALYSIS_BYTES_PER_SAMPLE / 1e9,
+            )
         )

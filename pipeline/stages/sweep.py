@@ -1,4 +1,4 @@
-"""Run many scenarios, and say how the error behaves: by timestep, or by chance."""
+"""Run many scenarios, and show how the error behaves, by timestep or at random."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.fields import counted
 from pipeline.files.outputs import check_apart, check_room, check_target
 from pipeline.files.whole import written_whole
+from pipeline.messages import Message
 from pipeline.scenario import ENGINES, Camera, Scenario
 from pipeline.shown import Shown
 from pipeline.stages.sweep_groups import Group, statistics_of, studies_of
@@ -38,26 +39,26 @@ if TYPE_CHECKING:
     from pipeline.stages.sweep_engines import EngineRun, Fall
 
 MOST_RUNS = 30
-"""So many runs of a sweep over engines are dropped again; of more, none."""
+"""A sweep over engines of more runs does not drop them again to compare the engines."""
 SHORT_STEPS = 200_000
 """A sweep of fewer steps is over before a second process would have started."""
 LEAST_BYTES = 50_000
-"""What the recording of a run takes, at least: one of 13 samples has 75 kB."""
+"""Minimum size of a run's recording: one of 13 samples has 75 kB."""
 
 Progress = Callable[[int, int, int], None]
-"""Told how many runs are done, how many of them failed, and out of how many."""
+"""Called with the number of runs that are done, of those that failed, and of all."""
 
 
 @dataclass(frozen=True)
 class Sweep(Shown, lines_of="pipeline.console.show_sweep:sweep_lines"):
-    """What a sweep made."""
+    """The results of a sweep."""
 
     plan: Plan
     at_s: float
     runs: int
     failed: int
     computed: int
-    """Runs of this call; the others were there before."""
+    """Runs of this call; the others were already there."""
     results: Path
     """One Parquet file, a row per run."""
     plot: Path | None
@@ -66,17 +67,17 @@ class Sweep(Shown, lines_of="pipeline.console.show_sweep:sweep_lines"):
     statistics: list[Group]
     """One for each scenario that is sampled."""
     narrow_enough: bool | None
-    """Whether `until_ci_m` was reached; None where none was asked for."""
+    """Whether `until_ci_m` was reached; None if it was not given."""
     engine_runs: Sequence[EngineRun] = ()
     """What each run did beyond its error, where engines are compared or the body spins."""
 
     @property
     def axes(self) -> list[tuple[str, str]]:
-        """Fields that have more than one value, and how they are called."""
+        """Fields that have more than one value, with their names."""
         return [(field, name_of(field)) for field in self.plan.axes]
 
     def written(self, field: str, value: object) -> str:
-        """Return a field's value as people write it."""
+        """Return a field's value as it is displayed."""
         return Scenario.options()[field].written(value)
 
     def table(self, most: int | None = None) -> pl.DataFrame:
@@ -104,7 +105,7 @@ def sweep(
     force: bool = False,
     progress: Progress = lambda *_: None,
 ) -> Sweep:
-    """Run the scenarios of a plan, or those of them that are not yet in the folder.
+    """Run the scenarios of a plan that are not yet in the folder.
 
     Parameters
     ----------
@@ -112,27 +113,27 @@ def sweep(
         Which scenarios: lists of values by field of `Scenario`, as {"timestep_s": [1/240, 1/480]},
         or a plan, which `plan_of` makes of lists and of what is drawn.
     out
-        The folder for results and recordings; made if missing. The same plan goes on in it where
-        it stopped, another one is rejected.
+        The folder for results and recordings; created if missing. The same plan resumes in it,
+        another plan is rejected.
     at_s
-        Time to take the error apart at [s].
+        Time at which to break the error down [s].
     record
         Whether each run's recording is kept.
     camera
-        How to photograph the recorded falls, or None for no frames.
+        How to take frames of the recorded falls, or None for no frames.
     jobs
-        Processes on this machine; None for one per core where it is worth it.
+        Processes on this machine; None for one per core where that pays off.
     ray
         Address of a Ray cluster to run on instead, `auto`, or `local`.
     until_ci_m
         Stop sampling when the 95 % confidence interval of the mean error is this narrow [m], over
-        the samples in the air; over all where none is.
+        the samples in the air, or over all if none is.
     plot
-        A `.png` or `.svg` file to plot the errors over the timestep into, or None.
+        A `.png` or `.svg` file for the plot of errors over the timestep, or None.
     dark
         Whether the plot is for a dark page.
     force
-        Whether files that this sweep did not write may be replaced: the plot, and what has the
+        Whether files that this sweep did not write may be replaced: the plot, and files with the
         name of a part, a recording or the results.
     progress
         Called while it runs.
@@ -140,12 +141,12 @@ def sweep(
     Raises
     ------
     ScenarioError
-        If the options do not go together.
+        If the options cannot be combined.
     OutputError
-        If the folder holds another sweep, or files of this one's names that it did not write, or
-        cannot be written.
+        If the folder holds another sweep, or files with this sweep's names that it did not write,
+        or cannot be written.
     DropError
-        If all runs fail, workers die again and again, or Ray does not answer.
+        If all runs fail, workers die repeatedly, or Ray does not answer.
     """
     if not isinstance(plan, Plan):
         plan = plan_of(plan)
@@ -171,19 +172,22 @@ def sweep(
             check_room(folder.path / "recordings", runs * LEAST_BYTES)
         ledger = _Ledger(plan, dict(before), until_ci_m, progress)
         left = (shard for shard in range(plan.shards) if shard not in before)
-        # Those under way are finished, and discarded below: a worker leaves nothing half written.
+        # Shards under way are finished, and discarded below: a worker leaves nothing half written.
         todo = itertools.takewhile(lambda _: ledger.needed is None, left)
         try:
             if ledger.needed is None:
-                # Closed whatever happens, and with it the workers.
+                # Closing it also ends the workers.
                 with contextlib.closing(_engine(work, todo, jobs=jobs, ray=ray)) as finished:
                     for shard, done in finished:
                         ledger.enter(shard, done)
         except BaseException as stop:
-            there = sum(len(plan.runs_of(shard)) for shard in folder.finished())
             stop.add_note(
-                f"{there:,} of {counted(plan.runs, 'run')} done in {folder.path}; run the same "
-                "command again to resume"
+                Message(
+                    "{done:,} of {runs} done in {folder}; run the same command again to resume",
+                    done=sum(len(plan.runs_of(shard)) for shard in folder.finished()),
+                    runs=counted(plan.runs, "run"),
+                    folder=folder.path,
+                )
             )
             raise
         finally:
@@ -193,11 +197,14 @@ def sweep(
             folder.discard(plan, shard)
         results = folder.merge(shards)
         kept = [ledger.done[shard] for shard in range(shards)]
-        runs, failed = sum(one.runs for one in kept), sum(one.failed for one in kept)
+        runs, failed = sum(shard.runs for shard in kept), sum(shard.failed for shard in kept)
         if failed == runs:
-            first = results.select("error").first().collect().item()
-            which = "the run failed" if runs == 1 else f"all {runs:,} runs failed, the first"
-            raise DropError(f"{which} with: {first}")
+            error = results.select("error").first().collect().item()
+            if runs == 1:
+                raise DropError("the run failed with: {error}", error=error)
+            raise DropError(
+                "all {runs:,} runs failed, the first with: {error}", runs=runs, error=error
+            )
         studies, falls = studies_of(plan, results), _falls(plan, results)
         if plot is not None and "timestep_s" not in plan.axes:
             _plot_engines(Path(plot), plan, falls, dark=dark, force=force)
@@ -221,44 +228,46 @@ def sweep(
 def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: float) -> None:
     if until_ci_m is not None:
         if not 0 < until_ci_m < math.inf:
-            raise ScenarioError(f"--until-ci must be finite and above 0 m, got {until_ci_m:g}")
+            raise ScenarioError(
+                "--until-ci must be finite and above 0 m, got {width:g}", width=until_ci_m
+            )
         if plan.samples is None or plan.axes:
             raise ScenarioError("--until-ci takes one scenario with --samples, and no lists")
     if jobs is not None and jobs < 1:
-        raise ScenarioError(f"--jobs must be at least 1, got {jobs}")
+        raise ScenarioError("--jobs must be at least 1, got {jobs}", jobs=jobs)
     if not 0 <= at_s < math.inf:
-        raise ScenarioError(f"--at must be finite and at least 0 s, got {at_s:g}")
+        raise ScenarioError("--at must be finite and at least 0 s, got {time:g}", time=at_s)
 
 
 def _done(folder: Folder, *, force: bool) -> dict[int, ShardDone]:
-    """Return what the parts of a folder hold; one that fails counts as none if it may be replaced.
+    """Return the shards that are done; with `force`, those that cannot be read are done again.
 
     Raises
     ------
     OutputError
         If a part is not what this sweep wrote there, and `force` is not given.
     """
-    found = {}
+    done = {}
     for shard in sorted(folder.finished()):
         try:
-            found[shard] = ShardDone.of(folder.read(shard))
+            done[shard] = ShardDone.of(folder.read(shard))
         except OutputError:
             if not force:
                 raise
-    return found
+    return done
 
 
 def _bodies(plan: Plan) -> list[Path]:
-    """Return the files of the bodies that there are, each tried once."""
-    found = []
+    """Return the files of the bodies that can be loaded; each is tried once."""
+    files = []
     for body in plan.bodies:
         with contextlib.suppress(ScenarioError):
-            found.append(find_body(body))
-    return found
+            files.append(find_body(body))
+    return files
 
 
 def _identity(work: RunShard) -> dict[str, Any]:
-    """Return everything that decides the rows: results of other things are not to be mixed."""
+    """Return everything that determines the rows: results of different sweeps must not mix."""
     return {
         "lists": {name: list(values) for name, values in work.plan.lists},
         "vary": [asdict(variation) for variation in work.plan.variations],
@@ -299,8 +308,8 @@ def _engine(
 class _Ledger:
     """Which shards are done, and whether they are enough.
 
-    Shards finish in any order, so that only the first ones without a gap decide: the answer is
-    the same for any number of workers.
+    Shards finish in any order. Only the first ones without a gap decide whether they are enough, so
+    that the answer is the same for any number of workers.
     """
 
     def __init__(
@@ -308,15 +317,15 @@ class _Ledger:
     ) -> None:
         self.done = done
         self.needed: int | None = None
-        """How many shards are enough; None as long as nobody knows, or it is all of them."""
-        self.runs = sum(one.runs for one in done.values())
-        self.failed = sum(one.failed for one in done.values())
+        """How many shards are enough; None if that is not known yet, or all are needed."""
+        self.runs = sum(shard.runs for shard in done.values())
+        self.failed = sum(shard.failed for shard in done.values())
         self._total, self._until_ci_m, self._progress = plan.runs, until_ci_m, progress
         self._followed, self._errors, self._explained = 0, Moments(), Moments()
         self._follow()
 
     def enter(self, shard: int, done: ShardDone) -> None:
-        """Take note of a shard."""
+        """Add a shard."""
         self.done[shard] = done
         self.runs += done.runs
         self.failed += done.failed
@@ -329,14 +338,14 @@ class _Ledger:
             self._errors = self._errors.merged(done.error_m)
             self._explained = self._explained.merged(done.explained_m)
             self._followed += 1
-            # Of the samples that the statistics will be of.
+            # Over the same samples as the statistics.
             interval = (self._explained if self._explained.count else self._errors).interval
             if interval is not None and interval[1] - interval[0] <= self._until_ci_m:
                 self.needed = self._followed
 
 
 def _falls(plan: Plan, results: pl.LazyFrame) -> list[Fall]:
-    """Return what the runs of a sweep over engines, or of what spins, do beyond their error."""
+    """Return what each run does beyond its error, in sweeps over engines or of spinning bodies."""
     spins = "spin_rad_s" in dict(plan.lists)
     if plan.samples is not None or plan.runs > MOST_RUNS or not ("engine" in plan.axes or spins):
         return []
@@ -350,8 +359,9 @@ def _plot_engines(path: Path, plan: Plan, falls: list[Fall], *, dark: bool, forc
 
     if not falls:
         raise DropError(
-            "--plot has nothing to show: engines are compared in sweeps of up to "
-            f"{MOST_RUNS} runs without --samples"
+            "--plot has nothing to show: engines are compared in sweeps of up to {most} runs "
+            "without --samples",
+            most=MOST_RUNS,
         )
     curves = [
         Curve(
@@ -368,7 +378,7 @@ def _plot_engines(path: Path, plan: Plan, falls: list[Fall], *, dark: bool, forc
 
 
 def _short_label(plan: Plan, run: int) -> str:
-    """Return an engine's name, and the values of what else differs."""
+    """Return an engine's name, and the other values that differ."""
     values = plan.values(run)
     others = {name: values[name] for name in plan.axes if name != "engine"}
     name = ENGINES[values["engine"]]
@@ -380,12 +390,13 @@ def _plot(path: Path, studies: list[Group], at_s: float, *, dark: bool, force: b
 
     if not studies:
         raise DropError(
-            f"--plot has nothing to show: at {at_s:g} s no two timesteps have an error that was "
-            "taken apart; try an earlier --at"
+            "--plot has nothing to show: at {time:g} s the error is broken down for fewer than two "
+            "timesteps; try an earlier --at",
+            time=at_s,
         )
     panels = [
         Panel(
-            title=group.label or "all else at its default",
+            title=group.label or Message("all else at its default"),
             timesteps_s=np.array([run.timestep_s for run in group.study.runs]),
             errors_m={
                 name.removesuffix("_m").replace("error", "total"): np.array(
@@ -403,6 +414,6 @@ def _plot(path: Path, studies: list[Group], at_s: float, *, dark: bool, force: b
             panels,
             file,
             format="svg" if path.suffix == ".svg" else "png",
-            title=f"The error after {at_s:g} s, by timestep",
+            title=Message("The error after {at:g} s, by timestep", at=at_s),
             dark=dark,
         )

@@ -1,6 +1,6 @@
 """What each run of a sweep over engines does beyond its error: impact, contact, rest, cost, drift.
 
-Each scenario is dropped once more, in memory: its row has one sample only.
+Each scenario is dropped once more, in memory, because its row has only one sample.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pipeline.analysis.drop.analysis import analysis_of
 from pipeline.analysis.drop.results import Analysis, Rest
 from pipeline.engines.worlds import Worlds
+from pipeline.messages import Message
 from pipeline.recording.rows import tables_of
 from pipeline.scenario import Engine, Scenario
 from pipeline.stages.recorded import BATCH, made_with
@@ -27,7 +28,7 @@ from pipeline.sweeping.plan import Plan
 Float64 = NDArray[np.float64]
 
 TIMED_STEPS, TIMED_FALLS = 1000, 3
-"""Steps that are timed at most, and how often: the quickest counts."""
+"""Steps that are timed at most, and how many times: the fastest counts."""
 
 
 @dataclass(frozen=True)
@@ -41,62 +42,66 @@ class EngineRun:
     timestep_s: float
     """Its timestep."""
     impact_s: float | None
-    """When its centre came down to the rest height; None where that is not known."""
+    """When its centre reached the rest height; None if that is not known."""
     penetration_m: float | None
-    """How deep it sank at most."""
+    """Its deepest penetration."""
     rest_error_m: float | None
-    """Its height at rest, minus that at which it touches the floor; None where it moves on."""
+    """Its height at rest, minus that at which it touches the floor; None if it keeps moving."""
     rest_cause: str | None
-    """Why it does not lie at that height; None where nothing proves one."""
+    """Why it does not rest at that height; None without a proven cause."""
     contact_j: float | None
-    """What contact took of its energy, or gave."""
+    """The energy that contact added to it, or took if negative."""
     energy_drift: float | None
     """Largest relative change of the energy before the first contact."""
     angular_momentum_drift: float | None
-    """The same of the angular momentum; None where there is none."""
+    """The same for the angular momentum; None where there is none."""
     step_us: float
-    """Time that a step takes here [µs]; nothing is read meanwhile."""
+    """Time per step on this machine [µs], without reading states."""
     order: float | None = None
-    """By which power of the timestep the drift of the angular momentum has shrunk since the run
-    before, in the same engine; None where that is no shorter step of the same scenario."""
+    """The power of the timestep with which the drift of the angular momentum has shrunk since the
+    next longer timestep of the same scenario, in the same engine; None if there is none."""
 
 
 @dataclass(frozen=True)
 class Fall:
-    """The way of one such run, to be drawn."""
+    """The trajectory of one such run, to be plotted."""
 
     run: EngineRun
     height_m: Float64
-    """Of all samples, shape (n,)."""
+    """The height in all samples, shape (n,)."""
     floor_height_m: float | None
-    """At which it touches the floor; None without one."""
+    """The height at which it touches the floor; None without a floor."""
 
 
 def engine_falls(plan: Plan, results: pl.LazyFrame) -> list[Fall]:
-    """Return what the runs of a sweep over engines do, those that did not fail."""
+    """Return the runs of a sweep over engines that did not fail, dropped once more."""
     failed = set(results.filter(pl.col("error").is_not_null()).select("run").collect()["run"])
     with Worlds() as worlds:
-        found = [
+        falls = [
             _dropped(worlds, run, Scenario(**plan.values(run)))
             for run in range(plan.runs)
             if run not in failed
         ]
-    runs = [fall.run for fall in found]
+    runs = [fall.run for fall in falls]
     return [
-        replace(fall, run=replace(fall.run, order=_order(plan, fall.run, runs))) for fall in found
+        replace(fall, run=replace(fall.run, order=_order(plan, fall.run, runs))) for fall in falls
     ]
 
 
 def _order(plan: Plan, run: EngineRun, runs: list[EngineRun]) -> float | None:
     """Return the order of a run's drift, against the next longer timestep of its scenario."""
 
-    def others(one: EngineRun) -> dict[str, Any]:
-        return {name: value for name, value in plan.values(one.run).items() if name != "timestep_s"}
+    def fixed(each: EngineRun) -> dict[str, Any]:
+        return {
+            name: value for name, value in plan.values(each.run).items() if name != "timestep_s"
+        }
 
-    longer = [one for one in runs if one.timestep_s > run.timestep_s and others(one) == others(run)]
+    longer = [
+        each for each in runs if each.timestep_s > run.timestep_s and fixed(each) == fixed(run)
+    ]
     if not longer:
         return None
-    before = min(longer, key=lambda one: one.timestep_s)
+    before = min(longer, key=lambda each: each.timestep_s)
     coarse, fine = before.angular_momentum_drift, run.angular_momentum_drift
     if not coarse or not fine:
         return None
@@ -127,14 +132,15 @@ def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> Fall:
 
 def _cause(rest: Rest, analysis: Analysis) -> str | None:
     if rest.terms_m is not None:
-        return "slop, solver"
+        return Message("slop, solver")
     if rest.sinks_m is not None:
-        return "soft contact" if analysis.engine.solref is not None else "compliance"
+        soft = analysis.engine.solref is not None
+        return Message("soft contact") if soft else Message("compliance")
     return None
 
 
 def _timed(worlds: Worlds, scenario: Scenario) -> Iterator[float]:
-    """Yield how long a step takes [µs], some times."""
+    """Yield how long a step takes [µs], measured repeatedly."""
     steps = min(scenario.steps, TIMED_STEPS)
     for _ in range(TIMED_FALLS):
         world = worlds.world_of(scenario)

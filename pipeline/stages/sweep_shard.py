@@ -1,4 +1,4 @@
-"""Run one shard of a sweep: its scenarios one after another, a row and a recording of each.
+"""Run one shard of a sweep: its scenarios one after another, with a row and a recording for each.
 
 This is all that a worker does, wherever it runs. It keeps its world from shard to shard.
 """
@@ -29,14 +29,14 @@ from pipeline.sweeping.folder import EXPLAINED, SCHEMA, Folder, Row
 from pipeline.sweeping.plan import Plan, replay_command
 
 _EMPTY: Row = dict.fromkeys(SCHEMA) | asdict(Scenario())
-"""The row of a run of which nothing is known yet: the scenario's defaults."""
+"""The row of a run before it starts: the scenario's defaults."""
 
 _worlds = Worlds()
 """This process's own."""
 
 
 def release_world() -> None:
-    """Close this process's own world: calls of PyBullet without a client's number may mean it."""
+    """Close this process's own world, which PyBullet calls without a client id might reach."""
     _worlds.close()
 
 
@@ -49,11 +49,11 @@ class ShardDone:
     error_m: Moments
     """Of the total error, over the runs that have one."""
     explained_m: Moments
-    """The same over those whose error was broken down into its terms."""
+    """The same over the runs whose error was broken down."""
 
     @classmethod
     def of(cls, rows: pl.DataFrame) -> ShardDone:
-        """Return what there is to report of a part."""
+        """Return the report on a part."""
         errors = rows.filter(pl.col("error").is_null())
         explained = errors.filter(EXPLAINED)
         return cls(
@@ -76,7 +76,7 @@ class RunShard:
     tried: Mapping[str, str] = field(default_factory=dict)
     """What is known of the plan's bodies, so that they are not tried in every process."""
     mark: str = ""
-    """What this sweep's own files are known by."""
+    """The mark of this sweep's own files."""
     force: bool = False
     """Whether recordings that are not this sweep's may be replaced."""
 
@@ -86,16 +86,16 @@ class RunShard:
         Raises
         ------
         OutputError
-            If a file cannot be written: that is no matter of one scenario.
+            If a file cannot be written, as that concerns more than one scenario.
         """
         believe(self.tried)
         rows = [self.row(run) for run in self.plan.runs_of(shard)]
-        # A part is there once its recordings are on the disk.
+        # A part exists only once its recordings are on the disk.
         onto_disk(self.folder / row["recording"] for row in rows if row["recording"])
         return ShardDone.of(self._home.write(shard, rows))
 
     def row(self, run: int) -> Row:
-        """Run one scenario, and return its row; one that fails is a row too."""
+        """Run one scenario, and return its row, even if it fails."""
         values = self.plan.values(run)
         name = f"run-{run}.rrd"
         row: Row = _EMPTY | values
@@ -110,11 +110,10 @@ class RunShard:
             moment, end_m = self._fall(scenario, run, path)
         except OutputError:
             raise
-        except Exception as error:  # noqa: BLE001 - whatever it is, the others go on
-            said = f"{type(error).__name__}: {error}"
-            if isinstance(error, DropError):
-                said = error.in_options
-            return row | {"error": said}
+        except DropError as error:
+            return row | {"error": str(error.in_options)}
+        except Exception as error:  # noqa: BLE001 - whatever it is, the other scenarios go on
+            return row | {"error": f"{type(error).__name__}: {error}"}
         terms = moment.terms_m
         return row | {
             "step": moment.step,
@@ -144,7 +143,7 @@ class RunShard:
         return path
 
     def _fall(self, scenario: Scenario, run: int, path: Path | None) -> tuple[Moment, float]:
-        """Return the sample nearest to `at_s`, taken apart, and the height at the end [m]."""
+        """Return the breakdown of the sample nearest to `at_s`, and the height at the end [m]."""
         step = round(self.at_s / scenario.timestep_s)
         world = _worlds.world_of(scenario)
         engine = world.report()
@@ -172,13 +171,13 @@ class RunShard:
             if self.camera is not None:
                 from pipeline.engines.bullet.camera_frames import Photographer
 
-                # One picture at a time: the other cores have shards of their own.
+                # One picture at a time: the other cores run other shards.
                 photographer = Photographer(world.scenario, self.camera, frames=1)
                 stack.enter_context(photographer)
             chunks: Iterable[writer.Chunk] = recorded(world, photographer, BATCH, lambda *_: None)
             if world.scenario.steps < BATCH:
-                # Rerun's writer asks for chunks from a thread of its own. Ready ones cost it no
-                # waiting for Python's lock: a tenth of a short run's time.
+                # Rerun's writer takes chunks in its own thread. With ready ones it does not wait
+                # for Python's lock, which saves a tenth of a short run's time.
                 chunks = list(chunks)
             recording_id = self._home.recording_id(run)
             writer.record(

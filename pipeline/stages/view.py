@@ -1,4 +1,4 @@
-"""Open recordings in Rerun's viewer, each with its analysis where there is one."""
+"""Open recordings in Rerun's viewer, each with its analysis if there is one."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from pipeline.shown import Shown
 
 @dataclass(frozen=True)
 class View(Shown, lines_of="pipeline.console.show_view:view_lines"):
-    """What is shown, and how the viewer is started."""
+    """What the viewer shows, and how it is started."""
 
     recordings: list[Path]
     layers: list[Path]
     stale: list[Path]
-    """Layers of what had the recording's name before; they are not shown."""
+    """Layers of another recording that had this name; they are not shown."""
     viewer: Viewer
     golden: Path | None = None
-    """The golden recording that is shown with it, in grey."""
+    """The golden recording, shown in grey."""
     same: bool | None = None
     """Whether the two are the same physics; None without a golden recording."""
     first_difference: int | None = None
-    """The first step of which a number or a picture differs; None where none does."""
+    """The first step at which a number or a picture differs; None if none does."""
 
 
 def view(recordings: Sequence[Path | str], *, web: bool = False, more: Sequence[Path] = ()) -> View:
@@ -52,10 +52,10 @@ def view(recordings: Sequence[Path | str], *, web: bool = False, more: Sequence[
     """
     paths = list(dict.fromkeys(map(Path, recordings)))
     ids = {path: recording_id(path) for path in paths}
-    found = {layer_of(path): path for path in paths if layer_of(path).is_file()}
-    found = {layer: path for layer, path in found.items() if layer not in paths}
-    layers = [layer for layer, path in found.items() if recording_id(layer) == ids[path]]
-    stale = [layer for layer in found if layer not in layers]
+    beside = {layer_of(path): path for path in paths if layer_of(path).is_file()}
+    beside = {layer: path for layer, path in beside.items() if layer not in paths}
+    layers = [layer for layer, path in beside.items() if recording_id(layer) == ids[path]]
+    stale = [layer for layer in beside if layer not in layers]
     return View(paths, layers, stale, viewer.viewer([*paths, *layers, *more], web=web))
 
 
@@ -87,13 +87,13 @@ def spawn() -> str:
     ViewerError
         If there is no screen, or it does not start.
     """
-    found = viewer.viewer()
-    viewer.start(found, stays=True)
-    return found.url
+    opened = viewer.viewer()
+    viewer.start(opened, stays=True)
+    return opened.url
 
 
 def connection(url: str) -> Callable[[], str]:
-    """Return a function that makes sure a viewer listens at a URL, and returns it."""
+    """Return a function that checks that a viewer listens at a URL, and returns the URL."""
 
     def connected() -> str:
         viewer.check_listens(url)

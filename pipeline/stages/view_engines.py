@@ -1,4 +1,4 @@
-"""Show recordings, those of one drop in several engines as one."""
+"""Show recordings; those of one drop in several engines are shown as one."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from pipeline.stages.view import View, view
 
 @contextmanager
 def opened(recordings: Sequence[Path | str], *, web: bool = False) -> Iterator[View]:
-    """Yield what shows some recordings; it is there until the block ends.
+    """Yield the view of some recordings; its files exist until the block ends.
 
-    Those of the same drop, each in another engine, are shown as one, a colour for each engine.
+    Recordings of the same drop in different engines are shown as one, with a colour per engine.
 
     Parameters
     ----------
@@ -59,14 +59,14 @@ def opened(recordings: Sequence[Path | str], *, web: bool = False) -> Iterator[V
 
 
 def _of_one_drop(paths: Sequence[Path]) -> dict[Path, Scenario] | None:
-    """Return the scenarios of recordings that differ in the engine only; None for others."""
+    """Return the scenarios of recordings that differ only in the engine; None for others."""
     if len(paths) < 2 or any(map(is_script, paths)):
         return None
     scenarios = {path: read(path).scenario for path in paths}
     engines: set[Engine] = {scenario.engine for scenario in scenarios.values()}
-    rest = [
+    first, *others = (
         {k: v for k, v in asdict(scenario).items() if k not in ("engine", "integrator")}
         for scenario in scenarios.values()
-    ]
-    alike = all(one == rest[0] for one in rest)
+    )
+    alike = all(settings == first for settings in others)
     return scenarios if alike and len(engines) == len(paths) else None

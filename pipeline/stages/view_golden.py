@@ -1,4 +1,4 @@
-"""Show a recording with a golden one: both as one, from where on they differ."""
+"""Show a recording and a golden one as one, at the first difference."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pipeline.stages.view import View, view
 
 @contextmanager
 def with_golden(recording: Path | str, against: Path | str, *, web: bool = False) -> Iterator[View]:
-    """Yield what shows a recording and, in grey, a golden one; it is there until the block ends.
+    """Yield the view of a recording with a golden one in grey; it exists until the block ends.
 
     Parameters
     ----------
@@ -33,22 +33,22 @@ def with_golden(recording: Path | str, against: Path | str, *, web: bool = False
     Raises
     ------
     RecordingError
-        If one is missing, damaged, unfinished, or of another kind than the other.
+        If one is missing, damaged or unfinished, or they are of different kinds.
     ViewerError
         If there is no screen.
     """
     path, golden = Path(recording), Path(against)
     of_script = is_script(path)
-    found = check_script(path, golden) if of_script else check(path, golden)
-    step = None if found.first is None else found.first.step
+    checked = check_script(path, golden) if of_script else check(path, golden)
+    step = None if checked.first is None else checked.first.step
     with tempfile.TemporaryDirectory(prefix="drop-") as folder:
         layer = Path(folder, "golden.rrd")
         shown = view([path], web=web, more=[layer])
         labels = _moving(golden) if of_script else None
         write_other_layer(layer, golden, recording_id=recording_id(path), labels=labels)
-        yield replace(shown, golden=golden, same=found.same, first_difference=step)
+        yield replace(shown, golden=golden, same=checked.same, first_difference=step)
 
 
 def _moving(golden: Path) -> Collection[str]:
-    """Return the labels of the bodies that time can move: others would hide their like."""
+    """Return the labels of the bodies that can move: the others would hide their counterparts."""
     return [body.label for body in read_script(golden).seen.bodies.values() if body.moving]

@@ -5,10 +5,10 @@
 
 The segment of a sample is that of the step which led to it, so it depends on two samples and the
 contacts between them. Not covered, so `unexplained`: contact in a timestep of several substeps, of
-which PyBullet reports only the last; rolling and spinning friction, which it does not report; and
-the first step of a btRigidBody that touches something after it was turned or given another mass,
-since it is pushed with the inertia it was loaded with. Not covered, so `jointed`: bodies with
-joints.
+which PyBullet reports only the last; rolling and spinning friction, which it does not report, or,
+without cone friction, in place of sliding friction; and the first step of a btRigidBody that
+touches something after it was turned or given another mass, since it is pushed with the inertia it
+was loaded with. Not covered, so `jointed`: bodies with joints.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.analysis.general.balance import Balance, balance_of
+from pipeline.analysis.general.balance import ULPS, Balance, balance_of
 from pipeline.analysis.general.contacts import Touches
 from pipeline.laws.base import FUSED, Law, Motion
 
@@ -29,13 +29,6 @@ Segment = Literal["flight", "contact", "pushed", "set", "jointed", "still", "une
 SEGMENTS: tuple[Segment, ...] = get_args(Segment)
 FLIGHT, CONTACT, PUSHED, SET, JOINTED, STILL, UNEXPLAINED = range(len(SEGMENTS))
 EXPLAINED = (FLIGHT, CONTACT, PUSHED, SET, STILL)
-
-ULPS = 16
-"""Allowed deviation of velocities while a body turns, in units of rounding of a step's terms.
-
-Measured: 5. Where something touched without a force, in units of what it may have given: 0.8 in
-5,822 samples of 596 recordings, and 6.3 in one, where the touching body was 80 times as fast.
-"""
 
 
 @dataclass(frozen=True)
@@ -53,6 +46,8 @@ class Segments:
 
     Where law and contacts do not lead to a sample: whether it reached the limit to the bit.
     """
+    moved: NDArray[np.bool_]
+    """Whether the body is where its velocities, whatever their cause, moved it."""
 
     def placed_at(self, motion: Motion, start: Motion, law: Law) -> Segments:
         """Return the same with the first sample checked against a known start."""
@@ -149,15 +144,14 @@ def segments_of(
     dt, spin_rad_s = law.timestep_s, np.linalg.norm(motion.spin_rad_s, axis=1)
     there &= turn <= law.oriented + exactly + dt * (ulps * spin_rad_s + turns * terms_rad_s)
 
-    # Impulses that the solver tries and takes back leave rounding, also in a spin that ends at 0.
     sum_m_s = terms_m_s + np.abs(motion.velocity_m_s).max(axis=1)
     sum_rad_s = terms_rad_s + np.abs(motion.spin_rad_s).max(axis=1)
-    near, tried_m_s, tried_rad_s = _tried(law, before, touches, sum_m_s, sum_rad_s)
+    near = balance.near
     rounded = np.where(bits & ~near, exactly, ulps)
     fall_m_s = _off(motion.velocity_m_s, alone.velocity_m_s)
     fall_rad_s = _off(motion.spin_rad_s, alone.spin_rad_s)
-    free = fall_m_s <= rounded * (sum_m_s + tried_m_s)
-    free &= fall_rad_s <= rounded * (sum_rad_s + tried_rad_s)
+    free = fall_m_s <= rounded * (sum_m_s + balance.tried_m_s)
+    free &= fall_rad_s <= rounded * (sum_rad_s + balance.tried_rad_s)
     balanced = balance.closes(motion) if not several else np.zeros(len(motion), dtype=bool)
 
     forced = np.zeros(len(motion), dtype=bool) if pushed is None else np.hstack(pushed).any(axis=1)
@@ -177,7 +171,7 @@ def segments_of(
     deviation = np.max([place_m, turn, off_m_s, off_rad_s], axis=0)
     follows = (code == FLIGHT) | (np.isin(code, (CONTACT, PUSHED)) & balanced)
     held = np.where(follows, law.limited(before) | balance.held, _at_limit(law, before, motion))
-    return Segments(code, deviation, balance, held)
+    return Segments(code, deviation, balance, held, there)
 
 
 def _at_limit(law: Law, before: Motion, motion: Motion) -> NDArray[np.bool_]:
@@ -191,24 +185,6 @@ def _at_limit(law: Law, before: Motion, motion: Motion) -> NDArray[np.bool_]:
     return limited
 
 
-def _tried(
-    law: Law, before: Motion, touches: Touches, sum_m_s: Float64, sum_rad_s: Float64
-) -> tuple[NDArray[np.bool_], Float64, Float64]:
-    """Return where a point touches, and what an impulse there may add to velocity and spin, (n,).
-
-    An impulse that stops the point changes the velocity by its speed v at most, and the spin by
-    v m r / (I + m r²), with r its distance from the centre and I the least moment of inertia.
-    """
-    near = np.isin(np.arange(len(before)), touches.step)
-    arm_m = np.zeros(len(before))
-    way_m = touches.position_m - before.position_m[touches.step]
-    np.maximum.at(arm_m, touches.step, np.linalg.norm(way_m, axis=1))
-    speed_m_s = np.where(near, sum_m_s + sum_rad_s * arm_m, 0.0)
-    turning = min(law.inertia_kg_m2) / law.mass_kg + arm_m**2
-    turn_per_m = np.divide(arm_m, turning, out=np.zeros_like(arm_m), where=turning > 0)
-    return near, sum_rad_s * arm_m, speed_m_s * turn_per_m
-
-
 def still_segments(motion: Motion) -> Segments:
     """Return the segments of a body that was never stepped: still, or else altered."""
     state = np.hstack(
@@ -216,14 +192,15 @@ def still_segments(motion: Motion) -> Segments:
     )
     deviation = np.abs(state - state[0]).max(axis=1)
     code = np.where(deviation == 0, STILL, UNEXPLAINED).astype(np.int8)
-    return Segments(code, deviation, None, np.zeros(len(motion), dtype=bool))
+    return Segments(code, deviation, None, np.zeros(len(motion), dtype=bool), code == STILL)
 
 
 def jointed_segments(samples: int) -> Segments:
     """Return the segments of a body with joints, of which only the release is explained."""
     code = np.full(samples, JOINTED, np.int8)
     code[0] = SET
-    return Segments(code, np.zeros(samples), None, np.zeros(samples, dtype=bool))
+    held, moved = np.zeros(samples, dtype=bool), np.ones(samples, dtype=bool)
+    return Segments(code, np.zeros(samples), None, held, moved)
 
 
 _VECTORS = ("position_m", "velocity_m_s", "spin_rad_s")

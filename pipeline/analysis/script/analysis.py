@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,7 @@ from pipeline.analysis.script.times import Times
 from pipeline.analysis.script.tracks import order, tracks_of
 from pipeline.laws.base import Motion
 from pipeline.laws.lookup import RIGID
-from pipeline.seen import Body, Dynamics, Seen
+from pipeline.seen import Body, Dynamics, Given, Seen
 
 Float64 = NDArray[np.float64]
 
@@ -73,6 +73,11 @@ def script_analysis_of(
         for each in seen.dynamics
         if each.reported["rolling_friction"].any() or each.reported["spinning_friction"].any()
     )
+    nearest_m = {
+        number: min(given)
+        for number, record in seen.by_body.items()
+        if (given := [*_thresholds_m(record.given)])
+    }
     samples = _samples_of_clients(seen)
     tracks = {track.body.number: track for track in tracks_of(seen)}
     verdicts: dict[int, Judged] = {
@@ -82,6 +87,7 @@ def script_analysis_of(
             springy=springy,
             rigid=maximal,
             rolling=rolling,
+            nearest_m=nearest_m,
             soft=any(
                 body.soft for body in seen.bodies.values() if body.client == track.body.client
             ),
@@ -124,6 +130,14 @@ def script_analysis_of(
             ]
         ),
     )
+
+
+def _thresholds_m(given: Sequence[Given]) -> Iterator[float]:
+    """Yield the contactProcessingThresholds [m] that calls gave a body, but for ignored ones."""
+    for each in given:
+        value = each.values.get("contactProcessingThreshold", -1)
+        if isinstance(value, int | float) and value >= 0:
+            yield value
 
 
 def _samples_of_clients(seen: Seen) -> dict[int, int]:

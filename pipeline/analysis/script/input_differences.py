@@ -60,7 +60,7 @@ def labels_of(seen: Seen) -> set[str]:
 def _coming(run: Seen, golden: Seen) -> Iterator[tuple[str, At, float, float]]:
     """Yield the bodies that only one of both has: label, when they came, and who has them."""
     for seen, other, has in ((run, golden, 1.0), (golden, run, 0.0)):
-        for label in labels_of(seen) - labels_of(other):
+        for label in sorted(labels_of(seen) - labels_of(other)):
             at = min((each.at for each in seen.appearances if each.body.label == label), key=order)
             yield label, at, has, 1.0 - has
 

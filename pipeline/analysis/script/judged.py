@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from pipeline.analysis.general.segments import (
     segments_of,
     unbroken,
 )
-from pipeline.analysis.script.tracks import NUMBERS, Epoch, Flags, Track
+from pipeline.analysis.script.tracks import NUMBERS, POSE, Epoch, Flags, Track
 from pipeline.laws.base import EXACT_MACHINES, Law
 from pipeline.laws.bullet_air import EPSILON
 from pipeline.laws.bullet_contact import CONTACT_SLOP_M
@@ -51,17 +51,31 @@ REASONS = (
         "contact with or a push of a btRigidBody right after a call turned it or changed its mass: "
         "Bullet turns it with its previous inertia"
     ),
+    Message(
+        "rolling friction with enableConeFriction=0: PyBullet reports its torque in place of the "
+        "force of sliding friction"
+    ),
+    Message(
+        "a btRigidBody that was added without mass: Bullet never moves it, even if it gets mass "
+        "later, but lets contact and pushes change its velocity"
+    ),
+    Message(
+        "contactProcessingThreshold: the engine leaves out points at a greater distance, of which "
+        "PyBullet goes on reporting the last force"
+    ),
     Message("a state that is not finite"),
     Message("unknown: nothing recorded explains it"),
 )
 """Why a sample is unexplained, by number; 0 where it is explained."""
 (
-    SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, TIMELESS, SPLIT, STALE, INFINITE,
-    UNKNOWN,
+    SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, TIMELESS, SPLIT, STALE, ROLLS,
+    STANDS, LEFT_OUT, INFINITE, UNKNOWN,
 ) = range(1, len(REASONS))  # fmt: skip
 
 SPLITS = {"contactSlop": CONTACT_SLOP_M, "splitImpulsePenetrationThreshold": -0.04}
 """Defaults that decide where Bullet splits an impulse [m]: `btContactSolverInfo.h`."""
+HIDDEN = -1
+"""What PyBullet calls the body of a link that it does not show: always a btRigidBody."""
 DISABLE_SLEEPING = 2
 """Of `activationState`."""
 
@@ -126,6 +140,7 @@ def judged(
     springy: frozenset[int],
     rigid: frozenset[int],
     rolling: frozenset[int],
+    nearest_m: Mapping[int, float],
     soft: bool,
     stepped: bool,
     machine: str,
@@ -144,6 +159,8 @@ def judged(
         Those that are btRigidBodies.
     rolling
         Bodies with rolling or spinning friction, whose torque PyBullet does not report.
+    nearest_m
+        The least contactProcessingThreshold that a call gave each body, by number.
     soft
         Whether there are soft bodies.
     stepped
@@ -157,7 +174,9 @@ def judged(
     reason = np.zeros(rows, np.int8)
     deviation, energy_j = np.zeros((2, rows))
     impulse_n_s, point_energy_j = np.zeros((rows, 3)), np.zeros(len(touches.step))
-    falls, held, split = np.zeros((3, rows), dtype=bool)
+    falls, held, split, masked = np.zeros((4, rows), dtype=bool)
+    # Whether the momentum balances, and whether the body is where its velocities moved it.
+    linear, moved = np.zeros((2, rows), dtype=bool)
     laws: list[tuple[Epoch, Law | None]] = []
     jointed = bool(track.body.joints)
     rolls = _with(touches, rolling, track)
@@ -167,6 +186,10 @@ def judged(
         )
         laws.append((epoch, law))
         part = epoch.rows
+        if epoch.stands:
+            code[part] = np.where(track.led & _same(track, NUMBERS), STILL, code)[part]
+            reason[part] = np.where(_same(track, POSE), STANDS, UNKNOWN)[part]
+            continue
         if law is None:
             code[part] = np.where(track.led[part], JOINTED, code[part])
             continue
@@ -196,14 +219,23 @@ def judged(
         point_energy_j[points] = balance.point_energy_j
         falls[part] = segments.code == FLIGHT
         reason[part] = SOFT if soft else _reason(track.body, epoch, law)
+        motion, deep = track.motion.at(part), _deep(epoch, theirs, rigid)
+        masked[part] = rolls[part] & _masked(epoch, theirs, rigid)
+        linear[part] = balance.closes_linear(motion)
         # It moves bodies, but does not change their velocities.
-        split[part] = _deep(epoch, theirs, rigid) & balance.closes(track.motion.at(part))
+        split[part] = deep & (balance.closes(motion) | (rolls & linear | masked)[part])
+        moved[part] = segments.moved | deep
     forced = np.asarray(np.hstack((track.force_n, track.torque_n_m)).any(axis=1))
     reason[forced & (reason == SUBSTEPS)] = PUSHES
     states = [getattr(each, name) for each in (track.motion, track.before) for name in NUMBERS]
     reason[~np.isfinite(np.hstack(states)).all(axis=1)] = INFINITE
-    reason[split & (reason == UNKNOWN)] = SPLIT
-    reason[_stale(track, touches, forced) & (reason == UNKNOWN)] = STALE
+    for number, why in (
+        (ROLLS, masked & moved),
+        (SPLIT, split),
+        (LEFT_OUT, _left_out(track, touches, nearest_m) & moved),
+        (STALE, _stale(track, touches, forced) & linear & moved),
+    ):
+        reason[why & (reason == UNKNOWN)] = number
     open_ = code == UNEXPLAINED
     code[open_ & (track.constrained | _with(touches, springy, track))] = JOINTED
     code[(code != UNEXPLAINED) & track.put & track.led & (code != JOINTED)] = SET
@@ -256,7 +288,7 @@ def _deep(epoch: Epoch, touches: Touches, rigid: frozenset[int]) -> Flags:
     `btSequentialImpulseConstraintSolver::setupContactConstraint`: where distance and slop are not
     above a threshold. PyBullet ignores a threshold or slop below 0.
     """
-    moved = np.zeros(epoch.rows.stop - epoch.rows.start, dtype=bool)
+    moves = np.zeros(epoch.rows.stop - epoch.rows.start, dtype=bool)
     given = epoch.settings.values
     if epoch.dynamics.reported["kind"][0] == RIGID and given.get("set_useSplitImpulse", 1) != 0:
         slop_m, most_m = (
@@ -264,8 +296,42 @@ def _deep(epoch: Epoch, touches: Touches, rigid: frozenset[int]) -> Flags:
             for name, default in SPLITS.items()
         )
         deep = touches.distance_m + slop_m <= most_m
-        moved[touches.step[deep & np.isin(touches.other_body, list(rigid))]] = True
-    return moved
+        moves[touches.step[deep & _meets(touches, rigid)]] = True
+    return moves
+
+
+def _meets(touches: Touches, rigid: frozenset[int]) -> NDArray[np.bool_]:
+    """Return at which points a body touches a btRigidBody, (points,)."""
+    return np.isin(touches.other_body, [HIDDEN, *rigid])
+
+
+def _masked(epoch: Epoch, touches: Touches, rigid: frozenset[int]) -> Flags:
+    """Return in which samples a reported friction may be rolling friction.
+
+    `btMultiBodyConstraintSolver::addMultiBodyTorsionalFrictionConstraint`: with cone friction off
+    its rows precede those of sliding friction, whose forces PyBullet reads at the first of both.
+    Not between two btRigidBodies, which another solver has.
+    """
+    masked = np.zeros(epoch.rows.stop - epoch.rows.start, dtype=bool)
+    if epoch.settings.values.get("set_enableConeFriction", 1) == 0:
+        alone = epoch.dynamics.reported["kind"][0] == RIGID
+        masked[touches.step[~(alone & _meets(touches, rigid))]] = True
+    return masked
+
+
+def _left_out(track: Track, touches: Touches, nearest_m: Mapping[int, float]) -> Flags:
+    """Return in which samples a point was too far away for the engine to process.
+
+    That is beyond the lesser of both bodies' thresholds
+    (`btSequentialImpulseConstraintSolver::convertContact`).
+    """
+    own_m = nearest_m.get(track.body.number, math.inf)
+    others, which = np.unique(touches.other_body, return_inverse=True)
+    others_m = np.array([nearest_m.get(int(number), math.inf) for number in others])
+    left_out = np.zeros(len(track), dtype=bool)
+    if len(others):
+        left_out[touches.step[touches.distance_m > np.minimum(own_m, others_m[which])]] = True
+    return left_out
 
 
 def _reason(body: Body, epoch: Epoch, law: Law) -> int:
@@ -284,12 +350,19 @@ def _is_given(given: Mapping[str, Any], name: str) -> bool:
     return isinstance(value, int | float) and value >= 0
 
 
+def _same(track: Track, names: Sequence[str]) -> Flags:
+    """Return in which samples some numbers are those that the step began with."""
+    after, before = (
+        np.hstack([getattr(motion, name) for name in names])
+        for motion in (track.motion, track.before)
+    )
+    return np.asarray((after == before).all(axis=1))
+
+
 def _asleep(track: Track, code: Int8, reason: Int8) -> None:
     """Mark the samples at which a body that may fall asleep did not move at all."""
-    after = [getattr(track.motion, name) for name in NUMBERS]
-    before = [getattr(track.before, name) for name in NUMBERS]
-    same = (np.hstack(after) == np.hstack(before)).all(axis=1) & track.led
-    at_rest = ~np.hstack(after[2:]).any(axis=1)
+    same = _same(track, NUMBERS) & track.led
+    at_rest = ~np.hstack((track.motion.velocity_m_s, track.motion.spin_rad_s)).any(axis=1)
     may = np.zeros(len(track), dtype=bool)
     for epoch in track.epochs:
         state = epoch.given.get("activationState", 0)

@@ -55,8 +55,7 @@ class Paired:
 def paired(run: Seen, golden: Seen) -> Paired:
     """Return the samples of two simulations, those of one part and step in one row."""
     labels = [{body.label: body for body in seen.bodies.values()} for seen in (run, golden)]
-    shared = labels[0].keys() & labels[1].keys()
-    bodies = {labels[0][label].number: labels[0][label] for label in shared}
+    bodies = {body.number: body for label, body in labels[0].items() if label in labels[1]}
     mine, theirs = (
         seen.states.filter(pl.col("body").is_in(list(bodies))) for seen in (run, golden)
     )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.analysis.general.samples import motion_of
 from pipeline.laws.base import Motion
+from pipeline.laws.lookup import RIGID
 from pipeline.laws.rotations import rotate
 from pipeline.seen import At, Body, Dynamics, OfBody, Seen, Settings
 from pipeline.states import BASE
@@ -35,6 +36,9 @@ class Epoch:
     """What the engine reported about the body."""
     given: Mapping[str, Any]
     """What calls set for it since it appeared, by argument of `changeDynamics`."""
+    stands: bool
+    """Whether it is a btRigidBody that was added without mass: the engine never moves it, even if
+    it gets mass later (`btDiscreteDynamicsWorld::addRigidBody`)."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,8 @@ def _track(seen: Seen, body: Body, rows: pl.DataFrame) -> Track:
     )
 
 
-NUMBERS = ("position_m", "orientation", "velocity_m_s", "spin_rad_s")
+POSE = ("position_m", "orientation")
+NUMBERS = (*POSE, "velocity_m_s", "spin_rad_s")
 """Of a motion."""
 
 
@@ -202,7 +207,9 @@ def _epochs(seen: Seen, body: Body, steps: Int64, led: Flags) -> Iterator[Epoch]
                 values |= {
                     name: value for name, value in each.values.items() if _counts(name, value)
                 }
-        yield Epoch(slice(first, end), life, settings[of_engine], dynamics[of_body], values)
+        added = next(each for each in dynamics if order(each.at) >= order(came[life].at)).reported
+        stands = bool(added["kind"][0] == RIGID and added["mass_kg"][0] == 0)
+        yield Epoch(slice(first, end), life, settings[of_engine], dynamics[of_body], values, stands)
 
 
 def _counts(name: str, value: object) -> bool:

@@ -16,6 +16,7 @@ from typing import Any
 
 from . import pipe as protocol
 from .clock import CALL_S, Clock
+from .links import MODELS, links_in, path_of
 from .pipe import GoneError, Pipe
 from .quiet import Window
 from .turns import Turn
@@ -47,6 +48,9 @@ SETS_ENGINE = {
     "setRealTimeSimulation", "setInternalSimFlags", "loadBullet", "loadSDF", "loadMJCF",
 }  # fmt: skip
 PUSHES = {"applyExternalForce", "applyExternalTorque"}
+
+MERGE_FIXED_LINKS = 1 << 19
+"""Of the flags of `loadURDF`."""
 
 POLLS = {
     "getKeyboardEvents", "getMouseEvents", "getVREvents", "readUserDebugParameter", "isConnected",
@@ -126,6 +130,8 @@ class Watch:
         self._last_end = (0, 0.0)
         self._modules: list[tuple[ModuleType, dict[str, Any]]] = []
         self._shown: dict[str, str] = {}
+        self._search_path = ""
+        """Where PyBullet looks for files, in all simulations."""
         self._p = SimpleNamespace()
         self._undo: list[Callable[[], None]] = []
         self._process = os.getpid()
@@ -179,7 +185,7 @@ class Watch:
         special = {
             "connect": self._connecting, "disconnect": self._disconnecting,
             "stepSimulation": self._stepping, "resetSimulation": self._resetting,
-            "getCameraImage": self._photographing,
+            "getCameraImage": self._photographing, "setAdditionalSearchPath": self._searching,
         }.get(name)  # fmt: skip
         if special is None:
             passive = name in CHANGES_NOTHING or name.startswith(READS)
@@ -207,6 +213,18 @@ class Watch:
             return original(*args, **kwargs)
 
         return call
+
+    def _searching(self, name: str, original: Any) -> Callable[..., Any]:
+        passive = self._passive(name, original)
+
+        def search(*args: Any, **kwargs: Any) -> Any:
+            result = passive(*args, **kwargs)
+            path = _named(name, args, kwargs).get("path")
+            if type(path) is str:
+                self._search_path = path
+            return result
+
+        return search
 
     def _answer(
         self,
@@ -254,6 +272,10 @@ class Watch:
             key = (name, _text(arguments.get("jointIndex")))
             if key in world.moved.get(_body(arguments), ()):
                 world.sync()
+        elif name == "changeDynamics" and "mass" in arguments:
+            body = _body(arguments)
+            if body is not None:
+                world.before_mass(body)
         elif name in PUSHES or (name in MOVES_ALL and world.moved):
             world.sync()  # a push acts at a point and along axes of the body's current pose
 
@@ -275,12 +297,14 @@ class Watch:
             world.files.update(dict.fromkeys(ids, text))
             world.flags.update(dict.fromkeys(ids, _number(arguments.get("flags", 0)) or 0))
             world.hiding.difference_update(ids)
-            if arguments.get("useMaximalCoordinates") and arguments.get("linkMasses"):
-                world.hiding.update(ids)
+            world.forget_ids(ids)
+            world.hiding.update(self._hiding(name, arguments, ids))
             if name == "unsupportedChangeScaling" and body is not None:
                 world.fresh.add(body)
         if name in REMOVES_BODIES:
             world.stale_bodies = True
+        if name == "removeBody" and body is not None:
+            world.fresh.discard(body)
         if name == "createConstraint":
             self._guarded(world, lambda: _tell_constraint(world, arguments, result))
         if name == "removeConstraint":
@@ -319,6 +343,29 @@ class Watch:
                 flags=_number(arguments.get("flags", 0)),
             )  # fmt: skip
             self._guarded(world, world.sync)
+
+    def _hiding(self, name: str, arguments: dict[str, Any], ids: list[int]) -> list[int]:
+        """Return which of the bodies that a call created have links that PyBullet does not show."""
+        if name == "loadMJCF":
+            rigid = not arguments.get("useMultiBody", 1)
+        else:
+            rigid = bool(arguments.get("useMaximalCoordinates"))
+        if not rigid:
+            return []
+        if name not in MODELS:
+            return ids if arguments.get("linkMasses") else []
+        file = arguments.get(ARGUMENTS[name][0])
+        path = path_of(file, self._search_path) if type(file) is str else None
+        if path is None:
+            return []
+        merged = (_number(arguments.get("flags", 0)) or 0) & MERGE_FIXED_LINKS
+        try:
+            links = links_in(path, name, merged=bool(merged) and name == "loadURDF")
+        except OSError:
+            return []
+        if len(links) != len(ids):  # which model is which is not known
+            links = [max(links, default=1)] * len(ids)
+        return [each for each, number in zip(ids, links) if number > 1]
 
     def _connecting(self, _: str, original: Any) -> Callable[..., Any]:
         def connect(*args: Any, **kwargs: Any) -> Any:

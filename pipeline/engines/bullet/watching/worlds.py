@@ -17,8 +17,8 @@ from .pipe import Pipe
 
 FIXED, SPHERICAL = 4, 2
 """Types of joint, as in `getJointInfo`."""
-SOFT = 3
-"""Type of body, as in `getDynamicsInfo`."""
+RIGID, SOFT = 1, 3
+"""Types of body, as in `getDynamicsInfo`."""
 LEAST_CHANGE = 0.01
 """If the last iteration changes a velocity by more, further ones were needed [m/s, rad/s].
 """
@@ -140,6 +140,8 @@ class World:
         """The files that bodies were loaded from: the names in them mislead."""
         self.hiding: set[int] = set()
         """Bodies of several links that became btRigidBodies, of which only the base is reported."""
+        self.massless: dict[int, list[Any]] = {}
+        """What was reported of bodies that a call gave mass before they were first listed."""
         self.flags: dict[int, int] = {}
         """What they were loaded with: only these tell whether a body may sleep."""
         self.moved: dict[int | None, set[Any]] = {}
@@ -222,8 +224,26 @@ class World:
         self.bodies, self._moving, self._last, self._places = {}, [], {}, {}
         self.fresh, self.moved, self.changed, self.recoloured = set(), {}, set(), set()
         self.stale_bodies = self.stale_engine = True
-        self.given, self._later, self._motors = {}, [], {}
+        self.given, self._later, self._motors, self.massless = {}, [], {}, {}
         self.returns_analytics = False
+
+    def before_mass(self, engine_id: int) -> None:
+        """Keep what is reported of a new body without mass, which a call is about to change."""
+        if engine_id in self.fresh and engine_id not in self.massless:
+            try:
+                dynamics = self._p.getDynamicsInfo(engine_id, -1, self.client)
+            except self._p.error:  # it is gone: the call itself will say so
+                return
+            if dynamics[0] == 0 and dynamics[10] == RIGID:
+                self.massless[engine_id] = [dynamics]
+
+    def forget_ids(self, ids: list[int]) -> None:
+        """Note that new bodies have these ids: what calls did before concerned others."""
+        self._later = [each for each in self._later if each[0] not in ids]
+        for key in [key for key in self._motors if key[0] in ids]:
+            del self._motors[key]
+        for each in ids:
+            self.massless.pop(each, None)
 
     def _list_bodies(self) -> None:
         p, client = self._p, self.client
@@ -245,14 +265,17 @@ class World:
         body = Body(World.bodies_made, engine_id, self.client, self._p)
         World.bodies_made += 1
         base, name = self._p.getBodyInfo(engine_id, self.client)
+        added = self.massless.pop(engine_id, body.dynamics)
         self._pipe.note(
             "body", world=self.number, body=body.number, id=engine_id, name=_plain(name),
             base=_plain(base), file=self.files.get(engine_id, ""), soft=body.soft,
             flags=self.flags.get(engine_id, 0), hides_links=engine_id in self.hiding,
             bounds=body.bounds(),
-            dynamics=_plain(body.dynamics), joints=_plain(body.joint_infos),
+            dynamics=_plain(added), joints=_plain(body.joint_infos),
             joint_widths=body.widths, visual=body.looks(),
         )  # fmt: skip
+        if added is not body.dynamics:
+            self._pipe.note("dynamics", body=body.number, dynamics=_plain(body.dynamics))
         return body
 
     def _read_dynamics(self) -> None:

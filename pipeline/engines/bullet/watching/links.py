@@ -1,0 +1,68 @@
+"""How many links the models in a file have: PyBullet shows only the base of a btRigidBody."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from typing import Any
+from xml.parsers import expat
+
+FOLDERS = (
+    "", "./data/", "../data/", "../../data/", "../../../data/", "../../../../data/",
+)  # fmt: skip
+"""Where PyBullet looks for a file (`b3BulletDefaultFileIO::findFile`)."""
+MOST_BYTES = 10_000_000
+"""Of a file that is read; a longer one is read up to here."""
+
+MODELS = {
+    "loadURDF": (("robot",),),
+    "loadSDF": (("sdf", "model"), ("sdf", "world", "model")),
+    "loadMJCF": (("mujoco", "worldbody", "body"),),
+}
+"""The elements that are a model, by the call that loads them; the first are the document's."""
+
+
+def path_of(name: str, search_path: str) -> str | None:
+    """Return the file that PyBullet reads for a name (`b3ResourcePath::findResourcePath`)."""
+    names = [name, f"{search_path}/{name}"] if search_path else [name]
+    paths = [folder + each for each in names for folder in FOLDERS]
+    return next((path for path in paths if os.path.isfile(path)), None)
+
+
+def links_in(path: str, call: str, *, merged: bool) -> list[int]:
+    """Return the number of links of each model in a file; of a broken one, up to where it breaks.
+
+    Parameters
+    ----------
+    path
+        The file.
+    call
+        The function of PyBullet that loads it.
+    merged
+        Whether it merges links that a fixed joint holds, which only `loadURDF` does.
+    """
+    models, within = MODELS[call], list[str]()
+    links: list[int] = []
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, Any]) -> None:
+        within.append(tag)
+        if tuple(within) in models:
+            links.append(int(call == "loadMJCF" or merged))
+        elif tuple(within[:-1]) in models and call != "loadMJCF":
+            moves = tag == "joint" and attributes.get("type") != "fixed"
+            links[-1] += moves if merged else tag == "link"
+        elif call == "loadMJCF" and any(tuple(within[: len(model)]) == model for model in models):
+            # Each of its joints connects a link, but one that leaves it free.
+            moves = tag == "joint" and attributes.get("type") != "free"
+            links[-1] += tag == "body" or moves
+
+    def end(_: str) -> None:
+        within.pop()
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    with open(path, "rb") as file:
+        text = file.read(MOST_BYTES)
+    with contextlib.suppress(expat.ExpatError, LookupError, ValueError):  # also of its encoding
+        parser.Parse(text, True)
+    return links

@@ -1,0 +1,354 @@
+"""Japanese readers get whole sentences in Japanese; everything that programs read stays English."""
+
+from __future__ import annotations
+
+import ast
+import gettext
+import io
+import re
+import string
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from conftest import Drop
+from fontTools.fontBuilder import FontBuilder
+from fontTools.pens.ttGlyphPen import TTGlyphPen
+from matplotlib import font_manager
+from matplotlib.text import Text
+from rich.cells import cell_len
+
+import pipeline
+from pipeline import Analysis, analyze
+from pipeline.console import output
+from pipeline.errors import RecordingError
+from pipeline.figures import style
+from pipeline.figures.plot import build_figure, facts_of, plotted
+from pipeline.messages import LOCALE, VARIABLES, Message, joined, localized, translated
+from pipeline.stages.narrative import findings_markdown
+from pipeline.stages.run import Run
+
+PACKAGE = Path(pipeline.__file__).parent
+FILE = LOCALE / "ja/LC_MESSAGES/drop.mo"
+AGAIN = "translate it in pipeline/locale/ja/LC_MESSAGES/drop.po; python docs/regenerate.py drop.po"
+TEMPLATES = {
+    "Message": 0, "joined": 0, "localized": 0, "words": 0, "counted": 1, "DropError": 0,
+    "ScenarioError": 0, "RecordingError": 0, "OutputError": 0, "ViewerError": 0, "StreamError": 0,
+    "WorkerDiedError": 0,
+}  # fmt: skip
+"""What takes a template, and as which argument."""
+JAPANESE = re.compile("[\u3040-\u30ff\u4e00-\u9fff]")
+
+
+def templates() -> dict[str, str]:
+    """Return each template in the code, and where it is."""
+    found = {}
+    for path in [PACKAGE.parent / "cli.py", *PACKAGE.rglob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call):
+                continue
+            name = getattr(node.func, "id", getattr(node.func, "attr", None))
+            place = TEMPLATES.get(str(name))
+            if place is None or len(node.args) <= place:
+                continue
+            template, where = node.args[place], f"{path.name}:{node.lineno}"
+            if path.name != "fields.py":  # where `counted` is
+                assert not isinstance(template, ast.JoinedStr | ast.BinOp | ast.IfExp), where
+            if isinstance(template, ast.Constant) and template.value:
+                found[template.value] = where
+    return found
+
+
+def catalogue() -> dict[str, str]:
+    with FILE.open("rb") as file:
+        messages = dict(gettext.GNUTranslations(file)._catalog)  # type: ignore[attr-defined]
+    del messages[""]
+    return messages
+
+
+def fields(template: str) -> list[tuple[str, str | None, str | None]]:
+    """Return what a template takes: each name, with its format and conversion."""
+    parsed = string.Formatter().parse(template)
+    return sorted((name, kind, how) for _, name, kind, how in parsed if name is not None)
+
+
+@pytest.fixture
+def japanese(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the reader be Japanese."""
+    monkeypatch.setenv("DROP_LANG", "ja")
+
+
+class Wide(io.StringIO):
+    """A terminal."""
+
+    def isatty(self) -> bool:
+        """Whether it is one."""
+        return True
+
+
+# -- the catalogue --------------------------------------------------------------------------------
+
+
+def test_every_template_is_translated_and_no_translation_is_stale() -> None:
+    there, known = templates(), catalogue()
+    assert {text: where for text, where in there.items() if text not in known} == {}, AGAIN
+    assert known.keys() - there.keys() == set(), AGAIN
+
+
+def test_a_translation_takes_what_its_template_takes() -> None:
+    for template, translation in catalogue().items():
+        if "{" in template:
+            assert fields(translation) == fields(template), template
+        markup = r"\[(?:/|bold|dim|red|yellow)\]"
+        assert re.findall(markup, translation) == re.findall(markup, template)
+
+
+def test_a_translation_keeps_options_calls_and_files() -> None:
+    """They are typed; none may be lost, misspelled or translated."""
+    names = re.compile(
+        r"--[a-z][a-z-]*|\bp\.\w+|\w+\.(?:urdf|rrd|gif|mp4)"
+        r"|\bdrop (?:simulate|analyze|render|run|check|sweep|record|view|info)\b"
+    )
+    for template, translation in catalogue().items():
+        assert set(names.findall(translation)) == set(names.findall(template)), template
+
+
+@pytest.mark.needs("babel")
+def test_the_catalogue_is_the_one_that_its_generator_makes() -> None:
+    from generators.translations import made
+
+    for path, content in made().items():
+        assert path.read_bytes() == content, AGAIN
+
+
+# -- whose language it is -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("variables", "expected"),
+    [
+        ({}, "Finding"),
+        ({"LANG": "ja_JP.UTF-8"}, "指摘"),
+        ({"LANG": "ja"}, "指摘"),
+        ({"LC_ALL": "ja_JP.UTF-8", "LANG": "en_US.UTF-8"}, "指摘"),
+        ({"LC_MESSAGES": "ja_JP.UTF-8", "LANG": "de_DE.UTF-8"}, "指摘"),
+        ({"LANG": "en_US.UTF-8"}, "Finding"),
+        ({"LANG": "C"}, "Finding"),
+        ({"LANG": "xx_YY.UTF-8"}, "Finding"),
+        ({"DROP_LANG": "ja"}, "指摘"),
+        ({"DROP_LANG": "ja", "LANG": "en_US.UTF-8", "LC_ALL": "C"}, "指摘"),
+        ({"DROP_LANG": "en", "LANG": "ja_JP.UTF-8"}, "Finding"),
+        ({"DROP_LANG": "xx", "LANG": "ja_JP.UTF-8"}, "Finding"),
+        ({"DROP_LANG": "", "LANG": "ja_JP.UTF-8"}, "指摘"),
+        ({"DROP_LANG": "en", "LANGUAGE": "ja"}, "Finding"),
+        ({"LANGUAGE": "ja:en", "LANG": "en_US.UTF-8"}, "指摘"),
+        ({"LANGUAGE": "en:ja", "LANG": "ja_JP.UTF-8"}, "Finding"),
+    ],
+)
+def test_the_language_is_that_of_drop_lang_else_of_the_locale(
+    monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], expected: str
+) -> None:
+    for name in VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    for name, text in variables.items():
+        monkeypatch.setenv(name, text)
+    assert localized("Finding") == expected
+
+
+@pytest.mark.usefixtures("japanese")
+def test_messages_within_messages_are_translated_too() -> None:
+    noun = output.counted(2, "sample")
+    assert translated(noun) == "2 サンプル"
+    both = joined(", ", [noun, "a name", Message("none")]) + "!"
+    assert both == "2 samples, a name, none!"
+    assert translated(both) == "2 サンプル、a name、なし!"
+    assert translated("none") == "none"  # a name that somebody gave
+    assert translated(Message("")) == ""
+    assert translated(Message("never said, {n}", n=1)) == "never said, 1"
+
+
+# -- what is printed ------------------------------------------------------------------------------
+
+CODE = re.compile(
+    r"\S*[\w)]\.[a-z]\S*|--[\w-]+|[a-z]+(?:-[a-z]+)+|\bdrop view\b|\w+=\w+|\d[\d.e+-]*|\(body,"
+)
+NAMES = {"PyBullet", "Bullet", "mm", "Ns", "kB", "run", "rrd", "gif", "png", "linearDamping"}
+
+
+@pytest.mark.usefixtures("japanese")
+def test_the_story_of_the_standard_drop_has_no_english_left(standard: Run) -> None:
+    story = str(standard).replace(str(standard.simulation.recording.parent), "")
+    words = re.findall(r"[A-Za-z]{2,}", CODE.sub(" ", story))
+    assert set(words) <= NAMES
+    assert "指摘        default-damping: " in story
+
+
+def test_in_english_the_same_story_has_no_japanese(standard: Run) -> None:
+    assert not JAPANESE.search(str(standard))
+
+
+@pytest.mark.usefixtures("japanese")
+@pytest.mark.parametrize("columns", [50, 80, 100])
+def test_lines_fit_the_terminal_counted_in_columns(
+    monkeypatch: pytest.MonkeyPatch, standard: Run, columns: int
+) -> None:
+    monkeypatch.setattr(sys, "stdout", Wide())
+    monkeypatch.setenv("COLUMNS", str(columns))
+    lines = str(standard.analysis).splitlines()
+    widths = [cell_len(line) for line in lines]
+    assert max(widths) <= columns
+    assert max(widths) >= columns - 1, "a line may end after any character"
+    assert not [line for line in lines if line.strip()[:1] in set("、。」)")]
+    findings = [line for line in lines if line.startswith("指摘")]
+    assert {cell_len(line.partition(":")[0].split()[0]) for line in findings} == {4}
+    assert {line[:10] for line in findings} == {"指摘" + 8 * " "}, "12 columns, as in English"
+
+
+def test_columns_are_where_they_are_in_english(
+    monkeypatch: pytest.MonkeyPatch, standard: Run
+) -> None:
+    ends = []
+    for language, flights, term in (("en", "Flights", "damping"), ("ja", "飛行", "減衰")):
+        monkeypatch.setenv("DROP_LANG", language)
+        lines = str(standard).splitlines()
+        heading = next(line for line in lines if line.startswith(flights))
+        row = next(line for line in lines if line.startswith(f"  {term}"))
+        ends.append((cell_len(heading), cell_len(row.partition(" mm")[0])))
+    assert ends[0] == ends[1]
+
+
+@pytest.mark.parametrize(
+    "command", ["analyze RUN --out layer.rrd --force", "info RUN", "check RUN --against RUN"]
+)
+def test_json_is_the_same_in_both_languages(drop: Drop, standard: Run, command: str) -> None:
+    words = command.replace("RUN", str(standard.simulation.recording)).split()
+    english, japanese = (drop(*words, "--json", DROP_LANG=language) for language in ("en", "ja"))
+    assert japanese.stdout == english.stdout
+    assert english.stdout.startswith("{")
+    assert not JAPANESE.search(english.stdout)
+
+
+def test_only_what_is_shown_is_translated() -> None:
+    """Results, recordings and errors in Python are English because nothing else translates."""
+    translates = {
+        path.relative_to(PACKAGE).parts[0]
+        for path in PACKAGE.rglob("*.py")
+        if re.search(r"\b(translated|localized)\(", path.read_text(encoding="utf-8"))
+    }
+    assert translates == {"console", "figures", "messages.py"}
+
+
+@pytest.mark.usefixtures("japanese")
+def test_what_is_recorded_stays_english(standard: Run) -> None:
+    assert not JAPANESE.search(findings_markdown(standard.analysis))
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "beginning"),
+    [
+        ("analyze no.rrd", 1, "drop: no.rrd がありません"),
+        ("simulate --out a.rrd --timestep 2", 2, "drop: --duration は時間刻み 2 s の整数倍"),
+        ("simulate --out a.rrd --height x", 2, "drop: --height には数または"),
+        ("render a.rrd --fps x", 2, "drop: --fps には数または"),
+    ],
+)
+def test_an_error_is_one_line_in_japanese(
+    drop: Drop, command: str, code: int, beginning: str
+) -> None:
+    done = drop(*command.split(), DROP_LANG="ja")
+    assert (done.returncode, done.stdout) == (code, "")
+    assert done.stderr.startswith(beginning)
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.usefixtures("japanese")
+def test_in_python_an_error_is_in_english(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError) as raised:
+        analyze(tmp_path / "no.rrd")
+    assert not JAPANESE.search(str(raised.value) + repr(raised.value))
+
+
+def test_help_loads_neither_rich_nor_a_translation() -> None:
+    code = (
+        "import sys; sys.argv = ['drop', '--help']\n"
+        "import cli\n"
+        "try: cli.main()\n"
+        "except SystemExit: pass\n"
+        "from pipeline.messages import _catalog\n"
+        "print('rich' in sys.modules, _catalog.cache_info().currsize, file=sys.stderr)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.split() == ["False", "0"]
+
+
+# -- plots ----------------------------------------------------------------------------------------
+
+
+def texts(analysis: Analysis) -> set[str]:
+    figure = build_figure(analysis.table, facts_of(analysis.table))
+    return {text.get_text() for text in figure.findobj(Text)} - {""}
+
+
+@pytest.fixture
+def font(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
+    """Return a function that installs a font of a name; all its characters are boxes."""
+    before = list(font_manager.fontManager.ttflist)
+
+    def install(name: str) -> None:
+        letters = {ord(letter) for text in catalogue().values() for letter in text}
+        pen = TTGlyphPen(None)
+        pen.moveTo((0, 0))
+        for corner in ((0, 700), (900, 700), (900, 0)):
+            pen.lineTo(corner)
+        pen.closePath()
+        builder = FontBuilder(1000, isTTF=True)
+        builder.setupGlyphOrder([".notdef", "box"])
+        builder.setupCharacterMap(dict.fromkeys(letters, "box"))
+        builder.setupGlyf({".notdef": pen.glyph(), "box": pen.glyph()})
+        builder.setupHorizontalMetrics({".notdef": (1000, 0), "box": (1000, 0)})
+        builder.setupHorizontalHeader(ascent=800, descent=-200)
+        builder.setupNameTable({"familyName": name, "styleName": "Regular"})
+        builder.setupOS2()
+        builder.setupPost()
+        builder.save(tmp_path / "font.ttf")
+        font_manager.fontManager.addfont(tmp_path / "font.ttf")
+        style.japanese_font.cache_clear()
+
+    others = [one for one in before if one.name not in style.JAPANESE]
+    monkeypatch.setattr(font_manager.fontManager, "ttflist", others)
+    style.japanese_font.cache_clear()
+    yield install
+    style.japanese_font.cache_clear()
+
+
+@pytest.mark.usefixtures("japanese")
+def test_a_plot_is_in_japanese_where_a_font_is_installed(
+    font: Callable[[str], None], caplog: pytest.LogCaptureFixture, standard: Run
+) -> None:
+    font("IPAexGothic")
+    table = standard.analysis.table
+    shown = texts(standard.analysis)
+    assert {"時間 [s]", "中心の高さ [m]", "自由落下", "時間刻み", "合計"} <= shown
+    assert plotted(table, "png", facts_of(table), dark=False)  # and no glyph is missing
+    assert [record.getMessage() for record in caplog.records] == []  # nor a bold face
+
+
+@pytest.mark.usefixtures("japanese")
+def test_without_one_it_is_in_english(
+    font: Callable[[str], None], monkeypatch: pytest.MonkeyPatch, standard: Run
+) -> None:
+    font("Some Font")
+    facts, english = facts_of(standard.analysis.table), texts(standard.analysis)
+    assert not JAPANESE.search("".join(english))
+    drawn = plotted(standard.analysis.table, "svg", facts, dark=False)
+    monkeypatch.setenv("DROP_LANG", "en")
+    assert drawn == plotted(standard.analysis.table, "svg", facts, dark=False)
+
+
+def test_an_english_plot_takes_no_other_font(font: Callable[[str], None], standard: Run) -> None:
+    facts = facts_of(standard.analysis.table)
+    drawn = plotted(standard.analysis.table, "svg", facts, dark=False)
+    font("IPAexGothic")
+    assert drawn == plotted(standard.analysis.table, "svg", facts, dark=False)
