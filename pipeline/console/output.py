@@ -163,13 +163,13 @@ def pasteable(title: str, command: str, *, column: int, style: str = "") -> list
     from rich.markup import escape
 
     lines, room = [""], width() - column - len(" \\")
-    for word in _SHELL_WORD.findall(command):
-        if lines[-1] and len(lines[-1]) + 1 + len(word) > room:
+    for word in _SHELL_WORD.findall(translated(command)):
+        if lines[-1] and columns_of(f"{lines[-1]} {word}") > room:
             lines.append(word)
         else:
             lines[-1] += f" {word}" if lines[-1] else word
-    head = f"[{style}]{title}[/]" if style else title
-    heads = [head + " " * (column - len(title)), *[" " * column] * (len(lines) - 1)]
+    head = left(translated(title), column)
+    heads = [f"[{style}]{head}[/]" if style else head, *[" " * column] * (len(lines) - 1)]
     ends = [*[" \\"] * (len(lines) - 1), ""]  # after `escape`, which doubles a backslash at an end
     return [a + escape(b) + c for a, b, c in zip(heads, lines, ends, strict=True)]
 

@@ -39,7 +39,6 @@ def info_lines(info: Info) -> list[str]:
     if info.contact_samples:
         touching = Message("{samples:,} of them in contact", samples=info.contact_samples)
         samples = joined(", ", [samples, touching])
-    analyze = shell_command("drop", "analyze", info.recording)
     facts: dict[Message, str] = {
         RECORDING: Message(
             "{recording}, {kilobytes:,.0f} kB, {state}",
@@ -61,7 +60,9 @@ def info_lines(info: Info) -> list[str]:
     ]
     if info.command is not None:
         lines += pasteable(Message("again"), info.command, column=COLUMN, style="dim")
+    analysis = Message("analysis")
     if info.layer is not None:
-        return lines + titled(Message("analysis"), str(info.layer), column=COLUMN, style="dim")
-    none_yet = Message("none yet: {analyze}", analyze=analyze)
-    return lines + pasteable(Message("analysis"), none_yet, column=COLUMN, style="dim")
+        return lines + titled(analysis, str(info.layer), column=COLUMN, style="dim")
+    analyze = shell_command("drop", "analyze", info.recording)
+    missing = Message("none yet: {analyze}", analyze=analyze)
+    return lines + pasteable(analysis, missing, column=COLUMN, style="dim")

@@ -16,12 +16,11 @@ def show_view(view: View, *, as_json: bool) -> None:
     """Print what is shown, and where."""
     for layer in view.stale:
         recording = Path(str(layer).removesuffix(".analysis.rrd") + ".rrd")
-        again = shell_command("drop", "analyze", recording)
         note(
             Message(
                 "{layer} belongs to an earlier recording; make it again with: {again}",
                 layer=str(layer),
-                again=again,
+                again=shell_command("drop", "analyze", recording),
             )
         )
     if as_json:

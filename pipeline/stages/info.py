@@ -60,7 +60,7 @@ class Info(Shown, lines_of="pipeline.console.show_info:info_lines"):
     """The engine that made it."""
     command: str | None
     """The command that repeats its physics; None for a block of Python, and where a name or an
-    argument was not UTF-8."""
+    argument is not UTF-8."""
     layer: Path | None
     """The analysis beside it; None if there is none, or it is of another recording."""
 
@@ -122,17 +122,17 @@ def _of_script(recording: ScriptRecording) -> Info:
         for word in (f"--{name.removesuffix('_s')}", _digits(value))
     ]
     program = [*_program(script), *arguments]
-    again = None
+    what = script if script == BLOCK else shell_command(*program)
+    command = None
     if script != BLOCK and not any(REPLACED in word for word in program):
         options_end = ["--"] if program[0].startswith("-") and program[0] != "-m" else []
-        again = shell_command("drop", "record", *options, *options_end, *program)
+        command = shell_command("drop", "record", *options, *options_end, *program)
     samples = ended.get("samples", seen.states["step"].n_unique())
     return Info(
         recording=path,
         recording_id=recording.recording_id,
         kind="script",
-        what=f"{script if script == BLOCK else shell_command(*program)}, "
-        f"{ended.get('ended', 'never finished')}",
+        what=f"{what}, {ended.get('ended', 'never finished')}",
         complete=not recording.partial,
         samples=int(samples),
         duration_s=_duration_s(seen),
@@ -146,7 +146,7 @@ def _of_script(recording: ScriptRecording) -> Info:
         engine=Message("PyBullet in Python {version}", version=ended["made_with_version"])
         if ended
         else "PyBullet",
-        command=again,
+        command=command,
         layer=_layer(path, recording.recording_id),
     )
 

@@ -279,18 +279,17 @@ def checked_limits(
             duration_s = float(duration_s)
         except (TypeError, OverflowError):
             raise ScenarioError(
-                "--duration must be a number, got {value}", value=shown(duration_s)
-            ) from None
+                "{option} must be {domain}, got {value}",
+                option="--duration", domain=Message("a number"), value=shown(duration_s),
+            ) from None  # fmt: skip
     if steps is not None and not 1 <= steps <= LARGEST_INT:
         raise ScenarioError(
-            "--steps must be at least 1 and below 2**63, got {value}", value=shown(steps)
+            "--steps must be at least 1 and below 2**63, got {steps}", steps=shown(steps)
         )
     if duration_s is not None and not 0 < duration_s < float("inf"):
-        raise ScenarioError("--duration must be above 0 s, got {value:g}", value=duration_s)
+        raise ScenarioError("--duration must be above 0 s, got {duration:g}", duration=duration_s)
     if seed is not None and abs(seed) > LARGEST_INT:
-        raise ScenarioError(
-            "--seed must be between -2**63 and 2**63, got {value}", value=shown(seed)
-        )
+        raise ScenarioError("--seed must be between -2**63 and 2**63, got {seed}", seed=shown(seed))
     if steps is None and duration_s is None:
         duration_s = DURATION_S
     return steps, duration_s, seed
@@ -306,8 +305,9 @@ def _integer(option: str, value: object) -> int | None:
         return operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         raise ScenarioError(
-            "{option} must be a whole number, got {value}", option=option, value=shown(value)
-        ) from None
+            "{option} must be {domain}, got {value}",
+            option=option, domain=Message("a whole number"), value=shown(value),
+        ) from None  # fmt: skip
 
 
 def _digest(target: str, is_module: bool) -> str | None:
@@ -318,8 +318,8 @@ def _digest(target: str, is_module: bool) -> str | None:
         return hashlib.sha256(Path(target).read_bytes()).hexdigest()
     except (OSError, ValueError) as error:  # ValueError: the name has a null character
         raise ScenarioError(
-            "the script must be a Python file, got {path}: {reason}; a module is run with -m",
-            path=shown(target),
+            "the script must be a Python file, got {path!r}: {reason}; a module is run with -m",
+            path=target,
             reason=getattr(error, "strerror", None) or str(error),
         ) from None
 

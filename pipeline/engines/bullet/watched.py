@@ -211,17 +211,17 @@ class Decoder:
             yield from self._gathered(world)
         yield from self._pending_call()
         if self._frames.broken:
-            self._is_cut_off("the script wrote into drop's pipe")
+            self._is_cut_off(Message("the script wrote into drop's pipe"))
         elif self._frames.is_cut:
-            self._is_cut_off("the rest is missing in drop's pipe")
+            self._is_cut_off(Message("the rest is missing in drop's pipe"))
 
-    def _is_cut_off(self, why: str) -> None:
+    def _is_cut_off(self, why: Message) -> None:
         self.cut_off = True
         self.faults.append(
             Message(
                 "the recording ends after {samples}: {why}",
                 samples=counted(self.steps, "sample"),
-                why=Message(why),
+                why=why,
             )
         )
 
@@ -488,7 +488,7 @@ class Decoder:
         yield from ()
 
     def _on_cut(self) -> Iterator[Event]:
-        self._is_cut_off("the script closed drop's pipe")
+        self._is_cut_off(Message("the script closed drop's pipe"))
         yield from ()
 
     def _on_image(self, payload: bytes) -> Iterator[Event]:
