@@ -241,42 +241,32 @@ def _gained(e: Evidence) -> Iterator[ScriptFinding]:
             if not gave or not all(_stands(e, pusher.id) for pusher in contact.by):
                 continue
             first = int(np.searchsorted(track.steps, contact.first_step))
-            last = int(np.searchsorted(track.steps, contact.last_step))
             law = judged.law_at(first)
             if law is None:
                 continue
-            # Less the work of the weight on the way: the rest is what contact has given.
-            height_m = track.motion.position_m[last] - track.before.position_m[first]
-            weight_j = law.mass_kg * float(np.dot(law.gravity_m_s2, height_m))
             before_j = judged.kinetic_j(first, before=True)
-            after_j = judged.kinetic_j(last, before=False)
-            gained_j = after_j - before_j - weight_j
             least_j = max(GAINED * before_j, law.mass_kg * SLOW_M_S**2 / 2)
-            if gained_j > least_j and after_j > before_j + least_j:
-                yield _gain(e, body.id, contact, gained_j, before_j)
+            if contact.energy_j > least_j:
+                yield _gain(e, body.id, contact, before_j)
                 break
 
 
-def _gain(
-    e: Evidence, body: int, contact: ScriptContact, gained_j: float, before_j: float
-) -> ScriptFinding:
+def _gain(e: Evidence, body: int, contact: ScriptContact, before_j: float) -> ScriptFinding:
     message = Message(
         "{body} gains {gained:.3g} J from contact with {others} between {start:.4g} s and "
         "{end:.4g} s, on top of {before:.3g} J of kinetic energy, and nothing pushed it",
         body=e.label(body),
-        gained=gained_j,
+        gained=contact.energy_j,
         others=", ".join(sorted({pusher.body for pusher in contact.by})),
         start=contact.start_s,
         end=contact.end_s,
         before=before_j,
     )
-    message = _because(message, _cause_of_gain(e, body, contact, gained_j))
+    message = _because(message, _cause_of_gain(e, body, contact))
     return e.finding("energy-gained", message, body=body, step=contact.first_step)
 
 
-def _cause_of_gain(
-    e: Evidence, body: int, contact: ScriptContact, gained_j: float
-) -> Message | None:
+def _cause_of_gain(e: Evidence, body: int, contact: ScriptContact) -> Message | None:
     """Return what gave a body energy: what it was put into, or the step that gave most of it.
 
     With a hard contact a step leaves the sides parting at e u + erp d / dt, for restitution e,
@@ -306,7 +296,7 @@ def _cause_of_gain(
     share = _given(parting.settings, "contactERP", CONTACT_ERP) if depth_m > 0 else 1.0
     pushed_m_s = share * depth_m / parting.step_s
     off_m_s = abs(bounced_m_s + pushed_m_s - parting.after_m_s)
-    if off_m_s > AGREES * parting.after_m_s or contact.most_given_j < gained_j / 2:
+    if off_m_s > AGREES * parting.after_m_s or contact.most_given_j < contact.energy_j / 2:
         return None
     if bounced_m_s - met_m_s > max(0.0, pushed_m_s):
         return Message("their restitutions multiply to more than 1; lower one of them")
