@@ -51,7 +51,7 @@ def test_the_recording_of_a_block_has_functions_of_its_own(
         p.stepSimulation()
         p.disconnect()
     analysis = pipeline.analyze_script("block.rrd")
-    assert analysis.explained == {"samples": 2, "of": 2}
+    assert analysis.explained["samples"] == analysis.explained["of"] >= 2
     assert "1 flight, 1 set" in str(analysis)
     assert pipeline.render_script("block.rrd").frames == 1
     checked = pipeline.check_script("block.rrd", "block.rrd")

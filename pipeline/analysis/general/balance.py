@@ -79,14 +79,18 @@ class Balance:
     def closes(self, motion: Motion) -> NDArray[np.bool_]:
         """Return in which samples the recorded velocities follow from law and impulses."""
         angular = np.abs(motion.spin_rad_s - self.spin_rad_s).max(axis=1)
-        most = CLOSES * self.spin_scale_rad_s + ULPS * self.unit * self.tried_rad_s
+        most = CLOSES * self.spin_scale_rad_s + self._rounding(self.tried_rad_s)
         return np.asarray(self.closes_linear(motion) & (angular <= most))
 
     def closes_linear(self, motion: Motion) -> NDArray[np.bool_]:
         """Return the same, regardless of spin."""
         linear = np.abs(motion.velocity_m_s - self.velocity_m_s).max(axis=1)
-        most = CLOSES * self.velocity_scale_m_s + ULPS * self.unit * self.tried_m_s
+        most = CLOSES * self.velocity_scale_m_s + self._rounding(self.tried_m_s)
         return np.asarray(linear <= most)
+
+    def _rounding(self, tried: Float64) -> Float64:
+        """Return what may be left of impulses that were taken back, where none remained."""
+        return np.where(self.touched, 0.0, ULPS * self.unit * tried)
 
 
 def balance_of(
