@@ -113,6 +113,7 @@ def verdict(path: Path, sound: Sound) -> str:
 # -- bytes ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_flipped_bits_are_refused_or_change_nothing(sound: Sound, tmp_path: Path) -> None:
     """Bits anywhere: in the state they are damage; in data that no number uses they may pass."""
     chance, path, verdicts = random.Random(SEED), tmp_path / "run.rrd", Counter[str]()

@@ -45,6 +45,7 @@ def test_with(): pass
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("ci", "options", "failed", "passed"),
     [

@@ -367,6 +367,7 @@ def test_the_command_ends_with_one_line_where_bullet_would_end_it(
     assert {file.name for file in tmp_path.iterdir()} <= {"own.urdf", "m.dae", "recordings"}
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 def test_a_trial_that_waits_forever_is_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -380,6 +381,7 @@ def test_a_trial_that_waits_forever_is_ended(
     assert "not finished" in problem_of(written(tmp_path, mesh("m.obj")), Limits(wall_s=5))
 
 
+@pytest.mark.long
 def test_a_trial_that_computes_forever_is_ended(tmp_path: Path) -> None:
     shape = "<collision><geometry><box size='1 1 1'/></geometry></collision>\n"
     many = body().replace("<visual>", shape * 20_000 + "<visual>")
