@@ -65,10 +65,12 @@ class Script:
     ----------
     origin
         What was run; see `schema.ORIGIN_PROPERTY`.
+    compared
+        Whether another run is compared: only then a digest of each state is kept.
     """
 
-    def __init__(self, origin: Mapping[str, Any]) -> None:
-        self.origin = origin
+    def __init__(self, origin: Mapping[str, Any], *, compared: bool = False) -> None:
+        self.origin, self._compared = origin, compared
         self.samples = self.frames = 0
         self._ends: dict[int, int] = {}
         """The last step of which each simulation has a sample, by client."""
@@ -209,7 +211,8 @@ class Script:
         return None
 
     def _on_samples(self, seen: Samples) -> Iterator[Chunk]:
-        self.take_in(seen)
+        if self._compared:
+            self.take_in(seen)
         self._states.update(seen.states)
         self._contacts.update(seen.contacts)
         self._reach(seen.states["position_m"])

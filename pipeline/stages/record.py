@@ -139,7 +139,7 @@ def record_script(
         "duration_s": duration_s,
         "drop_version": metadata.version("drop-physics"),
     }
-    recording_id, script = uuid.uuid4().hex, Script(origin)
+    recording_id, script = uuid.uuid4().hex, Script(origin, compared=twice)
     with _target(target, out, force=force) as path:
         if not is_module:
             check_apart([path], inputs=[Path(target)])
