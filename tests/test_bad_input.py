@@ -312,6 +312,7 @@ def test_the_engine_copes_with_the_whole_domain(extremes: dict[str, Any], steps:
     assert np.allclose(np.linalg.norm(states["orientation"], axis=1), 1, atol=1e-9)
 
 
+@pytest.mark.long
 @given(extremes=EXTREMES, steps=st.sampled_from([1, 30]))
 @settings(
     max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]

@@ -835,6 +835,7 @@ def test_the_statistics_are_those_of_the_rows(tmp_path: Path) -> None:
     assert low < -7.5 * 0.3 / 480 < high
 
 
+@pytest.mark.long
 def test_all_rows_of_the_statistics_are_of_the_same_samples(tmp_path: Path, drop: Drop) -> None:
     """Those in the air, whose terms add up; of those on the floor there is a total only."""
     how = ("--samples", "60", "--seed", "1", "--no-record", "--jobs", "1", "--json")
