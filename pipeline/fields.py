@@ -66,7 +66,9 @@ def decimals(value: float, places: int, sign: str = "") -> str:
 
 
 def engineering(value: float, sign: str = "") -> str:
-    """Write a number in six digits and powers of 1000: 9.81e9, 12.5e3, 0."""
+    """Write a number in six digits and powers of 1000: 9.81e9, 12.5e3, 0, inf."""
+    if not math.isfinite(value):
+        return f"{value:{sign}}"
     rounded = float(f"{value:.6g}")
     power = 3 * math.floor(math.log10(abs(rounded)) / 3) if rounded else 0
     return f"{rounded / 10.0**power:{sign}.6g}" + (f"e{power}" if power else "")

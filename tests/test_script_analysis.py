@@ -588,6 +588,40 @@ steps(600)
     assert "law-mismatch" not in codes(analysis)
 
 
+def test_a_body_that_may_sleep_but_moves_is_unexplained_for_another_reason(
+    analyzed: Analyzed,
+) -> None:
+    scene = """
+p.setGravity(0, 0, -9.81)
+slab = p.createCollisionShape(p.GEOM_BOX, halfExtents=[1, 1, 0.1])
+p.createMultiBody(0, slab, -1, useMaximalCoordinates=1)
+p.loadURDF("cube_small.urdf", [0, 0, 0.07], useMaximalCoordinates=1, flags=p.URDF_ENABLE_SLEEPING)
+steps(3)
+"""
+    reasons = [held.reason for held in body_of(analyzed(scene)[1], 1).unexplained]
+    assert reasons
+    assert all(reason.startswith("a btRigidBody deep in another") for reason in reasons)
+
+
+@pytest.mark.parametrize(("limit", "clamped"), [(0.5, True), (1000, False), (-1, False)])
+def test_max_joint_velocity_is_part_of_the_law(
+    analyzed: Analyzed, limit: float, *, clamped: bool
+) -> None:
+    """PyBullet ignores a negative one."""
+    scene = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+b = p.loadURDF("cube_small.urdf", [0, 0, 0.1], p.getQuaternionFromEuler([0.3, 0.4, 0.5]))
+"""
+    scene += "p.resetBaseVelocity(b, [0.3, 0, 0], [0, 3, 0])\nsteps(3)\n"
+    scene += f"p.changeDynamics(b, -1, maxJointVelocity={limit})\nsteps(100)"
+    _, analysis = analyzed(scene)
+    assert body_of(analysis, 1).unexplained == []
+    found = [each for each in analysis.findings if each.code == "velocity-clamped"]
+    assert [each.step for each in found] == [4] * clamped
+    assert all("its maxJointVelocity limits" in each.message for each in found)
+
+
 REASONS = {
     "continuous collision detection": FLOOR + ABOVE
     + "p.changeDynamics(b, -1, ccdSweptSphereRadius=0.02)\np.resetBaseVelocity(b, [0, 0, -40])\n"

@@ -444,6 +444,17 @@ def test_a_velocity_is_held_by_a_step_and_not_where_it_is_told(analyzed: Analyze
     assert found(analyzed(scene), "velocity-clamped").step == 6
 
 
+def test_contacts_at_no_distance_are_not_deep(
+    recorded_scene: Callable[[str], ScriptRecording],
+) -> None:
+    """As of links that PyBullet does not show, whose memory it does not initialise."""
+    seen = recorded_scene(f"{FLOOR}{CUBE.format(0.02)}steps(5)").seen
+    nowhere = seen.contacts.with_columns(distance_m=pl.lit(-math.inf))
+    assert {*codes(analyze(seen))} & {"starts-in-contact", "deep-penetration"}
+    said = {*codes(analyze(replace(seen, contacts=nowhere)))}
+    assert not said & {"starts-in-contact", "deep-penetration"}
+
+
 def test_a_velocity_that_is_held_is_told_of_what_a_constraint_holds_too(analyzed: Analyzed) -> None:
     """Where the law does not tell: at the step at which a component is 100 to the bit."""
     scene = GRAVITY + CUBE.format(3) + "steps(9)\n" + (

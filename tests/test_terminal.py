@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import json
+import math
 import os
 import pty
 import re
@@ -650,7 +651,7 @@ def test_printed_simulation_says_what_was_recorded(capsys: pytest.CaptureFixture
     ("value", "places", "said"),
     [(0.025, 4, "0.0250"), (-4.905, 4, "-4.9050"), (999_999.0, 1, "999999.0"),
      (1e6, 4, "1e6"), (-9.81e9, 4, "-9.81e9"), (123_456_789.0, 1, "123.457e6"),
-     (999_999_999.0, 4, "1e9"), (1e60, 2, "1e60")],
+     (999_999_999.0, 4, "1e9"), (1e60, 2, "1e60"), (math.inf, 2, "inf"), (-math.inf, 1, "-inf")],
 )  # fmt: skip
 def test_printed_large_numbers_are_in_powers_of_a_thousand(
     value: float, places: int, said: str

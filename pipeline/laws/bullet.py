@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.laws import bullet_air, bullet_spin
 from pipeline.laws.base import ORIENTED, Drag, ExactPath, Motion
 from pipeline.laws.base import Vector as Triple
-from pipeline.laws.bullet_air import EPSILON, MAX_COORDINATE_VELOCITY_M_S, BulletBody
+from pipeline.laws.bullet_air import EPSILON, BulletBody
 from pipeline.laws.bullet_spin import ARRAYS, Quaternion, Vector
 from pipeline.scenario import Coordinates
 
@@ -71,7 +72,15 @@ class BulletLaw(BulletBody):
 
     def step(self, before: Motion) -> Motion:
         """Return each sample one timestep later."""
-        return self._steps(before, MAX_COORDINATE_VELOCITY_M_S)
+        velocities = bullet_spin.velocities(self, ARRAYS)
+
+        def stepped(x: Vector, q: Quaternion, v: Vector, w: Vector) -> Columns:
+            for _ in range(self.substeps):
+                v, w = velocities(v, w, q)
+                x, q, v, w = self._moved(x, q, v, w)
+            return x, q, v, w
+
+        return _in_blocks(stepped, before)
 
     def bits(self, before: Motion) -> NDArray[np.bool_]:
         """Return from which samples `step` has the engine's velocities to the last bit, (n,).
@@ -98,32 +107,20 @@ class BulletLaw(BulletBody):
     def unlimited(self, before: Motion) -> Motion:
         """Return the same as `step`, without the engine's velocity limit."""
         with np.errstate(all="ignore"):  # it may overflow, which the limit prevents
-            return self._steps(before, math.inf)
+            return replace(self, velocity_limit=math.inf).step(before)
 
     def limited(self, before: Motion) -> NDArray[np.bool_]:
-        """Return in which of these timesteps a velocity was clamped to ±100, shape (n,)."""
+        """Return in which of these timesteps a velocity was clamped to the limit, shape (n,)."""
         if self.coordinates == "maximal":
             return np.zeros(len(before), dtype=bool)
         with_it = self.step(before)
         if self.substeps == 1:  # a clamped velocity is exactly the limit
             fastest = np.abs(np.hstack((with_it.velocity_m_s, with_it.spin_rad_s))).max(axis=1)
-            if not (fastest >= MAX_COORDINATE_VELOCITY_M_S).any():
+            if not (fastest >= self.velocity_limit).any():
                 return np.zeros(len(before), dtype=bool)
         without = self.unlimited(before)
         fast = with_it.velocity_m_s != without.velocity_m_s
         return np.asarray((fast | (with_it.spin_rad_s != without.spin_rad_s)).any(axis=1))
-
-    def _steps(self, before: Motion, limit: float) -> Motion:
-        """Return each sample one timestep later, with another limit."""
-        velocities = bullet_spin.velocities(self, ARRAYS, limit=limit)
-
-        def stepped(x: Vector, q: Quaternion, v: Vector, w: Vector) -> Columns:
-            for _ in range(self.substeps):
-                v, w = velocities(v, w, q)
-                x, q, v, w = self._moved(x, q, v, w)
-            return x, q, v, w
-
-        return _in_blocks(stepped, before)
 
     def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:  # noqa: ARG002
         """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3).
@@ -163,7 +160,7 @@ class BulletLaw(BulletBody):
         """Return velocities clamped to the limit of a btMultiBody [m/s], shape (n, 3)."""
         if self.coordinates == "maximal":
             return velocity_m_s
-        return np.clip(velocity_m_s, -MAX_COORDINATE_VELOCITY_M_S, MAX_COORDINATE_VELOCITY_M_S)
+        return np.clip(velocity_m_s, -self.velocity_limit, self.velocity_limit)
 
     def spin_kept(self, spin_rad_s: Float64) -> Float64:
         """Return the factor by which damping scales each spin in a step, shape (n,).

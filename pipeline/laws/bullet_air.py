@@ -27,7 +27,7 @@ Number = TypeVar("Number", float, Decimal)
 DEFAULT_DAMPING = {"reduced": float(np.float32(0.04)), "maximal": 0.0}
 """Linear and angular: `btMultiBody.cpp` 120-124 `m_linearDamping(0.04f)`; `btRigidBody` 0."""
 MAX_COORDINATE_VELOCITY_M_S = 100.0
-"""Of each component, spin too: `btMultiBody.cpp` 124, `btMultiBody.h` 483-487. Not in maximal."""
+"""Of each component, spin too: `btMultiBody.cpp` 124, `btMultiBody.h` 483-487; by default."""
 EPSILON = 2.220446049250313e-16
 """SIMD_EPSILON: a squared length up to this counts as 0 (`btVector3::safeNorm`)."""
 
@@ -59,6 +59,8 @@ class BulletBody:
     linear_damping: float
     angular_damping: float
     coordinates: Coordinates
+    velocity_limit: float = MAX_COORDINATE_VELOCITY_M_S
+    """To which each component is clamped [m/s, rad/s]; in reduced coordinates only."""
 
     @property
     def step_s(self) -> float:
@@ -94,7 +96,7 @@ def velocity_law(
         weight = (gx * weighed, gy * weighed, gz * weighed)
         return lambda v, _, force: v * kept + force * inverse * dt, weight
 
-    k, limit = number(body.linear_damping), number(MAX_COORDINATE_VELOCITY_M_S)
+    k, limit = number(body.linear_damping), number(body.velocity_limit)
     least = -limit
 
     def reduced(v: Number, speed: Number, force: Number) -> Number:

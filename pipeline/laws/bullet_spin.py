@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from pipeline.laws.bullet_air import EPSILON, MAX_COORDINATE_VELOCITY_M_S, BulletBody
+from pipeline.laws.bullet_air import EPSILON, BulletBody
 
 Number: TypeAlias = Any
 """A float, or an array of floats."""
@@ -43,20 +43,19 @@ class Arithmetic:
 ARRAYS = Arithmetic(np.sqrt, np.sin, np.cos, np.where)
 
 
-def velocities(
-    body: BulletBody, on: Arithmetic, *, limit: float = MAX_COORDINATE_VELOCITY_M_S
-) -> Velocities:
-    """Return the velocity part of a step; `limit` applies to reduced coordinates."""
-    return _maximal(body, on) if body.coordinates == "maximal" else _reduced(body, on, limit)
+def velocities(body: BulletBody, on: Arithmetic) -> Velocities:
+    """Return the velocity part of a step."""
+    return _maximal(body, on) if body.coordinates == "maximal" else _reduced(body, on)
 
 
-def _reduced(body: BulletBody, on: Arithmetic, limit: float) -> Velocities:
+def _reduced(body: BulletBody, on: Arithmetic) -> Velocities:
     """Return the step of `btMultiBody.cpp` 754-774: explicit Euler for spin, in the body's frame.
 
     ω' = I⁻¹ [-ω × Iω - I ω k (1 + |ω|)]. The terms m ω × v of that frame cancel except for
     rounding.
     """
     k, damping, mass, dt = body.linear_damping, body.angular_damping, body.mass_kg, body.step_s
+    limit = body.velocity_limit
     inertia, turns = body.inertia_kg_m2, min(body.inertia_kg_m2) >= EPSILON
     inverse, weight = 1.0 / mass, _scaled(body.gravity_m_s2, mass)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.laws.base import Drag, Law
 from pipeline.laws.bullet import BulletLaw, drag_of
-from pipeline.laws.bullet_air import effective_damping
+from pipeline.laws.bullet_air import MAX_COORDINATE_VELOCITY_M_S, effective_damping
 from pipeline.laws.dart import DartLaw
 from pipeline.laws.drake import DrakeLaw
 from pipeline.laws.mujoco import MujocoLaw
@@ -90,7 +90,8 @@ def law_of(
     reported
         What it reports about the body: its kind, mass and inertia.
     given
-        What `changeDynamics` set for the body, by argument; no call reports damping.
+        What `changeDynamics` set for the body, by argument; no call reports damping
+        or the limit of velocities.
     """
     kind = int(reported["kind"][0])
     coordinates: Coordinates = "maximal" if kind == RIGID else "reduced"
@@ -109,4 +110,5 @@ def law_of(
         linear_damping=damping[0],
         angular_damping=damping[1],
         coordinates=coordinates,
+        velocity_limit=float(given.get("maxJointVelocity", MAX_COORDINATE_VELOCITY_M_S)),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -113,12 +114,15 @@ def script_analysis_of(
         )
         for number, body in sorted(seen.bodies.items())
     ]
+    # A distance that is not finite says nothing of how deep they overlap.
+    distance_m = np.where(np.isfinite(contacts.distance_m), contacts.distance_m, 0.0)
+    measured = replace(contacts, distance_m=distance_m)
     explained = {number: _explained(verdicts.get(number)) for number in seen.bodies}
     return ScriptAnalysis(
         origin=dict(origin),
         engine=_engine(seen),
         bodies=bodies,
-        findings=findings_of(Evidence(seen, verdicts, contacts, times, bodies, samples)),
+        findings=findings_of(Evidence(seen, verdicts, measured, times, bodies, samples)),
         explained={
             name: sum(each[name] for each in explained.values()) for name in ("samples", "of")
         },

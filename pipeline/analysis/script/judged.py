@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,8 @@ from pipeline.analysis.general.segments import (
     unbroken,
 )
 from pipeline.analysis.script.tracks import NUMBERS, POSE, Epoch, Flags, Track
-from pipeline.laws.base import EXACT_MACHINES, Law
+from pipeline.laws.base import EXACT_MACHINES
+from pipeline.laws.bullet import BulletLaw
 from pipeline.laws.bullet_air import EPSILON
 from pipeline.laws.bullet_contact import CONTACT_SLOP_M
 from pipeline.laws.lookup import RIGID, law_of
@@ -36,7 +36,6 @@ REASONS = (
     "",
     Message("contact in a step of several substeps, of which PyBullet reports only the last"),
     Message("a push in a step of several substeps"),
-    Message("maxJointVelocity, which limits velocities"),
     Message("falling asleep, or waking up"),
     Message("continuous collision detection (ccdSweptSphereRadius), which stops a body mid-step"),
     Message("links of a btRigidBody, which PyBullet does not show"),
@@ -68,7 +67,7 @@ REASONS = (
 )
 """Why a sample is unexplained, by number; 0 where it is explained."""
 (
-    SUBSTEPS, PUSHES, LIMIT, SLEEP, CCD, LINKS, SOFT, MASSLESS, TIMELESS, SPLIT, STALE, ROLLS,
+    SUBSTEPS, PUSHES, SLEEP, CCD, LINKS, SOFT, MASSLESS, TIMELESS, SPLIT, STALE, ROLLS,
     STANDS, LEFT_OUT, INFINITE, UNKNOWN,
 ) = range(1, len(REASONS))  # fmt: skip
 
@@ -103,7 +102,7 @@ class Judged:
     """Its contact points: the step of each is the row of a sample."""
     point_energy_j: Float64
     """The same energy by contact point."""
-    laws: list[tuple[Epoch, Law | None]]
+    laws: list[tuple[Epoch, BulletLaw | None]]
     """The law of each epoch; None where there is none."""
 
     def kinetic_j(self, row: int, *, before: bool) -> float:
@@ -117,7 +116,7 @@ class Judged:
         inertia = np.array(law.inertia_kg_m2)
         return float(law.mass_kg * (velocity @ velocity) + inertia @ spin**2) / 2
 
-    def law_at(self, row: int) -> Law | None:
+    def law_at(self, row: int) -> BulletLaw | None:
         """Return the law of the step that led to a sample."""
         return next((law for epoch, law in self.laws if row < epoch.rows.stop), None)
 
@@ -177,7 +176,7 @@ def judged(
     falls, held, split, masked = np.zeros((4, rows), dtype=bool)
     # Whether the momentum balances, and whether the body is where its velocities moved it.
     linear, moved = np.zeros((2, rows), dtype=bool)
-    laws: list[tuple[Epoch, Law | None]] = []
+    laws: list[tuple[Epoch, BulletLaw | None]] = []
     jointed = bool(track.body.joints)
     rolls = _with(touches, rolling, track)
     for epoch in track.epochs:
@@ -336,7 +335,7 @@ def _left_out(track: Track, touches: Touches, nearest_m: Mapping[int, float]) ->
     return left_out
 
 
-def _reason(body: Body, epoch: Epoch, law: Law) -> int:
+def _reason(body: Body, epoch: Epoch, law: BulletLaw) -> int:
     """Return why the samples of an epoch may be unexplained."""
     if law.substeps > 1:
         return SUBSTEPS
@@ -344,12 +343,7 @@ def _reason(body: Body, epoch: Epoch, law: Law) -> int:
         return LINKS
     if epoch.given.get("ccdSweptSphereRadius", 0) > 0:
         return CCD
-    return LIMIT if _is_given(epoch.given, "maxJointVelocity") else UNKNOWN
-
-
-def _is_given(given: Mapping[str, Any], name: str) -> bool:
-    value = given.get(name, -1)
-    return isinstance(value, int | float) and value >= 0
+    return UNKNOWN
 
 
 def _same(track: Track, names: Sequence[str]) -> Flags:
@@ -362,14 +356,19 @@ def _same(track: Track, names: Sequence[str]) -> Flags:
 
 
 def _asleep(track: Track, code: Int8, reason: Int8) -> None:
-    """Mark the samples at which a body that may fall asleep did not move at all."""
+    """Mark the samples at which a body that may fall asleep slept, began to, or woke up.
+
+    Bullet stops a body that falls asleep, so that it has no velocity until something moves it.
+    """
     same = _same(track, NUMBERS) & track.led
-    at_rest = ~np.hstack((track.motion.velocity_m_s, track.motion.spin_rad_s)).any(axis=1)
+    at_rest, was_at_rest = (
+        ~np.hstack((motion.velocity_m_s, motion.spin_rad_s)).any(axis=1)
+        for motion in (track.motion, track.before)
+    )
     may = np.zeros(len(track), dtype=bool)
     for epoch in track.epochs:
         state = epoch.given.get("activationState", 0)
         may[epoch.rows] = (track.body.can_sleep or state > 0) and not int(state) & DISABLE_SLEEPING
     open_ = (code == UNEXPLAINED) & may
     code[open_ & same & at_rest] = STILL
-    known = np.isin(reason, (MASSLESS, TIMELESS, INFINITE))
-    reason[open_ & ~(same & at_rest) & ~known] = SLEEP
+    reason[open_ & (at_rest | was_at_rest) & np.isin(reason, (UNKNOWN, SUBSTEPS))] = SLEEP

@@ -13,7 +13,7 @@ from pipeline.analysis.script.judged import UNKNOWN, Judged
 from pipeline.analysis.script.results import ScriptFinding
 from pipeline.analysis.script.tracks import life_of, order
 from pipeline.fields import decimals, fraction
-from pipeline.laws.bullet_air import DEFAULT_DAMPING
+from pipeline.laws.bullet_air import DEFAULT_DAMPING, MAX_COORDINATE_VELOCITY_M_S
 from pipeline.messages import Message
 from pipeline.states import BASE
 
@@ -107,15 +107,26 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
 
 def _clamped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
     rows = np.flatnonzero(judged.held)
-    if len(rows):
-        step = int(judged.track.steps[rows[0]])
+    if not len(rows):
+        return
+    step, law = int(judged.track.steps[rows[0]]), judged.law_at(rows[0])
+    assert law is not None
+    values = {"body": e.label(number), "limit": law.velocity_limit, "step": step}
+    if law.velocity_limit == MAX_COORDINATE_VELOCITY_M_S:
         message = Message(
-            "{body} exceeds 100 m/s or rad/s within step {step} and is clamped: a btMultiBody "
-            "limits every component to ±100; load it with useMaximalCoordinates=True",
-            body=e.label(number),
-            step=step,
+            "{body} exceeds {limit:g} m/s or rad/s within step {step} and is clamped: a "
+            "btMultiBody limits every component to ±{limit:g}; load it with "
+            "useMaximalCoordinates=True",
+            **values,
         )
-        yield e.finding("velocity-clamped", message, body=number, step=step)
+    else:
+        message = Message(
+            "{body} exceeds {limit:g} m/s or rad/s within step {step} and is clamped: its "
+            "maxJointVelocity limits every component to ±{limit:g}; if that is not intended, "
+            "pass changeDynamics a larger one",
+            **values,
+        )
+    yield e.finding("velocity-clamped", message, body=number, step=step)
 
 
 def _too_fast(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:

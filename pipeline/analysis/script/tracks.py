@@ -213,5 +213,6 @@ def _epochs(seen: Seen, body: Body, steps: Int64, led: Flags) -> Iterator[Epoch]
 
 
 def _counts(name: str, value: object) -> bool:
-    """Whether a value changes something: PyBullet ignores a negative damping."""
-    return not (name.endswith("Damping") and isinstance(value, int | float) and value < 0)
+    """Whether a value changes something: PyBullet ignores a negative damping or limit."""
+    ignored = isinstance(value, int | float) and not value >= 0
+    return not (name.endswith(("Damping", "maxJointVelocity")) and ignored)
