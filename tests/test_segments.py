@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pybullet as p
 import pytest
 from engine import MODES, ROUNDS_ONCE
@@ -38,6 +39,8 @@ from pipeline.analysis.general.segments import (
 from pipeline.laws.base import Motion
 from pipeline.laws.bullet import BulletLaw
 from pipeline.laws.rotations import rotate_inverse
+from pipeline.recording.rows import empty
+from pipeline.recording.schema import CONTACTS
 
 THROWS = 60
 
@@ -59,20 +62,10 @@ def motion_of(watched: Watched) -> Motion:
 def contacts_in(watched: Watched) -> Contacts:
     # flag, a, b, link a, link b, on a, on b, normal, distance, force, friction and direction x 2
     rows = [
-        (step, point[1], point[3], point[2], point[4], *point[5:14])
+        (step, point[1], point[3], point[2], point[4], *np.hstack(point[5:14]))
         for step, point in watched.points
     ]
-    columns = list(zip(*rows, strict=True)) or [[]] * len(fields(Contacts))
-    vectors = {"position_a_m", "position_b_m", "normal"}
-    vectors |= {"friction_1_direction", "friction_2_direction"}
-    return Contacts(
-        **{
-            one.name: np.array(values, dtype=int if place < 5 else float).reshape(
-                (-1, 3) if one.name in vectors else -1
-            )
-            for place, (one, values) in enumerate(zip(fields(Contacts), columns, strict=True))
-        }
-    )
+    return Contacts(pl.DataFrame(rows, schema=empty(CONTACTS).schema, orient="row"))
 
 
 def segments_in(watched: Watched, motion: Motion | None = None, **how: Any) -> Segments:
@@ -221,9 +214,9 @@ def test_rolling_friction_is_not_reported_so_not_explained(tmp_path: Path) -> No
     )
     segments = segments_in(watched)
     assert (segments.code == UNEXPLAINED).sum() > 100
-    assert segments.balance is not None
-    linear = np.abs(watched.velocity_m_s - segments.balance.velocity_m_s).max(axis=1)
-    assert (linear[1:] <= 1e-12 * segments.balance.velocity_scale_m_s[1:]).all()
+    balance = balance_in(watched)
+    linear = np.abs(watched.velocity_m_s - balance.velocity_m_s).max(axis=1)
+    assert (linear[1:] <= 1e-12 * balance.velocity_scale_m_s[1:]).all()
 
 
 def test_a_body_that_was_never_stepped_is_still() -> None:

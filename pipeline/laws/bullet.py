@@ -15,6 +15,7 @@ from pipeline.laws.base import ORIENTED, Drag, ExactPath, Motion
 from pipeline.laws.base import Vector as Triple
 from pipeline.laws.bullet_air import EPSILON, BulletBody
 from pipeline.laws.bullet_spin import ARRAYS, Quaternion, Vector
+from pipeline.laws.vectors import any_of, largest, lengths
 from pipeline.scenario import Coordinates
 
 Float64 = NDArray[np.float64]
@@ -89,8 +90,8 @@ class BulletLaw(BulletBody):
         """
         if self.coordinates == "maximal" and self.substeps == 1:
             return np.ones(len(before), dtype=bool)
-        turned = (before.orientation != UPRIGHT).any(axis=1)
-        return np.asarray(~(turned | before.spin_rad_s.any(axis=1)))
+        turned = any_of(before.orientation != UPRIGHT)
+        return ~(turned | any_of(before.spin_rad_s != 0))
 
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
         """Return the size of the summands of velocity and spin in a timestep, shape (n,).
@@ -99,7 +100,7 @@ class BulletLaw(BulletBody):
         """
         dt, inertia = self.timestep_s, self.inertia_kg_m2
         uneven = max(inertia) / min(inertia) if min(inertia) > 0 else 0.0
-        v, w = (np.linalg.norm(each, axis=1) for each in (before.velocity_m_s, before.spin_rad_s))
+        v, w = lengths(before.velocity_m_s), lengths(before.spin_rad_s)
         drag, spin_drag = self.linear_damping * (1 + v), self.angular_damping * (1 + w)
         pull = float(np.linalg.norm(self.gravity_m_s2))
         return v + dt * (v * (drag + w) + pull), w + dt * w * (spin_drag + w * uneven)
@@ -115,12 +116,12 @@ class BulletLaw(BulletBody):
             return np.zeros(len(before), dtype=bool)
         with_it = self.step(before)
         if self.substeps == 1:  # a clamped velocity is exactly the limit
-            fastest = np.abs(np.hstack((with_it.velocity_m_s, with_it.spin_rad_s))).max(axis=1)
+            fastest = largest(np.hstack((with_it.velocity_m_s, with_it.spin_rad_s)))
             if not (fastest >= self.velocity_limit).any():
                 return np.zeros(len(before), dtype=bool)
         without = self.unlimited(before)
         fast = with_it.velocity_m_s != without.velocity_m_s
-        return np.asarray((fast | (with_it.spin_rad_s != without.spin_rad_s)).any(axis=1))
+        return any_of(fast | (with_it.spin_rad_s != without.spin_rad_s))
 
     def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:  # noqa: ARG002
         """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3).

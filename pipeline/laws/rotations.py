@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.laws.vectors import cross
+
 Float64 = NDArray[np.float64]
 
 
@@ -16,7 +18,7 @@ def rotate(orientation: Float64, vectors: Float64) -> Float64:
     Source: v + 2 u × (u × v + w v), the vector form of q v q*.
     """
     axis, w = orientation[:, :3], orientation[:, 3:]
-    return vectors + 2 * np.cross(axis, np.cross(axis, vectors) + w * vectors)
+    return vectors + 2 * cross(axis, cross(axis, vectors) + w * vectors)
 
 
 def rotate_inverse(orientation: Float64, vectors: Float64) -> Float64:

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from pipeline.analysis.general.contacts import Contacts, Touches, contacts_of
+from pipeline.analysis.general.contacts import Contacts, Touches
 from pipeline.analysis.general.samples import Samples, samples_of
 from pipeline.analysis.general.segments import (
     Segments,
@@ -182,4 +182,4 @@ def case_of(
     scenario: Scenario, engine: EngineReport, states: pl.DataFrame, contacts: pl.DataFrame
 ) -> Case:
     """Return the case that a recording holds."""
-    return Case(scenario, engine, samples_of(states, contacts), contacts_of(contacts))
+    return Case(scenario, engine, samples_of(states, contacts), Contacts(contacts))

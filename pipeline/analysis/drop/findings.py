@@ -366,7 +366,7 @@ def _soft(case: Case) -> Message | None:
 def _tumbled(e: Evidence) -> Iterator[Finding]:
     if e.tumbled_step is None:
         return
-    tilts = tilt_rad(e.case)
+    tilts = tilt_rad(e.case, slice(e.tumbled_step + 1))
     when = {"time": e.case.time_s[e.tumbled_step], "step": e.tumbled_step}
     seen = Message("from {time:.4g} s (step {step}) on it is not flat", **when)
     if tumbles(e.case, e.tumbled_step):

@@ -119,7 +119,7 @@ def covers(case: Case) -> bool:
         and floor_m is not None
         and case.engine.pair_restitution is not None
         and not sideways
-        and float(tilt_rad(case)[0]) < 1e-9
+        and float(tilt_rad(case, slice(1))[0]) < 1e-9
         and stands(case)
         and case.starts_above
     )

@@ -90,8 +90,8 @@ def _uncovered(case: Case, step: int) -> Message | None:
         )
     if _near_unbalanced(case, step):
         return NO_BALANCE[case.scenario.engine]
-    balance = case.segments.balance
-    touched = balance is not None and bool(balance.touched[step])
+    contact = case.segments.contact
+    touched = contact is not None and bool(contact.touched[step])
     if touched and (case.engine.rolling_friction or case.engine.spinning_friction):
         return Message("rolling or spinning friction acts, which PyBullet does not report")
     residual = case.scenario.solver_residual
@@ -146,15 +146,15 @@ def explained_of(case: Case, mismatch: Mismatch | None) -> Explained:
 
 def contact_phases(case: Case) -> list[ContactPhase]:
     """Return what each unbroken contact gave to the body, in order."""
-    balance = case.segments.balance
-    if balance is None:
+    contact = case.segments.contact
+    if contact is None:
         return []
     contacts = []
     for first, last in case.segments.runs(CONTACT):
-        impulses = balance.impulse_n_s[first : last + 1]
+        impulses = contact.impulse_n_s[first : last + 1]
         x, y, z = impulses.sum(axis=0).tolist()
         largest_n = float(np.linalg.norm(impulses, axis=1).max()) / case.timestep_s
-        kinetic_j = float(balance.energy_j[first : last + 1].sum())
+        kinetic_j = float(contact.energy_j[first : last + 1].sum())
         contacts.append(ContactPhase(first, last, (x, y, z), largest_n, kinetic_j))
     return contacts
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.analysis.drop.case import Case
 from pipeline.analysis.general.samples import Samples
+from pipeline.laws.vectors import largest
 
 Float64 = NDArray[np.float64]
 Phase = Literal["falling", "contact", "rest"]
@@ -87,7 +88,7 @@ def _moving(samples: Samples, share: float = 1.0) -> NDArray[np.bool_]:
 
     By more than this share of what counts as settled.
     """
-    way_m = np.abs(samples.position_m - samples.position_m[-1]).max(axis=1)
+    way_m = largest(samples.position_m - samples.position_m[-1])
     # |q·q'| of two orientations a turn by θ apart is cos(θ/2).
     agree = np.abs(samples.orientation @ samples.orientation[-1])
     turn_rad = 2 * np.arccos(np.minimum(agree, 1.0))

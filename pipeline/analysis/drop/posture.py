@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline.analysis.drop.case import Case
 from pipeline.laws.rotations import rotate, rotate_inverse
+from pipeline.laws.vectors import cross, lengths, sums
 
 Float64 = NDArray[np.float64]
 
@@ -17,31 +18,32 @@ law reproduced 500 rebounds to 1.2e-4 of the approach; beyond it corners land on
 SMALL_RAD = 1e-4
 """Tilt that moves the centre of a small body by no more than the contact slop."""
 _UP = np.array([[0.0, 0.0, 1.0]])
+_ALL = slice(None)
 
 
-def up_in_body(case: Case) -> Float64:
+def up_in_body(case: Case, samples: slice = _ALL) -> Float64:
     """Return the world's up axis in the body's axes, unit vectors, shape (samples, 3)."""
-    orientation = case.samples.orientation
+    orientation = case.samples.orientation[samples]
     return rotate_inverse(orientation, np.broadcast_to(_UP, (len(orientation), 3)))
 
 
-def turned_rad(case: Case) -> Float64:
+def turned_rad(case: Case, samples: slice = _ALL) -> Float64:
     """Return how far each sample is tilted from the release [rad], shape (samples,).
 
     Turning about the vertical is not a tilt. A ball is never tilted.
     """
-    up = up_in_body(case)
-    return np.zeros(len(up)) if case.is_ball else _angle(up, up[:1])
+    up = up_in_body(case, samples)
+    return np.zeros(len(up)) if case.is_ball else _angle(up, up_in_body(case, slice(1)))
 
 
-def tilt_rad(case: Case) -> Float64:
+def tilt_rad(case: Case, samples: slice = _ALL) -> Float64:
     """Return how far each sample is tilted from what the contact law assumes [rad], (samples,).
 
     A box is flat on any of its faces, any other body as it was released.
     """
     if not case.is_box:
-        return turned_rad(case)
-    up = _up_in_box(case)
+        return turned_rad(case, samples)
+    up = _up_in_box(case, samples)
     nearest = np.zeros_like(up)
     axes = np.abs(up).argmax(axis=1)
     rows = np.arange(len(up))
@@ -64,7 +66,7 @@ def tumbled_step(case: Case, touching: NDArray[np.bool_]) -> int | None:
 
 def tumbles(case: Case, step: int) -> bool:
     """Whether a body that touches the floor tilted at a sample turns from there on."""
-    return float(np.ptp(tilt_rad(case)[step:])) > FLAT_RAD
+    return float(np.ptp(tilt_rad(case, slice(step, None)))) > FLAT_RAD
 
 
 def flat_height_m(case: Case, step: int) -> float | None:
@@ -72,12 +74,13 @@ def flat_height_m(case: Case, step: int) -> float | None:
 
     None where the body is tilted, or the height is unknown.
     """
-    if tilt_rad(case)[step] > SMALL_RAD:
+    sample = slice(step, step + 1)
+    if tilt_rad(case, sample)[0] > SMALL_RAD:
         return None
     if not case.is_box:
         return case.engine.rest_height_m
     if not _has_sharp_faces(case):
-        return case.engine.rest_height_m if turned_rad(case)[step] <= SMALL_RAD else None
+        return case.engine.rest_height_m if turned_rad(case, sample)[0] <= SMALL_RAD else None
     axis, sign = face_up(case, step)
     offset_m = case.engine.shape_position_m or (0.0, 0.0, 0.0)
     up = rotate(_shape_orientation(case), sign * np.eye(3)[axis : axis + 1])[0]
@@ -99,15 +102,15 @@ def extent_m(case: Case) -> float | None:
         return 2 * case.engine.shape_dimensions_m[0]
     if not case.is_box or not _has_sharp_faces(case):
         return None
-    return float(np.abs(_up_in_box(case)[0]) @ np.array(case.engine.shape_dimensions_m))
+    return float(np.abs(_up_in_box(case, slice(1))[0]) @ np.array(case.engine.shape_dimensions_m))
 
 
 def _has_sharp_faces(case: Case) -> bool:
     """Whether a box touches where its dimensions say: in Bullet one below a few mm does not."""
     if case.engine.rest_height_m is None or case.engine.shape_position_m is None:
         return False
-    half_m = np.abs(_up_in_box(case)[0]) @ np.array(case.engine.shape_dimensions_m) / 2
-    offset_m = float(up_in_body(case)[0] @ np.array(case.engine.shape_position_m))
+    half_m = np.abs(_up_in_box(case, slice(1))[0]) @ np.array(case.engine.shape_dimensions_m) / 2
+    offset_m = float(up_in_body(case, slice(1))[0] @ np.array(case.engine.shape_position_m))
     return abs(float(half_m) - offset_m - case.engine.rest_height_m) < 1e-9
 
 
@@ -115,19 +118,19 @@ def _shape_orientation(case: Case) -> Float64:
     return np.array([case.engine.shape_orientation or (0.0, 0.0, 0.0, 1.0)])
 
 
-def _up_in_box(case: Case) -> Float64:
-    up = up_in_body(case)
+def _up_in_box(case: Case, samples: slice = _ALL) -> Float64:
+    up = up_in_body(case, samples)
     return rotate_inverse(np.broadcast_to(_shape_orientation(case), (len(up), 4)), up)
 
 
 def face_up(case: Case, step: int) -> tuple[int, float]:
     """Return the axis of a box that is nearest to the vertical, and its sign there."""
-    up = _up_in_box(case)[step]
+    up = _up_in_box(case, slice(step, step + 1))[0]
     axis = int(np.abs(up).argmax())
     return axis, float(np.sign(up[axis]))
 
 
 def _angle(a: Float64, b: Float64) -> Float64:
     """Return the angle between unit vectors [rad]; exact for small ones, where acos is not."""
-    across = np.linalg.norm(np.cross(a, b), axis=1)
-    return np.asarray(np.arctan2(across, np.sum(a * b, axis=1)))
+    across = lengths(cross(a, b))
+    return np.asarray(np.arctan2(across, sums(a * b)))

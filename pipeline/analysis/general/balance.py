@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from pipeline.analysis.general.contacts import Touches
 from pipeline.laws.base import Law, Motion
 from pipeline.laws.rotations import rotate, rotate_inverse
+from pipeline.laws.vectors import any_of, cross, largest, lengths, summed, sums
 
 Float64 = NDArray[np.float64]
 
@@ -78,13 +79,13 @@ class Balance:
 
     def closes(self, motion: Motion) -> NDArray[np.bool_]:
         """Return in which samples the recorded velocities follow from law and impulses."""
-        angular = np.abs(motion.spin_rad_s - self.spin_rad_s).max(axis=1)
+        angular = largest(motion.spin_rad_s - self.spin_rad_s)
         most = CLOSES * self.spin_scale_rad_s + self._rounding(self.tried_rad_s)
         return np.asarray(self.closes_linear(motion) & (angular <= most))
 
     def closes_linear(self, motion: Motion) -> NDArray[np.bool_]:
         """Return the same, regardless of spin."""
-        linear = np.abs(motion.velocity_m_s - self.velocity_m_s).max(axis=1)
+        linear = largest(motion.velocity_m_s - self.velocity_m_s)
         most = CLOSES * self.velocity_scale_m_s + self._rounding(self.tried_m_s)
         return np.asarray(linear <= most)
 
@@ -122,14 +123,12 @@ def balance_of(
     alone = law.step(before)
     arm_m = touches.position_m - before.position_m[touches.step]
     impulse = touches.force_n * dt
-    turn = np.cross(arm_m, impulse)
-    forces = np.zeros((samples, 6))
-    np.add.at(forces, touches.step, np.hstack((impulse, turn)))
-    scales = np.zeros((samples, 2))
-    sizes = [np.linalg.norm(each, axis=1) for each in (impulse, arm_m)]
-    np.add.at(scales, touches.step, np.stack((sizes[0], sizes[0] * sizes[1]), axis=1))
+    turn, size = cross(arm_m, impulse), lengths(impulse)
+    impulse_n_s = summed(touches.step, impulse, count=samples)
+    turn_n_m_s = summed(touches.step, turn, count=samples)
+    sizes = np.stack((size, size * lengths(arm_m)), axis=1)
+    scales = summed(touches.step, sizes, count=samples)
     touched = scales[:, 0] > 0
-    impulse_n_s, turn_n_m_s = forces[:, :3], forces[:, 3:]
     start_m_s, start_rad_s = alone.velocity_m_s, alone.spin_rad_s
     inertia = np.array(law.inertia_kg_m2)
 
@@ -143,7 +142,7 @@ def balance_of(
         free = law.unlimited(before)
         start_m_s = free.velocity_m_s + dt * force_n / law.mass_kg
         start_rad_s = free.spin_rad_s + spun(dt * torque_n_m)
-        scales += dt * np.stack([np.linalg.norm(each, axis=1) for each in pushed], axis=1)
+        scales += dt * np.stack([lengths(each) for each in pushed], axis=1)
     first = _limited(law, start_m_s, start_rad_s)
     start_m_s, start_rad_s = law.held(start_m_s), law.held(start_rad_s)
     summed_m_s = start_m_s + impulse_n_s / law.mass_kg
@@ -151,9 +150,8 @@ def balance_of(
     velocity_m_s, spin_rad_s = law.held(summed_m_s), law.held(summed_rad_s)
     mean_m_s = (alone.velocity_m_s + motion.velocity_m_s)[touches.step] / 2
     mean_rad_s = (alone.spin_rad_s + motion.spin_rad_s)[touches.step] / 2
-    point_j = np.sum(impulse * mean_m_s + turn * mean_rad_s, axis=1)
-    energy_j = np.zeros(samples)
-    np.add.at(energy_j, touches.step, point_j)
+    point_j = sums(impulse * mean_m_s + turn * mean_rad_s)
+    energy_j = summed(touches.step, point_j[:, None], count=samples)[:, 0]
     near, tried_m_s, tried_rad_s = _tried(law, before, motion, touches)
     fastest = _largest(before.velocity_m_s, alone.velocity_m_s, velocity_m_s)
     quickest = _largest(before.spin_rad_s, alone.spin_rad_s, spin_rad_s)
@@ -191,10 +189,10 @@ def _tried(
     near = np.isin(np.arange(len(before)), touches.step)
     arm_m, depth_m = np.zeros((2, len(before)))
     way_m = touches.position_m - before.position_m[touches.step]
-    np.maximum.at(arm_m, touches.step, np.linalg.norm(way_m, axis=1))
+    np.maximum.at(arm_m, touches.step, lengths(way_m))
     np.maximum.at(depth_m, touches.step, -touches.distance_m)
-    turning_m_s = (terms_rad_s + np.linalg.norm(motion.spin_rad_s, axis=1)) * arm_m
-    tried_m_s = terms_m_s + np.linalg.norm(motion.velocity_m_s, axis=1) + turning_m_s
+    turning_m_s = (terms_rad_s + lengths(motion.spin_rad_s)) * arm_m
+    tried_m_s = terms_m_s + lengths(motion.velocity_m_s) + turning_m_s
     tried_m_s = np.where(near, tried_m_s + depth_m / law.step_s, 0.0)
     turning_m2 = min(law.inertia_kg_m2) / law.mass_kg + arm_m**2
     per_m = np.divide(arm_m, turning_m2, out=np.zeros_like(arm_m), where=turning_m2 > 0)
@@ -204,8 +202,8 @@ def _tried(
 def _limited(law: Law, *velocities: Float64) -> NDArray[np.bool_]:
     """Return in which samples a velocity is beyond the engine's limit."""
     beyond = [np.isfinite(each) & (each != law.held(each)) for each in velocities]
-    return np.asarray(np.hstack(beyond).any(axis=1))
+    return any_of(np.hstack(beyond))
 
 
 def _largest(*velocities: Float64) -> Float64:
-    return np.asarray(np.max([np.abs(each).max(axis=1) for each in velocities], axis=0))
+    return largest(np.hstack(velocities))

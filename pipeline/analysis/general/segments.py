@@ -13,15 +13,16 @@ was loaded with. Not covered, so `jointed`: bodies with joints.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.analysis.general.balance import ULPS, Balance, balance_of
+from pipeline.analysis.general.balance import ULPS, balance_of
 from pipeline.analysis.general.contacts import Touches
 from pipeline.laws.base import FUSED, Law, Motion
+from pipeline.laws.vectors import any_of, largest, lengths, sums
 
 Float64 = NDArray[np.float64]
 
@@ -29,6 +30,27 @@ Segment = Literal["flight", "contact", "pushed", "set", "jointed", "still", "une
 SEGMENTS: tuple[Segment, ...] = get_args(Segment)
 FLIGHT, CONTACT, PUSHED, SET, JOINTED, STILL, UNEXPLAINED = range(len(SEGMENTS))
 EXPLAINED = (FLIGHT, CONTACT, PUSHED, SET, STILL)
+
+
+BLOCK = 1 << 14
+"""Samples judged at a time, few enough for the processor's cache."""
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """What contact gave in the step to each sample, by `balance`; arrays of shape (samples,)."""
+
+    touched: NDArray[np.bool_]
+    """Whether a force acted."""
+    closes: NDArray[np.bool_]
+    """Whether the recorded velocities follow from law and impulses."""
+    closes_linear: NDArray[np.bool_]
+    """The same, regardless of spin."""
+    impulse_n_s: Float64
+    """World axes, (samples, 3)."""
+    energy_j: Float64
+    point_energy_j: Float64
+    """Energy that each contact point gave, (points,)."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +61,8 @@ class Segments:
     """Indices into `SEGMENTS`, shape (samples,)."""
     deviation: Float64
     """How far the sample deviates from its law, in its worst number [m, m/s, rad/s, 1]."""
-    balance: Balance | None
-    """What contact did; None without a law."""
+    contact: Exchange | None
+    """What contact gave; None without a law."""
     held: NDArray[np.bool_]
     """Whether the engine clamped a velocity in the step to each sample.
 
@@ -114,7 +136,7 @@ def segments_of(
     law
         The law that it follows where nothing touches it.
     touches
-        Its contact points.
+        Its contact points, in the order of the samples.
     exact
         Whether the engine's machine rounds each operation once.
     pushed
@@ -129,6 +151,48 @@ def segments_of(
         enough.
     """
     before = motion.before() if before is None else before
+    placed = np.arange(len(motion)) == 0 if placed is None else placed
+    blocks = []
+    for first in range(0, max(1, len(motion)), BLOCK):
+        rows = slice(first, first + BLOCK)
+        points = slice(*np.searchsorted(touches.step, [first, first + BLOCK]))
+        block = _of_block(
+            motion.at(rows),
+            law,
+            touches.at(points, touches.step[points] - first),
+            exact=exact,
+            pushed=None if pushed is None else (pushed[0][rows], pushed[1][rows]),
+            placed=placed[rows],
+            before=before.at(rows),
+            rolls=None if rolls is None else rolls[rows],
+        )
+        blocks.append(block)
+    given = [block.contact for block in blocks if block.contact is not None]
+    contact = Exchange(
+        **{
+            field.name: np.concatenate([getattr(each, field.name) for each in given])
+            for field in fields(Exchange)
+        }
+    )
+    code, deviation, held, moved = (
+        np.concatenate([getattr(block, name) for block in blocks])
+        for name in ("code", "deviation", "held", "moved")
+    )
+    return Segments(code, deviation, contact, held, moved)
+
+
+def _of_block(
+    motion: Motion,
+    law: Law,
+    touches: Touches,
+    *,
+    exact: bool,
+    pushed: tuple[Float64, Float64] | None,
+    placed: NDArray[np.bool_],
+    before: Motion,
+    rolls: NDArray[np.bool_] | None,
+) -> Segments:
+    """Return the segments of some samples in a row."""
     balance = balance_of(motion, law, touches, pushed, before=before)
     several, bits = law.substeps > 1, law.bits(before)
     exactly, ulps = 0.0 if exact else FUSED, ULPS * law.epsilon
@@ -140,30 +204,31 @@ def segments_of(
     terms_m_s, terms_rad_s = law.terms(before)
     turns = np.where(bits | law.moves_exactly, exactly, ulps)
     place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
-    there = place_m <= turns * (np.abs(position).max(axis=1) + law.timestep_s * terms_m_s)
+    there = place_m <= turns * (largest(position) + law.timestep_s * terms_m_s)
     # As uncertain as the spin that turned it, which may have been read back through a rotation.
-    dt, spin_rad_s = law.timestep_s, np.linalg.norm(motion.spin_rad_s, axis=1)
+    dt, spin_rad_s = law.timestep_s, lengths(motion.spin_rad_s)
     there &= turn <= law.oriented + exactly + dt * (ulps * spin_rad_s + turns * terms_rad_s)
 
-    sum_m_s = terms_m_s + np.abs(motion.velocity_m_s).max(axis=1)
-    sum_rad_s = terms_rad_s + np.abs(motion.spin_rad_s).max(axis=1)
+    sum_m_s = terms_m_s + largest(motion.velocity_m_s)
+    sum_rad_s = terms_rad_s + largest(motion.spin_rad_s)
     near = balance.near
     rounded = np.where(bits & ~near, exactly, ulps)
     fall_m_s = _off(motion.velocity_m_s, alone.velocity_m_s)
     fall_rad_s = _off(motion.spin_rad_s, alone.spin_rad_s)
     free = fall_m_s <= rounded * (sum_m_s + balance.tried_m_s)
     free &= fall_rad_s <= rounded * (sum_rad_s + balance.tried_rad_s)
-    balanced = balance.closes(motion) if not several else np.zeros(len(motion), dtype=bool)
+    closes, closes_linear = balance.closes(motion), balance.closes_linear(motion)
+    balanced = closes & (not several)
 
-    forced = np.zeros(len(motion), dtype=bool) if pushed is None else np.hstack(pushed).any(axis=1)
+    forced = np.zeros(len(motion), dtype=bool) if pushed is None else any_of(np.hstack(pushed))
     code = np.full(len(motion), UNEXPLAINED, np.int8)
     code[there & free & ~balance.touched & ~forced] = FLIGHT
     code[there & balanced & balance.touched] = CONTACT
     code[there & balanced & forced] = PUSHED
     if rolls is not None and not several:
-        rolling = there & near & rolls & balance.closes_linear(motion)
+        rolling = there & near & rolls & closes_linear
         code[rolling] = np.where(forced, PUSHED, CONTACT)[rolling]
-    code[np.arange(len(motion)) == 0 if placed is None else placed] = SET
+    code[placed] = SET
     off_m_s = np.where(
         balance.touched | forced, _off(motion.velocity_m_s, balance.velocity_m_s), fall_m_s
     )
@@ -173,7 +238,15 @@ def segments_of(
     deviation = np.max([place_m, turn, off_m_s, off_rad_s], axis=0)
     follows = (code == FLIGHT) | (np.isin(code, (CONTACT, PUSHED)) & balanced)
     held = np.where(follows, law.limited(before) | balance.held, _at_limit(law, before, motion))
-    return Segments(code, deviation, balance, held, there)
+    contact = Exchange(
+        touched=balance.touched,
+        closes=closes,
+        closes_linear=closes_linear,
+        impulse_n_s=balance.impulse_n_s,
+        energy_j=balance.energy_j,
+        point_energy_j=balance.point_energy_j,
+    )
+    return Segments(code, deviation, contact, held, there)
 
 
 def _at_limit(law: Law, before: Motion, motion: Motion) -> NDArray[np.bool_]:
@@ -183,7 +256,7 @@ def _at_limit(law: Law, before: Motion, motion: Motion) -> NDArray[np.bool_]:
         was, now = getattr(before, name), getattr(motion, name)
         beyond = np.nextafter(now, np.copysign(np.inf, now))
         reached = np.isfinite(now) & (law.held(beyond) == now) & (now != was)
-        limited |= reached.any(axis=1)
+        limited |= any_of(reached)
     return limited
 
 
@@ -192,7 +265,7 @@ def still_segments(motion: Motion) -> Segments:
     state = np.hstack(
         (motion.position_m, motion.orientation, motion.velocity_m_s, motion.spin_rad_s)
     )
-    deviation = np.abs(state - state[0]).max(axis=1)
+    deviation = largest(state - state[0])
     code = np.where(deviation == 0, STILL, UNEXPLAINED).astype(np.int8)
     return Segments(code, deviation, None, np.zeros(len(motion), dtype=bool), code == STILL)
 
@@ -210,10 +283,10 @@ _VECTORS = ("position_m", "velocity_m_s", "spin_rad_s")
 
 def _off(values: Float64, reference: Float64) -> Float64:
     """Return the largest difference in each sample, shape (samples,)."""
-    return np.asarray(np.abs(values - reference).max(axis=1))
+    return largest(values - reference)
 
 
 def _same_way(orientation: Float64, reference: Float64) -> Float64:
     """Return quaternions with the sign of others: q and -q are the same orientation."""
-    agree = np.sum(orientation * reference, axis=1, keepdims=True)
+    agree = sums(orientation * reference)[:, None]
     return np.where(agree < 0, -orientation, orientation)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from pipeline.analysis.general.contacts import contacts_of
+from pipeline.analysis.general.contacts import Contacts
 from pipeline.analysis.general.flights import error_and_terms
 from pipeline.analysis.general.mechanics import mechanics_of_part
 from pipeline.analysis.general.samples import motion_of
@@ -60,7 +59,7 @@ def script_analysis_of(
     at_s
         Times [s] at which to break down the errors of flights, besides their ends.
     """
-    contacts = contacts_of(seen.contacts)
+    contacts = Contacts(seen.contacts)
     springy = frozenset(
         each.body.number
         for each in seen.dynamics
@@ -115,8 +114,8 @@ def script_analysis_of(
         for number, body in sorted(seen.bodies.items())
     ]
     # A distance that is not finite says nothing of how deep they overlap.
-    distance_m = np.where(np.isfinite(contacts.distance_m), contacts.distance_m, 0.0)
-    measured = replace(contacts, distance_m=distance_m)
+    finite = pl.when(pl.col("distance_m").is_finite()).then(pl.col("distance_m")).otherwise(0.0)
+    measured = Contacts(seen.contacts.with_columns(finite))
     explained = {number: _explained(verdicts.get(number)) for number in seen.bodies}
     return ScriptAnalysis(
         origin=dict(origin),

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pipeline.analysis.general.contacts import NORMAL, ON_A, ON_B
 from pipeline.analysis.script.evidence import Evidence, start_of
 from pipeline.analysis.script.results import ScriptContact, ScriptFinding
 from pipeline.fields import decimals
@@ -202,7 +203,7 @@ def _parting(e: Evidence, row: int) -> Parting | None:
     contacts, speeds_m_s, sides = e.contacts, np.zeros(3), e.sides(row)
     if not {body for body, _ in sides} <= e.seen.bodies.keys():
         return None
-    points_m = contacts.position_a_m[row], contacts.position_b_m[row]
+    points_m = contacts.vector(ON_A, row), contacts.vector(ON_B, row)
     step_s = math.nan
     settings: Mapping[str, Any] = {}
     for (body, _), point_m, sign in zip(sides, points_m, (1, -1), strict=True):
@@ -218,7 +219,7 @@ def _parting(e: Evidence, row: int) -> Parting | None:
         arm_m = point_m - motions[0].position_m[0]
         for number, motion in enumerate(motions):
             velocity_m_s = motion.velocity_m_s[0] + np.cross(motion.spin_rad_s[0], arm_m)
-            speeds_m_s[number] += sign * velocity_m_s @ contacts.normal[row]
+            speeds_m_s[number] += sign * velocity_m_s @ contacts.vector(NORMAL, row)
         step_s, settings = law.step_s, epoch.settings.values
     before_m_s, free_m_s, after_m_s = speeds_m_s.tolist()
     return Parting(before_m_s, free_m_s, after_m_s, step_s, settings)

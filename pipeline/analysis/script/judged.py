@@ -26,6 +26,7 @@ from pipeline.laws.bullet_air import EPSILON
 from pipeline.laws.bullet_contact import CONTACT_SLOP_M
 from pipeline.laws.lookup import RIGID, law_of
 from pipeline.laws.rotations import rotate_inverse
+from pipeline.laws.vectors import any_of
 from pipeline.messages import Message
 from pipeline.seen import Body
 
@@ -213,20 +214,19 @@ def judged(
             before=track.before.at(part),
             rolls=rolls[part],
         )
-        balance = segments.balance
-        assert balance is not None
+        contact = segments.contact
+        assert contact is not None
         code[part], deviation[part], held[part] = segments.code, segments.deviation, segments.held
-        impulse_n_s[part], energy_j[part] = balance.impulse_n_s, balance.energy_j
-        point_energy_j[points] = balance.point_energy_j
+        impulse_n_s[part], energy_j[part] = contact.impulse_n_s, contact.energy_j
+        point_energy_j[points] = contact.point_energy_j
         falls[part] = segments.code == FLIGHT
         reason[part] = SOFT if soft else _reason(track.body, epoch, law)
-        motion = track.motion.at(part)
         masked[part] = rolls[part] & _masked(epoch, theirs, rigid)
-        linear[part] = balance.closes_linear(motion)
+        linear[part] = contact.closes_linear
         # It moves bodies, but does not change their velocities.
-        split[part] = deep & (balance.closes(motion) | (rolls & linear | masked)[part])
+        split[part] = deep & (contact.closes | (rolls & linear | masked)[part])
         moved[part] = segments.moved | deep
-    forced = np.asarray(np.hstack((track.force_n, track.torque_n_m)).any(axis=1))
+    forced = any_of(np.hstack((track.force_n, track.torque_n_m)) != 0)
     reason[forced & (reason == SUBSTEPS)] = PUSHES
     states = [getattr(each, name) for each in (track.motion, track.before) for name in NUMBERS]
     reason[~np.isfinite(np.hstack(states)).all(axis=1)] = INFINITE

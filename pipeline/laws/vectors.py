@@ -1,0 +1,46 @@
+"""Arithmetic on many vectors, shape (n, 3), column by column.
+
+numpy reduces a last axis of three numbers row by row, which takes five to fifteen times as long.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
+
+def largest(vectors: Float64) -> Float64:
+    """Return the largest absolute component of each vector, shape (n,); nan if one is nan."""
+    return functools.reduce(np.maximum, np.abs(vectors).T)
+
+
+def sums(vectors: Float64) -> Float64:
+    """Return the sum of the components of each vector, in their order, shape (n,)."""
+    return functools.reduce(np.add, vectors.T)
+
+
+def lengths(vectors: Float64) -> Float64:
+    """Return the length of each vector, shape (n,)."""
+    return np.asarray(np.sqrt(sums(vectors * vectors)))
+
+
+def any_of(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return in which rows any flag is set, shape (n,)."""
+    return functools.reduce(np.logical_or, flags.T)
+
+
+def cross(a: Float64, b: Float64) -> Float64:
+    """Return the cross products, shape (n, 3)."""
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=1)
+
+
+def summed(rows: NDArray[np.int64], vectors: Float64, *, count: int) -> Float64:
+    """Return the sum of the vectors of each row, in their order, shape (count, k)."""
+    columns = [np.bincount(rows, column, minlength=count) for column in vectors.T]
+    # Without rows numpy counts in integers.
+    return np.stack(columns, axis=1, dtype=np.float64)
