@@ -964,6 +964,43 @@ def test_a_block_of_python_is_recorded_and_nothing_outside_of_it(bench: Bench) -
     assert [row["velocity_m_s"][0] for row in put] == [1.0]
 
 
+SLOW = """
+import os, time
+import pybullet as p
+from pipeline import record
+p.connect(p.DIRECT)
+p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1), basePosition=[0, 0, 9])
+with record("out.rrd", steps=1000, keep_sleeping=True) as block:
+    for i in range({steps}):
+        p.stepSimulation()
+        time.sleep({sleep})
+        {more}
+print(block.recorded.ended, block.recorded.samples)
+"""
+
+
+@pytest.mark.parametrize(("steps", "sleep"), [(200, 0.01), (4, 0.6)])
+def test_a_block_may_take_its_time(bench: Bench, steps: int, sleep: float) -> None:
+    """Its recorder waits for it, however little it sends."""
+    slow = SLOW.format(steps=steps, sleep=sleep, more="pass")
+    done = bench.bare(bench.script(slow))
+    assert (done.stdout, done.stderr) == (f"finished {steps + 1}\n", done.stderr)
+    assert len(states(bench.out)) == steps + 1
+
+
+def test_a_block_whose_recorder_is_gone_ends_with_an_error(bench: Bench) -> None:
+    kill = "i == 9 and os.system(f'pkill -9 -P {os.getpid()} python')"
+    script = SLOW.format(steps=10**6, sleep=0.01, more=kill).replace("steps=1000, ", "")
+    script = script.replace("print(", "print('not reached', ")
+    around = "try:\n" + "".join(f"    {line}\n" for line in script.splitlines())
+    around += "except Exception as error:\n    print(type(error).__name__, error)\n"
+    done = bench.bare(bench.script(around))
+    assert (done.returncode, done.stdout) == (
+        0,
+        "OutputError out.rrd was not written: the process that writes the recording ended\n",
+    ), done.stderr
+
+
 def test_a_block_that_crashes_or_raises_leaves_a_whole_recording(bench: Bench) -> None:
     crash = bench.script(BLOCK.replace("{more}", "import os; os.kill(os.getpid(), 11)"))
     assert bench.bare(crash).returncode == -signal.SIGSEGV

@@ -503,8 +503,7 @@ def test_a_sweep_of_a_body_that_was_edited_is_another(tmp_path: Path) -> None:
 
 def test_recordings_of_runs_that_are_not_needed_go(tmp_path: Path) -> None:
     plan = plan_of({"linear_damping": "0"}, samples=8, seed=1, vary=["gravity=normal:-9.81:1"])
-    sweep(plan, tmp_path, jobs=1)
-    swept = sweep(plan, tmp_path, jobs=1, until_ci_m=1.0)
+    swept = sweep(plan, tmp_path, jobs=2, until_ci_m=1.0)
     assert swept.runs == 2
     assert len(list((tmp_path / "recordings").iterdir())) == 2
 
@@ -711,14 +710,18 @@ def test_what_comes_while_a_sweep_runs_is_not_replaced(tmp_path: Path) -> None:
     assert theirs.read_text() == "precious"
 
 
-def test_recordings_of_others_stay_when_runs_are_not_needed(tmp_path: Path) -> None:
+def test_runs_of_an_earlier_command_stay_when_they_are_not_needed(tmp_path: Path) -> None:
     plan = plan_of({"linear_damping": "0"}, samples=8, seed=1, vary=["gravity=normal:-9.81:1"])
-    sweep(plan, tmp_path, jobs=1)
+    whole = sweep(plan, tmp_path, jobs=1).table()
     theirs = tmp_path / "recordings" / "run-7.rrd"
     theirs.write_text("precious")
-    sweep(plan, tmp_path, jobs=1, until_ci_m=1.0)
-    assert {one.name for one in theirs.parent.iterdir()} == {"run-0.rrd", "run-1.rrd", "run-7.rrd"}
+    enough = sweep(plan, tmp_path, jobs=1, until_ci_m=1.0)
+    assert (enough.runs, enough.computed) == (2, 0)
+    assert enough.table().equals(whole.head(2))
+    assert len(list(theirs.parent.iterdir())) == 8
     assert theirs.read_text() == "precious"
+    again = sweep(plan, tmp_path, jobs=1)
+    assert (again.computed, again.table().equals(whole)) == (0, True)
 
 
 def test_a_list_of_lists_of_lists_is_no_sweep(copied: Path) -> None:

@@ -24,7 +24,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from pipeline.engines.bullet.script import Listener, shared_block
+from pipeline.engines.bullet.script import BlockListener, shared_block
 from pipeline.engines.bullet.watching import ending, start
 from pipeline.engines.bullet.watching.hooks import Stop
 from pipeline.errors import DropError, OutputError, check_suffix
@@ -84,7 +84,13 @@ def record(
     steps, duration_s, seed = checked_limits(steps, duration_s, seed)
     with shared_block() as memory:
         reading, writing = os.pipe()
-        request = {"reading": reading, "block": memory.fileno(), "out": str(path), "force": force}
+        request = {
+            "reading": reading,
+            "block": memory.fileno(),
+            "process": os.getpid(),
+            "out": str(path),
+            "force": force,
+        }
         with subprocess.Popen(
             [sys.executable, "-P", "-m", __name__, json.dumps(request)],
             stdin=subprocess.DEVNULL,
@@ -132,7 +138,7 @@ def _record(request: dict[str, Any]) -> dict[str, Any]:
             "drop_version": metadata.version("drop-physics"),
         }
     )
-    listener = Listener(request["reading"], request["block"])
+    listener = BlockListener(request["reading"], request["block"], process=request["process"])
     writer.record(
         path,
         script.chunks(listener.events(), listener.ending),

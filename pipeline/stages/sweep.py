@@ -193,7 +193,8 @@ def sweep(
         finally:
             release_world()
         shards = plan.shards if ledger.needed is None else ledger.needed
-        for shard in folder.finished() - set(range(shards)):
+        # What an earlier command finished stays, though this one needs less.
+        for shard in folder.finished() - set(range(shards)) - set(before):
             folder.discard(plan, shard)
         results = folder.merge(shards)
         kept = [ledger.done[shard] for shard in range(shards)]

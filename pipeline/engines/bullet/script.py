@@ -10,6 +10,7 @@ import signal
 import subprocess
 import tempfile
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,7 +95,7 @@ def shared_block() -> IO[bytes]:
     return block
 
 
-class Listener:
+class Listener(ABC):
     """Reads what a watched process sends; take its `events` to the end.
 
     Parameters
@@ -107,19 +108,25 @@ class Listener:
         self.decoder = Decoder()
         self._reading, self._memory = reading, block
         self._received = 0
+        self._closed = False
+        """Whether no process has the sending end of the pipe any more."""
 
     def events(self) -> Iterator[Event]:
         """Yield the events, until the process has ended."""
+        over = False
         while True:
             ready, _, _ = select.select([self._reading], [], [], TICK_S)
             if ready:
                 data = os.read(self._reading, 1 << 18)
                 if not data:
+                    self._closed = True
                     break
                 self._received += len(data)
                 yield from self.decoder.feed(data)
-            elif self._is_over():
+            elif over:
                 break  # a process that it left behind holds the pipe open
+            else:  # what it sent before that may have arrived since
+                over = self._is_over()
             self._tick()
         while not self._is_over():
             self._tick()
@@ -127,10 +134,11 @@ class Listener:
         yield from self.decoder.feed(self._left_behind())
         yield from self.decoder.rest()
 
+    @abstractmethod
     def _is_over(self) -> bool:
-        return True
+        """Whether the process sends nothing any more."""
 
-    def _tick(self) -> None:
+    def _tick(self) -> None:  # noqa: B027 - only a script has to be stopped
         pass
 
     def _left_behind(self) -> bytes:
@@ -154,6 +162,23 @@ class Listener:
         else:
             ending.how, ending.error = "failed", Message("its process ended")
         return ending
+
+
+class BlockListener(Listener):
+    """Reads what a block of Python sends, whose process has started this one.
+
+    Parameters
+    ----------
+    process
+        The number of that process.
+    """
+
+    def __init__(self, reading: int, block: int, *, process: int) -> None:
+        super().__init__(reading, block)
+        self._process = process
+
+    def _is_over(self) -> bool:
+        return self._closed or self.decoder.ended is not None or os.getppid() != self._process
 
 
 class Script(Listener):

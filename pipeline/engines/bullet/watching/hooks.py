@@ -17,7 +17,7 @@ from typing import Any
 from . import pipe as protocol
 from .clock import CALL_S, Clock
 from .links import MODELS, links_in, path_of
-from .pipe import GoneError, Pipe
+from .pipe import Pipe
 from .quiet import Window
 from .turns import Turn
 from .worlds import ALL, World
@@ -199,7 +199,7 @@ class Watch:
         def call(*args: Any, **kwargs: Any) -> Any:
             if not self.on:
                 return original(*args, **kwargs)
-            if self.stopped or self._real_time_since or polls:
+            if self.stopped or self.pipe.gone or self._real_time_since or polls:
                 with self.lock:
                     self.check()
                     if self._real_time_since:
@@ -480,8 +480,7 @@ class Watch:
             if not self.on:
                 return original(*args, **kwargs)
             with lock:
-                if self.stopped:
-                    self.check()
+                self.check()
                 world = worlds.get(_client(name, args, kwargs))
                 if world is None:
                     return original(*args, **kwargs)
@@ -545,8 +544,8 @@ class Watch:
         raise Stop(0)
 
     def check(self) -> None:
-        """Raise again if the script has caught the end."""
-        if self.stopped:
+        """Raise again if the script has caught the end; without a recorder it ends too."""
+        if self.stopped or self.pipe.gone:
             raise Stop(0)
 
     def finish(self) -> None:
@@ -586,9 +585,6 @@ class Watch:
         """Read something; if it fails, the simulation is dropped, and the script goes on."""
         try:
             read()
-        except GoneError:
-            self.on = False
-            os._exit(1)
         except Exception as error:  # noqa: BLE001 - our errors must not reach the script
             if world.client in self._worlds:
                 self.pipe.note("fault", world=world.number, step=world.step,

@@ -51,6 +51,8 @@ class Pipe:
         self._before = self._used = 0
         self._flushed_at = _now()
         self.open = True
+        self.gone = False
+        """Whether the recorder is."""
         self._closed = False
         """Whether the script has closed it: then the block takes what still fits."""
         self.write(MAGIC)
@@ -115,9 +117,10 @@ class Pipe:
         try:
             while rest:
                 rest = rest[os.write(self._pipe, rest) :]
-        except BrokenPipeError:  # the recorder is gone
+        except BrokenPipeError:
             self.leave()
-            raise GoneError from None
+            self.gone = True
+            return
         self._before += len(data)
         self._used = 0
         BLOCK.pack_into(self._memory, 0, self._before, 0)
@@ -138,10 +141,6 @@ def encoded(note: dict[str, Any]) -> bytes:
 def frame(kind: bytes, payload: bytes) -> bytes:
     """Return a frame as it goes through the pipe."""
     return HEADER.pack(kind, len(payload)) + payload
-
-
-class GoneError(Exception):
-    """The reader is gone."""
 
 
 _now = time.perf_counter  # the real one: it is read before the clock is replaced
