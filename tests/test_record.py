@@ -989,10 +989,18 @@ def test_a_block_may_take_its_time(bench: Bench, steps: int, sleep: float) -> No
 
 
 def test_a_block_whose_recorder_is_gone_ends_with_an_error(bench: Bench) -> None:
-    kill = "i == 9 and os.system(f'pkill -9 -P {os.getpid()} python')"
+    kill = "i == 9 and started[0].kill()"
     script = SLOW.format(steps=10**6, sleep=0.01, more=kill).replace("steps=1000, ", "")
     script = script.replace("print(", "print('not reached', ")
-    around = "try:\n" + "".join(f"    {line}\n" for line in script.splitlines())
+    around = """import subprocess
+started = []
+class Popen(subprocess.Popen):
+    def __init__(self, *arguments, **options):
+        super().__init__(*arguments, **options)
+        started.append(self)
+subprocess.Popen = Popen
+"""
+    around += "try:\n" + "".join(f"    {line}\n" for line in script.splitlines())
     around += "except Exception as error:\n    print(type(error).__name__, error)\n"
     done = bench.bare(bench.script(around))
     assert (done.returncode, done.stdout) == (
