@@ -20,7 +20,7 @@ import pybullet as p
 
 from pipeline.analysis.script.analysis import script_analysis_of
 from pipeline.analysis.script.results import BodyAnalysis, ScriptAnalysis, ScriptFinding
-from pipeline.engines.bullet.script import Listener
+from pipeline.engines.bullet.script import BlockListener
 from pipeline.engines.bullet.watching import ending, pipe, start
 from pipeline.recording import writer
 from pipeline.recording.script import Script
@@ -82,7 +82,8 @@ def _record(scene: str, path: Path) -> None:
             for client in filter(p.isConnected, range(MOST_CLIENTS)):
                 p.disconnect(client)
         stream.seek(0)  # a file in place of a pipe: nobody has to read it meanwhile
-        script, listener = Script(ORIGIN), Listener(stream.fileno(), memory.fileno())
+        script = Script(ORIGIN)
+        listener = BlockListener(stream.fileno(), memory.fileno(), process=os.getppid())
         writer.record(
             path, script.chunks(listener.events(), listener.ending), recording_id=uuid.uuid4().hex,
             blueprint=None, force=True,

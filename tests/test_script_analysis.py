@@ -313,6 +313,24 @@ steps(3)
     assert "law-mismatch" not in codes(analysis)
 
 
+def test_a_belt_without_mass_moves_and_is_recorded(analyzed: Analyzed) -> None:
+    """A btMultiBody keeps the velocity it is given, though its mass was taken before any step."""
+    recording, analysis = analyzed("""
+p.setGravity(0, 0, -9.81)
+slab = p.createCollisionShape(p.GEOM_BOX, halfExtents=[5, 5, .5])
+belt = p.createMultiBody(1, slab, -1, [0, 0, -.5])
+p.changeDynamics(belt, -1, mass=0)
+p.resetBaseVelocity(belt, [1, 0, 0])
+p.createMultiBody(1, p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1] * 3), -1, [0, 0, .1])
+steps(240)
+""")
+    (held,) = body_of(analysis, 0).unexplained
+    assert (held.reason, held.samples) == (NO_MASS, 240)
+    end = recording.seen.states.filter(pl.col("body") == 0)["x_m"][-1]
+    assert end == pytest.approx(1, abs=1e-9)
+    assert "energy-gained" not in codes(analysis)  # the belt gave it
+
+
 def test_a_mass_that_nothing_can_be_divided_by_is_said_to_be_that(analyzed: Analyzed) -> None:
     for mass in ("-5", "1e-320"):
         _, analysis = analyzed(f"""

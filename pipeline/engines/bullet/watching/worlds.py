@@ -140,8 +140,8 @@ class World:
         """The files that bodies were loaded from: the names in them mislead."""
         self.hiding: set[int] = set()
         """Bodies of several links that became btRigidBodies, of which only the base is reported."""
-        self.massless: dict[int, list[Any]] = {}
-        """What was reported of bodies that a call gave mass before they were first listed."""
+        self.added: dict[int, list[Any]] = {}
+        """What was reported of bodies whose mass a call changed before they were first listed."""
         self.flags: dict[int, int] = {}
         """What they were loaded with: only these tell whether a body may sleep."""
         self.moved: dict[int | None, set[Any]] = {}
@@ -224,18 +224,19 @@ class World:
         self.bodies, self._moving, self._last, self._places = {}, [], {}, {}
         self.fresh, self.moved, self.changed, self.recoloured = set(), {}, set(), set()
         self.stale_bodies = self.stale_engine = True
-        self.given, self._later, self._motors, self.massless = {}, [], {}, {}
+        self.given, self._later, self._motors, self.added = {}, [], {}, {}
         self.returns_analytics = False
 
     def before_mass(self, engine_id: int) -> None:
-        """Keep what is reported of a new body without mass, which a call is about to change."""
-        if engine_id in self.fresh and engine_id not in self.massless:
+        """Keep what is reported of a new body whose mass a call is about to change."""
+        if engine_id in self.fresh and engine_id not in self.added:
             try:
-                dynamics = self._p.getDynamicsInfo(engine_id, -1, self.client)
+                links = range(-1, self._p.getNumJoints(engine_id, self.client))
+                self.added[engine_id] = [
+                    self._p.getDynamicsInfo(engine_id, link, self.client) for link in links
+                ]
             except self._p.error:  # it is gone: the call itself will say so
                 return
-            if dynamics[0] == 0 and dynamics[10] == RIGID:
-                self.massless[engine_id] = [dynamics]
 
     def forget_ids(self, ids: list[int]) -> None:
         """Note that new bodies have these ids: what calls did before concerned others."""
@@ -243,7 +244,7 @@ class World:
         for key in [key for key in self._motors if key[0] in ids]:
             del self._motors[key]
         for each in ids:
-            self.massless.pop(each, None)
+            self.added.pop(each, None)
 
     def _list_bodies(self) -> None:
         p, client = self._p, self.client
@@ -265,7 +266,11 @@ class World:
         body = Body(World.bodies_made, engine_id, self.client, self._p)
         World.bodies_made += 1
         base, name = self._p.getBodyInfo(engine_id, self.client)
-        added = self.massless.pop(engine_id, body.dynamics)
+        added, now = self.added.pop(engine_id, body.dynamics), body.dynamics
+        # A body keeps moving without the mass that it had, and a btRigidBody that had none stands.
+        stays = bool(added[0][0]) == bool(now[0][0]) or (not added[0][0] and now[0][10] != RIGID)
+        added = now if stays else added
+        body.had_mass |= added[0][0] != 0
         self._pipe.note(
             "body", world=self.number, body=body.number, id=engine_id, name=_plain(name),
             base=_plain(base), file=self.files.get(engine_id, ""), soft=body.soft,
