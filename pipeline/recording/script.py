@@ -298,12 +298,16 @@ class Script:
         points, shown = seen.contacts, _shown(seen)
         bodies = [body for body in self.bodies.values() if body.number in seen.bases]
         at = Times(seen.steps[shown], seen.times_s[shown])
+        numbers = np.array(sorted(body.number for body in bodies), np.int64)
+        # A row per sample, a column per body; both sides of a point feel the same force.
+        totals_n = np.zeros((len(seen.steps), len(numbers)))
         rows = np.searchsorted(seen.steps, points["step"])
+        for side in ("body_a", "body_b"):
+            columns = np.searchsorted(numbers, points[side])
+            its = np.isin(points[side], numbers)
+            np.add.at(totals_n, (rows[its], columns[its]), points["normal_force_n"][its])
         for body in bodies:
-            forces_n = np.zeros(len(seen.steps))
-            for side in ("body_a", "body_b"):
-                its = points[side] == body.number
-                np.add.at(forces_n, rows[its], points["normal_force_n"][its])
+            forces_n = totals_n[:, np.searchsorted(numbers, body.number)]
             entity = f"{schema.CONTACT_FORCES}/{body.label}"
             if body.number not in self.touched:
                 if not forces_n.any():
