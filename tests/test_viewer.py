@@ -345,7 +345,11 @@ def test_no_address_that_a_page_may_open_has_a_time_yet(standard: Run) -> None:
         process.wait()
 
 
-def test_the_web_viewer_ends_with_a_command_that_is_killed(here: Path) -> None:
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
+def test_the_web_viewer_ends_with_a_command_that_is_ended(
+    here: Path, number: int, code: int
+) -> None:
+    """Ctrl-C reaches the viewer too; a signal of another program only us."""
     process = subprocess.Popen(
         [sys.executable, "-m", "cli", "view", "run.rrd", "--web", "--json"],
         cwd=here, env=isolated(here / "home") | {"BROWSER": "true", "PYTHONPATH": str(ROOT)},
@@ -355,8 +359,9 @@ def test_the_web_viewer_ends_with_a_command_that_is_killed(here: Path) -> None:
     answer = json.loads("".join(iter(process.stdout.readline, "}\n")) + "}")
     ports = [int(answer[key].split(":")[2].split("?")[0].split("/")[0]) for key in KEYS]
     wait_until(lambda: all(map(listens, ports)))
-    process.kill()
-    process.communicate()
+    process.send_signal(number)
+    process.communicate(timeout=10)
+    assert process.returncode == code
     wait_until(lambda: not any(map(listens, ports)))
 
 

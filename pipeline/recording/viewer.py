@@ -24,6 +24,8 @@ from pipeline.recording import schema
 
 LOOPBACK = "127.0.0.1"
 STARTS_WITHIN_S = 30.0
+LOOKS_EVERY_S = 0.1
+"""How often to see whether a viewer is closed."""
 VIEWER_PORT, PAGE_PORT = 9876, 9090
 """Rerun's defaults, used if they are free."""
 PR_SET_PDEATHSIG = 1
@@ -153,7 +155,10 @@ def wait(process: subprocess.Popen[bytes]) -> None:
     ViewerError
         If it fails.
     """
-    if process.wait() != 0:
+    # Once Polars is imported, a blocking wait would go on after Ctrl-C.
+    while process.poll() is None:
+        time.sleep(LOOKS_EVERY_S)
+    if process.returncode != 0:
         raise ViewerError(
             "the viewer ended with exit code {code}; try the browser's: drop view RUN.rrd --web",
             code=process.returncode,
