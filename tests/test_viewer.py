@@ -359,6 +359,7 @@ def test_the_web_viewer_ends_with_a_command_that_is_ended(
     answer = json.loads("".join(iter(process.stdout.readline, "}\n")) + "}")
     ports = [int(answer[key].split(":")[2].split("?")[0].split("/")[0]) for key in KEYS]
     wait_until(lambda: all(map(listens, ports)))
+    time.sleep(1)  # it waits for the viewer by now
     process.send_signal(number)
     process.communicate(timeout=10)
     assert process.returncode == code
