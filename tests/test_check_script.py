@@ -433,6 +433,64 @@ def test_the_same_calls_and_other_numbers_are_another_engine(golden: Path) -> No
     assert [version.name for version in result.versions] == ["pybullet_api"]
 
 
+CLOTH = """
+import pybullet as p, pybullet_data
+p.connect(p.DIRECT)
+p.resetSimulation(p.RESET_USE_DEFORMABLE_WORLD)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+p.loadSoftBody("cloth_z_up.obj", basePosition=[0, 0, 1.0], scale=0.5, mass=1, useMassSpring=1)
+for _ in range(24):
+    p.stepSimulation()
+"""
+
+
+def recorded(script: str, path: Path, *arguments: str) -> Path:
+    """Record a script that is written beside its recording."""
+    source = path.parent / "sim.py"
+    source.write_text(textwrap.dedent(script))
+    record_script(str(source), list(arguments), out=path)
+    return path
+
+
+def test_soft_bodies_are_not_compared_and_never_the_same(drop: Drop, tmp_path: Path) -> None:
+    """PyBullet reports no state of them: only other calls that load them are a difference."""
+    cloth = recorded(CLOTH, tmp_path / "cloth.rrd")
+    done = drop("check", "cloth.rrd", "--against", "cloth.rrd", "--json")
+    result = json.loads(done.stdout)
+    assert done.returncode == 3
+    assert (result["same"], result["first_difference"]) == (False, None)
+    assert result["not_compared"] == ["1_cloth_z_up"]
+    schema_of_it = strict(schema_of("check"))
+    assert not list(Draft202012Validator(schema_of_it).iter_errors(result))
+    output = drop("check", "cloth.rrd", "--against", "cloth.rrd").stdout
+    assert output.startswith("undecided   cloth.rrd and cloth.rrd\nleft out    1_cloth_z_up: ")
+    assert drop("check", cloth, "--against", "new.rrd", "--update").returncode == 0
+    higher = recorded(CLOTH.replace("1.0", "3.0"), tmp_path / "higher.rrd")
+    result = compared(higher, cloth)
+    assert result.first is not None
+    assert (result.first.column, result.first.step) == ("calls.arguments", 0)
+    assert "[0, 0, 3.0]" in str(result.first.value)
+    assert result.cause == "another script: its text and its calls differ"
+
+
+def test_links_that_pybullet_does_not_show_are_not_compared(tmp_path: Path) -> None:
+    tmp_path.joinpath("arm.urdf").write_text(ARM.format(mass=1))
+    path = recorded(
+        f"""
+        import pybullet as p
+        p.connect(p.DIRECT)
+        p.loadURDF({str(tmp_path / "arm.urdf")!r}, useMaximalCoordinates=True)
+        for _ in range(5):
+            p.stepSimulation()
+        """,
+        tmp_path / "arm.rrd",
+    )
+    result = compared(path, path)
+    assert (result.first, result.same, result.not_compared) == (None, False, ["0_arm"])
+
+
 GRAVITY = "p.setGravity(0, 0, -9.81)\n"
 LENS = "p.computeProjectionMatrixFOV(60, 1, 0.1, 10))\n"
 

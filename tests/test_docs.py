@@ -160,6 +160,6 @@ def test_rounding_is_as_small_as_the_readme_says(scenario: Scenario, tmp_path: P
 def test_the_reference_says_what_every_exit_code_means() -> None:
     commands = " ".join((ROOT / "docs/commands.md").read_text(encoding="utf-8").split())
     assert (
-        "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 a check found a difference, 130 stopped by "
+        "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 a check did not pass, 130 stopped by "
         "Ctrl-C (143 by SIGTERM)" in commands
     )

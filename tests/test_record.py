@@ -30,6 +30,7 @@ from pipeline.engines.bullet.watching import pipe
 from pipeline.errors import DropError, OutputError, ScenarioError
 from pipeline.recording import schema
 from pipeline.recording.script_reader import read_script
+from pipeline.stages.analyze_script import analyze_script
 from pipeline.stages.info import info
 from pipeline.stages.record import Recorded, record_script
 from pipeline.stages.record_block import record
@@ -1281,6 +1282,24 @@ def test_soft_bodies_are_named_and_said_to_be_left_out(bench: Bench) -> None:
     assert expected in said
     assert closing(bench.out)["notes"] == [expected]
     assert {body for _, body, _ in states(bench.out)} == {2}
+
+
+def test_a_soft_body_alone_is_not_still_and_its_simulation_has_a_duration(bench: Bench) -> None:
+    script = bench.script(
+        "import pybullet as p, pybullet_data\np.connect(p.DIRECT)\n"
+        "p.resetSimulation(p.RESET_USE_DEFORMABLE_WORLD)\n"
+        "p.setAdditionalSearchPath(pybullet_data.getDataPath())\np.loadURDF('plane.urdf')\n"
+        "p.loadSoftBody('cloth_z_up.obj', basePosition=[0, 0, 1], scale=0.5, mass=1,\n"
+        "    useMassSpring=1)\n"
+        "for _ in range(24):\n    p.stepSimulation()\n"
+    )
+    bench.record(script)
+    described = info(bench.out)
+    assert described.bodies == ["0_plane, held still", "1_cloth_z_up, soft"]
+    assert (described.samples, described.duration_s) == (25, pytest.approx(0.1))
+    analysis = analyze_script(bench.out)
+    assert [sum(body.segments.values()) for body in analysis.bodies] == [25, 0]
+    assert "Soft        1_cloth_z_up: " in str(analysis)
 
 
 @pytest.mark.parametrize("seed", [None, 3])

@@ -217,13 +217,14 @@ CHECK = _object(
     cause=str | None,
     call_before=Call | None,
     other_call=OtherCall | None,
+    not_compared=list[str],
 )
 OF_BOTH = _descriptions(Comparison)
 CHECK = CHECK._replace(
     keys={**CHECK.keys, "first_difference": (PLACE, None), "differences": [SETTING]},
     descriptions=OF_BOTH | CHECK.descriptions | {"first_difference": OF_BOTH["first"]} | {
         name: OF_SCRIPT + _descriptions(ScriptComparison)[name]
-        for name in ("cause", "call_before", "other_call")
+        for name in ("cause", "call_before", "other_call", "not_compared")
     },
 )  # fmt: skip
 SHARED = "A value of the scenario that these runs share and others do not."

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pipeline.stages.check_script import ScriptCheck
 
 DIFFERS = 3
-"""The exit code of a check that failed."""
+"""The exit code of a check that found a difference, or could not compare everything."""
 GOLDEN, IDENTICAL, NOTHING = Message("golden"), Message("identical"), Message("nothing")
 GIVEN = {True: Message("given"), False: Message("not given")}
 
@@ -79,10 +79,11 @@ def line_of(title: str, words: str) -> list[str]:
     return titled(title, words, column=12)
 
 
-def verdict_lines(check: Check | ScriptCheck) -> list[str]:
-    """Say whether two recordings are the same."""
+def verdict_lines(check: Check | ScriptCheck, *, undecided: bool = False) -> list[str]:
+    """Say whether two recordings are the same; nobody knows where that is undecided."""
+    verdict = Message("same") if check.same else Message("differs")
     return line_of(
-        Message("same") if check.same else Message("differs"),
+        Message("undecided") if undecided else verdict,
         Message(
             "{recording} and {golden}", recording=str(check.recording), golden=str(check.golden)
         ),

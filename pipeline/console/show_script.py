@@ -73,11 +73,14 @@ def analysis_lines(analysis: ScriptAnalysis) -> list[str]:
     moving = [
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
-    still = [body.label for body in analysis.bodies if body not in moving]
+    soft = [body.label for body in analysis.bodies if body.soft]
+    still = [body.label for body in analysis.bodies if body not in moving and not body.soft]
     lines += ["", *_table_of_bodies(moving)]
     if still:
-        dots = " …" if len(still) > MOST_BODIES else ""
-        lines += _titled(Message("Still"), ", ".join(still[:MOST_BODIES]) + dots)
+        lines += _titled(Message("Still"), _first_of(still))
+    if soft:
+        words = Message("{bodies}: PyBullet does not report how it moves", bodies=_first_of(soft))
+        lines += _titled(Message("Soft"), words)
     if len(moving) == 1:
         lines += _broken_down(moving[0].flights)
     else:
@@ -97,6 +100,10 @@ def analysis_lines(analysis: ScriptAnalysis) -> list[str]:
             )
             lines += _titled("", more)
     return lines
+
+
+def _first_of(labels: list[str]) -> str:
+    return ", ".join(labels[:MOST_BODIES]) + (" …" if len(labels) > MOST_BODIES else "")
 
 
 def _headline(analysis: ScriptAnalysis) -> str:

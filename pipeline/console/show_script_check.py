@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -49,7 +50,7 @@ def _json(check: ScriptCheck) -> dict[str, Any]:
         "largest_difference_m": None,
         "first_difference": first and asdict(first) | {"difference": first.difference},
         "looks_like": None, "cause": None, "call_before": None, "other_call": None,
-        "differences": [], "versions": [],
+        "differences": [], "versions": [], "not_compared": [],
     }  # fmt: skip
     if compared is not None:
         found |= {name: getattr(compared, name) for name in found.keys() & asdict(compared).keys()}
@@ -72,7 +73,9 @@ def check_lines(check: ScriptCheck) -> list[str]:
     compared = check.comparison
     if compared is None:
         return updated_lines(check)
-    lines = verdict_lines(check)
+    lines = verdict_lines(check, undecided=check.first is None and bool(check.not_compared))
+    if check.not_compared:
+        lines += line_of(Message("left out"), left_out(check.not_compared))
     if compared.largest_difference_m is not None:
         lines += line_of(Message("positions"), _positions(check, compared))
     if check.first is not None:
@@ -95,6 +98,15 @@ def check_lines(check: ScriptCheck) -> list[str]:
     for version in compared.versions:
         lines += line_of(Message("version"), setting_line(version))
     return [*lines, *updated_lines(check)] if check.updated else lines
+
+
+def left_out(bodies: Sequence[str]) -> Message:
+    """Say which bodies could not be compared, and why."""
+    return Message(
+        "{bodies}: PyBullet does not report how soft bodies move, nor links that it does not show; "
+        "their motion was not compared",
+        bodies=", ".join(bodies[:MOST]) + (" …" if len(bodies) > MOST else ""),
+    )
 
 
 def _positions(check: ScriptCheck, compared: ScriptComparison) -> Message:

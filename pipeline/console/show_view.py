@@ -49,6 +49,11 @@ def view_lines(view: View) -> list[str]:
         step = view.first_difference
         if view.same:
             difference = Message("the same physics")
+        elif step is None and view.not_compared:
+            difference = Message(
+                "no difference, but {bodies} could not be compared",
+                bodies=", ".join(view.not_compared),
+            )
         elif step is None:
             difference = Message("differs in its settings")
         else:

@@ -59,9 +59,14 @@ class ScriptCheck(Shown, lines_of="pipeline.console.show_script_check:check_line
         return None
 
     @property
+    def not_compared(self) -> list[str]:
+        """Return the bodies whose motion PyBullet does not report."""
+        return [] if self.comparison is None else self.comparison.not_compared
+
+    @property
     def same(self) -> bool:
-        """Whether nothing differs by more than is allowed."""
-        return self.first is None
+        """Whether nothing differs by more than is allowed, and nothing was left out."""
+        return self.first is None and not self.not_compared
 
 
 def check_script(
@@ -136,7 +141,7 @@ def _checked(run: ScriptRecording, golden: ScriptRecording, tolerance_m: float) 
     pictures = _compare_images(run, golden, until=comparison.samples_part_at)
     if tolerance_m:
         pictures = replace(pictures, first_step=None)
-    if comparison.same and pictures.first_step is not None:
+    if comparison.first is None and pictures.first_step is not None:
         comparison = with_images(comparison, *sides, step=pictures.first_step)
     return ScriptCheck(run.path, golden.path, tolerance_m, comparison, pictures)
 

@@ -137,7 +137,9 @@ def _of_script(recording: ScriptRecording) -> Info:
         samples=int(samples),
         duration_s=_duration_s(seen),
         bodies=[
-            _body(body.label, _mass_kg(body, seen), len(body.joints))
+            Message("{label}, soft", label=body.label)
+            if body.soft
+            else _body(body.label, _mass_kg(body, seen), len(body.joints))
             for body in seen.bodies.values()
         ],
         contact_samples=seen.contacts["step"].n_unique(),
@@ -169,8 +171,17 @@ def _texts(value: object) -> list[str]:
 
 def _duration_s(seen: Seen) -> float:
     """Return the time of the last sample [s], of the longest simulation."""
-    last = seen.states.group_by("body").agg(pl.col("step").max()).iter_rows()
-    return max((Times(seen, seen.bodies[body].client).of(step) for body, step in last), default=0.0)
+    last = {client: samples - 1 for client, samples in seen.samples.items()}
+    if not last:
+        steps = seen.states.group_by("body").agg(pl.col("step").max()).iter_rows()
+        for body, step in steps:
+            client = seen.bodies[body].client
+            last[client] = max(step, last.get(client, 0))
+    clients = {settings.client for settings in seen.settings}
+    return max(
+        (Times(seen, client).of(step) for client, step in last.items() if client in clients),
+        default=0.0,
+    )
 
 
 def _mass_kg(body: Body, seen: Seen) -> float:

@@ -29,6 +29,8 @@ class View(Shown, lines_of="pipeline.console.show_view:view_lines"):
     """Whether the two are the same physics; None without a golden recording."""
     first_difference: int | None = None
     """The first step at which a number or a picture differs; None if none does."""
+    not_compared: tuple[str, ...] = ()
+    """Bodies whose motion is not recorded; with one, the two are not the same physics."""
 
 
 def view(recordings: Sequence[Path | str], *, web: bool = False, more: Sequence[Path] = ()) -> View:

@@ -12,8 +12,8 @@ from pipeline.recording.contents import is_script
 from pipeline.recording.other_layer import write_other_layer
 from pipeline.recording.reader import recording_id
 from pipeline.recording.script_reader import read_script
-from pipeline.stages.check import check
-from pipeline.stages.check_script import check_script
+from pipeline.stages.check import Check, check
+from pipeline.stages.check_script import ScriptCheck, check_script
 from pipeline.stages.view import View, view
 
 
@@ -39,14 +39,26 @@ def with_golden(recording: Path | str, against: Path | str, *, web: bool = False
     """
     path, golden = Path(recording), Path(against)
     of_script = is_script(path)
-    checked = check_script(path, golden) if of_script else check(path, golden)
+    checked: ScriptCheck | Check
+    not_compared: tuple[str, ...] = ()
+    if of_script:
+        checked = check_script(path, golden)
+        not_compared = tuple(checked.not_compared)
+    else:
+        checked = check(path, golden)
     step = None if checked.first is None else checked.first.step
     with tempfile.TemporaryDirectory(prefix="drop-") as folder:
         layer = Path(folder, "golden.rrd")
         shown = view([path], web=web, more=[layer])
         labels = _moving(golden) if of_script else None
         write_other_layer(layer, golden, recording_id=recording_id(path), labels=labels)
-        yield replace(shown, golden=golden, same=checked.same, first_difference=step)
+        yield replace(
+            shown,
+            golden=golden,
+            same=checked.same,
+            first_difference=step,
+            not_compared=not_compared,
+        )
 
 
 def _moving(golden: Path) -> Collection[str]:

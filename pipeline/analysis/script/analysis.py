@@ -194,15 +194,16 @@ def _body(
 ) -> BodyAnalysis:
     dynamics = seen.by_body[body.number].dynamics
     counts: dict[str, int] = dict.fromkeys(SEGMENTS, 0)
-    if verdict is None:
+    if verdict is None and not body.soft:
         counts["still"] = _there(seen, body, samples.get(body.client, 1))
-    else:
+    elif verdict is not None:
         held = np.bincount(verdict.code, minlength=len(SEGMENTS)).tolist()
         counts |= zip(SEGMENTS, held, strict=True)
     return BodyAnalysis(
         name=body.name,
         label=body.label,
         id=body.number,
+        soft=body.soft,
         links=list(body.links),
         mass_kg=float(np.sum(dynamics[-1].reported["mass_kg"])) if dynamics else 0.0,
         segments=counts,

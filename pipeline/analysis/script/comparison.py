@@ -2,11 +2,13 @@
 
 Inputs such as masses, settings and pushes count until a sample differs: from there on they may be
 a reaction to the difference, in a script that controls by what it measures. Calls are reported, but
-only their effects count.
+only their effects count. What PyBullet does not report, such as how soft bodies move, is not
+compared: nothing with such a body is the same.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,11 +58,15 @@ class ScriptComparison:
     """Why they differ: another script, other calls, another engine."""
     samples_part_at: int | None
     """The first step with a sample that is not the same to the bit."""
+    not_compared: list[str]
+    """Bodies whose motion PyBullet does not report, or that of some links: soft bodies, and links
+    that it does not show. Without a difference elsewhere the two are then neither the same nor
+    different."""
 
     @property
     def same(self) -> bool:
         """Whether it is the same physics."""
-        return self.first is None
+        return self.first is None and not self.not_compared
 
 
 def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> ScriptComparison:
@@ -111,6 +117,7 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
         looks_like=like,
         cause=why,
         samples_part_at=None if parted is None else parted[0].step,
+        not_compared=list(dict.fromkeys([*_not_seen(run.seen), *_not_seen(golden.seen)])),
     )
 
 
@@ -132,6 +139,13 @@ def with_images(
     counts = call is not None and not call.moved and call.when.step <= step
     why = cause_of_images(run, golden, call=call if counts else None, made=comparison.versions)
     return replace(comparison, looks_like=STATES_ARE_THE_SAME, cause=why)
+
+
+def _not_seen(seen: Seen) -> Iterator[str]:
+    """Yield the labels of bodies whose motion is not recorded, or not that of all links."""
+    for body in seen.bodies.values():
+        if body.soft or body.hides_links:
+            yield body.label
 
 
 def _earliest(*differences: Dated | None) -> Dated | None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from pipeline.analysis.script.cause import FOLDER
 from pipeline.analysis.script.difference import INPUT, PUT, Dated, Difference, Value, When
 from pipeline.analysis.script.tracks import order
 from pipeline.seen import At, Body, Put, Seen
@@ -24,6 +25,8 @@ Row = tuple[At, dict[Column, Value]]
 Inputs = dict[tuple[str, str | None, int], list[Row]]
 """By entity, label of a body, and client."""
 
+SOFT_CALLS = ("loadSoftBody", "createSoftBodyAnchor", "resetMeshData")
+"""Whose effect is on a soft body, which is not recorded."""
 FOLLOWS = ("number", "label", "name", "bounds_m")
 """A body's names, with the folder of its file, and the boxes that follow from its pose."""
 
@@ -141,6 +144,12 @@ def _inputs(seen: Seen, labels: Set[str]) -> Inputs:
     for push in seen.pushes:
         values = {part.name: getattr(push, part.name) for part in fields(push)[2:]}
         add("pushes", push.at, push.body, _flat(values))
+    soft = [body.name for body in seen.bodies.values() if body.soft]
+    for call in seen.calls:
+        loads = call.function == "loadURDF" and any(name in call.arguments for name in soft)
+        if call.function in SOFT_CALLS or loads:
+            values = {"arguments": FOLDER.sub("", call.arguments), "raised": bool(call.raised)}
+            add("calls", call.at, call.client, _flat({"function": call.function} | values))
     for put in seen.puts:
         add("set", put.at, put.body, _of_put(put))
     return rows

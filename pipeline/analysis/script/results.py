@@ -136,6 +136,8 @@ class BodyAnalysis:
     """Number and name, as in findings and in the recording's entities."""
     id: int
     """Number in the recording: the engine's own id, unless another body had it before."""
+    soft: bool
+    """Whether it is a soft body, of which PyBullet reports no motion: it has no samples."""
     links: list[str]
     """Base and links."""
     mass_kg: float
