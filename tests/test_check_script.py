@@ -28,6 +28,7 @@ from viewer import Viewer, has_colour, vulkan_driver
 
 from pipeline import Scenario, colours, simulate
 from pipeline.analysis.script.cause import Side
+from pipeline.analysis.script.clients import paired_clients
 from pipeline.analysis.script.comparison import ScriptComparison, compare_scripts
 from pipeline.analysis.script.difference import Difference
 from pipeline.analysis.script.input_differences import input_differences
@@ -37,7 +38,7 @@ from pipeline.recording import schema
 from pipeline.recording import viewer as program
 from pipeline.recording.reader import recording_id as read_id
 from pipeline.recording.script_reader import read_script
-from pipeline.stages.check_script import check_script
+from pipeline.stages.check_script import ScriptCheck, check_script
 from pipeline.stages.record import record_script
 from pipeline.stages.view_golden import with_golden
 
@@ -265,7 +266,8 @@ def test_differences_are_always_listed_in_the_same_order(recording: Record, gold
     )
     path = recording(("arm = ", f"{more}arm = "))
     seen = read_script(path).seen
-    missing = input_differences(seen, read_script(golden).seen)
+    theirs = read_script(golden).seen
+    missing = input_differences(seen, theirs, paired_clients(seen, theirs))
     labels = [difference.body for _, difference in missing if difference.value == 1.0]
     assert labels == sorted(labels)
     assert len(labels) > 9
@@ -582,6 +584,41 @@ def test_two_clients_are_compared_each_by_its_steps(tmp_path: Path) -> None:
     assert result.first == Difference(0, None, None, "engine.gravityAccelerationZ", -11.81, -10.81)
     assert result.looks_like is not None
     assert result.looks_like.startswith("3_cube_small is 0.0174 mm off at step 1, ")
+
+
+def test_the_numbers_of_clients_do_not_count(tmp_path: Path) -> None:
+    """A connection that is not used shifts them, as does one that a notebook left open."""
+    text = """
+        import sys, pybullet as p
+        for _ in range(int(sys.argv[1])):
+            p.connect(p.DIRECT)
+        c = p.connect(p.DIRECT)
+        p.setGravity(0, 0, -9.81, physicsClientId=c)
+        ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1, physicsClientId=c)
+        for z in (0, 0.19):
+            p.createMultiBody(1, ball, basePosition=[0, 0, z], physicsClientId=c)
+        for i in range(50):
+            p.stepSimulation(physicsClientId=c)
+        """
+    first, second = (recorded(text, tmp_path / f"{n}.rrd", str(n)) for n in range(2))
+    assert len(side(first).seen.contacts)
+    for run, against in ((first, second), (second, first), (first, first)):
+        for tolerance_m in (0.0, 1e-3):
+            result = compared(run, against, tolerance_m=tolerance_m)
+            assert (result.same, result.other_call) == (True, None)
+    slower = recorded(text.replace("-9.81", "-1.6"), tmp_path / "moon.rrd", "1")
+    result = compared(slower, first)
+    assert result.first == Difference(0, None, None, "engine.gravityAccelerationZ", -1.6, -9.81)
+
+
+def test_the_same_call_in_another_client_names_both(golden: Path) -> None:
+    theirs = side(golden)
+    first, *others = theirs.seen.calls
+    seen = replace(theirs.seen, calls=[replace(first, client=1), *others])
+    result = compare_scripts(replace(theirs, seen=seen), theirs)
+    assert result.same
+    check = ScriptCheck(golden, golden, 0.0, result, None)
+    assert "sim.py:4, in client 1, golden in client 0" in " ".join(str(check).split())
 
 
 def test_an_altered_recording_is_refused_by_its_checksum(golden: Path, tmp_path: Path) -> None:

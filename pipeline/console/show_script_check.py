@@ -152,7 +152,15 @@ def _other_call(other: OtherCall) -> Message:
             file=other.golden.file,
             line=other.golden.line,
         )
-    return Message("{call}, golden {golden}", call=_call(other.value), golden=_call(other.golden))
+    call, golden = _call(other.value), _call(other.golden)
+    if other.value and other.golden and call == golden:
+        return Message(
+            "{call}, in client {client}, golden in client {golden}",
+            call=call,
+            client=other.value.client,
+            golden=other.golden.client,
+        )
+    return Message("{call}, golden {golden}", call=call, golden=golden)
 
 
 def _call(call: Call | None) -> Message:

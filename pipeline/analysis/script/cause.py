@@ -9,6 +9,7 @@ from itertools import zip_longest
 from typing import Any
 
 from pipeline.analysis.drop.comparison import Setting
+from pipeline.analysis.script.clients import Clients
 from pipeline.analysis.script.difference import INPUT, Difference, When
 from pipeline.messages import Message, joined
 from pipeline.seen import Call, Seen
@@ -43,11 +44,8 @@ class OtherCall:
     """In the checked recording; None where it has no more."""
     golden: Call | None
     """In the golden recording; None where it has no more."""
-
-    @property
-    def moved(self) -> bool:
-        """Whether it is the same call from another line."""
-        return self.value is not None and self.golden is not None and _is(self.value, self.golden)
+    moved: bool
+    """Whether it is the same call from another line."""
 
     @property
     def when(self) -> When:
@@ -56,9 +54,12 @@ class OtherCall:
         return min(When(at.step, INPUT, at.call) for at in ats)
 
 
-def other_call(run: Sequence[Call], golden: Sequence[Call]) -> OtherCall | None:
+def other_call(run: Sequence[Call], golden: Sequence[Call], clients: Clients) -> OtherCall | None:
     """Return the first call that does something else, else the first from another line."""
-    pairs = [OtherCall(*pair) for pair in zip_longest(run, golden)]
+    pairs = [
+        OtherCall(call, other, moved=bool(call and other and _is(call, other, clients)))
+        for call, other in zip_longest(run, golden)
+    ]
     others = (pair for pair in pairs if not pair.moved)
     elsewhere = (
         pair for pair in pairs
@@ -68,13 +69,13 @@ def other_call(run: Sequence[Call], golden: Sequence[Call]) -> OtherCall | None:
     return next(others, None) or next(elsewhere, None)
 
 
-def _is(call: Call, golden: Call) -> bool:
+def _is(call: Call, golden: Call, clients: Clients) -> bool:
     """Whether two calls do the same, from whatever line and with files in whatever folder."""
     mine, theirs = (
-        (each.client, each.function, FOLDER.sub("", each.arguments), bool(each.raised))
+        (each.function, FOLDER.sub("", each.arguments), bool(each.raised))
         for each in (call, golden)
     )
-    return mine == theirs
+    return mine == theirs and call.client == clients[golden.client]
 
 
 def versions(run: Side, golden: Side) -> Iterator[Setting]:

@@ -22,6 +22,7 @@ from pipeline.analysis.script.cause import (
     other_call,
     versions,
 )
+from pipeline.analysis.script.clients import paired_clients
 from pipeline.analysis.script.difference import INPUT, LED, Dated, Difference, When
 from pipeline.analysis.script.input_differences import input_differences
 from pipeline.analysis.script.likeness import STATES_ARE_THE_SAME, looks_like
@@ -80,14 +81,14 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
         Allowed difference in motion [m]; 0 means bit for bit, and then also in joints and contact
         points.
     """
-    of = paired(run.seen, golden.seen)
+    of, clients = paired(run.seen, golden.seen), paired_clients(run.seen, golden.seen)
     state = first_state(of)
-    others = [first_joint(of, run.seen, golden.seen), first_contact(run.seen, golden.seen)]
+    others = [first_joint(of, run.seen, golden.seen), first_contact(run.seen, golden.seen, clients)]
     parted = _earliest(state, *others)
     inputs = sorted(
         (
             dated
-            for dated in input_differences(run.seen, golden.seen)
+            for dated in input_differences(run.seen, golden.seen, clients)
             if _is_before(dated[0], parted)
         ),
         key=lambda dated: dated[0],
@@ -95,7 +96,7 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
     if tolerance_m:
         state, others = first_state(of, allowed(of, golden.seen, tolerance_m)), []
     earliest = _earliest(*inputs, state, *others)
-    call = other_call(run.seen.calls, golden.seen.calls)
+    call = other_call(run.seen.calls, golden.seen.calls, clients)
     differences = [difference for _, difference in inputs]
     made = list(versions(run, golden))
     first = before = why = like = None

@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.analysis.script.cause import FOLDER
+from pipeline.analysis.script.clients import Clients
 from pipeline.analysis.script.difference import INPUT, PUT, Dated, Difference, Value, When
 from pipeline.analysis.script.tracks import order
 from pipeline.seen import At, Body, Put, Seen
@@ -27,20 +28,26 @@ Inputs = dict[tuple[str, str | None, int], list[Row]]
 
 SOFT_CALLS = ("loadSoftBody", "createSoftBodyAnchor", "resetMeshData")
 """Whose effect is on a soft body, which is not recorded."""
-FOLLOWS = ("number", "label", "name", "bounds_m")
-"""A body's names, with the folder of its file, and the boxes that follow from its pose."""
+FOLLOWS = ("number", "label", "name", "bounds_m", "client")
+"""A body's names, with the folder of its file, the boxes that follow from its pose, and the number
+of its client, which is paired."""
 
 
-def input_differences(run: Seen, golden: Seen) -> Iterator[Dated]:
+def input_differences(run: Seen, golden: Seen, clients: Clients) -> Iterator[Dated]:
     """Yield the first difference in the inputs of each body, and each client with bodies."""
     for label, at, *there in _coming(run, golden):
         yield When(at.step, INPUT, at.call), Difference(at.step, label, None, "there", *there)
     both = labels_of(run) & labels_of(golden)
-    mine, theirs = (_inputs(seen, both) for seen in (run, golden))
-    ends = [_ends(seen) for seen in (run, golden)]
-    clients = {body.client for seen in (run, golden) for body in seen.bodies.values()}
+    mine = _inputs(run, both)
+    theirs = {
+        (entity, label, clients[client]): rows
+        for (entity, label, client), rows in _inputs(golden, both).items()
+    }
+    ends = [_ends(run), {clients[client]: step for client, step in _ends(golden).items()}]
+    with_bodies = {body.client for body in run.bodies.values()}
+    with_bodies |= {clients[body.client] for body in golden.bodies.values()}
     for key in {**mine, **theirs}:
-        if key[2] not in clients:  # without bodies its settings have no effect
+        if key[2] not in with_bodies:  # without bodies its settings have no effect
             continue
         last = [steps.get(key[2], 0) for steps in ends]
         yield from _first(key, mine.get(key, []), theirs.get(key, []), last)

@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from pipeline.analysis.script.clients import Clients
 from pipeline.analysis.script.difference import FIRST, LED, Dated, Difference, When
 from pipeline.seen import Body, Joints, Seen
 
@@ -124,14 +125,15 @@ def allowed(of: Paired, golden: Seen, tolerance_m: float) -> Float64:
     A velocity may be off by what moves the body that far in one step, an angle by what moves the
     surface that far, half the diagonal of the part's box away.
     """
-    steps_s = {settings.client: settings.values["fixedTimeStep"] for settings in golden.settings}
+    of_client = {each.client: each.values["fixedTimeStep"] for each in golden.settings}
+    steps_s = {body.label: of_client[body.client] for body in golden.bodies.values()}
     parts = of.rows.select("body", "link")
     allowed = np.empty((len(parts), len(COLUMNS)))
     for (number, link), rows in (
         parts.with_row_index().partition_by("body", "link", as_dict=True).items()
     ):
         body = of.bodies[int(number)]
-        step_s, length_m = float(np.max(steps_s[body.client])), _length_m(body, int(link))
+        step_s, length_m = float(np.max(steps_s[body.label])), _length_m(body, int(link))
         per_metre = np.repeat(
             [1.0, 1 / length_m, 1 / step_s, 1 / (length_m * step_s)], (3, 4, 3, 3)
         )
@@ -191,9 +193,9 @@ def _joint_columns(body: Body) -> list[tuple[str, int]]:
 # -- contact points -------------------------------------------------------------------------------
 
 
-def first_contact(run: Seen, golden: Seen) -> Dated | None:
+def first_contact(run: Seen, golden: Seen, clients: Clients) -> Dated | None:
     """Return the first contact point that differs, or the first step with more of them."""
-    mine, theirs = (_points(seen) for seen in (run, golden))
+    mine, theirs = _points(run), _points(golden, clients)
     names = [name for name in theirs.columns if name != "step"]
     both = min(len(mine), len(theirs))
     steps, golden_steps = (table["step"].to_numpy() for table in (mine, theirs))
@@ -217,8 +219,14 @@ def first_contact(run: Seen, golden: Seen) -> Dated | None:
     return When(step, LED if step else FIRST), difference
 
 
-def _points(seen: Seen) -> pl.DataFrame:
-    """Return the contact points in the order of step and client; each client has its own steps."""
-    clients = {number: body.client for number, body in seen.bodies.items()}
-    client = pl.col("body_a").replace_strict(clients, default=0, return_dtype=pl.Int64)
+def _points(seen: Seen, clients: Clients | None = None) -> pl.DataFrame:
+    """Return the contact points in the order of step and client; each client has its own steps.
+
+    `clients` are the numbers to sort by instead of the clients' own.
+    """
+    numbers = {
+        number: clients[body.client] if clients else body.client
+        for number, body in seen.bodies.items()
+    }
+    client = pl.col("body_a").replace_strict(numbers, default=0, return_dtype=pl.Int64)
     return seen.contacts.sort("step", client, maintain_order=True)
