@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 import textwrap
 from collections.abc import Callable
 from dataclasses import replace
@@ -421,6 +423,81 @@ def test_another_file_that_the_same_calls_load(recording: Record, golden: Path) 
     assert "a file that they load has changed" in result.cause
 
 
+def test_a_file_that_changed_only_where_pybullet_does_not_report_it(tmp_path: Path) -> None:
+    """A vertex of a mesh in the same box: only the motion shows it."""
+    text = """
+        import pybullet as p
+        p.connect(p.DIRECT)
+        p.setGravity(0, 0, -9.81)
+        p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
+        mesh = p.createCollisionShape(p.GEOM_MESH, fileName="{file}")
+        p.createMultiBody(1, mesh, basePosition=[0, 0, 0.15], baseOrientation=[0.1, 0.2, 0, 0.97])
+        for _ in range(100):
+            p.stepSimulation()
+        """
+    paths = []
+    for run, low in enumerate((-0.1, -0.05)):
+        corners = [(x, y, z) for z in (low, 0.1) for y in (-0.1, 0.1) for x in (-0.1, 0.1)]
+        lines = [f"v {x} {y} {z}" for x, y, z in [*corners, (0.1, 0.1, -0.1)]]
+        faces = "f 1 3 2\nf 2 3 4\nf 5 6 7\nf 6 8 7\nf 1 2 9\nf 3 9 4\n"
+        file = tmp_path / "shape.obj"
+        file.write_text("\n".join(lines) + "\n" + faces)
+        paths.append(recorded(text.format(file=file), tmp_path / f"{run}.rrd"))
+    result = compared(paths[1], paths[0])
+    assert not result.same
+    assert result.cause == (
+        "the same calls, other numbers, and the same versions: a file that they load has changed, "
+        "or another build or processor, or uninitialized memory that PyBullet reads, which drop "
+        "record --twice shows"
+    )
+    unread = replace(side(paths[0]).seen, calls=[])
+    other, theirs = (replace(side(path), seen=unread) for path in paths)
+    states = unread.states.with_columns(pl.col("vz_m_s") * (1 + 1e-15))
+    result = compare_scripts(replace(other, seen=replace(unread, states=states)), theirs)
+    assert result.cause is not None
+    assert "a file" not in result.cause
+
+
+BLOCK = """
+import pybullet as p
+from pipeline import record
+def run(out, height, after=0):
+    with record(out):
+        p.connect(p.DIRECT)
+        p.setGravity(0, 0, -9.81)
+        p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
+        box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1] * 3)
+        for z in (0, 0.25):
+            p.createMultiBody(1, box, -1, [z / 3, 0, height + z], [0.1, 0.2, 0.05, 0.9])
+        for _ in range(150):
+            p.stepSimulation()
+        if after:
+            p.setPhysicsEngineParameter(contactBreakingThreshold=after)
+        p.disconnect()
+run("low.rrd", 0.3)
+run("high.rrd", 0.4)
+run("sets.rrd", 0.3, 0.0005)
+run("after.rrd", 0.3)
+"""
+
+
+def test_blocks_differ_by_their_code_or_by_what_came_before(tmp_path: Path) -> None:
+    """Bullet keeps contactBreakingThreshold for the process, and does not report it."""
+    subprocess.run([sys.executable, "-c", BLOCK], cwd=tmp_path, check=True, timeout=120)
+    result = compared(tmp_path / "high.rrd", tmp_path / "low.rrd")
+    assert result.cause == (
+        "other calls: the block's code has changed, its seed, or what it reads, such as a file or "
+        "the time of day"
+    )
+    result = compared(tmp_path / "after.rrd", tmp_path / "low.rrd")
+    assert result.first is not None
+    assert result.cause == (
+        "the same calls, other numbers, and the same versions: what the process did before the "
+        "block still acts, as contactBreakingThreshold does in every later simulation, or another "
+        "build or processor, or uninitialized memory that PyBullet reads"
+    )
+
+
 def test_the_same_calls_and_other_numbers_are_another_engine(golden: Path) -> None:
     theirs = side(golden)
     states = theirs.seen.states.with_columns(pl.col("vz_m_s") * (1 + 1e-15))
@@ -428,6 +505,7 @@ def test_the_same_calls_and_other_numbers_are_another_engine(golden: Path) -> No
     result = compare_scripts(replace(theirs, seen=seen), theirs)
     assert result.cause is not None
     assert result.cause.startswith("the same calls, other numbers, and the same versions")
+    assert "a file that they load has changed, or another build or processor" in result.cause
     upgraded = replace(theirs, seen=seen, ended={**theirs.ended, "made_with_pybullet_api": 1})
     result = compare_scripts(upgraded, theirs)
     assert result.cause is not None

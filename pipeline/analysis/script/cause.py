@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
@@ -21,6 +21,8 @@ DID = ("unseeded", "real_time")
 """Facts of that prefix that are not versions: what the script did."""
 SHORTENED = re.compile(r"… \d+ values")
 """In a call's arguments: replaces the rest of a long list."""
+FILE = re.compile(r"\.\w+['\"]")
+"""In a call's arguments: the end of a file's name."""
 FOLDER = re.compile(r"(?<=['\"])(?:/|[A-Za-z]:[/\\])(?:[^'\"]*[/\\])?")
 """The folder of an absolute path in a call's arguments, which depends on the machine."""
 
@@ -156,22 +158,11 @@ def _of_inputs(
             "the same calls, and a simulation that begins or ends elsewhere: connecting to "
             "PyBullet and disconnecting do not count as calls"
         )
+    causes = joined(", or ", _possible(run, first=first, inputs=inputs, made=made))
     if any(each.column.startswith(("bodies.", "dynamics.")) for each in inputs):
-        if made:
-            return Message("the same calls, other bodies: made with {made}", made=_versions(made))
-        return Message(
-            "the same calls, other bodies: a file that they load has changed, or the engine reads "
-            "it differently"
-        )
-    if made:
-        return Message(
-            "the same calls, other numbers: another engine or machine, made with {made}",
-            made=_versions(made),
-        )
-    part = next(
-        (each for each in run.seen.calls if inputs and SHORTENED.search(each.arguments)), None
-    )
-    if part is not None:
+        return Message("the same calls, other bodies: {causes}", causes=causes)
+    part = _part(run.seen.calls)
+    if inputs and part is not None and not made:
         return Message(
             "the same calls, as far as recorded: the arguments of {function} at {file}:{line} are "
             "recorded only in part",
@@ -179,10 +170,46 @@ def _of_inputs(
             file=part.file,
             line=part.line,
         )
-    return Message(
-        "the same calls, other numbers, and the same versions: another build or processor, or "
-        "uninitialized memory that PyBullet reads, which drop record --twice shows"
-    )
+    if made:
+        return Message("the same calls, other numbers: {causes}", causes=causes)
+    return Message("the same calls, other numbers, and the same versions: {causes}", causes=causes)
+
+
+def _possible(
+    run: Side, *, first: Difference, inputs: Sequence[Difference], made: Sequence[Setting]
+) -> Iterator[Message]:
+    """Yield what may make the same calls give other bodies or numbers; none of it is recorded."""
+    calls = [call for call in run.seen.calls if call.at.step <= first.step]
+    if made:
+        yield Message("another engine or machine, made with {made}", made=_versions(made))
+    part = _part(calls)
+    if part is not None:
+        yield Message(
+            "the arguments of {function} at {file}:{line}, recorded only in part, differ",
+            function=part.function,
+            file=part.file,
+            line=part.line,
+        )
+    if any(FILE.search(call.arguments) for call in calls):
+        yield Message("a file that they load has changed")
+    if _is_block(run):
+        yield Message(
+            "what the process did before the block still acts, as contactBreakingThreshold does "
+            "in every later simulation"
+        )
+    if not made:
+        yield Message("another build or processor")
+        if not inputs and _is_block(run):
+            yield Message("uninitialized memory that PyBullet reads")
+        elif not inputs:
+            yield Message(
+                "uninitialized memory that PyBullet reads, which drop record --twice shows"
+            )
+
+
+def _part(calls: Iterable[Call]) -> Call | None:
+    """Return the first of some calls whose arguments are recorded only in part."""
+    return next((call for call in calls if SHORTENED.search(call.arguments)), None)
 
 
 def cause_of_images(
@@ -269,6 +296,8 @@ def _of_calls(run: Side, golden: Side) -> Message:
                 "the same script, other calls: arguments {value}, golden {golden}", **both
             )
         return Message("the same script, other calls: --seed {value}, golden {golden}", **both)
+    if _is_block(run):
+        return _of_block(run, golden)
     unseeded = (*run.seen.unseeded, *golden.seen.unseeded)
     if unseeded:
         return Message(
@@ -289,6 +318,27 @@ def _of_calls(run: Side, golden: Side) -> Message:
         "a module of the same name, other calls: what it reads has changed, such as a module, a "
         "file or the time of day, which --seed fixes"
     )
+
+
+def _of_block(run: Side, golden: Side) -> Message:
+    """Say why two blocks of Python, whose text is not recorded, have different calls."""
+    unseeded = (*run.seen.unseeded, *golden.seen.unseeded)
+    if unseeded:
+        return Message(
+            "other calls: the block's code has changed, or it draws unseeded random numbers, "
+            "{place}; record both with seed=0",
+            place=unseeded[0],
+        )
+    return Message(
+        "other calls: the block's code has changed, its seed, or what it reads, such as a file or "
+        "the time of day"
+    )
+
+
+def _is_block(side: Side) -> bool:
+    """Whether a block of Python was recorded: the text of scripts is known, and modules have -m."""
+    script = str(side.origin.get("script"))
+    return side.origin.get("script_sha256") is None and not script.startswith("-m ")
 
 
 def _other_text(run: Side, golden: Side) -> bool:
