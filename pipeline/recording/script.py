@@ -48,7 +48,7 @@ from pipeline.seen import (
 )
 from pipeline.states import Rows
 
-ROWS_TOGETHER, POSES_TOGETHER, IMAGES_TOGETHER = 1024, 1 << 18, 32
+ROWS_TOGETHER, POSES_TOGETHER, IMAGES_TOGETHER = 1024, 1 << 16, 32
 """Rows that are held until they become chunks."""
 FARTHEST_M = 10.0
 """The viewer's eye ignores what is farther than this from where it started."""
