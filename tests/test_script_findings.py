@@ -96,6 +96,10 @@ CASES = [
         "1_cube_small", 13, None, FLOOR + CUBE.format(2) + "p.setTimeStep(0.005)\nsteps(150)",
     ),
     Case(
+        "timestep-too-long", WALL + BULLET + "p.setPhysicsEngineParameter(numSubSteps=4)\nsteps(2)",
+        "1_box", 1, None, WALL + BULLET + "p.setPhysicsEngineParameter(numSubSteps=20)\nsteps(2)",
+    ),
+    Case(
         "deep-penetration", FLOOR + CUBE.format(1) + "steps(150)", None, 109, None,
         FLOOR + CUBE.format(1) + "p.setTimeStep(1 / 1000)\nsteps(600)",
     ),
@@ -576,6 +580,13 @@ def test_an_inertia_that_was_given_is_gone_with_its_body(
     finding = found(analyzed(scene), "inertia-far-from-shape")
     assert finding.site is None
     assert "in its file" in finding.message
+
+
+def test_a_body_moves_in_substeps(analyzed: Analyzed) -> None:
+    """In each of which the engine looks for contact."""
+    _, case = (one for one in CASES if one.code == "timestep-too-long")
+    message = found(analyzed(case.scene), "timestep-too-long").message
+    assert " in a substep of 1/960 s at" in message
 
 
 THIN = FLOOR + (

@@ -141,12 +141,17 @@ def _too_fast(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindin
     thick_m = np.array([math.inf if edge is None else edge.min() for edge in edges_m])
     thin_m = thick_m[life_of(e.seen.by_body[number], track.steps)]
     way_m = np.linalg.norm(track.motion.position_m - track.before.position_m, axis=1)
+    for epoch, law in judged.laws:
+        # The engine looks for contact in each substep.
+        way_m[epoch.rows] /= law.substeps if law is not None else 1
     rows = np.flatnonzero(track.led & ~track.put & (way_m > thin_m))
     if len(rows):
         row = int(rows[np.argmax(way_m[rows])])
         law, step = judged.law_at(row), int(track.steps[row])
         of_step = Message("a step")
-        if law is not None:
+        if law is not None and law.substeps > 1:
+            of_step = Message("a substep of {timestep} s", timestep=fraction(law.step_s))
+        elif law is not None:
             of_step = Message("a step of {timestep} s", timestep=fraction(law.timestep_s))
         message = Message(
             "{body} moves {way:.4g} mm in {of_step} at step {step}, and is {thickness:.4g} mm "
