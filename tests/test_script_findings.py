@@ -250,6 +250,15 @@ HARMLESS = {
         + "p.changeDynamics(b, -1, linearDamping=0)\np.resetBaseVelocity(b, [99, 0, 0])\nsteps(6)",
     ),
     "nothing to meet": ("timestep-too-long", GRAVITY + BULLET + "steps(5)"),
+    "nothing but a picture": (
+        "timestep-too-long",
+        GRAVITY + "p.createMultiBody(0, -1, p.createVisualShape(p.GEOM_SPHERE, radius=0.1))\n"
+        + BULLET + "steps(5)",
+    ),
+    "what is to meet nothing": (
+        "timestep-too-long",
+        FLOOR + BULLET + "p.setCollisionFilterGroupMask(b, -1, 0, 0)\nsteps(5)",
+    ),
     "a new scene": (
         "teleported",
         "for n in range(2):\n    p.resetSimulation()\n    " + GRAVITY + "    "

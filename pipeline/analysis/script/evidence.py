@@ -193,6 +193,27 @@ class Evidence:
         known = body in self.seen.bodies
         return known and bool(box_m(self.appearance(body, at).body, link).any())
 
+    def filters(self, client: int) -> bool:
+        """Whether calls decide which bodies of a simulation collide."""
+        return any(
+            call.function.startswith("setCollisionFilter") and call.client == client
+            for call in self.seen.calls
+        )
+
+    def may_meet(self, body: Body) -> bool:
+        """Whether there is a shape that a body collides with, as far as is known."""
+        others = (
+            other
+            for other in self.seen.bodies.values()
+            if other.client == body.client and other.number != body.number
+        )
+        return not self.filters(body.client) and any(
+            other.soft
+            or other.hides_links
+            or any(box_m(other, link).any() for link in range(BASE, len(other.links) - 1))
+            for other in others
+        )
+
     def _orientation(self, came: Appearance, link: int) -> Sequence[float] | None:
         """Return the orientation of a part where its body appeared; None if unknown."""
         number, at = came.body.number, order(came.at)

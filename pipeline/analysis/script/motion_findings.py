@@ -66,11 +66,7 @@ def _mismatch(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindin
 def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
     """Yield where a body passed through a slab without a contact."""
     track = judged.track
-    filtered = any(
-        call.function.startswith("setCollisionFilter") and call.client == track.body.client
-        for call in e.seen.calls
-    )
-    if track.body.joints or filtered:
+    if track.body.joints or e.filters(track.body.client):
         return
     moved, passed = track.led & ~track.put, set()
     before_m, after_m = track.before.position_m, track.motion.position_m
@@ -132,10 +128,7 @@ def _clamped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding
 def _too_fast(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
     track = judged.track
     swept = any("ccdSweptSphereRadius" in epoch.given for epoch in track.epochs)
-    alone = all(
-        body is track.body or body.client != track.body.client for body in e.seen.bodies.values()
-    )
-    if track.body.joints or swept or alone:
+    if track.body.joints or swept or not e.may_meet(track.body):
         return
     edges_m = [e.extents_m(number, BASE, order(came.at)) for came in e.seen.by_body[number].came]
     thick_m = np.array([math.inf if edge is None else edge.min() for edge in edges_m])
