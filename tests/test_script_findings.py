@@ -42,6 +42,11 @@ BOX = (
 )
 WALL = GRAVITY + BOX.format("0", "0.005, 1, 1", "1, 0, 0.5") + "wall = b\n"
 BULLET = BOX.format("1", "0.02, 0.02, 0.02", "0, 0, 0.5") + "p.resetBaseVelocity(b, [90, 0, 0])\n"
+ABOVE = (
+    "c = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02] * 3, "
+    "collisionFramePosition=[0, 0, 3])\nb = p.createMultiBody(1, c, basePosition=[{}])\n"
+    "p.resetBaseVelocity(b, [90, 0, 0])\nsteps(8)"
+)
 ROBOT = GRAVITY + 'r = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)\n'
 DRIVEN = "p.setJointMotorControl2(r, 1, p.POSITION_CONTROL, targetPosition=1, force={})\n"
 INERTIA = (
@@ -249,6 +254,17 @@ HARMLESS = {
         + BOX.format("1", "0.02, 0.02, 0.02", "0, 0.27, 0.5")
         + "p.changeDynamics(b, -1, linearDamping=0)\np.resetBaseVelocity(b, [99, 0, 0])\nsteps(6)",
     ),
+    "what flies above a wall, and has its centre of mass below": (
+        "tunnelled", WALL + ABOVE.format("0, 0, 0.5"),
+    ),
+    "a dumbbell with a ball on each side of a post": (
+        "tunnelled",
+        WALL.replace("1, 1", "0.1, 1")
+        + "c = p.createCollisionShapeArray(shapeTypes=[p.GEOM_SPHERE] * 2, radii=[0.1] * 2, "
+        "collisionFramePositions=[[0, -0.5, 0], [0, 0.5, 0]])\n"
+        "b = p.createMultiBody(1, c, -1, [0, 0, 0.5])\n"
+        "p.resetBaseVelocity(b, [90, 0, 0])\nsteps(8)",
+    ),
     "nothing to meet": ("timestep-too-long", GRAVITY + BULLET + "steps(5)"),
     "nothing but a picture": (
         "timestep-too-long",
@@ -432,6 +448,10 @@ def test_what_only_looks_like_it_is_no_finding(analyzed: Analyzed, name: str) ->
 def test_a_wall_stands_where_it_is_until_it_is_moved(analyzed: Analyzed, rest: str) -> None:
     moved = f"{WALL}{BULLET}steps(8)\n{rest}\nsteps(2)"
     assert found(analyzed(moved), "tunnelled").step == 3
+
+
+def test_a_shape_passes_through_wherever_its_centre_of_mass_is(analyzed: Analyzed) -> None:
+    assert found(analyzed(WALL + ABOVE.format("0, 0, -2.5")), "tunnelled").step == 3
 
 
 def test_a_mass_counts_while_it_touches(analyzed: Analyzed) -> None:

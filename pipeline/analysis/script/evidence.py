@@ -21,8 +21,9 @@ from pipeline.analysis.script.judged import Judged
 from pipeline.analysis.script.results import BodyAnalysis, ScriptFinding
 from pipeline.analysis.script.times import Times
 from pipeline.analysis.script.tracks import order
+from pipeline.laws.rotations import rotate_inverse
 from pipeline.messages import Message
-from pipeline.seen import Appearance, At, Body, Call, Dynamics, Seen
+from pipeline.seen import Appearance, At, Body, Call, Dynamics, Pose, Seen
 from pipeline.states import BASE
 
 Float64 = NDArray[np.float64]
@@ -214,20 +215,41 @@ class Evidence:
             for other in others
         )
 
+    def ball_m(self, came: Appearance) -> Float64:
+        """Return a ball around a base's shape, (4,): centre and radius; nan where unknown.
+
+        The centre is that of the box around it, from the centre of mass, in the base's axes.
+        """
+        pose = self._pose(came, BASE)
+        if pose is None or not box_m(came.body, BASE).any():
+            return np.full(4, math.nan)
+        low_m, high_m = np.reshape(came.body.bounds_m[:6], (2, 3))
+        position_m, orientation = (np.array([each]) for each in pose)
+        (offset_m,) = rotate_inverse(orientation, (low_m + high_m) / 2 - position_m)
+        return np.array([*offset_m, np.linalg.norm(high_m - low_m) / 2])
+
     def _orientation(self, came: Appearance, link: int) -> Sequence[float] | None:
         """Return the orientation of a part where its body appeared; None if unknown."""
+        pose = self._pose(came, link)
+        return None if pose is None else pose[1]
+
+    def _pose(self, came: Appearance, link: int) -> Pose | None:
+        """Return where a part was, and its orientation, as its body appeared; None if unknown."""
         number, at = came.body.number, order(came.at)
         puts = self.seen.by_body[number].puts
         which = bisect_left(self._moments["puts"][number], at)
         if which < len(puts) and order(puts[which].at) == at:
-            states = puts[which].states
-            return tuple(states["orientation"][states["link"] == link][0])
+            (state,) = puts[which].states[puts[which].states["link"] == link]
+            return tuple(state["position_m"]), tuple(state["orientation"])
         # What time moves is in the first sample of all instead.
         rows = self.seen.parts.get((number, link))
         if rows is None or came.sampled:
             return None
         row = rows.filter(pl.col("step") == came.at.step)
-        return tuple(motion_of(row).orientation[0]) if len(row) else None
+        if not len(row):
+            return None
+        motion = motion_of(row)
+        return tuple(motion.position_m[0]), tuple(motion.orientation[0])
 
     def label(self, body: int, link: int = -1) -> str:
         """Return the name of a part: the body, and the link where it is not the base."""

@@ -8,12 +8,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.analysis.general.segments import SET, UNEXPLAINED
-from pipeline.analysis.script.evidence import Evidence, start_of
+from pipeline.analysis.script.evidence import Evidence
 from pipeline.analysis.script.judged import UNKNOWN, Judged
 from pipeline.analysis.script.results import ScriptFinding
 from pipeline.analysis.script.tracks import life_of, order
 from pipeline.fields import decimals, fraction
 from pipeline.laws.bullet_air import DEFAULT_DAMPING, MAX_COORDINATE_VELOCITY_M_S
+from pipeline.laws.rotations import rotate
 from pipeline.messages import Message
 from pipeline.states import BASE
 
@@ -64,12 +65,22 @@ def _mismatch(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindin
 
 
 def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding]:
-    """Yield where a body passed through a slab without a contact."""
+    """Yield where a body passed through a slab without a contact.
+
+    Its shape may be beside its centre of mass, and it may have a hole: what counts is the middle of
+    its box, and that no part of it reaches beyond the slab's edges.
+    """
     track = judged.track
     if track.body.joints or e.filters(track.body.client):
         return
     moved, passed = track.led & ~track.put, set()
-    before_m, after_m = track.before.position_m, track.motion.position_m
+    record = e.seen.by_body[number]
+    balls = np.array([e.ball_m(came) for came in record.came])[life_of(record, track.steps)]
+    offset_m, radius_m = balls[:, :3], balls[:, 3:]
+    before_m, after_m = (
+        motion.position_m + rotate(motion.orientation, offset_m)
+        for motion in (track.before, track.motion)
+    )
     for other, low, high, after, until in e.slabs:
         if other.client != track.body.client or other.number in passed:
             continue
@@ -79,9 +90,10 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
         beside = [other for other in range(3) if other != axis]
         inside = (track.steps > after) & (track.steps <= until)
         for position_m in (before_m, after_m):
-            inside &= ((position_m > low) & (position_m < high))[:, beside].all(axis=1)
+            within = (position_m - radius_m > low) & (position_m + radius_m < high)
+            inside &= within[:, beside].all(axis=1)
         rows = np.flatnonzero(moved & inside & (down | up))
-        if not len(rows) or not e.collides(number, BASE, start_of(int(track.steps[rows[0]]))):
+        if not len(rows):
             continue
         touched = np.isin(rows, judged.touches.step[judged.touches.other_body == other.number])
         if not touched[0]:
