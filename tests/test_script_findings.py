@@ -183,6 +183,10 @@ CASES = [
     Case("solver-stopped-early", PILE.format(3), None, 1, None, PILE.format(2000)),
     Case("mass-ratio", STACK.format(500), None, 12, None, STACK.format(50)),
     Case(
+        "mass-ratio", STACK.format(500), None, 12, None,
+        "p.setPhysicsEngineParameter(numSolverIterations=5000)\n" + STACK.format(500),
+    ),
+    Case(
         "real-time", WINDOW + "p.setRealTimeSimulation(1)\nimport time; time.sleep(0.1)", None,
         None, 5, WINDOW + "steps(20)",
     ),
@@ -327,6 +331,16 @@ HARMLESS = {
         "solver-stopped-early", FLOOR + CUBE.format(0.5) + "steps(120)",
     ),
     "a hundred times as heavy": ("mass-ratio", STACK.format(100)),
+    "light on heavy, beside a stack that does not converge": (
+        "mass-ratio",
+        PILE.format(3) + BOX.format("5000", "0.5, 0.5, 0.5", "3, 0, 0.5")
+        + BOX.format("1", "0.05, 0.05, 0.05", "3, 0, 1.05") + "steps(60)",
+    ),
+    "light on heavy": (
+        "mass-ratio",
+        FLOOR + BOX.format("5000", "0.5, 0.5, 0.5", "0, 0, 0.5")
+        + BOX.format("1", "0.05, 0.05, 0.05", "0, 0, 1.05") + "steps(60)",
+    ),
     "made heavy once it is elsewhere": (
         "mass-ratio",
         STACK.format(1) + "\np.resetBasePositionAndOrientation(b, [3, 0, 5], [0, 0, 0, 1])\n"

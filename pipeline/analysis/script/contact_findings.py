@@ -332,8 +332,10 @@ def _stands(e: Evidence, body: int) -> bool:
 
 
 def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
+    """Yield the most different masses that touch where the solver is known to stop early."""
     contacts, (pair_of, pairs) = e.contacts, e.pairs
-    ratios = np.array([_ratio(e, point) for point in pairs])
+    early = {solver.client for solver in e.seen.solvers}
+    ratios = np.array([_ratio(e, point, early) for point in pairs])
     ratio = np.where(contacts.normal_force_n > 0, ratios[pair_of] if len(pairs) else 0.0, 0.0)
     if not len(ratio) or ratio.max() <= HEAVIER:
         return
@@ -341,7 +343,8 @@ def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     mine, other = _sides(e, row, int(contacts.body_a[row]))
     message = Message(
         "{mine} and {other} touch, and one is {ratio:.4g} times as heavy as the other: Bullet's "
-        "solver needs many iterations to converge; keep within 1:100, or raise numSolverIterations",
+        "solver needs many iterations to converge, and stops early here; keep within 1:100, or "
+        "raise numSolverIterations",
         mine=mine,
         other=other,
         ratio=ratio[row],
@@ -349,8 +352,17 @@ def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     yield e.finding("mass-ratio", message, step=int(contacts.step[row]))
 
 
-def _ratio(e: Evidence, row: int) -> float:
-    """Return how many times heavier one touching part is than the other; 0 if one cannot move."""
+def _ratio(e: Evidence, row: int, early: set[int]) -> float:
+    """Return how many times heavier one touching part is than the other.
+
+    0 if one cannot move, if the solver of their simulation converges, and if the lighter one, a
+    body without joints, touches nothing else: what only lies on a heavy body is solved at once.
+    """
     at, sides = start_of(int(e.contacts.step[row])), e.sides(row)
     masses = [e.mass_kg(*part, at) for part in sides]
-    return max(masses) / min(masses) if min(masses) > 0 and sides[0][0] != sides[1][0] else 0.0
+    if min(masses) <= 0 or sides[0][0] == sides[1][0]:
+        return 0.0
+    light = e.seen.bodies[sides[int(np.argmin(masses))][0]]
+    if light.client not in early or not (light.joints or light.number in e.pressed):
+        return 0.0
+    return max(masses) / min(masses)

@@ -91,6 +91,16 @@ class Evidence:
         )
         return which["index"].to_numpy().astype(np.intp), pairs["point"].to_list()
 
+    @cached_property
+    def pressed(self) -> frozenset[int]:
+        """Bodies that ever touched several others."""
+        touched: dict[int, set[int]] = {}
+        for point in self.pairs[1]:
+            (one, _), (other, _) = self.sides(point)
+            touched.setdefault(one, set()).add(other)
+            touched.setdefault(other, set()).add(one)
+        return frozenset(body for body, others in touched.items() if len(others) > 1)
+
     def _reports(self, bodies: NDArray[np.int64]) -> NDArray[np.intp]:
         """Return how many reports of the engine precede those on the body of each contact point."""
         reports = sorted((each.body.number, each.at.step) for each in self.seen.dynamics)
