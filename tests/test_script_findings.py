@@ -545,6 +545,12 @@ def test_every_finding_has_a_case() -> None:
     assert known == {case.code for case in CASES} | {"law-mismatch"}
 
 
+def test_what_is_inside_another_is_not_always_pushed_out(analyzed: Analyzed) -> None:
+    still = f"{FLOOR}{CUBE.format(0.01)}p.setPhysicsEngineParameter(contactERP=0)\nsteps(5)"
+    message = found(analyzed(still), "starts-in-contact").message
+    assert message.endswith(" mm inside 0_plane when it appears; place it higher, or farther away")
+
+
 def test_what_was_put_inside_is_told_to_stand_outside(analyzed: Analyzed) -> None:
     placed, _, _, bounced = (one for one in CASES if one.code == "energy-gained")
     assert "place it outside" in found(analyzed(placed.scene), "energy-gained").message

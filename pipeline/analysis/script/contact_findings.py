@@ -61,8 +61,8 @@ def _starts(e: Evidence) -> Iterator[ScriptFinding]:
             if itself:
                 message = Message(
                     "{body} collides with itself when it appears: {mine} and {other} overlap by "
-                    "{depth} mm and are pushed apart; load it without URDF_USE_SELF_COLLISION, or "
-                    "call p.setCollisionFilterPair(…, 0)",
+                    "{depth} mm; load it without URDF_USE_SELF_COLLISION, or call "
+                    "p.setCollisionFilterPair(…, 0)",
                     body=e.label(number),
                     mine=mine,
                     other=other,
@@ -71,8 +71,8 @@ def _starts(e: Evidence) -> Iterator[ScriptFinding]:
                 yield e.finding("self-collision", message, body=number, step=step)
             else:
                 message = Message(
-                    "{body} is {depth} mm inside {other} when it appears, and is pushed out; place "
-                    "it higher, or farther away",
+                    "{body} is {depth} mm inside {other} when it appears; place it higher, or "
+                    "farther away",
                     body=e.label(number),
                     depth=depth_mm,
                     other=other,
