@@ -551,6 +551,19 @@ def test_what_is_inside_another_is_not_always_pushed_out(analyzed: Analyzed) -> 
     assert message.endswith(" mm inside 0_plane when it appears; place it higher, or farther away")
 
 
+def test_what_no_iteration_settles_is_not_told_to_iterate_more(analyzed: Analyzed) -> None:
+    """As of a robot that is loaded deep in a floor: 3200 iterations change nothing."""
+    scene = GRAVITY + BOX.format("0", "5, 5, 0.05", "0, 0, -0.05") + (
+        'p.loadURDF("r2d2.urdf", [0, 0, 0.231])\n'
+        "p.setPhysicsEngineParameter(numSolverIterations={})\nsteps(64)"
+    )  # fmt: skip
+    for iterations in (50, 800):
+        message = found(analyzed(scene.format(iterations)), "solver-stopped-early").message
+        assert message.endswith("give way")
+    message = found(analyzed(PILE.format(3)), "solver-stopped-early").message
+    assert "numSolverIterations=12" in message
+
+
 def test_what_was_put_inside_is_told_to_stand_outside(analyzed: Analyzed) -> None:
     placed, _, _, bounced = (one for one in CASES if one.code == "energy-gained")
     assert "place it outside" in found(analyzed(placed.scene), "energy-gained").message

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pipeline.analysis.general.contacts import NORMAL, ON_A, ON_B
-from pipeline.analysis.script.evidence import Evidence, start_of
+from pipeline.analysis.script.evidence import OVERLAP_M, Evidence, first_steps, start_of
 from pipeline.analysis.script.results import ScriptContact, ScriptFinding
 from pipeline.fields import decimals
 from pipeline.laws.bullet_contact import (
@@ -18,12 +18,9 @@ from pipeline.laws.bullet_contact import (
     RESTITUTION_THRESHOLD_M_S,
 )
 from pipeline.messages import Message
-from pipeline.seen import OfBody
 
 DEEP = 0.1
 """Share of a part's smallest edge that may overlap another before it is worth reporting."""
-OVERLAP_M = 1e-3
-"""A body that overlaps another by more than this when it appears does not just touch it."""
 GAINED = 0.05
 """Share of its kinetic energy that a body may gain from contact before it is worth reporting."""
 SLOW_M_S = 0.1
@@ -96,7 +93,7 @@ def _sides(e: Evidence, row: int, number: int) -> tuple[str, str]:
 def _deep(e: Evidence) -> Iterator[ScriptFinding]:
     """Yield the deepest contact of all, except those that were deep from their first step on."""
     contacts, (pair_of, pairs) = e.contacts, e.pairs
-    began = set().union(*map(_first_steps, e.seen.by_body.values()))
+    began = set().union(*map(first_steps, e.seen.by_body.values()))
     deep_m = np.maximum(-contacts.distance_m, 0.0)
     starts = np.isin(contacts.step, list(began)) & (deep_m > OVERLAP_M)
     known = {e.sides(pairs[pair]) for pair in np.unique(pair_of[starts])}
@@ -152,12 +149,6 @@ def _cause_of_depth(e: Evidence, row: int) -> Message | None:
     if springs and resisted.all() and slow and began_m <= depth_m / 2:
         return Message("their contact is a spring; give p.changeDynamics more contactStiffness")
     return None
-
-
-def _first_steps(record: OfBody) -> set[int]:
-    """Return the steps that began with a body where it appeared or a call had put it."""
-    came = {appearance.at.step + 1 for appearance in record.came}
-    return came | {put.at.step + 1 for put in record.puts}
 
 
 def _springs(e: Evidence, row: int) -> bool:
@@ -285,7 +276,7 @@ def _cause_of_gain(e: Evidence, body: int, contact: ScriptContact) -> Message | 
     )
     bounced_m_s = _restitution(e, row) * met_m_s if bounces else 0.0
     first = its & (contacts.step == contact.first_step)
-    inside = contact.first_step in _first_steps(e.seen.by_body[body])
+    inside = contact.first_step in first_steps(e.seen.by_body[body])
     inside &= bool(contacts.distance_m[first].min() < -OVERLAP_M)
     if _springs(e, row):
         if inside and bounced_m_s <= met_m_s:

@@ -23,13 +23,15 @@ from pipeline.analysis.script.times import Times
 from pipeline.analysis.script.tracks import order
 from pipeline.laws.rotations import rotate_inverse
 from pipeline.messages import Message
-from pipeline.seen import Appearance, At, Body, Call, Dynamics, Pose, Seen
+from pipeline.seen import Appearance, At, Body, Call, Dynamics, OfBody, Pose, Seen
 from pipeline.states import BASE
 
 Float64 = NDArray[np.float64]
 Moment = tuple[int, float]
 """Steps and calls before it: the sort key of an event (`order`)."""
 
+OVERLAP_M = 1e-3
+"""A body that overlaps another by more than this when it appears does not just touch it."""
 OF_ALL = ("restoreState",)
 """Calls that change every body."""
 
@@ -100,6 +102,18 @@ class Evidence:
             touched.setdefault(one, set()).add(other)
             touched.setdefault(other, set()).add(one)
         return frozenset(body for body, others in touched.items() if len(others) > 1)
+
+    @cached_property
+    def put_inside(self) -> frozenset[int]:
+        """Bodies that were deep in something as they appeared, or where a call put them."""
+        contacts, inside = self.contacts, set()
+        deep = contacts.distance_m < -OVERLAP_M
+        step, bodies = contacts.step[deep], (contacts.body_a[deep], contacts.body_b[deep])
+        for number, record in self.seen.by_body.items():
+            its = (bodies[0] == number) | (bodies[1] == number)
+            if np.isin(step[its], list(first_steps(record))).any():
+                inside.add(number)
+        return frozenset(inside)
 
     def _reports(self, bodies: NDArray[np.int64]) -> NDArray[np.intp]:
         """Return how many reports of the engine precede those on the body of each contact point."""
@@ -297,6 +311,12 @@ class Evidence:
             message = Message("{finding} ({site})", finding=message, site=site)
         name = None if body is None else self.label(body)
         return ScriptFinding(code, message, name, step, site)
+
+
+def first_steps(record: OfBody) -> set[int]:
+    """Return the steps that began with a body where it appeared or a call had put it."""
+    came = {appearance.at.step + 1 for appearance in record.came}
+    return came | {put.at.step + 1 for put in record.puts}
 
 
 def start_of(step: int) -> Moment:

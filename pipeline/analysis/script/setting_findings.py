@@ -111,14 +111,15 @@ def _timestep_changed(e: Evidence) -> Iterator[ScriptFinding]:
 
 
 def _stopped_early(e: Evidence) -> Iterator[ScriptFinding]:
+    # Deep in each other, contacts may contradict each other, and no iteration settles that.
+    inside = {e.seen.bodies[number].client for number in e.put_inside}
     for solver in e.seen.solvers:
         if solver.steps >= OFTEN:
             message = Message(
                 "in {steps} of the {looked} steps examined, from step {first} on, the solver of "
                 "simulation {client} used all its iterations, {iterations}, and the last one still "
                 "changed a velocity by up to {change:.3g} m/s or rad/s (step {worst}): an early "
-                "stop lets stacks sink and joints give way; try "
-                "p.setPhysicsEngineParameter(numSolverIterations={more}), a long chain needs more",
+                "stop lets stacks sink and joints give way",
                 steps=solver.steps,
                 looked=solver.looked,
                 first=solver.first_step,
@@ -126,8 +127,14 @@ def _stopped_early(e: Evidence) -> Iterator[ScriptFinding]:
                 iterations=solver.iterations,
                 change=solver.last_change,
                 worst=solver.worst_step,
-                more=4 * solver.iterations,
             )
+            if solver.client not in inside:
+                message = Message(
+                    "{finding}; try p.setPhysicsEngineParameter(numSolverIterations={more}), a "
+                    "long chain or a high stack needs more",
+                    finding=message,
+                    more=4 * solver.iterations,
+                )
             yield e.finding("solver-stopped-early", message, step=solver.first_step)
 
 
