@@ -98,9 +98,9 @@ class Evidence:
         """Bodies that ever touched several others."""
         touched: dict[int, set[int]] = {}
         for point in self.pairs[1]:
-            (one, _), (other, _) = self.sides(point)
-            touched.setdefault(one, set()).add(other)
-            touched.setdefault(other, set()).add(one)
+            (body_a, _), (body_b, _) = self.sides(point)
+            touched.setdefault(body_a, set()).add(body_b)
+            touched.setdefault(body_b, set()).add(body_a)
         return frozenset(body for body, others in touched.items() if len(others) > 1)
 
     @cached_property
