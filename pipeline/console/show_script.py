@@ -79,7 +79,7 @@ def analysis_lines(analysis: ScriptAnalysis) -> list[str]:
     if still:
         lines += _titled(Message("Still"), _first_of(still))
     if soft:
-        words = Message("{bodies}: PyBullet does not report how it moves", bodies=_first_of(soft))
+        words = Message("{bodies}: its motion is not recorded", bodies=_first_of(soft))
         lines += _titled(Message("Soft"), words)
     if len(moving) == 1:
         lines += _broken_down(moving[0].flights)

@@ -103,8 +103,8 @@ def check_lines(check: ScriptCheck) -> list[str]:
 def left_out(bodies: Sequence[str]) -> Message:
     """Say which bodies could not be compared, and why."""
     return Message(
-        "{bodies}: PyBullet does not report how soft bodies move, nor links that it does not show; "
-        "their motion was not compared",
+        "{bodies}: the motion of soft bodies, and of links that PyBullet does not show, is not "
+        "recorded, so it was not compared",
         bodies=", ".join(bodies[:MOST]) + (" …" if len(bodies) > MOST else ""),
     )
 

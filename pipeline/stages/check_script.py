@@ -60,7 +60,7 @@ class ScriptCheck(Shown, lines_of="pipeline.console.show_script_check:check_line
 
     @property
     def not_compared(self) -> list[str]:
-        """Return the bodies whose motion PyBullet does not report."""
+        """Return the bodies whose motion is not recorded."""
         return [] if self.comparison is None else self.comparison.not_compared
 
     @property

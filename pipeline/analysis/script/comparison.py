@@ -2,8 +2,8 @@
 
 Inputs such as masses, settings and pushes count until a sample differs: from there on they may be
 a reaction to the difference, in a script that controls by what it measures. Calls are reported, but
-only their effects count. What PyBullet does not report, such as how soft bodies move, is not
-compared: nothing with such a body is the same.
+only their effects count. What is not recorded, such as how soft bodies move, is not compared:
+nothing with such a body is the same.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class ScriptComparison:
     samples_part_at: int | None
     """The first step with a sample that is not the same to the bit."""
     not_compared: list[str]
-    """Bodies whose motion PyBullet does not report, or that of some links: soft bodies, and links
-    that it does not show. Without a difference elsewhere the two are then neither the same nor
+    """Bodies whose motion is not recorded, or not that of all links: soft bodies, and links that
+    PyBullet does not show. Without a difference elsewhere the two are then neither the same nor
     different."""
 
     @property

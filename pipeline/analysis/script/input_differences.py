@@ -27,7 +27,7 @@ Inputs = dict[tuple[str, str | None, int], list[Row]]
 """By entity, label of a body, and client."""
 
 SOFT_CALLS = ("loadSoftBody", "createSoftBodyAnchor", "resetMeshData")
-"""Whose effect is on a soft body, which is not recorded."""
+"""Whose effect is on a soft body, whose motion is not recorded."""
 FOLLOWS = ("number", "label", "name", "bounds_m", "client")
 """A body's names, with the folder of its file, the boxes that follow from its pose, and the number
 of its client, which is paired."""

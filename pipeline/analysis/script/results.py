@@ -137,7 +137,7 @@ class BodyAnalysis:
     id: int
     """Number in the recording: the engine's own id, unless another body had it before."""
     soft: bool
-    """Whether it is a soft body, of which PyBullet reports no motion: it has no samples."""
+    """Whether it is a soft body, whose motion is not recorded: it has no samples."""
     links: list[str]
     """Base and links."""
     mass_kg: float
