@@ -555,6 +555,18 @@ def test_soft_bodies_are_not_compared_and_never_the_same(drop: Drop, tmp_path: P
     assert result.cause == "another script: its text and its calls differ"
 
 
+def test_simulations_of_other_lengths_differ_even_if_nothing_moves(tmp_path: Path) -> None:
+    cloth = recorded(CLOTH, tmp_path / "cloth.rrd")
+    longer = recorded(CLOTH.replace("range(24)", "range(30)"), tmp_path / "longer.rrd")
+    for tolerance_m in (0.0, 1e-3):
+        result = compared(longer, cloth, tolerance_m=tolerance_m)
+        assert result.first == Difference(25, None, None, "there", 1.0, 0.0)
+        assert result.cause == (
+            "another text of the script, but the same calls as far as both go: it ended after "
+            "step 30 (finished), golden after step 24 (finished)"
+        )
+
+
 def test_links_that_pybullet_does_not_show_are_not_compared(tmp_path: Path) -> None:
     tmp_path.joinpath("arm.urdf").write_text(ARM.format(mass=1))
     path = recorded(

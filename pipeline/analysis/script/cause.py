@@ -347,7 +347,9 @@ def _other_text(run: Side, golden: Side) -> bool:
 
 
 def _last_step(side: Side) -> int:
-    return max(side.seen.states["step"], default=-1)
+    samples = side.seen.samples.values() if side.seen.states.is_empty() else []
+    ends = [max(side.seen.states["step"], default=-1), *(count - 1 for count in samples)]
+    return max(ends)
 
 
 def _shown(value: object) -> str:

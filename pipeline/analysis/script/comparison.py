@@ -30,6 +30,7 @@ from pipeline.analysis.script.sample_differences import (
     Paired,
     allowed,
     first_contact,
+    first_end,
     first_joint,
     first_state,
     paired,
@@ -84,7 +85,8 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
     of, clients = paired(run.seen, golden.seen), paired_clients(run.seen, golden.seen)
     state = first_state(of)
     others = [first_joint(of, run.seen, golden.seen), first_contact(run.seen, golden.seen, clients)]
-    parted = _earliest(state, *others)
+    end = first_end(run.seen, golden.seen, clients)
+    parted = _earliest(state, end, *others)
     inputs = sorted(
         (
             dated
@@ -95,7 +97,7 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
     )
     if tolerance_m:
         state, others = first_state(of, allowed(of, golden.seen, tolerance_m)), []
-    earliest = _earliest(*inputs, state, *others)
+    earliest = _earliest(*inputs, state, end, *others)
     call = other_call(run.seen.calls, golden.seen.calls, clients)
     differences = [difference for _, difference in inputs]
     made = list(versions(run, golden))

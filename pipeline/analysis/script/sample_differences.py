@@ -149,6 +149,24 @@ def _length_m(body: Body, link: int) -> float:
     return length_m if np.isfinite(length_m) and length_m > 0 else UNKNOWN_LENGTH_M
 
 
+def first_end(run: Seen, golden: Seen, clients: Clients) -> Dated | None:
+    """Return where a simulation ends before the other, if nothing moves whose samples tell.
+
+    Ones without bodies do not count.
+    """
+    counts = golden.samples.items()
+    theirs = {clients[client]: count for client, count in counts if client in clients}
+    sampled = {run.bodies[number].client for number in run.states["body"].unique()}
+    dated = []
+    for client in {body.client for body in run.bodies.values()} - sampled:
+        mine, other = run.samples.get(client), theirs.get(client)
+        if mine is not None and other is not None and mine != other:
+            step = min(mine, other)
+            there = float(mine > other), float(other > mine)
+            dated.append((When(step, LED), Difference(step, None, None, "there", *there)))
+    return min(dated, key=lambda each: each[0], default=None)
+
+
 # -- joints ---------------------------------------------------------------------------------------
 
 
