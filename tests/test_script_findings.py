@@ -376,6 +376,10 @@ HARMLESS = {
         "p.changeDynamics(r, 1, jointLowerLimit=4, jointUpperLimit=0)\n"
         "p.resetJointState(r, 1, 2.5)\nsteps(3)",
     ),
+    "limits that are switched off": (
+        "joint-beyond-limits",
+        f"{ROBOT}p.changeDynamics(r, 1, jointLimitForce=0)\np.resetJointState(r, 1, 3)\nsteps(3)",
+    ),
     "a script that asks for real time without a window": (
         "real-time", FLOOR + CUBE.format(1) + "p.setRealTimeSimulation(1)\nsteps(3)",
     ),
@@ -615,6 +619,12 @@ def test_limits_count_in_the_steps_in_which_they_hold(analyzed: Analyzed) -> Non
     assert "limits are -1 and 1:" in finding.message
     again = f"{ROBOT}{narrow}steps(2)\np.resetSimulation()\n{ROBOT}{put}"
     assert "joint-beyond-limits" not in codes(analyzed(again))
+
+
+def test_limits_are_on_again_with_a_force(analyzed: Analyzed) -> None:
+    off, on = (f"p.changeDynamics(r, 1, jointLimitForce={force})\n" for force in (0, 1e6))
+    scene = f"{ROBOT}{off}p.resetJointState(r, 1, 3)\nsteps(9)\n{on}steps(2)"
+    assert found(analyzed(scene), "joint-beyond-limits").step == 10
 
 
 def test_a_motor_that_is_set_again_drives_the_robot_that_is_loaded_again(

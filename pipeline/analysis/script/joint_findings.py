@@ -53,7 +53,8 @@ def _beyond(e: Evidence, body: Body, joint: Joint, column: int) -> Iterator[Scri
         message = Message(
             "{body} has its joint {joint} at {position:.4g} {unit} at step {step}; its limits are "
             "{low:.4g} and {high:.4g}: a start, p.resetJointState or new limits may "
-            "leave it beyond them, and the solver enforces them only approximately",
+            "leave it beyond them, and the solver enforces them only approximately, with no more "
+            "than their jointLimitForce",
             body=body.label,
             joint=joint.name,
             position=position[row],
@@ -72,19 +73,25 @@ def _limits(e: Evidence, body: Body, joint: Joint) -> tuple[Float64, Float64]:
 
     `changeDynamics` changes both, `getJointInfo` goes on reporting those of the file. One that is
     not given is 1 or -1, and both are ignored where the lowest is above the highest
-    (`pybullet_changeDynamicsInfo`).
+    (`pybullet_changeDynamicsInfo`). With a `jointLimitForce` of 0 there are none.
     """
     steps, record = e.seen.joints[body.number].steps, e.seen.by_body[body.number]
     life, came = life_of(record, steps), [order(each.at) for each in record.came]
     began = np.maximum(steps - 1, np.array([step for step, _ in came])[life])
-    limits = np.tile(joint.limits, (len(steps), 1))
+    limits, off = np.tile(joint.limits, (len(steps), 1)), np.zeros(len(steps), dtype=bool)
     for given in record.given:
         low, high = (
             float(np.ravel(given.values.get(name, default))[0]) for name, default in LIMITS.items()
         )
-        if given.values.get("linkIndex") == joint.link and low <= high:
-            its = life == bisect_right(came, order(given.at)) - 1
-            limits[its & (began >= given.at.step)] = low, high
+        if given.values.get("linkIndex") != joint.link:
+            continue
+        its = (life == bisect_right(came, order(given.at)) - 1) & (began >= given.at.step)
+        if low <= high:
+            limits[its] = low, high
+        force = float(np.ravel(given.values.get("jointLimitForce", -1))[0])
+        if force >= 0:
+            off[its] = force == 0
+    limits[off] = -np.inf, np.inf
     return limits[:, 0], limits[:, 1]
 
 
