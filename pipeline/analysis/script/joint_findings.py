@@ -17,11 +17,13 @@ from pipeline.messages import Message
 from pipeline.seen import Body, Joint
 
 Float64 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 BEYOND = 0.01
 """Share of its range by which a joint may exceed it before it is worth reporting."""
 FOR_LONG = 10
-"""Consecutive samples at its limit that make a motor worth reporting."""
+"""Consecutive samples at its limit that make a motor worth reporting, or that a joint must move on
+beyond its limits to have none."""
 LIMITS = {"jointLowerLimit": 1.0, "jointUpperLimit": -1.0}
 """Arguments of `changeDynamics`, and what they are by default."""
 RESETS = ("resetJointState", "resetJointStateMultiDof")
@@ -46,6 +48,8 @@ def _beyond(e: Evidence, body: Body, joint: Joint, column: int) -> Iterator[Scri
     position = joints.position[:, column]
     lows, highs = _limits(e, body, joint)
     over = np.where(lows < highs, np.maximum(position - highs, lows - position), -np.inf)
+    own = (lows == joint.limits[0]) & (highs == joint.limits[1])
+    over[own & _moves_on(e, body, over, BEYOND * float(np.ptp(joint.limits)))] = -np.inf
     beyond = over > BEYOND * (highs - lows)
     if beyond.any():
         row = int(np.argmax(np.where(beyond, over, -np.inf)))
@@ -66,6 +70,25 @@ def _beyond(e: Evidence, body: Body, joint: Joint, column: int) -> Iterator[Scri
         first = int(joints.steps[np.argmax(beyond)])
         site = _put_by(e, body, joint, first)
         yield e.finding("joint-beyond-limits", message, body=body.number, step=step, site=site)
+
+
+def _moves_on(e: Evidence, body: Body, over: Float64, far: float) -> Flags:
+    """Return the samples of those lives of a body in which its joint moved far beyond its limits.
+
+    Such a joint has none: PyBullet reports those that a file gives a continuous joint, and does not
+    enforce them. One that has limits may creep on, but not far.
+    """
+    record, steps = e.seen.by_body[body.number], e.seen.joints[body.number].steps
+    life = life_of(record, steps)
+    again = (np.diff(steps, prepend=-2) != 1) | (np.diff(life, prepend=0) != 0)
+    again |= np.isin(steps, [put.at.step + 1 for put in record.puts])
+    with np.errstate(invalid="ignore"):  # without limits it is infinitely far from them
+        further = (over > 0) & (np.diff(over, prepend=np.inf) > 0)
+    runs = unbroken(further, again)
+    on = [
+        first for first, last in runs if last - first >= FOR_LONG and over[last] - over[first] > far
+    ]
+    return np.isin(life, life[on])
 
 
 def _limits(e: Evidence, body: Body, joint: Joint) -> tuple[Float64, Float64]:
