@@ -659,6 +659,38 @@ def test_a_motor_that_is_set_again_drives_the_robot_that_is_loaded_again(
     assert found(analyzed(scene), "motor-at-limit").step == 6
 
 
+FINGERS = (
+    """s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02, 0.1, 0.1])
+r = p.createMultiBody(0, -1, basePosition=[0, 0, 1], linkMasses=[1, 1],
+    linkCollisionShapeIndices=[s] * 2, linkVisualShapeIndices=[-1] * 2,
+    linkPositions=[[0, 0, 0], [0, 1, 0]], linkOrientations=[[0, 0, 0, 1]] * 2,
+    linkInertialFramePositions=[[0, 0, 0]] * 2,
+    linkInertialFrameOrientations=[[0, 0, 0, 1]] * 2, linkParentIndices=[0, 0],
+    linkJointTypes=[p.JOINT_PRISMATIC] * 2, linkJointAxis=[[1, 0, 0]] * 2)
+"""
+    + BOX.format("0", "0.1, 0.1, 0.1", "0.3, 0, 1")
+    + "p.setJointMotorControl2(r, 0, p.POSITION_CONTROL, targetPosition=0.5, force=20)\n"
+)  # fmt: skip
+
+
+def test_more_force_is_no_advice_where_a_contact_holds_a_joint(analyzed: Analyzed) -> None:
+    """A finger at a fixed box; another one, that nothing touches, lags behind for less long."""
+    message = found(analyzed(f"{FINGERS}steps(200)"), "motor-at-limit").message
+    assert message.endswith("lags behind its target meanwhile")
+    free = "p.setJointMotorControl2(r, 1, p.POSITION_CONTROL, targetPosition=50, force=0.02)\n"
+    finding = found(analyzed(f"{FINGERS}steps(150)\n{free}steps(50)"), "motor-at-limit")
+    assert finding.step == 151
+    assert finding.message.endswith("more force")
+
+
+def test_more_force_is_no_advice_where_a_constraint_holds_a_joint(analyzed: Analyzed) -> None:
+    held = FINGERS.replace("0.3, 0, 1", "9, 0, 1") + (
+        "p.createConstraint(r, 0, -1, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0, 0, 1])\n"
+    )
+    message = found(analyzed(f"{held}steps(100)"), "motor-at-limit").message
+    assert message.endswith("lags behind its target meanwhile")
+
+
 def test_an_inertia_that_was_given_is_gone_with_its_body(
     analyzed: Analyzed, tmp_path: Path
 ) -> None:

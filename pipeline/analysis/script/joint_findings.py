@@ -129,8 +129,11 @@ def _put_by(e: Evidence, body: Body, joint: Joint, step: int) -> str | None:
 
 
 def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFinding]:
-    """Yield the motor of a body that was at its maximum force for longest."""
-    joints, longest = e.seen.joints[body.number], (0, 0, 0, 0.0)
+    """Yield the motor of a body that was at its maximum force for longest.
+
+    One that nothing held if there is any: more force may not move what touches something.
+    """
+    joints, runs = e.seen.joints[body.number], list[tuple[bool, int, int, int, float]]()
     record = e.seen.by_body[body.number]
     came, life = [order(each.at) for each in record.came], life_of(record, joints.steps)
     again = (np.diff(joints.steps, prepend=-2) != 1) | (np.diff(life, prepend=0) != 0)
@@ -156,15 +159,16 @@ def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFi
             & (torque >= limits[which] * (1 - 1e-6))
         )
         for first, last in unbroken(full, again):
-            if last - first >= longest[0]:
-                longest = last - first + 1, column, first, float(limits[which[first]])
-    samples, column, first, limit = longest
-    if samples >= FOR_LONG:
+            samples = last - first + 1
+            if samples >= FOR_LONG:
+                free = not _held(e, body, joint, int(joints.steps[first]), int(joints.steps[last]))
+                runs.append((free, samples, column, first, float(limits[which[first]])))
+    if runs:
+        free, samples, column, first, limit = max(runs, key=lambda run: run[:2])
         step = int(joints.steps[first])
         message = Message(
             "{body} drives its joint {joint} with its maximum of {limit:.4g} {unit} for {samples} "
-            "steps from step {step} on, and lags behind its target meanwhile; give "
-            "p.setJointMotorControl2 more force",
+            "steps from step {step} on, and lags behind its target meanwhile",
             body=body.label,
             joint=moving[column].name,
             limit=limit,
@@ -172,4 +176,25 @@ def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFi
             samples=samples,
             step=step,
         )
+        if free:
+            message = Message("{finding}; give p.setJointMotorControl2 more force", finding=message)
         yield e.finding("motor-at-limit", message, body=body.number, step=step)
+
+
+def _held(e: Evidence, body: Body, joint: Joint, first: int, last: int) -> bool:
+    """Whether, in some steps, a contact or a constraint may have held what a joint moves."""
+    moved = {joint.link}
+    for each in body.joints:
+        if each.parent in moved:
+            moved.add(each.link)
+    contacts = e.contacts
+    rows = slice(*np.searchsorted(contacts.step, (first, last + 1)).tolist())
+    on_a, on_b = (
+        (bodies[rows] == body.number) & np.isin(links[rows], list(moved))
+        for bodies, links in (
+            (contacts.body_a, contacts.link_a),
+            (contacts.body_b, contacts.link_b),
+        )
+    )
+    touched = (on_a != on_b) & (contacts.normal_force_n[rows] > 0)
+    return bool(touched.any() or e.seen.by_body[body.number].constraints)
