@@ -106,6 +106,13 @@ class Law(Protocol):
         """Unit of rounding of the engine's numbers, relative: 2^-52 of float64."""
 
     @property
+    def clock_s(self) -> float:
+        """By how much a step may be longer or shorter than the timestep [s].
+
+        Not 0 where an engine steps from one rounded time to the next.
+        """
+
+    @property
     def oriented(self) -> float:
         """Allowed deviation of the components of an orientation after a step."""
 

@@ -57,6 +57,7 @@ class BulletLaw(BulletBody):
     epsilon: ClassVar[float] = EPSILON
     oriented: ClassVar[float] = ORIENTED * EPSILON
     semi_implicit: ClassVar[bool] = True
+    clock_s: ClassVar[float] = 0.0
 
     @property
     def moves_exactly(self) -> bool:

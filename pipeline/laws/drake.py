@@ -3,7 +3,8 @@
 Discrete: a = ((m g - c v)/s)/s with s = √(m + dt c) and the force c = m d per speed, to the last
 bit, in any orientation; a spin within a few units of 2^-52. The quaternion is moved along ω ⊗ q / 2
 and grows; its direction is recorded. Continuous: a Runge-Kutta method with error control, which is
-exact where only gravity acts; no law of a step is known for drag and spin.
+exact where only gravity acts; no law of a step is known for drag and spin. It goes from one rounded
+time to the next, so a step is longer or shorter than the timestep by the rounding of both.
 Checked against Drake 1.51 in `tests/test_engines.py`.
 """
 
@@ -24,6 +25,14 @@ Float64 = NDArray[np.float64]
 @dataclass(frozen=True, kw_only=True)
 class DrakeLaw(TextbookLaw):
     """A step of Drake; `semi_implicit` is the discrete one."""
+
+    latest_s: float = 0.0
+    """When the last step ends [s]."""
+
+    @property
+    def clock_s(self) -> float:
+        """By how much a step may be longer or shorter than the timestep [s]."""
+        return 0.0 if self.semi_implicit else self.epsilon * self.latest_s
 
     def covers(self, before: Motion) -> NDArray[np.bool_]:
         """Return for which samples the engine's law is known to be this one, shape (n,)."""

@@ -69,7 +69,9 @@ def _textbook_law(scenario: Scenario, report: EngineReport) -> Law:
         return PhysxLaw(
             **body, angular_damping=DEFAULT_ANGULAR_DAMPING if damping is None else damping
         )
-    return DartLaw(**body) if scenario.engine == "dart" else DrakeLaw(**body)
+    if scenario.engine == "dart":
+        return DartLaw(**body)
+    return DrakeLaw(**body, latest_s=scenario.duration_s)
 
 
 RIGID = 1

@@ -4,9 +4,9 @@
 
 The spin is first damped and limited to 100 rad/s. Then comes the gyroscopic term, after which the
 angular momentum is rescaled to its length before; the temporal Gauss-Seidel solver takes the spin
-through the root of the inertia and back. Velocities are the engine's to the last bit; a changing
-orientation is within a few units of 2^-23, since sin and cos are not the engine's. Checked against
-PhysX 5.3 (SAPIEN 3.0.3) in `tests/test_engines.py`.
+through the root of the inertia and back. A result below 2^-126 becomes 0. Velocities are the
+engine's to the last bit; a changing orientation is within a few units of 2^-23, since sin and cos
+are not the engine's. Checked against PhysX 5.3 (SAPIEN 3.0.3) in `tests/test_engines.py`.
 """
 
 from __future__ import annotations
@@ -26,9 +26,12 @@ Float64 = NDArray[np.float64]
 Single = NDArray[np.float32]
 Number = TypeVar("Number", float, Decimal)
 Columns = tuple[Single, Single, Single]
+F = TypeVar("F", np.float32, np.float64)
 
 DEFAULT_ANGULAR_DAMPING = 0.05
 MAX_SPIN_RAD_S = np.float32(100.0)
+SMALLEST = np.finfo(np.float32).tiny
+SLOW_RAD_S = 1e-15
 ONE, TWO, HALF = np.float32(1), np.float32(2), np.float32(0.5)
 
 
@@ -61,9 +64,11 @@ class PhysxLaw(TextbookLaw):
         """Return velocity [m/s] and spin [rad/s] after a step, shape (n, 3) each."""
         gravity = np.array(self.gravity_m_s2, dtype=np.float32)
         kept = max(np.float32(0), ONE - np.float32(self.linear_damping) * self._dt)
-        velocity_m_s = (before.velocity_m_s.astype(np.float32) + gravity * self._dt) * kept
+        velocity_m_s = _flushed(
+            (before.velocity_m_s.astype(np.float32) + gravity * self._dt) * kept
+        )
         spin = _columns(before.spin_rad_s), before.orientation.astype(np.float32).T
-        return velocity_m_s.astype(np.float64), _stacked(self._spun(*spin))
+        return velocity_m_s.astype(np.float64), _flushed(_stacked(self._spun(*spin)))
 
     def _spun(self, spin: Columns, turned: Single) -> Columns:
         dt = self._dt
@@ -95,7 +100,7 @@ class PhysxLaw(TextbookLaw):
     def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
         """Return each sample moved by one step with these velocities."""
         way_m = velocity_m_s.astype(np.float32) * self._dt
-        position_m = (before.position_m.astype(np.float32) + way_m).astype(np.float64)
+        position_m = _flushed(before.position_m.astype(np.float32) + way_m).astype(np.float64)
         return Motion(position_m, self.turned(before, spin_rad_s), velocity_m_s, spin_rad_s)
 
     def turned(self, before: Motion, spin_rad_s: Float64) -> Float64:
@@ -125,8 +130,12 @@ class PhysxLaw(TextbookLaw):
         return np.full(len(spin_rad_s), max(0.0, 1 - self.timestep_s * self.angular_damping))
 
     def bits(self, before: Motion) -> NDArray[np.bool_]:
-        """Return that `step` gives the engine's velocities to the last bit, shape (n,)."""
-        return np.ones(len(before), dtype=bool)
+        """Return from which samples `step` has the engine's velocities to the last bit, (n,).
+
+        Not where the squares of a spin are too small for a float32.
+        """
+        speed = np.linalg.norm(before.spin_rad_s, axis=1)
+        return np.asarray((speed == 0) | (speed > SLOW_RAD_S))
 
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
         """Return the size of the summands of velocity and spin in a timestep, shape (n,)."""
@@ -134,6 +143,11 @@ class PhysxLaw(TextbookLaw):
         uneven = max(self.inertia_kg_m2) / min(self.inertia_kg_m2)
         pull = self.timestep_s * float(np.linalg.norm(self.gravity_m_s2))
         return v + pull, w * (1 + self.timestep_s * w * uneven)
+
+
+def _flushed(numbers: NDArray[F]) -> NDArray[F]:
+    """Return numbers with 0 in place of those too small for all digits of a float32."""
+    return np.where(np.abs(numbers) < SMALLEST, 0, numbers).astype(numbers.dtype)
 
 
 def _columns(vectors: Float64) -> Columns:
@@ -162,7 +176,7 @@ def _cross(a: Columns, b: Columns) -> Columns:
 def _length(vector: Columns) -> Single:
     x, y, z = vector
     squared: Single = x * x + y * y + z * z
-    length: Single = np.sqrt(squared)
+    length: Single = np.sqrt(_flushed(squared))
     return length
 
 

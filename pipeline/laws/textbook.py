@@ -50,6 +50,11 @@ class TextbookLaw(ABC):
     """Allowed deviation of the components of an orientation."""
 
     @property
+    def clock_s(self) -> float:
+        """By how much a step may be longer or shorter than the timestep [s]."""
+        return 0.0
+
+    @property
     def step_s(self) -> float:
         """Timestep of the integrator [s]."""
         return self.timestep_s

@@ -204,7 +204,9 @@ def _of_block(
     terms_m_s, terms_rad_s = law.terms(before)
     turns = np.where(bits | law.moves_exactly, exactly, ulps)
     place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
-    there = place_m <= turns * (largest(position) + law.timestep_s * terms_m_s)
+    there = place_m <= (
+        turns * (largest(position) + law.timestep_s * terms_m_s) + law.clock_s * terms_m_s
+    )
     # As uncertain as the spin that turned it, which may have been read back through a rotation.
     dt, spin_rad_s = law.timestep_s, lengths(motion.spin_rad_s)
     there &= turn <= law.oriented + exactly + dt * (ulps * spin_rad_s + turns * terms_rad_s)
@@ -215,7 +217,8 @@ def _of_block(
     rounded = np.where(bits & ~near, exactly, ulps)
     fall_m_s = _off(motion.velocity_m_s, alone.velocity_m_s)
     fall_rad_s = _off(motion.spin_rad_s, alone.spin_rad_s)
-    free = fall_m_s <= rounded * (sum_m_s + balance.tried_m_s)
+    pull_m_s2 = float(np.linalg.norm(law.gravity_m_s2))
+    free = fall_m_s <= rounded * (sum_m_s + balance.tried_m_s) + law.clock_s * pull_m_s2
     free &= fall_rad_s <= rounded * (sum_rad_s + balance.tried_rad_s)
     closes, closes_linear = balance.closes(motion), balance.closes_linear(motion)
     balanced = closes & (not several)
