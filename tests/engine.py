@@ -106,14 +106,20 @@ def box(size: str, xyz: str = "0 0 0", rpy: str = "0 0 0") -> str:
 
 
 def urdf_of(
-    folder: Path, *shapes: str, mass_kg: float = 1.0, centre: str = "0 0 0", contact: str = ""
+    folder: Path,
+    *shapes: str,
+    mass_kg: float = 1.0,
+    inertia: float = 1.0,
+    centre: str = "0 0 0",
+    contact: str = "",
 ) -> str:
     """Write a URDF of one link with these shapes, and return its path."""
     path = folder / f"body-{len(list(folder.iterdir()))}.urdf"
     path.write_text(
         f'<robot name="body"><link name="base"><contact>{contact}</contact><inertial>'
         f'<origin xyz="{centre}"/><mass value="{mass_kg}"/>'
-        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+        f'<inertia ixx="{inertia:g}" iyy="{inertia:g}" izz="{inertia:g}" ixy="0" ixz="0" iyz="0"/>'
+        "</inertial>"
         f"{''.join(shapes)}</link></robot>"
     )
     return str(path)

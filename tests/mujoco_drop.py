@@ -9,11 +9,11 @@ XML = """
 <mujoco>
   <option timestep="{timestep_s}" gravity="0 0 {gravity_m_s2}" integrator="{integrator}"/>
   <worldbody>
-    <geom type="plane" size="0 0 1"/>
+    <geom type="plane" size="0 0 1" solref="{solref} 1"/>
     <body pos="0 0 {height_m}">
       <freejoint/>
       <inertial pos="0 0 0" mass="{mass_kg}" diaginertia="{inertia}"/>
-      <geom type="box" size="{half}" mass="0"/>
+      <geom type="box" size="{half}" mass="0" solref="{solref} 1"/>
     </body>
   </worldbody>
 </mujoco>
@@ -32,6 +32,7 @@ def drive(
     inertia_kg_m2: tuple[float, float, float] = (1.25e-4, 1.25e-4, 1.25e-4),
     edges_m: tuple[float, float, float] = (0.05, 0.05, 0.05),
     integrator: str = "Euler",
+    solref: float = 0.02,
 ) -> np.ndarray:
     """Return position, orientation x y z w, velocity and spin in the body's axes, (steps + 1, 13).
 
@@ -40,7 +41,7 @@ def drive(
     xml = XML.format(
         timestep_s=repr(timestep_s), gravity_m_s2=repr(gravity_m_s2), height_m=repr(height_m),
         mass_kg=repr(mass_kg), inertia=" ".join(map(repr, inertia_kg_m2)), integrator=integrator,
-        half=" ".join(repr(edge / 2) for edge in edges_m),
+        half=" ".join(repr(edge / 2) for edge in edges_m), solref=repr(solref),
     )  # fmt: skip
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)

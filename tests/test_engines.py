@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import mujoco_drop
 import numpy as np
 import polars as pl
 import pytest
@@ -226,6 +227,47 @@ def test_findings_about_contact_are_true(recorded: Recorder, engine: str) -> Non
             assert "what the engine makes" not in (analysis.explained.why or "")
         else:
             assert analysis.explained.why is None
+
+
+@pytest.mark.parametrize("solref", [0.02, 0.002])
+def test_how_deep_a_long_step_goes_is_not_blamed_on_a_spring(
+    recorded: Recorder, solref: float
+) -> None:
+    """MuJoCo has not computed a contact yet, whatever its time constant."""
+    recording = recorded(engine="mujoco", timestep_s=0.05, duration_s=2.0, height_m=5.0)
+    bare = mujoco_drop.drive(steps=40, timestep_s=0.05, height_m=5.0, solref=solref)
+    depth_m = 0.025 - bare[:, 2].min()
+    assert depth_m == 0.025 - recording.states["z_m"].min()
+    messages = {finding.code: finding.message for finding in judge(recording).findings}
+    assert f"{depth_m * 1e3:.1f} mm into the floor" in messages["deep-penetration"]
+    assert messages["deep-penetration"].endswith("shorten the step with --timestep")
+
+
+def test_a_contact_that_gives_way_gradually_is_not_blamed_on_the_step(recorded: Recorder) -> None:
+    recording = recorded(engine="mujoco", timestep_s=0.001, height_m=5.0, duration_s=2.0)
+    analysis = judge(recording)
+    assert analysis.impact is not None
+    assert analysis.impact.penetration_m is not None
+    assert analysis.impact.penetration_m > 0.05
+    assert "deep-penetration" not in {finding.code for finding in analysis.findings}
+
+
+@DRAKE
+@pytest.mark.parametrize(
+    "options", [{"timestep_s": 1 / 60}, {"timestep_s": 0.05, "duration_s": 1.0, "height_m": 0.3}]
+)
+def test_a_step_past_drakes_floor_is_not_a_collision_filter(
+    recorded: Recorder, options: dict[str, Any]
+) -> None:
+    """Drake meets the floor's surface only; with a shorter step the same body lands."""
+    messages = {
+        finding.code: finding.message
+        for finding in judge(recorded(engine="drake", **options)).findings
+    }
+    assert "m in a step, and contact is checked only between steps" in messages["tunnelled"]
+    assert "disabled" not in messages["tunnelled"]
+    shorter = judge(recorded(engine="drake", **{**options, "timestep_s": 1 / 240}))
+    assert shorter.impact is not None
 
 
 @DART

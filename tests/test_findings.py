@@ -189,6 +189,30 @@ def test_more_iterations_remove_what_few_leave(recorded: Recorder, residual: flo
     assert many.rest.error_m == pytest.approx(-10e-6, abs=1e-9)
 
 
+def test_where_50_iterations_are_not_enough_the_residual_is_not_all(
+    recorded: Recorder, tmp_path: Path
+) -> None:
+    """Its centre of mass is 0.25 m above the box: contact converges slowly."""
+    body = urdf_of(tmp_path, box("0.2 0.2 0.1"), centre="0 0 0.3", inertia=0.01)
+    drop = {"body": body, "height_m": 0.6, "duration_s": 1.5, "solver_residual": 0.0}
+    standard, converged = (
+        judge(recorded(**{**drop, **each}))
+        for each in ({"solver_residual": None}, {"solver_iterations": 500})
+    )
+    (message,) = (
+        finding.message for finding in standard.findings if finding.code == "rest-below-expected"
+    )
+    assert "--solver-residual 0 and more than 50 --solver-iterations remove" in message
+    (still,) = (
+        finding.message
+        for finding in judge(recorded(**drop)).findings
+        if finding.code == "rest-below-expected"
+    )
+    assert "stops after 50 iterations" in still
+    assert converged.rest is not None
+    assert converged.rest.error_m == pytest.approx(-10e-6, abs=1e-9)
+
+
 def test_a_correction_that_a_body_needs_is_not_advised_against(recorded: Recorder) -> None:
     """Without it this body stays in the floor, with a restitution of 0.03."""
     deep = {"timestep_s": 1 / 37, "duration_s": 480 / 37, "height_m": 0.44962217655126757,
@@ -233,3 +257,18 @@ def test_a_contact_of_several_substeps_and_joints_is_not_denied(
     assert analysis.impact is None
     show_analysis(analysis, as_json=False)
     assert "Impact      time unknown" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("duration_s", [100.0, 1000.0])
+def test_a_body_that_passes_the_floor_in_each_step_is_not_still_airborne(
+    recorded: Recorder, duration_s: float
+) -> None:
+    """Steps of 10 s take it to -980 m and, through Bullet's damping, back, for ever."""
+    recording = recorded(timestep_s=10.0, duration_s=duration_s)
+    heights_m = recording.states["z_m"].to_numpy()
+    assert len(recording.contacts) == 0
+    assert heights_m[1:4].tolist() == pytest.approx([-980, 20, -980], abs=1e-6)
+    assert heights_m[-1] > 0
+    codes = {finding.code: finding.message for finding in judge(recording).findings}
+    assert "still-airborne" not in codes
+    assert "shorten the step" in codes["tunnelled"]

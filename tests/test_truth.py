@@ -1274,7 +1274,8 @@ def _find_no_floor(said: Said, message: str) -> None:
 
 @finds("tunnelled")
 def _find_tunnelled(said: Said, message: str) -> None:
-    hold(said.drop.floor and said.run.height_m[-1] < 0, "it ends above the floor")
+    touched = len(said.truth.touched_steps) > 0
+    hold(said.drop.floor and not (touched and said.run.height_m[-1] >= 0), "it came back")
     (step,) = read(f"step {F}", message)
     hold(not (said.truth.touched_steps <= step).any(), "it touched before")
     if said.truth.facts.has_shape:
