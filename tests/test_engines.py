@@ -19,12 +19,12 @@ from rerun.chunk import RrdReader
 
 from pipeline import Scenario, colours, simulate
 from pipeline.analysis.drop.case import Case, case_of
-from pipeline.analysis.drop.comparison import Side, compare
+from pipeline.analysis.drop.comparison import Comparison, Side, compare
 from pipeline.analysis.general.decomposition import TERMS
 from pipeline.engines import other_world
 from pipeline.errors import DropError, ScenarioError
 from pipeline.recording import other_layer, writer
-from pipeline.recording.reader import read, recording_id
+from pipeline.recording.reader import Recording, read, recording_id
 from pipeline.recording.rows import tables_of
 from pipeline.scenario import ENGINES
 from pipeline.stages.recorded import made_with
@@ -329,10 +329,47 @@ def test_dart_does_not_end_the_process_far_away(drop_process: Drop) -> None:
     assert "non-finite" in done.stderr
 
 
+def compared(one: Recording, other: Recording, **options: Any) -> Comparison:
+    sides = (Side(s.scenario, s.engine, s.states, s.contacts) for s in (one, other))
+    return compare(*sides, **options)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", pytest.param("dart", marks=DART)])
+def test_a_spinning_body_agrees_to_what_is_said_and_not_to_the_bit(
+    recorded: Recorder, engine: str
+) -> None:
+    drop = {"spin_rad_s": (0.0, 0.0, 3.0), "velocity_m_s": (0.3, 0.1, 1.0), "height_m": 2.0}
+    other = recorded(engine=engine, **drop)
+    advice = str(compared(other, recorded(**drop)).looks_like)
+    assert "--linear-damping 0 --angular-damping 0 and they agree to 1e-12 m" in advice
+    undamped = recorded(**drop, linear_damping=0.0, angular_damping=0.0)
+    assert "to the bit" not in str(compared(other, undamped).looks_like)
+    touched = min(int(each.contacts["step"][0]) for each in (other, undamped))
+    rows = slice(0, touched)
+    columns = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
+    one, another = (each.states.select(columns).to_numpy()[rows] for each in (other, undamped))
+    assert np.abs(one - another).max() < 1e-12
+    assert not np.array_equal(one, another)
+
+
+@pytest.mark.parametrize("engine", OTHERS)
+def test_a_default_that_is_what_the_other_was_told_is_no_difference(
+    recorded: Recorder, engine: str
+) -> None:
+    other = recorded(engine=engine)
+    told = {"linear_damping": 0.0, "friction": other.engine.lateral_friction}
+    comparison = compared(other, recorded(**told))
+    assert [setting.name for setting in comparison.differences] == ["engine"]
+    if engine != "physx":
+        assert "agree to the bit until contact" in str(comparison.looks_like)
+    damped = compared(other, recorded(**{**told, "linear_damping": 0.01}))
+    names = {"engine"} if engine == "mujoco" else {"engine", "linear_damping"}
+    assert {setting.name for setting in damped.differences} == names
+
+
 @pytest.mark.parametrize("engine", OTHERS)
 def test_moving_from_pybullet_only_the_damping_differs(recorded: Recorder, engine: str) -> None:
-    sides = (recorded(engine=engine), recorded())
-    comparison = compare(*(Side(s.scenario, s.engine, s.states, s.contacts) for s in sides))
+    comparison = compared(recorded(engine=engine), recorded())
     if engine != "physx":
         assert "--linear-damping 0 and they agree to the bit until contact" in str(
             comparison.looks_like

@@ -20,6 +20,7 @@ from pipeline.analysis.drop.engines_apart import apart
 from pipeline.analysis.drop.fitted_law import POSITION, likeness
 from pipeline.analysis.general.samples import base_of
 from pipeline.laws.base import EXACT_MACHINES, FUSED
+from pipeline.laws.lookup import law_for
 from pipeline.report import EngineReport
 from pipeline.scenario import ENGINES_WITH, Scenario
 
@@ -154,8 +155,29 @@ def _scenario_differences(run: Side, golden: Side) -> list[Setting]:
     return [
         Setting(name, value, theirs[name])
         for name, value in mine.items()
-        if value != theirs[name] and name not in not_shared
+        if value != theirs[name] and name not in not_shared and not _alike(run, golden, name)
     ]
+
+
+def _alike(run: Side, golden: Side, name: str) -> bool:
+    """Whether the default of one engine is what the other was told."""
+    if run.scenario.engine == golden.scenario.engine:
+        return False
+    mine, theirs = (_in_effect(side, name) for side in (run, golden))
+    if None in (*mine, *theirs):
+        return False
+    return np.allclose(mine, theirs, rtol=SINGLE, atol=0)
+
+
+def _in_effect(side: Side, name: str) -> tuple[Any, ...]:
+    """Return what an engine makes of an option, numbers or, where that is not known, None."""
+    if name in ("linear_damping", "angular_damping"):
+        return (getattr(law_for(side.scenario, side.engine), name, None),)
+    if name == "friction":
+        return (side.engine.lateral_friction, side.engine.floor_lateral_friction)
+    if name == "restitution":
+        return (side.engine.restitution, side.engine.floor_restitution)
+    return (None,)
 
 
 def _not_shared(run: Side, golden: Side) -> set[str]:
