@@ -127,7 +127,7 @@ def _path(law: Law, case: Case, last: int) -> Motion:
     for _ in range(last):
         motions.append(law.step(motions[-1]))
     return Motion(
-        *(np.concatenate([getattr(one, each.name) for one in motions]) for each in fields(Motion))
+        *(np.concatenate([getattr(motion, each.name) for motion in motions]) for each in fields(Motion))
     )
 
 
@@ -137,9 +137,9 @@ def _off(path: Motion, law: Law, other: Case) -> tuple[float, bool]:
     An orientation counts as what it moves the body's surface by.
     """
     samples = other.samples.at(slice(len(path)))
-    one, another = path.orientation, samples.orientation
-    one = np.where((one * another).sum(axis=1, keepdims=True) < 0, -one, one)  # -q turns like q
-    turn_rad = 2 * np.linalg.norm(one - another, axis=1).max()
+    mine, theirs = path.orientation, samples.orientation
+    mine = np.where((mine * theirs).sum(axis=1, keepdims=True) < 0, -mine, mine)  # -q turns like q
+    turn_rad = 2 * np.linalg.norm(mine - theirs, axis=1).max()
     off_m = float(np.abs(path.position_m - samples.position_m).max())
     same = all(
         np.array_equal(getattr(path, each.name), getattr(samples, each.name))
