@@ -127,7 +127,10 @@ def _path(law: Law, case: Case, last: int) -> Motion:
     for _ in range(last):
         motions.append(law.step(motions[-1]))
     return Motion(
-        *(np.concatenate([getattr(motion, each.name) for motion in motions]) for each in fields(Motion))
+        *(
+            np.concatenate([getattr(motion, each.name) for motion in motions])
+            for each in fields(Motion)
+        )
     )
 
 
