@@ -469,6 +469,25 @@ def test_what_only_looks_like_it_is_no_finding(analyzed: Analyzed, name: str) ->
 
 
 @pytest.mark.parametrize(
+    ("call", "meets"),
+    [
+        ("p.setCollisionFilterPair(b, other, -1, -1, 0)", True),
+        ("p.setCollisionFilterGroupMask(other, -1, 0, 0)", True),
+        ("p.setCollisionFilterPair(b, wall, -1, -1, 0)", False),
+        ("p.setCollisionFilterPair(wall, bodyUniqueIdB=b, linkIndexA=-1, linkIndexB=-1, "
+        "enableCollision=0)", False),
+        ("p.setCollisionFilterGroupMask(bodyUniqueId=wall, linkIndexA=-1, collisionFilterGroup=0, "
+        "collisionFilterMask=0)", False),
+        ("p.setCollisionFilterGroupMask(b, -1, 0, 0)", False),
+    ],
+)  # fmt: skip
+def test_what_is_not_to_be_met_is_not_passed(analyzed: Analyzed, call: str, meets: bool) -> None:
+    other = "other = p.createMultiBody(0, -1, -1, [0, 0, 9])\n"
+    said = codes(analyzed(f"{WALL}{BULLET}{other}{call}\nsteps(8)"))
+    assert ("tunnelled" in said) == ("timestep-too-long" in said) == meets
+
+
+@pytest.mark.parametrize(
     "rest",
     [
         "p.resetBasePositionAndOrientation(wall, [9, 0, 0], [0, 0, 0, 1])",

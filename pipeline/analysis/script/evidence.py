@@ -218,25 +218,36 @@ class Evidence:
         known = body in self.seen.bodies
         return known and bool(box_m(self.appearance(body, at).body, link).any())
 
-    def filters(self, client: int) -> bool:
-        """Whether calls decide which bodies of a simulation collide."""
-        return any(
-            call.function.startswith("setCollisionFilter") and call.client == client
-            for call in self.seen.calls
-        )
+    def filtered(self, one: Body, other: Body) -> bool:
+        """Whether calls may have kept two bodies from colliding."""
+        pair = {one.engine_id, other.engine_id}
+        return any(client == one.client and named <= pair for client, named in self._filters)
+
+    @cached_property
+    def _filters(self) -> list[tuple[int, set[int]]]:
+        """Client, and the bodies that each call names which decides what collides."""
+        filters = []
+        for call in self.seen.calls:
+            if call.function.startswith("setCollisionFilter"):
+                first = re.match(r"(?:-?\d+(?:, |$))*", call.arguments)
+                numbers = first[0].split(", ") if first else []
+                numbers = numbers[: 2 if call.function.endswith("Pair") else 1]
+                numbers += re.findall(r"\bbodyUniqueId[AB]?=(-?\d+)", call.arguments)
+                filters.append((call.client, {int(number) for number in numbers if number}))
+        return filters
 
     def may_meet(self, body: Body) -> bool:
         """Whether there is a shape that a body collides with, as far as is known."""
-        others = (
-            other
+        return any(
+            other.client == body.client
+            and other.number != body.number
+            and not self.filtered(body, other)
+            and (
+                other.soft
+                or other.hides_links
+                or any(box_m(other, link).any() for link in range(BASE, len(other.links) - 1))
+            )
             for other in self.seen.bodies.values()
-            if other.client == body.client and other.number != body.number
-        )
-        return not self.filters(body.client) and any(
-            other.soft
-            or other.hides_links
-            or any(box_m(other, link).any() for link in range(BASE, len(other.links) - 1))
-            for other in others
         )
 
     def ball_m(self, came: Appearance) -> Float64:

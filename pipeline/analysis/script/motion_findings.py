@@ -71,7 +71,7 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
     its box, and that no part of it reaches beyond the slab's edges.
     """
     track = judged.track
-    if track.body.joints or e.filters(track.body.client):
+    if track.body.joints:
         return
     moved, passed = track.led & ~track.put, set()
     record = e.seen.by_body[number]
@@ -83,6 +83,8 @@ def _tunnelled(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFindi
     )
     for other, low, high, after, until in e.slabs:
         if other.client != track.body.client or other.number in passed:
+            continue
+        if e.filtered(track.body, other):
             continue
         axis = int(np.argmin(high - low))
         down = (before_m[:, axis] > high[axis]) & (after_m[:, axis] < low[axis])
