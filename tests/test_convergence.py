@@ -103,6 +103,22 @@ def runs_of(error_of: Callable[[float], float], frequencies: Sequence[int]) -> l
     ]
 
 
+@pytest.mark.parametrize(("share", "known"), [(0.005, True), (0.02, False), (1.0, False)])
+def test_rounding_has_no_order(share: float, known: bool) -> None:
+    """Without an error of the method, rounding is all there is: it has no order."""
+    runs = runs_of(lambda h: 1e-3 * h, (240, 480, 960))
+    smallest_m = min(abs(run.error_m) for run in runs)
+    rounded = [
+        replace(run, timestep_m=run.error_m - share * smallest_m, rounding_m=share * smallest_m)
+        for run in runs
+    ]
+    study = study_of(rounded)
+    assert (study.orders_free_fall[-1] is not None) == known
+    assert (study.orders_damped_fall[-1] is not None) == known
+    assert (study.order is not None) == known
+    assert (study.extrapolated_m is not None) == known
+
+
 def test_order_and_limit_are_those_of_the_finest_runs() -> None:
     """The coarsest of four is not in the asymptotic range, and the finest have two ratios."""
     study = study_of(runs_of(lambda h: 3 * h if h < 0.1 else 1.0, (5, 20, 40, 120)))

@@ -175,6 +175,25 @@ def test_the_rest_has_a_closed_form(
         assert "0.02 s" in finding.message
 
 
+@pytest.mark.parametrize("timestep_s", [0.01, 0.02])
+def test_no_time_constant_is_below_two_timesteps(recorded: Recorder, timestep_s: float) -> None:
+    """A smaller one changes nothing then, and is not advised alone."""
+    values = {"body": "cube.urdf", "timestep_s": timestep_s}
+    analysis = judge(recorded(engine="mujoco", duration_s=2.0, **values))
+    rows = [
+        mujoco_drop.drive(
+            steps=round(2 / timestep_s), timestep_s=timestep_s, mass_kg=1.0,
+            inertia_kg_m2=analysis.engine.inertia_kg_m2, edges_m=(1.0, 1.0, 1.0), solref=solref,
+        )
+        for solref in (0.02, 0.001)
+    ]  # fmt: skip
+    assert rows[0][-1, 2] == pytest.approx(rows[1][-1, 2], abs=1e-9)
+    assert analysis.rest is not None
+    assert analysis.rest.sinks_m == pytest.approx(0.5 - rows[0][-1, 2], abs=1e-9)
+    (finding,) = (each for each in analysis.findings if each.code == "rest-below-expected")
+    assert "with a shorter --timestep only" in finding.message
+
+
 def test_a_shorter_time_constant_is_stiffer() -> None:
     depths = [rest_depth_m(9.81, 4, (constant, 1.0), SOLIMP) for constant in (0.02, 0.01, 0.005)]
     assert all(depth is not None for depth in depths)

@@ -39,6 +39,11 @@ def rest_depth_m(
     return depth_m
 
 
+def shortest_s(timestep_s: float) -> float:
+    """Return the shortest time constant that MuJoCo uses [s] (documentation, "refsafe")."""
+    return 2 * timestep_s
+
+
 def impedance(depth_m: float, solimp: Sequence[float]) -> float:
     """Return the impedance d at a depth [m]: from d0 to dw within the width, by a power law."""
     d0, dw, width_m, middle, power = solimp

@@ -18,6 +18,8 @@ LEAST_ORDER, MOST_ORDER = 1e-6, 64.0
 """Bounds of an order: outside them solutions do not converge."""
 NEGLIGIBLE = 1e-4
 """Share of the finest error below which damping changes no shown digit of an order."""
+ROUNDED = 0.01
+"""Share of an error that may be rounding where an order is given: it is then off by up to 0.03."""
 NEAR = 10.0
 """Factor beyond the coarsest or finest timestep up to which a timestep is near those tried."""
 
@@ -164,7 +166,10 @@ def study_of(runs: Sequence[StudiedRun]) -> Study:
     steps, heights = [run.timestep_s for run in ordered], [run.simulated_m for run in ordered]
     finest = ordered[-1]
     damped_fall_m = finest.simulated_m - finest.discretisation_m
-    order = solution_order(steps[-3:], heights[-3:]) if len(ordered) > 2 else None
+    changes_m = [abs(fine - coarse) for coarse, fine in itertools.pairwise(heights[-3:])]
+    rounding_m = max(abs(run.rounding_m) for run in ordered[-3:])
+    known = len(ordered) > 2 and rounding_m <= ROUNDED * min(changes_m)
+    order = solution_order(steps[-3:], heights[-3:]) if known else None
     extrapolated_m = index = None
     if order is not None:
         ratio = steps[-2] / steps[-1]
@@ -173,8 +178,10 @@ def study_of(runs: Sequence[StudiedRun]) -> Study:
             index = grid_convergence_index(*heights[-2:], ratio=ratio, order=order)
     return Study(
         runs=ordered,
-        orders_free_fall=observed_orders(steps, [run.error_m for run in ordered]),
-        orders_damped_fall=observed_orders(steps, [run.discretisation_m for run in ordered]),
+        orders_free_fall=observed_orders(steps, [_known(run, run.error_m) for run in ordered]),
+        orders_damped_fall=observed_orders(
+            steps, [_known(run, run.discretisation_m) for run in ordered]
+        ),
         order=order,
         extrapolated_m=extrapolated_m,
         damped_fall_m=damped_fall_m,
@@ -187,3 +194,8 @@ def study_of(runs: Sequence[StudiedRun]) -> Study:
         ),
         limit_m=finest.damping_m,
     )
+
+
+def _known(run: StudiedRun, error_m: float) -> float:
+    """Return an error, or 0 where it may be rounding, of which no order is known."""
+    return error_m if abs(run.rounding_m) <= ROUNDED * abs(error_m) else 0.0

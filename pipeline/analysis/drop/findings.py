@@ -20,6 +20,7 @@ from pipeline.analysis.drop.phases import Phases
 from pipeline.analysis.drop.posture import FLAT_RAD, extent_m, tilt_rad, tumbles
 from pipeline.analysis.drop.results import Bounce, Finding, Impact, Landing, Moment, Rest
 from pipeline.fields import counted, decimals
+from pipeline.laws import mujoco_contact
 from pipeline.messages import Message, joined
 
 DEEP_PENETRATION = 0.1
@@ -374,6 +375,13 @@ def _soft(case: Case) -> Message | None:
         )
     if case.engine.solref is None:
         return None
+    if case.engine.solref[0] <= mujoco_contact.shortest_s(case.timestep_s):
+        return Message(
+            "MuJoCo's contact is a spring with a time constant of {time:g} s, never below two "
+            "timesteps; a smaller one in the solref of the geoms makes it stiffer with a shorter "
+            "--timestep only",
+            time=mujoco_contact.shortest_s(case.timestep_s),
+        )
     return Message(
         "MuJoCo's contact is a spring with a time constant of {time:g} s; a smaller one in the "
         "solref of the geoms makes it stiffer",
@@ -492,7 +500,7 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
             reason = _solver_stop(e.case)
     elif rest.sinks_m is not None:
         points = counted(int(e.case.samples.contact_points[-1]), "point")
-        lower = Message("{lower}, where {points} carry the weight", lower=lower, points=points)
+        lower = Message("{lower}, carried by {points}", lower=lower, points=points)
         reason = _soft(e.case)
     elif e.case.scenario.contact_erp == 0 and e.law is not None and e.tumbled_step is None:
         reason = Message(

@@ -378,7 +378,12 @@ def _sinks_m(case: Case, error_m: float) -> float | None:
     engine, gravity_m_s2 = case.engine, -case.fall.gravity_m_s2
     points, depth_m = int(case.samples.contact_points[-1]), None
     if gravity_m_s2 > 0 and points and engine.solref is not None and engine.solimp is not None:
-        depth_m = mujoco_contact.rest_depth_m(gravity_m_s2, points, engine.solref, engine.solimp)
+        time_constant_s, ratio = engine.solref
+        if time_constant_s > 0:
+            time_constant_s = max(time_constant_s, mujoco_contact.shortest_s(case.timestep_s))
+        depth_m = mujoco_contact.rest_depth_m(
+            gravity_m_s2, points, (time_constant_s, ratio), engine.solimp
+        )
     if gravity_m_s2 > 0 and engine.modulus_pa is not None and case.is_box:
         axis, _ = face_up(case, len(case.samples) - 1)
         edges_m = np.array(engine.shape_dimensions_m)
