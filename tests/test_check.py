@@ -25,7 +25,7 @@ from pipeline.analysis.drop.comparison import (
 )
 from pipeline.errors import OutputError, RecordingError
 from pipeline.recording.reader import Recording, frames, read
-from pipeline.stages.check import check
+from pipeline.stages.check import Check, check
 from pipeline.stages.run import Run
 
 GOLDEN = Path(__file__).parents[1] / "recordings/golden/standard.rrd"
@@ -85,6 +85,20 @@ def test_the_same_physics_exits_0(drop: Drop, tmp_path: Path, standard: Run) -> 
     assert result["largest_difference_m"] == 0.0
     assert result["first_difference"] is None
     assert drop("check", "run.rrd", "--against", GOLDEN).stdout.startswith("same")
+
+
+def test_settings_that_differ_in_a_late_digit_are_shown_with_it(recorded: Recorder) -> None:
+    for change, shown in (
+        ({"height_m": 1.0000000001}, "--height 1.0000000001, golden 1.0"),
+        (
+            {"velocity_m_s": (0.0, 0.0, 1.0000000001)},
+            "--velocity (0.0, 0.0, 1.0000000001), golden (0.0, 0.0, 1.0)",
+        ),
+    ):
+        golden = {} if "height_m" in change else {"velocity_m_s": (0.0, 0.0, 1.0)}
+        comparison = compare(side(recorded(**change)), side(recorded(**golden)))
+        found = Check(Path("run.rrd"), Path("golden.rrd"), 0.0, comparison, None)
+        assert shown in str(found)
 
 
 def test_other_physics_exits_3_and_names_the_setting(drop: Drop) -> None:

@@ -126,6 +126,8 @@ def _option(setting: Setting) -> Message:
         GIVEN[not given] if option.is_flag else option.written(given)
         for given in (setting.value, setting.golden)
     )
+    if value == golden:  # to the digits that are shown
+        value, golden = repr(setting.value), repr(setting.golden)
     return beside_golden(option.name, value, golden)
 
 
