@@ -27,8 +27,8 @@ DEEP_PENETRATION = 0.1
 """Share of the body's height that it may sink into the floor before it is worth reporting."""
 REST_BELOW_M = 1e-6
 """A body that rests further than this below its rest height is worth reporting."""
-ENOUGH_ITERATIONS = 50
-"""Default of Bullet's solver, which the residual stops earlier."""
+SOLVER_ITERATIONS = 50
+"""Bullet's default, unless the residual stops the solver earlier."""
 SOLVER_M = 1e-8
 """Error of a rest height due to the solver's early stop that is worth reporting."""
 INFLATED = 0.01
@@ -512,7 +512,7 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
 
 def _solver_stop(case: Case) -> Message:
     """Say where the solver stops, and what prevents it; which came first is not recorded."""
-    iterations = case.engine.solver_iterations or ENOUGH_ITERATIONS
+    iterations = case.engine.solver_iterations or SOLVER_ITERATIONS
     if case.scenario.solver_residual == 0:
         return Message(
             "Bullet leaves a slop of 10 µm uncorrected and its solver stops after {iterations}; "
