@@ -211,7 +211,7 @@ class Scenario(Optioned):
             near = [n * self.timestep_s for n in (math.floor(ratio), math.ceil(ratio)) if n > 0]
             raise ScenarioError(
                 "--duration must be a whole number of timesteps of {timestep:.12g} s, got "
-                "{duration:.12g} s, that is {steps:.6g} of them; try {near}",
+                "{duration:.12g} s, that is {steps:.12g} of them; try {near}",
                 timestep=self.timestep_s,
                 duration=self.duration_s,
                 steps=ratio,

@@ -905,10 +905,15 @@ def test_what_is_no_recording_is_called_what_it_is(
     layer = standard.analysis.layer
     assert layer is not None
     (tmp_path / "folder").mkdir()
+    (tmp_path / "sweep" / "recordings").mkdir(parents=True)
+    (tmp_path / "sweep" / "recordings" / "run-0.rrd").touch()
     (tmp_path / "a.analysis.rrd").write_bytes(layer.read_bytes())
     (tmp_path / "a.analysis.rrd.part").write_bytes(layer.read_bytes()[:3000])
     (tmp_path / "empty.rrd.part").touch()
-    kinds = {"folder": "is a folder; name a recording in it, such as folder/run.rrd"}
+    kinds = {
+        "folder": "is a folder; name a recording in it, such as folder/run.rrd",
+        "sweep": "is a folder; name a recording in it, such as sweep/recordings/run-0.rrd",
+    }
     if verb != "view":  # which shows layers, too
         kinds |= {
             "a.analysis.rrd": "must be a recording, got a layer, as",

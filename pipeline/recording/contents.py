@@ -28,10 +28,12 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
     only: str | None = None
     try:
         if path.is_dir():
+            inside = [*path.glob("*.rrd"), *path.glob("recordings/*.rrd")]
+            inside = [each for each in inside if not each.name.endswith(".analysis.rrd")]
             raise RecordingError(
                 "{path} is a folder; name a recording in it, such as {file}",
                 path=path,
-                file=path / "run.rrd",
+                file=min(inside, default=path / "run.rrd"),
             )
         if not path.exists():
             raise RecordingError("{path} does not exist; make it with: drop simulate", path=path)
