@@ -1265,14 +1265,19 @@ def test_the_force_curve_is_the_weight_of_what_rests(bench: Bench, name: str) ->
     assert points[-20:].mean() == pytest.approx(float(printed.split()[-1]), rel=0.01)
 
 
+SOFT = """
+import pybullet as p, pybullet_data
+p.connect(p.DIRECT)
+p.resetSimulation(p.RESET_USE_DEFORMABLE_WORLD)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.loadURDF("plane.urdf")
+p.loadSoftBody("cloth_z_up.obj", basePosition=[0, 0, 1], scale=0.5, mass=1, useMassSpring=1)
+"""
+
+
 def test_soft_bodies_are_named_and_said_to_be_left_out(bench: Bench) -> None:
     script = bench.script(
-        "import pybullet as p, pybullet_data\np.connect(p.DIRECT)\n"
-        "p.resetSimulation(p.RESET_USE_DEFORMABLE_WORLD)\n"
-        "p.setAdditionalSearchPath(pybullet_data.getDataPath())\np.loadURDF('plane.urdf')\n"
-        "p.loadSoftBody('cloth_z_up.obj', basePosition=[0, 0, 1], scale=0.5, mass=1,\n"
-        "    useMassSpring=1)\n"
-        "p.loadURDF('cube_small.urdf', [0, 0, 2])\n"
+        SOFT + "p.loadURDF('cube_small.urdf', [0, 0, 2])\n"
         "for _ in range(20):\n    p.stepSimulation()\n"
     )
     said: list[str] = []
@@ -1285,14 +1290,7 @@ def test_soft_bodies_are_named_and_said_to_be_left_out(bench: Bench) -> None:
 
 
 def test_a_soft_body_alone_is_not_still_and_its_simulation_has_a_duration(bench: Bench) -> None:
-    script = bench.script(
-        "import pybullet as p, pybullet_data\np.connect(p.DIRECT)\n"
-        "p.resetSimulation(p.RESET_USE_DEFORMABLE_WORLD)\n"
-        "p.setAdditionalSearchPath(pybullet_data.getDataPath())\np.loadURDF('plane.urdf')\n"
-        "p.loadSoftBody('cloth_z_up.obj', basePosition=[0, 0, 1], scale=0.5, mass=1,\n"
-        "    useMassSpring=1)\n"
-        "for _ in range(24):\n    p.stepSimulation()\n"
-    )
+    script = bench.script(SOFT + "for _ in range(24):\n    p.stepSimulation()\n")
     bench.record(script)
     described = info(bench.out)
     assert described.bodies == ["0_plane, held still", "1_cloth_z_up, soft"]
