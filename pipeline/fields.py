@@ -6,12 +6,11 @@ One declaration serves the command line, the recording and sweeps.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
 import math
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from fractions import Fraction
 from numbers import Integral, Real
 from types import NoneType, UnionType
@@ -223,8 +222,7 @@ class Optioned:
     @classmethod
     def options(cls) -> dict[str, Option]:
         """Return the command-line option of each field that has one, by field name."""
-        fields = dataclasses.fields(cls)  # type: ignore[arg-type]
-        return {f.name: f.metadata["option"] for f in fields if "option" in f.metadata}
+        return _options(cls)  # type: ignore[arg-type]
 
     @classmethod
     def from_text(cls, given: Mapping[str, str | bool | None]) -> Self:
@@ -304,6 +302,11 @@ def shown(value: object) -> str:
     except ValueError:  # Python refuses to write out a number of some thousand digits
         return Message("a number too long to write")
     return text if len(text) <= 120 else f"{text[:100]}…{text[-10:]}"
+
+
+@functools.cache
+def _options(kind: Any) -> dict[str, Option]:  # noqa: ANN401 - as below
+    return {f.name: f.metadata["option"] for f in fields(kind) if "option" in f.metadata}
 
 
 @functools.cache

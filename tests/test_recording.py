@@ -248,6 +248,21 @@ def test_rows_that_went_missing_are_noticed_before_the_name_is_given(
     assert not path.exists()
 
 
+def test_a_stretch_lost_on_the_disk_is_noticed_before_the_name_is_given(
+    tmp_path: Path, standard: Run
+) -> None:
+    part, path = tmp_path / "run.rrd.part", tmp_path / "run.rrd"
+    data = bytearray(standard.simulation.recording.read_bytes())
+    data[4096:8192] = bytes(4096)
+    part.write_bytes(data)
+    rows: dict[str, int] = {}
+    for chunk in chunks_of(standard.simulation.recording):
+        rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
+    with pytest.raises(OutputError, match="does not verify"):
+        sealing.seal(part, path, blueprint=None, rows=rows, force=False)
+    assert not path.exists()
+
+
 # -- reading back ---------------------------------------------------------------------------------
 
 
