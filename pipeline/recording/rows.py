@@ -53,7 +53,12 @@ def joined(parts: Sequence[pl.DataFrame], table: Table, path: Path) -> pl.DataFr
     whole = pl.concat([empty(table), *parts], rechunk=False)
     if sum(part["step"].n_unique() for part in parts) != whole["step"].n_unique():
         raise damaged(path, twice(table.entity))
-    return whole if whole["step"].is_sorted() else whole.sort("step", maintain_order=True)
+    return in_order(whole)
+
+
+def in_order(table: pl.DataFrame) -> pl.DataFrame:
+    """Return a table in step order, without a copy where it is in order."""
+    return table if table["step"].is_sorted() else table.sort("step", maintain_order=True)
 
 
 def digest_of(read: pl.DataFrame, table: Table) -> str:

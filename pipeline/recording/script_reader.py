@@ -203,7 +203,7 @@ def _seen(
         puts=[_put(at, values, bodies) for at, values in told[schema.SET]],
         samples=dict(enumerate(_list(closing.get("samples_of_clients")))),
         states=states.sort("body", "link", "step", maintain_order=True),
-        contacts=contacts.sort("step", maintain_order=True),
+        contacts=rows.in_order(contacts).rechunk(),
         joints={numbers[label]: _joined(parts) for label, parts in jointed.items()},
         real_time=bool(closing.get("made_with_real_time", False)),
         unseeded=tuple(_list(closing.get("made_with_unseeded"))),

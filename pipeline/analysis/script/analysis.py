@@ -268,8 +268,8 @@ def _contacts(seen: Seen, verdict: Judged, times: Times) -> list[ScriptContact]:
         given_j = verdict.energy_j[rows]
         most = int(np.argmax(given_j))
         by = []
-        pairs = np.stack((touches.other_body[points], touches.other_link[points]), axis=1)
-        for number, link in np.unique(pairs, axis=0).tolist():
+        others = pl.DataFrame([touches.other_body[points], touches.other_link[points]]).unique()
+        for number, link in sorted(others.iter_rows()):
             its = points & (touches.other_body == number) & (touches.other_link == link)
             impulse = touches.force_n[its].sum(axis=0) * law.step_s
             name = seen.bodies[number].label if number in seen.bodies else str(number)
@@ -333,8 +333,8 @@ def _table(verdict: Judged, energy_j: Float64 | None, times: Mapping[int, Times]
         "step": track.steps,
         "time_s": times[body.client].of_all(track.steps),
         "body": np.full(len(track), body.number),
-        "label": [body.label] * len(track),
-        "segment": np.array(SEGMENTS, dtype=object)[verdict.code].tolist(),
+        "label": pl.repeat(body.label, len(track), eager=True),
+        "segment": pl.Series(SEGMENTS).gather(verdict.code),
         **{f"{axis}_m": track.motion.position_m[:, n] for n, axis in enumerate("xyz")},
         **{f"error_{axis}_m": error_m[:, n] for n, axis in enumerate("xyz")},
         "energy_j": np.full(len(track), np.nan) if energy_j is None else energy_j,

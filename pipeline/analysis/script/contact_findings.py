@@ -43,11 +43,13 @@ def _starts(e: Evidence) -> Iterator[ScriptFinding]:
     """Yield bodies that overlap something, or themselves, when they appear; the deepest of each."""
     came = {number: record.came[-1].at.step for number, record in e.seen.by_body.items()}
     contacts = e.contacts
+    begins = np.isin(contacts.step, [step + 1 for step in came.values()])
+    deep = np.flatnonzero(begins & (contacts.distance_m < -OVERLAP_M))
     for number, step in came.items():
-        its = (contacts.body_a == number) | (contacts.body_b == number)
-        its &= (contacts.step == step + 1) & (contacts.distance_m < -OVERLAP_M)
+        its = deep[contacts.step[deep] == step + 1]
+        its = its[(contacts.body_a[its] == number) | (contacts.body_b[its] == number)]
         for itself in (True, False):
-            rows = np.flatnonzero(its & ((contacts.body_a == contacts.body_b) == itself)).tolist()
+            rows = its[(contacts.body_a[its] == contacts.body_b[its]) == itself].tolist()
             # Of two bodies, the later one was put into the other.
             rows = [row for row in rows if itself or _later(e, came, number, row)]
             if not rows:
