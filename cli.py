@@ -366,7 +366,8 @@ def sweep(
         typer.Option(
             parser=a_number,
             metavar="METRES",
-            help="Stop when the 95 % confidence interval of the mean error is this narrow.",
+            help="Stop when the 95 % confidence interval of the mean error is this narrow, after "
+            "30 samples or more.",
         ),
     ] = None,
     jobs: Annotated[

@@ -114,7 +114,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Appearance:
-    """A body was added, removed, or got other shapes or colours."""
+    """A body was added, removed, began to move, or got other shapes or colours."""
 
     at: At
     body: Body

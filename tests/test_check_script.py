@@ -30,7 +30,6 @@ from viewer import Viewer, has_colour, vulkan_driver
 
 from pipeline import Scenario, colours, simulate
 from pipeline.analysis.script.cause import Side
-from pipeline.analysis.script.clients import paired_clients
 from pipeline.analysis.script.comparison import ScriptComparison, compare_scripts
 from pipeline.analysis.script.difference import Difference
 from pipeline.analysis.script.input_differences import input_differences
@@ -269,7 +268,7 @@ def test_differences_are_always_listed_in_the_same_order(recording: Record, gold
     path = recording(("arm = ", f"{more}arm = "))
     seen = read_script(path).seen
     theirs = read_script(golden).seen
-    missing = input_differences(seen, theirs, paired_clients(seen, theirs))
+    missing = input_differences(seen, theirs)
     labels = [difference.body for _, difference in missing if difference.value == 1.0]
     assert labels == sorted(labels)
     assert len(labels) > 9
@@ -699,6 +698,52 @@ def test_the_numbers_of_clients_do_not_count(tmp_path: Path) -> None:
     slower = recorded(text.replace("-9.81", "-1.6"), tmp_path / "moon.rrd", "1")
     result = compared(slower, first)
     assert result.first == Difference(0, None, None, "engine.gravityAccelerationZ", -1.6, -9.81)
+
+
+TURNS = """
+    import sys, pybullet as p
+    clients = [p.connect(p.DIRECT) for _ in range(3)]
+    turns = clients if sys.argv[1] == "forward" else clients[::-1]
+    def balls(c):
+        p.setGravity(0, 0, -9.81 - c, physicsClientId=c)
+        ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1, physicsClientId=c)
+        p.createMultiBody(0, ball, physicsClientId=c)
+        p.createMultiBody(1 + c, ball, basePosition=[0, 0, 0.19 + 0.02 * c], physicsClientId=c)
+    for c in turns:
+        balls(c)
+    for i in range(30):
+        for c in turns:
+            p.stepSimulation(physicsClientId=c)
+    """
+"""Simulations that take turns, as threads do; which is first depends on the argument."""
+
+
+def test_which_simulation_is_first_does_not_count(tmp_path: Path) -> None:
+    paths = [recorded(TURNS, tmp_path / f"{order}.rrd", order) for order in ("forward", "back")]
+    labels = [{body.client: body.label for body in side(path).seen.bodies.values()}
+              for path in paths]  # fmt: skip
+    assert labels[0] != labels[1]
+    for run, golden in (paths, paths[::-1]):
+        for tolerance_m in (0.0, 1e-3):
+            result = compared(run, golden, tolerance_m=tolerance_m)
+            assert (result.same, result.other_call) == (True, None)
+            assert result.largest_difference_m == 0.0
+    text = TURNS.replace("-9.81 - c", "-9.81 - 2 * c")
+    other = recorded(text, tmp_path / "other.rrd", "forward")
+    first = compared(other, paths[1]).first
+    assert first is not None
+    assert first.column == "engine.gravityAccelerationZ"
+
+
+def test_twice_the_same_in_whatever_turn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = TURNS.replace('sys.argv[1] == "forward"', "not Path('ran').exists()")
+    text = text.replace("for c in turns:", "Path('ran').touch()\n    for c in turns:", 1)
+    script = tmp_path / "turns.py"
+    script.write_text(textwrap.dedent("    from pathlib import Path" + text))
+    monkeypatch.chdir(tmp_path)
+    again = record_script(str(script), out=tmp_path / "twice.rrd", twice=True)
+    assert (tmp_path / "ran").exists()
+    assert (again.twice, again.first_difference) == (True, None)
 
 
 def test_the_same_call_in_another_client_names_both(golden: Path) -> None:

@@ -89,7 +89,7 @@ def test_a_schema_is_one(command: str) -> None:
         ["check run.rrd --against golden.rrd --update"],
         ["sweep --out a --timestep 1/240,1/480,1/960 --linear-damping default,0 --plot a.png"],
         ["sweep --out b --timestep 1/240,1/7 --no-record"],
-        ["sweep --out c --samples 5 --vary height=uniform:1:2 --no-record --until-ci 1"],
+        ["sweep --out c --samples 40 --vary height=uniform:1:2 --no-record --until-ci 1"],
     ],
     ids=lambda commands: commands[-1].partition(" --out")[0][:60],
 )  # fmt: skip

@@ -306,6 +306,12 @@ HARMLESS = {
     "gravity that is off on purpose": (
         "no-gravity", "p.setGravity(0, 0, 0)\n" + CUBE.format(3) + "steps(3)",
     ),
+    "gravity of its own": (
+        "no-gravity",
+        CUBE.format(3)
+        + "for i in range(3):\n    p.applyExternalForce(b, -1, [0, 0, -0.1 * 9.81], [0, 0, 0], "
+        "p.LINK_FRAME)\n    steps(1)",
+    ),
     "no damping by default": (
         "default-damping",
         GRAVITY + 'p.loadURDF("cube_small.urdf", [0, 0, 3], useMaximalCoordinates=True)\nsteps(80)',

@@ -502,10 +502,10 @@ def test_a_sweep_of_a_body_that_was_edited_is_another(tmp_path: Path) -> None:
 
 
 def test_recordings_of_runs_that_are_not_needed_go(tmp_path: Path) -> None:
-    plan = plan_of({"linear_damping": "0"}, samples=8, seed=1, vary=["gravity=normal:-9.81:1"])
+    plan = plan_of({"linear_damping": "0"}, samples=36, seed=1, vary=["gravity=normal:-9.81:1"])
     swept = sweep(plan, tmp_path, jobs=2, until_ci_m=1.0)
-    assert swept.runs == 2
-    assert len(list((tmp_path / "recordings").iterdir())) == 2
+    assert swept.runs == 30
+    assert len(list((tmp_path / "recordings").iterdir())) == 30
 
 
 def test_recordings_that_were_there_before_are_not_replaced(tmp_path: Path) -> None:
@@ -711,14 +711,14 @@ def test_what_comes_while_a_sweep_runs_is_not_replaced(tmp_path: Path) -> None:
 
 
 def test_runs_of_an_earlier_command_stay_when_they_are_not_needed(tmp_path: Path) -> None:
-    plan = plan_of({"linear_damping": "0"}, samples=8, seed=1, vary=["gravity=normal:-9.81:1"])
+    plan = plan_of({"linear_damping": "0"}, samples=36, seed=1, vary=["gravity=normal:-9.81:1"])
     whole = sweep(plan, tmp_path, jobs=1).table()
     theirs = tmp_path / "recordings" / "run-7.rrd"
     theirs.write_text("precious")
     enough = sweep(plan, tmp_path, jobs=1, until_ci_m=1.0)
-    assert (enough.runs, enough.computed) == (2, 0)
-    assert enough.table().equals(whole.head(2))
-    assert len(list(theirs.parent.iterdir())) == 8
+    assert (enough.runs, enough.computed) == (30, 0)
+    assert enough.table().equals(whole.head(30))
+    assert len(list(theirs.parent.iterdir())) == 36
     assert theirs.read_text() == "precious"
     again = sweep(plan, tmp_path, jobs=1)
     assert (again.computed, again.table().equals(whole)) == (0, True)
@@ -802,6 +802,7 @@ def test_if_all_fail_the_sweep_has_failed(drop: Drop, tmp_path: Path) -> None:
         (["--plot", "errors.pdf"], ".png or .svg"),
         (["--until-ci", "1e-3"], "--samples"),
         (["--until-ci", "0", "--samples", "3", "--vary", "mass=uniform:1:2"], "above 0"),
+        (["--until-ci", "1", "--samples", "3", "--vary", "mass=uniform:1:2"], "at least 30"),
         (["--jobs", "0"], "--jobs"),
         (["--at", "x"], "--at"),
         (["--at", "-1"], "--at"),
@@ -864,9 +865,26 @@ def test_sampling_stops_by_the_samples_that_the_statistics_are_of(tmp_path: Path
     swept = sweep(plan, tmp_path, record=False, jobs=1, until_ci_m=1e-9)
     low, high = swept.statistics[0].statistics[0].interval or (0.0, 1.0)
     # In the air the error is the same from any height, but for the rounding.
-    assert swept.runs < 20
+    assert swept.statistics[0].statistics[0].count >= 30
+    assert swept.runs < 70
     assert swept.narrow_enough
     assert high - low <= 1e-9
+
+
+def test_sampling_does_not_stop_at_equal_samples(tmp_path: Path) -> None:
+    """One in a hundred samples differs, the first after 33."""
+    values = ":".join(["0.04"] * 99 + ["0"])
+    plan = plan_of({}, samples=600, seed=0, vary=[f"linear_damping=choice:{values}"])
+    swept = sweep(plan, tmp_path, record=False, jobs=1, until_ci_m=1e-3)
+    assert swept.table().head(30)["error_m"].n_unique() == 1
+    assert swept.table()["error_m"].n_unique() == 2
+    assert swept.narrow_enough
+
+
+def test_equal_samples_are_narrow_enough_in_the_end(tmp_path: Path) -> None:
+    plan = plan_of({}, samples=30, vary=["restitution=uniform:0:1"])
+    swept = sweep(plan, tmp_path, record=False, jobs=1, until_ci_m=1e-3)
+    assert (swept.runs, swept.narrow_enough) == (30, True)
 
 
 def test_sampling_stops_when_the_interval_is_narrow_enough(tmp_path: Path) -> None:

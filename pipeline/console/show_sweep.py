@@ -388,6 +388,8 @@ def _files(sweep: Sweep) -> list[str]:
     if sweep.plot is not None:
         lines += made(PLOT, sweep.plot, column=12)
     if sweep.narrow_enough is False:
-        more = localized("the interval is wider than asked for: use more --samples")
+        more = localized(
+            "the interval is wider than asked for, or of fewer than 30 samples: use more --samples"
+        )
         lines.append(f"[yellow]{more}[/]")
     return lines

@@ -99,7 +99,7 @@ class Script:
         self._log = Gathering(pictures.log, most=ROWS_TOGETHER)
         self._lenses: dict[int, object] = {}
         self._shown_at: dict[tuple[int, int], int] = {}
-        self._digests: list[tuple[int, int, bytes]] = []
+        self._digests: dict[int, list[tuple[int, bytes]]] = {}
         self._drawn: dict[int, tuple[Any, ...]] = {}
 
     def chunks(self, events: Iterable[Event], ending: Callable[[], Ending]) -> Iterator[Chunk]:
@@ -197,18 +197,28 @@ class Script:
     def take_in(self, event: Event) -> None:
         """Remember a digest of each state, to compare with another run."""
         if isinstance(event, Samples) and len(event.steps):
+            # Bodies are numbered in the order in which threads add them.
+            states = event.states.copy()
+            states["body"] = 0
+            digests = self._digests.setdefault(event.client, [])
             for step, rows in zip(
-                event.steps.tolist(), event.states.reshape(len(event.steps), -1), strict=True
+                event.steps.tolist(), states.reshape(len(event.steps), -1), strict=True
             ):
                 digest = hashlib.blake2b(rows.tobytes(), digest_size=8).digest()
-                self._digests.append((event.client, step, digest))
+                digests.append((step, digest))
 
     def first_difference(self, other: Script) -> int | None:
         """Return the first step at which another run has another state, an extra one, or none."""
-        for mine, theirs in itertools.zip_longest(self._digests, other._digests):
-            if mine != theirs:
-                return int((mine or theirs)[1])
-        return None
+        mine, theirs = self._digests, other._digests
+        if sorted(mine.values()) == sorted(theirs.values()):  # however threads took turns
+            return None
+        steps = [
+            (one or another)[0]
+            for client in mine.keys() | theirs.keys()
+            for one, another in itertools.zip_longest(mine.get(client, ()), theirs.get(client, ()))
+            if one != another
+        ]
+        return int(min(steps))
 
     def _on_samples(self, seen: Samples) -> Iterator[Chunk]:
         if self._compared:

@@ -165,13 +165,16 @@ def record_script(
                 "nothing was simulated: the script did not connect to PyBullet, or loaded nothing"
             )
         )
-    if process.decoder.real_time and not keep_sleeping:
-        note(
-            Message(
-                "the script asked for real-time simulation, which needs a window: it was stepped "
-                "by a virtual clock"
-            )
+    if process.decoder.real_time:
+        virtual = Message(
+            "the script asked for real-time simulation, which needs a window: it was stepped by a "
+            "virtual clock"
         )
+        real = Message(
+            "the script asked for real-time simulation, which needs a window: it was stepped by "
+            "the machine's clock"
+        )
+        note(real if keep_sleeping else virtual)
     if ended.how == "duration" and duration_s == DURATION_S:
         note(
             Message(
@@ -253,8 +256,9 @@ def _again(
     else:
         note(
             Message(
-                "recorded twice: the states differ from step {step} on; the second run had other "
-                "leftovers in fresh memory (MALLOC_PERTURB_), which PyBullet reads in some scenes",
+                "recorded twice: the states differ from step {step} on; the script depends on a "
+                "clock, threads or files, or PyBullet on fresh memory, where the second run had "
+                "other leftovers (MALLOC_PERTURB_)",
                 step=first,
             )
         )

@@ -229,7 +229,7 @@ def _of_block(
     code[there & balanced & balance.touched] = CONTACT
     code[there & balanced & forced] = PUSHED
     if rolls is not None and not several:
-        rolling = there & near & rolls & closes_linear
+        rolling = (code == UNEXPLAINED) & there & near & rolls & closes_linear
         code[rolling] = np.where(forced, PUSHED, CONTACT)[rolling]
     code[placed] = SET
     off_m_s = np.where(

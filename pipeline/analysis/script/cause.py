@@ -9,7 +9,6 @@ from itertools import zip_longest
 from typing import Any
 
 from pipeline.analysis.drop.comparison import Setting
-from pipeline.analysis.script.clients import Clients
 from pipeline.analysis.script.difference import INPUT, Difference, When
 from pipeline.messages import Message, joined
 from pipeline.seen import Call, Seen
@@ -56,10 +55,23 @@ class OtherCall:
         return min(When(at.step, INPUT, at.call) for at in ats)
 
 
-def other_call(run: Sequence[Call], golden: Sequence[Call], clients: Clients) -> OtherCall | None:
-    """Return the first call that does something else, else the first from another line."""
+def other_call(run: Sequence[Call], golden: Sequence[Call]) -> OtherCall | None:
+    """Return the first call that does something else, else the first from another line.
+
+    How the calls of several clients alternate does not count: threads take turns at random.
+    """
+    found = _first_other(by_client(run), by_client(golden))
+    return found if found is None or found.moved else _first_other(run, golden)
+
+
+def by_client(calls: Sequence[Call]) -> list[Call]:
+    """Return the calls of each client in their order, one client after the other."""
+    return sorted(calls, key=lambda call: call.client)
+
+
+def _first_other(run: Sequence[Call], golden: Sequence[Call]) -> OtherCall | None:
     pairs = [
-        OtherCall(call, other, moved=bool(call and other and _is(call, other, clients)))
+        OtherCall(call, other, moved=bool(call and other and _does(call) == _does(other)))
         for call, other in zip_longest(run, golden)
     ]
     others = (pair for pair in pairs if not pair.moved)
@@ -71,13 +83,9 @@ def other_call(run: Sequence[Call], golden: Sequence[Call], clients: Clients) ->
     return next(others, None) or next(elsewhere, None)
 
 
-def _is(call: Call, golden: Call, clients: Clients) -> bool:
-    """Whether two calls do the same, from whatever line and with files in whatever folder."""
-    mine, theirs = (
-        (each.function, FOLDER.sub("", each.arguments), bool(each.raised))
-        for each in (call, golden)
-    )
-    return mine == theirs and call.client == clients[golden.client]
+def _does(call: Call) -> tuple[object, ...]:
+    """Return what a call does, from whatever line and with files in whatever folder."""
+    return call.function, FOLDER.sub("", call.arguments), bool(call.raised), call.client
 
 
 def versions(run: Side, golden: Side) -> Iterator[Setting]:
@@ -150,7 +158,7 @@ def _of_inputs(
     made: Sequence[Setting],
 ) -> Message:
     """Say why two recordings with the same calls differ."""
-    later = _later_call(run.seen.calls, golden.seen.calls, first.step)
+    later = _later_call(by_client(run.seen.calls), by_client(golden.seen.calls), first.step)
     if later is not None:
         return later
     if any(each.column == "engine.rows" for each in inputs):  # of each connection, and after calls
@@ -312,11 +320,11 @@ def _of_calls(run: Side, golden: Side) -> Message:
     if run.origin.get("script_sha256"):
         return Message(
             "the same script, other calls: what it reads has changed, such as a module, a file or "
-            "the time of day, which --seed fixes"
+            "the time of day, which --seed fixes, or how its threads take turns"
         )
     return Message(
         "a module of the same name, other calls: what it reads has changed, such as a module, a "
-        "file or the time of day, which --seed fixes"
+        "file or the time of day, which --seed fixes, or how its threads take turns"
     )
 
 

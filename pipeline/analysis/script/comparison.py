@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.analysis.drop.comparison import Setting
+from pipeline.analysis.script.aligned import aligned
 from pipeline.analysis.script.cause import (
     OtherCall,
     Side,
@@ -22,7 +23,6 @@ from pipeline.analysis.script.cause import (
     other_call,
     versions,
 )
-from pipeline.analysis.script.clients import paired_clients
 from pipeline.analysis.script.difference import INPUT, LED, Dated, Difference, When
 from pipeline.analysis.script.input_differences import input_differences
 from pipeline.analysis.script.likeness import STATES_ARE_THE_SAME, looks_like
@@ -82,15 +82,16 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
         Allowed difference in motion [m]; 0 means bit for bit, and then also in joints and contact
         points.
     """
-    of, clients = paired(run.seen, golden.seen), paired_clients(run.seen, golden.seen)
+    golden = replace(golden, seen=aligned(golden.seen, run.seen))
+    of = paired(run.seen, golden.seen)
     state = first_state(of)
-    others = [first_joint(of, run.seen, golden.seen), first_contact(run.seen, golden.seen, clients)]
-    end = first_end(run.seen, golden.seen, clients)
+    others = [first_joint(of, run.seen, golden.seen), first_contact(run.seen, golden.seen)]
+    end = first_end(run.seen, golden.seen)
     parted = _earliest(state, end, *others)
     inputs = sorted(
         (
             dated
-            for dated in input_differences(run.seen, golden.seen, clients)
+            for dated in input_differences(run.seen, golden.seen)
             if _is_before(dated[0], parted)
         ),
         key=lambda dated: dated[0],
@@ -98,7 +99,7 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
     if tolerance_m:
         state, others = first_state(of, allowed(of, golden.seen, tolerance_m)), []
     earliest = _earliest(*inputs, state, end, *others)
-    call = other_call(run.seen.calls, golden.seen.calls, clients)
+    call = other_call(run.seen.calls, golden.seen.calls)
     differences = [difference for _, difference in inputs]
     made = list(versions(run, golden))
     first = before = why = like = None

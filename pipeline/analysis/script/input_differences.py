@@ -15,7 +15,6 @@ import numpy as np
 import polars as pl
 
 from pipeline.analysis.script.cause import FOLDER
-from pipeline.analysis.script.clients import Clients
 from pipeline.analysis.script.difference import INPUT, PUT, Dated, Difference, Value, When
 from pipeline.analysis.script.tracks import order
 from pipeline.seen import At, Body, Put, Seen
@@ -33,19 +32,14 @@ FOLLOWS = ("number", "label", "name", "bounds_m", "client")
 of its client, which is paired."""
 
 
-def input_differences(run: Seen, golden: Seen, clients: Clients) -> Iterator[Dated]:
+def input_differences(run: Seen, golden: Seen) -> Iterator[Dated]:
     """Yield the first difference in the inputs of each body, and each client with bodies."""
     for label, at, *there in _coming(run, golden):
         yield When(at.step, INPUT, at.call), Difference(at.step, label, None, "there", *there)
     both = labels_of(run) & labels_of(golden)
-    mine = _inputs(run, both)
-    theirs = {
-        (entity, label, clients[client]): rows
-        for (entity, label, client), rows in _inputs(golden, both).items()
-    }
-    ends = [_ends(run), {clients[client]: step for client, step in _ends(golden).items()}]
-    with_bodies = {body.client for body in run.bodies.values()}
-    with_bodies |= {clients[body.client] for body in golden.bodies.values()}
+    mine, theirs = _inputs(run, both), _inputs(golden, both)
+    ends = _ends(run), _ends(golden)
+    with_bodies = {body.client for seen in (run, golden) for body in seen.bodies.values()}
     for key in {**mine, **theirs}:
         if key[2] not in with_bodies:  # without bodies its settings have no effect
             continue

@@ -42,6 +42,10 @@ REASONS = (
     Message("links of a btRigidBody, which PyBullet does not show"),
     Message("soft bodies, whose contact PyBullet does not report"),
     Message("a mass that is not positive and finite, or whose inverse is not finite"),
+    Message(
+        "no mass: nothing that it touches changes its velocity, and drop does not know PyBullet's "
+        "law for that"
+    ),
     Message("a timestep below 2.2e-16 s, or not finite, which the law does not cover"),
     Message(
         "a btRigidBody deep in another: Bullet corrects that outside its law (split impulse, from "
@@ -68,7 +72,7 @@ REASONS = (
 )
 """Why a sample is unexplained, by number; 0 where it is explained."""
 (
-    SUBSTEPS, PUSHES, SLEEP, CCD, LINKS, SOFT, MASSLESS, TIMELESS, SPLIT, STALE, ROLLS,
+    SUBSTEPS, PUSHES, SLEEP, CCD, LINKS, SOFT, NO_INVERSE, MASSLESS, TIMELESS, SPLIT, STALE, ROLLS,
     STANDS, LEFT_OUT, INFINITE, UNKNOWN,
 ) = range(1, len(REASONS))  # fmt: skip
 
@@ -198,7 +202,8 @@ def judged(
             code[part] = np.where(track.led[part], JOINTED, code[part])
             continue
         if not _has_inverse(law.mass_kg):
-            reason[part] = MASSLESS
+            carried = law.mass_kg == 0 and law.coordinates == "reduced"
+            reason[part] = MASSLESS if carried else NO_INVERSE
             continue
         if not EPSILON <= law.timestep_s < math.inf:
             reason[part] = TIMELESS

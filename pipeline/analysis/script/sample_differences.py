@@ -9,7 +9,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from pipeline.analysis.script.clients import Clients
 from pipeline.analysis.script.difference import FIRST, LED, Dated, Difference, When
 from pipeline.seen import Body, Joints, Seen
 
@@ -149,17 +148,15 @@ def _length_m(body: Body, link: int) -> float:
     return length_m if np.isfinite(length_m) and length_m > 0 else UNKNOWN_LENGTH_M
 
 
-def first_end(run: Seen, golden: Seen, clients: Clients) -> Dated | None:
+def first_end(run: Seen, golden: Seen) -> Dated | None:
     """Return where a simulation ends before the other, if nothing moves whose samples tell.
 
     Ones without bodies do not count.
     """
-    counts = golden.samples.items()
-    theirs = {clients[client]: count for client, count in counts if client in clients}
     sampled = {run.bodies[number].client for number in run.states["body"].unique()}
     dated = []
     for client in {body.client for body in run.bodies.values()} - sampled:
-        mine, other = run.samples.get(client), theirs.get(client)
+        mine, other = run.samples.get(client), golden.samples.get(client)
         if mine is not None and other is not None and mine != other:
             step = min(mine, other)
             there = float(mine > other), float(other > mine)
@@ -211,9 +208,9 @@ def _joint_columns(body: Body) -> list[tuple[str, int]]:
 # -- contact points -------------------------------------------------------------------------------
 
 
-def first_contact(run: Seen, golden: Seen, clients: Clients) -> Dated | None:
+def first_contact(run: Seen, golden: Seen) -> Dated | None:
     """Return the first contact point that differs, or the first step with more of them."""
-    mine, theirs = _points(run), _points(golden, clients)
+    mine, theirs = _points(run), _points(golden)
     names = [name for name in theirs.columns if name != "step"]
     both = min(len(mine), len(theirs))
     steps, golden_steps = (table["step"].to_numpy() for table in (mine, theirs))
@@ -237,14 +234,8 @@ def first_contact(run: Seen, golden: Seen, clients: Clients) -> Dated | None:
     return When(step, LED if step else FIRST), difference
 
 
-def _points(seen: Seen, clients: Clients | None = None) -> pl.DataFrame:
-    """Return the contact points in the order of step and client; each client has its own steps.
-
-    `clients` are the numbers to sort by instead of the clients' own.
-    """
-    numbers = {
-        number: clients[body.client] if clients else body.client
-        for number, body in seen.bodies.items()
-    }
+def _points(seen: Seen) -> pl.DataFrame:
+    """Return the contact points in the order of step and client; each client has its own steps."""
+    numbers = {number: body.client for number, body in seen.bodies.items()}
     client = pl.col("body_a").replace_strict(numbers, default=0, return_dtype=pl.Int64)
     return seen.contacts.sort("step", client, maintain_order=True)

@@ -59,7 +59,9 @@ def _no_gravity(e: Evidence) -> Iterator[ScriptFinding]:
             if settings.client == client
             for axis in "XYZ"
         )
-        if samples > 1 and free and weightless and not called:
+        # What pushes bodies may be the script's own gravity.
+        pushed = any(push.body.client == client for push in e.seen.pushes)
+        if samples > 1 and free and weightless and not called and not pushed:
             message = Message(
                 "gravity is 0 in simulation {client}, so {body} does not fall: PyBullet starts "
                 "without gravity; call p.setGravity(0, 0, -9.81)",
@@ -75,8 +77,8 @@ def _real_time(e: Evidence) -> Iterator[ScriptFinding]:
         site = f"{calls[0].file}:{calls[0].line}" if calls else None
         message = Message(
             "the script asks for real-time simulation, whose steps depend on how fast the machine "
-            "is, and which does nothing without a window; here a virtual clock stepped it. For "
-            "the same result each time call p.stepSimulation() instead"
+            "is, and which does nothing without a window; here drop stepped it by the script's "
+            "clock. For the same result each time call p.stepSimulation() instead"
         )
         yield e.finding("real-time", message, site=site)
 

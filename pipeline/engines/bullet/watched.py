@@ -384,12 +384,19 @@ class Decoder:
         known = self._bodies[body]
         yield from self._gathered(known.world)
         known.dynamics = dynamics
-        moving = {*known.body.moving, *_moving(dynamics, known.note["joints"])}
+        moving = {*known.body.moving, *_moving(dynamics[0][0] != 0, known.note["joints"])}
         known.body = replace(
             known.body, moving=tuple(sorted(moving)), shapes=_shapes(known.note["visual"], dynamics)
         )
         yield from self._pending_call()
         yield Dynamics(self._at(known.world), known.body, _reported(dynamics))
+
+    def _on_carried(self, body: int) -> Iterator[Event]:
+        known = self._bodies[body]
+        yield from self._gathered(known.world)
+        known.body = replace(known.body, moving=_moving(True, known.note["joints"]))
+        yield from self._pending_call()
+        yield Appearance(self._at(known.world), known.body, there=True)
 
     def _on_given(self, body: int, step: int, values: dict[str, Any]) -> Iterator[Event]:
         known = self._bodies[body]
@@ -534,7 +541,7 @@ class Decoder:
             self._numbers[make_up] = number
         return Body(
             number, f"{number}_{name}", note["file"] or note["name"] or name, note["id"], client,
-            links, joints, _moving(dynamics, note["joints"]), note["soft"], shapes,
+            links, joints, _moving(dynamics[0][0] != 0, note["joints"]), note["soft"], shapes,
             bool(note["flags"] & ENABLE_SLEEPING), note["hides_links"], tuple(note["bounds"]),
         )  # fmt: skip
 
@@ -574,9 +581,9 @@ def _joints(body: Body, steps: NDArray[np.int64], times_s: Float64, values: Floa
     return Joints(steps, times_s, position, velocity, torque)
 
 
-def _moving(dynamics: Sequence[Any], joints: Sequence[Any]) -> tuple[int, ...]:
-    """Return the links that time can move: the base if it has mass, and what a joint moves."""
-    moving = {BASE} if dynamics[0][0] != 0 else set()
+def _moving(base: bool, joints: Sequence[Any]) -> tuple[int, ...]:
+    """Return the links that time can move: the base if it can, and what a joint moves."""
+    moving = {BASE} if base else set()
     for info in joints:
         if info[2] != FIXED or info[16] in moving:
             moving.add(info[0])

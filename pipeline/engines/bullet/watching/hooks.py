@@ -272,7 +272,8 @@ class Watch:
             key = (name, _text(arguments.get("jointIndex")))
             if key in world.moved.get(_body(arguments), ()):
                 world.sync()
-        elif name == "changeDynamics" and "mass" in arguments:
+        elif name == "changeDynamics" and arguments.keys() & {"mass", "localInertiaDiagonal"}:
+            # Of a btRigidBody the inertia changes the mass, too: PyBullet takes it to be 0 then.
             body = _body(arguments)
             if body is not None:
                 world.before_mass(body)

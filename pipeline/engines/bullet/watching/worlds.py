@@ -50,7 +50,8 @@ class Body:
         self.spherical = any(info[2] == SPHERICAL for info in self.joint_infos)
         self.dynamics = self.read_dynamics()
         self.soft = self.dynamics[0][10] == SOFT
-        self.had_mass = self.dynamics[0][0] != 0
+        self.base_moves = self.dynamics[0][0] != 0
+        """Whether steps may move its base: it has mass, had it, or has got a velocity."""
         self.widths = self._joint_widths()
         """Of each joint that moves: how many positions, velocities and torques it has."""
         self.size = PART.size * (1 + len(self.links)) + 8 * sum(map(sum, self.widths))
@@ -59,7 +60,16 @@ class Body:
     @property
     def moves(self) -> bool:
         """Whether steps move it, and not only calls."""
-        return not self.soft and (self.had_mass or bool(self.joints))
+        return not self.soft and (self.base_moves or bool(self.joints))
+
+    def is_carried(self) -> bool:
+        """Whether a call has given a base a velocity that no step moved until now.
+
+        Without mass a btMultiBody moves at that velocity, and a btRigidBody not at all.
+        """
+        if self.soft or self.base_moves or self.dynamics[0][10] == RIGID:
+            return False
+        return any(map(any, self._p.getBaseVelocity(self.id, self._client)))
 
     def read_dynamics(self) -> list[Any]:
         """Return what the engine reports for base and links, in this order."""
@@ -192,6 +202,10 @@ class World:
         if self.moved:
             for body in self.bodies.values():
                 is_moved = ALL in self.moved or body.id in self.moved
+                if is_moved and body.is_carried():
+                    body.base_moves = True
+                    self._pipe.note("carried", body=body.number)
+                    self._lay_out()
                 if is_moved and not (sample_follows and body.moves):
                     self._send_if_set(body)
             self.moved = {}
@@ -270,7 +284,7 @@ class World:
         # A body keeps moving without the mass that it had, and a btRigidBody that had none stands.
         stays = bool(added[0][0]) == bool(now[0][0]) or (not added[0][0] and now[0][10] != RIGID)
         added = now if stays else added
-        body.had_mass |= added[0][0] != 0
+        body.base_moves |= added[0][0] != 0
         self._pipe.note(
             "body", world=self.number, body=body.number, id=engine_id, name=_plain(name),
             base=_plain(base), file=self.files.get(engine_id, ""), soft=body.soft,
@@ -292,7 +306,7 @@ class World:
             if dynamics != body.dynamics:
                 body.dynamics = dynamics
                 # A body in motion keeps moving when a call removes its mass.
-                body.had_mass |= dynamics[0][0] != 0
+                body.base_moves |= dynamics[0][0] != 0
                 self._pipe.note("dynamics", body=body.number, dynamics=_plain(dynamics))
         self.changed = set()
         self._lay_out()
