@@ -33,7 +33,7 @@ from pipeline.analysis.script.cause import Side
 from pipeline.analysis.script.comparison import ScriptComparison, compare_scripts
 from pipeline.analysis.script.difference import Difference
 from pipeline.analysis.script.input_differences import input_differences
-from pipeline.analysis.script.sample_differences import paired
+from pipeline.analysis.script.sample_differences import first_contact, paired
 from pipeline.errors import OutputError, RecordingError
 from pipeline.recording import schema
 from pipeline.recording import viewer as program
@@ -744,6 +744,52 @@ def test_twice_the_same_in_whatever_turn(tmp_path: Path, monkeypatch: pytest.Mon
     again = record_script(str(script), out=tmp_path / "twice.rrd", twice=True)
     assert (tmp_path / "ran").exists()
     assert (again.twice, again.first_difference) == (True, None)
+
+
+def test_a_step_more_differs_though_nothing_moves_any_more(tmp_path: Path) -> None:
+    text = """
+        import sys, pybullet as p
+        p.connect(p.DIRECT)
+        ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)
+        b = p.createMultiBody(1, ball)
+        p.stepSimulation()
+        p.removeBody(b)
+        for _ in range(int(sys.argv[1])):
+            p.stepSimulation()
+        """
+    one, two = (recorded(text, tmp_path / f"{n}.rrd", str(n)) for n in (1, 2))
+    assert compared(one, one).same
+    for run, golden, there in ((one, two, (0.0, 1.0)), (two, one, (1.0, 0.0))):
+        result = compared(run, golden)
+        assert result.first == Difference(3, None, None, "there", *there)
+
+
+def test_contact_of_a_link_that_is_not_shown_is_compared(tmp_path: Path) -> None:
+    """PyBullet calls the body of such a link -1."""
+    text = """
+        import sys, pybullet as p
+        p.connect(p.DIRECT)
+        p.setGravity(0, 0, -float(sys.argv[1]))
+        box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1] * 3)
+        p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
+        p.createMultiBody(
+            1, box, -1, [0, 0, 1], p.getQuaternionFromEuler([0, .9, 0]), linkMasses=[1],
+            linkCollisionShapeIndices=[box], linkVisualShapeIndices=[-1],
+            linkPositions=[[.3, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+            linkInertialFramePositions=[[0, 0, 0]],
+            linkInertialFrameOrientations=[[0, 0, 0, 1]], linkParentIndices=[0],
+            linkJointTypes=[p.JOINT_FIXED], linkJointAxis=[[0, 0, 1]],
+            useMaximalCoordinates=True)
+        for i in range(120):
+            p.stepSimulation()
+        """
+    one, two = (recorded(text, tmp_path / f"{n}.rrd", str(n)) for n in (10, 11))
+    seen = side(one).seen
+    assert -1 in seen.contacts["body_a"].to_list() + seen.contacts["body_b"].to_list()
+    differences = first_contact(seen, side(two).seen)
+    assert differences is not None
+    assert differences[1].body in {body.label for body in seen.bodies.values()}
+    assert not compared(one, two).same
 
 
 def test_the_same_call_in_another_client_names_both(golden: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -896,6 +897,17 @@ raise ValueError(sys.argv[1])
         record_script("a\0")
     with pytest.raises(DropError, match="cannot be started"):
         bench.record(name, python="\0")
+
+
+def test_what_is_no_python_leaves_the_recording_that_is_there(bench: Bench) -> None:
+    bench.out.write_text("precious")
+    for program, code in (("true", 0), ("false", 1)):
+        path = shutil.which(program)
+        assert path is not None
+        with pytest.raises(DropError, match=rf"{program} ended with exit code {code} before"):
+            bench.record(bench.script(scripts.HEAD), python=path)
+    assert [file.name for file in bench.folder.glob("*.rrd*")] == ["out.rrd"]
+    assert bench.out.read_text() == "precious"
 
 
 def test_limits_are_numbers_of_any_library(bench: Bench) -> None:

@@ -424,6 +424,10 @@ HARMLESS = {
         "height=0.105), basePosition=[0, 0, 0.05])\n"
         "p.changeDynamics(b, -1, restitution=0.5)\nsteps(40)",
     ),
+    "two that never move": (
+        "starts-in-contact",
+        'p.loadMJCF("mjcf/capsule.xml")\np.loadURDF("plane.urdf")\nsteps(5)',
+    ),
     "half a millimetre": ("starts-in-contact", FLOOR + CUBE.format(0.0245) + "steps(3)"),
 }  # fmt: skip
 """What looks like a finding, and is none."""
@@ -713,6 +717,12 @@ def test_more_force_is_no_advice_where_a_constraint_holds_a_joint(analyzed: Anal
         "p.createConstraint(r, 0, -1, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0, 0, 1])\n"
     )
     message = found(analyzed(f"{held}steps(100)"), "motor-at-limit").message
+    assert message.endswith("lags behind its target meanwhile")
+
+
+def test_more_force_is_no_advice_where_a_velocity_limit_holds_a_joint(analyzed: Analyzed) -> None:
+    slow = FINGERS.replace("0.3, 0, 1", "9, 0, 1") + "p.changeDynamics(r, 0, maxJointVelocity=.1)\n"
+    message = found(analyzed(f"{slow}steps(200)"), "motor-at-limit").message
     assert message.endswith("lags behind its target meanwhile")
 
 

@@ -14,7 +14,7 @@ from pipeline.errors import OutputError
 from pipeline.files.outputs import check_target, output_errors, part_of, sealed_of
 from pipeline.files.whole import growing, onto_disk, renamed
 from pipeline.messages import Message
-from pipeline.recording import rrd
+from pipeline.recording import rrd, schema
 from pipeline.recording.viewer import binary
 
 
@@ -75,9 +75,10 @@ def _make_way(sealed: Path, *, force: bool) -> None:
 
 
 def _holds_something(part: Path) -> bool:
-    """Whether at least one chunk of a recording was written whole."""
+    """Whether at least one chunk of a simulation was written whole."""
     try:
-        return any(True for _ in rrd.chunks(part, unfinished=True))
+        chunks = rrd.chunks(part, unfinished=True)
+        return any(schema.STEP_TIMELINE in chunk.batch.schema.names for chunk in chunks)
     except rrd.DamagedError:
         return False
 

@@ -355,9 +355,8 @@ def _other_text(run: Side, golden: Side) -> bool:
 
 
 def _last_step(side: Side) -> int:
-    samples = side.seen.samples.values() if side.seen.states.is_empty() else []
-    ends = [max(side.seen.states["step"], default=-1), *(count - 1 for count in samples)]
-    return max(ends)
+    counts = side.seen.samples.values()
+    return max([max(side.seen.states["step"], default=-1), *(count - 1 for count in counts)])
 
 
 def _shown(value: object) -> str:

@@ -50,8 +50,9 @@ def _starts(e: Evidence) -> Iterator[ScriptFinding]:
         its = its[(contacts.body_a[its] == number) | (contacts.body_b[its] == number)]
         for itself in (True, False):
             rows = its[(contacts.body_a[its] == contacts.body_b[its]) == itself].tolist()
-            # Of two bodies, the later one was put into the other.
+            # Of two bodies, the later one was put into the other; nothing moves two fixed ones.
             rows = [row for row in rows if itself or _later(e, came, number, row)]
+            rows = [row for row in rows if {side[0] for side in e.sides(row)} & e.judged.keys()]
             if not rows:
                 continue
             row = min(rows, key=lambda row: float(contacts.distance_m[row]))
@@ -336,8 +337,8 @@ def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     mine, other = _sides(e, row, int(contacts.body_a[row]))
     message = Message(
         "{mine} and {other} touch, and one is {ratio:.4g} times as heavy as the other: Bullet's "
-        "solver needs many iterations to converge, and stops early here; keep within 1:100, or "
-        "raise numSolverIterations",
+        "solver then needs many iterations to converge, and here it did not; keep within 1:100, "
+        "or try more numSolverIterations",
         mine=mine,
         other=other,
         ratio=ratio[row],

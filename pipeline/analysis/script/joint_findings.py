@@ -182,7 +182,10 @@ def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFi
 
 
 def _held(e: Evidence, body: Body, joint: Joint, first: int, last: int) -> bool:
-    """Whether, in some steps, a contact or a constraint may have held what a joint moves."""
+    """Whether, in some steps, something else than its motor may have held what a joint moves.
+
+    That is a contact, a constraint, or a limit of the velocity that a call gave the body.
+    """
     moved = {joint.link}
     for each in body.joints:
         if each.parent in moved:
@@ -197,4 +200,6 @@ def _held(e: Evidence, body: Body, joint: Joint, first: int, last: int) -> bool:
         )
     )
     touched = (on_a != on_b) & (contacts.normal_force_n[rows] > 0)
-    return bool(touched.any() or e.seen.by_body[body.number].constraints)
+    record = e.seen.by_body[body.number]
+    limited = any("maxJointVelocity" in given.values for given in record.given)
+    return bool(touched.any() or record.constraints or limited)

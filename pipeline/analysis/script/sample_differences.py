@@ -149,13 +149,12 @@ def _length_m(body: Body, link: int) -> float:
 
 
 def first_end(run: Seen, golden: Seen) -> Dated | None:
-    """Return where a simulation ends before the other, if nothing moves whose samples tell.
+    """Return where a simulation ends before the other, though nothing may move there.
 
     Ones without bodies do not count.
     """
-    sampled = {run.bodies[number].client for number in run.states["body"].unique()}
     dated = []
-    for client in {body.client for body in run.bodies.values()} - sampled:
+    for client in {body.client for body in run.bodies.values()}:
         mine, other = run.samples.get(client), golden.samples.get(client)
         if mine is not None and other is not None and mine != other:
             step = min(mine, other)
@@ -223,8 +222,10 @@ def first_contact(run: Seen, golden: Seen) -> Dated | None:
     step = int(min(each[row] for each in (steps, golden_steps) if row < len(each)))
     counts = [int((each == step).sum()) for each in (steps, golden_steps)]
     side, table = (run, mine) if row < len(mine) and steps[row] == step else (golden, theirs)
-    body = side.bodies[table["body_a"][row]].label
-    link = int(table["link_a"][row])
+    # Of links of btRigidBodies PyBullet does not say whose they are.
+    both_sides = (table.select(f"body_{which}", f"link_{which}").row(row) for which in "ab")
+    known = ((side.bodies[body].label, link) for body, link in both_sides if body in side.bodies)
+    body, link = next(known, (None, None))
     if counts[0] != counts[1]:
         difference = Difference(step, body, link, "contact_points", *map(float, counts))
     else:

@@ -120,8 +120,8 @@ def _stopped_early(e: Evidence) -> Iterator[ScriptFinding]:
             message = Message(
                 "in {steps} of the {looked} steps examined, from step {first} on, the solver of "
                 "simulation {client} used all its iterations, {iterations}, and the last one still "
-                "changed a velocity by up to {change:.3g} m/s or rad/s (step {worst}): an early "
-                "stop lets stacks sink and joints give way",
+                "changed a velocity by up to {change:.3g} m/s or rad/s (step {worst}): stopped "
+                "like that, stacks sink and joints give way",
                 steps=solver.steps,
                 looked=solver.looked,
                 first=solver.first_step,
@@ -132,8 +132,8 @@ def _stopped_early(e: Evidence) -> Iterator[ScriptFinding]:
             )
             if solver.client not in inside:
                 message = Message(
-                    "{finding}; try p.setPhysicsEngineParameter(numSolverIterations={more}), a "
-                    "long chain or a high stack needs more",
+                    "{finding}; try p.setPhysicsEngineParameter(numSolverIterations={more}), which "
+                    "does not help where contacts contradict each other",
                     finding=message,
                     more=4 * solver.iterations,
                 )

@@ -244,6 +244,24 @@ class Script(Listener):
         else:
             self._process.kill()
 
+    def events(self) -> Iterator[Event]:
+        """Yield the events, until the process has ended.
+
+        Raises
+        ------
+        DropError
+            If it ended before it came to the script.
+        """
+        yield from super().events()
+        told = self.decoder.python or self.decoder.cut_off
+        if not told and self._interrupted_at is None:
+            raise DropError(
+                "{python} ended with exit code {code} before it came to the script; --python takes "
+                "the path of a Python interpreter",
+                python=self._process.args[0],  # type: ignore[index]
+                code=self._process.returncode,
+            )
+
     def _is_over(self) -> bool:
         return self._process.poll() is not None
 
