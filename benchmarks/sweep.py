@@ -74,6 +74,6 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     )  # fmt: skip
     ratios, detail = paired(lambda: ours(1), lambda: bare(1), pairs=max(2, pairs // 2))
     yield Measured(
-        f"`drop sweep --jobs 1`, {runs:,} drops with a recording each", "bare loop", ratios, 4.0,
+        f"`drop sweep --jobs 1`, {runs:,} drops with a recording each", "bare loop", ratios, 5.0,
         detail=detail,
     )  # fmt: skip

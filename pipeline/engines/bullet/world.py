@@ -367,9 +367,15 @@ class World:
                     place += _STATE_BYTES
                 # Of all bodies: asked about two, the engine turns the normal towards the first,
                 # but not the directions of friction. By position, which is 0.2 µs faster; -1 is
-                # any body, -2 any link.
-                for point in touching(-1, -1, -2, -2, client):
-                    contacts += _contact(sample, point)
+                # any body, -2 any link. Unpacked to the last number, which is faster than indexing.
+                for (
+                    _, body_a, body_b, link_a, link_b, (ax, ay, az), (bx, by, bz), (nx, ny, nz),
+                    distance, force, friction_1, (f1x, f1y, f1z), friction_2, (f2x, f2y, f2z),
+                ) in touching(-1, -1, -2, -2, client):  # fmt: skip
+                    contacts += _packed_contact(
+                        sample, body_a, link_a, body_b, link_b, ax, ay, az, bx, by, bz, nx, ny, nz,
+                        distance, force, friction_1, f1x, f1y, f1z, friction_2, f2x, f2y, f2z,
+                    )  # fmt: skip
             chunk = Batch(states, np.frombuffer(contacts, CONTACT))
             for rows in chunk:
                 check_numbers(rows)
@@ -384,17 +390,6 @@ class World:
             computeForwardKinematics=1,
             physicsClientId=self._client,
         )
-
-
-def _contact(sample: int, point: tuple[Any, ...]) -> bytes:
-    """Return a row of `CONTACT` from a point of `getContactPoints`."""
-    # Unpacked to the last number, which is faster than indexing.
-    (_, body_a, body_b, link_a, link_b, (ax, ay, az), (bx, by, bz), (nx, ny, nz), distance, force,
-     friction_1, (f1x, f1y, f1z), friction_2, (f2x, f2y, f2z)) = point  # fmt: skip
-    return _packed_contact(
-        sample, body_a, link_a, body_b, link_b, ax, ay, az, bx, by, bz, nx, ny, nz, distance, force,
-        friction_1, f1x, f1y, f1z, friction_2, f2x, f2y, f2z,
-    )  # fmt: skip
 
 
 def check_numbers(rows: Rows) -> None:
