@@ -343,6 +343,18 @@ steps(240)
     assert "law-mismatch" not in codes(analysis)
 
 
+def test_a_belt_that_stops_is_still(analyzed: Analyzed) -> None:
+    _, analysis = analyzed("""
+belt = p.createMultiBody(0, p.createCollisionShape(p.GEOM_BOX, halfExtents=[5, 5, .5]))
+for speed in (1, 0, 1):
+    p.resetBaseVelocity(belt, [speed, 0, 0])
+    steps(10)
+""")
+    body = body_of(analysis, 0)
+    (held,) = body.unexplained
+    assert (body.segments["still"], held.samples) == (9, 20)  # a call led to the tenth
+
+
 def test_a_base_that_moves_later_is_recorded_from_then_on(analyzed: Analyzed) -> None:
     recording, analysis = analyzed("""
 p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)

@@ -741,7 +741,7 @@ def test_an_inertia_that_was_given_is_gone_with_its_body(
     scene = f"{load}{given}steps(2)\np.resetSimulation()\n{load}steps(2)"
     finding = found(analyzed(scene), "inertia-far-from-shape")
     assert finding.site is None
-    assert "in its file" in finding.message
+    assert "if a file gives it" in finding.message
 
 
 def test_a_body_moves_in_substeps(analyzed: Analyzed) -> None:

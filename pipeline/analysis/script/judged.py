@@ -203,6 +203,8 @@ def judged(
             continue
         if not _has_inverse(law.mass_kg):
             carried = law.mass_kg == 0 and law.coordinates == "reduced"
+            if carried:
+                code[part] = np.where(track.led & _same(track, NUMBERS), STILL, code)[part]
             reason[part] = MASSLESS if carried else NO_INVERSE
             continue
         if not EPSILON <= law.timestep_s < math.inf:

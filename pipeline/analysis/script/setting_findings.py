@@ -177,7 +177,8 @@ def _of_inertia(e: Evidence, number: int, dynamics: Dynamics) -> Iterator[Script
         low, middle, high = sorted(moments.tolist())
         part, site = e.label(number, link), None
         remedy = Message(
-            "correct <inertia> in its file, or give p.changeDynamics another localInertiaDiagonal"
+            "correct <inertia> if a file gives it, else give p.changeDynamics another "
+            "localInertiaDiagonal"
         )
         if e.given(("localInertiaDiagonal",), number, link, at):
             site = e.site(("changeDynamics",), dynamics.at, dynamics.body, "localInertiaDiagonal")
