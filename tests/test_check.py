@@ -213,7 +213,7 @@ def test_the_tolerance_of_a_column_is_what_moves_the_body_a_nanometre(
     golden = side(recorded())
     for column, allowed in (
         ("y_m", 1e-9),
-        ("qx", 1e-9 / 0.025),
+        ("qx", 1e-9 / 0.025 / 2),
         ("vy_m_s", 1e-9 * 240),
         ("wz_rad_s", 1e-9 / 0.025 * 240),
     ):
@@ -323,6 +323,14 @@ def test_a_tolerance_is_a_length(recorded: Recorder) -> None:
     resting = altered(golden, "z_m", 200, 1e-6)  # in contact, too
     assert compare(resting, golden, tolerance_m=2e-6).same
     assert not compare(resting, golden, tolerance_m=0.5e-6).same
+
+
+def test_a_tolerance_takes_a_quaternion_and_its_negative_for_the_same(recorded: Recorder) -> None:
+    golden = side(recorded())
+    turned = pl.when(pl.col("step") == 50).then(-pl.col("qw")).otherwise(pl.col("qw"))
+    mine = replace(golden, states=golden.states.with_columns(qw=turned))
+    assert compare(mine, golden, tolerance_m=1e-9).same
+    assert compare(mine, golden).first == Place(50, "qw", -1.0, 1.0)
 
 
 def test_a_fused_multiply_passes_on_machines_other_than_x86(recorded: Recorder) -> None:

@@ -33,7 +33,7 @@ from pipeline.analysis.script.cause import Side
 from pipeline.analysis.script.comparison import ScriptComparison, compare_scripts
 from pipeline.analysis.script.difference import Difference
 from pipeline.analysis.script.input_differences import input_differences
-from pipeline.analysis.script.sample_differences import first_contact, paired
+from pipeline.analysis.script.sample_differences import allowed, first_contact, first_state, paired
 from pipeline.errors import OutputError, RecordingError
 from pipeline.recording import schema
 from pipeline.recording import viewer as program
@@ -744,6 +744,44 @@ def test_twice_the_same_in_whatever_turn(tmp_path: Path, monkeypatch: pytest.Mon
     again = record_script(str(script), out=tmp_path / "twice.rrd", twice=True)
     assert (tmp_path / "ran").exists()
     assert (again.twice, again.first_difference) == (True, None)
+
+
+def test_a_tolerance_takes_a_quaternion_and_its_negative_for_the_same(tmp_path: Path) -> None:
+    """Bullet makes them from matrices: at 120° the sign changes, here at different steps."""
+    text = """
+        import sys, pybullet as p
+        p.connect(p.DIRECT)
+        box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .2, .3])
+        b = p.createMultiBody(1, box, useMaximalCoordinates=True)
+        p.resetBaseVelocity(b, [0, 0, 0], [-float(sys.argv[1]), 0, 0])
+        for _ in range(480):
+            p.stepSimulation()
+        """
+    one, two = (recorded(text, tmp_path / f"{speed}.rrd", speed) for speed in ("5", "4.98"))
+    states = [side(path).seen.states.filter(pl.col("link") == -1) for path in (one, two)]
+    away = (states[0]["qx"] - states[1]["qx"]).abs().max()
+    assert isinstance(away, float)
+    assert away > 1
+    assert compared(one, two, tolerance_m=0.02).same
+    assert not compared(one, two, tolerance_m=0.001).same
+    assert not compared(one, two).same
+
+
+def test_a_tolerance_of_an_angle_is_the_way_of_the_surface(tmp_path: Path) -> None:
+    """Half the diagonal is 0.374 m, where 0.05 rad are 18.7 mm."""
+    text = """
+        import sys, pybullet as p
+        p.connect(p.DIRECT)
+        box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .2, .3])
+        b = p.createMultiBody(1, box, baseOrientation=p.getQuaternionFromEuler(
+            [0, 0, float(sys.argv[1])]))
+        p.stepSimulation()
+        """
+    one, two = (recorded(text, tmp_path / f"{angle}.rrd", angle) for angle in ("0", "0.05"))
+    of = paired(side(one).seen, side(two).seen)
+    for tolerance_m, differs in ((0.0188, False), (0.0186, True)):
+        allowance = allowed(of, side(two).seen, tolerance_m)
+        assert (first_state(of, allowance) is not None) == differs
 
 
 def test_a_step_more_differs_though_nothing_moves_any_more(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.laws.vectors import cross
+from pipeline.laws.vectors import cross, sums
 
 Float64 = NDArray[np.float64]
 
@@ -24,6 +24,12 @@ def rotate(orientation: Float64, vectors: Float64) -> Float64:
 def rotate_inverse(orientation: Float64, vectors: Float64) -> Float64:
     """Rotate vectors back by unit quaternions x, y, z, w; shapes (n, 4) and (n, 3)."""
     return rotate(orientation * [-1, -1, -1, 1], vectors)
+
+
+def same_way(orientation: Float64, reference: Float64) -> Float64:
+    """Return quaternions, (n, 4), with the signs of others: q and -q are the same orientation."""
+    agree = sums(orientation * reference)[:, None]
+    return np.where(agree < 0, -orientation, orientation)
 
 
 def matrix(orientation: Sequence[float]) -> Float64:

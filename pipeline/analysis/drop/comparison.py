@@ -21,6 +21,7 @@ from pipeline.analysis.drop.fitted_law import POSITION, likeness
 from pipeline.analysis.general.samples import base_of
 from pipeline.laws.base import EXACT_MACHINES, FUSED
 from pipeline.laws.lookup import law_for
+from pipeline.laws.rotations import same_way
 from pipeline.report import EngineReport
 from pipeline.scenario import ENGINES_WITH, Scenario
 
@@ -247,9 +248,13 @@ def _first_difference(run: Side, golden: Side, tolerance_m: float) -> Place | No
 
 def _first_state(run: Side, golden: Side, tolerance_m: float) -> Place | None:
     names = list(_per_metre(golden))
-    mine, theirs = (side.states.select(names).to_numpy() for side in (run, golden))
+    mine, theirs = (side.states.select(names).to_numpy(writable=True) for side in (run, golden))
     steps, links = golden.states["step"].to_numpy(), golden.states["link"].to_numpy()
     allowed = _allowed(run, golden, steps, theirs, tolerance_m)
+    # Within a tolerance, a quaternion of the other sign is the same orientation.
+    turns = slice(names.index("qx"), names.index("qw") + 1)
+    exact = allowed[:, turns] == 0
+    theirs[:, turns] = np.where(exact, theirs[:, turns], same_way(theirs[:, turns], mine[:, turns]))
     place = _first_off(mine, theirs, allowed)
     if place is None:
         return None
@@ -334,7 +339,7 @@ def _per_metre(golden: Side) -> dict[str, float]:
     step_s, length_m = golden.scenario.timestep_s, _length_m(golden)
     return {
         **dict.fromkeys(("x_m", "y_m", "z_m"), 1.0),
-        **dict.fromkeys(("qx", "qy", "qz", "qw"), 1 / length_m),
+        **dict.fromkeys(("qx", "qy", "qz", "qw"), 1 / (2 * length_m)),  # of half the angle
         **dict.fromkeys(("vx_m_s", "vy_m_s", "vz_m_s"), 1 / step_s),
         **dict.fromkeys(("wx_rad_s", "wy_rad_s", "wz_rad_s"), 1 / (length_m * step_s)),
     }

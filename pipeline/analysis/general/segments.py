@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from pipeline.analysis.general.balance import ULPS, balance_of
 from pipeline.analysis.general.contacts import Touches
 from pipeline.laws.base import FUSED, Law, Motion
-from pipeline.laws.vectors import any_of, largest, lengths, sums
+from pipeline.laws.rotations import same_way
+from pipeline.laws.vectors import any_of, largest, lengths
 
 Float64 = NDArray[np.float64]
 
@@ -74,7 +75,7 @@ class Segments:
     def placed_at(self, motion: Motion, start: Motion, law: Law) -> Segments:
         """Return the same with the first sample checked against a known start."""
         first, start = motion.at(slice(1)), law.released(start)
-        turned = _off(_same_way(first.orientation, start.orientation), start.orientation)
+        turned = _off(same_way(first.orientation, start.orientation), start.orientation)
         placed = [_off(getattr(first, name), getattr(start, name)) for name in _VECTORS]
         code, deviation = self.code.copy(), self.deviation.copy()
         deviation[0] = np.max([turned, *placed])
@@ -200,7 +201,7 @@ def _of_block(
     # With one step per sample its own velocities moved it, whatever their cause.
     alone = balance.law
     moved = alone if several else law.moved(before, motion.velocity_m_s, motion.spin_rad_s)
-    position, orientation = motion.position_m, _same_way(motion.orientation, moved.orientation)
+    position, orientation = motion.position_m, same_way(motion.orientation, moved.orientation)
     terms_m_s, terms_rad_s = law.terms(before)
     turns = np.where(bits | law.moves_exactly, exactly, ulps)
     place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
@@ -287,9 +288,3 @@ _VECTORS = ("position_m", "velocity_m_s", "spin_rad_s")
 def _off(values: Float64, reference: Float64) -> Float64:
     """Return the largest difference in each sample, shape (samples,)."""
     return largest(values - reference)
-
-
-def _same_way(orientation: Float64, reference: Float64) -> Float64:
-    """Return quaternions with the sign of others: q and -q are the same orientation."""
-    agree = sums(orientation * reference)[:, None]
-    return np.where(agree < 0, -orientation, orientation)

@@ -10,6 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.script.difference import FIRST, LED, Dated, Difference, When
+from pipeline.laws.rotations import same_way
 from pipeline.seen import Body, Joints, Seen
 
 Float64 = NDArray[np.float64]
@@ -92,13 +93,18 @@ def first_state(of: Paired, allowed: Float64 | float = 0.0) -> Dated | None:
         body, link, step, there = of.lacking.sort("step", "body", "link").row(0)
         values = float(there), float(not there)
         dated.append(_dated(of, step, body, link, "there", *values))
-    off = _off(of.mine, of.golden, allowed)
+    golden = of.golden
+    if np.any(allowed):  # then a quaternion of the other sign is the same orientation
+        turns = slice(COLUMNS.index("qx"), COLUMNS.index("qw") + 1)
+        golden = golden.copy()
+        golden[:, turns] = same_way(golden[:, turns], of.mine[:, turns])
+    off = _off(of.mine, golden, allowed)
     rows = np.flatnonzero(off.any(axis=1))
     if len(rows):
         row = rows[np.argmin(of.rows["step"].to_numpy()[rows])]
         column = int(np.argmax(off[row]))
         body, link, step = of.rows.row(int(row))
-        values = float(of.mine[row, column]), float(of.golden[row, column])
+        values = float(of.mine[row, column]), float(golden[row, column])
         dated.append(_dated(of, step, body, link, COLUMNS[column], *values))
     return min(dated, key=lambda each: each[0], default=None)
 
@@ -133,8 +139,9 @@ def allowed(of: Paired, golden: Seen, tolerance_m: float) -> Float64:
     ):
         body = of.bodies[int(number)]
         step_s, length_m = float(np.max(steps_s[body.label])), _length_m(body, int(link))
+        # A quaternion has half the angle.
         per_metre = np.repeat(
-            [1.0, 1 / length_m, 1 / step_s, 1 / (length_m * step_s)], (3, 4, 3, 3)
+            [1.0, 1 / (2 * length_m), 1 / step_s, 1 / (length_m * step_s)], (3, 4, 3, 3)
         )
         allowed[rows["index"].to_numpy()] = tolerance_m * per_metre
     return allowed
