@@ -43,6 +43,20 @@ def in_parameters(message: str) -> str:
     return _OPTION.sub(renamed, message)
 
 
+class Stopped(BaseException):
+    """A signal ended the process. Typer does not catch it, as it does KeyboardInterrupt."""
+
+
+signals: list[int] = []
+"""Those that came, as noted by the command line's handler before it raises `Stopped`."""
+
+
+def check_signals() -> None:
+    """Raise `Stopped` if a signal came: a library may have lost what the handler raised."""
+    if signals:
+        raise Stopped
+
+
 class DropError(Exception):
     """Something failed; the message says what, and what to try.
 

@@ -34,6 +34,7 @@ import rerun.blueprint as rrb
 from command import drop_here, environment, run_here, wait_for
 from conftest import Drop, descendants_of
 from PIL import Image
+from rerun.chunk import LazyChunkStream
 
 from pipeline import Scenario, analyze, check, render, simulate
 from pipeline.errors import OutputError, RecordingError, ScenarioError
@@ -964,6 +965,61 @@ def test_frame_workers_end_with_their_parent(tmp_path: Path, how: signal.Signals
     if how != signal.SIGKILL:
         assert_one_line(stdout, stderr, "run.rrd.part")
     assert len(read(tmp_path / "run.rrd.part").states) > 0
+
+
+LOSING = """
+import os, signal, sys
+from rerun.chunk import LazyChunkStream
+from pipeline.console.running import main
+how, lost = sys.argv.pop(1), sys.argv.pop(1)
+write = LazyChunkStream.write_rrd
+def losing(*arguments, **options):
+    try:
+        os.kill(os.getpid(), getattr(signal, how))
+        signal.pause()
+    except BaseException as failure:
+        if lost == "its own error":
+            raise RuntimeError(f"{type(failure).__name__}: ")
+    return write(*arguments, **options)
+LazyChunkStream.write_rrd = losing
+main()
+"""
+
+
+@pytest.mark.parametrize("lost", ["its own error", "nothing"])
+@pytest.mark.parametrize(("how", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+def test_a_signal_that_rerun_loses_stops_a_sweep(
+    tmp_path: Path, how: str, code: int, lost: str
+) -> None:
+    """Rerun raises its own error, with the name of the exception that the signal's handler raised.
+
+    The run is not filed as one that fails: the same command again completes the sweep.
+    """
+    sweep_two = ("sweep", "--height", "1,2", "--duration", "0.1", "--at", "0.1", "--jobs", "1",
+                 "--out", "s")  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", LOSING, how, lost, *sweep_two],
+        cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (code, "")
+    assert "0 of 2 runs done in s; run the same command again to resume" in done.stderr
+    assert outcome(sweep_two, tmp_path)[0] == 0
+    assert sorted(file.name for file in (tmp_path / "s" / "recordings").iterdir()) == [
+        "run-0.rrd", "run-1.rrd",
+    ]  # fmt: skip
+
+
+def test_a_ctrl_c_that_rerun_loses_stops_a_script_that_sweeps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def losing(*_: object, **__: object) -> None:
+        raise RuntimeError("KeyboardInterrupt: ")
+
+    monkeypatch.setattr(LazyChunkStream, "write_rrd", losing)
+    plan = plan_of({"height_m": "1,2", "duration_s": "0.1"})
+    with pytest.raises(KeyboardInterrupt):
+        sweep(plan, tmp_path / "s", at_s=0.1, jobs=1)
+    assert not Folder(tmp_path / "s", "").finished()
 
 
 # -- standard output ------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from pipeline.console.output import width
-from pipeline.errors import DropError
+from pipeline.errors import DropError, Stopped, signals
 from pipeline.messages import Message, joined
 
 if TYPE_CHECKING:
@@ -29,20 +29,15 @@ At 700, its default, it takes 0.17 s of the 1.4 s that `drop run --no-camera` co
 """
 
 
-class Stopped(BaseException):
-    """A signal ended the process. Typer does not catch it, as it does KeyboardInterrupt."""
-
-
 def main() -> None:
     """Run `drop` as this process, whose signals and streams are ours until it ends.
 
     The command line is imported after the handlers are set, so that a signal during the import
     also ends in one line.
     """
-    received: list[int] = []
 
     def stop(number: int, _: object) -> None:
-        received.append(number)
+        signals.append(number)
         signal.signal(number, signal.SIG_DFL)  # a second signal ends it at once
         raise Stopped
 
@@ -56,7 +51,7 @@ def main() -> None:
         signal.signal(number, stop)
     gc.set_threshold(COLLECTED_EVERY)
     try:
-        code = run(load, received)
+        code = run(load, signals)
     finally:
         for number in (signal.SIGINT, signal.SIGTERM):  # done: Python is only cleaning up
             signal.signal(number, signal.SIG_IGN)

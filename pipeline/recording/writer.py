@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from rerun import bindings  # type: ignore[attr-defined]
 from rerun.chunk import Chunk, LazyChunkStream
 
+from pipeline.errors import check_signals
 from pipeline.files.outputs import output_errors
 from pipeline.recording import schema
 from pipeline.recording.sealing import seal, unfinished
@@ -82,6 +83,7 @@ def record(
         # `.part` its footer, and keeps the exception's type.
         try:
             for chunk in chunks:
+                check_signals()
                 rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
                 yield chunk
         except BaseException as failure:  # noqa: BLE001 - raised again below
@@ -89,9 +91,15 @@ def record(
 
     kept = unfinished(path, force=force, ours=ours, salvage=salvage, note=note)
     with kept as part, _strict():
-        LazyChunkStream.from_iter(counted()).write_rrd(
-            part, application_id=schema.APPLICATION_ID, recording_id=recording_id
-        )
+        try:
+            LazyChunkStream.from_iter(counted()).write_rrd(
+                part, application_id=schema.APPLICATION_ID, recording_id=recording_id
+            )
+        except RuntimeError as failure:  # also from a signal that comes between two chunks
+            check_signals()
+            if str(failure).startswith("KeyboardInterrupt"):
+                raise KeyboardInterrupt from None
+            raise
         if failures:
             raise failures[0]
         if blueprint is None:

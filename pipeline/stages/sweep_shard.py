@@ -19,7 +19,7 @@ from pipeline.engines.bullet.lasting_world import LastingWorld
 from pipeline.engines.bullet.probe import believe
 from pipeline.engines.other_world import OtherWorld
 from pipeline.engines.worlds import Worlds
-from pipeline.errors import DropError, OutputError
+from pipeline.errors import DropError, OutputError, check_signals
 from pipeline.files.outputs import make_folder
 from pipeline.files.whole import onto_disk
 from pipeline.report import EngineReport
@@ -89,7 +89,10 @@ class RunShard:
             If a file cannot be written, as that concerns more than one scenario.
         """
         believe(self.tried)
-        rows = [self.row(run) for run in self.plan.runs_of(shard)]
+        rows = []
+        for run in self.plan.runs_of(shard):
+            rows.append(self.row(run))
+            check_signals()  # else a run that a signal ended would count as failed
         # A part exists only once its recordings are on the disk.
         onto_disk(self.folder / row["recording"] for row in rows if row["recording"])
         return ShardDone.of(self._home.write(shard, rows))
