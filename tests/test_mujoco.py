@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco_drop
 import numpy as np
@@ -17,7 +18,7 @@ from pipeline.analysis.drop.comparison import Comparison, Side, compare
 from pipeline.analysis.general.mechanics import max_relative_drift
 from pipeline.analysis.general.segments import FLIGHT, segments_of
 from pipeline.engines import other_world
-from pipeline.errors import ScenarioError
+from pipeline.errors import DropError, ScenarioError
 from pipeline.laws.mujoco_contact import rest_depth_m
 from pipeline.laws.rotations import rotate
 from pipeline.recording.reader import Recording, frames, read
@@ -121,6 +122,28 @@ def test_a_law_that_is_another_one_is_noticed(recorded: Recorder) -> None:
         law = case_of(other, recording.engine, states, recording.contacts).law
         found = segments_of(case.samples, law, case.touches)
         assert found.code[1] != FLIGHT, integrator
+
+
+UNSTABLE: dict[str, dict[str, Any]] = {
+    "acceleration": {**BLOCK, "spin_rad_s": (1e4, 9e3, 8e3)},
+    "position": {"gravity_m_s2": -1e4, "timestep_s": 10.0, "duration_s": 1e5, "floor": False},
+}
+
+
+@pytest.mark.parametrize("too_large", UNSTABLE)
+def test_mujoco_does_not_start_again_from_zero(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, too_large: str
+) -> None:
+    """As it does where a number is beyond 1e10, with a warning in a file of the working folder."""
+    scenario = Scenario(engine="mujoco", **UNSTABLE[too_large])
+    monkeypatch.chdir(tmp_path)
+    with other_world.OtherWorld(scenario) as world, pytest.raises(DropError) as raised:
+        list(world.samples(10_000))
+    step = int(str(raised.value).split("at step ")[1].split(",")[0])
+    assert {"acceleration": 3, "position": 142}[too_large] == step
+    with other_world.OtherWorld(scenario) as world, pytest.raises(DropError, match=f"step {step},"):
+        world.skip(10_000)
+    assert not list(tmp_path.iterdir())
 
 
 def vars_of(scenario: Scenario) -> dict[str, object]:

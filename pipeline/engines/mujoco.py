@@ -25,6 +25,10 @@ GEOMS = {
     "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
 }
 
+if mujoco.get_mju_user_warning() is None:
+    # MuJoCo would append its warnings to MUJOCO_LOG.TXT, in whatever folder this is.
+    mujoco.set_mju_user_warning(lambda _: None)
+
 
 class MujocoSession:
     """One free body above a plane."""
@@ -55,10 +59,20 @@ class MujocoSession:
         x, y, z, w = scenario.orientation_xyzw
         data.qpos[:] = 0.0, 0.0, scenario.height_m, w, x, y, z
         data.qvel[:] = *scenario.velocity_m_s, *spin
+        bad = mujoco.mjtWarning
+        self._unstable = data.warning.number[bad.mjWARN_BADQPOS : bad.mjWARN_BADQACC + 1]
 
     def step(self) -> None:
-        """Take one timestep."""
+        """Take one timestep.
+
+        Raises
+        ------
+        RuntimeError
+            If a number is not finite, or over 1e10: MuJoCo has set all of them to 0, and goes on.
+        """
         mujoco.mj_step(self._model, self._data)
+        if any(self._unstable.tolist()):
+            raise RuntimeError("MuJoCo has started again from 0")
 
     def state(self) -> Numbers:
         """Return position, orientation, velocity and spin, which the joint has in body axes."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.engines.bullet.world import World, check_numbers, non_finite
 from pipeline.engines.session import RigidBody, Session
-from pipeline.errors import ScenarioError
+from pipeline.errors import DropError, ScenarioError
 from pipeline.fields import counted
 from pipeline.messages import Message
 from pipeline.report import EngineReport
@@ -73,6 +73,7 @@ class OtherWorld:
             self.rest_height_m = read.rest_height_m
             self._read = read.report()
             body = rigid_body(read, self._read)
+        self._steps = 0
         self._session = (build or _installed(scenario.engine))(scenario, body)
 
     def __enter__(self) -> Self:
@@ -125,15 +126,21 @@ class OtherWorld:
 
     def skip(self, steps: int) -> None:
         """Take steps without reading samples."""
-        for step in range(steps if self.scenario.stepped else 0):
-            self._step(step)
+        for _ in range(steps if self.scenario.stepped else 0):
+            self._step()
 
-    def _step(self, step: int) -> None:
+    def _step(self) -> None:
         """Take a step; some engines raise where others continue with nan."""
+        self._steps += 1
         try:
             self._session.step()
         except RuntimeError:
-            raise non_finite(step) from None
+            raise DropError(
+                "the state becomes non-finite at step {step}, or too large for {engine}; try a "
+                "shorter --timestep, less --spin or --velocity, or another --body",
+                step=self._steps,
+                engine=ENGINES[self.scenario.engine],
+            ) from None
 
     def height_m(self) -> float:
         """Return the height of the centre at the end of the fall [m].
@@ -168,7 +175,7 @@ class OtherWorld:
             states, contacts = np.zeros(min(batch, samples - start), STATE), bytearray()
             for row, sample in enumerate(range(start, min(start + batch, samples))):
                 if self.scenario.stepped and sample:
-                    self._step(sample)
+                    self._step()
                     for point in session.contacts():
                         contacts += _ROW(sample, BODY, BASE, FLOOR, BASE, *point)
                 with np.errstate(all="ignore"):  # non-finite numbers are rejected below

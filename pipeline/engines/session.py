@@ -62,7 +62,7 @@ class Session(Protocol):
     """One body above one floor in an engine, built from a scenario and a `RigidBody`."""
 
     def step(self) -> None:
-        """Take one timestep."""
+        """Take one timestep; raise RuntimeError if the engine cannot."""
 
     def state(self) -> Numbers:
         """Return 13 numbers, world axes: position, orientation x y z w, velocity and spin.
