@@ -124,6 +124,38 @@ def test_a_law_that_is_another_one_is_noticed(recorded: Recorder) -> None:
         assert found.code[1] != FLIGHT, integrator
 
 
+@pytest.mark.parametrize(
+    "coarse",
+    [
+        {"solver_residual": 1.0, "height_m": 0.05},
+        {"solver_residual": 0.3, "height_m": 0.1},
+        {"solver_iterations": 1, "velocity_m_s": (1.0, 0.0, 0.0)},
+        {"solver_iterations": 1, "spin_rad_s": (1.0, 2.0, 0.0), "solver_residual": 0.0},
+    ],
+)
+def test_what_a_coarse_solver_leaves_is_no_alteration(
+    recorded: Recorder, coarse: dict[str, Any]
+) -> None:
+    """However much it is; and what is advised explains every step."""
+    analysis = judge(recorded(engine="mujoco", **coarse))
+    assert analysis.segments.unexplained
+    assert "law-mismatch" not in {finding.code for finding in analysis.findings}
+    why = str(analysis.explained.why)
+    assert "--solver-residual 0" in why
+    assert ("--solver-iterations" in why) == ("solver_iterations" in coarse)
+    exact = {**coarse, "solver_residual": 0.0, "solver_iterations": None}
+    assert judge(recorded(engine="mujoco", **exact)).segments.unexplained == 0
+
+
+def test_a_state_altered_in_contact_is_noticed(recorded: Recorder) -> None:
+    recording = recorded(engine="mujoco")
+    first = recording.contacts["step"].min()
+    moved = pl.when(pl.col("step") == first).then(pl.col("vx_m_s") + 0.01).otherwise("vx_m_s")
+    states = recording.states.with_columns(moved.alias("vx_m_s"))
+    codes = {finding.code for finding in judge(replace(recording, states=states)).findings}
+    assert "law-mismatch" in codes
+
+
 UNSTABLE: dict[str, dict[str, Any]] = {
     "acceleration": {**BLOCK, "spin_rad_s": (1e4, 9e3, 8e3)},
     "position": {"gravity_m_s2": -1e4, "timestep_s": 10.0, "duration_s": 1e5, "floor": False},
