@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import Drop, Recorder, judge
+from engine import shape, urdf_of
 from rerun.chunk import RrdReader
 
 from pipeline import Scenario, colours, simulate
@@ -22,6 +23,7 @@ from pipeline.analysis.drop.case import Case, case_of
 from pipeline.analysis.drop.comparison import Comparison, Side, compare
 from pipeline.analysis.general.decomposition import TERMS
 from pipeline.engines import other_world
+from pipeline.engines.bullet.world import World
 from pipeline.errors import DropError, ScenarioError
 from pipeline.recording import other_layer, writer
 from pipeline.recording.reader import Recording, read, recording_id
@@ -311,6 +313,54 @@ def test_restitution_is_combined_as_the_engine_does(recorded: Recorder) -> None:
     for engine, asked in (("physx", 0.5), ("dart", 0.25)):
         bounce = judge(recorded(engine=engine, **ball)).bounces[0]
         assert bounce.effective_restitution == pytest.approx(asked, rel=0.02)
+
+
+@pytest.mark.parametrize("engine", OTHERS)
+@pytest.mark.parametrize(
+    ("tilt_deg", "rest_m"),
+    [(0, 0.15), (90, 0.1), (30, 0.15 * np.cos(np.pi / 6) + 0.1 * np.sin(np.pi / 6))],
+)
+def test_a_cylinder_is_a_cylinder(
+    recorded: Recorder, tmp_path: Path, engine: str, tilt_deg: float, rest_m: float
+) -> None:
+    """PyBullet makes it a hull, 1 mm thicker; its inertia is the hull's in every engine."""
+    can = urdf_of(tmp_path, shape('<cylinder radius="0.1" length="0.3"/>'))
+    body = {"body": can, "orientation": (float(tilt_deg), 0.0, 0.0), "height_m": 0.2}
+    recording, bullets = recorded(engine=engine, **body), recorded(**body).engine
+    assert recording.engine.shape == "cylinder"
+    assert recording.engine.shape_dimensions_m == (0.3, 0.1, 0.0)
+    assert recording.engine.rest_height_m == pytest.approx(rest_m, abs=1e-14)
+    assert (bullets.rest_height_m or 0) > rest_m + 9e-4
+    assert recording.engine.inertia_kg_m2 == pytest.approx(bullets.inertia_kg_m2, rel=1e-6)
+    # It first pushes in the step after it has come to the floor; Drake's is a mesh.
+    first = int(recording.contacts.filter(pl.col("normal_force_n") > 0)["step"].to_list()[0])
+    heights_m = recording.states["z_m"]
+    assert heights_m[first - 2] > rest_m - 1e-3
+    assert heights_m[first] < rest_m + 2e-3
+    if not tilt_deg:
+        assert heights_m[-1] == pytest.approx(rest_m, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size_m"),
+    [("box", (0.1, 0.2, 0.3)), ("sphere", (0.1, 0.1, 0.0)), ("capsule", (0.1, 0.3, 0.0))],
+)
+def test_how_deep_a_shape_reaches_is_what_bullet_measures(
+    tmp_path: Path, kind: str, size_m: tuple[float, float, float]
+) -> None:
+    of = {
+        "box": 'size="0.1 0.2 0.3"',
+        "sphere": 'radius="0.1"',
+        "capsule": 'radius="0.1" length="0.3"',
+    }
+    placed = shape(f"<{kind} {of[kind]}/>", xyz="0.1 0.2 -0.3", rpy="1 2 3")
+    body = urdf_of(tmp_path, placed)
+    for turned in ((0.0, 0.0, 0.0), (20.0, 30.0, 40.0), (-100.0, 200.0, 5.0)):
+        with World(Scenario(body=body, orientation=turned)) as world:
+            (read_back,) = world.shapes()
+            assert (read_back.kind, read_back.size_m) == (kind, pytest.approx(size_m))
+            depth_m = read_back.depth_m(world.scenario.orientation_xyzw)
+            assert depth_m == pytest.approx(world.rest_height_m, abs=1e-9)
 
 
 @DRAKE

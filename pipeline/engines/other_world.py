@@ -68,11 +68,22 @@ class OtherWorld:
         self.scenario = scenario
         # Without the other engine's options: PyBullet only reads the body.
         plain: dict[str, Any] = {name: None for name in ENGINES_WITH if name != "coordinates"}
-        with World(replace(scenario, engine="bullet", integrator=None, **plain)) as read:
-            self.half_size_m: Float64 = read.half_size_m
-            self.rest_height_m = read.rest_height_m
+        bullets = replace(scenario, engine="bullet", integrator=None, **plain)
+        with contextlib.ExitStack() as stack:
+            read = stack.enter_context(World(bullets))
             self._read = read.report()
+            if any(shape.kind == "mesh" for shape in read.shapes()):
+                # It may be the hull that Bullet makes of a cylinder; the inertia stays the hull's.
+                inertia_kg_m2 = self._read.inertia_kg_m2
+                read = stack.enter_context(World(bullets, round_cylinders=True))
+                self._read = replace(read.report(), inertia_kg_m2=inertia_kg_m2)
+            self.half_size_m: Float64 = read.half_size_m
             body = rigid_body(read, self._read)
+        if any(shape.kind == "cylinder" for shape in body.shapes):
+            # Bullet rounds its edges, by 0.4 mm where it is tilted.
+            depths_m = [shape.depth_m(scenario.orientation_xyzw) for shape in body.shapes]
+            self._read = replace(self._read, rest_height_m=round(max(depths_m), 14) + 0.0)
+        self.rest_height_m = self._read.rest_height_m
         self._steps = 0
         self._session = (build or _installed(scenario.engine))(scenario, body)
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kinds import Quaternion, Vector
+from pipeline.laws.rotations import matrix
 
 Float64 = NDArray[np.float64]
 
@@ -26,11 +27,25 @@ class Shape:
     kind: str
     """box, sphere, cylinder or capsule; its axis is z."""
     size_m: Vector
-    """A box's three edges; else radius, length of the cylindrical part and 0."""
+    """A box's three edges; a cylinder's or capsule's radius, length (of the capsule's cylindrical
+    part) and 0; a sphere's radius first."""
     position_m: Vector
     """Of its centre, from the centre of mass, in the body's axes."""
     orientation: Quaternion
     """In the body's axes: x, y, z, w."""
+
+    def depth_m(self, body: Quaternion) -> float:
+        """Return how far it reaches below the centre of mass, with the body turned like this."""
+        up_in_body = matrix(body)[2]
+        x, y, z = np.abs(up_in_body @ matrix(self.orientation))
+        a, b, c = self.size_m
+        half_m = {
+            "box": (x * a + y * b + z * c) / 2,
+            "sphere": a,
+            "cylinder": z * b / 2 + np.hypot(x, y) * a,
+            "capsule": z * b / 2 + a,
+        }[self.kind]
+        return float(half_m - up_in_body @ np.array(self.position_m))
 
 
 @dataclass(frozen=True)

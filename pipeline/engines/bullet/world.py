@@ -41,14 +41,23 @@ SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsu
 class World:
     """One body above one floor, in a PyBullet client of its own; use it in a `with` statement.
 
+    Parameters
+    ----------
+    scenario
+        What to drop, and how.
+    round_cylinders
+        Whether a `<cylinder>` is loaded as one; by default Bullet makes it a hull of points, and
+        computes the body's inertia from that.
+
     Raises
     ------
     ScenarioError
         If the body cannot be found or loaded, or has no mass.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, *, round_cylinders: bool = False) -> None:
         self.scenario = scenario
+        self._round_cylinders = round_cylinders
         self._urdf = find_body(scenario.body)
         self._own: tuple[float, tuple[float, ...]] | None = None  # the URDF's mass and inertia
         self._client: int = p.connect(p.DIRECT)
@@ -83,8 +92,9 @@ class World:
 
     def _load_body(self) -> int:
         maximal = self.scenario.coordinates == "maximal"
+        options = {"flags": p.URDF_USE_IMPLICIT_CYLINDER} if self._round_cylinders else {}
         try:
-            body = self._load(self._urdf, useMaximalCoordinates=maximal)
+            body = self._load(self._urdf, useMaximalCoordinates=maximal, **options)
         except p.error as error:
             raise ScenarioError(
                 "--body must be a URDF that Bullet can load, got {body!r} ({error}); check it with "
@@ -164,7 +174,7 @@ class World:
 
     def _extent(self) -> tuple[Float64, Float64]:
         body, sha256 = str(self._urdf), self._body_sha256
-        return _extent(body, sha256, self.scenario.coordinates)
+        return _extent(body, sha256, self.scenario.coordinates, self._round_cylinders)
 
     def _box_at_origin(self) -> tuple[Float64, Float64]:
         """Measure the bounding box, in a world of its own.
@@ -298,7 +308,7 @@ class World:
     def rest_height_m(self) -> float | None:
         """Height of the centre at which the body, turned as released, touches the floor [m]."""
         body, sha256 = str(self._urdf), self._body_sha256
-        return _rest_height(body, sha256, self.scenario.orientation_xyzw)
+        return _rest_height(body, sha256, self.scenario.orientation_xyzw, self._round_cylinders)
 
     def _touching_height(self) -> float | None:
         """Measure that height, in a world of its own."""
@@ -426,17 +436,22 @@ _DISTANCE = itemgetter(8)
 
 
 @functools.lru_cache(maxsize=1024)
-def _extent(body: str, _sha256: str, coordinates: Coordinates) -> tuple[Float64, Float64]:
+def _extent(
+    body: str, _sha256: str, coordinates: Coordinates, round_cylinders: bool
+) -> tuple[Float64, Float64]:
     """Return `World._box_at_origin`, measured once per digest of a URDF."""
     scenario = Scenario(body=body, mass_kg=1.0, coordinates=coordinates, floor=False)
-    with World(scenario) as world:
+    with World(scenario, round_cylinders=round_cylinders) as world:
         return world._box_at_origin()
 
 
 @functools.lru_cache(maxsize=1024)
-def _rest_height(body: str, _sha256: str, orientation_xyzw: Quaternion) -> float | None:
+def _rest_height(
+    body: str, _sha256: str, orientation_xyzw: Quaternion, round_cylinders: bool
+) -> float | None:
     """Return `World.rest_height_m`, measured once per digest of a URDF and orientation."""
-    with World(Scenario(body=body, mass_kg=1.0, orientation=orientation_xyzw)) as world:
+    scenario = Scenario(body=body, mass_kg=1.0, orientation=orientation_xyzw)
+    with World(scenario, round_cylinders=round_cylinders) as world:
         return world._touching_height()
 
 
