@@ -99,6 +99,22 @@ def test_recorded_poses_are_drawn_where_a_script_took_no_frames(
     assert heights[-1] > heights[0] + 50
 
 
+def test_a_body_is_drawn_as_it_looked_at_the_time(record: Record, tmp_path: Path) -> None:
+    """Blue from 0.2 s on, then unseen, and red again from 0.4 s on."""
+    looks = """
+    if step in (48, 72, 96):
+        rgba = {48: [0, 0, 1, 1], 72: [0, 0, 1, 0], 96: [1, 0, 0, 1]}[step]
+        p.changeVisualShape(body, -1, rgbaColor=rgba)
+"""
+    out = tmp_path / "looks.gif"
+    render_script(record(FALLS + looks), out=out, view="standard")
+    shown = pictures(out)
+    red = [bool(len(redness(picture))) for picture in shown]
+    blue = [bool(len(redness(picture[..., ::-1]))) for picture in shown]
+    assert red == [True] * 5 + [False] * 4 + [True] * 2
+    assert blue == [False] * 5 + [True] * 2 + [False] * 4
+
+
 @pytest.mark.parametrize("view", ["close", "follow"])
 def test_a_camera_is_near_to_the_body_that_moves(record: Record, tmp_path: Path, view: str) -> None:
     render_script(record(FALLS), out=tmp_path / "near.gif", view=view)  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 
@@ -19,24 +20,40 @@ from pipeline.recording.contents import chunks_of, closing_of, gather
 from pipeline.recording.digest import FrameDigest
 from pipeline.recording.rrd import Chunk
 from pipeline.recording.script import part_path
-from pipeline.seen import Model, Pose, Seen
+from pipeline.seen import Body, Model, Pose, Seen
 
 
 @dataclass
 class Part:
-    """A link that is drawn, and its poses."""
+    """A link that is drawn, as it looks for a time, and its poses."""
 
     number: int
     """The body's."""
-    models: list[Model] = field(default_factory=list)
+    models: tuple[Model, ...] = ()
     times_s: list[float] = field(default_factory=list)
     poses: list[Pose | None] = field(default_factory=list)
-    """None from when its body is removed, or where its numbers are not finite."""
+    """None from when its body is removed or looks different, or where a number is not finite."""
 
     def at(self, time_s: float) -> Pose | None:
         """Return its pose at a time; None where it does not exist."""
         row = bisect.bisect_right(self.times_s, time_s + 1e-9) - 1
         return self.poses[row] if row >= 0 else None
+
+    def in_looks(self, looks: Sequence[tuple[float, tuple[Model, ...]]]) -> Iterator[Part]:
+        """Yield the same link once for each look, drawn while it looks like that.
+
+        `looks` are in order, each with the time at which it begins [s].
+        """
+        starts_s = [start_s for start_s, _ in looks]
+        times_s = sorted({*self.times_s, *starts_s})
+        poses = [self.at(time_s) for time_s in times_s]
+        rows = [max(bisect.bisect_right(starts_s, time_s) - 1, 0) for time_s in times_s]
+        for models in dict.fromkeys(models for _, models in looks):
+            seen = [
+                pose if looks[row][1] == models else None
+                for pose, row in zip(poses, rows, strict=True)
+            ]
+            yield Part(self.number, models, times_s, seen)
 
 
 def parts_of(path: Path, seen: Seen) -> list[Part]:
@@ -61,21 +78,32 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
             meshes[chunk.entity] = _blob(chunk, path)
         elif chunk.batch.schema.get_field_index("Clear:is_recursive") >= 0:
             removed_s.setdefault(chunk.entity, []).extend(_times_s(chunk))
-    for body in seen.bodies.values():
-        counts: dict[int, int] = {}
-        for shape in body.shapes:
-            number = counts[shape.link] = counts.get(shape.link, -1) + 1
-            entity = part_path(body, shape.link)
-            mesh = meshes.get(f"{entity}/{number}", b"")
-            if entity in parts and (mesh or shape.kind != "mesh"):
-                suffix = PurePath(shape.file).suffix.lower()
-                parts[entity].models.append(Model(shape, mesh, suffix))
     for entity, part in parts.items():
         for time_s in removed_s.get(entity.rpartition("/")[0], []):
             row = bisect.bisect_left(part.times_s, time_s)
             part.times_s.insert(row, time_s)
             part.poses.insert(row, None)
-    return [part for part in parts.values() if part.models and part.times_s]
+    looks: dict[str, list[tuple[float, tuple[Model, ...]]]] = {}
+    for appearance in seen.appearances:
+        if appearance.there:
+            for link in range(-1, len(appearance.body.links) - 1):
+                look = appearance.at.time_s, _models(appearance.body, link, meshes)
+                looks.setdefault(part_path(appearance.body, link), []).append(look)
+    drawn = (
+        each for entity, part in parts.items() for each in part.in_looks(looks.get(entity, ()))
+    )
+    return [part for part in drawn if part.models and part.times_s]
+
+
+def _models(body: Body, link: int, meshes: Mapping[str, bytes]) -> tuple[Model, ...]:
+    """Return what is drawn of a link, without the meshes that were not recorded."""
+    shapes = [shape for shape in body.shapes if shape.link == link]
+    found = [meshes.get(f"{part_path(body, link)}/{number}", b"") for number in range(len(shapes))]
+    return tuple(
+        Model(shape, mesh, PurePath(shape.file).suffix.lower())
+        for shape, mesh in zip(shapes, found, strict=True)
+        if mesh or shape.kind != "mesh"
+    )
 
 
 def frames_of_cameras(path: Path) -> dict[int, list[tuple[int, float, bytes]]]:
