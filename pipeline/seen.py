@@ -373,6 +373,12 @@ class OfBody:
     constraints: list[Constraint] = field(default_factory=list)
     """Those that were created."""
 
+    @property
+    def moves(self) -> list[Put]:
+        """Where calls moved it after it was added: that is reported as a move, too."""
+        came = {(each.at.step, each.at.call) for each in self.came}
+        return [put for put in self.puts if (put.at.step, put.at.call) not in came]
+
 
 @dataclass
 class Ending:

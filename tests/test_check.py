@@ -381,6 +381,38 @@ def test_another_integrator_is_recognised(
     assert words in result.looks_like
 
 
+def test_what_fits_no_law_is_not_called_one(recorded: Recorder) -> None:
+    """Another timestep or substeps shift positions; one kick is no law; nor is 1e-9 of gravity."""
+    drop = {"linear_damping": 0.5, "duration_s": 0.8}
+    for golden_too, change, words in (
+        (drop, {"timestep_s": 1 / 241, "duration_s": 192 / 241}, "do not follow from its velociti"),
+        ({"coordinates": "maximal"}, {"substeps": 2}, "do not follow from its velociti"),
+        ({}, {"gravity_m_s2": -9.810000001}, "differ by less than a millionth"),
+        ({"velocity_m_s": (1.0, 0.0, 2.0), "spin_rad_s": (0.0, 3.0, 0.0), "duration_s": 0.5},
+         {"angular_damping": 0.0}, "turning differently"),
+    ):  # fmt: skip
+        golden = side(recorded(**golden_too))
+        run = replace(golden, states=side(recorded(**{**golden_too, **change})).states)
+        assert words in str(compare(run, golden).looks_like), change
+    golden = side(recorded(linear_damping=0.0))
+    v, z = (golden.states[name].to_numpy().copy() for name in ("vz_m_s", "z_m"))
+    v[50:] += 1e-3
+    z[50:] += 1e-3 * np.arange(1, len(z) - 49) / 240
+    kicked = replace(golden, states=golden.states.with_columns(vz_m_s=v, z_m=z))
+    assert "but for" in str(compare(kicked, golden).looks_like)
+
+
+def test_a_difference_in_a_later_flight_is_none_of_contact(recorded: Recorder) -> None:
+    golden = side(recorded(restitution=0.8))
+    touching = golden.contacts["step"].to_numpy()
+    later = next(step for step in range(touching[0], 241) if step not in touching)
+    v = golden.states["vz_m_s"].to_numpy().copy()
+    v[later:] += 1e-3
+    kicked = replace(golden, states=golden.states.with_columns(vz_m_s=v))
+    said = str(compare(kicked, golden).looks_like)
+    assert said.startswith("the same up to a flight after the first contact")
+
+
 def test_altered_samples_turning_and_rounding_are_recognised(recorded: Recorder) -> None:
     golden = side(recorded())
     assert "one altered sample" in str(compare(altered(golden, "z_m", 50, 0.1), golden).looks_like)

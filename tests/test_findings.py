@@ -174,6 +174,17 @@ def test_a_body_that_contact_turns_within_a_step_landed_flat(
     assert message.endswith("not predicted")
 
 
+def test_what_was_dropped_flat_is_not_told_to_be(recorded: Recorder) -> None:
+    for how, advised in (
+        ({"velocity_m_s": (1.0, 0.0, 0.0), "restitution": 0.8, "duration_s": 2.0}, False),
+        ({"spin_rad_s": (3.0, 0.0, 0.0), "duration_s": 1.0}, True),
+        ({"orientation": (20.0, 0.0, 0.0), "duration_s": 1.0}, True),
+    ):
+        findings = judge(recorded(**how)).findings
+        (message,) = (finding.message for finding in findings if finding.code == "tumbled")
+        assert ("drop it flat" in message) == advised
+
+
 @pytest.mark.parametrize("residual", [None, 0.0])
 def test_more_iterations_remove_what_few_leave(recorded: Recorder, residual: float | None) -> None:
     drop = {"body": "cube.urdf", "height_m": 1.2193473333214817, "coordinates": "maximal"}

@@ -14,6 +14,7 @@ from PIL import Image
 
 from pipeline.errors import RecordingError, ScenarioError
 from pipeline.figures.playback import Animation
+from pipeline.stages.analyze_script import analyze_script
 from pipeline.stages.record import record_script
 from pipeline.stages.render_script import render_script
 
@@ -113,6 +114,68 @@ def test_a_body_is_drawn_as_it_looked_at_the_time(record: Record, tmp_path: Path
     blue = [bool(len(redness(picture[..., ::-1]))) for picture in shown]
     assert red == [True] * 5 + [False] * 4 + [True] * 2
     assert blue == [False] * 5 + [True] * 2 + [False] * 4
+
+
+@pytest.mark.parametrize("how", ["p.removeBody(body)", "p.resetSimulation()"])
+def test_a_body_is_drawn_while_it_is_there(record: Record, tmp_path: Path, how: str) -> None:
+    """Until 0.2 s, and again from 0.4 s on."""
+    there = f"""
+    if step == 47:
+        {how}
+    if step == 95:
+        box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+        look = p.createVisualShape(p.GEOM_BOX, halfExtents=[.1, .1, .1], rgbaColor=[1, 0, 0, 1])
+        p.createMultiBody(1, box, look, [0, 0, 1])
+"""
+    out = tmp_path / "there.gif"
+    render_script(record(FALLS + there), out=out, view="standard")
+    red = [bool(len(redness(picture))) for picture in pictures(out)]
+    assert red == [True] * 4 + [False] * 4 + [True] * 3
+
+
+def test_what_only_calls_move_is_in_view_and_not_still(
+    record: Record, tmp_path: Path, drop: Drop
+) -> None:
+    path = record(
+        FALLS.replace("createMultiBody(1, ", "createMultiBody(0, ")
+        + "    p.resetBasePositionAndOrientation(body, [3 + step / 60, 0, 1], [0, 0, 0, 1])\n"
+    )
+    render_script(path, out=tmp_path / "put.gif", view="standard")
+    columns = [redness(picture)[:, 1].mean() for picture in pictures(tmp_path / "put.gif")]
+    assert len(columns) == 11
+    assert np.ptp(columns) > 100
+    assert "1_box, 0 kg" in drop("info", path).stdout
+    (moved,) = (
+        body for body in analyze_script(path, out=tmp_path / "layer.rrd").bodies if body.id == 1
+    )
+    assert (moved.segments["set"], moved.segments["still"]) == (119, 2)
+
+
+MESH = """
+import pybullet as p
+import pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+look = p.createVisualShape(p.GEOM_MESH, fileName="cube.obj", rgbaColor=[1, 0, 0, 1])
+for place in (0, 3):
+    p.createMultiBody(1, -1, look, [place, 0, 0])
+p.stepSimulation()
+"""
+
+
+def test_a_mesh_is_drawn_where_pybullet_finds_it(record: Record, tmp_path: Path) -> None:
+    render_script(record(MESH), out=tmp_path / "mesh.gif", view="standard")
+    assert len(redness(pictures(tmp_path / "mesh.gif")[0])) > 100
+
+
+def test_a_mesh_given_as_numbers_is_said_to_be_missing(drop: Drop, tmp_path: Path) -> None:
+    numbers = "vertices=[[-.3, -.3, 0], [.3, -.3, 0], [0, .3, 0]], indices=[0, 1, 2]"
+    script = tmp_path / "mesh.py"
+    script.write_text(MESH.replace('fileName="cube.obj"', numbers))
+    done = drop("record", "mesh.py")
+    assert "a shape of 0_mesh and 1_mesh is not drawn: drop draws boxes" in done.stderr
+    done = drop("render", "recordings/mesh.rrd")
+    assert (done.returncode, "no body with a shape that drop draws" in done.stderr) == (1, True)
 
 
 @pytest.mark.parametrize("view", ["close", "follow"])

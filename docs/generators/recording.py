@@ -65,7 +65,8 @@ CURVES = {
     schema.HEIGHT_SIMULATED: "height of the body's centre",
     schema.HEIGHT_FREE_FALL: "free fall, without air; stops at the floor",
     schema.HEIGHT_DAMPED_FALL: "a fall through Bullet's damping, in continuous time",
-    f"{schema.ERROR}/total": "simulated minus free fall; the sum of the next four",
+    f"{schema.ERROR}/total": "simulated minus free fall; the sum of the next four, but for the "
+    "rounding of free fall to a float64",
     f"{schema.ERROR}/timestep": "from semi-implicit Euler, without damping",
     f"{schema.ERROR}/damping": "from damping, in continuous time",
     f"{schema.ERROR}/interaction": "from their interaction",
@@ -116,7 +117,8 @@ TABLE_SAYS = {
     "free_fall_m": "the same by theory, without air; from the first contact on, at least the rest "
     "height",
     "damped_fall_m": "the same through Bullet's damping, in continuous time",
-    "error_m": "simulated minus free fall; the sum of the next four",
+    "error_m": "simulated minus free fall; the sum of the next four, but for the rounding of "
+    "`free_fall_m` to a float64",
     "timestep_m": "from semi-implicit Euler, without damping",
     "damping_m": "from damping, in continuous time",
     "interaction_m": "from their interaction",

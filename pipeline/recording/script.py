@@ -15,7 +15,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.filesize import decimal
 
+from pipeline.fields import all_of
 from pipeline.messages import Message
 from pipeline.recording import pictures, schema, writer
 from pipeline.recording.digest import (
@@ -101,6 +103,8 @@ class Script:
         self._shown_at: dict[tuple[int, int], int] = {}
         self._digests: dict[int, list[tuple[int, bytes]]] = {}
         self._drawn: dict[int, tuple[Any, ...]] = {}
+        self._undrawn: dict[int, str] = {}
+        """Labels of bodies with a shape that cannot be drawn, by number."""
 
     def chunks(self, events: Iterable[Event], ending: Callable[[], Ending]) -> Iterator[Chunk]:
         """Yield the whole recording; `ending` is called after the last event."""
@@ -119,6 +123,18 @@ class Script:
             for body in self.bodies.values()
             if body.soft
         ]
+        if self._undrawn:
+            labels, more = [*self._undrawn.values()][:3], len(self._undrawn) - 3
+            if more > 0:
+                labels.append(Message("{count} more", count=more))
+            ended.notes.append(
+                Message(
+                    "a shape of {bodies} is not drawn: drop draws boxes, spheres, cylinders, "
+                    "capsules, planes, and meshes from files of up to {size}",
+                    bodies=all_of(labels),
+                    size=decimal(pictures.LARGEST_MESH_BYTES),
+                )
+            )
         yield writer.document_chunk(schema.ABOUT, about(self, ended))
         yield writer.property_chunk(schema.RECORDING_PROPERTY, self._closing(ended))
 
@@ -394,7 +410,11 @@ class Script:
             counts: dict[int, int] = {}
             for shape in body.shapes:
                 number = counts[shape.link] = counts.get(shape.link, -1) + 1
-                yield from pictures.shape(f"{part_path(body, shape.link)}/{number}", _at(at), shape)
+                entity = f"{part_path(body, shape.link)}/{number}"
+                drawn = [*pictures.shape(entity, _at(at), shape)]
+                if not drawn:
+                    self._undrawn[body.number] = body.label
+                yield from drawn
 
     def _on_image(self, image: Image) -> Iterator[Chunk]:
         number = self.cameras.setdefault(image.camera, len(self.cameras))

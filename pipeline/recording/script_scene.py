@@ -32,7 +32,7 @@ class Part:
     models: tuple[Model, ...] = ()
     times_s: list[float] = field(default_factory=list)
     poses: list[Pose | None] = field(default_factory=list)
-    """None from when its body is removed or looks different, or where a number is not finite."""
+    """None where its body is gone or looks different, or a number is not finite."""
 
     def at(self, time_s: float) -> Pose | None:
         """Return its pose at a time; None where it does not exist."""
@@ -42,7 +42,7 @@ class Part:
     def in_looks(self, looks: Sequence[tuple[float, tuple[Model, ...]]]) -> Iterator[Part]:
         """Yield the same link once for each look, drawn while it looks like that.
 
-        `looks` are in order, each with the time at which it begins [s].
+        `looks` are in order, each with the time at which it begins [s]; none while it is gone.
         """
         starts_s = [start_s for start_s, _ in looks]
         times_s = sorted({*self.times_s, *starts_s})
@@ -69,26 +69,18 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
         for body in seen.bodies.values()
         for link in range(-1, len(body.links) - 1)
     }
-    removed_s: dict[str, list[float]] = {}
     meshes: dict[str, bytes] = {}
     for chunk in chunks_of(path):
         if chunk.entity in parts:
             _add_poses(parts[chunk.entity], chunk, path)
         elif chunk.batch.schema.get_field_index("Asset3D:blob") >= 0:
             meshes[chunk.entity] = _blob(chunk, path)
-        elif chunk.batch.schema.get_field_index("Clear:is_recursive") >= 0:
-            removed_s.setdefault(chunk.entity, []).extend(_times_s(chunk))
-    for entity, part in parts.items():
-        for time_s in removed_s.get(entity.rpartition("/")[0], []):
-            row = bisect.bisect_left(part.times_s, time_s)
-            part.times_s.insert(row, time_s)
-            part.poses.insert(row, None)
     looks: dict[str, list[tuple[float, tuple[Model, ...]]]] = {}
     for appearance in seen.appearances:
-        if appearance.there:
-            for link in range(-1, len(appearance.body.links) - 1):
-                look = appearance.at.time_s, _models(appearance.body, link, meshes)
-                looks.setdefault(part_path(appearance.body, link), []).append(look)
+        for link in range(-1, len(appearance.body.links) - 1):
+            models = _models(appearance.body, link, meshes) if appearance.there else ()
+            its = looks.setdefault(part_path(appearance.body, link), [])
+            its.append((appearance.at.time_s, models))
     drawn = (
         each for entity, part in parts.items() for each in part.in_looks(looks.get(entity, ()))
     )

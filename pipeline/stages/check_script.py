@@ -112,8 +112,8 @@ def check_script(
             raise no_golden(path, golden)
         if not is_script(golden):
             raise RecordingError(
-                "{golden} must be the recording of a script, as {path} is, got that of a drop; "
-                "make one with: drop record",
+                "{golden} must be the recording of a script, as {path} is; make one with: drop "
+                "record",
                 golden=golden,
                 path=path,
             )

@@ -137,9 +137,7 @@ def _of_script(recording: ScriptRecording) -> Info:
         samples=int(samples),
         duration_s=_duration_s(seen),
         bodies=[
-            Message("{label}, soft", label=body.label)
-            if body.soft
-            else _body(body.label, _mass_kg(body, seen), len(body.joints))
+            Message("{label}, soft", label=body.label) if body.soft else _scripts_body(body, seen)
             for body in seen.bodies.values()
         ],
         contact_samples=seen.contacts["step"].n_unique(),
@@ -184,15 +182,18 @@ def _duration_s(seen: Seen) -> float:
     )
 
 
-def _mass_kg(body: Body, seen: Seen) -> float:
-    dynamics = seen.by_body[body.number].dynamics
-    return float(dynamics[-1].reported["mass_kg"].sum()) if dynamics else 0.0
+def _scripts_body(body: Body, seen: Seen) -> Message:
+    record = seen.by_body[body.number]
+    mass_kg = float(record.dynamics[-1].reported["mass_kg"].sum()) if record.dynamics else 0.0
+    moves = record.moves or (body.number, min(body.moving, default=-1)) in seen.parts
+    if mass_kg or moves:
+        return _body(body.label, mass_kg, len(body.joints))
+    still = Message("{label}, held still", label=body.label)
+    return joined(", ", [still, counted(len(body.joints), "joint")]) if body.joints else still
 
 
 def _body(label: str, mass_kg: float, joints: int) -> Message:
     body = Message("{label}, {mass:.4g} kg", label=label, mass=mass_kg)
-    if not mass_kg:
-        body = Message("{label}, held still", label=label)
     return joined(", ", [body, counted(joints, "joint")]) if joints else body
 
 

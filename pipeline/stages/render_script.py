@@ -26,6 +26,7 @@ from pipeline.recording.script_scene import Part, frames_of_cameras, parts_of
 from pipeline.scenario import STANDARD_CAMERA, Camera, View
 from pipeline.seen import Seen, body_named
 from pipeline.stages.render import Rendering
+from pipeline.states import STATE
 from pipeline.workers import Worker, WorkerDiedError
 
 if TYPE_CHECKING:
@@ -108,7 +109,8 @@ def render_script(
         parts = parts_of(path, read_back.seen)
         if not parts:
             raise RecordingError(
-                "{path} has nothing to show: no body with a shape was recorded", path=path
+                "{path} has nothing to show: no body with a shape that drop draws was recorded",
+                path=path,
             )
         times_s = _drawn_at(parts)
         interval_s = times_s[1] - times_s[0] if len(times_s) > 1 else 1 / DRAWN_PER_S
@@ -134,9 +136,15 @@ def _drawn_at(parts: Sequence[Part]) -> list[float]:
 def _cameras(seen: Seen, view: View, body: str | None, times_s: Sequence[float]) -> list[Camera]:
     """Return the camera of each picture."""
     number = _body_of(seen, body)
-    positions_m = seen.states.select("x_m", "y_m", "z_m").to_numpy()
+    # What steps move is sampled; what only calls move, they put somewhere.
+    puts = [put.states for record in seen.by_body.values() if record.moves for put in record.puts]
+    put = np.concatenate([np.empty(0, STATE), *puts])
+    positions_m = np.concatenate(
+        [seen.states.select("x_m", "y_m", "z_m").to_numpy(), put["position_m"]]
+    )
     radii_m = {each: _radius_m(body.bounds_m) for each, body in seen.bodies.items()}
-    round_m = np.array([radii_m.get(each, 0.0) for each in seen.states["body"].to_list()])
+    moved = [*seen.states["body"].to_list(), *put["body"].tolist()]
+    round_m = np.array([radii_m.get(each, 0.0) for each in moved])
     low_m, high_m = _near(positions_m, round_m)
     if view == "standard" or number is None:
         reach_m = max(LEAST_REACH_M, float(np.linalg.norm(high_m - low_m)) / 2)

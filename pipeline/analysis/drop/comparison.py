@@ -128,6 +128,7 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
             timestep_s=golden.scenario.timestep_s,
             first=first.step,
             airborne=_airborne(run, golden),
+            touched=any((side.contacts["step"] == first.step).any() for side in (run, golden)),
         )
     elif [setting.name for setting in differences] == ["engine"]:
         cases = [

@@ -403,7 +403,9 @@ def _tumbled(e: Evidence) -> Iterator[Finding]:
         how = Message(
             "it touches the floor tilted by {tilt:.2g}° from how it was released", tilt=tilt_deg
         )
-    advice = [Message("drop it flat with --orientation and without --spin")]
+    advice = []
+    if any(e.case.scenario.spin_rad_s) or tilts[0] > FLAT_RAD:
+        advice = [Message("drop it flat with --orientation and without --spin")]
     if e.law is not None and e.case.scenario.solver_residual != 0:
         advice = [
             Message(

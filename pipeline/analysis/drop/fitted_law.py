@@ -8,13 +8,14 @@ Each of the two lines of the law of free flight is fitted to the recorded sample
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.general.samples import base_of
+from pipeline.fields import counted
 from pipeline.messages import Message, joined
 
 Float64 = NDArray[np.float64]
@@ -27,6 +28,8 @@ ROUNDING = 1e-12
 """Relative difference after some thousand steps if the same operations run in another order."""
 FITS = 1e-7
 """Largest deviation of a fitted acceleration, relative, that still counts as the same law."""
+RARE = 0.05
+"""Share of the steps that may depart from a law which the others follow."""
 
 INTEGRATORS = {
     "after": Message("x += dt v with the end-of-step velocity (semi-implicit Euler)"),
@@ -44,11 +47,19 @@ class _Law:
     moves: bool
     """Whether the body ever moves, which its damping needs to be known."""
     fits: bool
-    integrator: str
+    """Whether all velocities follow it."""
+    integrator: str | None
+    """What moves the body in most steps; None if it is none of `INTEGRATORS`."""
 
 
 def likeness(
-    states: pl.DataFrame, golden: pl.DataFrame, *, timestep_s: float, first: int, airborne: int
+    states: pl.DataFrame,
+    golden: pl.DataFrame,
+    *,
+    timestep_s: float,
+    first: int,
+    airborne: int,
+    touched: bool,
 ) -> Message:
     """Say in a few words what a difference looks like.
 
@@ -62,6 +73,8 @@ def likeness(
         The first sample that differs.
     airborne
         Number of samples before the first contact.
+    touched
+        Whether the first sample that differs has a contact, in either.
     """
     columns, steps = _changed(states, golden)
     states, golden = base_of(states), base_of(golden)
@@ -70,24 +83,50 @@ def likeness(
     if columns and columns <= ROTATION:
         return Message("the same fall, turning differently: other inertia or angular damping")
     if first >= airborne:
+        if not touched:
+            return Message(
+                "the same up to a flight after the first contact, and there another law, or a "
+                "force that was not there before"
+            )
         return Message(
             "the same fall up to the impact, then other contact: restitution, contact ERP, the "
             "solver's residual or iterations, or the solver itself"
         )
     if len(steps) == 1:
         return Message("one altered sample: those after it are the same again")
-    if _largest_relative(states, golden, airborne) <= ROUNDING:
+    states, golden = states[:airborne], golden[:airborne]
+    if _largest_relative(states, golden, POSITION + VELOCITY) <= ROUNDING:
+        if _largest_relative(states, golden, sorted(ROTATION)) > ROUNDING:
+            return Message("the same fall, turning differently: other inertia or angular damping")
         return Message("the same law, rounded differently: another compiler, or fused multiply-add")
-    mine, theirs = _law(states[:airborne], timestep_s), _law(golden[:airborne], timestep_s)
+    mine, theirs = _law(states, timestep_s), _law(golden, timestep_s)
     if mine is None or theirs is None:
         return Message("another law: too few samples in the air to say which")
+    if theirs.fits and theirs.integrator is not None:
+        off = np.flatnonzero(_departs(states, theirs, timestep_s))
+        if 0 < len(off) <= max(1, RARE * len(states)):
+            return Message(
+                "the same law but for {steps} in the air, the first at sample {sample}: a call or "
+                "a force moved it there",
+                steps=counted(len(off), "step"),
+                sample=int(off[0]) + 1,
+            )
+        if not len(off):
+            return Message("the same law, with numbers that differ by less than a millionth")
     return _change(mine, theirs)
 
 
 def _change(mine: _Law, theirs: _Law) -> Message:
     """Say how two laws differ."""
+    if not theirs.fits:
+        return Message("another law, or a force that was not there before")
     if not mine.fits:
         return Message("another law of damping, or a force that was not there before")
+    if mine.integrator is None or theirs.integrator is None:
+        return Message(
+            "another law: its positions do not follow from its velocities at this timestep; "
+            "another timestep or integrator, or substeps"
+        )
     changes = []
     if not _near(mine.gravity_m_s2, theirs.gravity_m_s2):
         changes.append(
@@ -125,8 +164,8 @@ def _changed(states: pl.DataFrame, golden: pl.DataFrame) -> tuple[set[str], set[
     return {name for name in names if not same[name].all()}, set(steps)
 
 
-def _largest_relative(states: pl.DataFrame, golden: pl.DataFrame, samples: int) -> float:
-    x, y = (side.select(POSITION + VELOCITY).to_numpy()[:samples] for side in (states, golden))
+def _largest_relative(states: pl.DataFrame, golden: pl.DataFrame, names: list[str]) -> float:
+    x, y = (side.select(names).to_numpy() for side in (states, golden))
     return float((np.abs(x - y) / np.maximum(1.0, np.abs(y))).max())
 
 
@@ -135,23 +174,59 @@ def _law(states: pl.DataFrame, timestep_s: float) -> _Law | None:
         return None
     x, v = states.select(POSITION).to_numpy(), states.select(VELOCITY).to_numpy()
     acceleration = np.diff(v, axis=0) / timestep_s
-    before = v[:-1]
-    drag = -before * (1 + np.linalg.norm(before, axis=1, keepdims=True))
-    up = np.broadcast_to([0.0, 0.0, 1.0], drag.shape)
-    terms = np.stack((up.ravel(), drag.ravel()), axis=1)
-    (gravity, damping), *_ = np.linalg.lstsq(terms, acceleration.ravel(), rcond=None)
-    residual = np.abs(terms @ (gravity, damping) - acceleration.ravel()).max()
-    # Velocities are rounded, which a short step magnifies in the acceleration.
-    noise = 1e-15 * np.abs(v).max() / timestep_s
-    ways = {"after": v[1:], "before": v[:-1], "mean": (v[:-1] + v[1:]) / 2}
+    terms = _terms(v[:-1])
+    (gravity, damping), *_ = np.linalg.lstsq(terms.reshape(-1, 2), acceleration.ravel(), rcond=None)
+    gravity, damping = (
+        0.0 if abs(value) < ROUNDING else float(value) for value in (gravity, damping)
+    )
+    ways = _ways(v, timestep_s)
     misses = {
-        name: float(np.median(np.abs(np.diff(x, axis=0) - timestep_s * way).max(axis=1)))
+        name: float(np.median(np.abs(np.diff(x, axis=0) - way).max(axis=1)))
         for name, way in ways.items()
     }
-    return _Law(
-        gravity_m_s2=float(gravity),
-        damping=float(damping),
-        moves=bool(before.any()),
-        fits=bool(residual <= FITS * max(1.0, np.abs(acceleration).max()) + 10 * noise),
-        integrator=min(misses, key=lambda name: misses[name]),
+    integrator = min(misses, key=lambda name: misses[name])
+    law = _Law(gravity, damping, bool(v[:-1].any()), True, None)
+    return replace(
+        law,
+        fits=not _velocity_departs(states, law, timestep_s).any(),
+        integrator=integrator if misses[integrator] <= _placed_within(x) else None,
     )
+
+
+def _terms(before: Float64) -> Float64:
+    """Return what gravity and damping are multiplied by in each step, shape (steps, 3, 2)."""
+    drag = -before * (1 + np.linalg.norm(before, axis=1, keepdims=True))
+    up = np.broadcast_to([0.0, 0.0, 1.0], drag.shape)
+    return np.stack((up, drag), axis=2)
+
+
+def _ways(v: Float64, timestep_s: float) -> dict[str, Float64]:
+    """Return by how much each integrator moves the body in each step [m], shape (steps, 3)."""
+    return {
+        "after": timestep_s * v[1:],
+        "before": timestep_s * v[:-1],
+        "mean": timestep_s * (v[:-1] + v[1:]) / 2,
+    }
+
+
+def _velocity_departs(states: pl.DataFrame, law: _Law, timestep_s: float) -> NDArray[np.bool_]:
+    """Return after which steps the velocity is not that of a law, shape (steps,)."""
+    v = states.select(VELOCITY).to_numpy()
+    acceleration = np.diff(v, axis=0) / timestep_s
+    residual = np.abs(_terms(v[:-1]) @ (law.gravity_m_s2, law.damping) - acceleration).max(axis=1)
+    # Velocities are rounded, which a short step magnifies in the acceleration.
+    noise = 1e-15 * np.abs(v).max() / timestep_s
+    return np.asarray(residual > FITS * max(1.0, np.abs(acceleration).max()) + 10 * noise)
+
+
+def _departs(states: pl.DataFrame, law: _Law, timestep_s: float) -> NDArray[np.bool_]:
+    """Return after which steps the sample is not that of a law with an integrator, (steps,)."""
+    assert law.integrator is not None
+    x, v = states.select(POSITION).to_numpy(), states.select(VELOCITY).to_numpy()
+    missed = np.abs(np.diff(x, axis=0) - _ways(v, timestep_s)[law.integrator]).max(axis=1)
+    return np.asarray(_velocity_departs(states, law, timestep_s) | (missed > _placed_within(x)))
+
+
+def _placed_within(x: Float64) -> float:
+    """Return by how much positions deviate from an integrator by rounding [m]."""
+    return ROUNDING * max(1.0, float(np.abs(x).max()))

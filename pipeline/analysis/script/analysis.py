@@ -195,7 +195,12 @@ def _body(
     dynamics = seen.by_body[body.number].dynamics
     counts: dict[str, int] = dict.fromkeys(SEGMENTS, 0)
     if verdict is None and not body.soft:
-        counts["still"] = _there(seen, body, samples.get(body.client, 1))
+        known = samples.get(body.client, 1)
+        last = seen.samples.get(body.client, known) - 1
+        moves = {put.at.step for put in seen.by_body[body.number].moves if put.at.step < last}
+        there = _there(seen, body, known)
+        counts["set"] = min(there, len(moves))
+        counts["still"] = there - counts["set"]
     elif verdict is not None:
         held = np.bincount(verdict.code, minlength=len(SEGMENTS)).tolist()
         counts |= zip(SEGMENTS, held, strict=True)

@@ -65,12 +65,7 @@ class Evidence:
     @cached_property
     def set_bodies(self) -> frozenset[int]:
         """Bodies that calls have moved after they appeared."""
-        return frozenset(number for number in self.seen.by_body if self._moves_of(number))
-
-    def _moves_of(self, body: int) -> list[Moment]:
-        """Return when calls moved a body; where it appeared is reported like a move."""
-        came = {*self._moments["came"][body]}
-        return [at for at in self._moments["puts"][body] if at not in came]
+        return frozenset(number for number, record in self.seen.by_body.items() if record.moves)
 
     @cached_property
     def pairs(self) -> tuple[NDArray[np.intp], list[int]]:
@@ -147,7 +142,8 @@ class Evidence:
                 corners_m = corners_of(body, self._orientation(came, BASE))
                 if corners_m is None:
                     continue
-                ends = [at for at in (*gone, *self._moves_of(number)) if at > began]
+                moves = (order(put.at) for put in record.moves)
+                ends = [at for at in (*gone, *moves) if at > began]
                 until = min(ends, default=(math.inf, 0))[0]
                 slabs.append(Slab(body, *corners_m, began[0], until))
         return slabs

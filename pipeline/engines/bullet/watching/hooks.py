@@ -130,7 +130,6 @@ class Watch:
         self._last_end = (0, 0.0)
         self._modules: list[tuple[ModuleType, dict[str, Any]]] = []
         self._shown: dict[str, str] = {}
-        self._search_path = ""
         """Where PyBullet looks for files, in all simulations."""
         self._p = SimpleNamespace()
         self._undo: list[Callable[[], None]] = []
@@ -221,7 +220,7 @@ class Watch:
             result = passive(*args, **kwargs)
             path = _named(name, args, kwargs).get("path")
             if type(path) is str:
-                self._search_path = path
+                World.search_path = path
             return result
 
         return search
@@ -356,7 +355,7 @@ class Watch:
         if name not in MODELS:
             return ids if arguments.get("linkMasses") else []
         file = arguments.get(ARGUMENTS[name][0])
-        path = path_of(file, self._search_path) if type(file) is str else None
+        path = path_of(file, World.search_path) if type(file) is str else None
         if path is None:
             return []
         merged = (_number(arguments.get("flags", 0)) or 0) & MERGE_FIXED_LINKS

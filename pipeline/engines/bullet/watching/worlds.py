@@ -13,12 +13,15 @@ from types import SimpleNamespace
 from typing import Any
 
 from . import pipe as protocol
+from .links import path_of
 from .pipe import Pipe
 
 FIXED, SPHERICAL = 4, 2
 """Types of joint, as in `getJointInfo`."""
 RIGID, SOFT = 1, 3
 """Types of body, as in `getDynamicsInfo`."""
+FILE = 4
+"""Where `getVisualShapeData` names a shape's file."""
 LEAST_CHANGE = 0.01
 """If the last iteration changes a velocity by more, further ones were needed [m/s, rad/s].
 """
@@ -116,9 +119,17 @@ class Body:
         boxes = [self._p.getAABB(self.id, link, self._client) for link in (-1, *self.links)]
         return [value for box in boxes for corner in box for value in corner]
 
-    def looks(self) -> list[Any]:
-        """Return its visual shapes, as `getVisualShapeData` lists them."""
-        return [] if self.soft else _plain(self._p.getVisualShapeData(self.id, 0, self._client))
+    def looks(self, search_path: str) -> list[Any]:
+        """Return its visual shapes, as `getVisualShapeData` lists them, with paths of their files.
+
+        That function returns the name that a call gave, which PyBullet has searched for.
+        """
+        if self.soft:
+            return []
+        shapes: list[Any] = _plain(self._p.getVisualShapeData(self.id, 0, self._client))
+        for shape in shapes:
+            shape[FILE] = path_of(shape[FILE], search_path) or shape[FILE]
+        return shapes
 
 
 class World:
@@ -134,6 +145,8 @@ class World:
 
     bodies_made = 0
     """In all simulations of this process."""
+    search_path = ""
+    """Where PyBullet looks for files besides; likewise."""
 
     def __init__(
         self, pipe: Pipe, p: SimpleNamespace, *, client: int, number: int, method: str,
@@ -197,7 +210,7 @@ class World:
         if self.changed:
             self._read_dynamics()
         for body in [self.bodies[key] for key in self.recoloured if key in self.bodies]:
-            self._pipe.note("look", body=body.number, visual=body.looks())
+            self._pipe.note("look", body=body.number, visual=body.looks(self.search_path))
         self.recoloured = set()
         if self.moved:
             for body in self.bodies.values():
@@ -291,7 +304,7 @@ class World:
             flags=self.flags.get(engine_id, 0), hides_links=engine_id in self.hiding,
             bounds=body.bounds(),
             dynamics=_plain(added), joints=_plain(body.joint_infos),
-            joint_widths=body.widths, visual=body.looks(),
+            joint_widths=body.widths, visual=body.looks(self.search_path),
         )  # fmt: skip
         if added is not body.dynamics:
             self._pipe.note("dynamics", body=body.number, dynamics=_plain(body.dynamics))
