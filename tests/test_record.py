@@ -899,6 +899,12 @@ raise ValueError(sys.argv[1])
         bench.record(name, python="\0")
 
 
+def test_a_script_that_replaces_sys_exit_is_asked_once(bench: Bench) -> None:
+    text = "import sys\nhow = sys.exit\n\ndef leave(code):\n    print('leaving')\n    how(code)\n\n"
+    _, printed = bench.record(bench.script(text + "sys.exit = leave\nsys.exit(7)\n"))
+    assert printed.splitlines().count("leaving") == 1
+
+
 def test_what_is_no_python_leaves_the_recording_that_is_there(bench: Bench) -> None:
     bench.out.write_text("precious")
     for program, code in (("true", 0), ("false", 1)):

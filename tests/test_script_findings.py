@@ -40,6 +40,18 @@ BOX = (
     "b = p.createMultiBody({}, p.createCollisionShape(p.GEOM_BOX, halfExtents=[{}]), "
     "basePosition=[{}])\n"
 )
+FLOOR_4_MM = (
+    GRAVITY + "p.createMultiBody(0, p.createCollisionShape(p.GEOM_BOX, halfExtents=[1, 1, .002]))\n"
+)
+SHAPELESS = """
+import tempfile
+with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
+    file.write('<robot name="u"><link name="u"><inertial><mass value="1"/><inertia ixx="1" ixy="0" '
+        'ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>')
+    file.flush()
+    p.loadURDF(file.name, [0, 0, .05], flags=p.URDF_USE_INERTIA_FROM_FILE)
+steps(40)
+"""
 WALL = GRAVITY + BOX.format("0", "0.005, 1, 1", "1, 0, 0.5") + "wall = b\n"
 BULLET = BOX.format("1", "0.02, 0.02, 0.02", "0, 0, 0.5") + "p.resetBaseVelocity(b, [90, 0, 0])\n"
 ABOVE = (
@@ -424,6 +436,9 @@ HARMLESS = {
         "height=0.105), basePosition=[0, 0, 0.05])\n"
         "p.changeDynamics(b, -1, restitution=0.5)\nsteps(40)",
     ),
+    "a URDF without collision shapes, and a floor": ("tunnelled", FLOOR_4_MM + SHAPELESS),
+    "its inertia": ("inertia-far-from-shape", FLOOR_4_MM + SHAPELESS),
+    "its way in a step": ("timestep-too-long", FLOOR_4_MM + SHAPELESS),
     "two that never move": (
         "starts-in-contact",
         'p.loadMJCF("mjcf/capsule.xml")\np.loadURDF("plane.urdf")\nsteps(5)',

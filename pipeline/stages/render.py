@@ -43,7 +43,7 @@ class Rendering(Shown, lines_of="pipeline.console.show_drop:rendering_lines"):
     gif: Path | None
     """The gif; None without frames."""
     frames: int
-    """How many frames it has."""
+    """How many frames it shows; of equal ones in a row WebP and APNG keep the first."""
     fps: float
     """Frames per second."""
     plot: Path | None

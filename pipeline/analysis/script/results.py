@@ -111,7 +111,7 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class BodyEnergy:
-    """Kinetic and potential energy of all links together; the latter is 0 at z = 0."""
+    """Kinetic and potential energy of all links that time can move; the latter is 0 at z = 0."""
 
     first_j: float
     """At its first sample."""

@@ -49,7 +49,7 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
         _hide_wrappers(error)
         sys.excepthook(type(error), error, error.__traceback__)
         code = 1
-    sys.exit(code)  # type: ignore[arg-type]
+    raise SystemExit(code)  # not sys.exit, which the script may have replaced
 
 
 def end(watch: Watch, how: str, error: str = "") -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterable
+from operator import sub
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,6 +21,8 @@ FIXED, SPHERICAL = 4, 2
 """Types of joint, as in `getJointInfo`."""
 RIGID, SOFT = 1, 3
 """Types of body, as in `getDynamicsInfo`."""
+EMPTY_M = 0.0021
+"""The box of a link without collision shapes has edges of 2 mm."""
 FILE = 4
 """Where `getVisualShapeData` names a shape's file."""
 LEAST_CHANGE = 0.01
@@ -113,11 +116,26 @@ class Body:
         return [(len(joint[0]), len(joint[1]), len(joint[3])) for joint in states]
 
     def bounds(self) -> list[float]:
-        """Return the corners of the axis-aligned boxes around base and links."""
+        """Return the corners of the axis-aligned boxes around base and links.
+
+        PyBullet gives a link of a URDF without collision shapes a box of its margins, which nothing
+        touches: here both corners are its centre.
+        """
         if self.soft:
             return []
-        boxes = [self._p.getAABB(self.id, link, self._client) for link in (-1, *self.links)]
-        return [value for box in boxes for corner in box for value in corner]
+        boxes = []
+        for link in (-1, *self.links):
+            low, high = self._p.getAABB(self.id, link, self._client)
+            if max(map(sub, high, low)) < EMPTY_M and self._is_empty(link):
+                low = high = [(a + b) / 2 for a, b in zip(low, high)]
+            boxes += [*low, *high]
+        return boxes
+
+    def _is_empty(self, link: int) -> bool:
+        """Whether a link has no collision shapes; not known of a btRigidBody."""
+        if self.dynamics[0][10] == RIGID:
+            return False
+        return not self._p.getCollisionShapeData(self.id, link, self._client)
 
     def looks(self, search_path: str) -> list[Any]:
         """Return its visual shapes, as `getVisualShapeData` lists them, with paths of their files.
