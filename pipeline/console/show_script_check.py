@@ -152,15 +152,7 @@ def _other_call(other: OtherCall) -> Message:
             file=other.golden.file,
             line=other.golden.line,
         )
-    call, golden = _call(other.value), _call(other.golden)
-    if other.value and other.golden and call == golden:
-        return Message(
-            "{call}, in client {client}, golden in client {golden}",
-            call=call,
-            client=other.value.client,
-            golden=other.golden.client,
-        )
-    return Message("{call}, golden {golden}", call=call, golden=golden)
+    return Message("{call}, golden {golden}", call=_call(other.value), golden=_call(other.golden))
 
 
 def _call(call: Call | None) -> Message:

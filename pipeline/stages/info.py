@@ -42,7 +42,7 @@ class Info(Shown, lines_of="pipeline.console.show_info:info_lines"):
     what: str
     """The body that was dropped, or the script and how it ended."""
     complete: bool
-    """Whether it was finished; then everything that a number or an image is computed from has passed
+    """Whether it was finished; then everything that numbers and images are computed from has passed
     its checksum."""
     samples: int
     """How many states of the simulation it holds, in all."""

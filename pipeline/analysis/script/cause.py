@@ -58,15 +58,22 @@ class OtherCall:
 def other_call(run: Sequence[Call], golden: Sequence[Call]) -> OtherCall | None:
     """Return the first call that does something else, else the first from another line.
 
-    How the calls of several clients alternate does not count: threads take turns at random.
+    The calls of each client are compared: how those of several alternate does not count, as threads
+    take turns at random.
     """
-    found = _first_other(by_client(run), by_client(golden))
-    return found if found is None or found.moved else _first_other(run, golden)
+    found = [other for pair in _by_client(run, golden) if (other := _first_other(*pair))]
+    return min(found, key=lambda other: (other.moved, other.when), default=None)
 
 
-def by_client(calls: Sequence[Call]) -> list[Call]:
-    """Return the calls of each client in their order, one client after the other."""
-    return sorted(calls, key=lambda call: call.client)
+def _by_client(
+    run: Sequence[Call], golden: Sequence[Call]
+) -> Iterator[tuple[list[Call], list[Call]]]:
+    """Yield the calls of each client in both."""
+    for client in sorted({call.client for call in (*run, *golden)}):
+        mine, theirs = (
+            [call for call in calls if call.client == client] for calls in (run, golden)
+        )
+        yield mine, theirs
 
 
 def _first_other(run: Sequence[Call], golden: Sequence[Call]) -> OtherCall | None:
@@ -85,7 +92,7 @@ def _first_other(run: Sequence[Call], golden: Sequence[Call]) -> OtherCall | Non
 
 def _does(call: Call) -> tuple[object, ...]:
     """Return what a call does, from whatever line and with files in whatever folder."""
-    return call.function, FOLDER.sub("", call.arguments), bool(call.raised), call.client
+    return call.function, FOLDER.sub("", call.arguments), bool(call.raised)
 
 
 def versions(run: Side, golden: Side) -> Iterator[Setting]:
@@ -158,7 +165,7 @@ def _of_inputs(
     made: Sequence[Setting],
 ) -> Message:
     """Say why two recordings with the same calls differ."""
-    later = _later_call(by_client(run.seen.calls), by_client(golden.seen.calls), first.step)
+    later = _later_call(run.seen.calls, golden.seen.calls, first.step)
     if later is not None:
         return later
     if any(each.column == "engine.rows" for each in inputs):  # of each connection, and after calls
@@ -274,7 +281,8 @@ def _of_text(run: Side, golden: Side, why: Message) -> Message:
 
 def _later_call(run: Sequence[Call], golden: Sequence[Call], until: int) -> Message | None:
     """Say which of the same calls is first made at another step, if one is by then."""
-    for call, other in zip(run, golden, strict=False):
+    pairs = (pair for calls in _by_client(run, golden) for pair in zip(*calls, strict=False))
+    for call, other in pairs:
         if call.at.step != other.at.step and min(call.at.step, other.at.step) <= until:
             return Message(
                 "the same calls, at other steps: {function} at {file}:{line} after step {step}, "
