@@ -738,6 +738,37 @@ def test_which_simulation_is_first_does_not_count(tmp_path: Path) -> None:
     assert [call and call.arguments for call in calls] == ["0, 0, -13.81", "0, 0, -11.81"]
 
 
+def test_one_of_several_simulations_may_end_earlier(tmp_path: Path) -> None:
+    text = TURNS.replace(
+        "        p.stepSimulation(physicsClientId=c)",
+        "        if i < 20 or c or sys.argv[1] == 'forward':\n"
+        "                p.stepSimulation(physicsClientId=c)",
+    )
+    whole, short = (recorded(text, tmp_path / f"{order}.rrd", order) for order in ("forward", "b"))
+    result = compared(short, whole)
+    assert result.cause == (
+        "the same calls as far as both go: simulation 0 ended after step 20, golden after step 30"
+    )
+
+
+def test_what_was_read_between_two_calls_does_not_count(tmp_path: Path) -> None:
+    """A constraint makes the recorder read a body before the next call changes it."""
+    text = """
+        import sys, pybullet as p
+        p.connect(p.DIRECT)
+        ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)
+        a, b = (p.createMultiBody(1, ball, -1, [place, 0, 0]) for place in (0, 1))
+        if sys.argv[1] == "held":
+            p.createConstraint(a, -1, b, -1, p.JOINT_FIXED, [0] * 3, [1, 0, 0], [0] * 3)
+        p.changeDynamics(b, -1, lateralFriction=0.7)
+        for i in range(20):
+            p.stepSimulation()
+        """
+    held, loose = (recorded(text, tmp_path / f"{how}.rrd", how) for how in ("held", "loose"))
+    result = compared(held, loose)
+    assert {each.column.partition(".")[0] for each in result.differences} == {"constraints"}
+
+
 def test_twice_the_same_in_whatever_turn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = TURNS.replace('sys.argv[1] == "forward"', "not Path('ran').exists()")
     text = text.replace("for c in turns:", "Path('ran').touch()\n    for c in turns:", 1)

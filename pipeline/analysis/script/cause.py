@@ -153,6 +153,17 @@ def cause(
         return _of_text(run, golden, why)
     if call is not None:
         return _of_calls(run, golden)
+    steps = [side.seen.samples for side in (run, golden)]
+    apart = [client for client in sorted(steps[0]) if steps[0][client] != steps[1].get(client)]
+    if first.column == "there" and not inputs and apart and apart[0] in steps[1]:
+        why = Message(
+            "the same calls as far as both go: simulation {client} ended after step {step}, golden "
+            "after step {golden_step}",
+            client=apart[0],
+            step=steps[0][apart[0]] - 1,
+            golden_step=steps[1][apart[0]] - 1,
+        )
+        return _of_text(run, golden, why)
     return _of_text(run, golden, _of_inputs(run, golden, first=first, inputs=inputs, made=made))
 
 

@@ -153,6 +153,9 @@ def _inputs(seen: Seen, labels: Set[str]) -> Inputs:
             add("calls", call.at, call.client, _flat({"function": call.function} | values))
     for put in seen.puts:
         add("set", put.at, put.body, _of_put(put))
+    for key, its in rows.items():
+        if key[0] in ("dynamics", "engine"):  # a step takes them as the calls before it leave them
+            rows[key] = [*{at.step: (at, values) for at, values in its}.values()]
     return rows
 
 

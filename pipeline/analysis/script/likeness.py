@@ -24,7 +24,7 @@ def looks_like(of: Paired, state: Difference | None) -> Message:
         The first state that differs; None where none does.
     """
     if state is None:
-        return STATES_ARE_THE_SAME
+        return STATES_ARE_THE_SAME if len(of.rows) else Message("no body that moves is in both")
     at = {"body": state.body, "step": state.step}
     if state.column == "there":
         if state.value:
