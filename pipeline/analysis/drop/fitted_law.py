@@ -31,6 +31,10 @@ FITS = 1e-7
 RARE = 0.05
 """Share of the steps that may depart from a law which the others follow."""
 
+TURNING = Message(
+    "the same fall, turning differently: other inertia or angular damping, or a torque or call "
+    "that was not there before"
+)
 INTEGRATORS = {
     "after": Message("x += dt v with the end-of-step velocity (semi-implicit Euler)"),
     "before": Message("x += dt v with the start-of-step velocity (explicit Euler)"),
@@ -81,7 +85,7 @@ def likeness(
     if first == 0:
         return Message("another release: the very first sample differs")
     if columns and columns <= ROTATION:
-        return Message("the same fall, turning differently: other inertia or angular damping")
+        return TURNING
     if first >= airborne:
         if not touched:
             return Message(
@@ -97,7 +101,7 @@ def likeness(
     states, golden = states[:airborne], golden[:airborne]
     if _largest_relative(states, golden, POSITION + VELOCITY) <= ROUNDING:
         if _largest_relative(states, golden, sorted(ROTATION)) > ROUNDING:
-            return Message("the same fall, turning differently: other inertia or angular damping")
+            return TURNING
         return Message("the same law, rounded differently: another compiler, or fused multiply-add")
     mine, theirs = _law(states, timestep_s), _law(golden, timestep_s)
     if mine is None or theirs is None:
@@ -121,7 +125,9 @@ def _change(mine: _Law, theirs: _Law) -> Message:
     if not theirs.fits:
         return Message("another law, or a force that was not there before")
     if not mine.fits:
-        return Message("another law of damping, or a force that was not there before")
+        return Message(
+            "another law of damping, other gravity, or a force that was not there before"
+        )
     if mine.integrator is None or theirs.integrator is None:
         return Message(
             "another law: its positions do not follow from its velocities at this timestep; "
