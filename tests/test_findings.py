@@ -174,7 +174,7 @@ def test_a_body_that_contact_turns_within_a_step_landed_flat(
     assert message.endswith("not predicted")
 
 
-def test_what_was_dropped_flat_is_not_told_to_be(recorded: Recorder) -> None:
+def test_what_was_dropped_flat_is_not_advised_to_be(recorded: Recorder) -> None:
     for how, advised in (
         ({"velocity_m_s": (1.0, 0.0, 0.0), "restitution": 0.8, "duration_s": 2.0}, False),
         ({"spin_rad_s": (3.0, 0.0, 0.0), "duration_s": 1.0}, True),

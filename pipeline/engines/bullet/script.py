@@ -253,8 +253,8 @@ class Script(Listener):
             If it ended before it came to the script.
         """
         yield from super().events()
-        told = self.decoder.python or self.decoder.cut_off
-        if not told and self._interrupted_at is None:
+        began = self.decoder.python or self.decoder.cut_off
+        if not began and self._interrupted_at is None:
             raise DropError(
                 "{python} ended with exit code {code} before it came to the script; --python takes "
                 "the path of a Python interpreter",
