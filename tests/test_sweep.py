@@ -105,9 +105,12 @@ def test_other_fields_and_times_that_do_not_match_are_not_mixed(tmp_path: Path) 
     assert [group.values for group in swept.studies] == [{"height_m": 1.0}, {"height_m": 2.0}]
     assert [group.label for group in swept.studies] == ["height 1", "height 2"]
     assert [group.left_out_s for group in swept.studies] == [(1 / 64,)] * 2
+    assert "errors at the samples nearest to 0.3 s in mm" in str(swept)
     plan = plan_of({"timestep_s": "1/240,1/250,1/64"})
     study = sweep(plan, tmp_path / "t", record=False).studies[0].study
     assert study is not None
+    exact = sweep({"timestep_s": [1 / 240, 1 / 250]}, tmp_path / "u", record=False)
+    assert "errors at 0.3 s in mm" in str(exact)
     assert [run.timestep_s for run in study.runs] == [1 / 240, 1 / 250]
 
 

@@ -82,6 +82,12 @@ def sweep_lines(sweep: Sweep) -> list[str]:
     words = Message(
         "{runs}, errors at {at:g} s in mm, simulated minus free fall", runs=runs, at=sweep.at_s
     )
+    if not sweep.at_samples:
+        words = Message(
+            "{runs}, errors at the samples nearest to {at:g} s in mm, simulated minus free fall",
+            runs=runs,
+            at=sweep.at_s,
+        )
     first, *others = titled("", words, column=0)
     count = translated(runs)
     lines = [first.replace(count, f"[bold]{count}[/]", 1), *others]

@@ -71,6 +71,8 @@ class Sweep(Shown, lines_of="pipeline.console.show_sweep:sweep_lines"):
     """One for each scenario that is sampled."""
     narrow_enough: bool | None
     """Whether `until_ci_m` was reached; None if it was not given."""
+    at_samples: bool = True
+    """Whether every run has a sample at `at_s`; if not, the nearest one counts."""
     engine_runs: Sequence[EngineRun] = ()
     """What each run did beyond its error, where engines are compared or the body spins."""
 
@@ -211,10 +213,16 @@ def sweep(
                 "all {runs:,} runs failed, the first with: {error}", runs=runs, error=error
             )
         studies, falls = studies_of(plan, results), _falls(plan, results)
+        at_samples = _at_samples(results, at_s)
         if plot is not None and "timestep_s" not in plan.axes:
             _plot_engines(Path(plot), plan, falls, dark=dark, force=force)
         elif plot is not None:
-            _plot(Path(plot), studies, at_s, dark=dark, force=force)
+            title = Message("The error after {at:g} s, by timestep", at=at_s)
+            if not at_samples:
+                title = Message(
+                    "The error at the samples nearest to {at:g} s, by timestep", at=at_s
+                )
+            _plot(Path(plot), studies, title, dark=dark, force=force)
     return Sweep(
         plan=plan,
         at_s=at_s,
@@ -225,6 +233,7 @@ def sweep(
         plot=None if plot is None else Path(plot),
         studies=studies,
         statistics=statistics_of(plan, results),
+        at_samples=at_samples,
         engine_runs=[fall.run for fall in falls],
         narrow_enough=None if until_ci_m is None else ledger.narrow,
     )
@@ -296,6 +305,12 @@ def _identity(work: RunShard) -> dict[str, Any]:
             "machine": platform.machine(),
         },
     }
+
+
+def _at_samples(results: pl.LazyFrame, at_s: float) -> bool:
+    """Return whether every run that did not fail has a sample at that time."""
+    apart_s = (pl.col("time_s") - at_s).abs().max()
+    return bool(results.select(apart_s.fill_null(0) <= 1e-9 * at_s).collect().item())
 
 
 def _engine(
@@ -402,14 +417,13 @@ def _short_label(plan: Plan, run: int) -> str:
     return f"{name}, {label_of(others)}" if others else name
 
 
-def _plot(path: Path, studies: list[Group], at_s: float, *, dark: bool, force: bool) -> None:
+def _plot(path: Path, studies: list[Group], title: str, *, dark: bool, force: bool) -> None:
     from pipeline.figures.convergence_plot import Panel, plot_convergence
 
     if not studies:
         raise DropError(
-            "--plot has nothing to show: at {time:g} s the error is broken down for fewer than two "
-            "timesteps; try an earlier --at",
-            time=at_s,
+            "--plot has nothing to show: the error is broken down for fewer than two timesteps at "
+            "one time; try another --at",
         )
     panels = [
         Panel(
@@ -431,6 +445,6 @@ def _plot(path: Path, studies: list[Group], at_s: float, *, dark: bool, force: b
             panels,
             file,
             format="svg" if path.suffix == ".svg" else "png",
-            title=Message("The error after {at:g} s, by timestep", at=at_s),
+            title=title,
             dark=dark,
         )
