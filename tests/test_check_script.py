@@ -414,6 +414,23 @@ def test_unseeded_random_numbers_are_the_cause(recording: Record) -> None:
     assert compared(*seeded).same
 
 
+def test_what_differs_need_not_be_the_cause(recording: Record) -> None:
+    """A number that is drawn, and an argument, but the height comes from a file."""
+    reading = (
+        ("import pybullet as p", "import pybullet as p, random, re\nrandom.random()"),
+        ("[0, 0, 0.2]", "[0, 0, float(re.findall('[0-9.]+', open('arm.urdf').read())[3])]"),
+    )
+    reads = "what it reads has changed"
+    drawn = [recording(*reading, mass=mass) for mass in (1.0, 2.0)]
+    result = compared(*drawn)
+    assert result.cause is not None
+    assert "random.random at sim.py:3, which --seed 0 fixes, or " + reads in result.cause
+    given = [recording(*reading, mass=mass, seed=0, arguments=(f"{mass}",)) for mass in (1.0, 2.0)]
+    result = compared(*given)
+    assert result.cause is not None
+    assert "other calls: arguments 1.0, golden 2.0, or " + reads in result.cause
+
+
 def test_another_file_that_the_same_calls_load(recording: Record, golden: Path) -> None:
     result = compared(recording(mass=1.1), golden)
     assert result.first == Difference(0, "2_arm", 0, "dynamics.mass_kg", 1.1, 1.0)

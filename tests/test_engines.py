@@ -444,8 +444,8 @@ def test_an_option_that_it_does_not_have(options: dict[str, object], message: st
 # -- side by side ---------------------------------------------------------------------------------
 
 
-def swept(drop: Drop, *options: str) -> dict[str, Any]:
-    done = drop("sweep", "--out", "swept", "--no-record", "--json", *options)
+def swept(drop: Drop, *options: str, out: str = "swept") -> dict[str, Any]:
+    done = drop("sweep", "--out", out, "--no-record", "--json", *options)
     assert done.returncode == 0, done.stderr
     printed: dict[str, Any] = json.loads(done.stdout)
     return printed
@@ -476,6 +476,16 @@ def test_a_sweep_of_a_spinning_body_says_what_drifts_and_its_order(drop: Drop) -
     assert len(drifts) == 2
     orders = [run["order"] for run in runs if run["order"] is not None]
     assert orders == [pytest.approx(1, abs=0.01), pytest.approx(4, abs=0.05)]
+
+
+def test_what_damping_or_rounding_takes_has_no_order(drop: Drop) -> None:
+    options = ("--timestep", "1/240,1/480", "--spin", "1,2,3", "--velocity", "1,0,2")
+    runs = swept(drop, *options, "--engine", "mujoco", "--integrator", "rk4")["engines"]
+    assert max(run["angular_momentum_drift"] for run in runs) < 1e-13
+    assert [run["order"] for run in runs] == [None, None]
+    damped = swept(drop, "--timestep", "1/240,1/480", "--spin", "5,0,0", out="damped")["engines"]
+    assert damped[0]["angular_momentum_drift"] > 0.01
+    assert [run["order"] for run in damped] == [None, None]
 
 
 def test_an_engine_that_fails_is_a_row_and_the_others_are_compared(drop: Drop) -> None:

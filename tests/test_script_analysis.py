@@ -62,6 +62,23 @@ for i in range(80):
 """,
         {"flight": 40, "pushed": 40},
     ),
+    "pushes that cancel": (
+        GRAVITY + TURNED + IN_AIR
+        + """
+p.resetBasePositionAndOrientation(b, [0, 0, 3], turned)
+for i in range(40):
+    for x, y in ((0.1, 0), (0, 0.1), (-0.1, 0), (0, -0.1)):
+        p.applyExternalForce(b, -1, [0, 0, 1.3], [x, y, 0.02], p.LINK_FRAME)
+    p.stepSimulation()
+for i in range(20):
+    x, y, z = p.getBasePositionAndOrientation(b)[0]
+    for sign in (-1, 1):
+        p.applyExternalForce(b, -1, [0.3, sign, 7], [x + sign, y + 0.3, z], p.WORLD_FRAME)
+        p.applyExternalForce(b, -1, [-0.3, -sign, -7], [x + sign, y + 0.3, z], p.WORLD_FRAME)
+    p.stepSimulation()
+""",
+        {"pushed": 60},
+    ),
     "put elsewhere": (
         GRAVITY + IN_AIR
         + "steps(30)\np.resetBasePositionAndOrientation(b, [1, 0, 5], [0, 0, 0, 1])\n"
@@ -341,6 +358,20 @@ steps(240)
     assert end == pytest.approx(1, abs=1e-9)
     assert "energy-gained" not in codes(analysis)  # the belt gave it
     assert "law-mismatch" not in codes(analysis)
+
+
+def test_what_a_body_without_mass_meets_may_be_deep(analyzed: Analyzed) -> None:
+    _, analysis = analyzed("""
+p.setGravity(0, 0, -9.81)
+p.setTimeStep(1 / 100)
+slab = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.5, .5, .05])
+lift = p.createMultiBody(0, slab, -1, [0, 0, 0])
+p.loadURDF("cube_small.urdf", [0, 0, 0.5])
+p.resetBaseVelocity(lift, [0, 0, 2])
+steps(60)
+""")
+    deep = found(analysis, "deep-penetration")
+    assert "they approach each other" in deep.message
 
 
 def test_a_belt_that_stops_is_still(analyzed: Analyzed) -> None:

@@ -21,7 +21,7 @@ from engine import MODES, ROUNDS_ONCE
 from iterated import law_of
 from watched import Watched, random_throw, thrown
 
-from pipeline.analysis.general.balance import Balance, balance_of
+from pipeline.analysis.general.balance import Balance, Pushes, balance_of
 from pipeline.analysis.general.contacts import Contacts
 from pipeline.analysis.general.flights import Flight, decomposed
 from pipeline.analysis.general.segments import (
@@ -248,7 +248,15 @@ def test_recorded_forces_are_balanced(coordinates: Any, tmp_path: Path) -> None:
         tmp_path, samples=samples, coordinates=coordinates, spin_rad_s=(3.0, 1.0, 2.0),
         before_step=push,
     )  # fmt: skip
-    segments = segments_in(watched, pushed=(forces_n, torques_n_m))
+    segments = segments_in(
+        watched,
+        pushes=Pushes(
+            forces_n,
+            torques_n_m,
+            np.linalg.norm(forces_n, axis=1),
+            np.linalg.norm(torques_n_m, axis=1),
+        ),
+    )
     pushed = forces_n.any(axis=1)
     assert segments.first_unexplained is None
     assert (segments.code[pushed] == PUSHED).all()

@@ -114,6 +114,11 @@ def test_other_fields_and_times_that_do_not_match_are_not_mixed(tmp_path: Path) 
     assert [run.timestep_s for run in study.runs] == [1 / 240, 1 / 250]
 
 
+def test_timesteps_whose_errors_are_not_broken_down_have_no_study(tmp_path: Path) -> None:
+    plan = plan_of({"timestep_s": "1/240,1/480"})
+    assert sweep(plan, tmp_path / "s", record=False, at_s=0.5).studies == []
+
+
 # -- a row is what a drop of its own gives --------------------------------------------------------
 
 KINDS = [

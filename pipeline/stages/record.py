@@ -249,7 +249,7 @@ def _again(
         note(
             Message(
                 "recorded twice: the states differ from step {step} on; the script draws unseeded "
-                "random numbers",
+                "random numbers: --seed 0 shows whether that is why",
                 step=first,
             )
         )

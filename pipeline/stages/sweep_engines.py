@@ -16,8 +16,10 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.analysis.drop.analysis import analysis_of
+from pipeline.analysis.drop.convergence import ROUNDED
 from pipeline.analysis.drop.results import Analysis, Rest
 from pipeline.engines.worlds import Worlds
+from pipeline.laws.lookup import law_for
 from pipeline.messages import Message
 from pipeline.recording.rows import tables_of
 from pipeline.scenario import Engine, Scenario
@@ -71,6 +73,8 @@ class Fall:
     """The height in all samples, shape (n,)."""
     floor_height_m: float | None
     """The height at which it touches the floor; None without a floor."""
+    lost: float
+    """Share of the angular momentum that rounding may take, infinite where damping takes some."""
 
 
 def engine_falls(plan: Plan, results: pl.LazyFrame) -> list[Fall]:
@@ -82,30 +86,28 @@ def engine_falls(plan: Plan, results: pl.LazyFrame) -> list[Fall]:
             for run in range(plan.runs)
             if run not in failed
         ]
-    runs = [fall.run for fall in falls]
-    return [
-        replace(fall, run=replace(fall.run, order=_order(plan, fall.run, runs))) for fall in falls
-    ]
+    return [replace(fall, run=replace(fall.run, order=_order(plan, fall, falls))) for fall in falls]
 
 
-def _order(plan: Plan, run: EngineRun, runs: list[EngineRun]) -> float | None:
+def _order(plan: Plan, fall: Fall, falls: list[Fall]) -> float | None:
     """Return the order of a run's drift, against the next longer timestep of its scenario."""
 
-    def fixed(each: EngineRun) -> dict[str, Any]:
-        return {
-            name: value for name, value in plan.values(each.run).items() if name != "timestep_s"
-        }
+    def fixed(each: Fall) -> dict[str, Any]:
+        values = plan.values(each.run.run)
+        return {name: value for name, value in values.items() if name != "timestep_s"}
 
+    timestep_s = fall.run.timestep_s
     longer = [
-        each for each in runs if each.timestep_s > run.timestep_s and fixed(each) == fixed(run)
+        each for each in falls if each.run.timestep_s > timestep_s and fixed(each) == fixed(fall)
     ]
     if not longer:
         return None
-    before = min(longer, key=lambda each: each.timestep_s)
-    coarse, fine = before.angular_momentum_drift, run.angular_momentum_drift
-    if not coarse or not fine:
+    before = min(longer, key=lambda each: each.run.timestep_s)
+    drifts = [each.run.angular_momentum_drift or 0.0 for each in (before, fall)]
+    # Neither rounding nor what damping takes has an order.
+    if max(fall.lost, before.lost) > ROUNDED * min(drifts) or not all(drifts):
         return None
-    return math.log(coarse / fine) / math.log(before.timestep_s / run.timestep_s)
+    return math.log(drifts[0] / drifts[1]) / math.log(before.run.timestep_s / timestep_s)
 
 
 def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> Fall:
@@ -127,7 +129,10 @@ def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> Fall:
         step_us=min(_timed(worlds, scenario)),
     )
     floor_m = analysis.engine.rest_height_m if scenario.floor else None
-    return Fall(of_engine, analysis.table["simulated_m"].to_numpy(), floor_m)
+    law = law_for(scenario, analysis.engine)
+    damped = getattr(law, "angular_damping", 0.0) != 0
+    lost = math.inf if damped else law.epsilon * math.sqrt(scenario.steps)
+    return Fall(of_engine, analysis.table["simulated_m"].to_numpy(), floor_m, lost)
 
 
 def _cause(rest: Rest, analysis: Analysis) -> str | None:

@@ -37,7 +37,8 @@ class Group:
 def _groups(rows: pl.DataFrame, fields: list[str]) -> Iterator[tuple[dict[str, Any], pl.DataFrame]]:
     """Yield rows that share the values of some fields, in order of first appearance."""
     if not fields:
-        yield {}, rows
+        if len(rows):
+            yield {}, rows
         return
     for values, group in rows.group_by(fields, maintain_order=True):
         yield dict(zip(fields, values, strict=True)), group

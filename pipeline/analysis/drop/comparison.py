@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pipeline.analysis.drop.case import case_of
 from pipeline.analysis.drop.engines_apart import apart
 from pipeline.analysis.drop.fitted_law import POSITION, likeness
+from pipeline.analysis.general.differences import off, states_off
 from pipeline.analysis.general.samples import base_of
 from pipeline.laws.base import EXACT_MACHINES, FUSED
 from pipeline.laws.lookup import law_for
@@ -83,7 +84,8 @@ class Comparison:
     first: Place | None
     """The first difference; None where there is none."""
     largest_difference_m: float | None
-    """Between the positions, over all samples; None where they are not of the same steps."""
+    """Between positions of all parts, over all samples; None where those are not of the same steps.
+    """
     largest_difference_step: int | None
     looks_like: str | None
     """What the difference looks like, in words."""
@@ -116,8 +118,8 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
         or run.scenario.timestep_s != golden.scenario.timestep_s
     ):
         return Comparison(differences, versions, None, None, None, None)
-    mine_m, theirs_m = (base_of(side.states).select(POSITION).to_numpy() for side in (run, golden))
-    distance_m = np.abs(mine_m - theirs_m).max(axis=1)
+    mine_m, theirs_m = (side.states.select(POSITION).to_numpy() for side in (run, golden))
+    distance_m = np.linalg.norm(mine_m - theirs_m, axis=1)
     farthest = int(np.argmax(distance_m))
     first = _first_difference(run, golden, tolerance_m)
     looks_like = None
@@ -141,7 +143,7 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
         versions=versions,
         first=first,
         largest_difference_m=float(distance_m[farthest]),
-        largest_difference_step=farthest,
+        largest_difference_step=int(golden.states["step"][farthest]),
         looks_like=looks_like,
     )
 
@@ -256,7 +258,7 @@ def _first_state(run: Side, golden: Side, tolerance_m: float) -> Place | None:
     turns = slice(names.index("qx"), names.index("qw") + 1)
     exact = allowed[:, turns] == 0
     theirs[:, turns] = np.where(exact, theirs[:, turns], same_way(theirs[:, turns], mine[:, turns]))
-    place = _first_off(mine, theirs, allowed)
+    place = _first(states_off(mine, theirs, allowed))
     if place is None:
         return None
     row, column = place
@@ -286,9 +288,8 @@ def _first_contact(run: Side, golden: Side, tolerance_m: float) -> Place | None:
     rows = both if same_step.all() else same_step.arg_min() or 0
     names = [name for name in theirs.columns if name != "step"]
     x, y = (side.head(rows).select(names).to_numpy() for side in (mine, theirs))
-    place = _first_off(
-        x, y, tolerance_m * np.array([_per_metre_of_contact(golden, n) for n in names])
-    )
+    allowed = tolerance_m * np.array([_per_metre_of_contact(golden, name) for name in names])
+    place = _first(off(x, y, allowed))
     if place is None:
         return None
     row, column = place
@@ -308,11 +309,10 @@ def _points(contacts: pl.DataFrame) -> pl.DataFrame:
     return contacts.select(parts, **friction)
 
 
-def _first_off(mine: Float64, theirs: Float64, allowed: Float64) -> tuple[int, int] | None:
+def _first(differ: NDArray[np.bool_]) -> tuple[int, int] | None:
     """Return row and column of the first number that differs by more than is allowed."""
-    off = ~(np.abs(mine - theirs) <= allowed)
-    rows = np.flatnonzero(off.any(axis=1))
-    return None if not len(rows) else (int(rows[0]), int(np.argmax(off[rows[0]])))
+    rows = np.flatnonzero(differ.any(axis=1))
+    return None if not len(rows) else (int(rows[0]), int(np.argmax(differ[rows[0]])))
 
 
 def _airborne(run: Side, golden: Side) -> int:

@@ -32,8 +32,8 @@ RARE = 0.05
 """Share of the steps that may depart from a law which the others follow."""
 
 TURNING = Message(
-    "the same fall, turning differently: other inertia or angular damping, or a torque or call "
-    "that was not there before"
+    "the same fall, turning differently: other inertia, friction or angular damping, or a torque "
+    "or call in only one of them"
 )
 INTEGRATORS = {
     "after": Message("x += dt v with the end-of-step velocity (semi-implicit Euler)"),
@@ -81,22 +81,28 @@ def likeness(
         Whether the first sample that differs has a contact, in either.
     """
     columns, steps = _changed(states, golden)
-    states, golden = base_of(states), base_of(golden)
     if first == 0:
         return Message("another release: the very first sample differs")
+    parts, states, golden = (states, golden), base_of(states), base_of(golden)
+    everything = POSITION + VELOCITY + sorted(ROTATION)
+    if (
+        _largest_relative(states, golden, everything) <= ROUNDING
+        and _largest_relative(*parts, everything) > ROUNDING
+    ):
+        return Message("the same fall of the base, whose links move differently")
     if columns and columns <= ROTATION:
         return TURNING
     if first >= airborne:
         if not touched:
             return Message(
                 "the same up to a flight after the first contact, and there another law, or a "
-                "force that was not there before"
+                "force or call in only one of them"
             )
         return Message(
-            "the same fall up to the impact, then other contact: restitution, contact ERP, the "
-            "solver's residual or iterations, or the solver itself"
+            "the same up to a step in contact, and there another restitution, friction, contact "
+            "ERP or solver, other gravity, mass or inertia, or a force or call in only one of them"
         )
-    if len(steps) == 1:
+    if len(steps) == 1 and first < states["step"][-1]:
         return Message("one altered sample: those after it are the same again")
     states, golden = states[:airborne], golden[:airborne]
     if _largest_relative(states, golden, POSITION + VELOCITY) <= ROUNDING:
@@ -106,32 +112,40 @@ def likeness(
     mine, theirs = _law(states, timestep_s), _law(golden, timestep_s)
     if mine is None or theirs is None:
         return Message("another law: too few samples in the air to say which")
-    if theirs.fits and theirs.integrator is not None:
-        off = np.flatnonzero(_departs(states, theirs, timestep_s))
-        if 0 < len(off) <= max(1, RARE * len(states)):
-            return Message(
-                "the same law but for {steps} in the air, the first at sample {sample}: a call or "
-                "a force moved it there",
-                steps=counted(len(off), "step"),
-                sample=int(off[0]) + 1,
-            )
-        if not len(off):
-            return Message("the same law, with numbers that differ by less than a millionth")
+    off, golden_off = _departs(states, theirs, timestep_s), _departs(golden, mine, timestep_s)
+    rare = range(1, 1 + max(1, int(RARE * len(states))))
+    if off is not None and not len(off):
+        return Message("the same law, with numbers that differ by less than a millionth")
+    if off is not None and len(off) in rare:
+        return Message(
+            "the same law but for {steps} in the air, the first at sample {sample}: a call or a "
+            "force moved it there",
+            steps=counted(len(off), "step"),
+            sample=int(off[0]) + 1,
+        )
+    if golden_off is not None and len(golden_off) in rare:
+        return Message(
+            "the same law, but golden departs from it in {steps} in the air, the first at sample "
+            "{sample}: a call or a force moved it there",
+            steps=counted(len(golden_off), "step"),
+            sample=int(golden_off[0]) + 1,
+        )
     return _change(mine, theirs)
 
 
 def _change(mine: _Law, theirs: _Law) -> Message:
     """Say how two laws differ."""
     if not theirs.fits:
-        return Message("another law, or a force that was not there before")
+        return Message("another law, or a force or call in only one of them")
     if not mine.fits:
         return Message(
-            "another law of damping, other gravity, or a force that was not there before"
+            "another law of damping, other gravity, substeps, or a force or call in only one of "
+            "them"
         )
     if mine.integrator is None or theirs.integrator is None:
         return Message(
             "another law: its positions do not follow from its velocities at this timestep; "
-            "another timestep or integrator, or substeps"
+            "another timestep or integrator, substeps, or calls in only one of them"
         )
     changes = []
     if not _near(mine.gravity_m_s2, theirs.gravity_m_s2):
@@ -225,12 +239,13 @@ def _velocity_departs(states: pl.DataFrame, law: _Law, timestep_s: float) -> NDA
     return np.asarray(residual > FITS * max(1.0, np.abs(acceleration).max()) + 10 * noise)
 
 
-def _departs(states: pl.DataFrame, law: _Law, timestep_s: float) -> NDArray[np.bool_]:
-    """Return after which steps the sample is not that of a law with an integrator, (steps,)."""
-    assert law.integrator is not None
+def _departs(states: pl.DataFrame, law: _Law, timestep_s: float) -> NDArray[np.intp] | None:
+    """Return after which steps the sample is not that of a law; None if nothing fits that law."""
+    if not law.fits or law.integrator is None:
+        return None
     x, v = states.select(POSITION).to_numpy(), states.select(VELOCITY).to_numpy()
     missed = np.abs(np.diff(x, axis=0) - _ways(v, timestep_s)[law.integrator]).max(axis=1)
-    return np.asarray(_velocity_departs(states, law, timestep_s) | (missed > _placed_within(x)))
+    return np.flatnonzero(_velocity_departs(states, law, timestep_s) | (missed > _placed_within(x)))
 
 
 def _placed_within(x: Float64) -> float:

@@ -19,7 +19,8 @@ Source: Newton and Euler; checked against PyBullet in `tests/test_segments.py`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,28 @@ Measured: 5. Where something touched without a force, in units of what the solve
 most 0.8 in 5,822 samples of 596 recordings, and 6.3 in one, where the touching body was 80 times as
 fast.
 """
+
+
+@dataclass(frozen=True)
+class Pushes:
+    """What a script applied to a body in the step that led to each sample, in world axes."""
+
+    force_n: Float64
+    """Sum of its forces, shape (samples, 3)."""
+    torque_n_m: Float64
+    """Sum of its torques about the centre of mass, (samples, 3)."""
+    force_scale_n: Float64
+    """Size of the summands, which may cancel, shape (samples,)."""
+    torque_scale_n_m: Float64
+
+    def at(self, rows: slice) -> Self:
+        """Return those of some samples."""
+        return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    @property
+    def acted(self) -> NDArray[np.bool_]:
+        """Whether there was any in the step, shape (samples,)."""
+        return np.asarray((self.force_scale_n != 0) | (self.torque_scale_n_m != 0))
 
 
 @dataclass(frozen=True)
@@ -98,7 +121,7 @@ def balance_of(
     motion: Motion,
     law: Law,
     touches: Touches,
-    pushed: tuple[Float64, Float64] | None = None,
+    pushes: Pushes | None = None,
     *,
     before: Motion | None = None,
 ) -> Balance:
@@ -112,9 +135,8 @@ def balance_of(
         The law that it follows where nothing touches it.
     touches
         Its contact points.
-    pushed
-        Forces [N] and torques about the centre of mass [N m] that were applied in the step which
-        led to each sample, shape (samples, 3) each; None without any.
+    pushes
+        What a script applied; None without any.
     before
         What each step began with; None where that is the sample before.
     """
@@ -136,13 +158,12 @@ def balance_of(
         own = law.turned_by(rotate_inverse(before.orientation, turned), before)
         return rotate(before.orientation, own)
 
-    if pushed is not None:
+    if pushes is not None:
         # Part of the law's step, before the engine clamps velocities; contact comes after.
-        force_n, torque_n_m = pushed
         free = law.unlimited(before)
-        start_m_s = free.velocity_m_s + dt * force_n / law.mass_kg
-        start_rad_s = free.spin_rad_s + spun(dt * torque_n_m)
-        scales += dt * np.stack([lengths(each) for each in pushed], axis=1)
+        start_m_s = free.velocity_m_s + dt * pushes.force_n / law.mass_kg
+        start_rad_s = free.spin_rad_s + spun(dt * pushes.torque_n_m)
+        scales += dt * np.stack((pushes.force_scale_n, pushes.torque_scale_n_m), axis=1)
     first = _limited(law, start_m_s, start_rad_s)
     start_m_s, start_rad_s = law.held(start_m_s), law.held(start_rad_s)
     summed_m_s = start_m_s + impulse_n_s / law.mass_kg

@@ -19,7 +19,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.analysis.general.balance import ULPS, balance_of
+from pipeline.analysis.general.balance import ULPS, Pushes, balance_of
 from pipeline.analysis.general.contacts import Touches
 from pipeline.laws.base import FUSED, Law, Motion
 from pipeline.laws.rotations import same_way
@@ -123,7 +123,7 @@ def segments_of(
     touches: Touches,
     *,
     exact: bool = True,
-    pushed: tuple[Float64, Float64] | None = None,
+    pushes: Pushes | None = None,
     placed: NDArray[np.bool_] | None = None,
     before: Motion | None = None,
     rolls: NDArray[np.bool_] | None = None,
@@ -140,8 +140,8 @@ def segments_of(
         Its contact points, in the order of the samples.
     exact
         Whether the engine's machine rounds each operation once.
-    pushed
-        Forces [N] and torques [N m] that were applied in the step which led to each sample.
+    pushes
+        What a script applied in the step which led to each sample; None without any.
     placed
         Which samples a call, not a step, led to; the first one if None.
     before
@@ -162,7 +162,7 @@ def segments_of(
             law,
             touches.at(points, touches.step[points] - first),
             exact=exact,
-            pushed=None if pushed is None else (pushed[0][rows], pushed[1][rows]),
+            pushes=None if pushes is None else pushes.at(rows),
             placed=placed[rows],
             before=before.at(rows),
             rolls=None if rolls is None else rolls[rows],
@@ -188,13 +188,13 @@ def _of_block(
     touches: Touches,
     *,
     exact: bool,
-    pushed: tuple[Float64, Float64] | None,
+    pushes: Pushes | None,
     placed: NDArray[np.bool_],
     before: Motion,
     rolls: NDArray[np.bool_] | None,
 ) -> Segments:
     """Return the segments of some samples in a row."""
-    balance = balance_of(motion, law, touches, pushed, before=before)
+    balance = balance_of(motion, law, touches, pushes, before=before)
     several, bits = law.substeps > 1, law.bits(before)
     exactly, ulps = 0.0 if exact else FUSED, ULPS * law.epsilon
 
@@ -224,7 +224,7 @@ def _of_block(
     closes, closes_linear = balance.closes(motion), balance.closes_linear(motion)
     balanced = closes & (not several)
 
-    forced = np.zeros(len(motion), dtype=bool) if pushed is None else any_of(np.hstack(pushed))
+    forced = np.zeros(len(motion), dtype=bool) if pushes is None else pushes.acted
     code = np.full(len(motion), UNEXPLAINED, np.int8)
     code[there & free & ~balance.touched & ~forced] = FLIGHT
     code[there & balanced & balance.touched] = CONTACT

@@ -311,39 +311,39 @@ def _of_calls(run: Side, golden: Side) -> Message:
     """Say why two recordings have different calls."""
     if _other_text(run, golden):
         return Message("another script: its text and its calls differ")
+    mine, theirs = (side.origin.get("script") for side in (run, golden))
+    if mine != theirs and run.origin.get("script_sha256") is None:
+        return Message("another script: {value}, golden {golden}", value=mine, golden=theirs)
+    if _is_block(run):
+        return _of_block(run, golden)
+    causes = joined(", or ", _possible_of_calls(run, golden))
+    if run.origin.get("script_sha256"):
+        return Message("the same script, other calls: {causes}", causes=causes)
+    return Message("a module of the same name, other calls: {causes}", causes=causes)
+
+
+def _possible_of_calls(run: Side, golden: Side) -> Iterator[Message]:
+    """Yield what may give the same script other calls; which of them did is not recorded."""
     for name in ("script", "arguments", "seed"):
         mine, theirs = (side.origin.get(name) for side in (run, golden))
         if mine == theirs:
             continue
         both = {"value": _shown(mine), "golden": _shown(theirs)}
         if name == "script":
-            return Message("another script: {value}, golden {golden}", **both)
-        if name == "arguments":
-            return Message(
-                "the same script, other calls: arguments {value}, golden {golden}", **both
-            )
-        return Message("the same script, other calls: --seed {value}, golden {golden}", **both)
-    if _is_block(run):
-        return _of_block(run, golden)
-    unseeded = (*run.seen.unseeded, *golden.seen.unseeded)
-    if unseeded:
-        return Message(
-            "the same script, other calls: it draws unseeded random numbers, {place}; record both "
-            "with --seed 0",
-            place=unseeded[0],
+            yield Message("its name {value}, golden {golden}", **both)
+        elif name == "arguments":
+            yield Message("arguments {value}, golden {golden}", **both)
+        else:
+            yield Message("--seed {value}, golden {golden}", **both)
+    for place in (*run.seen.unseeded, *golden.seen.unseeded)[:1]:
+        yield Message(
+            "it draws unseeded random numbers, {place}, which --seed 0 fixes", place=place
         )
     if run.seen.real_time or golden.seen.real_time:
-        return Message(
-            "the same script, other calls: it asked for real-time simulation, which follows a clock"
-        )
-    if run.origin.get("script_sha256"):
-        return Message(
-            "the same script, other calls: what it reads has changed, such as a module, a file or "
-            "the time of day, which --seed fixes, or how its threads take turns"
-        )
-    return Message(
-        "a module of the same name, other calls: what it reads has changed, such as a module, a "
-        "file or the time of day, which --seed fixes, or how its threads take turns"
+        yield Message("it asked for real-time simulation, which follows a clock")
+    yield Message(
+        "what it reads has changed, such as a module, a file or the time of day, which --seed "
+        "fixes, or how its threads take turns"
     )
 
 

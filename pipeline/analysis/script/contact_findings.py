@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.analysis.general.contacts import NORMAL, ON_A, ON_B
 from pipeline.analysis.script.evidence import OVERLAP_M, Evidence, first_steps, start_of
+from pipeline.analysis.script.judged import can_step, has_inverse
 from pipeline.analysis.script.results import ScriptContact, ScriptFinding
 from pipeline.fields import decimals
 from pipeline.laws.bullet_contact import (
@@ -206,10 +207,11 @@ def _parting(e: Evidence, row: int) -> Parting | None:
             continue
         track, at = judged.track, int(np.searchsorted(judged.track.steps, contacts.step[row]))
         epoch, law = next((each for each in judged.laws if at < each[0].rows.stop), (None, None))
-        if epoch is None or law is None or not track.led[at]:
+        if epoch is None or law is None or not track.led[at] or not can_step(law.timestep_s):
             return None
         motions = [each.at(slice(at, at + 1)) for each in (track.before, track.motion)]
-        motions.insert(1, law.step(motions[0]))
+        # What has no mass is carried along.
+        motions.insert(1, law.step(motions[0]) if has_inverse(law.mass_kg) else motions[0])
         arm_m = point_m - motions[0].position_m[0]
         for number, motion in enumerate(motions):
             velocity_m_s = motion.velocity_m_s[0] + np.cross(motion.spin_rad_s[0], arm_m)

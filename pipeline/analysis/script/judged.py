@@ -26,7 +26,6 @@ from pipeline.laws.bullet_air import EPSILON
 from pipeline.laws.bullet_contact import CONTACT_SLOP_M
 from pipeline.laws.lookup import RIGID, law_of
 from pipeline.laws.rotations import rotate_inverse
-from pipeline.laws.vectors import any_of
 from pipeline.messages import Message
 from pipeline.seen import Body
 
@@ -201,22 +200,22 @@ def judged(
         if law is None:
             code[part] = np.where(track.led[part], JOINTED, code[part])
             continue
-        if not _has_inverse(law.mass_kg):
+        if not has_inverse(law.mass_kg):
             carried = law.mass_kg == 0 and law.coordinates == "reduced"
             if carried:
                 code[part] = np.where(track.led & _same(track, NUMBERS), STILL, code)[part]
             reason[part] = MASSLESS if carried else NO_INVERSE
             continue
-        if not EPSILON <= law.timestep_s < math.inf:
+        if not can_step(law.timestep_s):
             reason[part] = TIMELESS
             continue
-        pushed = track.force_n[part], track.torque_n_m[part]
+        pushes = track.pushes.at(part)
         segments = segments_of(
             track.motion.at(part),
             law,
             theirs,
             exact=machine in ("", *EXACT_MACHINES),
-            pushed=pushed if np.any(pushed) else None,
+            pushes=pushes if pushes.acted.any() else None,
             placed=~track.led[part],
             before=track.before.at(part),
             rolls=rolls[part],
@@ -233,7 +232,7 @@ def judged(
         # It moves bodies, but does not change their velocities.
         split[part] = deep & (contact.closes | (rolls & linear | masked)[part])
         moved[part] = segments.moved | deep
-    forced = any_of(np.hstack((track.force_n, track.torque_n_m)) != 0)
+    forced = track.pushes.acted
     reason[forced & (reason == SUBSTEPS)] = PUSHES
     states = [getattr(each, name) for each in (track.motion, track.before) for name in NUMBERS]
     reason[~np.isfinite(np.hstack(states)).all(axis=1)] = INFINITE
@@ -255,9 +254,14 @@ def judged(
     )  # fmt: skip
 
 
-def _has_inverse(mass_kg: float) -> bool:
+def has_inverse(mass_kg: float) -> bool:
     """Whether the engine can divide by a mass."""
     return mass_kg > 0 and 0 < 1 / mass_kg < math.inf
+
+
+def can_step(timestep_s: float) -> bool:
+    """Whether the engine takes a timestep."""
+    return EPSILON <= timestep_s < math.inf
 
 
 def _touches(track: Track, contacts: Contacts) -> Touches:

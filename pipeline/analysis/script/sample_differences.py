@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from pipeline.analysis.general.differences import off, states_off
 from pipeline.analysis.script.difference import FIRST, LED, Dated, Difference, When
 from pipeline.laws.rotations import same_way
 from pipeline.seen import Body, Joints, Seen
@@ -78,15 +79,15 @@ def paired(run: Seen, golden: Seen) -> Paired:
     return Paired(bodies, mine.select(PART), values, others, lacking, fresh)
 
 
-def first_state(of: Paired, allowed: Float64 | float = 0.0) -> Dated | None:
+def first_state(of: Paired, tolerated: Float64 | None = None) -> Dated | None:
     """Return the first number that differs by more than allowed, or sample that one lacks.
 
     Parameters
     ----------
     of
         The samples.
-    allowed
-        Allowed difference, broadcast to (rows, 13).
+    tolerated
+        Allowed difference of each number, shape (rows, 13); None for none.
     """
     dated = []
     if len(of.lacking):
@@ -94,15 +95,15 @@ def first_state(of: Paired, allowed: Float64 | float = 0.0) -> Dated | None:
         values = float(there), float(not there)
         dated.append(_dated(of, step, body, link, "there", *values))
     golden = of.golden
-    if np.any(allowed):  # then a quaternion of the other sign is the same orientation
+    if tolerated is not None:  # then a quaternion of the other sign is the same orientation
         turns = slice(COLUMNS.index("qx"), COLUMNS.index("qw") + 1)
         golden = golden.copy()
         golden[:, turns] = same_way(golden[:, turns], of.mine[:, turns])
-    off = _off(of.mine, golden, allowed)
-    rows = np.flatnonzero(off.any(axis=1))
+    differ = off(of.mine, golden) if tolerated is None else states_off(of.mine, golden, tolerated)
+    rows = np.flatnonzero(differ.any(axis=1))
     if len(rows):
         row = rows[np.argmin(of.rows["step"].to_numpy()[rows])]
-        column = int(np.argmax(off[row]))
+        column = int(np.argmax(differ[row]))
         body, link, step = of.rows.row(int(row))
         values = float(of.mine[row, column]), float(golden[row, column])
         dated.append(_dated(of, step, body, link, COLUMNS[column], *values))
@@ -114,14 +115,6 @@ def _dated(
 ) -> Dated:
     difference = Difference(step, of.bodies[number].label, link, column, mine, golden)
     return of.when(number, step), difference
-
-
-def _off(mine: Float64, golden: Float64, allowed: Float64 | float) -> NDArray[np.bool_]:
-    """Return which numbers differ by more than allowed; nan equals nan."""
-    with np.errstate(invalid="ignore"):  # of infinite numbers
-        near = np.abs(mine - golden) <= allowed
-    off: NDArray[np.bool_] = ~((mine == golden) | near | (np.isnan(mine) & np.isnan(golden)))
-    return off
 
 
 def allowed(of: Paired, golden: Seen, tolerance_m: float) -> Float64:
@@ -186,11 +179,11 @@ def _first_of_body(of: Paired, number: int, run: Seen, golden: Seen) -> Dated | 
         return None
     steps, rows, others = np.intersect1d(mine.steps, theirs.steps, return_indices=True)
     x, y = _numbers(mine)[rows], _numbers(theirs)[others]
-    off = _off(x, y, 0.0)
-    wrong = np.flatnonzero(off.any(axis=1))
+    differ = off(x, y)
+    wrong = np.flatnonzero(differ.any(axis=1))
     if not len(wrong):
         return None
-    row, column = int(wrong[0]), int(np.argmax(off[wrong[0]]))
+    row, column = int(wrong[0]), int(np.argmax(differ[wrong[0]]))
     name, link = columns[0][column]
     return _dated(
         of, int(steps[row]), number, link, name, float(x[row, column]), float(y[row, column])
@@ -221,8 +214,8 @@ def first_contact(run: Seen, golden: Seen) -> Dated | None:
     both = min(len(mine), len(theirs))
     steps, golden_steps = (table["step"].to_numpy() for table in (mine, theirs))
     x, y = (table.head(both).select(names).to_numpy() for table in (mine, theirs))
-    off = _off(x, y, 0.0)
-    wrong = np.flatnonzero(off.any(axis=1) | (steps[:both] != golden_steps[:both]))
+    differ = off(x, y)
+    wrong = np.flatnonzero(differ.any(axis=1) | (steps[:both] != golden_steps[:both]))
     if not len(wrong) and len(mine) == len(theirs):
         return None
     row = int(wrong[0]) if len(wrong) else both
@@ -236,7 +229,7 @@ def first_contact(run: Seen, golden: Seen) -> Dated | None:
     if counts[0] != counts[1]:
         difference = Difference(step, body, link, "contact_points", *map(float, counts))
     else:
-        column = int(np.argmax(off[row]))
+        column = int(np.argmax(differ[row]))
         values = float(x[row, column]), float(y[row, column])
         difference = Difference(step, body, link, f"contact_{names[column]}", *values)
     return When(step, LED if step else FIRST), difference

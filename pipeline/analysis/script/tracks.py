@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from pipeline.analysis.general.balance import Pushes
 from pipeline.analysis.general.samples import motion_of
 from pipeline.laws.base import Motion
 from pipeline.laws.lookup import RIGID
@@ -57,10 +58,8 @@ class Track:
     """Whether that step began with a state that a call had set."""
     constrained: Flags
     """Whether a constraint held it in that step."""
-    force_n: Float64
-    """External force in that step, world axes, (samples, 3)."""
-    torque_n_m: Float64
-    """External torque about its centre of mass."""
+    pushes: Pushes
+    """What the script applied in that step."""
     epochs: Sequence[Epoch]
     """All samples, in order; one that no step led to has the first known settings."""
 
@@ -91,7 +90,6 @@ def _track(seen: Seen, body: Body, rows: pl.DataFrame) -> Track:
             put[row] = led[row] = True
             for name in NUMBERS:
                 getattr(before, name)[row] = base[name][0]
-    force_n, torque_n_m = _pushes(record, steps, motion, before)
     return Track(
         body,
         steps,
@@ -100,8 +98,7 @@ def _track(seen: Seen, body: Body, rows: pl.DataFrame) -> Track:
         led,
         put,
         _constrained(seen, record, steps),
-        force_n,
-        torque_n_m,
+        _pushes(record, steps, motion, before),
         list(_epochs(seen, body, steps, led)),
     )
 
@@ -126,16 +123,15 @@ def _row_after(steps: Int64, at: At) -> int | None:
     return row if row < len(steps) and steps[row] == at.step + 1 else None
 
 
-def _pushes(
-    record: OfBody, steps: Int64, motion: Motion, before: Motion
-) -> tuple[Float64, Float64]:
-    """Return forces [N] and torques about the centre of mass [N m] of each step, world axes.
+def _pushes(record: OfBody, steps: Int64, motion: Motion, before: Motion) -> Pushes:
+    """Return the forces and torques of each step.
 
     A vector in the body's axes turns with it; its point is then relative to the centre of mass
     (`processApplyExternalForceCommand`). Both are computed from where the body is at the call, and
     stay if it is put elsewhere afterwards.
     """
     force_n, torque_n_m = np.zeros((2, len(steps), 3))
+    force_scale_n, torque_scale_n_m = np.zeros((2, len(steps)))
     life = life_of(record, steps)
     for push in record.pushes:
         row = _row_after(steps, push.at)
@@ -154,16 +150,21 @@ def _pushes(
             position_m, turn = motion.position_m[row - 1], motion.orientation[row - 1 : row]
         vector = np.array([push.vector])
         arm_m = np.array([push.position_m])
+        size, scale_m = np.linalg.norm(vector), np.linalg.norm(arm_m)
         if push.in_world_axes:
             arm_m = arm_m - position_m
+            scale_m += np.linalg.norm(position_m)
         else:
             vector, arm_m = rotate(turn, vector), rotate(turn, arm_m)
         if push.torque:
             torque_n_m[row] += vector[0]
+            torque_scale_n_m[row] += size
         else:
             force_n[row] += vector[0]
             torque_n_m[row] += np.cross(arm_m, vector)[0]
-    return force_n, torque_n_m
+            force_scale_n[row] += size
+            torque_scale_n_m[row] += size * scale_m
+    return Pushes(force_n, torque_n_m, force_scale_n, torque_scale_n_m)
 
 
 def _constrained(seen: Seen, record: OfBody, steps: Int64) -> Flags:
