@@ -1064,6 +1064,29 @@ print(at)
     assert closing(bench.out).get("made_with_unseeded") is None
 
 
+@pytest.mark.parametrize(
+    ("draws", "unseeded"),
+    [
+        ("np.random.seed(0); np.random.rand(); random.seed(0); random.random()", ""),
+        ("random.setstate(random.Random(1).getstate()); random.random()", ""),
+        ("np.random.set_state(np.random.RandomState(1).get_state()); np.random.rand()", ""),
+        ("np.random.RandomState(3).rand(); np.random.default_rng(3).random()", ""),
+        ("np.random.sample()", "numpy.random.sample"),
+        ("np.random.RandomState().rand()", "numpy.random.SeedSequence"),
+        ("np.random.seed(0); np.random.seed(); np.random.ranf()", "numpy.random.ranf"),
+    ],
+)
+def test_numbers_are_unseeded_only_where_they_are(bench: Bench, draws: str, unseeded: str) -> None:
+    script = bench.script(
+        f"{scripts.HEAD}\nimport random, numpy as np\n{draws}\np.stepSimulation()\n"
+    )
+    notes: list[str] = []
+    bench.record(script, note=notes.append)
+    said = [one for one in notes if "unseeded" in one]
+    assert len(said) == bool(unseeded)
+    assert unseeded in "".join(said)
+
+
 def test_uninitialised_memory_shows_in_two_recordings(bench: Bench) -> None:
     script = bench.script(
         scripts.HEAD

@@ -83,7 +83,7 @@ steps(60)
 )
 STACK = (
     FLOOR + BOX.format("1", "0.05, 0.05, 0.05", "0, 0, 0.05") + BOX.format("{}", "0.05, 0.05, 0.05",
-    "0, 0, 0.16") + "steps(20)"
+    "0, 0, 0.16") + "steps(60)"
 )  # fmt: skip
 CHAIN = (
     GRAVITY
@@ -286,6 +286,10 @@ HARMLESS = {
         "p.resetBaseVelocity(b, [90, 0, 0])\nsteps(8)",
     ),
     "nothing to meet": ("timestep-too-long", GRAVITY + BULLET + "steps(5)"),
+    "no mass, and none to meet": (
+        "timestep-too-long",
+        WALL + BULLET.replace("createMultiBody(1", "createMultiBody(0") + "steps(5)",
+    ),
     "nothing but a picture": (
         "timestep-too-long",
         GRAVITY + "p.createMultiBody(0, -1, p.createVisualShape(p.GEOM_SPHERE, radius=0.1))\n"
@@ -367,6 +371,12 @@ HARMLESS = {
         "mass-ratio",
         STACK.format(1) + "\np.resetBasePositionAndOrientation(b, [3, 0, 5], [0, 0, 0, 1])\n"
         "steps(2)\np.changeDynamics(b, -1, mass=1000)\nsteps(3)",
+    ),
+    "heavy, and beside it what was put inside something": (
+        "mass-ratio",
+        "p.setPhysicsEngineParameter(numSolverIterations=2000)\n" + STACK.format(150) + "\n"
+        + "".join(BOX.format(1, "0.1, 0.1, 0.1", f"{at}, 0, 0.1") for at in (4, 4.05, 4.1))
+        + "steps(60)",
     ),
     "heavy on the ground": (
         "mass-ratio", FLOOR + BOX.format("9999", "1, 1, 1", "0, 0, 1") + "steps(3)",
@@ -649,7 +659,7 @@ b = p.loadURDF("cube_small.urdf", [0, 0, 0.2], useMaximalCoordinates={maximal})
     )
     bouncy, dull = RESTITUTION.format(1.2), RESTITUTION.format(0)
     gained = found(analyzed(f"{scene}{bouncy}steps(60)\n{dull}steps(1)"), "energy-gained")
-    assert "restitutions multiply" in gained.message
+    assert "restitutions multiply to more than 1" in gained.message
     soft = "p.changeDynamics(b, -1, contactStiffness=30, contactDamping=1)\n"
     hard = "p.changeDynamics(b, -1, contactStiffness=-1, contactDamping=-1)\n"
     deep = found(analyzed(f"{scene}{soft}steps(60)\n{hard}steps(1)"), "deep-penetration")
@@ -826,6 +836,10 @@ CAUSES = {
     "restitution, not what is overlapped in a step": (
         "energy-gained", FLOOR + CUBE.format(0.2) + RESTITUTION.format(1.2) + "steps(60)",
         "lower one of them",
+    ),
+    "restitution, and more of it what is overlapped in a step": (
+        "energy-gained", FLOOR + CUBE.format(1) + RESTITUTION.format(1.001) + "steps(130)",
+        "lower one of them, and call p.setPhysicsEngineParameter(contactERP=0)",
     ),
     "neither where a spring may have given it too": (
         "energy-gained",

@@ -297,6 +297,11 @@ def _cause_of_gain(e: Evidence, body: int, contact: ScriptContact) -> Message | 
         return None
     if bounced_m_s - met_m_s > max(0.0, pushed_m_s):
         return Message("their restitutions multiply to more than 1; lower one of them")
+    if bounced_m_s > met_m_s:
+        return Message(
+            "their restitutions multiply to more than 1, and the engine pushes overlapping bodies "
+            "apart; lower one of them, and call p.setPhysicsEngineParameter(contactERP=0)"
+        )
     if pushed_m_s <= 0:
         return None
     # A smaller timestep does not help: out of the same depth it pushes faster.
@@ -330,17 +335,17 @@ def _stands(e: Evidence, body: int) -> bool:
 def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     """Yield the most different masses that touch where the solver is known to stop early."""
     contacts, (pair_of, pairs) = e.contacts, e.pairs
-    early = {solver.client for solver in e.seen.solvers}
-    ratios = np.array([_ratio(e, point, early) for point in pairs])
+    ratios = np.array([_ratio(e, point) for point in pairs])
     ratio = np.where(contacts.normal_force_n > 0, ratios[pair_of] if len(pairs) else 0.0, 0.0)
     if not len(ratio) or ratio.max() <= HEAVIER:
         return
     row = int(np.argmax(ratio))
     mine, other = _sides(e, row, int(contacts.body_a[row]))
     message = Message(
-        "{mine} and {other} touch, and one is {ratio:.4g} times as heavy as the other: Bullet's "
-        "solver then needs many iterations to converge, and here it did not; keep within 1:100, "
-        "or try more numSolverIterations",
+        "{mine} and {other} touch, and one is {ratio:.4g} times as heavy as the other: for such "
+        "pairs Bullet's solver needs many iterations, and in this simulation it often stops before "
+        "it converges; to see whether they are why, keep within 1:100, or try more "
+        "numSolverIterations",
         mine=mine,
         other=other,
         ratio=ratio[row],
@@ -348,17 +353,18 @@ def _mass_ratio(e: Evidence) -> Iterator[ScriptFinding]:
     yield e.finding("mass-ratio", message, step=int(contacts.step[row]))
 
 
-def _ratio(e: Evidence, row: int, early: set[int]) -> float:
+def _ratio(e: Evidence, row: int) -> float:
     """Return how many times heavier one touching part is than the other.
 
-    0 if one cannot move, if the solver of their simulation converges, and if the lighter one, a
-    body without joints, touches nothing else: what only lies on a heavy body is solved at once.
+    0 if one cannot move, if the solver of their simulation mostly converges, or contacts there may
+    contradict each other, and if the lighter one, a body without joints, touches nothing else: what
+    only lies on a heavy body is solved at once.
     """
     at, sides = start_of(int(e.contacts.step[row])), e.sides(row)
     masses = [e.mass_kg(*part, at) for part in sides]
     if min(masses) <= 0 or sides[0][0] == sides[1][0]:
         return 0.0
     light = e.seen.bodies[sides[int(np.argmin(masses))][0]]
-    if light.client not in early or not (light.joints or light.number in e.pressed):
+    if light.client not in e.unconverged or not (light.joints or light.number in e.pressed):
         return 0.0
     return max(masses) / min(masses)

@@ -32,6 +32,8 @@ Moment = tuple[int, float]
 
 OVERLAP_M = 1e-3
 """A body that overlaps another by more than this when it appears does not just touch it."""
+OFTEN = 5
+"""If the solver stops early in this many of the steps examined, it is not just an impact."""
 OF_ALL = ("restoreState",)
 """Calls that change every body."""
 
@@ -109,6 +111,16 @@ class Evidence:
             if np.isin(step[its], list(first_steps(record))).any():
                 inside.add(number)
         return frozenset(inside)
+
+    @cached_property
+    def unconverged(self) -> frozenset[int]:
+        """Clients whose solver often stops early, though nothing was put deep into something.
+
+        There, contacts may contradict each other, and no number of iterations settles that.
+        """
+        inside = {self.seen.bodies[number].client for number in self.put_inside}
+        early = {solver.client for solver in self.seen.solvers if solver.steps >= OFTEN}
+        return frozenset(early - inside)
 
     def _reports(self, bodies: NDArray[np.int64]) -> NDArray[np.intp]:
         """Return how many reports of the engine precede those on the body of each contact point."""
@@ -232,11 +244,18 @@ class Evidence:
                 filters.append((call.client, {int(number) for number in numbers if number}))
         return filters
 
+    @cached_property
+    def heavy(self) -> frozenset[int]:
+        """Bodies that ever had mass: those without any do not collide with each other."""
+        reports = self.seen.dynamics
+        return frozenset(each.body.number for each in reports if each.reported["mass_kg"].any())
+
     def may_meet(self, body: Body) -> bool:
         """Whether there is a shape that a body collides with, as far as is known."""
         return any(
             other.client == body.client
             and other.number != body.number
+            and (other.soft or self.heavy & {body.number, other.number})
             and not self.filtered(body, other)
             and (
                 other.soft

@@ -8,15 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from pipeline.analysis.script.evidence import Evidence
+from pipeline.analysis.script.evidence import OFTEN, Evidence
 from pipeline.analysis.script.results import ScriptFinding
 from pipeline.analysis.script.tracks import order
 from pipeline.fields import fraction
 from pipeline.messages import Message
 from pipeline.seen import Dynamics
 
-OFTEN = 5
-"""If the solver stops early in this many of the steps examined, it is not just an impact."""
 TINY_INERTIA = 1e-3
 """The greatest moment of inertia of a usual shape is more than this share of m R²; a rod's: 1/3."""
 
@@ -113,8 +111,6 @@ def _timestep_changed(e: Evidence) -> Iterator[ScriptFinding]:
 
 
 def _stopped_early(e: Evidence) -> Iterator[ScriptFinding]:
-    # Deep in each other, contacts may contradict each other, and no iteration settles that.
-    inside = {e.seen.bodies[number].client for number in e.put_inside}
     for solver in e.seen.solvers:
         if solver.steps >= OFTEN:
             message = Message(
@@ -130,7 +126,7 @@ def _stopped_early(e: Evidence) -> Iterator[ScriptFinding]:
                 change=solver.last_change,
                 worst=solver.worst_step,
             )
-            if solver.client not in inside:
+            if solver.client in e.unconverged:
                 message = Message(
                     "{finding}; try p.setPhysicsEngineParameter(numSolverIterations={more}), which "
                     "does not help where contacts contradict each other",

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import functools
+import linecache
 import random
+import re
 import sys
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-SILENT = ("seed", "getstate", "setstate", "get_state", "set_state", "getrandbits")
-"""Functions of a generator that draw nothing, or with which Python's library draws for itself."""
+SEEDS = ("seed", "setstate", "set_state", "set_bit_generator")
+"""Functions of a generator that determine what it draws."""
+SILENT = ("getstate", "get_state", "getrandbits")
+"""Those that draw nothing, or with which Python's library draws for itself."""
+OF_NUMPY = ("seed", "sample", "ranf", "set_bit_generator")
+"""Functions of numpy's generator that are not its methods."""
+SEEDED_STATE = re.compile(r"RandomState\((?!\s*(None\s*)?\))")
+"""A call that gives `numpy.random.RandomState` a seed."""
 
 
 class Draws:
@@ -49,7 +57,9 @@ class Draws:
         def randbits(count: int) -> int:
             if self._seed is not None:
                 return self._entropy.getrandbits(count)
-            self._drawn("numpy.random.SeedSequence", sys._getframe(1))
+            frame = sys._getframe(1)
+            if not _gives_seed(frame):
+                self._drawn("numpy.random.SeedSequence", frame)
             return int(original(count))
 
         source.randbits = randbits
@@ -62,17 +72,21 @@ class Draws:
 
     def _watch(self, module: ModuleType, name: str, generator: object) -> None:
         for attribute, function in list(vars(module).items()):
-            if getattr(function, "__self__", None) is generator:
+            of_module = module is not random and attribute in OF_NUMPY
+            if of_module or getattr(function, "__self__", None) is generator:
                 setattr(module, attribute, self._watched(f"{name}.{attribute}", name, function))
                 self._undo.append(functools.partial(setattr, module, attribute, function))
 
     def _watched(self, called: str, name: str, function: Any) -> Any:
-        seeds, draws = called.endswith(".seed"), called.rpartition(".")[2] not in SILENT
+        function_name = called.rpartition(".")[2]
+        seeds, draws = function_name in SEEDS, function_name not in (*SEEDS, *SILENT)
 
         @functools.wraps(function)
         def notice(*args: Any, **kwargs: Any) -> Any:
             if seeds and (args or kwargs) and args[:1] != (None,):
                 self._quiet.add(name)
+            elif seeds:
+                self._quiet.discard(name)
             elif draws and name not in self._quiet:
                 self._drawn(called, sys._getframe(1), name)
             return function(*args, **kwargs)
@@ -83,3 +97,9 @@ class Draws:
         if (name or called) not in self._quiet:
             self._quiet.add(name or called)
             self._tell(called, frame)
+
+
+def _gives_seed(frame: Any) -> bool:
+    """Whether a line gives a RandomState a seed; before numpy takes that, it draws its own."""
+    line = linecache.getline(frame.f_code.co_filename, frame.f_lineno)
+    return SEEDED_STATE.search(line) is not None
