@@ -387,6 +387,43 @@ def test_an_image_that_differs(recording: Record, golden: Path, drop: Drop) -> N
     assert "cause       another text of the script" in output
 
 
+def test_an_image_that_one_lacks_is_called_that(recording: Record) -> None:
+    """Those after it are the same."""
+    taking = (
+        ("import pybullet as p", "import sys, pybullet as p"),
+        (
+            "    p.stepSimulation()\n",
+            "    p.stepSimulation()\n    if str(step) in sys.argv: p.getCameraImage(16, 16)\n",
+        ),
+    )
+    run, golden = (
+        recording(*taking, arguments=steps) for steps in (("9", "39"), ("9", "29", "39"))
+    )
+    result = check_script(run, golden)
+    assert result.first == Difference(30, None, None, "frame")
+    assert result.frames is not None
+    assert (result.frames.compared, result.frames.differing) == (4, 1)
+    assert result.comparison is not None
+    assert result.comparison.cause == (
+        "the same calls, but at step 30 only one of them took an image, which does not count as a "
+        "call"
+    )
+
+
+def test_connecting_again_is_not_ending_later(recording: Record) -> None:
+    connecting = (
+        ("import pybullet as p", "import sys, pybullet as p"),
+        (
+            "p.getCameraImage(16, 16",
+            "if 'again' in sys.argv: p.disconnect(); p.connect(p.DIRECT)\n"
+            "p.stepSimulation()\np.getCameraImage(16, 16",
+        ),
+    )
+    result = compared(recording(*connecting, arguments=("again",)), recording(*connecting))
+    assert result.cause is not None
+    assert "a simulation that begins or ends elsewhere" in result.cause
+
+
 def test_an_image_that_differs_after_another_call_is_caused_by_it(
     recording: Record, golden: Path
 ) -> None:

@@ -354,7 +354,7 @@ def test_moving_from_pybullet_says_where_they_part_and_why(recorded: Recorder) -
     assert found.first.step == 2  # the first step begins without a velocity to damp
     assert found.looks_like is not None
     assert "diverge at step 2" in found.looks_like
-    assert "mm apart: damping -18.01" in found.looks_like
+    assert "mm apart along z: damping -18.01" in found.looks_like
     assert "--linear-damping 0 and they agree to the bit until contact" in found.looks_like
 
 
@@ -371,7 +371,19 @@ def test_what_it_promises_of_pybullet_without_damping_holds(recorded: Recorder) 
 def test_engines_with_another_integrator_part_by_the_timestep(recorded: Recorder) -> None:
     found = compared(recorded(engine="mujoco", integrator="rk4"), recorded(linear_damping=0.0))
     assert "diverge at step 1" in (found.looks_like or "")
-    assert "mm apart: timestep +9.11" in (found.looks_like or "")
+    assert "mm apart along z: timestep +9.11" in (found.looks_like or "")
+
+
+def test_engines_part_where_they_are_farthest_and_not_by_terms_of_what_is_clamped(
+    recorded: Recorder,
+) -> None:
+    thrown = {"velocity_m_s": (20.0, 0.0, 0.0), "gravity_m_s2": 0.0, "height_m": 3.0}
+    found = compared(recorded(engine="mujoco", **thrown), recorded(**thrown))
+    assert "mm apart along x: damping +" in (found.looks_like or "")
+    fast = {"velocity_m_s": (0.0, 0.0, -95.0), "height_m": 1e3, "linear_damping": 0.0}
+    found = compared(recorded(engine="mujoco", **fast | {"linear_damping": None}), recorded(**fast))
+    assert "; PyBullet clamps a velocity in step 123" in (found.looks_like or "")
+    assert "interaction" not in (found.looks_like or "")
 
 
 def test_nothing_is_promised_that_the_law_does_not_give(recorded: Recorder) -> None:

@@ -538,6 +538,15 @@ def test_a_shape_passes_through_wherever_its_centre_of_mass_is(analyzed: Analyze
     assert found(analyzed(WALL + ABOVE.format("0, 0, -2.5")), "tunnelled").step == 3
 
 
+def test_a_timestep_that_changes_all_the_time_is_one_finding(analyzed: Analyzed) -> None:
+    scene = (
+        GRAVITY + CUBE.format(3) + "for i in range(9):\n    p.setTimeStep(0.01 + i)\n    steps(1)"
+    )
+    finding = found(analyzed(scene), "timestep-changed")
+    assert finding.step == 1
+    assert "from 1/100 s to 101/100 s at step 1 (the first of 8 changes)" in finding.message
+
+
 def test_a_mass_counts_while_it_touches(analyzed: Analyzed) -> None:
     lighter = STACK.format(500) + "\np.changeDynamics(b, -1, mass=1)\nsteps(3)"
     assert found(analyzed(lighter), "mass-ratio").step == 12

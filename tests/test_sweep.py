@@ -678,6 +678,16 @@ def test_a_part_can_be_moved_away_and_is_made_again(copied: Path, whole: Path) -
     assert files_in(copied) == files_in(whole)
 
 
+def test_a_recording_that_is_gone_is_made_again(tmp_path: Path) -> None:
+    first = sweep(THREE, tmp_path)
+    path = tmp_path / "recordings" / "run-1.rrd"
+    was, rows = read(path).states, first.table()
+    path.unlink()
+    again = sweep(THREE, tmp_path)
+    assert (again.computed, again.table().equals(rows)) == (1, True)
+    assert read(path).states.equals(was)
+
+
 @pytest.mark.parametrize("theirs", ["text", "same scenario", "another run", "cut"])
 def test_recordings_that_this_sweep_did_not_make_are_not_replaced(
     tmp_path: Path, theirs: str

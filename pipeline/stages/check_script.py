@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from dataclasses import dataclass, replace
-from itertools import zip_longest
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -138,50 +138,49 @@ def _whole(path: Path) -> ScriptRecording:
 def _checked(run: ScriptRecording, golden: ScriptRecording, tolerance_m: float) -> ScriptCheck:
     sides = [Side(each.origin, each.ended or {}, each.seen) for each in (run, golden)]
     comparison = compare_scripts(*sides, tolerance_m=tolerance_m)
-    pictures = _compare_images(run, golden, until=comparison.samples_part_at)
+    pictures, both = _compare_images(run, golden, until=comparison.samples_part_at)
     if tolerance_m:
         pictures = replace(pictures, first_step=None)
     if comparison.first is None and pictures.first_step is not None:
-        comparison = with_images(comparison, *sides, step=pictures.first_step)
+        comparison = with_images(comparison, *sides, step=pictures.first_step, both=both)
     return ScriptCheck(run.path, golden.path, tolerance_m, comparison, pictures)
 
 
 # -- images ---------------------------------------------------------------------------------------
 
 
-def _compare_images(run: ScriptRecording, golden: ScriptRecording, *, until: int | None) -> Frames:
-    """Compare the images that the cameras took until a sample differs."""
+def _compare_images(
+    run: ScriptRecording, golden: ScriptRecording, *, until: int | None
+) -> tuple[Frames, bool]:
+    """Compare the images that the cameras took until a sample differs.
+
+    Also return whether both took the first that differs.
+    """
     compared, differing, apart = 0, [], 0
-    mine, theirs = (
-        {
-            camera: [(step, png) for step, _, png in taken]
-            for camera, taken in frames_of_cameras(each.path).items()
-        }
-        for each in (run, golden)
-    )
+    mine, theirs = _images(run.path), _images(golden.path)
     if not mine and not theirs:
-        return Frames(0, 0, None, Message("neither has images"))
-    for camera in sorted({*mine, *theirs}):
-        for image, other in zip_longest(mine.get(camera, []), theirs.get(camera, [])):
-            step = min(taken[0] for taken in (image, other) if taken is not None)
-            if until is not None and step >= until:
-                apart += 1
-                continue
-            compared += 1
-            if image is None or other is None or not _same(image, other, run, golden):
-                differing.append(step)
+        return Frames(0, 0, None, Message("neither has images")), True
+    for key in sorted({*mine, *theirs}):
+        step, image, other = key[0], mine.get(key), theirs.get(key)
+        if until is not None and step >= until:
+            apart += 1
+            continue
+        compared += 1
+        if image is None or other is None:
+            differing.append((step, False))
+        elif image != other and not np.array_equal(
+            pixels(image, run.path), pixels(other, golden.path)
+        ):
+            differing.append((step, True))
     why = Message("{n} taken when the bodies are elsewhere", n=apart) if apart else None
-    return Frames(compared, len(differing), min(differing, default=None), why)
+    first, both = min(differing, default=(None, True))
+    return Frames(compared, len(differing), first, why), both
 
 
-def _same(
-    image: tuple[int, bytes],
-    other: tuple[int, bytes],
-    run: ScriptRecording,
-    golden: ScriptRecording,
-) -> bool:
-    """Whether two images are of the same step and the same to the pixel."""
-    return image == other or (
-        image[0] == other[0]
-        and np.array_equal(pixels(image[1], run.path), pixels(other[1], golden.path))
-    )
+def _images(path: Path) -> dict[tuple[int, int, int], bytes]:
+    """Return the images of a recording by step, camera and how many it took there before."""
+    images: dict[tuple[int, int, int], bytes] = {}
+    for camera, taken in frames_of_cameras(path).items():
+        for step, same_step in groupby(taken, key=lambda image: image[0]):
+            images |= {(step, camera, n): png for n, (_, _, png) in enumerate(same_step)}
+    return images

@@ -172,7 +172,7 @@ def sweep(
     with folder.claimed(identity):
         if not force:
             folder.check_replaceable(plan, recorded=record)
-        before = _done(folder, force=force)
+        before = _done(folder, plan, force=force)
         if record and until_ci_m is None:
             runs = plan.runs - sum(len(plan.runs_of(shard)) for shard in before)
             check_room(folder.path / "recordings", runs * LEAST_BYTES)
@@ -259,8 +259,10 @@ def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: floa
         raise ScenarioError("--at must be finite and at least 0 s, got {time:g}", time=at_s)
 
 
-def _done(folder: Folder, *, force: bool) -> dict[int, ShardDone]:
-    """Return the shards that are done; with `force`, those that cannot be read are done again.
+def _done(folder: Folder, plan: Plan, *, force: bool) -> dict[int, ShardDone]:
+    """Return the shards that are done; those whose recordings are gone are done again.
+
+    With `force`, so are those that cannot be read.
 
     Raises
     ------
@@ -270,7 +272,9 @@ def _done(folder: Folder, *, force: bool) -> dict[int, ShardDone]:
     done = {}
     for shard in sorted(folder.finished()):
         try:
-            done[shard] = ShardDone.of(folder.read(shard))
+            rows = folder.read(shard)
+            if not folder.lacks_recording(plan, rows):
+                done[shard] = ShardDone.of(rows)
         except OutputError:
             if not force:
                 raise

@@ -259,6 +259,11 @@ class Folder:
                 run=run,
             )
 
+    def lacks_recording(self, plan: Plan, rows: pl.DataFrame) -> bool:
+        """Return whether a recording that was made with these rows is gone."""
+        made = rows.filter(pl.col("recording").is_not_null())["run"]
+        return not all(os.path.lexists(self.recording(plan, run)) for run in made)
+
     def discard_unfinished(self, plan: Plan, run: int) -> None:
         """Remove the unfinished recording of a run that a killed worker of this sweep left."""
         part = part_of(self.recording(plan, run))

@@ -21,6 +21,8 @@ Float64 = NDArray[np.float64]
 
 SHOWN = 1e-3
 """Share of the distance that a term must have to be named."""
+LEAST_M = 5e-8
+"""A distance below this would be written as 0.0000 mm."""
 REPLAYED = 100_000
 """Most steps for which a law is replayed step by step."""
 REPLAYED_M = 1e-12
@@ -70,26 +72,41 @@ def _first_touch(case: Case) -> int:
 
 
 def _distance(run: Case, golden: Case, last: int) -> Message:
-    """Say how far apart they are along z, and by which terms of their errors."""
-    heights_m = [float(case.samples.height_m[last]) for case in (run, golden)]
-    apart_m = heights_m[0] - heights_m[1]
+    """Say how far apart they are along the axis where that is most, and by which terms."""
+    apart_m = run.samples.position_m[last] - golden.samples.position_m[last]
+    axis = int(np.argmax(np.abs(apart_m)))
+    if abs(apart_m[axis]) < LEAST_M:
+        return Message(
+            "in the air, at {time:.4g} s, they are less than 0.0001 mm apart", time=run.time_s[last]
+        )
     distance = Message(
-        "in the air, at {time:.4g} s, they are {distance} mm apart",
+        "in the air, at {time:.4g} s, they are {distance} mm apart along {axis}",
         time=run.time_s[last],
-        distance=decimals(apart_m * 1e3, 4, "+"),
+        distance=decimals(apart_m[axis] * 1e3, 4, "+"),
+        axis="xyz"[axis],
     )
     parts = []
     for case in (run, golden):
+        held = np.flatnonzero(case.segments.held[: last + 1])
+        if len(held):
+            clamped = Message(
+                "{engine} clamps a velocity in step {step}",
+                engine=ENGINES[case.scenario.engine],
+                step=int(held[0]),
+            )
+            return joined("; ", [distance, clamped])
         start = case.samples.at(slice(0, 1))
         _, terms = error_and_terms(start, case.samples.position_m[last], case.law, steps=last)
         parts.append(terms)
     if None in parts:
         return distance
-    terms_m = {name: getattr(parts[0], name)[2] - getattr(parts[1], name)[2] for name in TERMS}
+    terms_m = {
+        name: getattr(parts[0], name)[axis] - getattr(parts[1], name)[axis] for name in TERMS
+    }
     shares = [
         Message("{term} {distance}", term=NAMES[name], distance=decimals(value_m * 1e3, 4, "+"))
         for name, value_m in terms_m.items()
-        if abs(value_m) > SHOWN * abs(apart_m)
+        if abs(value_m) > SHOWN * abs(apart_m[axis])
     ]
     return joined(": ", [distance, joined(", ", shares)]) if shares else distance
 

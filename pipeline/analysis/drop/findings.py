@@ -341,10 +341,13 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
     if released_above and unhindered and depth_m > DEEP_PENETRATION * tall_m:
         per_step_m = abs(float(e.case.samples.velocity_m_s[e.phases.airborne - 1, 2]))
         per_step_m *= e.case.substep_s
+        advice, soft = _shorten_step(e.case), _soft(e.case)
+        if soft is not None:
+            advice = Message("{shorten}; what is left then: {soft}", shorten=advice, soft=soft)
         reason = Message(
             "contact acts only once it is inside, and it moves {moved} mm down in a step; {advice}",
             moved=decimals(per_step_m * 1e3, 1),
-            advice=_shorten_step(e.case),
+            advice=advice,
         )
         seen = Message(
             "the body sinks {depth} mm into the floor, {share:.0%} of its height",
@@ -398,11 +401,10 @@ def _tumbled(e: Evidence) -> Iterator[Finding]:
     if tumbles(e.case, e.tumbled_step):
         seen = Message("from {time:.4g} s (step {step}) on it tumbles", **when)
     tilt_deg = math.degrees(tilts[e.tumbled_step])
-    how = Message("it touches the floor tilted by {tilt:.2g}°", tilt=tilt_deg)
+    tilt = f"{tilt_deg:.2g}" if tilt_deg < 10 else f"{tilt_deg:.0f}"
+    how = Message("it touches the floor tilted by {tilt}°", tilt=tilt)
     if not e.case.is_box:
-        how = Message(
-            "it touches the floor tilted by {tilt:.2g}° from how it was released", tilt=tilt_deg
-        )
+        how = Message("it touches the floor tilted by {tilt}° from how it was released", tilt=tilt)
     advice = []
     if any(e.case.scenario.spin_rad_s) or tilts[0] > FLAT_RAD:
         advice = [Message("drop it flat with --orientation and without --spin")]
@@ -414,9 +416,7 @@ def _tumbled(e: Evidence) -> Iterator[Finding]:
             )
         ]
     if e.tumbled_step and tilts[e.tumbled_step - 1] <= FLAT_RAD:
-        how = Message(
-            "it is turned by {tilt:.2g}° in the step that touches the floor", tilt=tilt_deg
-        )
+        how = Message("it is turned by {tilt}° in the step that touches the floor", tilt=tilt)
         advice = []  # whatever turned it: an edge that met the floor first, friction, a neighbour
     reason = Message(
         "{how}, so bounces, contact and rest are measured from there on, not predicted", how=how

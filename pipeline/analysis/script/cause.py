@@ -15,6 +15,10 @@ from pipeline.seen import Call, Seen
 
 Facts = Mapping[str, Any]
 
+RECONNECTED = Message(
+    "the same calls, and a simulation that begins or ends elsewhere: connecting to PyBullet and "
+    "disconnecting do not count as calls"
+)
 MADE_WITH = "made_with_"
 DID = ("unseeded", "real_time")
 """Facts of that prefix that are not versions: what the script did."""
@@ -142,6 +146,9 @@ def cause(
     ended = first.column == "there" and not inputs and last[0] != last[1]
     # Calls that one lacks because it has ended are no other calls.
     if ended and (call is None or (call.value, call.golden)[last.index(min(last))] is None):
+        connections = [_connections(side.seen, until=min(last)) for side in (run, golden)]
+        if connections[0] != connections[1]:
+            return _of_text(run, golden, RECONNECTED)
         why = Message(
             "the same calls as far as both go: it ended after step {step} ({end}), golden after "
             "step {golden_step} ({golden_end})",
@@ -180,10 +187,7 @@ def _of_inputs(
     if later is not None:
         return later
     if any(each.column == "engine.rows" for each in inputs):  # of each connection, and after calls
-        return Message(
-            "the same calls, and a simulation that begins or ends elsewhere: connecting to "
-            "PyBullet and disconnecting do not count as calls"
-        )
+        return RECONNECTED
     causes = joined(", or ", _possible(run, first=first, inputs=inputs, made=made))
     if any(each.column.startswith(("bodies.", "dynamics.")) for each in inputs):
         return Message("the same calls, other bodies: {causes}", causes=causes)
@@ -239,7 +243,12 @@ def _part(calls: Iterable[Call]) -> Call | None:
 
 
 def cause_of_images(
-    run: Side, golden: Side, *, call: OtherCall | None, made: Sequence[Setting]
+    run: Side,
+    golden: Side,
+    *,
+    call: OtherCall | None,
+    made: Sequence[Setting],
+    missing: int | None,
 ) -> Message:
     """Say in a sentence why images differ where nothing else does.
 
@@ -251,9 +260,18 @@ def cause_of_images(
         The first other call, where it came before the first image that differs.
     made
         The versions that differ.
+    missing
+        The step of the first image that differs, where only one of both took it.
     """
     if call is not None:
         return _of_calls(run, golden)
+    if missing is not None:
+        why = Message(
+            "the same calls, but at step {step} only one of them took an image, which does not "
+            "count as a call",
+            step=missing,
+        )
+        return _of_text(run, golden, why)
     why = Message(
         "the same calls, other images: another camera, which does not count as a call, or a file "
         "that is drawn has changed"
@@ -376,6 +394,13 @@ def _other_text(run: Side, golden: Side) -> bool:
 def _last_step(side: Side) -> int:
     counts = side.seen.samples.values()
     return max([max(side.seen.states["step"], default=-1), *(count - 1 for count in counts)])
+
+
+def _connections(seen: Seen, *, until: int) -> int:
+    """Return how often a script connected up to a step: the engine is reported without a call."""
+    called = {(call.client, call.at.step) for call in seen.calls}
+    reports = [(each.client, each.at.step) for each in seen.settings if each.at.step <= until]
+    return sum(report not in called for report in reports)
 
 
 def _shown(value: object) -> str:

@@ -126,7 +126,7 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
 
 
 def with_images(
-    comparison: ScriptComparison, run: Side, golden: Side, *, step: int
+    comparison: ScriptComparison, run: Side, golden: Side, *, step: int, both: bool
 ) -> ScriptComparison:
     """Say why images differ in two recordings where nothing else does.
 
@@ -138,10 +138,18 @@ def with_images(
         The two recordings.
     step
         That of the first image that differs.
+    both
+        Whether both took it.
     """
     call = comparison.other_call
     counts = call is not None and not call.moved and call.when.step <= step
-    why = cause_of_images(run, golden, call=call if counts else None, made=comparison.versions)
+    why = cause_of_images(
+        run,
+        golden,
+        call=call if counts else None,
+        made=comparison.versions,
+        missing=None if both else step,
+    )
     return replace(comparison, looks_like=STATES_ARE_THE_SAME, cause=why)
 
 

@@ -7,6 +7,7 @@ import polars as pl
 
 from pipeline.analysis.script.difference import Difference
 from pipeline.analysis.script.sample_differences import Paired
+from pipeline.fields import decimals
 from pipeline.messages import Message, joined
 from pipeline.seen import Body
 
@@ -73,4 +74,5 @@ def _name(body: Body, link: int | None) -> str:
 
 
 def _mm(length_m: float) -> str:
-    return f"{length_m * 1e3:.3g} mm"
+    length_mm = length_m * 1e3
+    return f"{length_mm:.3g} mm" if length_mm < 100 else f"{decimals(length_mm, 0)} mm"

@@ -13,7 +13,7 @@ from pipeline.analysis.script.results import ScriptFinding
 from pipeline.analysis.script.tracks import order
 from pipeline.fields import fraction
 from pipeline.messages import Message
-from pipeline.seen import Dynamics
+from pipeline.seen import At, Dynamics
 
 TINY_INERTIA = 1e-3
 """The greatest moment of inertia of a usual shape is more than this share of m R²; a rod's: 1/3."""
@@ -83,31 +83,34 @@ def _real_time(e: Evidence) -> Iterator[ScriptFinding]:
 
 def _timestep_changed(e: Evidence) -> Iterator[ScriptFinding]:
     """Yield where the timestep changed while a body was there: a new scene may have another."""
-    reported: set[tuple[int, int]] = set()
+    changes: dict[int, dict[int, tuple[float, float, At]]] = {}
     for judged in e.judged.values():
         track = judged.track
+        of_client = changes.setdefault(track.body.client, {})
         for epoch, after in pairwise(track.epochs):
             before_s, after_s = (
                 float(np.ravel(each.settings.values["fixedTimeStep"])[0]) for each in (epoch, after)
             )
-            at = after.settings.at
-            if (
-                before_s == after_s
-                or epoch.life != after.life
-                or (track.body.client, at.step) in reported
-            ):
-                continue
-            reported.add((track.body.client, at.step))
-            message = Message(
-                "the timestep changes from {before} s to {after} s at step {step}: errors, "
-                "contacts and motors behave differently from there on; set it once, before the "
-                "first step",
-                before=fraction(before_s),
-                after=fraction(after_s),
+            if before_s != after_s and epoch.life == after.life:
+                of_client[after.settings.at.step] = before_s, after_s, after.settings.at
+    for of_client in filter(None, changes.values()):
+        before_s, after_s, at = of_client[min(of_client)]
+        when = Message("step {step}", step=at.step)
+        if len(of_client) > 1:
+            when = Message(
+                "step {step} (the first of {changes:,} changes)",
                 step=at.step,
+                changes=len(of_client),
             )
-            site = e.site(("setTimeStep", "setPhysicsEngineParameter"), at)
-            yield e.finding("timestep-changed", message, step=at.step, site=site)
+        message = Message(
+            "the timestep changes from {before} s to {after} s at {when}: errors, contacts and "
+            "motors behave differently from there on; set it once, before the first step",
+            before=fraction(before_s),
+            after=fraction(after_s),
+            when=when,
+        )
+        site = e.site(("setTimeStep", "setPhysicsEngineParameter"), at)
+        yield e.finding("timestep-changed", message, step=at.step, site=site)
 
 
 def _stopped_early(e: Evidence) -> Iterator[ScriptFinding]:
