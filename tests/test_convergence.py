@@ -60,12 +60,15 @@ def test_the_convergence_index_is_an_estimate_times_the_safety_factor() -> None:
 def test_errors_of_opposite_signs_cancel_at_a_timestep() -> None:
     """At dt* = 2 damping/(g t) where -g t dt/2 + damping = 0: the article's drop at 0.3 s."""
     damping_m = 0.0043102198351
-    timestep_s = cancelling_timestep(1 / 240, timestep_m=-9.81 * 0.3 / 480, damping_m=damping_m)
+    timestep_s = cancelling_timestep(
+        1 / 240, timestep_m=-9.81 * 0.3 / 480, damping_m=damping_m, interaction_m=0.009 * damping_m
+    )
     assert timestep_s == pytest.approx(2 * damping_m / (9.81 * 0.3), rel=1e-14)
     assert timestep_s is not None
     assert round(1 / timestep_s) == 341
-    assert cancelling_timestep(1 / 240, timestep_m=-1.0, damping_m=0.0) is None
-    assert cancelling_timestep(1 / 240, timestep_m=-1.0, damping_m=-1.0) is None
+    assert cancelling_timestep(1 / 240, timestep_m=-1.0, damping_m=0.0, interaction_m=0.0) is None
+    assert cancelling_timestep(1 / 240, timestep_m=-1.0, damping_m=-1.0, interaction_m=0.0) is None
+    assert cancelling_timestep(1 / 240, timestep_m=-1.0, damping_m=1.0, interaction_m=0.02) is None
 
 
 def test_a_study_of_the_articles_golden_heights() -> None:
@@ -136,13 +139,13 @@ def test_the_damping_of_a_study_is_that_of_the_finest_runs() -> None:
     The coarsest run has other shares, as it would at another time.
     """
     coarse = StudiedRun(0.1, 0.4, -0.1, -0.3, 0.2, 0.0, 0.0)
-    fine = StudiedRun(0.02, 0.5 + 1e-3, 1e-3, -0.004, 0.005, 2e-4, -3e-4)
+    fine = StudiedRun(0.02, 0.5 + 1e-3, 1e-3, -0.004, 0.005, 2e-5, -3e-4)
     study = study_of([coarse, fine])
     assert study.limit_m == 0.005
     assert study.cancelling_timestep_s == pytest.approx(0.02 * 0.005 / 0.004)
-    assert fine.discretisation_m == pytest.approx(-0.004 + 2e-4 - 3e-4)
+    assert fine.discretisation_m == pytest.approx(-0.004 + 2e-5 - 3e-4)
     assert study.damped_fall_m == pytest.approx(fine.simulated_m - fine.discretisation_m)
-    assert study.relative_error == pytest.approx(0.0041 / 0.501)
+    assert study.relative_error == pytest.approx(0.00428 / 0.501)
 
 
 @pytest.mark.parametrize(
@@ -187,7 +190,8 @@ def test_a_height_of_zero_has_no_relative_error() -> None:
 @pytest.mark.parametrize(
     ("errors", "hurts"),
     [((3.0, 2.0, 1.0), False), ((-3.0, -2.0, -1.0), False), ((2.0, 2.0), False),
-     ((-1.0, 2.0), True), ((1.0, -2.0), True), ((3.0, 1.0, 2.0), True)],
+     ((-1.0, 2.0), True), ((1.0, -2.0), True), ((3.0, 1.0, 2.0), True),
+     ((3.0, 1.0, 1.005), False)],
 )  # fmt: skip
 def test_refining_hurts_where_the_size_of_the_error_grows(
     errors: tuple[float, ...], hurts: bool

@@ -399,6 +399,9 @@ steps(10)
         assert base["step"].to_list() == list(range(11, 21))
         assert base["x_m"][0] == pytest.approx(start_m + 1 / 240, abs=1e-3)
     assert "law-mismatch" not in codes(analysis)
+    arm = body_of(analysis, 0)  # of which all links are there from the start
+    assert arm.segments == {**dict.fromkeys(arm.segments, 0), "set": 1, "jointed": 20}
+    assert arm.energy is not None
 
 
 @pytest.mark.parametrize("mass", ["", "p.changeDynamics(b, -1, mass=5)\n"])
@@ -411,6 +414,7 @@ def test_a_btrigidbody_whose_inertia_is_set_is_not_still(analyzed: Analyzed, mas
     )
     body = body_of(analysis, 0)
     finite = recording.seen.states["z_m"].is_finite()
+    assert found(analysis, "inertia-without-mass").step == 0
     if mass:
         assert finite.all()
         assert (body.segments["flight"], body.unexplained) == (5, [])

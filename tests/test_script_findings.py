@@ -81,6 +81,7 @@ p.changeDynamics(8, -1, mass=5)
 steps(60)
 """
 )
+RIGID = 'b = p.loadURDF("cube_small.urdf", useMaximalCoordinates=True)\n'
 STACK = (
     FLOOR + BOX.format("1", "0.05, 0.05, 0.05", "0, 0, 0.05") + BOX.format("{}", "0.05, 0.05, 0.05",
     "0, 0, 0.16") + "steps(60)"
@@ -196,6 +197,11 @@ CASES = [
         "inertia-far-from-shape", INERTIA.format("1, 1, 1"), "0_box", 0, 4,
         INERTIA.format("0.001, 0.001, 0.001"),
     ),
+    Case(
+        "inertia-without-mass", RIGID + "p.changeDynamics(b, -1, localInertiaDiagonal=[1, 1, 1])\n"
+        "steps(2)", "0_cube_small", 0, 2,
+        RIGID + "p.changeDynamics(b, -1, mass=2, localInertiaDiagonal=[1, 1, 1])\nsteps(2)",
+    ),
     Case("solver-stopped-early", PILE.format(3), None, 1, None, PILE.format(2000)),
     Case("mass-ratio", STACK.format(500), None, 12, None, STACK.format(50)),
     Case(
@@ -284,6 +290,11 @@ HARMLESS = {
         "collisionFramePositions=[[0, -0.5, 0], [0, 0.5, 0]])\n"
         "b = p.createMultiBody(1, c, -1, [0, 0, 0.5])\n"
         "p.resetBaseVelocity(b, [90, 0, 0])\nsteps(8)",
+    ),
+    "the inertia of a btMultiBody": (
+        "inertia-without-mass",
+        BOX.format("1", "1, 1, 1", "0, 0, 0")
+        + "p.changeDynamics(b, -1, localInertiaDiagonal=[1, 1, 1])\nsteps(2)",
     ),
     "nothing to meet": ("timestep-too-long", GRAVITY + BULLET + "steps(5)"),
     "no mass, and none to meet": (

@@ -29,7 +29,11 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
     try:
         if path.is_dir():
             inside = [*path.glob("*.rrd"), *path.glob("recordings/*.rrd")]
-            inside = [each for each in inside if not each.name.endswith(".analysis.rrd")]
+            inside = [
+                each
+                for each in inside
+                if each.is_file() and not each.name.endswith(".analysis.rrd")
+            ]
             raise RecordingError(
                 "{path} is a folder; name a recording in it, such as {file}",
                 path=path,

@@ -20,6 +20,10 @@ NEGLIGIBLE = 1e-4
 """Share of the finest error below which damping changes no shown digit of an order."""
 ROUNDED = 0.01
 """Share of an error that may be rounding where an order is given: it is then off by up to 0.03."""
+CANCELS = 0.01
+"""Share of the damping's error that may remain where it and the timestep's cancel."""
+GROWS = 1.01
+"""Factor by which an error grows that counts as growing."""
 NEAR = 10.0
 """Factor beyond the coarsest or finest timestep up to which a timestep is near those tried."""
 
@@ -75,14 +79,19 @@ def grid_convergence_index(coarse: float, fine: float, *, ratio: float, order: f
     return SAFETY_FACTOR * abs((coarse - fine) / fine) / (math.pow(ratio, order) - 1)
 
 
-def cancelling_timestep(timestep_s: float, *, timestep_m: float, damping_m: float) -> float | None:
+def cancelling_timestep(
+    timestep_s: float, *, timestep_m: float, damping_m: float, interaction_m: float
+) -> float | None:
     """Return the timestep at which its share, proportional to it, cancels the damping's [s].
 
-    For a fall from rest dt* = 2 damping/(g t). None where they have the same sign, or one is 0.
+    For a fall from rest dt* = 2 damping/(g t). None where they have the same sign, or one is 0, or
+    where the interaction, which is proportional to it as well, leaves more than `CANCELS` of it.
     """
     if timestep_m * damping_m >= 0:
         return None
-    return -timestep_s * damping_m / timestep_m
+    cancelling_s = -timestep_s * damping_m / timestep_m
+    left_m = interaction_m * cancelling_s / timestep_s
+    return cancelling_s if abs(left_m) <= CANCELS * abs(damping_m) else None
 
 
 @dataclass(frozen=True)
@@ -140,9 +149,9 @@ class Study:
 
     @property
     def refining_hurts(self) -> bool:
-        """Whether any refinement increased the error against free fall."""
+        """Whether any refinement increased the error against free fall, by 1 % or more."""
         errors = [abs(run.error_m) for run in self.runs]
-        return any(fine > coarse for coarse, fine in itertools.pairwise(errors))
+        return any(fine > GROWS * coarse for coarse, fine in itertools.pairwise(errors))
 
     @property
     def damping_matters(self) -> bool:
@@ -190,7 +199,10 @@ def study_of(runs: Sequence[StudiedRun]) -> Study:
             abs(finest.discretisation_m / finest.simulated_m) if finest.simulated_m else None
         ),
         cancelling_timestep_s=cancelling_timestep(
-            finest.timestep_s, timestep_m=finest.timestep_m, damping_m=finest.damping_m
+            finest.timestep_s,
+            timestep_m=finest.timestep_m,
+            damping_m=finest.damping_m,
+            interaction_m=finest.interaction_m,
         ),
         limit_m=finest.damping_m,
     )

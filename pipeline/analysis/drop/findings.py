@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.analysis.drop.case import FLOOR_REACH_M, TOUCHING_M, Case
-from pipeline.analysis.drop.convergence import cancelling_timestep
+from pipeline.analysis.drop.convergence import GROWS, cancelling_timestep
 from pipeline.analysis.drop.landing import CORNERS, Path, episodes, restitution_threshold_m_s
 from pipeline.analysis.drop.mismatch import Mismatch
 from pipeline.analysis.drop.phases import Phases
@@ -33,8 +33,6 @@ SOLVER_M = 1e-8
 """Error of a rest height due to the solver's early stop that is worth reporting."""
 INFLATED = 0.01
 """Relative excess of a rebound over the restitution asked for that is worth reporting."""
-CANCELS = 0.01
-"""Share of the damping term that may remain where timestep and damping cancel."""
 SWALLOWED_M_S = 0.01
 """A rebound slower than this is not missed."""
 
@@ -304,14 +302,14 @@ def _refining_hurts(e: Evidence) -> Iterator[Finding]:
         return
     terms = e.moment.terms_m
     cancel_s = cancelling_timestep(
-        e.case.timestep_s, timestep_m=terms.timestep, damping_m=terms.damping
+        e.case.timestep_s,
+        timestep_m=terms.timestep,
+        damping_m=terms.damping,
+        interaction_m=terms.interaction,
     )
     if cancel_s is None or cancel_s > e.moment.time_s:
         return
-    # The interaction shrinks with the timestep as well: what remains of it there does not cancel.
-    left_m = terms.interaction * cancel_s / e.case.timestep_s
-    grows = abs(e.moment.error_m) < abs(terms.damping)
-    if grows and abs(left_m) <= CANCELS * abs(terms.damping):
+    if abs(terms.damping) > GROWS * abs(e.moment.error_m):
         yield Finding(
             "refining-hurts",
             Message(

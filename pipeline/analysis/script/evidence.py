@@ -305,7 +305,7 @@ class Evidence:
         """Return the name of a part: the body, and the link where it is not the base."""
         known = self.seen.bodies.get(body)
         if known is None:
-            return Message("body {number}", number=body)
+            return Message("a link that PyBullet does not show")
         if link < 0:
             return known.label
         return Message("{body}, link {link}", body=known.label, link=known.links[link + 1])

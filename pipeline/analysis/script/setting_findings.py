@@ -12,6 +12,7 @@ from pipeline.analysis.script.evidence import OFTEN, Evidence
 from pipeline.analysis.script.results import ScriptFinding
 from pipeline.analysis.script.tracks import order
 from pipeline.fields import fraction
+from pipeline.laws.lookup import RIGID
 from pipeline.messages import Message
 from pipeline.seen import At, Dynamics
 
@@ -27,6 +28,7 @@ def findings(e: Evidence) -> Iterator[ScriptFinding]:
     yield from _timestep_changed(e)
     yield from _unseeded(e)
     yield from _stopped_early(e)
+    yield from _inertia_alone(e)
     yield from _inertia(e)
 
 
@@ -153,6 +155,31 @@ def _unseeded(e: Evidence) -> Iterator[ScriptFinding]:
             where=where,
         )
         yield e.finding("unseeded", message, site=first.rpartition(" at ")[2] or None)
+
+
+def _inertia_alone(e: Evidence) -> Iterator[ScriptFinding]:
+    """Yield btRigidBodies that get an inertia without a mass (`processChangeDynamicsInfoCommand`).
+
+    PyBullet then sets the mass to what an earlier command has left in its memory.
+    """
+    for number, record in e.seen.by_body.items():
+        rigid = any(each.reported["kind"][0] == RIGID for each in record.dynamics)
+        for given in record.given:
+            alone = given.values.keys() & {"mass", "localInertiaDiagonal"} == {
+                "localInertiaDiagonal"
+            }
+            if rigid and alone:
+                site = e.site(("changeDynamics",), given.at, given.body, "localInertiaDiagonal")
+                message = Message(
+                    "{body} is a btRigidBody that gets an inertia without a mass: PyBullet then "
+                    "takes as its mass what an earlier command left in memory, another one with us "
+                    "than without; give p.changeDynamics its mass as well",
+                    body=e.label(number),
+                )
+                yield e.finding(
+                    "inertia-without-mass", message, body=number, step=given.at.step, site=site
+                )
+                break
 
 
 def _inertia(e: Evidence) -> Iterator[ScriptFinding]:

@@ -71,10 +71,11 @@ class Track:
 def tracks_of(seen: Seen) -> Iterator[Track]:
     """Yield the track of every body that has samples, by number."""
     for number, body in sorted(seen.bodies.items()):
-        # The base may be fixed while joints move the rest.
-        rows = seen.parts.get((number, min(body.moving, default=BASE)))
-        if rows is not None and not body.soft:
-            yield _track(seen, body, rows)
+        parts = [seen.parts.get((number, link)) for link in body.moving or (BASE,)]
+        recorded = [rows for rows in parts if rows is not None]
+        if recorded and not body.soft:
+            # The base may be fixed while joints move the rest, and be moved by a call later.
+            yield _track(seen, body, max(recorded, key=len))
 
 
 def _track(seen: Seen, body: Body, rows: pl.DataFrame) -> Track:
