@@ -867,6 +867,20 @@ CAUSES = {
         + "p.changeDynamics(b, -1, contactStiffness=100, contactDamping=50)\nsteps(60)",
         "nothing pushed it",
     ),
+    "neither where friction gave it, by restitution in an oblique impact": (
+        "energy-gained",
+        FLOOR + """
+s = p.createCollisionShape(p.GEOM_CYLINDER, radius=.185, height=.1)
+b = p.createMultiBody(200, s, -1, [.300052, .210932, .154139],
+                      [-.19522, -.225573, .639398, .708644])
+p.changeDynamics(0, -1, restitution=.78)
+p.changeDynamics(b, -1, restitution=1.127, lateralFriction=.756, linearDamping=0,
+                 angularDamping=0, localInertiaDiagonal=[2.00836592, 2.00836592, 3.44214134])
+p.resetBaseVelocity(b, [1.660677, .661586, -3.3173], [-.528449, -.821609, 4.693427])
+steps(12)
+""",
+        "nothing pushed it",
+    ),
     "the approach, whatever the spring": (
         "deep-penetration",
         FLOOR + CUBE.format(0.3) + "p.setTimeStep(0.01)\n" + SOFT.format(9) + "steps(25)",

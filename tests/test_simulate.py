@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -251,6 +252,21 @@ def test_coordinates_choose_the_kind_of_body(
 ) -> None:
     recording = recorded(coordinates=coordinates, duration_s=1 / 240)
     assert recording.engine.body_type == body_type
+
+
+def test_the_standard_drop_is_the_same_in_every_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever files of these names are there; what is given as a path is the file there."""
+    shutil.copy(DATA / "block.urdf", tmp_path / "cube_small.urdf")
+    shutil.copy(DATA / "cube.urdf", tmp_path / "plane.urdf")
+    monkeypatch.chdir(tmp_path)
+    simulate(Scenario(), "a.rrd", camera=None)
+    standard = read(Path("a.rrd"))
+    assert standard.engine.rest_height_m == 0.025
+    assert standard.contacts["step"][0] == 109
+    simulate(Scenario(body="./cube_small.urdf"), "b.rrd", camera=None)
+    assert read(Path("b.rrd")).engine.mass_kg == 0.02
 
 
 @pytest.mark.parametrize(

@@ -295,6 +295,9 @@ def _cause_of_gain(e: Evidence, body: int, contact: ScriptContact) -> Message | 
     off_m_s = abs(bounced_m_s + pushed_m_s - parting.after_m_s)
     if off_m_s > AGREES * parting.after_m_s or contact.most_given_j < contact.energy_j / 2:
         return None
+    # Slower along the normal, the energy came from friction, which may give some with restitution.
+    if bounced_m_s + pushed_m_s <= met_m_s:
+        return None
     if bounced_m_s - met_m_s > max(0.0, pushed_m_s):
         return Message("their restitutions multiply to more than 1; lower one of them")
     if bounced_m_s > met_m_s:

@@ -12,6 +12,7 @@ from typing import Any
 from pipeline.engines.bullet.c_output import c_output_moved_aside
 from pipeline.engines.bullet.probe import digest_of, try_body
 from pipeline.errors import ScenarioError
+from pipeline.scenario import Scenario
 
 
 def _import_pybullet() -> tuple[Any, str]:
@@ -27,13 +28,18 @@ p, BUILD_TIME = _import_pybullet()
 def find_body(body: str) -> Path:
     """Return the URDF file of a name: a path, or a file of `pybullet_data`.
 
+    The default is always that of `pybullet_data`, so that it is the same drop in every folder.
+
     Raises
     ------
     ScenarioError
         If neither place has such a file, or it is the user's own and Bullet cannot load it.
     """
     bundled, is_folder = data_folder().resolve(), False
-    for candidate in (Path(body), bundled / body):
+    candidates = [Path(body), bundled / body]
+    if body == Scenario().body:
+        candidates.reverse()
+    for candidate in candidates:
         with contextlib.suppress(OSError):  # such as a name that is too long
             if candidate.is_file():
                 if bundled not in candidate.resolve().parents:

@@ -65,7 +65,7 @@ class World:
             self._body = self._load_body()
             self._links = list(range(p.getNumJoints(self._body, physicsClientId=self._client)))
             self._body_sha256 = hashlib.sha256(self._urdf.read_bytes()).hexdigest()
-            self._floor = self._load("plane.urdf") if scenario.floor else None
+            self._floor = self._load(data_folder() / "plane.urdf") if scenario.floor else None
             self._configure()
             self._release()
         except BaseException:
