@@ -1207,8 +1207,14 @@ def _ledger_adds_up(said: Said) -> None:
     change = float(run.energy_j[-1] - run.energy_j[0])
     hold(abs(math.fsum(causes) - change) <= slack, f"{math.fsum(causes)} for {change}")
     hold(abs(ledger["closing_j"] or 0.0) <= slack, f"{ledger['closing_j']} is unexplained")
-    spin = float(run.kinetic_angular_j[last] - run.kinetic_angular_j[0])
-    near(ledger["rotation_j"], spin, slack, "rotation in the air")
+    flies = np.ones(len(run.kinetic_angular_j) - 1, dtype=bool)
+    pushed = said.truth.pushed_steps
+    flies[pushed[pushed > 0] - 1] = False
+    spin = float(np.diff(run.kinetic_angular_j)[flies].sum())
+    if max(1, said.drop.substeps or 1) == 1:  # they hide where the floor acted
+        near(ledger["rotation_j"], spin, slack, "rotation in flight")
+        up = np.diff(run.velocity_m_s[:, 2])[flies].sum() * said.drop.gravity * said.drop.step_s
+        near(ledger["integrator_j"], -said.truth.facts.mass_kg[0] / 2 * up, slack, "integrator")
     if not len(said.truth.touched_steps):
         hold(abs(ledger["contact_j"]) <= slack, "contact took energy, and there was none")
 

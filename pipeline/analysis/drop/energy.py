@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from pipeline.analysis.drop.case import Case
 from pipeline.analysis.general.mechanics import Mechanics
+from pipeline.analysis.general.segments import FLIGHT
 
 Float64 = NDArray[np.float64]
 
@@ -38,15 +39,15 @@ class EnergyLedger:
     damping_j: float | None = None
     """Work of the damping."""
     integrator_j: float | None = None
-    """What semi-implicit Euler loses."""
+    """What semi-implicit Euler loses in flight."""
     clamp_j: float | None = None
-    """What is lost to Bullet's limit of 100 on each velocity component, before contact."""
+    """What is lost in flight to Bullet's limit of 100 on each velocity component."""
     rotation_j: float | None = None
-    """Change of the rotational energy in the air: damping and integration of the spin."""
+    """Change of the rotational energy in flight: damping and integration of the spin."""
     spin_damping_j: float | None = None
-    """Work of the angular damping from the first contact on; before that it is in `rotation_j`."""
+    """Work of the angular damping in contact; in flight it is in `rotation_j`."""
     contact_j: float | None = None
-    """What contact takes; with `--substeps`, also what damping takes from the first contact on."""
+    """What contact takes; with `--substeps`, also what damping takes in contact."""
     closing_j: float | None = None
     """What the causes leave unexplained: rounding, unless the state was altered."""
 
@@ -62,30 +63,33 @@ def ledger(case: Case, energies: Mechanics, *, airborne: int) -> EnergyLedger:
         The mechanical state of every sample.
     airborne
         Number of samples before the first contact. Damping works in every step; whatever else
-        changes from then on is booked to contact.
+        changes from then on is booked to contact, except in steps that are flight.
     """
     total_j, spin_j = energies.total_j, energies.kinetic_angular_j
     if not case.is_rigid or not case.law.covers(case.samples).all():
         return EnergyLedger(initial_j=float(total_j[0]), final_j=float(total_j[-1]))
     damping_j, clamp_j, integrator_j = _work(case)
     last = max(airborne - 1, 0)
-    in_air_j = float(total_j[last] - total_j[0])
-    rotation_j = float(spin_j[last] - spin_j[0])
-    clamped_j = float(np.sum(clamp_j[:last]))
+    flies = np.arange(len(damping_j)) < last
+    flies[last:] = case.segments.code[last + 1 :] == FLIGHT
+    later = flies[last:]  # flights after the first contact
+    again_j = float(np.sum(np.diff(total_j[last:])[later]))
+    in_air_j = float(total_j[last] - total_j[0]) + again_j
+    rotation_j = float(spin_j[last] - spin_j[0]) + float(np.sum(np.diff(spin_j[last:])[later]))
     if case.substeps > 1:  # what happens within a sample is not recorded
-        damping_j[last:] = 0.0
-    in_contact_j = float(np.sum(damping_j[last:]))
-    spun_j = _spin_damping(case, spin_j[last:-1])
-    booked_in_air_j = float(np.sum(damping_j[:last]) + np.sum(integrator_j[:last])) + rotation_j
+        damping_j[~flies] = 0.0
+    clamped_j, lost_j = float(np.sum(clamp_j[flies])), float(np.sum(integrator_j[flies]))
+    in_contact_j, spun_j = float(np.sum(damping_j[~flies])), _spin_damping(case, spin_j, ~flies)
+    booked_in_air_j = float(np.sum(damping_j[flies]) + lost_j) + rotation_j
     return EnergyLedger(
         initial_j=float(total_j[0]),
         final_j=float(total_j[-1]),
         damping_j=float(np.sum(damping_j)),
-        integrator_j=float(np.sum(integrator_j[:last])),
+        integrator_j=lost_j,
         clamp_j=clamped_j,
         rotation_j=rotation_j,
         spin_damping_j=spun_j,
-        contact_j=float(total_j[-1] - total_j[last]) - in_contact_j - spun_j,
+        contact_j=float(total_j[-1] - total_j[last]) - again_j - in_contact_j - spun_j,
         closing_j=in_air_j - (booked_in_air_j + clamped_j),
     )
 
@@ -110,13 +114,15 @@ def _work(case: Case) -> tuple[Float64, Float64, Float64]:
     return damping_j, clamp_j, integrator_j
 
 
-def _spin_damping(case: Case, spin_j: Float64) -> float:
-    """Return the work of the angular damping in steps that begin with these spin energies [J].
+def _spin_damping(case: Case, spin_j: Float64, touches: NDArray[np.bool_]) -> float:
+    """Return the work of the angular damping in the steps in contact.
 
     Less than about a millionth of the energy is left to contact.
     """
-    if case.substeps > 1 or not case.scenario.stepped or not len(spin_j):
+    if case.substeps > 1 or not case.scenario.stepped or not touches.any():
         return 0.0
-    kept = case.law.spin_kept(case.samples.spin_rad_s[-1 - len(spin_j) : -1])
-    work_j = float(np.sum(spin_j * (np.square(kept) - 1)))
-    return work_j if abs(work_j) > 1e-6 * float(np.abs(spin_j).max() + case.engine.mass_kg) else 0.0
+    before_j = spin_j[:-1][touches]
+    kept = case.law.spin_kept(case.samples.spin_rad_s[:-1][touches])
+    work_j = float(np.sum(before_j * (np.square(kept) - 1)))
+    least_j = 1e-6 * float(np.abs(before_j).max() + case.engine.mass_kg)
+    return work_j if abs(work_j) > least_j else 0.0
