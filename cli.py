@@ -231,7 +231,7 @@ def render(
                 run, out=out, animation=animation, view=view, body=body, force=force,
                 progress=report,
             )  # fmt: skip
-        show_rendering(rendering, as_json=json)
+        show_rendering(rendering, run, as_json=json)
         return
     if view is not None or body is not None:
         raise ScenarioError(
@@ -243,7 +243,7 @@ def render(
             run, out=out, animation=animation, plot=plot, dark=dark, force=force,
             progress=report,
         )  # fmt: skip
-    show_rendering(rendering, as_json=json)
+    show_rendering(rendering, run, as_json=json)
 
 
 @app.command(

@@ -644,6 +644,7 @@ ENDINGS = {
     "exit": ("sys.exit(3)", "failed", "sys.exit(3)"),
     "exit text": ("sys.exit('bad luck')", "failed", "sys.exit('bad luck')"),
     "exit well": ("sys.exit(0)", "finished", ""),
+    "exit well by its last byte": ("sys.exit(256)", "finished", ""),
     "_exit": ("os._exit(4)", "failed", "it ended with exit code 4"),
     "_exit well": ("os._exit(0)", "finished", ""),
     "crash": ("ctypes.string_at(0)", "failed", "it was ended by SIGSEGV"),

@@ -628,12 +628,14 @@ def test_printed_rendering_says_how_it_plays(
     capsys: pytest.CaptureFixture[str], frames: int, fps: float, speed: float | None, facts: str
 ) -> None:
     made = Rendering(Path("fall.webp"), frames, fps, Path("fall.png"), speed)
-    show_rendering(made, as_json=False)
+    show_rendering(made, Path("fall.rrd"), as_json=False)
     assert lines_of(capsys) == [f"webp fall.webp {facts}", "plot fall.png"]
-    show_rendering(made, as_json=True)
-    assert json.loads(capsys.readouterr().out) == {
+    show_rendering(made, Path("fall.rrd.part"), as_json=True)
+    out, err = capsys.readouterr()
+    assert json.loads(out) == {
         "gif": "fall.webp", "frames": frames, "fps": fps, "plot": "fall.png",
     }  # fmt: skip
+    assert "fall.rrd.part was never finished" in err
 
 
 def test_printed_simulation_says_what_was_recorded(capsys: pytest.CaptureFixture[str]) -> None:

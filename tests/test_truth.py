@@ -1153,13 +1153,6 @@ def _ledger_final(said: Said) -> None:
     near(said.value, float(said.run.energy_j[-1]), slack * _joules(said), "energy of all links")
 
 
-def _air_steps(said: Said) -> tuple[int, oracle.Replay]:
-    """Return how many steps are taken in the air before contact, and the replay without a floor."""
-    touched = said.truth.touched_steps
-    last = int(touched[0]) - 1 if len(touched) else said.drop.steps
-    return max(last, 0), said.run
-
-
 @checks("energy.damping_j")
 def _ledger_damping(said: Said) -> None:
     drop, facts = said.drop, said.truth.facts
@@ -1201,7 +1194,6 @@ def _ledger_adds_up(said: Said) -> None:
     """Hold the causes against the energies of the replay before contact, and over all of it."""
     ledger, run = said.beside, said.run
     hold(said.truth.facts.is_rigid, "causes are claimed of a body with joints")
-    last, _ = _air_steps(said)
     slack = 1e-8 * _joules(said)
     causes = [v for k, v in ledger.items() if k not in ("initial_j", "final_j") and v is not None]
     change = float(run.energy_j[-1] - run.energy_j[0])

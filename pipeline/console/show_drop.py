@@ -68,8 +68,15 @@ def show_analysis(analysis: Analysis, *, as_json: bool) -> None:
         print_lines(*analysis_lines(analysis))
 
 
-def show_rendering(rendering: Rendering, *, as_json: bool) -> None:
-    """Print what `render` made."""
+def show_rendering(rendering: Rendering, recording: Path, *, as_json: bool) -> None:
+    """Print what `render` made of a recording."""
+    if recording.suffix == ".part":
+        note(
+            Message(
+                "{recording} was never finished: this shows what it holds, unverified",
+                recording=str(recording),
+            )
+        )
     if as_json:
         print_json(_rendering_json(rendering))
     else:

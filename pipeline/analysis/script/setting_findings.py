@@ -16,6 +16,8 @@ from pipeline.laws.lookup import RIGID
 from pipeline.messages import Message
 from pipeline.seen import At, Dynamics
 
+ENDLESS_M = 1e20
+"""A plane has a larger box."""
 TINY_INERTIA = 1e-3
 """The greatest moment of inertia of a usual shape is more than this share of m R²; a rod's: 1/3."""
 
@@ -224,7 +226,7 @@ def _of_inertia(e: Evidence, number: int, dynamics: Dynamics) -> Iterator[Script
                 "impossible-inertia", message, body=number, step=dynamics.at.step, site=site
             )
         edges_m = e.extents_m(number, link, at)
-        if edges_m is None:
+        if edges_m is None or edges_m.max() > ENDLESS_M:
             continue
         most = float(mass_kg) * float(edges_m @ edges_m) / 4
         if high > most * (1 + 1e-6) or high < TINY_INERTIA * most:

@@ -36,7 +36,7 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
         end(watch, "stopped")
     except SystemExit as error:
         code = error.code
-        failed = code is not None and code != 0
+        failed = bool(code & 0xFF if isinstance(code, int) else code is not None)
         end(watch, "failed" if failed else "finished", f"sys.exit({code!r})" if failed else "")
     except KeyboardInterrupt:
         end(watch, "interrupted")
