@@ -360,8 +360,8 @@ def _possible_of_calls(run: Side, golden: Side) -> Iterator[Message]:
     if run.seen.real_time or golden.seen.real_time:
         yield Message("it asked for real-time simulation, which follows a clock")
     yield Message(
-        "what it reads has changed, such as a module, a file or the time of day, which --seed "
-        "fixes, or how its threads take turns"
+        "what it reads has changed, such as a module, a file or the time of day, or how its "
+        "threads take turns"
     )
 
 

@@ -227,7 +227,9 @@ class Evidence:
         return known and bool(box_m(self.appearance(body, at).body, link).any())
 
     def filtered(self, one: Body, other: Body) -> bool:
-        """Whether calls may have kept two bodies from colliding."""
+        """Whether two bodies may not collide: neither has mass, or a call has said so."""
+        if not (one.soft or other.soft or self.heavy & {one.number, other.number}):
+            return True
         pair = {one.engine_id, other.engine_id}
         return any(client == one.client and named <= pair for client, named in self._filters)
 
@@ -255,7 +257,6 @@ class Evidence:
         return any(
             other.client == body.client
             and other.number != body.number
-            and (other.soft or self.heavy & {body.number, other.number})
             and not self.filtered(body, other)
             and (
                 other.soft

@@ -168,7 +168,7 @@ def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFi
         step = int(joints.steps[first])
         message = Message(
             "{body} drives its joint {joint} with its maximum of {limit:.4g} {unit} for {samples} "
-            "steps from step {step} on, and lags behind its target meanwhile",
+            "steps from step {step} on, and may lag behind its target",
             body=body.label,
             joint=moving[column].name,
             limit=limit,

@@ -53,7 +53,9 @@ def _no_gravity(e: Evidence) -> Iterator[ScriptFinding]:
         free = [
             body.label
             for body in e.seen.bodies.values()
-            if body.client == client and body.number in e.judged and not body.joints
+            if body.client == client
+            and body.number in e.judged.keys() & e.heavy
+            and not (body.joints or e.seen.by_body[body.number].constraints)
         ]
         weightless = all(
             not np.ravel(settings.values[f"gravityAcceleration{axis}"]).any()

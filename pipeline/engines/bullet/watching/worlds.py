@@ -126,15 +126,20 @@ class Body:
         boxes = []
         for link in (-1, *self.links):
             low, high = self._p.getAABB(self.id, link, self._client)
-            if max(map(sub, high, low)) < EMPTY_M and self._is_empty(link):
+            if self._is_empty(link, [*map(sub, high, low)]):
                 low = high = [(a + b) / 2 for a, b in zip(low, high)]
             boxes += [*low, *high]
         return boxes
 
-    def _is_empty(self, link: int) -> bool:
-        """Whether a link has no collision shapes; not known of a btRigidBody."""
-        if self.dynamics[0][10] == RIGID:
+    def _is_empty(self, link: int, edges_m: list[float]) -> bool:
+        """Whether a link with a box of these edges has no collision shapes.
+
+        PyBullet does not list those of a btRigidBody: one that is this small counts as empty.
+        """
+        if max(edges_m) >= EMPTY_M:
             return False
+        if self.dynamics[0][10] == RIGID:
+            return max(abs(edge_m - 0.002) for edge_m in edges_m) < 1e-9
         return not self._p.getCollisionShapeData(self.id, link, self._client)
 
     def looks(self, search_path: str) -> list[Any]:
