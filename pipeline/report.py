@@ -76,7 +76,9 @@ class EngineReport:
     shape_orientation: tuple[float, float, float, float] | None = _reported(
         "of that shape in the body's axes: quaternion x, y, z, w", default=None
     )
-    reach_m: float = _reported("how far the body, or its base, reaches from its centre")
+    reach_m: float = _reported(
+        "how far the corners of the box around the body, or its base, are from its centre"
+    )
     rest_height_m: float | None = _reported(
         "height of the centre at which the body, turned as released, touches the floor; "
         "measured by the engine's own collision detection; none without a shape",

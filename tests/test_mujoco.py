@@ -409,3 +409,13 @@ def test_a_sweep_has_a_row_of_each_engine(tmp_path: Path, drop: Drop) -> None:
     assert table["engine"].to_list() == ["bullet", "mujoco"]
     assert table["simulated_m"].to_list() == [0.5567296523863766, 0.5524187499999997]
     assert table["damping_m"][1] == 0
+
+
+def test_forces_that_do_not_balance_at_little_friction_are_no_alteration(
+    recorded: Recorder,
+) -> None:
+    recording = recorded(engine="mujoco", friction=0.0, solver_residual=0.0)
+    analysis = judge(recording)
+    assert analysis.segments.unexplained > 0
+    assert "law-mismatch" not in {finding.code for finding in analysis.findings}
+    assert "with a friction as low as" in str(analysis.explained.why)

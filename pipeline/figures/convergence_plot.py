@@ -190,7 +190,8 @@ def _draw(axes: Axes, panel: Panel, low: float, high: float, ink: Ink, *, most_t
 
 
 def _plain(value: float, _: int) -> str:
-    return np.format_float_positional(value, trim="-")
+    # A tick of 10⁻⁵ is computed as 9.999999999999999e-06.
+    return np.format_float_positional(value, precision=3, fractional=False, trim="-")
 
 
 def _total_mm(panel: Panel, timesteps_s: Float64) -> Float64:
