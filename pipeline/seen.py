@@ -406,7 +406,9 @@ def body_named(bodies: Iterable[Body], which: str) -> Body:
     matches = [body for body in candidates if which in (str(body.number), body.label, body.name)]
     if len(matches) == 1:
         return matches[0]
-    listed = ", ".join(f"{body.number} ({body.name})" for body in (matches or candidates)[:10])
+    shown = matches or candidates
+    listed = ", ".join(f"{body.number} ({body.name})" for body in shown[:10])
+    listed += " …" if len(shown) > 10 else ""
     if matches:
         raise ScenarioError(
             "--body must be a body of the recording, got {which!r}, the name of several; "

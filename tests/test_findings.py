@@ -179,6 +179,7 @@ def test_what_was_dropped_flat_is_not_advised_to_be(recorded: Recorder) -> None:
         ({"velocity_m_s": (1.0, 0.0, 0.0), "restitution": 0.8, "duration_s": 2.0}, False),
         ({"spin_rad_s": (3.0, 0.0, 0.0), "duration_s": 1.0}, True),
         ({"orientation": (20.0, 0.0, 0.0), "duration_s": 1.0}, True),
+        ({"orientation": (20.0, 0.0, 0.0), "duration_s": 1.0, "body": "duck_vhacd.urdf"}, False),
     ):
         findings = judge(recorded(**how)).findings
         (message,) = (finding.message for finding in findings if finding.code == "tumbled")

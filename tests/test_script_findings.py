@@ -575,6 +575,14 @@ def test_a_timestep_that_changes_all_the_time_is_one_finding(analyzed: Analyzed)
     assert "from 1/100 s to 101/100 s at step 1 (the first of 8 changes)" in finding.message
 
 
+@pytest.mark.parametrize("target", ["", "targetPosition=1, ", "1, "])
+def test_a_motor_without_a_target_may_be_a_brake(analyzed: Analyzed, target: str) -> None:
+    drives = f"p.setJointMotorControl2(r, 1, p.POSITION_CONTROL, {target}force=1)\nsteps(40)"
+    start = ROBOT + "p.resetJointState(r, 1, 0.5)\n"
+    message = found(analyzed(start + drives), "motor-at-limit").message
+    assert message.endswith("more force") == bool(target)
+
+
 def test_a_mass_counts_while_it_touches(analyzed: Analyzed) -> None:
     lighter = STACK.format(500) + "\np.changeDynamics(b, -1, mass=1)\nsteps(3)"
     assert found(analyzed(lighter), "mass-ratio").step == 12

@@ -130,7 +130,8 @@ class Script:
             ended.notes.append(
                 Message(
                     "a shape of {bodies} is not drawn: drop draws boxes, spheres, cylinders, "
-                    "capsules, planes, and meshes from files of up to {size}",
+                    "capsules whose direction is known, planes, and meshes from files of up to "
+                    "{size}",
                     bodies=all_of(labels),
                     size=decimal(pictures.LARGEST_MESH_BYTES),
                 )

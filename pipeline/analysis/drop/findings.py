@@ -404,7 +404,7 @@ def _tumbled(e: Evidence) -> Iterator[Finding]:
     if not e.case.is_box:
         how = Message("it touches the floor tilted by {tilt}° from how it was released", tilt=tilt)
     advice = []
-    if any(e.case.scenario.spin_rad_s) or tilts[0] > FLAT_RAD:
+    if e.case.is_box and (any(e.case.scenario.spin_rad_s) or tilts[0] > FLAT_RAD):
         advice = [Message("drop it flat with --orientation and without --spin")]
     if e.law is not None and e.case.scenario.solver_residual != 0:
         advice = [

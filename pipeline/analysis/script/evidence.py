@@ -325,7 +325,7 @@ class Evidence:
                 continue
             if argument not in call.arguments:
                 continue
-            if body is None or (call.client == body.client and _is_of(call, body)):
+            if body is None or (call.client == body.client and is_of(call, body)):
                 return f"{call.file}:{call.line}"
         return None
 
@@ -351,7 +351,8 @@ def start_of(step: int) -> Moment:
     return step - 1, math.inf
 
 
-def _is_of(call: Call, body: Body) -> bool:
+def is_of(call: Call, body: Body) -> bool:
+    """Whether a call names a body's id, or changes all."""
     named = re.search(r"\b(?:bodyUniqueId|objectUniqueId|bodyIndex)=(-?\d+)\b", call.arguments)
     named = named or re.match(r"(-?\d+)\b", call.arguments)
     return call.function in OF_ALL or (named is not None and int(named[1]) == body.engine_id)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.analysis.general.segments import unbroken
-from pipeline.analysis.script.evidence import Evidence
+from pipeline.analysis.script.evidence import Evidence, is_of
 from pipeline.analysis.script.results import ScriptFinding
 from pipeline.analysis.script.tracks import life_of, order
 from pipeline.messages import Message
@@ -27,6 +27,8 @@ beyond its limits to have none."""
 LIMITS = {"jointLowerLimit": 1.0, "jointUpperLimit": -1.0}
 """Arguments of `changeDynamics`, and what they are by default."""
 RESETS = ("resetJointState", "resetJointStateMultiDof")
+LISTS = re.compile(r"\[[^]]*\]")
+"""In a call's arguments."""
 POSITION_CONTROL = 2
 """PyBullet's number for it. A motor that holds a velocity is often used as friction, so being at
 its limit is its purpose."""
@@ -176,9 +178,20 @@ def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFi
             samples=samples,
             step=step,
         )
-        if free:
+        if free and _aims(e, body):
             message = Message("{finding}; give p.setJointMotorControl2 more force", finding=message)
         yield e.finding("motor-at-limit", message, body=body.number, step=step)
+
+
+def _aims(e: Evidence, body: Body) -> bool:
+    """Whether a call names a position for joints of a body; a motor without one is a brake."""
+    for call in e.seen.calls:
+        drives = call.function.startswith("setJointMotorControl")
+        if drives and call.client == body.client and is_of(call, body):
+            given = LISTS.sub("[]", call.arguments).split(", ")
+            if "targetPosition" in call.arguments or (len(given) > 3 and "=" not in given[3]):
+                return True
+    return False
 
 
 def _held(e: Evidence, body: Body, joint: Joint, first: int, last: int) -> bool:

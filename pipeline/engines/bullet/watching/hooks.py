@@ -295,6 +295,11 @@ class Watch:
             file = next(iter(arguments.values()), "") if name.startswith("load") else ""
             text = os.path.basename(file) if type(file) is str else ""
             world.files.update(dict.fromkeys(ids, text))
+            for each in ids:
+                world.mjcf.pop(each, None)
+            if name == "loadMJCF":
+                path = path_of(file, World.search_path) if text else None
+                world.mjcf.update(dict.fromkeys(ids, path and os.path.abspath(path)))
             world.flags.update(dict.fromkeys(ids, _number(arguments.get("flags", 0)) or 0))
             world.hiding.difference_update(ids)
             world.forget_ids(ids)

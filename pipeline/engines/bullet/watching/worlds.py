@@ -14,6 +14,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from . import pipe as protocol
+from .capsules import lay
 from .links import path_of
 from .pipe import Pipe
 
@@ -184,6 +185,8 @@ class World:
         """Bodies that a call has created: their ids may have been others' before."""
         self.files: dict[int, str] = {}
         """The files that bodies were loaded from: the names in them mislead."""
+        self.mjcf: dict[int, str | None] = {}
+        """The path of those that `loadMJCF` loaded; None where it is not known."""
         self.hiding: set[int] = set()
         """Bodies of several links that became btRigidBodies, of which only the base is reported."""
         self.added: dict[int, list[Any]] = {}
@@ -233,7 +236,7 @@ class World:
         if self.changed:
             self._read_dynamics()
         for body in [self.bodies[key] for key in self.recoloured if key in self.bodies]:
-            self._pipe.note("look", body=body.number, visual=body.looks(self.search_path))
+            self._pipe.note("look", body=body.number, visual=self._looks(body))
         self.recoloured = set()
         if self.moved:
             for body in self.bodies.values():
@@ -327,11 +330,19 @@ class World:
             flags=self.flags.get(engine_id, 0), hides_links=engine_id in self.hiding,
             bounds=body.bounds(),
             dynamics=_plain(added), joints=_plain(body.joint_infos),
-            joint_widths=body.widths, visual=body.looks(self.search_path),
+            joint_widths=body.widths, visual=self._looks(body),
         )  # fmt: skip
         if added is not body.dynamics:
             self._pipe.note("dynamics", body=body.number, dynamics=_plain(body.dynamics))
         return body
+
+    def _looks(self, body: Body) -> list[Any]:
+        shapes = body.looks(self.search_path)
+        if body.id in self.mjcf:
+            base = self._p.getBodyInfo(body.id, self.client)[0]
+            names = _plain([base, *(info[12] for info in body.joint_infos)])
+            lay(shapes, names, self.mjcf[body.id])
+        return shapes
 
     def _read_dynamics(self) -> None:
         all_changed = ALL in self.changed

@@ -1,0 +1,92 @@
+"""How capsules and cylinders of an MJCF file lie that are given from point to point.
+
+PyBullet loads them as they are, but `getVisualShapeData` reports them upright, in the middle.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from typing import Any
+from xml.parsers import expat
+
+from .links import MOST_BYTES
+
+CAPSULES = (4, 7)
+"""Kinds of shape in `getVisualShapeData`: cylinder and capsule."""
+LINK, KIND, SIZE, POSITION, ORIENTATION = 1, 2, 3, 5, 6
+"""Where it names these."""
+UNKNOWN = -1
+"""In place of a kind: how the shape lies is not known."""
+UPRIGHT = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]
+
+Ends = tuple[list[float], list[float]]
+
+
+def lay(shapes: list[Any], names: list[str], path: str | None) -> None:
+    """Turn the capsules among the shapes of a body from an MJCF file as they lie.
+
+    Parameters
+    ----------
+    shapes
+        What `getVisualShapeData` returns, as lists.
+    names
+        Of the body's parts, the base first.
+    path
+        The file; None where it is not known.
+    """
+    ends: dict[str, list[Ends]] = {}
+    with contextlib.suppress(OSError):
+        ends = ends_in(path) if path else {}
+    for shape in shapes:
+        if shape[KIND] not in CAPSULES or (shape[POSITION], shape[ORIENTATION]) != UPRIGHT:
+            continue
+        its = ends.get(names[shape[LINK] + 1])
+        if its is None:
+            shape[KIND] = UNKNOWN
+            continue
+        for low, high in its:
+            if math.isclose(math.dist(low, high), shape[SIZE][0], rel_tol=1e-6):
+                shape[POSITION] = [(a + b) / 2 for a, b in zip(low, high)]
+                shape[ORIENTATION] = _from_z_to([b - a for a, b in zip(low, high)])
+                its.remove((low, high))
+                break
+
+
+def ends_in(path: str) -> dict[str, list[Ends]]:
+    """Return the ends of what is given from point to point, by body; a name used twice is none."""
+    ends: dict[str, list[Ends]] = {}
+    within: list[str | None] = []
+    twice: set[str] = set()
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        if tag == "body":
+            name = attributes.get("name")
+            within.append(name)
+            if name is not None and name in ends:
+                twice.add(name)
+            elif name is not None:
+                ends[name] = []
+        elif tag == "geom" and within and within[-1] is not None and "fromto" in attributes:
+            numbers = [float(number) for number in attributes["fromto"].split()]
+            ends[within[-1]].append((numbers[:3], numbers[3:]))
+
+    def end(tag: str) -> None:
+        if tag == "body":
+            within.pop()
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    with open(path, "rb") as file:
+        text = file.read(MOST_BYTES)
+    with contextlib.suppress(expat.ExpatError, LookupError, ValueError):
+        parser.Parse(text, True)
+    return {name: its for name, its in ends.items() if name not in twice}
+
+
+def _from_z_to(direction: list[float]) -> list[float]:
+    """Return the orientation, x, y, z, w, of what lies along a direction, one way or the other."""
+    length = math.copysign(math.hypot(*direction), direction[2])
+    x, y, z = (component / length for component in direction)
+    norm = math.hypot(y, x, 1 + z)
+    return [-y / norm, x / norm, 0.0, (1 + z) / norm]
