@@ -410,6 +410,19 @@ def test_an_image_that_one_lacks_is_called_that(recording: Record) -> None:
     )
 
 
+def test_a_picture_before_the_scene_is_complete_is_no_other_physics(recording: Record) -> None:
+    """What comes after it has no sample of where it began."""
+    looking = (
+        ("import pybullet as p", "import sys, pybullet as p"),
+        ("arm = p.load", "if 'look' in sys.argv: p.getCameraImage(16, 16)\narm = p.load"),
+    )
+    for how in ((("look",), ()), ((), ("look",))):
+        result = check_script(*(recording(*looking, arguments=each) for each in how))
+        assert result.first == Difference(0, None, None, "frame")
+        assert result.comparison is not None
+        assert result.comparison.looks_like == "every state is identical"
+
+
 def test_connecting_again_is_not_ending_later(recording: Record) -> None:
     connecting = (
         ("import pybullet as p", "import sys, pybullet as p"),

@@ -280,6 +280,26 @@ def test_dart_accounts_for_every_force(recorded: Recorder) -> None:
         assert analysis.segments.contact > 10
 
 
+@DART
+def test_dart_loses_digits_of_a_body_that_is_nearly_upright(
+    recorded: Recorder, tmp_path: Path
+) -> None:
+    """Below 1e-3 rad its orientation is off by 1e-10, and so is where its velocity leads."""
+    body = tmp_path / "cylinder.urdf"
+    body.write_text(
+        '<robot name="c"><link name="b"><inertial><mass value="0.4"/><inertia ixx="0.001" '
+        'iyy="0.001" izz="0.0004" ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry>'
+        '<cylinder radius="0.02" length="0.06"/></geometry></collision></link></robot>'
+    )
+    analysis = judge(
+        recorded(
+            engine="dart", timestep_s=1 / 60, height_m=0.03, body=str(body), linear_damping=1.0,
+            spin_rad_s=(0.26897543229944176, 6.093424822789364, 0.0), friction=3.0,
+        )
+    )  # fmt: skip
+    assert analysis.explained.why is None
+
+
 @DRAKE
 def test_drake_rests_as_deep_as_its_modulus_lets_it(recorded: Recorder) -> None:
     analysis = judge(recorded(engine="drake", mass_kg=0.2, duration_s=2.0))

@@ -271,3 +271,30 @@ def test_a_drop_has_its_frames_already(drop: Drop) -> None:
     done = drop("render", "run.rrd", "--camera", "follow")
     assert done.returncode != 0
     assert "a drop's frames are taken when it is recorded" in done.stderr
+
+
+RIGID = """
+import sys
+import pybullet as p
+import pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .2, .05])
+look = p.createVisualShape(p.GEOM_BOX, halfExtents=[.1, .2, .05], rgbaColor=[1, 0, 0, 1])
+p.createMultiBody(
+    1, box, look, [0, 0, 1], [.5, .5, .5, .5], baseInertialFramePosition=[.3, 0, .1],
+    baseInertialFrameOrientation=[0, .6, 0, .8], useMaximalCoordinates={rigid},
+)
+p.loadURDF("teddy_vhacd.urdf", [1, 0, 1], [.5, .5, .5, .5], useMaximalCoordinates={rigid})
+p.stepSimulation()
+"""
+
+
+def test_a_btrigidbody_is_drawn_round_its_centre_of_mass(record: Record, tmp_path: Path) -> None:
+    """PyBullet does not report where that is in its frame; a btMultiBody of the same is alike."""
+    shown = []
+    for rigid in (False, True):
+        render_script(record(RIGID.format(rigid=rigid)), out=tmp_path / f"{rigid}.gif")
+        shown.append(pictures(tmp_path / f"{rigid}.gif")[0].astype(int))
+    assert len(redness(shown[0])) > 1000
+    assert np.abs(shown[0] - shown[1]).max() <= 2

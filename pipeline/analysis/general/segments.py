@@ -203,10 +203,14 @@ def _of_block(
     moved = alone if several else law.moved(before, motion.velocity_m_s, motion.spin_rad_s)
     position, orientation = motion.position_m, same_way(motion.orientation, moved.orientation)
     terms_m_s, terms_rad_s = law.terms(before)
-    turns = np.where(bits | law.moves_exactly, exactly, ulps)
+    exactly_there = bits | law.moves_exactly
+    turns = np.where(exactly_there, exactly, ulps)
+    aside = np.where(exactly_there, 0.0, law.oriented)
     place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
+    way_m = law.timestep_s * terms_m_s
+    # An orientation that deviates leads aside.
     there = place_m <= (
-        turns * (largest(position) + law.timestep_s * terms_m_s) + law.clock_s * terms_m_s
+        turns * (largest(position) + way_m) + aside * way_m + law.clock_s * terms_m_s
     )
     # As uncertain as the spin that turned it, which may have been read back through a rotation.
     dt, spin_rad_s = law.timestep_s, lengths(motion.spin_rad_s)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,10 +37,11 @@ from pipeline.analysis.script.results import (
     Unexplained,
 )
 from pipeline.analysis.script.times import Times
-from pipeline.analysis.script.tracks import order, tracks_of
+from pipeline.analysis.script.tracks import Track, order, tracks_of
 from pipeline.laws.base import Motion
 from pipeline.laws.lookup import RIGID
 from pipeline.seen import Body, Dynamics, Given, Seen
+from pipeline.states import BASE
 
 Float64 = NDArray[np.float64]
 
@@ -372,8 +374,11 @@ def energies_j(
         return None
     reported, track = dynamics[-1].reported, verdict.track
     gravity = np.zeros((len(track), 3))
+    step_s, substeps = np.zeros(len(track)), np.ones(len(track))
     for epoch in track.epochs:
         values = epoch.settings.values
+        step_s[epoch.rows] = np.ravel(values["fixedTimeStep"])[0]
+        substeps[epoch.rows] = max(1, np.ravel(values["numSubSteps"])[0])
         gravity[epoch.rows] = [np.ravel(values[f"gravityAcceleration{axis}"])[0] for axis in "XYZ"]
     total_j = np.zeros(len(track))
     for link, mass_kg, inertia in zip(
@@ -388,10 +393,27 @@ def energies_j(
         if rows is None or not np.array_equal(rows["step"].to_numpy(), track.steps):
             return None
         part: Motion = motion_of(rows)
+        if link != BASE:
+            part = _after_steps(part, track, step_s, substeps)
         of_part = mechanics_of_part(part, mass_kg, inertia, 0.0)
         total_j += of_part.kinetic_linear_j + of_part.kinetic_angular_j
         total_j -= mass_kg * np.sum(gravity * part.position_m, axis=1)
     return total_j
+
+
+def _after_steps(link: Motion, track: Track, step_s: Float64, substeps: Float64) -> Motion:
+    """Return the motion of a link with its poses at the ends of steps.
+
+    PyBullet reports a link's pose at the beginning of the last substep (`m_cachedWorldTransform`).
+    So the next sample has it; elsewhere, and with several substeps, its velocity leads there.
+    """
+    next_has_it = np.append((track.led & ~track.put & (substeps == 1))[1:], False)[:, None]
+    moved_m = np.where(track.led, step_s / substeps, 0.0)[:, None] * link.velocity_m_s
+    position_m = np.where(
+        next_has_it, np.roll(link.position_m, -1, axis=0), link.position_m + moved_m
+    )
+    orientation = np.where(next_has_it, np.roll(link.orientation, -1, axis=0), link.orientation)
+    return replace(link, position_m=position_m, orientation=orientation)
 
 
 def _vector(values: Float64) -> tuple[float, float, float]:

@@ -126,7 +126,7 @@ def _inputs(seen: Seen, labels: Set[str]) -> Inputs:
             rows.setdefault((entity, label, client), []).append((at, dict(values)))
 
     for each in seen.appearances:
-        flags = {"there": each.there, "came": each.came, "sampled": each.sampled}
+        flags = {"there": each.there, "came": each.came}  # a picture decides if it was sampled
         names = (part.name for part in fields(Body) if part.name not in FOLLOWS)
         add("bodies", each.at, each.body, _flat(flags | {n: getattr(each.body, n) for n in names}))
     for setting in seen.settings:
@@ -151,8 +151,12 @@ def _inputs(seen: Seen, labels: Set[str]) -> Inputs:
         if call.function in SOFT_CALLS or loads:
             values = {"arguments": FOLDER.sub("", call.arguments), "raised": bool(call.raised)}
             add("calls", call.at, call.client, _flat({"function": call.function} | values))
-    for put in seen.puts:
-        add("set", put.at, put.body, _of_put(put))
+    for record in seen.by_body.values():
+        # Where a body that moves came, after a picture was taken, its next sample shows.
+        came = {(each.at.step, each.at.call) for each in record.came}
+        for put in record.puts:
+            if not (put.counts and (put.at.step, put.at.call) in came):
+                add("set", put.at, put.body, _of_put(put))
     for key, its in rows.items():
         if key[0] in ("dynamics", "engine"):  # a step takes them as the calls before it leave them
             rows[key] = [*{at.step: (at, values) for at, values in its}.values()]

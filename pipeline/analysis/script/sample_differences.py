@@ -65,6 +65,19 @@ def paired(run: Seen, golden: Seen) -> Paired:
         side.join(other, on=PART, how="anti").select(*PART, there=pl.lit(there))
         for side, other, there in ((mine, theirs, True), (theirs, mine, False))
     )
+    # A body that came after a picture was taken has no sample of where it began.
+    came = [_came(run), _came(golden)]
+    began = pl.DataFrame(
+        [
+            (body.number, step)
+            for label, step in came[0] & came[1]
+            for body in bodies.values()
+            if body.label == label
+        ],
+        schema={"body": pl.Int64, "step": pl.Int64},
+        orient="row",
+    )
+    lacking = lacking.join(began, on=("body", "step"), how="anti")
     if not mine.select(PART).equals(theirs.select(PART)):
         mine, theirs = (
             side.join(other, on=PART, how="semi").sort(PART)
@@ -77,6 +90,11 @@ def paired(run: Seen, golden: Seen) -> Paired:
     )
     values, others = (side.select(COLUMNS).to_numpy() for side in (mine, theirs))
     return Paired(bodies, mine.select(PART), values, others, lacking, fresh)
+
+
+def _came(seen: Seen) -> set[tuple[str, int]]:
+    """Return the labels of the bodies that came, and the steps before."""
+    return {(each.body.label, each.at.step) for each in seen.appearances if each.came}
 
 
 def first_state(of: Paired, tolerated: Float64 | None = None) -> Dated | None:

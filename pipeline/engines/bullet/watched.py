@@ -367,7 +367,9 @@ class Decoder:
     def _on_look(self, body: int, visual: list[Any]) -> Iterator[Event]:
         known = self._bodies[body]
         known.note["visual"] = visual
-        known.body = replace(known.body, shapes=_shapes(visual, known.dynamics))
+        known.body = replace(
+            known.body, shapes=_shapes(visual, known.dynamics, known.note["inertial"])
+        )
         yield from self._pending_call()
         yield Appearance(self._at(known.world), known.body, there=True)
 
@@ -386,7 +388,9 @@ class Decoder:
         known.dynamics = dynamics
         moving = {*known.body.moving, *_moving(dynamics[0][0] != 0, known.note["joints"])}
         known.body = replace(
-            known.body, moving=tuple(sorted(moving)), shapes=_shapes(known.note["visual"], dynamics)
+            known.body,
+            moving=tuple(sorted(moving)),
+            shapes=_shapes(known.note["visual"], dynamics, known.note["inertial"]),
         )
         yield from self._pending_call()
         yield Dynamics(self._at(known.world), known.body, _reported(dynamics))
@@ -527,7 +531,7 @@ class Decoder:
             for widths in [iter([tuple(counts) for counts in note["joint_widths"]])]
             for info in note["joints"]
         )  # fmt: skip
-        shapes = _shapes(note["visual"], dynamics)
+        shapes = _shapes(note["visual"], dynamics, note["inertial"])
         kinds = [shape.kind for shape in shapes[:1]]
         name = _name(note["file"], note["name"], *kinds, note["base"])
         links = (note["base"] or "base", *(info[12] for info in note["joints"]))
@@ -600,13 +604,19 @@ def _reported(dynamics: Sequence[Any]) -> dict[str, Float64]:
     return reported
 
 
-def _shapes(visual: Sequence[Any], dynamics: Sequence[Any]) -> tuple[Shape, ...]:
-    """Return shapes from `getVisualShapeData`, which places them in the link's frame."""
+def _shapes(
+    visual: Sequence[Any], dynamics: Sequence[Any], of_rigid: Pose | None
+) -> tuple[Shape, ...]:
+    """Return shapes from `getVisualShapeData`, which places them in the link's frame.
+
+    `of_rigid` is the inertial frame of a btRigidBody.
+    """
     shapes = []
     for _, link, kind, size, file, position, orientation, rgba in visual:
         info = dynamics[link + 1] if link + 1 < len(dynamics) else dynamics[0]
         rigid = info[10] == RIGID
-        inertial = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)) if rigid else (info[3], info[4])
+        known_frame = of_rigid or ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        inertial = known_frame if rigid else (info[3], info[4])
         placed = _seen_from(inertial, (position, orientation))
         known = "plane" if PurePath(file).name in PLANES else KINDS.get(kind, str(kind))
         shapes.append(Shape(link, known, tuple(size), file, *placed,

@@ -300,6 +300,9 @@ class Watch:
             if name == "loadMJCF":
                 path = path_of(file, World.search_path) if text else None
                 world.mjcf.update(dict.fromkeys(ids, path and os.path.abspath(path)))
+            world.inertial.update(dict.fromkeys(ids))
+            if arguments.get("useMaximalCoordinates") and len(ids) == 1:
+                self._guarded(world, lambda: world.note_inertial(ids[0], arguments))
             world.flags.update(dict.fromkeys(ids, _number(arguments.get("flags", 0)) or 0))
             world.hiding.difference_update(ids)
             world.forget_ids(ids)

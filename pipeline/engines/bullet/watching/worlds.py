@@ -187,6 +187,8 @@ class World:
         """The files that bodies were loaded from: the names in them mislead."""
         self.mjcf: dict[int, str | None] = {}
         """The path of those that `loadMJCF` loaded; None where it is not known."""
+        self.inertial: dict[int, tuple[Any, Any] | None] = {}
+        """The inertial frames of btRigidBodies, position and orientation; None of other bodies."""
         self.hiding: set[int] = set()
         """Bodies of several links that became btRigidBodies, of which only the base is reported."""
         self.added: dict[int, list[Any]] = {}
@@ -291,6 +293,19 @@ class World:
             except self._p.error:  # it is gone: the call itself will say so
                 return
 
+    def note_inertial(self, engine_id: int, arguments: dict[str, Any]) -> None:
+        """Note where the centre of mass of a new btRigidBody is in the frame that it was put at.
+
+        `getDynamicsInfo` returns leftovers as that of a btRigidBody.
+        """
+        frame = [
+            arguments.get(name, default)
+            for name, default in (("basePosition", (0, 0, 0)), ("baseOrientation", (0, 0, 0, 1)))
+        ]
+        pose = self._p.getBasePositionAndOrientation(engine_id, self.client)
+        inverse = self._p.invertTransform(*frame)
+        self.inertial[engine_id] = self._p.multiplyTransforms(*inverse, *pose)
+
     def forget_ids(self, ids: list[int]) -> None:
         """Note that new bodies have these ids: what calls did before concerned others."""
         self._later = [each for each in self._later if each[0] not in ids]
@@ -331,6 +346,7 @@ class World:
             bounds=body.bounds(),
             dynamics=_plain(added), joints=_plain(body.joint_infos),
             joint_widths=body.widths, visual=self._looks(body),
+            inertial=_plain(self.inertial.get(engine_id)),
         )  # fmt: skip
         if added is not body.dynamics:
             self._pipe.note("dynamics", body=body.number, dynamics=_plain(body.dynamics))
