@@ -79,6 +79,9 @@ for i in range(20):
 """,
         {"pushed": 60},
     ),
+    "loaded at three numbers": (
+        GRAVITY + 'b = p.loadURDF("cube_small.urdf", 0, 0, 1)\nsteps(50)', {"flight": 50},
+    ),
     "put elsewhere": (
         GRAVITY + IN_AIR
         + "steps(30)\np.resetBasePositionAndOrientation(b, [1, 0, 5], [0, 0, 0, 1])\n"

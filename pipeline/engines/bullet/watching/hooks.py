@@ -302,7 +302,9 @@ class Watch:
                 world.mjcf.update(dict.fromkeys(ids, path and os.path.abspath(path)))
             world.inertial.update(dict.fromkeys(ids))
             if arguments.get("useMaximalCoordinates") and len(ids) == 1:
-                self._guarded(world, lambda: world.note_inertial(ids[0], arguments))
+                # PyBullet takes what is no vector for none.
+                given = [_vector(arguments.get(f"base{of}")) for of in ("Position", "Orientation")]
+                self._guarded(world, lambda: world.note_inertial(ids[0], *given))
             world.flags.update(dict.fromkeys(ids, _number(arguments.get("flags", 0)) or 0))
             world.hiding.difference_update(ids)
             world.forget_ids(ids)

@@ -293,17 +293,17 @@ class World:
             except self._p.error:  # it is gone: the call itself will say so
                 return
 
-    def note_inertial(self, engine_id: int, arguments: dict[str, Any]) -> None:
+    def note_inertial(
+        self, engine_id: int, position: list[float] | None, orientation: list[float] | None
+    ) -> None:
         """Note where the centre of mass of a new btRigidBody is in the frame that it was put at.
 
         `getDynamicsInfo` returns leftovers as that of a btRigidBody.
         """
-        frame = [
-            arguments.get(name, default)
-            for name, default in (("basePosition", (0, 0, 0)), ("baseOrientation", (0, 0, 0, 1)))
-        ]
+        position = position if position and len(position) == 3 else [0, 0, 0]
+        orientation = orientation if orientation and len(orientation) == 4 else [0, 0, 0, 1]
         pose = self._p.getBasePositionAndOrientation(engine_id, self.client)
-        inverse = self._p.invertTransform(*frame)
+        inverse = self._p.invertTransform(position, orientation)
         self.inertial[engine_id] = self._p.multiplyTransforms(*inverse, *pose)
 
     def forget_ids(self, ids: list[int]) -> None:
