@@ -77,6 +77,16 @@ def test_how_the_capsule_of_a_body_without_a_name_lies_is_not_known(
     assert "not drawn" not in drop("record", "--force", "leg.py").stderr
 
 
+@pytest.mark.parametrize("ends", ["0 0 0", "1 1 1 1 1 1", "0 0 0 1 0 x", ""])
+def test_ends_that_are_none_leave_a_capsule_as_it_is(tmp_path: Path, ends: str) -> None:
+    path = tmp_path / "leg.xml"
+    path.write_text(f'<mujoco><body name="leg"><geom fromto="{ends}"/></body></mujoco>')
+    shapes = [[0, -1, 7, [0.0, 0.1, 0.0], "", [0.0] * 3, [0.0, 0.0, 0.0, 1.0]]]
+    before = [list(shape) for shape in shapes]
+    lay(shapes, ["leg"], str(path))
+    assert shapes == before
+
+
 def test_nothing_is_turned_but_what_stands_in_the_middle() -> None:
     turned = [0.0, 0.0, 0.6, 0.8]
     shapes = [[0, -1, kind, [1.0, 0.1, 0.0], "", [0.0] * 3, turned] for kind in CAPSULES]

@@ -70,7 +70,8 @@ def ends_in(path: str) -> dict[str, list[Ends]]:
                 ends[name] = []
         elif tag == "geom" and within and within[-1] is not None and "fromto" in attributes:
             numbers = [float(number) for number in attributes["fromto"].split()]
-            ends[within[-1]].append((numbers[:3], numbers[3:]))
+            if len(numbers) == 6 and numbers[:3] != numbers[3:]:
+                ends[within[-1]].append((numbers[:3], numbers[3:]))
 
     def end(tag: str) -> None:
         if tag == "body":
