@@ -151,6 +151,21 @@ def test_a_velocity_that_is_held_is_not_booked_as_an_interaction(recorded: Recor
     assert abs(energy.closing_j) < 1e-9 * abs(energy.clamp_j)
 
 
+@pytest.mark.parametrize("substeps", [1, 4])
+def test_a_spin_that_is_held_is_not_booked_as_damping(recorded: Recorder, substeps: int) -> None:
+    """The first step reduces 150 rad/s by damping, and then to 100."""
+    for damping in (0.0, 0.04):
+        spun = {"spin_rad_s": (0.0, 0.0, 150.0), "angular_damping": damping, "duration_s": 0.3}
+        recording = recorded(**spun, substeps=substeps)
+        energy, inertia_kg_m2 = judge(recording).energy, recording.engine.inertia_kg_m2[2]
+        damped = 150 - damping / 240 / substeps * 150 * (1 + 150)
+        taken_j = inertia_kg_m2 / 2 * (100**2 - damped**2)
+        assert energy.clamp_j == pytest.approx(taken_j, rel=1e-12)
+        assert energy.closing_j == pytest.approx(0, abs=1e-12)
+        assert energy.rotation_j is not None
+        assert (energy.rotation_j == 0) == (damping == 0)
+
+
 def test_a_body_with_joints_is_left_out_loudly(recorded: Recorder) -> None:
     analysis = judge(recorded(body="r2d2.urdf", duration_s=0.1))
     assert "law-mismatch" not in {finding.code for finding in analysis.findings}

@@ -356,7 +356,7 @@ def test_other_damping_gravity_and_law_are_recognised(recorded: Recorder) -> Non
         ({"linear_damping": 0.0}, "the same law with linear damping"),
         ({"gravity_m_s2": -9.8}, "the same law with gravity -9.8 instead of -9.81 m/s²"),
         ({"linear_damping": 0.1, "gravity_m_s2": -9.0},
-         "gravity -9 instead of -9.81 m/s², linear damping 0.1 instead of 0.04"),
+         "-9.81 m/s² (or a constant force), linear damping 0.1 instead of 0.04"),
         ({"coordinates": "maximal", "linear_damping": 0.1}, "another law of damping"),
         ({"contact_erp": 0.5}, "the same up to a step in contact, and there another restitution"),
         ({"restitution": 0.5}, "the same up to a step in contact"),

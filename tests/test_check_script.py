@@ -252,7 +252,7 @@ def test_a_body_that_is_missing_or_more(recording: Record, golden: Path) -> None
     result = compared(recording(*without), golden)
     assert result.first == Difference(0, "2_arm", None, "there", 0.0, 1.0)
     assert result.largest_difference_m == 0.0
-    assert result.looks_like == "every state is identical"
+    assert result.looks_like == "every state that both have is identical"
     assert result.other_call is not None
     assert result.other_call.golden is not None
     assert result.other_call.golden.function == "loadURDF"
@@ -378,7 +378,7 @@ def test_an_image_that_differs(recording: Record, golden: Path, drop: Drop) -> N
     assert result.frames is not None
     assert (result.frames.compared, result.frames.differing) == (1, 1)
     assert result.comparison is not None
-    assert result.comparison.looks_like == "every state is identical"
+    assert result.comparison.looks_like == "every state that both have is identical"
     assert result.comparison.cause == (
         "another text of the script, but the same calls, other images: another camera, which does "
         "not count as a call, or a file that is drawn has changed"
@@ -420,7 +420,7 @@ def test_a_picture_before_the_scene_is_complete_is_no_other_physics(recording: R
         result = check_script(*(recording(*looking, arguments=each) for each in how))
         assert result.first == Difference(0, None, None, "frame")
         assert result.comparison is not None
-        assert result.comparison.looks_like == "every state is identical"
+        assert result.comparison.looks_like == "every state that both have is identical"
 
 
 def test_connecting_again_is_not_ending_later(recording: Record) -> None:
@@ -553,7 +553,7 @@ def test_blocks_differ_by_their_code_or_by_what_came_before(tmp_path: Path) -> N
     result = compared(tmp_path / "high.rrd", tmp_path / "low.rrd")
     assert result.cause == (
         "other calls: the block's code has changed, its seed, or what it reads, such as a file or "
-        "the time of day"
+        "the time of day, or what is not the same in every run, such as the order of a set"
     )
     result = compared(tmp_path / "after.rrd", tmp_path / "low.rrd")
     assert result.first is not None

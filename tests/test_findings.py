@@ -226,13 +226,35 @@ def test_where_50_iterations_are_not_enough_the_residual_is_not_all(
 
 
 def test_a_correction_that_a_body_needs_is_not_advised_against(recorded: Recorder) -> None:
-    """Without it this body stays in the floor, with a restitution of 0.03."""
+    """Without it this body stays in the floor, with a restitution of 0.03, in so long a step."""
     deep = {"timestep_s": 1 / 37, "duration_s": 480 / 37, "height_m": 0.44962217655126757,
             "restitution": 0.5, "velocity_m_s": (0.0, 0.0, 2.0), "gravity_m_s2": -30.0}  # fmt: skip
     messages = {finding.code: finding.message for finding in judge(recorded(**deep)).findings}
-    assert messages["restitution-inflated"].endswith("i.e. --timestep")
+    assert (
+        "--contact-erp 0, and shorten the step with --timestep" in messages["restitution-inflated"]
+    )
     without = judge(recorded(**deep, contact_erp=0.0)).bounces[0].effective_restitution
     assert without is None or without < 0.1
+    short = {**deep, "timestep_s": 1 / 37 / 64, "contact_erp": 0.0}
+    assert judge(recorded(**short)).bounces[0].effective_restitution == pytest.approx(
+        0.25, rel=0.01
+    )
+
+
+def test_a_correction_adds_as_much_in_shorter_steps(recorded: Recorder) -> None:
+    """At most ERP × speed, in whichever step the body lands: only ERP 0 removes it."""
+    drop = {"body": "block.urdf", "gravity_m_s2": -3.71, "restitution": 0.5, "duration_s": 0.8}
+    added = []
+    for rate in (240, 480):
+        analysis = judge(recorded(**drop, timestep_s=1 / rate))
+        (message,) = (
+            each.message for each in analysis.findings if each.code == "restitution-inflated"
+        )
+        assert message.endswith("i.e. --contact-erp 0")
+        added.append(analysis.bounces[0].correction_m_s)
+    assert added[1] > 5 * added[0]
+    without = judge(recorded(**drop, timestep_s=1 / 480, contact_erp=0.0)).bounces[0]
+    assert without.effective_restitution == pytest.approx(0.25, rel=1e-4)
 
 
 def test_an_unknown_landing_is_not_reported(recorded: Recorder) -> None:

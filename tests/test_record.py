@@ -1048,6 +1048,10 @@ def test_seeded_it_is_the_same_and_unseeded_it_says_so(bench: Bench) -> None:
 import random
 import numpy as np
 at = [random.random(), np.random.rand(), np.random.default_rng().random()]
+random.seed()
+at[0] += random.Random().random() + random.random()
+for name in {"a", "b", "c", "d", "e"}:
+    at[1] = 2 * at[1] + ord(name)
 b = p.loadURDF("cube_small.urdf", at)
 p.stepSimulation()
 print(at)
@@ -1074,7 +1078,7 @@ print(at)
         ("np.random.RandomState(3).rand(); np.random.default_rng(3).random()", ""),
         ("np.random.sample()", "numpy.random.sample"),
         ("np.random.RandomState().rand()", "numpy.random.SeedSequence"),
-        ("np.random.seed(0); np.random.seed(); np.random.ranf()", "numpy.random.ranf"),
+        ("np.random.seed(0); np.random.seed(); np.random.ranf()", "by numpy.random.ranf at script"),
     ],
 )
 def test_numbers_are_unseeded_only_where_they_are(bench: Bench, draws: str, unseeded: str) -> None:
@@ -1086,6 +1090,26 @@ def test_numbers_are_unseeded_only_where_they_are(bench: Bench, draws: str, unse
     said = [one for one in notes if "unseeded" in one]
     assert len(said) == bool(unseeded)
     assert unseeded in "".join(said)
+
+
+def test_a_script_that_dies_before_its_first_step_says_so(bench: Bench) -> None:
+    """It did connect, and loaded a body."""
+    script = bench.script(
+        f'{scripts.HEAD}\np.loadURDF("cube_small.urdf")\nimport os\nos.kill(os.getpid(), 9)\n'
+    )
+    notes: list[str] = []
+    recorded, _ = bench.record(script, note=notes.append)
+    assert (recorded.samples, recorded.error) == (0, "it was ended by SIGKILL")
+    assert notes == ["nothing was simulated: the script ended before its first step"]
+
+
+def test_a_run_that_draws_unseeded_may_be_the_same(bench: Bench) -> None:
+    """What it draws need not act on a body."""
+    script = bench.script(f"{scripts.HEAD}\nimport random\nrandom.random()\np.stepSimulation()\n")
+    recorded, _ = bench.record(script, twice=True)
+    assert recorded.first_difference is None
+    (said,) = (one.message for one in analyze_script(bench.out).findings if one.code == "unseeded")
+    assert "another run may differ" in said
 
 
 def test_uninitialised_memory_shows_in_two_recordings(bench: Bench) -> None:

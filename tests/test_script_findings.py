@@ -663,7 +663,9 @@ def test_every_finding_has_a_case() -> None:
 def test_what_is_inside_another_is_not_always_pushed_out(analyzed: Analyzed) -> None:
     still = f"{FLOOR}{CUBE.format(0.01)}p.setPhysicsEngineParameter(contactERP=0)\nsteps(5)"
     message = found(analyzed(still), "starts-in-contact").message
-    assert message.endswith(" mm inside 0_plane when it appears; place it higher, or farther away")
+    assert message.endswith(
+        " mm inside 0_plane at its first step; place it higher, or farther away"
+    )
 
 
 def test_what_no_iteration_settles_is_not_told_to_iterate_more(analyzed: Analyzed) -> None:

@@ -1204,11 +1204,25 @@ def _ledger_adds_up(said: Said) -> None:
     flies[pushed[pushed > 0] - 1] = False
     spin = float(np.diff(run.kinetic_angular_j)[flies].sum())
     if max(1, said.drop.substeps or 1) == 1:  # they hide where the floor acted
-        near(ledger["rotation_j"], spin, slack, "rotation in flight")
+        rotation = ledger["rotation_j"] + ledger["clamp_j"] - _clamped_speed_j(said)
+        near(rotation, spin, slack, "rotation in flight, and what the limit takes of it")
         up = np.diff(run.velocity_m_s[:, 2])[flies].sum() * said.drop.gravity * said.drop.step_s
         near(ledger["integrator_j"], -said.truth.facts.mass_kg[0] / 2 * up, slack, "integrator")
     if not len(said.truth.touched_steps):
         hold(abs(ledger["contact_j"]) <= slack, "contact took energy, and there was none")
+
+
+def _clamped_speed_j(said: Said) -> float:
+    """Return what the limit of velocities takes of those that are not spins."""
+    drop, before = said.drop, said.run.velocity_m_s[:-1]
+    if drop.maximal or not said.beside["clamp_j"]:
+        return 0.0
+    speed = np.linalg.norm(before, axis=1, keepdims=True)
+    free = before - drop.step_s * drop.damping * before * (1 + speed)
+    free[:, 2] += drop.step_s * drop.gravity
+    after = np.clip(free, -oracle.CLAMP, oracle.CLAMP)
+    mass_kg = said.truth.facts.mass_kg[0]
+    return mass_kg / 2 * float(np.sum((after - free) * (before + after))) * drop.stepped
 
 
 # findings: each by what it means

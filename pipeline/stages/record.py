@@ -160,11 +160,11 @@ def record_script(
             )
     (ended,) = endings
     if not script.samples and not process.decoder.cut_off:
-        note(
-            Message(
-                "nothing was simulated: the script did not connect to PyBullet, or loaded nothing"
-            )
+        nothing = Message(
+            "nothing was simulated: the script did not connect to PyBullet, or loaded nothing"
         )
+        early = Message("nothing was simulated: the script ended before its first step")
+        note(early if ended.how == "failed" else nothing)
     if process.decoder.real_time:
         virtual = Message(
             "the script asked for real-time simulation, which needs a window: it was stepped by a "
@@ -256,9 +256,10 @@ def _again(
     else:
         note(
             Message(
-                "recorded twice: the states differ from step {step} on; the script depends on a "
-                "clock, threads or files, or PyBullet on fresh memory, where the second run had "
-                "other leftovers (MALLOC_PERTURB_)",
+                "recorded twice: the states differ from step {step} on; the script depends on what "
+                "is not the same in every run, such as a clock, threads, files, the order of a set "
+                "or the system's random numbers, or PyBullet on fresh memory, where the second run "
+                "had other leftovers (MALLOC_PERTURB_)",
                 step=first,
             )
         )

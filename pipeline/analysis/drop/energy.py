@@ -8,19 +8,21 @@ changes the energy by exactly
 The first term is the work of the damping, the second what the integrator loses: it moves the body
 with the end-of-step velocity, while gravity acts along the mean of both. Derivation: insert both
 lines into m v'²/2 - m g·x' minus the same before the step. Where Bullet clamps a velocity to its
-limit, the change works like a drag, and is booked separately.
+limit, the change works like a drag, and is booked separately; so is what the limit takes of a spin.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.analysis.drop.case import Case
-from pipeline.analysis.general.mechanics import Mechanics
+from pipeline.analysis.general.mechanics import Mechanics, mechanics_of_part
 from pipeline.analysis.general.segments import FLIGHT
+from pipeline.laws.base import Motion
+from pipeline.laws.bullet import BulletLaw
 
 Float64 = NDArray[np.float64]
 
@@ -41,9 +43,9 @@ class EnergyLedger:
     integrator_j: float | None = None
     """What semi-implicit Euler loses in flight."""
     clamp_j: float | None = None
-    """What is lost in flight to Bullet's limit of 100 on each velocity component."""
+    """What is lost in flight to Bullet's limit of 100 on each component of velocity and spin."""
     rotation_j: float | None = None
-    """Change of the rotational energy in flight: damping and integration of the spin."""
+    """Change of the rotational energy in flight, besides the limit: damping, integration."""
     spin_damping_j: float | None = None
     """Work of the angular damping in contact; in flight it is in `rotation_j`."""
     contact_j: float | None = None
@@ -78,7 +80,9 @@ def ledger(case: Case, energies: Mechanics, *, airborne: int) -> EnergyLedger:
     rotation_j = float(spin_j[last] - spin_j[0]) + float(np.sum(np.diff(spin_j[last:])[later]))
     if case.substeps > 1:  # what happens within a sample is not recorded
         damping_j[~flies] = 0.0
-    clamped_j, lost_j = float(np.sum(clamp_j[flies])), float(np.sum(integrator_j[flies]))
+    slowed_j, lost_j = _clamped_spin(case, flies), float(np.sum(integrator_j[flies]))
+    clamped_j = float(np.sum(clamp_j[flies])) + slowed_j
+    rotation_j -= slowed_j
     in_contact_j, spun_j = float(np.sum(damping_j[~flies])), _spin_damping(case, spin_j, ~flies)
     booked_in_air_j = float(np.sum(damping_j[flies]) + lost_j) + rotation_j
     return EnergyLedger(
@@ -112,6 +116,31 @@ def _work(case: Case) -> tuple[Float64, Float64, Float64]:
             integrator_j -= mass_kg * dt / 2 * ((after - before) @ gravity)
         before = after
     return damping_j, clamp_j, integrator_j
+
+
+def _clamped_spin(case: Case, flies: NDArray[np.bool_]) -> float:
+    """Return what the limit of velocities takes of the spin in the steps in flight [J].
+
+    The energy of a spin does not change in a turn about its own axis, so those of two spins can be
+    compared after the step, whatever orientation each led to.
+    """
+    law, before = case.law, case.samples.at(np.flatnonzero(flies))
+    if not isinstance(law, BulletLaw) or not case.scenario.stepped:
+        return 0.0
+    before = before.at(np.flatnonzero(law.limited(before)))
+    substep, taken_j = replace(law, timestep_s=law.step_s, substeps=1), 0.0
+    for _ in range(law.substeps if len(before) else 0):
+        after, free = substep.step(before), substep.unlimited(before)
+        taken_j += float(np.sum(_spin_energy(case, after) - _spin_energy(case, free)))
+        before = after
+    return taken_j
+
+
+def _spin_energy(case: Case, motion: Motion) -> Float64:
+    """Return the rotational energy of each sample [J], shape (n,)."""
+    engine = case.engine
+    inertia_kg_m2 = np.array(engine.inertia_kg_m2)
+    return mechanics_of_part(motion, engine.mass_kg, inertia_kg_m2, 0.0).kinetic_angular_j
 
 
 def _spin_damping(case: Case, spin_j: Float64, touches: NDArray[np.bool_]) -> float:

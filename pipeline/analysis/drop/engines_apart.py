@@ -123,6 +123,8 @@ def _undamped(case: Case, other: Case, last: int) -> Message | None:
     options = ["--linear-damping 0"] if law.linear_damping else []
     spins = case.samples.spin_rad_s[: last + 1].any()
     options += ["--angular-damping 0"] if law.angular_damping and spins else []
+    if not options:
+        return None
     named = " ".join(options)
     if to_the_bit:
         return Message(

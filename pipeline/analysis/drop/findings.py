@@ -264,7 +264,8 @@ def _damping(e: Evidence) -> Iterator[Finding]:
             "no-damping-in-maximal-coordinates",
             Message(
                 "linear damping is 0: a btRigidBody (useMaximalCoordinates=True) has none by "
-                "default, where a btMultiBody has 0.04; to have the same, set --linear-damping"
+                "default, where a btMultiBody has 0.04; --linear-damping sets it, which slows a "
+                "btRigidBody by another law: v' = v (1 - damping)^dt"
             ),
         )
     elif e.moment is not None and e.moment.terms_m is not None and e.moment.terms_m.damping:
@@ -339,9 +340,12 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
     if released_above and unhindered and depth_m > DEEP_PENETRATION * tall_m:
         per_step_m = abs(float(e.case.samples.velocity_m_s[e.phases.airborne - 1, 2]))
         per_step_m *= e.case.substep_s
-        advice, soft = _shorten_step(e.case), _soft(e.case)
+        advice, soft = _shorten_step(e.case), _spring(e.case) or _soft(e.case)
         if soft is not None:
-            advice = Message("{shorten}; what is left then: {soft}", shorten=advice, soft=soft)
+            advice = Message(
+                "in a shorter one, how deep it sinks depends on how soft the contact is: {soft}",
+                soft=soft,
+            )
         reason = Message(
             "contact acts only once it is inside, and it moves {moved} mm down in a step; {advice}",
             moved=decimals(per_step_m * 1e3, 1),
@@ -431,8 +435,11 @@ def _bounces(e: Evidence) -> Iterator[Finding]:
             continue
         excess = bounce.effective_restitution - asked
         advice = Message("call p.setPhysicsEngineParameter(contactERP=0), i.e. --contact-erp 0")
-        if bounce.uncorrected_apex_m is None:  # too deep: without it, it would stay inside
-            advice = _shorten_step(e.case)
+        if not _comes_out(e.case, bounce, asked):
+            advice = Message(
+                "call p.setPhysicsEngineParameter(contactERP=0), i.e. --contact-erp 0, and shorten "
+                "the step with --timestep, or the body may then stay inside the floor"
+            )
         if bounce.correction_m_s > 0 and excess > INFLATED * asked:
             yield Finding(
                 "restitution-inflated",
@@ -449,6 +456,15 @@ def _bounces(e: Evidence) -> Iterator[Finding]:
             )
             break
     yield from _swallowed(e)
+
+
+def _comes_out(case: Case, bounce: Bounce, restitution: float) -> bool:
+    """Whether a rebound by restitution alone surely lifts a body out of the floor."""
+    assert case.floor_height_m is not None
+    speed_m_s, depth_m = restitution * bounce.approach_m_s, case.floor_height_m
+    depth_m -= float(case.samples.height_m[bounce.step])
+    rise_m = speed_m_s**2 / (-2 * case.fall.gravity_m_s2) - speed_m_s * case.timestep_s
+    return rise_m > depth_m
 
 
 def _swallowed(e: Evidence) -> Iterator[Finding]:

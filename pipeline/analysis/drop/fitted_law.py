@@ -108,7 +108,10 @@ def likeness(
     if _largest_relative(states, golden, POSITION + VELOCITY) <= ROUNDING:
         if _largest_relative(states, golden, sorted(ROTATION)) > ROUNDING:
             return TURNING
-        return Message("the same law, rounded differently: another compiler, or fused multiply-add")
+        return Message(
+            "the same law, rounded differently: another compiler, fused multiply-add, or a force "
+            "or call in only one of them"
+        )
     mine, theirs = _law(states, timestep_s), _law(golden, timestep_s)
     if mine is None or theirs is None:
         return Message("another law: too few samples in the air to say which")
@@ -151,7 +154,7 @@ def _change(mine: _Law, theirs: _Law) -> Message:
     if not _near(mine.gravity_m_s2, theirs.gravity_m_s2):
         changes.append(
             Message(
-                "gravity {value:.6g} instead of {golden:.6g} m/s²",
+                "gravity {value:.6g} instead of {golden:.6g} m/s² (or a constant force)",
                 value=mine.gravity_m_s2,
                 golden=theirs.gravity_m_s2,
             )

@@ -360,8 +360,8 @@ def _possible_of_calls(run: Side, golden: Side) -> Iterator[Message]:
     if run.seen.real_time or golden.seen.real_time:
         yield Message("it asked for real-time simulation, which follows a clock")
     yield Message(
-        "what it reads has changed, such as a module, a file or the time of day, or how its "
-        "threads take turns"
+        "what it reads has changed, such as a module, a file or the time of day, or what is not "
+        "the same in every run, such as how threads take turns or the order of a set"
     )
 
 
@@ -370,13 +370,13 @@ def _of_block(run: Side, golden: Side) -> Message:
     unseeded = (*run.seen.unseeded, *golden.seen.unseeded)
     if unseeded:
         return Message(
-            "other calls: the block's code has changed, or it draws unseeded random numbers, "
-            "{place}; record both with seed=0",
+            "other calls: the block's code has changed, or what it reads, or it draws unseeded "
+            "random numbers, {place}; record both with seed=0",
             place=unseeded[0],
         )
     return Message(
         "other calls: the block's code has changed, its seed, or what it reads, such as a file or "
-        "the time of day"
+        "the time of day, or what is not the same in every run, such as the order of a set"
     )
 
 

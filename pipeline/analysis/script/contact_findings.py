@@ -41,7 +41,7 @@ def findings(e: Evidence) -> Iterator[ScriptFinding]:
 
 
 def _starts(e: Evidence) -> Iterator[ScriptFinding]:
-    """Yield bodies that overlap something, or themselves, when they appear; the deepest of each."""
+    """Yield bodies that overlap something, or themselves, at first; the deepest of each."""
     came = {number: record.came[-1].at.step for number, record in e.seen.by_body.items()}
     contacts = e.contacts
     begins = np.isin(contacts.step, [step + 1 for step in came.values()])
@@ -61,7 +61,7 @@ def _starts(e: Evidence) -> Iterator[ScriptFinding]:
             mine, other = _sides(e, row, number)
             if itself:
                 message = Message(
-                    "{body} collides with itself when it appears: {mine} and {other} overlap by "
+                    "{body} collides with itself at its first step: {mine} and {other} overlap by "
                     "{depth} mm; load it without URDF_USE_SELF_COLLISION, or call "
                     "p.setCollisionFilterPair(…, 0)",
                     body=e.label(number),
@@ -72,7 +72,7 @@ def _starts(e: Evidence) -> Iterator[ScriptFinding]:
                 yield e.finding("self-collision", message, body=number, step=step)
             else:
                 message = Message(
-                    "{body} is {depth} mm inside {other} when it appears; place it higher, or "
+                    "{body} is {depth} mm inside {other} at its first step; place it higher, or "
                     "farther away",
                     body=e.label(number),
                     depth=depth_mm,

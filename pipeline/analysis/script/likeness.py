@@ -11,7 +11,7 @@ from pipeline.fields import decimals
 from pipeline.messages import Message, joined
 from pipeline.seen import Body
 
-STATES_ARE_THE_SAME = Message("every state is identical")
+STATES_ARE_THE_SAME = Message("every state that both have is identical")
 
 
 def looks_like(of: Paired, state: Difference | None) -> Message:

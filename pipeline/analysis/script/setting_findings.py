@@ -154,8 +154,8 @@ def _unseeded(e: Evidence) -> Iterator[ScriptFinding]:
                 "{place} (the first of {places} places)", place=first, places=len(e.seen.unseeded)
             )
         message = Message(
-            "unseeded random numbers are drawn by {where}: no two runs are the same; record it "
-            "with --seed 0, or seed them in the script",
+            "unseeded random numbers are drawn by {where}: another run may differ; record it with "
+            "--seed 0, or seed them in the script",
             where=where,
         )
         yield e.finding("unseeded", message, site=first.rpartition(" at ")[2] or None)

@@ -65,6 +65,13 @@ class Program:
     perturb: str = PERTURB
 
 
+def _seeded(seed: int | None) -> dict[str, str]:
+    """Return the variable that seeds the order of sets, unless the user has set it."""
+    if seed is None or os.environ.get("PYTHONHASHSEED", "random") != "random":
+        return {}
+    return {"PYTHONHASHSEED": str(seed % 2**32)}
+
+
 def shared_block() -> IO[bytes]:
     """Return an unnamed file that a watched process and its listener both map.
 
@@ -210,7 +217,7 @@ class Script(Listener):
                 stdout=stdout,
                 stderr=stderr,
                 pass_fds=(writing, self._block.fileno()),
-                env={"MALLOC_PERTURB_": program.perturb, **os.environ},
+                env={"MALLOC_PERTURB_": program.perturb, **os.environ, **_seeded(program.seed)},
             )
         except (OSError, ValueError) as error:  # ValueError: the path has a null character
             self._close()

@@ -43,6 +43,7 @@ class Draws:
         if self._seed is None:
             self._watch(random, "random", getattr(random, "_inst"))  # noqa: B009
         else:
+            self._seed_generators()
             random.seed(self._seed)
 
     def on_numpy(self, module: ModuleType) -> None:
@@ -58,7 +59,8 @@ class Draws:
             if self._seed is not None:
                 return self._entropy.getrandbits(count)
             frame = sys._getframe(1)
-            if not _gives_seed(frame):
+            # A seed of numpy's own generator is reported once that draws.
+            if frame.f_code.co_filename != __file__ and not _gives_seed(frame):
                 self._drawn("numpy.random.SeedSequence", frame)
             return int(original(count))
 
@@ -69,6 +71,21 @@ class Draws:
         """Put everything back."""
         while self._undo:
             self._undo.pop()()
+
+    def _seed_generators(self) -> None:
+        """Let `random.seed()` and `random.Random()` seed with numbers that are always the same."""
+        original, entropy = random.Random.seed, self._entropy
+
+        @functools.wraps(original)
+        def seed(generator: random.Random, a: Any = None, version: int = 2) -> None:
+            original(generator, entropy.getrandbits(64) if a is None else a, version)
+
+        for owner, name, function in (
+            (random.Random, "seed", seed),
+            (random, "seed", functools.partial(seed, getattr(random, "_inst"))),  # noqa: B009
+        ):
+            self._undo.append(functools.partial(setattr, owner, name, getattr(owner, name)))
+            setattr(owner, name, function)
 
     def _watch(self, module: ModuleType, name: str, generator: object) -> None:
         for attribute, function in list(vars(module).items()):
