@@ -900,6 +900,7 @@ def test_a_second_writer_is_rejected(tmp_path: Path) -> None:
     ended(first)
 
 
+@pytest.mark.long
 def test_many_writers_of_one_target_leave_one_whole_recording(tmp_path: Path) -> None:
     """They start together; each finishes, or is rejected before or after its work."""
     arguments = ("simulate", "--out", "run.rrd", "--no-camera", "--force", "--duration", "0.5")
@@ -952,6 +953,7 @@ def test_a_frame_worker_that_dies_is_one_line_and_no_loss(
     assert read(tmp_path / "run.rrd.part").partial
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_frame_workers_end_with_their_parent(tmp_path: Path, how: signal.Signals) -> None:
     process = start(MANY_FRAMES, tmp_path)
@@ -986,6 +988,7 @@ main()
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lost", ["its own error", "nothing"])
 @pytest.mark.parametrize(("how", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
 def test_a_signal_that_rerun_loses_stops_a_sweep(
@@ -1051,6 +1054,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("command", "codes", "lines"),
     [

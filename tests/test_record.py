@@ -601,6 +601,7 @@ show(p)
     assert recorded.samples == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "loop",
     [
@@ -735,6 +736,7 @@ def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool)
     assert steps == list(range(said["samples"]))
 
 
+@pytest.mark.long
 def test_a_script_that_ignores_ctrl_c_is_killed(bench: Bench) -> None:
     script = bench.script(
         STEPS + "signal.signal(signal.SIGINT, signal.SIG_IGN)\nopen('there', 'w').close()\n"
@@ -753,6 +755,7 @@ def test_a_script_that_ignores_ctrl_c_is_killed(bench: Bench) -> None:
     assert json.loads(printed)["samples"] == 101
 
 
+@pytest.mark.long
 def test_a_killed_recorder_takes_the_script_with_it_and_leaves_what_was_written(
     bench: Bench,
 ) -> None:
@@ -999,6 +1002,7 @@ print(block.recorded.ended, block.recorded.samples)
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("steps", "sleep"), [(200, 0.01), (4, 0.6)])
 def test_a_block_may_take_its_time(bench: Bench, steps: int, sleep: float) -> None:
     """Its recorder waits for it, however little it sends."""
@@ -1244,6 +1248,7 @@ def test_a_module_beside_the_script_is_its_own_though_the_recorder_has_the_libra
     assert mine.stdout == bare.stdout
 
 
+@pytest.mark.long
 def test_a_script_that_is_interrupted_is_not_run_again(bench: Bench) -> None:
     script = bench.script(
         STEPS + "open('there', 'a').write('x')\nwhile True:\n    p.getNumBodies()"
@@ -1380,6 +1385,7 @@ def test_a_script_that_computes_with_the_time_of_day_is_the_same_twice(
     assert (float(printed.split()[-1]) < 1.1e9) == (seed is not None)
 
 
+@pytest.mark.long
 def test_a_second_run_that_is_interrupted_tells_no_difference(bench: Bench) -> None:
     script = bench.script(
         STEPS + "open('there', 'a').write('x')\n"

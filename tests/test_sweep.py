@@ -366,6 +366,7 @@ class DiesOnce:
         return self.work(shard)
 
 
+@pytest.mark.long
 def test_a_killed_workers_shard_is_run_again(tmp_path: Path) -> None:
     plan = plan_of({}, **HEIGHTS)
     (tmp_path / "parts").mkdir()
@@ -394,6 +395,7 @@ def test_workers_use_no_semaphore_that_outlives_a_kill(monkeypatch: pytest.Monke
         list(engines.in_processes(double, range(4), jobs=2))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("most", [10, 12, 14, 16, 20])
 def test_too_few_open_files_are_one_line(drop_process: Drop, most: int) -> None:
     """No matter where they are used up; or they are enough."""
@@ -1013,6 +1015,7 @@ def test_interrupted_it_stops_at_once_and_says_how_to_go_on(
     assert_they_end(children)
 
 
+@pytest.mark.long
 def test_workers_do_not_outlive_whoever_started_them(long_sweep: subprocess.Popen[str]) -> None:
     children = descendants_of(long_sweep.pid)
     long_sweep.kill()

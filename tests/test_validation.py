@@ -9,6 +9,8 @@ from generators import validation
 from generators.pages import DOCS
 from generators.validation import Figure
 
+pytestmark = pytest.mark.long
+
 AGAIN = "the page is stale; make it again with: python docs/regenerate.py validation.md"
 
 

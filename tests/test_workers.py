@@ -92,6 +92,7 @@ def test_where_nobody_says_which_processors_may_be_used_all_are_counted(
     assert cores() == (os.cpu_count() or 1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "command",
     [
