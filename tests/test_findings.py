@@ -123,6 +123,24 @@ def test_a_tenth_of_its_height_is_deep(recorded: Recorder, rate: int, deep: bool
     assert ("deep-penetration" in codes) == deep
 
 
+@pytest.mark.parametrize("height_m", [0.9, 1.0, 1.1])
+@pytest.mark.parametrize("body", ["cube_small.urdf", "block.urdf"])
+def test_as_short_a_step_as_is_advised_lets_a_body_sink_less(
+    recorded: Recorder, body: str, height_m: float
+) -> None:
+    """Where in a step it lands is chance: a step that is only a little shorter may be worse."""
+    drop = {"body": body, "height_m": height_m, "duration_s": 0.6}
+    (message,) = (
+        finding.message
+        for finding in judge(recorded(**drop, timestep_s=1 / 60)).findings
+        if finding.code == "deep-penetration"
+    )
+    times = re.search(r"make the step (\d+) times shorter", message)
+    assert times is not None
+    short = judge(recorded(**drop, timestep_s=1 / 60 / int(times[1])))
+    assert "deep-penetration" not in [finding.code for finding in short.findings]
+
+
 def test_inflated_is_relative_to_the_restitution_asked_for(recorded: Recorder) -> None:
     """An excess of 0.0044 is 4.9 % of 0.09, and 0.5 % of 0.81."""
     low, high = (
@@ -156,6 +174,7 @@ def test_a_contact_that_is_a_spring_is_not_explained_by_the_solver(
     assert not any(bounce.effective_restitution for bounce in analysis.bounces)
     by_code = {finding.code: finding.message for finding in analysis.findings}
     assert "spring of 300 N/m" in by_code["rest-below-expected"]
+    assert "leaves a slop of 10 µm" in by_code["rest-below-expected"]
     assert "restitution-inflated" not in by_code
     assert "bounce-swallowed" not in by_code
 

@@ -668,6 +668,47 @@ def test_what_is_inside_another_is_not_always_pushed_out(analyzed: Analyzed) -> 
     )
 
 
+def test_what_a_constraint_holds_is_not_to_be_loaded_otherwise(analyzed: Analyzed) -> None:
+    """PyBullet has constraints between btMultiBodies, or between two btRigidBodies."""
+    scene = CUBE.format(1) + "{}p.resetBaseVelocity(b, [0, 0, 0], [0, 0, 150])\nsteps(5)"
+    held = (
+        "p.createConstraint(b, -1, -1, -1, p.JOINT_POINT2POINT, [0, 0, 0], [0, 0, 0], [0, 0, 1])\n"
+    )
+    free, joined = (
+        found(analyzed(scene.format(each)), "velocity-clamped").message for each in ("", held)
+    )
+    assert free.endswith("load it with useMaximalCoordinates=True")
+    assert joined.endswith("keep it slower")
+
+
+def test_what_a_constraint_pulls_together_sinks_no_less_in_smaller_steps(
+    analyzed: Analyzed, recorded_scene: Callable[[str], ScriptRecording]
+) -> None:
+    pulled = """
+p.setGravity(0, 0, -9.81)
+drum = p.createCollisionShape(p.GEOM_CYLINDER, radius=0.19, height=0.22)
+block = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.07, 0.23, 0.29])
+turned = p.getQuaternionFromEuler([0.72, 0.05, 2.61])
+a = p.createMultiBody(0.1, drum, -1, [-0.42, 0.58, 2.36], turned)
+b = p.createMultiBody(2.5, block, -1, [-0.48, 0.46, 1.09])
+p.createConstraint(a, -1, b, -1, p.JOINT_POINT2POINT, [0, 0, 0], [0, 0, 0.2], [0, 0, -0.2])
+p.setTimeStep(1 / {rate})
+steps({rate} // 4)
+"""
+    said = [
+        one.message
+        for one in analyzed(pulled.format(rate=240)).findings
+        if one.code == "deep-penetration"
+    ]
+    depths_m = [
+        -recorded_scene(pulled.format(rate=rate)).seen.contacts["distance_m"].min()
+        for rate in (240, 960)
+    ]
+    assert depths_m[1] > depths_m[0]
+    assert said
+    assert not any("smaller timestep" in one for one in said)
+
+
 def test_what_no_iteration_settles_is_not_told_to_iterate_more(analyzed: Analyzed) -> None:
     """As of a robot that is loaded deep in a floor: 3200 iterations change nothing."""
     scene = GRAVITY + BOX.format("0", "5, 5, 0.05", "0, 0, -0.05") + (

@@ -545,8 +545,14 @@ def test_one_of_a_thing_is_no_plural(
 ) -> None:
     total = Summary("error_m", 1, -1.5e-3, None, {}, None)
     for group, said in (
-        (Group({}, "", statistics=(total,), samples=1), "over the 1 sample in the air;"),
-        (Group({}, "", statistics=(total,), samples=3), "over the 1 of 3 samples in the air;"),
+        (
+            Group({}, "", statistics=(total,), samples=1),
+            "over the 1 sample in the air, in theory too;",
+        ),
+        (
+            Group({}, "", statistics=(total,), samples=3),
+            "over the 1 of 3 samples in the air, in theory too;",
+        ),
         (Group({}, "", statistics=(total,), samples=1, in_the_air=False), "over 1 sample; none"),
         (Group({}, "", samples=1, in_the_air=False), "the sample failed"),
         (Group({}, "", samples=3, in_the_air=False), "all 3 samples failed"),
@@ -573,12 +579,12 @@ def test_printed_statistics_are_in_millimetres_beside_half_the_interval(
         "mean ± 95 % spread 5% 50% 95%",
         "total -1.5000 0.2000 0.4000 -3.0000 -1.0000 +2.0000",
         "damping +4.0000 – – -3.0000 -1.0000 +2.0000",
-        "over the 12 samples in the air; ± 95 % is that of the mean",
+        "over the 12 samples in the air, in theory too; ± 95 % is that of the mean",
     ]
     assert "wider than asked for" in told[-1]
     more = replace(group, samples=20)
     show_sweep(swept(tmp_path, statistics=[more]), as_json=False)
-    assert "over the 12 of 20 samples in the air;" in " ".join(lines_of(capsys))
+    assert "over the 12 of 20 samples in the air, in theory too;" in " ".join(lines_of(capsys))
     show_sweep(swept(tmp_path, statistics=[group], narrow_enough=True), as_json=False)
     assert "narrow" not in " ".join(lines_of(capsys))
 

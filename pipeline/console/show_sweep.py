@@ -352,11 +352,14 @@ def _statistics(group: Group) -> list[str]:
     elif not count:
         lines.append(localized("the sample failed"))
     elif group.in_the_air:
-        air = localized("over the {samples} in the air; ± 95 % is that of the mean", samples=over)
+        air = localized(
+            "over the {samples} in the air, in theory too; ± 95 % is that of the mean", samples=over
+        )
         lines.append(f"[dim]{air}[/]")
     else:
         floor = localized(
-            "over {samples}; none was in the air, so there is only the total", samples=over
+            "over {samples}; none was in the air, in theory too, so there is only the total",
+            samples=over,
         )
         lines.append(f"[dim]{floor}[/]")
     return lines

@@ -192,7 +192,7 @@ def _empty(path: Path) -> RecordingError:
 
 def _unfinished(path: Path, what: Message) -> RecordingError:
     return RecordingError(
-        "{path} is damaged: {what}; to read what it holds, rename it: {command}",
+        "{path} is damaged: {what}; what is whole of it can be read once it is renamed: {command}",
         path=path,
         what=what,
         command=shell_command("mv", path, free_part_of(path)),

@@ -35,7 +35,8 @@ WIDE = 3.0
 """Width of a total, the sum of the others [points]."""
 
 _TOP = {
-    schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.EVENTS, schema.FINDINGS, schema.SEGMENTS,
+    schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.ENERGIES, schema.EVENTS, schema.FINDINGS,
+    schema.SEGMENTS,
 }  # fmt: skip
 """First parts of a layer's entity paths."""
 

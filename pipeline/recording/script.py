@@ -344,9 +344,14 @@ class Script:
             yield from self._curves.add(entity, at, forces_n[shown, None])
 
     def _energy(self, body: Body, seen: Samples, parts: Rows) -> Iterator[Chunk]:
-        """Yield the kinetic and potential energy of a body with all its links [J]."""
+        """Yield the kinetic and potential energy of a body [J].
+
+        Where links are is known a step later only: theirs is in the layer.
+        """
         dynamics, gravity = self._masses.get(body.number), self._gravity.get(seen.client)
-        if dynamics is None or gravity is None or len(dynamics["mass_kg"]) != parts.shape[1]:
+        if dynamics is None or gravity is None or body.hides_links:
+            return
+        if parts.shape[1] > 1 or len(dynamics["mass_kg"]) > 1:
             return
         shown = _shown(seen)
         energies_j = energy_j(parts[shown], dynamics["mass_kg"], dynamics["inertia_kg_m2"], gravity)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,9 @@ from pipeline.recording.writer import Times
 MOST_STATES = 40
 """Bodies whose states are shown: more are illegible."""
 SHOWN_PER_S = 60
+_SHOWN = (pl.col("time_s") * SHOWN_PER_S + 1e-9).floor()
+DUE = _SHOWN.shift(1, fill_value=-1) != _SHOWN
+"""Whether a point of a curve is due."""
 
 
 def write_script_layer(
@@ -27,6 +30,7 @@ def write_script_layer(
     recording_id: str,
     *,
     samples: pl.DataFrame,
+    linked: Collection[str],
     events: Sequence[tuple[int, float, str]],
     findings: str,
     force: bool,
@@ -42,6 +46,8 @@ def write_script_layer(
         Of the recording that it belongs to.
     samples
         The analysis table: a row per sample and body.
+    linked
+        Labels of the bodies with links, whose energies the recording does not show.
     events
         What happened: step, time [s] and a line each, in order.
     findings
@@ -58,7 +64,7 @@ def write_script_layer(
     flying = [body for body in bodies if body["error_z_m"].count()]
     writer.record(
         path,
-        _chunks(bodies, flying, events, findings),
+        _chunks(bodies, flying, linked, events, findings),
         recording_id=recording_id,
         blueprint=_layout(_world(samples), flying=len(flying)),
         force=force,
@@ -70,19 +76,27 @@ def write_script_layer(
 def _chunks(
     bodies: Sequence[pl.DataFrame],
     flying: Sequence[pl.DataFrame],
+    linked: Collection[str],
     events: Sequence[tuple[int, float, str]],
     findings: str,
 ) -> Iterator[Chunk]:
     for body in bodies[:MOST_STATES]:
         yield from _states(body)
+    for body in bodies:
+        label = body["label"][0]
+        known = body.filter(pl.col("energy_j").is_not_null())
+        if label in linked and len(known):
+            yield pictures.curve_names(f"{schema.ENERGIES}/{label}", [label])
+            shown = known.filter(DUE)
+            energies_j = shown["energy_j"].to_numpy()[:, None]
+            yield pictures.curves(f"{schema.ENERGIES}/{label}", _times(shown), [energies_j])
     for body in flying:
         entity = f"{schema.ERROR_MM}/{body['label'][0]}"
         yield pictures.curve_names(entity, [f"{body['label'][0]} {axis}" for axis in "xyz"])
         # Also the ends of each flight, and the gap after it.
         in_flight = pl.col("error_z_m").is_not_null()
-        due = (pl.col("time_s") * SHOWN_PER_S + 1e-9).floor()
         shown = body.filter(
-            (in_flight & (due != due.shift(1, fill_value=-1)))
+            (in_flight & DUE)
             | (in_flight != in_flight.shift(1, fill_value=False))
             | (in_flight != in_flight.shift(-1, fill_value=False))
         )

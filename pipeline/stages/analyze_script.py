@@ -83,6 +83,7 @@ def analyze_script(
         layer,
         read_back.recording_id,
         samples=analysis.table,
+        linked={body.label for body in analysis.bodies if len(body.links) > 1},
         events=sorted(_events(analysis)),
         findings="\n".join(_findings(analysis)),
         force=force,

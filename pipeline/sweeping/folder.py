@@ -68,7 +68,7 @@ the height in the last sample; `command` repeats the run; `error` says why it fa
 TERMS = ("error_m", "timestep_m", "damping_m", "interaction_m", "rounding_m")
 
 EXPLAINED = pl.all_horizontal(pl.col(TERMS).is_not_null())
-"""Rows whose error was broken down: the sample was in the air."""
+"""Rows whose error was broken down: the sample was in the air, in simulation and in theory."""
 
 FLAT_RECORDINGS = 1000
 """Up to this many recordings share a folder; more are split into folders of this many."""

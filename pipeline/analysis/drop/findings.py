@@ -21,6 +21,7 @@ from pipeline.analysis.drop.posture import FLAT_RAD, extent_m, tilt_rad, tumbles
 from pipeline.analysis.drop.results import Bounce, Finding, Impact, Landing, Moment, Rest
 from pipeline.fields import counted, decimals
 from pipeline.laws import mujoco_contact
+from pipeline.laws.bullet_contact import CONTACT_SLOP_M
 from pipeline.messages import Message, joined
 
 DEEP_PENETRATION = 0.1
@@ -105,8 +106,14 @@ def _never_moved(e: Evidence) -> Iterator[Finding]:
         yield Finding("not-stepped", joined(": ", [seen, advice]))
 
 
-def _shorten_step(case: Case) -> Message:
-    """Return the advice to shorten the timestep."""
+def _shorten_step(case: Case, *, times: int | None = None) -> Message:
+    """Return the advice to shorten the timestep, and how many times at least."""
+    if times is not None and case.is_bullet:
+        return Message(
+            "make the step {times} times shorter with p.setTimeStep, i.e. --timestep", times=times
+        )
+    if times is not None:
+        return Message("make the step {times} times shorter with --timestep", times=times)
     if case.is_bullet:
         return Message("shorten the step with p.setTimeStep, i.e. --timestep")
     return Message("shorten the step with --timestep")
@@ -340,7 +347,9 @@ def _deep_penetration(e: Evidence) -> Iterator[Finding]:
     if released_above and unhindered and depth_m > DEEP_PENETRATION * tall_m:
         per_step_m = abs(float(e.case.samples.velocity_m_s[e.phases.airborne - 1, 2]))
         per_step_m *= e.case.substep_s
-        advice, soft = _shorten_step(e.case), _spring(e.case) or _soft(e.case)
+        # It cannot get deeper than it moves in a step; a tenth more, for gravity in that step.
+        times = math.ceil(1.1 * per_step_m / (DEEP_PENETRATION * tall_m))
+        advice, soft = _shorten_step(e.case, times=times), _spring(e.case) or _soft(e.case)
         if soft is not None:
             advice = Message(
                 "in a shorter one, how deep it sinks depends on how soft the contact is: {soft}",
@@ -506,7 +515,14 @@ def _rest_below_expected(e: Evidence) -> Iterator[Finding]:
     )
     reason: Message | None = None
     if e.case.is_springy:
-        reason = _spring(e.case)
+        if -rest.error_m > CONTACT_SLOP_M:
+            reason = Message(
+                "Bullet leaves a slop of 10 µm uncorrected, unless "
+                "p.setPhysicsEngineParameter(contactSlop=0) is called, and the body's URDF makes "
+                "its contact a spring of {stiffness:g} N/m, which gives way by the rest; make it "
+                "stiffer with <stiffness> in its <contact>, or with p.changeDynamics",
+                stiffness=e.case.engine.contact_stiffness_n_m,
+            )
     elif rest.terms_m is not None:
         reason = Message(
             "Bullet leaves a slop of 10 µm uncorrected, unless "

@@ -93,7 +93,8 @@ class Summary:
     quantity: str
     """The column of the table."""
     count: int
-    """Number of samples that it is over: those in the air, or where there are none, all."""
+    """Number of samples that it is over: those in the air, in theory too; or if there are none,
+    all."""
     mean: float
     """Their mean."""
     spread: float | None

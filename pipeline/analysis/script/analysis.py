@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -351,10 +350,10 @@ def _table(verdict: Judged, energy_j: Float64 | None, times: Mapping[int, Times]
 
 
 def _energy(verdict: Judged, energy_j: Float64) -> BodyEnergy:
-    largest = int(np.argmax(energy_j))
+    largest, known = int(np.nanargmax(energy_j)), np.flatnonzero(np.isfinite(energy_j))
     return BodyEnergy(
-        first_j=float(energy_j[0]),
-        last_j=float(energy_j[-1]),
+        first_j=float(energy_j[known[0]]),
+        last_j=float(energy_j[known[-1]]),
         largest_j=float(energy_j[largest]),
         largest_step=int(verdict.track.steps[largest]),
         contact_j=None if verdict.track.body.joints else float(verdict.energy_j.sum()),
@@ -366,18 +365,20 @@ def energies_j(
 ) -> Float64 | None:
     """Return kinetic plus potential energy of a body [J], a row per sample of its base.
 
-    None where its parts or their masses changed.
+    None where its parts or their masses changed, or some of them are not reported; nan at samples
+    at which the places of its links are not known.
     """
+    if body.hides_links:
+        return None
     masses = {tuple(each.reported["mass_kg"].tolist()) for each in dynamics}
     inertias = {tuple(each.reported["inertia_kg_m2"].ravel().tolist()) for each in dynamics}
     if len(masses) != 1 or len(inertias) != 1:
         return None
     reported, track = dynamics[-1].reported, verdict.track
     gravity = np.zeros((len(track), 3))
-    step_s, substeps = np.zeros(len(track)), np.ones(len(track))
+    substeps = np.ones(len(track))
     for epoch in track.epochs:
         values = epoch.settings.values
-        step_s[epoch.rows] = np.ravel(values["fixedTimeStep"])[0]
         substeps[epoch.rows] = max(1, np.ravel(values["numSubSteps"])[0])
         gravity[epoch.rows] = [np.ravel(values[f"gravityAcceleration{axis}"])[0] for axis in "XYZ"]
     total_j = np.zeros(len(track))
@@ -393,27 +394,25 @@ def energies_j(
         if rows is None or not np.array_equal(rows["step"].to_numpy(), track.steps):
             return None
         part: Motion = motion_of(rows)
-        if link != BASE:
-            part = _after_steps(part, track, step_s, substeps)
+        # Velocities are turned into world axes by the orientation that is reported with them.
         of_part = mechanics_of_part(part, mass_kg, inertia, 0.0)
         total_j += of_part.kinetic_linear_j + of_part.kinetic_angular_j
-        total_j -= mass_kg * np.sum(gravity * part.position_m, axis=1)
-    return total_j
+        position_m = part.position_m if link == BASE else _after_steps(part, track, substeps)
+        total_j -= mass_kg * np.sum(gravity * position_m, axis=1)
+    return total_j if np.isfinite(total_j).any() else None
 
 
-def _after_steps(link: Motion, track: Track, step_s: Float64, substeps: Float64) -> Motion:
-    """Return the motion of a link with its poses at the ends of steps.
+def _after_steps(link: Motion, track: Track, substeps: Float64) -> Float64:
+    """Return where a link is at the ends of steps [m], nan where that is not known; shape (n, 3).
 
     PyBullet reports a link's pose at the beginning of the last substep (`m_cachedWorldTransform`).
-    So the next sample has it; elsewhere, and with several substeps, its velocity leads there.
+    So the next sample has it, if there is one that a single substep leads to from there.
     """
-    next_has_it = np.append((track.led & ~track.put & (substeps == 1))[1:], False)[:, None]
-    moved_m = np.where(track.led, step_s / substeps, 0.0)[:, None] * link.velocity_m_s
+    next_has_it = np.append((track.led & ~track.put & (substeps == 1))[1:], False)
     position_m = np.where(
-        next_has_it, np.roll(link.position_m, -1, axis=0), link.position_m + moved_m
+        next_has_it[:, None], np.roll(link.position_m, -1, axis=0), link.position_m
     )
-    orientation = np.where(next_has_it, np.roll(link.orientation, -1, axis=0), link.orientation)
-    return replace(link, position_m=position_m, orientation=orientation)
+    return np.where((next_has_it | ~track.led)[:, None], position_m, np.nan)
 
 
 def _vector(values: Float64) -> tuple[float, float, float]:

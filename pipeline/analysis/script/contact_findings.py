@@ -144,9 +144,10 @@ def _cause_of_depth(e: Evidence, row: int) -> Message | None:
             "detected only once they overlap",
             way=way_m * 1e3,
         )
-        # A spring may let them as deep in smaller steps.
+        # A spring may let them as deep in smaller steps, and a constraint pull them together.
+        joined = any(e.seen.by_body[body].constraints for body, _ in e.sides(row))
         advice = Message("{cause}; use a smaller timestep with p.setTimeStep", cause=cause)
-        return cause if springs else advice
+        return cause if springs or joined else advice
     resisted = np.isin(steps, contacts.step[overlaps & (contacts.normal_force_n > 0)])
     began_m = -contacts.distance_m[overlaps & (contacts.step == steps[0])].min()
     slow = abs(way_m) <= AGREES * depth_m

@@ -122,18 +122,26 @@ def _clamped(e: Evidence, number: int, judged: Judged) -> Iterator[ScriptFinding
     step, law = int(judged.track.steps[rows[0]]), judged.law_at(rows[0])
     assert law is not None
     values = {"body": e.label(number), "limit": law.velocity_limit, "step": step}
-    if law.velocity_limit == MAX_COORDINATE_VELOCITY_M_S:
-        message = Message(
-            "{body} exceeds {limit:g} m/s or rad/s within step {step} and is clamped: a "
-            "btMultiBody limits every component to ±{limit:g}; load it with "
-            "useMaximalCoordinates=True",
-            **values,
-        )
-    else:
+    record = e.seen.by_body[number]
+    if law.velocity_limit != MAX_COORDINATE_VELOCITY_M_S:
         message = Message(
             "{body} exceeds {limit:g} m/s or rad/s within step {step} and is clamped: its "
             "maxJointVelocity limits every component to ±{limit:g}; if that is not intended, "
             "pass changeDynamics a larger one",
+            **values,
+        )
+    elif e.seen.bodies[number].joints or record.constraints:
+        message = Message(
+            "{body} exceeds {limit:g} m/s or rad/s within step {step} and is clamped: a "
+            "btMultiBody, which joints and constraints need, limits every component to ±{limit:g}; "
+            "keep it slower",
+            **values,
+        )
+    else:
+        message = Message(
+            "{body} exceeds {limit:g} m/s or rad/s within step {step} and is clamped: a "
+            "btMultiBody limits every component to ±{limit:g}; load it with "
+            "useMaximalCoordinates=True",
             **values,
         )
     yield e.finding("velocity-clamped", message, body=number, step=step)

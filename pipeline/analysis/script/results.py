@@ -111,12 +111,16 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class BodyEnergy:
-    """Kinetic and potential energy of all links that time can move; the latter is 0 at z = 0."""
+    """Kinetic and potential energy of all links that time can move; the latter is 0 at z = 0.
+
+    PyBullet reports where links are one step late: their energy at the last sample, before one that
+    a call determines, and with several substeps, is not known.
+    """
 
     first_j: float
-    """At its first sample."""
+    """At the first sample at which it is known."""
     last_j: float
-    """At its last sample."""
+    """At the last sample at which it is known: with links, the last but one."""
     largest_j: float
     """The most that it had."""
     largest_step: int
@@ -141,7 +145,7 @@ class BodyAnalysis:
     links: list[str]
     """Base and links."""
     mass_kg: float
-    """Their total mass at the end."""
+    """Their total mass at the end; of a btRigidBody, the base's alone."""
     segments: dict[str, int]
     """Number of samples by kind: flight, contact, pushed, set, jointed, still, unexplained."""
     flights: list[ScriptFlight]
@@ -151,7 +155,7 @@ class BodyAnalysis:
     unexplained: list[Unexplained]
     """Its samples that are not explained, by reason."""
     energy: BodyEnergy | None
-    """None for a body without samples or mass."""
+    """None for a body without samples or mass, and where it is not known."""
 
 
 @dataclass(frozen=True)
