@@ -40,14 +40,21 @@ class Message(str):
         message.template, message.values = template, values
         return message
 
-    def __getnewargs_ex__(self) -> tuple[tuple[str], dict[str, object]]:
-        return (self.template,), self.values
+    def __reduce__(self) -> tuple[object, ...]:
+        return _restored, (str(self), self.template, self.values)
 
     def __add__(self, other: str) -> Message:
         return joined(_NOTHING, [self, other])
 
     def __radd__(self, other: str) -> Message:
         return joined(_NOTHING, [other, self])
+
+
+def _restored(text: str, template: str, values: dict[str, object]) -> Message:
+    """Return a message that was copied or pickled: a plural's template is its singular."""
+    message = str.__new__(Message, text)
+    message.template, message.values = template, values
+    return message
 
 
 def joined(separator: str, parts: Iterable[str]) -> Message:

@@ -151,6 +151,43 @@ def test_a_velocity_that_is_held_is_not_booked_as_an_interaction(recorded: Recor
     assert abs(energy.closing_j) < 1e-9 * abs(energy.clamp_j)
 
 
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        {"body": "cube.urdf", "spin_rad_s": (1.0, 2.0, 3.0), "duration_s": 2.0},
+        {"body": "cube.urdf", "restitution": 0.9, "duration_s": 2.0},
+        {"body": "jenga/jenga.urdf", "spin_rad_s": (0.0, 5.0, 0.0), "restitution": 0.5},
+    ],
+)
+def test_where_an_edge_was_deeper_the_centre_does_not_say_how_deep(
+    recorded: Recorder, scenario: dict[str, Any]
+) -> None:
+    recording = recorded(**scenario)
+    edge_m = -recording.contacts["distance_m"].min()
+    impact = judge(recording).impact
+    assert impact is not None
+    assert recording.engine.rest_height_m is not None
+    assert edge_m > recording.engine.rest_height_m - impact.lowest_m + 1e-4
+    assert impact.penetration_m is None
+
+
+def test_numbers_of_things_are_the_same_as_json(recorded: Recorder) -> None:
+    """A message is copied on its way there."""
+    analysis = judge(recorded(engine="mujoco", duration_s=2.0))
+    messages = [finding.message for finding in analysis.findings]
+    assert any("carried by 4 points" in one for one in messages)
+    assert [one["message"] for one in analysis.as_json()["findings"]] == messages
+
+
+def test_an_apex_of_one_sample_is_counted(recorded: Recorder) -> None:
+    """Its bounce leaves the floor and returns within two steps; the recording goes on."""
+    drop = {"body": "cube.urdf", "height_m": 2.493832761794609, "timestep_s": 0.01,
+            "duration_s": 2.0, "restitution": 0.7, "gravity_m_s2": -20.0}  # fmt: skip
+    without = judge(recorded(**drop, contact_erp=0.0, solver_residual=0.0)).bounces
+    for said, bounce in zip(judge(recorded(**drop)).bounces[:5], without, strict=False):
+        assert said.uncorrected_apex_m == pytest.approx(bounce.apex_m, rel=1e-9)
+
+
 @pytest.mark.parametrize("substeps", [1, 4])
 def test_a_spin_that_is_held_is_not_booked_as_damping(recorded: Recorder, substeps: int) -> None:
     """The first step reduces 150 rad/s by damping, and then to 100."""

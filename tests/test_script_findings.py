@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import polars as pl
 import pytest
 import scenes
@@ -666,6 +667,27 @@ def test_what_is_inside_another_is_not_always_pushed_out(analyzed: Analyzed) -> 
     assert message.endswith(
         " mm inside 0_plane at its first step; place it higher, or farther away"
     )
+
+
+@pytest.mark.parametrize(
+    "changed", ["p.setTimeStep(1 / 1000)", "p.setPhysicsEngineParameter(1 / 1000)"]
+)
+def test_a_motor_keeps_the_impulse_of_the_timestep_that_it_was_set_in(
+    analyzed: Analyzed, recorded_scene: Callable[[str], ScriptRecording], changed: str
+) -> None:
+    """So it may give 40 × 1000 / 240 N m."""
+    robot = (
+        GRAVITY + 'r = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)\n'
+        "p.resetJointState(r, 1, 1)\n"
+    )
+    drive = "p.setJointMotorControl2(r, 1, p.POSITION_CONTROL, targetPosition=1, force=40)\n"
+    later, before = (
+        f"{robot}{drive}{changed}\nsteps(100)",
+        f"{robot}{changed}\n{drive}steps(100)",
+    )
+    assert np.abs(recorded_scene(later).seen.joints[0].torque[1:, 1]).min() > 44
+    assert "motor-at-limit" not in codes(analyzed(later))
+    assert "motor-at-limit" in codes(analyzed(before))
 
 
 def test_what_a_constraint_holds_is_not_to_be_loaded_otherwise(analyzed: Analyzed) -> None:

@@ -38,6 +38,8 @@ ROUNDED = 1e-9
 """Share of the approach by which two ways to compute a rebound may differ."""
 AT_REST_M_S = 1e-4
 """A predicted path slower than this has come to rest."""
+ROUGH_M = 1e-6
+"""By how much a contact point may be deeper than the centre shows."""
 SUNK_M = 1e-9
 """How far a body at rest may be from a closed form of its contact to be explained by it."""
 
@@ -88,6 +90,8 @@ def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact |
         over = case.over_floor(samples.position_m[lowest : lowest + 1])
         if over and not case.hides_contacts and not turned[lowest]:
             penetration_m = max(0.0, floor_m - float(height_m[lowest]))
+            if _deepest_point_m(case) > 1.01 * penetration_m + ROUGH_M:
+                penetration_m = None
     return Impact(
         time_free_fall_s=landing.time_free_fall_s if landing else None,
         time_damped_s=landing.time_damped_s if landing else None,
@@ -98,6 +102,12 @@ def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact |
         lowest_step=lowest,
         penetration_m=penetration_m,
     )
+
+
+def _deepest_point_m(case: Case) -> float:
+    """Return how deep a point of contact was in the floor [m], at most."""
+    distance_m = case.contacts.distance_m
+    return -float(distance_m[np.isfinite(distance_m)].min(initial=0.0))
 
 
 # -- the contact law ------------------------------------------------------------------------------
@@ -306,7 +316,9 @@ def _apexes(height_m: Float64, floor_m: float) -> list[float]:
     return [
         float(height_m[end:start].max()) - floor_m
         for end, start in zip(ends.tolist(), following.tolist(), strict=True)
-        if end < len(height_m) and height_m[end:start].argmax() < start - end - 1
+        if end < len(height_m)
+        # The recording may end on the way up.
+        and (start < len(height_m) or height_m[end:start].argmax() < start - end - 1)
     ]
 
 

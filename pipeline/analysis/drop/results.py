@@ -109,8 +109,8 @@ class Impact:
     lowest_step: int
     """The sample at which it is lowest."""
     penetration_m: float | None
-    """How deep it sinks; None where it has turned, so that its centre does not show it, and with
-    `--substeps`, within which it may have been deeper."""
+    """How deep it sinks; None where it has turned, or an edge was deeper, so that its centre does
+    not show it, and with `--substeps`, within which it may have been deeper."""
 
 
 @dataclass(frozen=True)

@@ -360,8 +360,8 @@ def _possible_of_calls(run: Side, golden: Side) -> Iterator[Message]:
     if run.seen.real_time or golden.seen.real_time:
         yield Message("it asked for real-time simulation, which follows a clock")
     yield Message(
-        "what it reads has changed, such as a module, a file or the time of day, or what is not "
-        "the same in every run, such as how threads take turns or the order of a set"
+        "what it reads has changed, such as a module, a file, the environment or the time of day, "
+        "or what is not the same in every run, such as how threads take turns or the order of a set"
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from bisect import bisect_right
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from pipeline.analysis.script.evidence import Evidence, is_of
 from pipeline.analysis.script.results import ScriptFinding
 from pipeline.analysis.script.tracks import life_of, order
 from pipeline.messages import Message
-from pipeline.seen import Body, Joint
+from pipeline.seen import At, Body, Joint
 
 Float64 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -29,6 +30,8 @@ LIMITS = {"jointLowerLimit": 1.0, "jointUpperLimit": -1.0}
 RESETS = ("resetJointState", "resetJointStateMultiDof")
 LISTS = re.compile(r"\[[^]]*\]")
 """In a call's arguments."""
+TIMESTEPS = re.compile(r"^[^=,]+(,|$)|fixedTimeStep|numSubSteps")
+"""In the arguments of `setPhysicsEngineParameter`: the first one, or by name."""
 POSITION_CONTROL = 2
 """PyBullet's number for it. A motor that holds a velocity is often used as friction, so being at
 its limit is its purpose."""
@@ -160,6 +163,8 @@ def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFi
             & drives[which]
             & (torque >= limits[which] * (1 - 1e-6))
         )
+        if full.any():
+            full &= joints.steps <= _until(e, body, [motor.at for motor in motors])[which]
         for first, last in unbroken(full, again):
             samples = last - first + 1
             if samples >= FOR_LONG:
@@ -181,6 +186,33 @@ def _at_limit(e: Evidence, body: Body, moving: list[Joint]) -> Iterator[ScriptFi
         if free and _aims(e, body):
             message = Message("{finding}; give p.setJointMotorControl2 more force", finding=message)
         yield e.finding("motor-at-limit", message, body=body.number, step=step)
+
+
+def _until(e: Evidence, body: Body, set_at: list[At]) -> Float64:
+    """Return the last step at which each motor still has the maximum force that it was given.
+
+    PyBullet keeps it as an impulse: force × the timestep at the time of the call
+    (`processSendDesiredStateCommand`). Motors are recorded before the next step, so of several
+    calls before it the first counts.
+    """
+    calls = [call for call in e.seen.calls if call.client == body.client]
+    first: dict[int, int] = {}
+    for call in calls:
+        if call.function.startswith("setJointMotorControl") and is_of(call, body):
+            first.setdefault(call.at.step, call.at.call)
+    changes = [
+        call.at
+        for call in calls
+        if call.function == "setTimeStep"
+        or (call.function == "setPhysicsEngineParameter" and TIMESTEPS.search(call.arguments))
+    ]
+    since = [(at.step, first.get(at.step, at.call)) for at in set_at]
+    return np.array(
+        [
+            min((each.step for each in changes if order(each) > began), default=math.inf)
+            for began in since
+        ]
+    )
 
 
 def _aims(e: Evidence, body: Body) -> bool:
