@@ -375,10 +375,13 @@ for link in range(-1, p.getNumJoints(b)):
 steps(240)
 """)
     body = body_of(analysis, 0)
+    if substeps > 1:
+        assert body.energy is None
+        assert not analysis.table["energy_j"].count()
+        return
     assert body.energy is not None
     lost_j = body.mass_kg * 9.8**2 / 240 * (239 / 240) / 2
-    change_j = body.energy.last_j - body.energy.first_j
-    assert change_j == pytest.approx(-lost_j if substeps == 1 else 0, rel=1e-6)
+    assert body.energy.last_j - body.energy.first_j == pytest.approx(-lost_j, rel=1e-6)
 
 
 CHAIN = """

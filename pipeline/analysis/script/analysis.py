@@ -365,8 +365,9 @@ def energies_j(
 ) -> Float64 | None:
     """Return kinetic plus potential energy of a body [J], a row per sample of its base.
 
-    None where its parts or their masses changed, or some of them are not reported; nan at samples
-    at which the places of its links are not known.
+    None where its parts or their masses changed, some of them are not reported, or it has links and
+    there are several substeps: PyBullet reports where links are at the beginning of the last. Nan
+    at samples at which the places of its links are not known.
     """
     if body.hides_links:
         return None
@@ -391,24 +392,26 @@ def energies_j(
         if not mass_kg or link not in body.moving:
             continue
         rows = seen.parts.get((body.number, link))
+        if link != BASE and (substeps > 1).any():
+            return None
         if rows is None or not np.array_equal(rows["step"].to_numpy(), track.steps):
             return None
         part: Motion = motion_of(rows)
         # Velocities are turned into world axes by the orientation that is reported with them.
         of_part = mechanics_of_part(part, mass_kg, inertia, 0.0)
         total_j += of_part.kinetic_linear_j + of_part.kinetic_angular_j
-        position_m = part.position_m if link == BASE else _after_steps(part, track, substeps)
+        position_m = part.position_m if link == BASE else _after_steps(part, track)
         total_j -= mass_kg * np.sum(gravity * position_m, axis=1)
     return total_j if np.isfinite(total_j).any() else None
 
 
-def _after_steps(link: Motion, track: Track, substeps: Float64) -> Float64:
+def _after_steps(link: Motion, track: Track) -> Float64:
     """Return where a link is at the ends of steps [m], nan where that is not known; shape (n, 3).
 
-    PyBullet reports a link's pose at the beginning of the last substep (`m_cachedWorldTransform`).
-    So the next sample has it, if there is one that a single substep leads to from there.
+    PyBullet reports a link's pose at the beginning of the step (`m_cachedWorldTransform`). So the
+    next sample has it, if there is one that a step leads to from there.
     """
-    next_has_it = np.append((track.led & ~track.put & (substeps == 1))[1:], False)
+    next_has_it = np.append((track.led & ~track.put)[1:], False)
     position_m = np.where(
         next_has_it[:, None], np.roll(link.position_m, -1, axis=0), link.position_m
     )

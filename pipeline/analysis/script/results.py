@@ -113,16 +113,16 @@ class Unexplained:
 class BodyEnergy:
     """Kinetic and potential energy of all links that time can move; the latter is 0 at z = 0.
 
-    PyBullet reports where links are one step late: their energy at the last sample, before one that
-    a call determines, and with several substeps, is not known.
+    PyBullet reports where links are one step late: their energy at the last sample, and before one
+    that a call determines, is not known.
     """
 
     first_j: float
     """At the first sample at which it is known."""
     last_j: float
-    """At the last sample at which it is known: with links, the last but one."""
+    """At the last sample at which it is known: with links, mostly the last but one."""
     largest_j: float
-    """The most that it had."""
+    """The most that it had, at the samples at which it is known."""
     largest_step: int
     """The sample at which it had most."""
     contact_j: float | None
@@ -155,7 +155,8 @@ class BodyAnalysis:
     unexplained: list[Unexplained]
     """Its samples that are not explained, by reason."""
     energy: BodyEnergy | None
-    """None for a body without samples or mass, and where it is not known."""
+    """None for a body without samples or mass, with a mass that changes, and with links that are
+    not reported or move in substeps."""
 
 
 @dataclass(frozen=True)
