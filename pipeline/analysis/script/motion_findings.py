@@ -36,8 +36,8 @@ def findings(e: Evidence) -> Iterator[ScriptFinding]:
     jointed = [judged.track.body.label for judged in e.judged.values() if judged.track.body.joints]
     if jointed:
         message = Message(
-            "the laws here are those of one rigid body: for bodies with joints, motion and contacts "
-            "are measured, not explained: {names}",
+            "the laws here are those of one rigid body: for bodies with joints, motion and "
+            "contacts are measured, not explained: {names}",
             names=", ".join(jointed[:5]) + (" …" if len(jointed) > 5 else ""),
         )
         yield e.finding("joints-not-explained", message)
