@@ -451,6 +451,16 @@ def test_a_default_that_is_what_the_other_was_told_is_no_difference(
     assert {setting.name for setting in damped.differences} == names
 
 
+@DRAKE
+def test_a_distance_is_not_broken_down_where_no_law_is_known(recorded: Recorder) -> None:
+    """Drake's continuous integrator follows damped fall to some nanometres, by no known step."""
+    drop = {"linear_damping": 0.5, "height_m": 20.0}
+    other = recorded(engine="drake", integrator="continuous", **drop)
+    looks_like = str(compared(other, recorded(**drop)).looks_like)
+    assert "mm apart along z" in looks_like
+    assert "timestep" not in looks_like
+
+
 @pytest.mark.parametrize("engine", OTHERS)
 def test_moving_from_pybullet_only_the_damping_differs(recorded: Recorder, engine: str) -> None:
     comparison = compared(recorded(engine=engine), recorded())

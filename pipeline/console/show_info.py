@@ -60,6 +60,9 @@ def info_lines(info: Info) -> list[str]:
     ]
     if info.command is not None:
         lines += pasteable(Message("again"), info.command, column=COLUMN, style="dim")
+        if info.kind == "script" and " -m " not in info.command:
+            where = localized("where the script is: its folder is not recorded")
+            lines += titled("", where, column=COLUMN, style="dim")
     analysis = Message("analysis")
     if info.layer is not None:
         return lines + titled(analysis, str(info.layer), column=COLUMN, style="dim")

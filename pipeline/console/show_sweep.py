@@ -251,7 +251,7 @@ def _study(group: Group, study: Study, at_s: float) -> list[str]:
         )
         lines += _said(Message("errors cancel at"), words)
     if study.refining_hurts and damped:
-        words = Message("the total grows again, to {limit}: break it down first", limit=limit)
+        words = Message("the total tends to {limit}: break it down first", limit=limit)
         lines += _said(Message("refining hurts"), words, style="yellow")
     return lines
 

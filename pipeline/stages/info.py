@@ -60,8 +60,8 @@ class Info(Shown, lines_of="pipeline.console.show_info:info_lines"):
     engine: str
     """The engine that made it."""
     command: str | None
-    """The command that repeats its physics; None for a block of Python, and where a name or an
-    argument is not UTF-8."""
+    """The command that repeats its physics; for a script in its folder, which is not recorded. None
+    for a block of Python, and where a name or an argument is not UTF-8."""
     layer: Path | None
     """The analysis beside it; None if there is none, or it is of another recording."""
 

@@ -95,6 +95,8 @@ def _distance(run: Case, golden: Case, last: int) -> Message:
                 step=int(held[0]),
             )
             return joined("; ", [distance, clamped])
+        if not case.law.covers(case.samples.at(slice(last))).all():
+            return distance
         start = case.samples.at(slice(0, 1))
         _, terms = error_and_terms(start, case.samples.position_m[last], case.law, steps=last)
         parts.append(terms)
