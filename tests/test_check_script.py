@@ -21,6 +21,7 @@ import numpy as np
 import polars as pl
 import pyarrow as pa
 import pytest
+import scenes
 import scripts
 from conftest import Drop
 from jsonschema import Draft202012Validator
@@ -845,6 +846,23 @@ def test_twice_the_same_in_whatever_turn(tmp_path: Path, monkeypatch: pytest.Mon
     again = record_script(str(script), out=tmp_path / "twice.rrd", twice=True)
     assert (tmp_path / "ran").exists()
     assert (again.twice, again.first_difference) == (True, None)
+
+
+def test_states_within_a_tolerance_are_not_called_identical(tmp_path: Path) -> None:
+    """Though an input differs: a push of 1 N in one step."""
+    paths = []
+    for force in (0, 1):
+        paths.append(tmp_path / f"{force}.rrd")
+        scenes.record(
+            "b = p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1))\n"
+            f"steps(5)\np.applyExternalForce(b, -1, [{force}, 0, 0], [0, 0, 0], p.LINK_FRAME)\n"
+            "steps(5)",
+            paths[-1],
+        )
+    for tolerance_m, words in ((1, "is within the tolerance"), (1e-9, "mm off at step")):
+        result = compare_scripts(*map(side, paths), tolerance_m=tolerance_m)
+        assert not result.same
+        assert words in str(result.looks_like)
 
 
 def test_a_tolerance_takes_a_quaternion_and_its_negative_for_the_same(tmp_path: Path) -> None:

@@ -1096,6 +1096,13 @@ def test_numbers_are_unseeded_only_where_they_are(bench: Bench, draws: str, unse
     assert unseeded in "".join(said)
 
 
+def test_a_pipe_is_no_script(bench: Bench) -> None:
+    """Its text would be read before the script runs, which would then be empty."""
+    os.mkfifo(bench.folder / "pipe.py")
+    with pytest.raises(ScenarioError, match="read only once"):
+        bench.record(bench.folder / "pipe.py")
+
+
 def test_a_script_that_dies_before_its_first_step_says_so(bench: Bench) -> None:
     """It did connect, and loaded a body."""
     script = bench.script(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import operator
 import os
@@ -320,6 +321,8 @@ def _digest(target: str, is_module: bool) -> str | None:
     if is_module:
         return None
     try:
+        if Path(target).is_fifo():  # what is read here would be missing in the script
+            raise OSError(errno.EINVAL, "a pipe can be read only once")
         return hashlib.sha256(Path(target).read_bytes()).hexdigest()
     except (OSError, ValueError) as error:  # ValueError: the name has a null character
         raise ScenarioError(

@@ -35,6 +35,7 @@ from pipeline.analysis.script.sample_differences import (
     first_state,
     paired,
 )
+from pipeline.messages import Message
 from pipeline.seen import Call, Seen
 
 
@@ -96,6 +97,7 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
         ),
         key=lambda dated: dated[0],
     )
+    exact = state
     if tolerance_m:
         state, others = first_state(of, allowed(of, golden.seen, tolerance_m)), []
     earliest = _earliest(*inputs, state, end, *others)
@@ -111,6 +113,8 @@ def compare_scripts(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Scr
             run, golden, first=first, call=call if counts else None, inputs=differences, made=made
         )
         like = looks_like(of, None if state is None else state[1])
+        if state is None and exact is not None:
+            like = Message("every state that both have is within the tolerance")
     return ScriptComparison(
         differences=differences,
         versions=made,
