@@ -354,7 +354,8 @@ class Script:
         if parts.shape[1] > 1 or len(dynamics["mass_kg"]) > 1:
             return
         shown = _shown(seen)
-        energies_j = energy_j(parts[shown], dynamics["mass_kg"], dynamics["inertia_kg_m2"], gravity)
+        mass_kg, inertia_kg_m2 = dynamics["mass_kg"][0], np.ravel(dynamics["inertia_kg_m2"])
+        energies_j = energy_j(parts[shown, 0], mass_kg, inertia_kg_m2, gravity)
         if not np.isfinite(energies_j).all():
             return
         entity = f"{schema.ENERGIES}/{body.label}"
@@ -461,32 +462,36 @@ def _shown(seen: Samples) -> NDArray[np.bool_]:
 
 @np.errstate(over="ignore", invalid="ignore")  # of states that are not finite
 def energy_j(
-    parts: Rows,
-    mass_kg: NDArray[np.float64],
+    states: Rows,
+    mass_kg: float,
     inertia_kg_m2: NDArray[np.float64],
     gravity_m_s2: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the kinetic energy of a body, and its potential energy above the origin [J].
+    """Return the kinetic energy of a body without links, and its potential energy above the origin.
+
+    In joules, shape (n,).
 
     Parameters
     ----------
-    parts
-        States of base and links, of dtype `STATE`, shape (n, links).
-    mass_kg, inertia_kg_m2
-        Of base and links, shapes (links,) and (links, 3): about the axes of the state.
+    states
+        Its states, of dtype `STATE`, shape (n,).
+    mass_kg
+        Its mass.
+    inertia_kg_m2
+        Its moments of inertia about the axes of the state, shape (3,).
     gravity_m_s2
         Shape (3,).
     """
-    x, y, z, w = np.moveaxis(parts["orientation"], -1, 0)
+    x, y, z, w = np.moveaxis(states["orientation"], -1, 0)
     axis = np.stack((x, y, z), axis=-1)
-    spin = parts["spin_rad_s"]
-    # In the part's own axes: rotated by the inverse quaternion.
+    spin = states["spin_rad_s"]
+    # In the body's own axes: rotated by the inverse quaternion.
     twice = 2 * np.cross(spin, axis)
     own = spin + w[..., None] * twice + np.cross(twice, axis)
-    inertia = np.reshape(inertia_kg_m2, (-1, 3))
-    kinetic_j = mass_kg * (parts["velocity_m_s"] ** 2).sum(-1) / 2 + (inertia * own**2).sum(-1) / 2
-    potential_j = -mass_kg * (parts["position_m"] @ gravity_m_s2)
-    total: NDArray[np.float64] = (kinetic_j + potential_j).sum(axis=1)
+    moving_j = mass_kg * (states["velocity_m_s"] ** 2).sum(-1) / 2
+    turning_j = (inertia_kg_m2 * own**2).sum(-1) / 2
+    potential_j = -mass_kg * (states["position_m"] @ gravity_m_s2)
+    total: NDArray[np.float64] = moving_j + turning_j + potential_j
     return total
 
 
