@@ -11,7 +11,7 @@ from pathlib import Path
 from benchmarks.harness import HEAD, ROOT, machine
 
 SCRIPTS = ("run", "steps", "memory", "size", "frames", "analyze", "start", "gif", "egl", "sweep",
-           "record")  # fmt: skip
+           "record", "watching", "tree")  # fmt: skip
 
 
 def main() -> None:
@@ -24,7 +24,6 @@ def main() -> None:
     # An installed package comes with its bytecode; compile a checkout too, whatever
     # PYTHONDONTWRITEBYTECODE says.
     compileall.compile_dir(ROOT / "pipeline", quiet=1)
-    compileall.compile_file(ROOT / "cli.py", quiet=1)
     print(machine(), end="\n\n")
     print(HEAD)
     for name in options.only or SCRIPTS:

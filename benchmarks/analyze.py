@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from drop_physics.recording.reader import read
+
 from benchmarks.harness import DROP, PYTHON, Measured, paired, process
-from pipeline.recording.reader import read
 
 POLARS = """
 import polars as pl

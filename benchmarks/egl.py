@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from drop_physics import Camera
+from drop_physics.engines.bullet.camera_frames import Photographer, Poses
+
 from benchmarks.harness import Measured, done, paired, slow_fall
-from pipeline import Camera
-from pipeline.engines.bullet.camera_frames import Photographer, Poses
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001

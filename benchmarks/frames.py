@@ -6,11 +6,12 @@ import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
+from drop_physics import Camera, Scenario
+from drop_physics.engines.bullet.camera_frames import Photographer, Poses
+from drop_physics.engines.bullet.pose_renderer import encoded
+from drop_physics.engines.bullet.visible_world import VisibleWorld
+
 from benchmarks.harness import Measured, done, paired, slow_fall
-from pipeline import Camera, Scenario
-from pipeline.engines.bullet.camera_frames import Photographer, Poses
-from pipeline.engines.bullet.pose_renderer import encoded
-from pipeline.engines.bullet.visible_world import VisibleWorld
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001

@@ -6,14 +6,15 @@ import pickle
 from collections.abc import Iterator
 from pathlib import Path
 
+from drop_physics import Camera
+from drop_physics.engines.bullet.camera_frames import Photographer
+
 from benchmarks.harness import PYTHON, Measured, Ran, paired, process, slow_fall
-from pipeline import Camera
-from pipeline.engines.bullet.camera_frames import Photographer
 
 OURS = """
 import pickle
-from pipeline.figures.animation import decoded
-from pipeline.figures.gif import write_gif
+from drop_physics.figures.animation import decoded
+from drop_physics.figures.gif import write_gif
 def pngs():
     with open("pngs", "rb") as file:
         for _ in range({count}):

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-from pipeline import Scenario
-from pipeline.engines.bullet.camera_frames import Poses
-from pipeline.engines.bullet.world import World
-from pipeline.states import poses_of
-from pipeline.workers import cores
+from drop_physics import Scenario
+from drop_physics.engines.bullet.camera_frames import Poses
+from drop_physics.engines.bullet.world import World
+from drop_physics.states import poses_of
+from drop_physics.workers import cores
 
-DROP = (sys.executable, "-m", "cli")
+DROP = (sys.executable, "-m", "drop_physics")
 PYTHON = (sys.executable, "-c")
 ROOT = Path(__file__).parents[1]
 LIBRARIES = ("pybullet", "rerun-sdk", "numpy", "polars", "matplotlib", "pillow", "typer")

@@ -11,8 +11,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from drop_physics.recording.reader import read
+
 from benchmarks.harness import DROP, PYTHON, Measured, Ran, paired, process
-from pipeline.recording.script_reader import read_script
 
 SCENE = """
 import sys
@@ -68,7 +69,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
 
     steps = 10_000 // share
     _record(folder, steps)
-    seen = read_script(folder / "run.rrd").seen
+    seen = read(folder / "run.rrd").seen
     seen.states.write_parquet(folder / "states.parquet")
     seen.contacts.write_parquet(folder / "contacts.parquet")
     ratios, detail = paired(

@@ -20,8 +20,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from unittest.mock import patch
 
-from pipeline.console.running import main
-from pipeline.sweeping.engines import dismiss
+from drop_physics.console.running import main
+from drop_physics.sweeping.engines import dismiss
 
 ROOT = Path(__file__).parents[1]
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -161,7 +161,7 @@ def measured(
 def drop_alone(*arguments: object, folder: Path, **how: object) -> subprocess.CompletedProcess[str]:
     """Run the command as a process of its own, its streams being pipes."""
     return subprocess.run(
-        [sys.executable, "-m", "cli", *map(str, arguments)],
+        [sys.executable, "-m", "drop_physics", *map(str, arguments)],
         capture_output=True, text=True, cwd=folder, env=environment(), timeout=120, check=False,
         **how,  # type: ignore[call-overload]
     )  # fmt: skip

@@ -11,15 +11,16 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
+import drop_physics
+import polars as pl
 import pytest
 from command import drop_alone, drop_here
+from drop_physics import Analysis, Scenario, simulate
+from drop_physics.analysis.drop.analysis import analysis_of
+from drop_physics.recording.reader import Recording, read
+from drop_physics.recording.viewer import binary
+from drop_physics.stages.run import Run, run
 from hypothesis import settings
-
-from pipeline import Analysis, Scenario, simulate
-from pipeline.analysis.drop.analysis import analysis_of
-from pipeline.recording.reader import Recording, read
-from pipeline.recording.viewer import binary
-from pipeline.stages.run import Run, run
 
 os.environ["DROP_LANG"] = "en"  # in which the tests expect what is printed, wherever they run
 # The same examples every time: a test that fails is a change, and no bad luck.
@@ -81,11 +82,15 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorder:
     return Recorder(tmp_path_factory.mktemp("recorded"))
 
 
-def judge(recording: Recording, at_s: Sequence[float] = ()) -> Analysis:
-    """Analyze a recording that was read."""
-    return analysis_of(
-        recording.scenario, recording.engine, recording.states, recording.contacts, at_s=at_s
-    )
+def judge(
+    recording: Recording,
+    states: pl.DataFrame | None = None,
+    *,
+    at_s: Sequence[float] = (),
+) -> Analysis:
+    """Analyze a recording that was read back, perhaps with other states."""
+    mine = recording.states if states is None else states
+    return analysis_of(recording.scenario, recording.engine, mine, recording.contacts, at_s=at_s)
 
 
 def rerun_rrd(*arguments: object) -> str:
@@ -114,32 +119,59 @@ def drop_process(tmp_path: Path) -> Drop:
     return partial(drop_alone, folder=tmp_path)
 
 
-PLANTED = (
-    "cli", "decimal", "json", "matplotlib", "numpy", "pickle", "polars", "pybullet", "queue",
-    "random", "rerun", "scipy", "sitecustomize", "types", "typer",
-)  # fmt: skip
-"""Modules that are imported from where `drop` is typed, wherever that is trusted."""
+PACKAGE = Path(drop_physics.__file__).parent
+LISTENING = """import atexit, os, sys
+class Listen:
+    def find_spec(name, *_):
+        os.write(heard, name.encode() + b"\\n")
+heard = os.open({heard!r}, os.O_WRONLY | os.O_APPEND)
+os.write(heard, "\\n".join([*sys.modules, ""]).encode())
+sys.meta_path.insert(0, Listen)
+"""
+"""A `sitecustomize` that writes down each module that any Python process looks for."""
 
 Planted = Callable[..., subprocess.CompletedProcess[str]]
 
 
 @pytest.fixture
 def planted(tmp_path: Path) -> Iterator[Planted]:
-    """Return the installed command, typed in a folder full of modules; none of them may be run."""
-    folder, program = tmp_path / "here", tmp_path / "bin/drop"
-    ran = tmp_path / "ran"
-    (folder / "pipeline").mkdir(parents=True)
-    for path in (*(folder / f"{name}.py" for name in PLANTED), folder / "pipeline/__init__.py"):
-        path.write_text(f"open({str(ran)!r}, 'a').write({str(path)!r} + '\\n')")
-    program.parent.mkdir()
-    program.write_text("from pipeline.console.running import main\nmain()\n")  # as pip writes it
+    """Return the installed command, typed in a folder full of modules; none of them may be run.
+
+    They have the names of all that the same command looks for in an empty folder, whether it finds
+    them or not.
+    """
+    empty, folder, listening = tmp_path / "empty", tmp_path / "here", tmp_path / "listening"
+    program, ran, heard = tmp_path / "bin/drop", tmp_path / "ran", tmp_path / "heard"
+    for each in (empty, folder, listening, program.parent):
+        each.mkdir()
+    heard.touch()
+    (listening / "sitecustomize.py").write_text(LISTENING.format(heard=str(heard)))
+    program.write_text(
+        "from drop_physics.console.running import main\nmain()\n"
+    )  # as pip writes it
 
     def call(*arguments: object) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, program, *map(str, arguments)],
-            capture_output=True, text=True, cwd=folder, timeout=120, check=False,
-            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
-        )  # fmt: skip
+        def run_in(place: Path, *path: Path) -> subprocess.CompletedProcess[str]:
+            return subprocess.run(
+                [sys.executable, program, *map(str, arguments)],
+                capture_output=True, text=True, cwd=place, timeout=120, check=False,
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, path))},
+            )  # fmt: skip
+
+        alone = run_in(empty, listening, PACKAGE.parent)
+        assert alone.returncode == 0, alone.stderr
+        names = {name.partition(".")[0] for name in heard.read_text().split("\n")} | {
+            "usercustomize"
+        }
+        names -= {""}
+        assert {"drop_physics", "json", "numpy", "sitecustomize"} <= names
+        (folder / "drop_physics").mkdir()
+        for trap in (
+            *(folder / f"{name}.py" for name in names),
+            folder / "drop_physics/__init__.py",
+        ):
+            trap.write_text(f"open({str(ran)!r}, 'a').write({str(trap)!r} + '\\n')")
+        return run_in(folder, PACKAGE.parent)
 
     yield call
     assert not ran.exists(), ran.read_text()

@@ -10,13 +10,12 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-
-from pipeline.laws import bullet_air, bullet_spin
-from pipeline.laws.base import Motion
-from pipeline.laws.bullet import BulletLaw
-from pipeline.laws.bullet_air import effective_damping
-from pipeline.laws.bullet_spin import Arithmetic
-from pipeline.laws.theory import Fall
+from drop_physics.laws import bullet_air, bullet_spin
+from drop_physics.laws.base import Motion
+from drop_physics.laws.bullet import BulletLaw
+from drop_physics.laws.bullet_air import effective_damping
+from drop_physics.laws.bullet_spin import Arithmetic
+from drop_physics.laws.theory import Fall
 
 FLOATS = Arithmetic(math.sqrt, math.sin, math.cos, lambda which, a, b: a if which else b)
 AT_REST = (0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""What is true of a drop, from PyBullet alone: nothing of `pipeline` is imported here.
+"""What is true of a drop, from PyBullet alone: nothing of `drop_physics` is imported here.
 
 A drop is plain values. It is replayed in a client of its own, and what is true of it is read off
 the replay, step by step: contact points, poses, velocities of all links. A cause is confirmed by a

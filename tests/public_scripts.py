@@ -38,7 +38,7 @@ STEPS, DURATION_S, WALL_S = 300, 2.0, 60.0
 HANGS_S = 20.0
 """A recorder that has not ended so long after its Ctrl-C hangs."""
 DEFINITIONS = (ast.FunctionDef, ast.ClassDef)
-COMMAND = [sys.executable, "-P", "-c", "from pipeline.console.running import main; main()"]
+COMMAND = [sys.executable, "-P", "-c", "from drop_physics.console.running import main; main()"]
 
 BARE = """
 import os, runpy, sys

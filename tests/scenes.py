@@ -17,15 +17,15 @@ from pathlib import Path
 from typing import Any
 
 import pybullet as p
-
-from pipeline.analysis.script.analysis import script_analysis_of
-from pipeline.analysis.script.results import BodyAnalysis, ScriptAnalysis, ScriptFinding
-from pipeline.engines.bullet.script import BlockListener
-from pipeline.engines.bullet.watching import ending, pipe, start
-from pipeline.recording import writer
-from pipeline.recording.script import Script
-from pipeline.recording.script_reader import ScriptRecording, read_script
-from pipeline.seen import Seen
+from drop_physics.analysis.script.analysis import script_analysis_of
+from drop_physics.analysis.script.results import BodyAnalysis, ScriptAnalysis, ScriptFinding
+from drop_physics.engines.bullet.script import BlockListener
+from drop_physics.engines.bullet.watching import ending, pipe, start
+from drop_physics.recording import schema, writer
+from drop_physics.recording.about import about_script
+from drop_physics.recording.reader import Recording, read
+from drop_physics.recording.recorder import Recorder
+from drop_physics.seen.history import Seen
 
 HEAD = """\
 import pybullet as p, pybullet_data
@@ -46,7 +46,7 @@ def site(line: int) -> str:
     return f"{NAME}:{line}"
 
 
-def record(scene: str, path: Path) -> ScriptRecording:
+def record(scene: str, path: Path) -> Recording:
     """Record a scene, and read its recording back.
 
     Parameters
@@ -57,7 +57,7 @@ def record(scene: str, path: Path) -> ScriptRecording:
         The recording to write.
     """
     _worker().submit(_record, scene, path).result(timeout=60)
-    return read_script(path)
+    return read(path)
 
 
 @functools.cache
@@ -82,11 +82,15 @@ def _record(scene: str, path: Path) -> None:
             for client in filter(p.isConnected, range(MOST_CLIENTS)):
                 p.disconnect(client)
         stream.seek(0)  # a file in place of a pipe: nobody has to read it meanwhile
-        script = Script(ORIGIN)
+        recorder = Recorder({schema.ORIGIN_PROPERTY: ORIGIN})
         listener = BlockListener(stream.fileno(), memory.fileno(), process=os.getppid())
         writer.record(
-            path, script.chunks(listener.events(), listener.ending), recording_id=uuid.uuid4().hex,
-            blueprint=None, force=True,
+            path,
+            recorder.chunks(
+                listener.events(), listener.ending,
+                lambda ended: about_script(ORIGIN, recorder, ended),
+            ),
+            recording_id=uuid.uuid4().hex, blueprint=None, force=True,
         )  # fmt: skip
 
 

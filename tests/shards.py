@@ -6,7 +6,7 @@ import os
 import signal
 import time
 
-from pipeline.errors import OutputError
+from drop_physics.errors import OutputError
 
 
 def double(shard: int) -> int:

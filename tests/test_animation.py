@@ -16,21 +16,20 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import Drop
+from drop_physics import colours
+from drop_physics.errors import DropError, ScenarioError
+from drop_physics.figures import animation, composition
+from drop_physics.figures.animation import check_animation, write_animation
+from drop_physics.figures.composition import caption
+from drop_physics.figures.growing_plot import GrowingPlot
+from drop_physics.figures.playback import Animation, playback
+from drop_physics.recording.reader import frames
+from drop_physics.scenario import Scenario
+from drop_physics.stages.render import _facts, render
+from drop_physics.stages.run import Run
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from PIL import Image
-
-from pipeline import colours
-from pipeline.errors import DropError, ScenarioError
-from pipeline.figures import animation, composition
-from pipeline.figures.animation import check_animation, write_animation
-from pipeline.figures.composition import caption
-from pipeline.figures.growing_plot import GrowingPlot
-from pipeline.figures.playback import Animation, playback
-from pipeline.recording.reader import frames
-from pipeline.scenario import Scenario
-from pipeline.stages.render import _facts, render
-from pipeline.stages.run import Run
 
 Pixels = np.ndarray
 
@@ -321,6 +320,8 @@ def test_the_command_line_says_how_fast_it_plays(drop: Drop, standard: Run) -> N
 
 
 def test_frames_alone_need_no_plotting_library() -> None:
-    code = "import sys, pipeline.figures.animation; print({'matplotlib', 'av'} & set(sys.modules))"
+    code = (
+        "import sys, drop_physics.figures.animation; print({'matplotlib', 'av'} & set(sys.modules))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

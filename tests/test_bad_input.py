@@ -19,22 +19,21 @@ import numpy as np
 import pytest
 import typer
 from conftest import Drop
+from drop_physics import Camera, DropError, Scenario, analyze, check, run, simulate
+from drop_physics.cli import app
+from drop_physics.console import running
+from drop_physics.engines.bullet import probe
+from drop_physics.engines.bullet.engine import find_body, p
+from drop_physics.engines.bullet.urdf import check_urdf
+from drop_physics.engines.bullet.world import World
+from drop_physics.errors import OutputError, ScenarioError
+from drop_physics.fields import Option, Optioned
+from drop_physics.scenario import MAX_STEPS
+from drop_physics.stages.sweep import sweep
+from drop_physics.states import STATE, Batch
+from drop_physics.sweeping.plan import plan_of
 from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
-
-from cli import app
-from pipeline import Camera, DropError, Scenario, analyze, check, run, simulate
-from pipeline.console import running
-from pipeline.engines.bullet import probe
-from pipeline.engines.bullet.engine import find_body, p
-from pipeline.engines.bullet.urdf import check_urdf
-from pipeline.engines.bullet.world import World
-from pipeline.errors import OutputError, ScenarioError
-from pipeline.fields import Option, Optioned
-from pipeline.scenario import MAX_STEPS
-from pipeline.stages.sweep import sweep
-from pipeline.states import STATE, Batch
-from pipeline.sweeping.plan import plan_of
 
 NUMBERS = {name: spec for name, spec in Scenario.options().items() if math.isfinite(spec.high)}
 ANYTHING = st.one_of(

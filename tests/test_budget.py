@@ -11,13 +11,12 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import Recorder, judge
+from drop_physics.analysis.drop.analysis import analysis_of
+from drop_physics.analysis.general.decomposition import decompose
+from drop_physics.analysis.general.mechanics import max_relative_drift, mechanics_of_part
+from drop_physics.laws.base import Motion
+from drop_physics.stages.narrative import events
 from iterated import law_of, thrown_as
-
-from pipeline.analysis.drop.analysis import analysis_of
-from pipeline.analysis.general.decomposition import decompose
-from pipeline.analysis.general.mechanics import max_relative_drift, mechanics_of_part
-from pipeline.laws.base import Motion
-from pipeline.stages.narrative import events
 
 TERMS = ("timestep_m", "damping_m", "interaction_m", "rounding_m")
 
@@ -262,7 +261,7 @@ def test_the_impact_is_where_theory_and_samples_have_it(recorded: Recorder) -> N
 def test_events_are_reported_at_the_step_at_which_they_happen(recorded: Recorder) -> None:
     """The box is deepest at step 108, where it first touches: first contact is reported there."""
     analysis = judge(recorded(), at_s=[0.3])
-    happened = events(analysis)
+    happened = [(step, line) for step, _, line in events(analysis)]
     assert [step for step, _ in happened] == sorted(step for step, _ in happened)
     steps = {word: step for step, line in happened for word in line.replace(",", " ").split()}
     assert analysis.rest is not None
@@ -458,7 +457,7 @@ def test_what_goes_on_slowly_has_no_first_sample_of_its_rest(recorded: Recorder,
     assert rest.height_m == recording.states["z_m"][-1]
     assert ("rest" in analysis.table["phase"]) == stops
     assert (rest.settled_step is not None) == stops
-    assert ("at rest" in events(analysis)[-1][1]) == stops
+    assert ("at rest" in events(analysis)[-1][-1]) == stops
 
 
 def test_a_body_rests_only_after_a_tenth_of_a_second(recorded: Recorder) -> None:

@@ -12,15 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drop_physics.laws import bullet_air, theory
+from drop_physics.laws.base import ExactPath
+from drop_physics.laws.bullet import BulletLaw
+from drop_physics.laws.bullet_air import effective_damping
+from drop_physics.laws.lookup import fall_of
+from drop_physics.scenario import Scenario
 from engine import MODES, ROUNDS_ONCE, drive
 from iterated import airborne, law_of, thrown_as
-
-from pipeline.laws import bullet_air, theory
-from pipeline.laws.base import ExactPath
-from pipeline.laws.bullet import BulletLaw
-from pipeline.laws.bullet_air import effective_damping
-from pipeline.laws.lookup import fall_of
-from pipeline.scenario import Scenario
 
 
 def thrown(

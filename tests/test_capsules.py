@@ -9,11 +9,10 @@ import numpy as np
 import pybullet as p
 import pytest
 from conftest import Drop
+from drop_physics.engines.bullet.watching.bodies import plain
+from drop_physics.engines.bullet.watching.capsules import CAPSULES, KIND, LINK, UNKNOWN, lay
 from engine import DATA
 from numpy.typing import NDArray
-
-from pipeline.engines.bullet.watching.capsules import CAPSULES, KIND, LINK, UNKNOWN, lay
-from pipeline.engines.bullet.watching.worlds import _plain
 
 MARGIN_M = 0.04
 """Of what is given from point to point, a shape of two spheres: their box is that much larger."""
@@ -28,8 +27,8 @@ def test_a_capsule_lies_where_its_box_is(name: str) -> None:
             joints = range(p.getNumJoints(body, client))
             names = [p.getBodyInfo(body, client)[0]]
             names += [p.getJointInfo(body, joint, client)[12] for joint in joints]
-            shapes = _plain(p.getVisualShapeData(body, 0, client))
-            lay(shapes, _plain(names), str(path))
+            shapes = plain(p.getVisualShapeData(body, 0, client))
+            lay(shapes, plain(names), str(path))
             for link in (-1, *joints):
                 its = [shape for shape in shapes if shape[LINK] == link]
                 if its and all(shape[KIND] == 7 for shape in its):

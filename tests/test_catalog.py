@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-from pipeline import Analysis, Scenario, analyze, simulate
+from drop_physics import Analysis, Scenario, analyze, simulate
 
 PAGE = Path(__file__).parents[1] / "docs/catalog.md"
 pytestmark = pytest.mark.needs("datafusion")

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import pytest
 from conftest import Drop
+from drop_physics.stages.run import Run
 from rerun.chunk import LazyChunkStream
-
-from pipeline.stages.run import Run
 
 
 def lines(text: str) -> list[str]:
@@ -117,7 +116,7 @@ def test_rerun_cannot_be_switched_off_or_made_to_talk_on_stdout(
 
 
 def test_a_reader_that_closes_the_pipe_is_not_an_error() -> None:
-    command = f"{sys.executable} -m cli analyze --help | head -1"
+    command = f"{sys.executable} -m drop_physics analyze --help | head -1"
     done = subprocess.run(
         ["bash", "-c", command], capture_output=True, text=True, cwd=Path(__file__).parents[1],
         check=False,
@@ -222,7 +221,7 @@ def test_interrupted_it_says_so_and_keeps_the_part(
 ) -> None:
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
     process = subprocess.Popen(
-        [sys.executable, "-m", "cli", "simulate", "--out", "run.rrd", "--duration", "5000",
+        [sys.executable, "-m", "drop_physics", "simulate", "--out", "run.rrd", "--duration", "5000",
          "--no-camera"],
         cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
@@ -244,7 +243,7 @@ def test_interrupted_while_it_is_still_being_imported_it_says_so(tmp_path: Path)
     (tmp_path / "typer.py").write_text("import os\nos.kill(os.getpid(), 2)\nraise SystemExit(7)\n")
     places = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[1])])
     done = subprocess.run(
-        [sys.executable, "-m", "cli", "run"], capture_output=True, text=True, cwd=tmp_path,
+        [sys.executable, "-m", "drop_physics", "run"], capture_output=True, text=True, cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": places}, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "drop: interrupted\n")

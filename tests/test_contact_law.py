@@ -13,14 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from drop_physics.engines.bullet.world import World
+from drop_physics.laws import bullet_contact
+from drop_physics.laws.bullet import BulletLaw
+from drop_physics.laws.bullet_air import effective_damping
+from drop_physics.scenario import Scenario
 from engine import MODES, drive
 from iterated import airborne, law_of
-
-from pipeline.engines.bullet.world import World
-from pipeline.laws import bullet_contact
-from pipeline.laws.bullet import BulletLaw
-from pipeline.laws.bullet_air import effective_damping
-from pipeline.scenario import Scenario
 
 MASS_KG, REST_HEIGHT_M = 0.1, 0.025
 CONVERGED = {"solverResidualThreshold": 0}

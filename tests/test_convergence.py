@@ -9,9 +9,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from scipy.special import stdtrit
-
-from pipeline.analysis.drop.convergence import (
+from drop_physics.analysis.drop.convergence import (
     StudiedRun,
     cancelling_timestep,
     grid_convergence_index,
@@ -20,7 +18,8 @@ from pipeline.analysis.drop.convergence import (
     solution_order,
     study_of,
 )
-from pipeline.analysis.general.statistics import MANY, Moments, students_t, summaries
+from drop_physics.analysis.general.statistics import MANY, Moments, students_t, summaries
+from scipy.special import stdtrit
 
 HALVED = [1 / 240, 1 / 480, 1 / 960]
 

@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-
-from pipeline import analyze, simulate
-from pipeline.scenario import Camera, Scenario
+from drop_physics import analyze, simulate
+from drop_physics.scenario import Camera, Scenario
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Drop
+from drop_physics import Camera, Scenario, simulate
+from drop_physics.engines.bullet import camera_frames
+from drop_physics.recording.reader import Recording, frames, read
 from PIL import Image
-
-from pipeline import Camera, Scenario, simulate
-from pipeline.engines.bullet import camera_frames
-from pipeline.recording.reader import Recording, frames, read
 
 pytestmark = pytest.mark.long
 

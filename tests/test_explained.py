@@ -10,11 +10,10 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import Drop, Recorder, judge
+from drop_physics import Analysis
+from drop_physics.analysis.drop.analysis import analysis_of
+from drop_physics.recording.reader import Recording
 from engine import ROUNDS_ONCE, shape, urdf_of
-
-from pipeline import Analysis
-from pipeline.analysis.drop.analysis import analysis_of
-from pipeline.recording.reader import Recording
 
 TUMBLING: dict[str, Any] = {"restitution": 0.8, "duration_s": 3.0}
 COLUMNS = ["x_m", "qy", "vx_m_s", "vz_m_s", "wy_rad_s"]

@@ -33,23 +33,22 @@ import pytest
 import rerun.blueprint as rrb
 from command import drop_here, environment, run_here, wait_for
 from conftest import Drop, descendants_of
+from drop_physics import Scenario, analyze, check, render, simulate
+from drop_physics.errors import OutputError, RecordingError, ScenarioError
+from drop_physics.files.outputs import MOST_PARTS, check_room, output_errors, part_of
+from drop_physics.files.whole import opened
+from drop_physics.recording import sealing
+from drop_physics.recording.reader import Recording, read
+from drop_physics.scenario import BYTES_PER_SAMPLE
+from drop_physics.stages import run as run_stage
+from drop_physics.stages.record import record_script
+from drop_physics.stages.recorded import BATCH
+from drop_physics.stages.sweep import sweep
+from drop_physics.sweeping.folder import Folder
+from drop_physics.sweeping.plan import plan_of
+from drop_physics.workers import cores
 from PIL import Image
 from rerun.chunk import LazyChunkStream
-
-from pipeline import Scenario, analyze, check, render, simulate
-from pipeline.errors import OutputError, RecordingError, ScenarioError
-from pipeline.files.outputs import MOST_PARTS, check_room, output_errors, part_of
-from pipeline.files.whole import opened
-from pipeline.recording import sealing
-from pipeline.recording.reader import Recording, read
-from pipeline.scenario import BYTES_PER_SAMPLE
-from pipeline.stages import run as run_stage
-from pipeline.stages.record import record_script
-from pipeline.stages.recorded import BATCH
-from pipeline.stages.sweep import sweep
-from pipeline.sweeping.folder import Folder
-from pipeline.sweeping.plan import plan_of
-from pipeline.workers import cores
 
 KILLS = 12
 """Runs that are killed, each at another moment: by each signal while stepping and sealing."""
@@ -68,7 +67,7 @@ FULL = ("simulate", "--out", "run.rrd", "--force")
 def start(arguments: tuple[str, ...], folder: Path, **how: object) -> subprocess.Popen[str]:
     """Start the command in a new session, so that all its processes can be counted."""
     return subprocess.Popen(
-        [sys.executable, "-m", "cli", *arguments],
+        [sys.executable, "-m", "drop_physics", *arguments],
         cwd=folder,
         env=environment(),
         stdout=subprocess.PIPE,
@@ -312,7 +311,7 @@ def test_too_little_room_is_reported_before_the_work_starts(tmp_path: Path) -> N
 def test_what_a_large_recording_takes_is_reported_before_the_work_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.stages.simulate.LARGE_BYTES", 1000)
+    monkeypatch.setattr("drop_physics.stages.simulate.LARGE_BYTES", 1000)
     notes: list[str] = []
     simulate(Scenario(), tmp_path / "run.rrd", camera=None, note=notes.append)
     assert len(notes) == 1
@@ -861,12 +860,12 @@ def test_a_part_that_is_cut_within_a_message_gives_all_messages_before_it(tmp_pa
     wait_for(lambda: size(part) > 2 * ONE_BATCH, "no .part")
     process.kill()
     ended(process)
-    data, whole = part.read_bytes(), read(part)
+    data, states = part.read_bytes(), read(part).states  # the samples are read when asked for
     for less in (1, 16, 1000, 100_000, ONE_BATCH // 2):
         part.write_bytes(data[:-less])
         cut = read(part)
-        assert len(cut.states) >= len(whole.states) - BATCH
-        assert cut.states.equals(whole.states.head(len(cut.states)))
+        assert len(cut.states) >= len(states) - BATCH
+        assert cut.states.equals(states.head(len(cut.states)))
 
 
 def test_a_recording_can_be_read_while_it_grows(tmp_path: Path) -> None:
@@ -972,7 +971,7 @@ def test_frame_workers_end_with_their_parent(tmp_path: Path, how: signal.Signals
 LOSING = """
 import os, signal, sys
 from rerun.chunk import LazyChunkStream
-from pipeline.console.running import main
+from drop_physics.console.running import main
 how, lost = sys.argv.pop(1), sys.argv.pop(1)
 write = LazyChunkStream.write_rrd
 def losing(*arguments, **options):
@@ -1032,9 +1031,9 @@ def test_only_python_writes_to_standard_output() -> None:
     """Bullet prints from C, into a buffer that is flushed when the process ends."""
     code = """
 import ctypes, sys, types, typer
-from pipeline.console.running import main
+from drop_physics.console.running import main
 app = typer.Typer()
-sys.modules["cli"] = types.SimpleNamespace(app=app)
+sys.modules["drop_physics.cli"] = types.SimpleNamespace(app=app)
 sys.argv = ["drop"]
 @app.command()
 def speak():
@@ -1069,7 +1068,7 @@ def test_standard_output_that_is_closed_or_full_ends_in_its_exit_code(
     short: Path, command: str, codes: tuple[int, ...], lines: int
 ) -> None:
     done = subprocess.run(
-        ["bash", "-c", f'"{sys.executable}" -m cli {command}; exit ${{PIPESTATUS[0]}}'],
+        ["bash", "-c", f'"{sys.executable}" -m drop_physics {command}; exit ${{PIPESTATUS[0]}}'],
         cwd=short,
         env=environment(),
         capture_output=True,
@@ -1114,7 +1113,7 @@ def test_a_closed_or_full_standard_output_or_error_does_not_change_the_exit_code
 
 def test_a_standard_output_that_gets_too_large_is_named(short: Path) -> None:
     done = subprocess.run(
-        ["bash", "-c", f'ulimit -f 0; "{sys.executable}" -m cli sweep --help >out.txt'],
+        ["bash", "-c", f'ulimit -f 0; "{sys.executable}" -m drop_physics sweep --help >out.txt'],
         cwd=short, env=environment(), capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 1

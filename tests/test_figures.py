@@ -20,6 +20,13 @@ import polars as pl
 import pybullet as p
 import pybullet_data
 import pytest
+from drop_physics import colours, render, simulate
+from drop_physics.errors import ScenarioError
+from drop_physics.figures import animation, convergence_plot, style
+from drop_physics.figures.animation import check_animation
+from drop_physics.figures.gif import Gif, delay_cs, write_gif
+from drop_physics.figures.plot import Facts, build_figure, facts_of, plot_drop
+from drop_physics.scenario import Scenario
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
@@ -27,14 +34,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox
 from PIL import Image
-
-from pipeline import colours, render, simulate
-from pipeline.errors import ScenarioError
-from pipeline.figures import animation, convergence_plot, style
-from pipeline.figures.animation import check_animation
-from pipeline.figures.gif import Gif, delay_cs, write_gif
-from pipeline.figures.plot import Facts, build_figure, facts_of, plot_drop
-from pipeline.scenario import Scenario
 
 Pixels = np.ndarray
 
@@ -239,7 +238,9 @@ def test_frames_that_make_no_gif_are_named(pngs: list[bytes], message: str) -> N
 
 
 def test_the_gif_needs_no_plotting_library() -> None:
-    code = "import sys, pipeline.figures.gif; print({'matplotlib', 'polars'} & set(sys.modules))"
+    code = (
+        "import sys, drop_physics.figures.gif; print({'matplotlib', 'polars'} & set(sys.modules))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
 

@@ -8,10 +8,9 @@ from pathlib import Path
 import polars as pl
 import pytest
 from conftest import Recorder, judge
+from drop_physics.analysis.drop.analysis import analysis_of
+from drop_physics.console.show_analysis import show_analysis
 from engine import MODES, box, shape, urdf_of
-
-from pipeline.analysis.drop.analysis import analysis_of
-from pipeline.console.show_drop import show_analysis
 
 BOUNCY = 0.7**0.5
 FAST = {"height_m": 2000.0, "linear_damping": 0.0, "duration_s": 12.0}

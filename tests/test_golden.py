@@ -8,11 +8,10 @@ import io
 import numpy as np
 import pytest
 from conftest import Recorder, judge
+from drop_physics.recording.reader import frames
+from drop_physics.stages.run import Run
 from engine import ROUNDS_ONCE, drive
 from PIL import Image
-
-from pipeline.recording.reader import frames
-from pipeline.stages.run import Run
 
 # The law uses only + - × ÷ √, so every bit is reproducible where each of them rounds once.
 IN_THE_AIR = 0.0 if ROUNDS_ONCE else 1e-12

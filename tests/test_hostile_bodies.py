@@ -17,18 +17,17 @@ import numpy as np
 import pybullet_data
 import pytest
 from conftest import Drop
-
-from pipeline import Scenario, simulate
-from pipeline.engines.bullet import probe
-from pipeline.engines.bullet.body_files import BodyFileError, check_content
-from pipeline.engines.bullet.engine import find_body
-from pipeline.engines.bullet.probe import Limits, problem_of
-from pipeline.engines.bullet.urdf import MOST_JOINTS, MOST_POSITIONS, check_urdf
-from pipeline.engines.bullet.world import World
-from pipeline.errors import ScenarioError
-from pipeline.stages.sweep import sweep
-from pipeline.states import Batch
-from pipeline.sweeping.plan import plan_of
+from drop_physics import Scenario, simulate
+from drop_physics.engines.bullet import probe
+from drop_physics.engines.bullet.body_files import BodyFileError, check_content
+from drop_physics.engines.bullet.engine import find_body
+from drop_physics.engines.bullet.probe import Limits, problem_of
+from drop_physics.engines.bullet.urdf import MOST_JOINTS, MOST_POSITIONS, check_urdf
+from drop_physics.engines.bullet.world import World
+from drop_physics.errors import ScenarioError
+from drop_physics.stages.sweep import sweep
+from drop_physics.states import Batch
+from drop_physics.sweeping.plan import plan_of
 
 DATA = Path(pybullet_data.getDataPath())
 BOX = '<box size="0.1 0.1 0.1"/>'

@@ -12,27 +12,26 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import drop_physics
 import pytest
 from conftest import Drop
+from drop_physics import Analysis, analyze
+from drop_physics.console import output
+from drop_physics.errors import RecordingError
+from drop_physics.figures import style
+from drop_physics.figures.plot import build_figure, facts_of, plotted
+from drop_physics.messages import LOCALE, VARIABLES, Message, joined, localized, translated
+from drop_physics.stages.narrative import findings_markdown
+from drop_physics.stages.run import Run
 from fontTools.fontBuilder import FontBuilder
 from fontTools.pens.ttGlyphPen import TTGlyphPen
 from matplotlib import font_manager
 from matplotlib.text import Text
 from rich.cells import cell_len
 
-import pipeline
-from pipeline import Analysis, analyze
-from pipeline.console import output
-from pipeline.errors import RecordingError
-from pipeline.figures import style
-from pipeline.figures.plot import build_figure, facts_of, plotted
-from pipeline.messages import LOCALE, VARIABLES, Message, joined, localized, translated
-from pipeline.stages.narrative import findings_markdown
-from pipeline.stages.run import Run
-
-PACKAGE = Path(pipeline.__file__).parent
+PACKAGE = Path(drop_physics.__file__).parent
 FILE = LOCALE / "ja/LC_MESSAGES/drop.mo"
-AGAIN = "translate it in pipeline/locale/ja/LC_MESSAGES/drop.po; python docs/regenerate.py drop.po"
+AGAIN = "translate it in locale/ja/LC_MESSAGES/drop.po; python docs/regenerate.py drop.po"
 TEMPLATES = {
     "Message": 0, "joined": 0, "localized": 0, "words": 0, "counted": 1, "DropError": 0,
     "ScenarioError": 0, "RecordingError": 0, "OutputError": 0, "ViewerError": 0, "StreamError": 0,
@@ -45,7 +44,7 @@ JAPANESE = re.compile("[\u3040-\u30ff\u4e00-\u9fff]")
 def templates() -> dict[str, str]:
     """Return each template in the code, and where it is."""
     found = {}
-    for path in [PACKAGE.parent / "cli.py", *PACKAGE.rglob("*.py")]:
+    for path in [*PACKAGE.rglob("*.py")]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if not isinstance(node, ast.Call):
                 continue
@@ -273,10 +272,10 @@ def test_in_python_an_error_is_in_english(tmp_path: Path) -> None:
 def test_help_loads_neither_rich_nor_a_translation() -> None:
     code = (
         "import sys; sys.argv = ['drop', '--help']\n"
-        "import cli\n"
+        "from drop_physics import cli\n"
         "try: cli.main()\n"
         "except SystemExit: pass\n"
-        "from pipeline.messages import _catalog\n"
+        "from drop_physics.messages import _catalog\n"
         "print('rich' in sys.modules, _catalog.cache_info().currsize, file=sys.stderr)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,21 +10,21 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import Drop, Recorder, judge
-
-from pipeline import Scenario, simulate
-from pipeline.analysis.drop.case import case_of
-from pipeline.analysis.drop.comparison import Comparison, Side, compare
-from pipeline.analysis.general.mechanics import max_relative_drift
-from pipeline.analysis.general.segments import FLIGHT, segments_of
-from pipeline.engines import other_world
-from pipeline.errors import DropError, ScenarioError
-from pipeline.laws.mujoco_contact import rest_depth_m
-from pipeline.laws.rotations import rotate
-from pipeline.recording.reader import Recording, frames, read
-from pipeline.recording.rows import tables_of
-from pipeline.scenario import INTEGRATORS
-from pipeline.stages.recorded import made_with
-from pipeline.states import Batch
+from drop_physics import Scenario, simulate
+from drop_physics.analysis.drop.case import case_of
+from drop_physics.analysis.drop.engines_apart import apart
+from drop_physics.analysis.general.mechanics import max_relative_drift
+from drop_physics.analysis.general.segments import FLIGHT, segments_of
+from drop_physics.engines import other_world
+from drop_physics.errors import DropError, ScenarioError
+from drop_physics.laws.mujoco_contact import rest_depth_m
+from drop_physics.laws.rotations import rotate
+from drop_physics.recording.reader import Recording, frames, read
+from drop_physics.recording.rows import tables_of
+from drop_physics.scenario import INTEGRATORS
+from drop_physics.stages.check import check
+from drop_physics.stages.recorded import made_with
+from drop_physics.states import Batch
 
 STATE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "vx_m_s", "vy_m_s", "vz_m_s"]
 SPIN = ["wx_rad_s", "wy_rad_s", "wz_rad_s"]
@@ -152,7 +151,7 @@ def test_a_state_altered_in_contact_is_noticed(recorded: Recorder) -> None:
     first = recording.contacts["step"].min()
     moved = pl.when(pl.col("step") == first).then(pl.col("vx_m_s") + 0.01).otherwise("vx_m_s")
     states = recording.states.with_columns(moved.alias("vx_m_s"))
-    codes = {finding.code for finding in judge(replace(recording, states=states)).findings}
+    codes = {finding.code for finding in judge(recording, states).findings}
     assert "law-mismatch" in codes
 
 
@@ -340,30 +339,29 @@ def test_angular_momentum_drifts_as_measured() -> None:
     assert drifts["RK4"] < 1e-10
 
 
-def compared(run: Recording, golden: Recording) -> Comparison:
-    return compare(
-        *(Side(one.scenario, one.engine, one.states, one.contacts) for one in (run, golden))
-    )
+def parted(run: Recording, golden: Recording) -> str:
+    """Return what is said of two engines."""
+    return str(check(run.path, golden.path).engines)
 
 
 def test_moving_from_pybullet_says_where_they_part_and_why(recorded: Recorder) -> None:
-    found = compared(recorded(engine="mujoco"), recorded())
+    found = check(recorded(engine="mujoco").path, recorded().path)
     assert not found.same
-    assert found.same_experiment
     assert found.first is not None
     assert found.first.step == 2  # the first step begins without a velocity to damp
-    assert found.looks_like is not None
-    assert "diverge at step 2" in found.looks_like
-    assert "mm apart along z: damping -18.01" in found.looks_like
-    assert "--linear-damping 0 and they agree to the bit until contact" in found.looks_like
+    assert found.engines is not None
+    assert "diverge at step 2" in found.engines
+    assert "mm apart along z: damping -18.01" in found.engines
+    assert "--linear-damping 0 and they agree to the bit until contact" in found.engines
 
 
 def test_what_it_promises_of_pybullet_without_damping_holds(recorded: Recorder) -> None:
-    found = compared(recorded(engine="mujoco"), recorded(linear_damping=0.0))
-    assert [setting.name for setting in found.differences] == ["engine"]
+    found = check(recorded(engine="mujoco").path, recorded(linear_damping=0.0).path)
+    assert found.comparison is not None
+    assert [setting.column for setting in found.comparison.differences] == ["engine"]
     assert found.first is not None
     assert found.first.step == 108
-    assert (found.looks_like or "").startswith(
+    assert str(found.engines).startswith(
         "MuJoCo and PyBullet agree to the bit until contact (step 108)"
     )
 
@@ -371,26 +369,26 @@ def test_what_it_promises_of_pybullet_without_damping_holds(recorded: Recorder) 
 def test_nothing_is_advised_where_nothing_is_damped(recorded: Recorder) -> None:
     """They differ by rounding alone."""
     drop = {"body": "jenga/jenga.urdf", "velocity_m_s": (0.0, -7.3, 0.0), "duration_s": 0.4}
-    found = compared(recorded(**drop, linear_damping=0.0), recorded(**drop, engine="mujoco"))
-    assert (found.looks_like or "").endswith("less than 0.0001 mm apart")
+    found = parted(recorded(**drop, linear_damping=0.0), recorded(**drop, engine="mujoco"))
+    assert found.endswith("less than 0.0001 mm apart")
 
 
 def test_engines_with_another_integrator_part_by_the_timestep(recorded: Recorder) -> None:
-    found = compared(recorded(engine="mujoco", integrator="rk4"), recorded(linear_damping=0.0))
-    assert "diverge at step 1" in (found.looks_like or "")
-    assert "mm apart along z: timestep +9.11" in (found.looks_like or "")
+    found = parted(recorded(engine="mujoco", integrator="rk4"), recorded(linear_damping=0.0))
+    assert "diverge at step 1" in found
+    assert "mm apart along z: timestep +9.11" in found
 
 
 def test_engines_part_where_they_are_farthest_and_not_by_terms_of_what_is_clamped(
     recorded: Recorder,
 ) -> None:
     thrown = {"velocity_m_s": (20.0, 0.0, 0.0), "gravity_m_s2": 0.0, "height_m": 3.0}
-    found = compared(recorded(engine="mujoco", **thrown), recorded(**thrown))
-    assert "mm apart along x: damping +" in (found.looks_like or "")
+    found = parted(recorded(engine="mujoco", **thrown), recorded(**thrown))
+    assert "mm apart along x: damping +" in found
     fast = {"velocity_m_s": (0.0, 0.0, -95.0), "height_m": 1e3, "linear_damping": 0.0}
-    found = compared(recorded(engine="mujoco", **fast | {"linear_damping": None}), recorded(**fast))
-    assert "; PyBullet clamps a velocity in step 123" in (found.looks_like or "")
-    assert "interaction" not in (found.looks_like or "")
+    found = parted(recorded(engine="mujoco", **fast | {"linear_damping": None}), recorded(**fast))
+    assert "; PyBullet clamps a velocity in step 123" in found
+    assert "interaction" not in found
 
 
 def test_nothing_is_promised_that_the_law_does_not_give(recorded: Recorder) -> None:
@@ -398,15 +396,18 @@ def test_nothing_is_promised_that_the_law_does_not_give(recorded: Recorder) -> N
     golden = recorded()
     run = recorded(engine="mujoco")
     states = run.states.with_columns(pl.col("z_m") + 1e-6 * pl.col("step"))
-    found = compared(replace(run, states=states), golden)
-    assert "agree" not in (found.looks_like or "")
+    cases = (
+        case_of(run.scenario, run.engine, states, run.contacts),
+        case_of(golden.scenario, golden.engine, golden.states, golden.contacts),
+    )
+    assert "agree" not in apart(*cases, parts_at=1)
 
 
 def test_another_mass_is_another_experiment(recorded: Recorder) -> None:
-    found = compared(recorded(engine="mujoco", mass_kg=0.2), recorded())
-    assert "mass_kg" in [setting.name for setting in found.differences]
-    assert not found.same_experiment
-    assert found.looks_like is None
+    found = check(recorded(engine="mujoco", mass_kg=0.2).path, recorded().path)
+    assert found.comparison is not None
+    assert "mass_kg" in [setting.column for setting in found.comparison.differences]
+    assert found.engines is None
 
 
 def test_a_sweep_has_a_row_of_each_engine(tmp_path: Path, drop: Drop) -> None:

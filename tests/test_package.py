@@ -5,13 +5,17 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import sysconfig
+import venv
 import zipfile
+from collections.abc import Callable
+from importlib.metadata import distributions
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-DROP = "from importlib.metadata import entry_points as e; [d] = e(name='drop'); d.load()()"
+SOURCES = ROOT / "pipeline"
 
 
 @pytest.fixture(scope="module")
@@ -29,29 +33,89 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path) -> None:
     held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     code = {
-        path.relative_to(ROOT).as_posix()
+        path.relative_to(SOURCES).as_posix()
         for kind in ("*.py", "*.json", "*.po", "*.mo")
-        for path in (ROOT / "pipeline").rglob(kind)
+        for path in SOURCES.rglob(kind)
     }
-    assert held == code | {"cli.py", "pipeline/py.typed"}
+    assert held == code | {"drop_physics/py.typed"}
 
 
-def test_installed_it_runs_in_a_clean_folder(wheel: Path, tmp_path: Path) -> None:
-    """A wheel without data files is installed by unpacking it: nothing of the checkout is there."""
-    installed, clean = tmp_path / "installed", tmp_path / "clean"
-    zipfile.ZipFile(wheel).extractall(installed)
-    clean.mkdir()
+@pytest.fixture(scope="module")
+def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the `bin` of an environment of its own: the wheel, and the libraries of this one."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder, symlinks=True)
+    (packages,) = folder.glob("lib/python*/site-packages")
+    zipfile.ZipFile(wheel).extractall(packages)  # a wheel without data files: as pip installs it
+    packages.joinpath("libraries.pth").write_text(sysconfig.get_path("purelib"))
+    drop = folder / "bin/drop"
+    (built,) = distributions(path=[str(packages)])
+    (entry,) = built.entry_points
+    module, function = entry.value.split(":")
+    drop.write_text(f"#!{folder}/bin/python\nfrom {module} import {function}\n{function}()\n")
+    drop.chmod(0o755)
+    return folder / "bin"
 
-    def python(code: str, *arguments: str) -> str:
-        return subprocess.run(
-            [sys.executable, "-P", "-c", code, *arguments],
-            cwd=clean, env={**os.environ, "PYTHONPATH": str(installed)},
-            check=True, capture_output=True, text=True,
-        ).stdout  # fmt: skip
 
-    where = python("import cli, pipeline; print(cli.__file__, *pipeline.__path__, sep='\\n')")
-    assert where.splitlines() == [str(installed / "cli.py"), str(installed / "pipeline")]
-    story = python(DROP, "run", "--size", "64x48")
+Call = Callable[..., str]
+
+
+@pytest.fixture
+def call(environment: Path, tmp_path: Path) -> Call:
+    """Return a program of that environment, run in a folder."""
+
+    def run(folder: Path, program: str, *arguments: str) -> str:
+        done = subprocess.run(
+            [environment / program, *arguments],
+            cwd=folder, capture_output=True, text=True, check=False, timeout=120,
+            env={"HOME": str(tmp_path), "PATH": f"{environment}:{os.environ['PATH']}"},
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    return run
+
+
+def test_it_takes_one_import_name(call: Call, environment: Path, tmp_path: Path) -> None:
+    (packages,) = environment.parent.glob("lib/python*/site-packages")
+    for name in ("pipeline", "cli"):
+        code = f"import importlib.util as u; print(u.find_spec({name!r}))"
+        assert call(tmp_path, "python", "-c", code) == "None\n"
+    where = call(tmp_path, "python", "-c", "import drop_physics; print(*drop_physics.__path__)")
+    assert where.strip() == str(packages / "drop_physics")
+
+
+def test_installed_it_runs_in_a_clean_folder(call: Call, tmp_path: Path) -> None:
+    story = call(tmp_path, "drop", "run", "--size", "64x48")
     assert "recordings/run.rrd" in story
-    made = {path.relative_to(clean).as_posix() for path in clean.rglob("*") if path.is_file()}
+    made = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("recordings/*")}
     assert made == {f"recordings/run{end}" for end in (".rrd", ".analysis.rrd", ".gif", ".png")}
+
+
+def test_a_project_with_the_same_names_keeps_its_own(call: Call, tmp_path: Path) -> None:
+    """A `pipeline` package, a `cli.py`, `tests` and `recordings` of theirs, in one environment."""
+    theirs = {
+        "pipeline/__init__.py": "MINE = 'pipeline'",
+        "cli.py": "MINE = 'cli'",
+        "recordings/notes.txt": "not ours",
+        "tests/__init__.py": "",
+        "tests/test_theirs.py": "import cli, pipeline\n"
+        "def test_mine():\n    assert (cli.MINE, pipeline.MINE) == ('cli', 'pipeline')\n",
+        "theirs.py": "import cli, pipeline, pybullet as p\n"
+        "p.connect(p.DIRECT)\np.setGravity(0, 0, -9.81)\n"
+        "p.createMultiBody(1, p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1] * 3))\n"
+        "for _ in range(10): p.stepSimulation()\nprint(cli.MINE, pipeline.MINE)\n",
+    }
+    for name, text in theirs.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    assert "recordings/run.rrd" in call(tmp_path, "drop", "run", "--no-camera")
+    assert call(tmp_path, "drop", "record", "theirs.py").startswith("cli pipeline\n")
+    assert "drop 0." in call(tmp_path, "python", "-m", "drop_physics", "--version")
+    assert "all 11 samples" in call(
+        tmp_path, "python", "-m", "drop_physics", "analyze", "recordings/theirs.rrd"
+    )
+    ran = call(tmp_path, "python", "-m", "pytest", "-p", "no:cacheprovider", "-q")
+    assert "1 passed" in ran
+    assert {name: (tmp_path / name).read_text() for name in theirs} == theirs

@@ -10,15 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drop_physics import Scenario, render, simulate
+from drop_physics.laws.base import EXACT_MACHINES
 from generators import pages, readme
 from generators.pages import DOCS, ENGINES, ROOT, WALKTHROUGH, Block, PageError, blocks, pictures
 from generators.pictures import alike
 from generators.typed import INSTEAD, PROGRAMS
 from PIL import Image
 from regenerate import is_current
-
-from pipeline import Scenario, render, simulate
-from pipeline.laws.base import EXACT_MACHINES
 
 pytestmark = pytest.mark.long
 README = ROOT / "README.md"

@@ -11,18 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drop_physics import Camera, DropError, Scenario, simulate
+from drop_physics.engines.bullet import camera_frames, pose_renderer
+from drop_physics.engines.bullet.camera_frames import Photographer
+from drop_physics.engines.bullet.pose_renderer import PoseRenderer
+from drop_physics.engines.bullet.visible_world import VisibleWorld, framed
+from drop_physics.engines.bullet.world import World
+from drop_physics.recording import rrd, schema
+from drop_physics.recording.reader import read
+from drop_physics.scenario import View
+from drop_physics.states import poses_of
 from PIL import Image
-
-from pipeline import Camera, DropError, Scenario, simulate
-from pipeline.engines.bullet import camera_frames, pose_renderer
-from pipeline.engines.bullet.camera_frames import Photographer
-from pipeline.engines.bullet.pose_renderer import PoseRenderer
-from pipeline.engines.bullet.visible_world import VisibleWorld, framed
-from pipeline.engines.bullet.world import World
-from pipeline.recording import rrd, schema
-from pipeline.recording.reader import read
-from pipeline.scenario import View
-from pipeline.states import poses_of
 
 SMALL = Camera(size_px=(160, 120))
 

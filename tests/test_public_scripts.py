@@ -10,10 +10,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from drop_physics.recording.viewer import binary
+from drop_physics.stages.record import record_script
 from witness import interpreter
-
-from pipeline.recording.viewer import binary
-from pipeline.stages.record import record_script
 
 pytestmark = pytest.mark.long
 

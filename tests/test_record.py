@@ -19,22 +19,22 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import drop_physics.stages.record as stage
 import numpy as np
 import pyarrow as pa
 import pytest
 import scripts
 from command import drop_here, wait_for
+from drop_physics.engines.bullet.frames import Frames
+from drop_physics.engines.bullet.watching import pipe
+from drop_physics.errors import DropError, OutputError, ScenarioError
+from drop_physics.recording import schema, writer
+from drop_physics.recording.reader import read
+from drop_physics.stages.analyze import analyze
+from drop_physics.stages.info import info
+from drop_physics.stages.record import Recorded, record_script
+from drop_physics.stages.record_block import record
 from rerun.chunk import RrdReader
-
-from pipeline.engines.bullet.watched import Frames
-from pipeline.engines.bullet.watching import pipe
-from pipeline.errors import DropError, OutputError, ScenarioError
-from pipeline.recording import schema
-from pipeline.recording.script_reader import read_script
-from pipeline.stages.analyze_script import analyze_script
-from pipeline.stages.info import info
-from pipeline.stages.record import Recorded, record_script
-from pipeline.stages.record_block import record
 
 BANNER = "pybullet build time"
 
@@ -82,7 +82,7 @@ class Bench:
         return self.folder / "out.rrd"
 
 
-COMMAND = [sys.executable, "-P", "-c", "from pipeline.console.running import main; main()"]
+COMMAND = [sys.executable, "-P", "-c", "from drop_physics.console.running import main; main()"]
 
 
 @pytest.fixture
@@ -104,9 +104,16 @@ def rows(path: Path, entity: str) -> Iterator[dict[str, Any]]:
         yield from pa.record_batch(plain, batch.schema.names).to_pylist()
 
 
+def told(path: Path, entity: str) -> Iterator[dict[str, Any]]:
+    """Yield the rows of JSON of an entity, each with its step."""
+    for row in rows(path, entity):
+        for text in row["json"]:
+            yield json.loads(text) | {"sim_step": row["sim_step"]}
+
+
 def put_rows(path: Path, body: int) -> Iterator[dict[str, Any]]:
     """Yield where calls have put a body."""
-    return (row for row in rows(path, "set") if row["body"][0] == body)
+    return (row for row in told(path, "set") if row["body"] == body)
 
 
 def closing(path: Path) -> dict[str, Any]:
@@ -117,15 +124,15 @@ def closing(path: Path) -> dict[str, Any]:
     raise AssertionError("there is no closing property")
 
 
-def states(path: Path) -> dict[tuple[int, int, int], list[float]]:
-    """Return the 13 numbers of each step, body and link."""
+def states(path: Path) -> dict[tuple[int, int], list[float]]:
+    """Return the 13 numbers of each step and body."""
     found = {}
     for row in rows(path, "state"):
         numbers = [np.reshape(row[name], (len(row["body"]), -1)) for name in STATE]
-        for part, (body, link) in enumerate(zip(row["body"], row["link"], strict=True)):
-            key = (row["sim_step"], body, link)
-            assert key not in found, "a part has two states at one step"
-            found[key] = [float(one) for values in numbers for one in values[part]]
+        for place, body in enumerate(row["body"]):
+            key = (row["sim_step"], body)
+            assert key not in found, "a body has two states at one step"
+            found[key] = [float(one) for values in numbers for one in values[place]]
     return found
 
 
@@ -226,21 +233,21 @@ w.save()
     bench.record(script)
     seen = json.loads(bench.folder.joinpath("witness.json").read_text())
     found, points = states(bench.out), contacts(bench.out)
-    moving = {(body, link) for _, body, link in found}
+    moving = {body for _, body in found}
     assert moving
     assert any(points for _, points in seen)
     for step, (bodies, touching) in enumerate(seen):
         assert points.get(step, []) == touching
-        for body, link in moving:
-            assert found[step, body, link] == bodies[str(body)][link + 1]
+        for body in moving:
+            assert found[step, body] == bodies[str(body)][0]
     assert len(found) == len(moving) * len(seen)
-    jointed = [one for one in entities(bench.out) if one.endswith("/joints")]
-    for entity in jointed:
-        body = int(entity.split("/")[1].split("_")[0])
-        which = list(rows(bench.out, entity))
-        assert [row["sim_step"] for row in which] == list(range(len(seen)))
-        for row, (bodies, _) in zip(which, seen, strict=True):
-            assert [row["position"], row["velocity"], row["torque"]] == bodies[str(body)][-1]
+    for entity in (one for one in entities(bench.out) if one.startswith("joints/")):
+        _, label, name = entity.split("/")
+        body, which = int(label.split("_")[0]), ("position", "velocity", "effort").index(name)
+        found_here = list(rows(bench.out, entity))
+        assert [row["sim_step"] for row in found_here] == list(range(len(seen)))
+        for row, (bodies, _) in zip(found_here, seen, strict=True):
+            assert row["Scalars:scalars"] == bodies[str(body)][-1][which]
 
 
 def entities(path: Path) -> set[str]:
@@ -249,23 +256,22 @@ def entities(path: Path) -> set[str]:
 
 def test_what_cannot_move_has_no_state_but_where_it_was_put(bench: Bench) -> None:
     bench.record(bench.script(scripts.PLAIN["box"]))
-    assert {body for _, body, _ in states(bench.out)} == {1}
+    assert {body for _, body in states(bench.out)} == {1}
     (floor,) = put_rows(bench.out, 0)
-    assert floor["position_m"] == [0.0, 0.0, 0.0]
+    assert floor["base"][:3] == [0.0, 0.0, 0.0]
 
 
 def test_a_body_that_a_call_has_moved_is_recorded_before_time_goes_on(bench: Bench) -> None:
     bench.record(bench.script(scripts.PLAIN["moved"]))
-    put = [(row["sim_step"], row["position_m"], row["velocity_m_s"])
-        for row in put_rows(bench.out, 0)]  # fmt: skip
+    put = [(row["sim_step"], row["base"][:3], row["base"][7:10]) for row in put_rows(bench.out, 0)]
     assert put == [(i, [0.0, 0.0, float(i)], [float(i), 0.0, 0.0]) for i in (10, 30, 50)]
-    kinds = [row["mass_kg"] for row in rows(bench.out, "dynamics")]
+    kinds = [row["reported"]["mass_kg"] for row in told(bench.out, "dynamics")]
     assert kinds == [[0.1], [2.5]]
-    (given,) = rows(bench.out, "dynamics/given")
-    assert given["linearDamping"] == [0.0]
-    engine = list(rows(bench.out, "engine"))
-    assert [row["fixedTimeStep"] for row in engine] == [[1 / 240], [1 / 100]]
-    assert engine[1]["set_erp"] == [0.3]
+    (given,) = read(bench.out).seen.given
+    assert given.values["linearDamping"] == 0.0
+    engine = [row["values"] for row in told(bench.out, "engine")]
+    assert [row["fixedTimeStep"] for row in engine] == [1 / 240, 1 / 100]
+    assert engine[1]["set_erp"] == 0.3
     last = list(rows(bench.out, "state"))[-1]
     assert last["sim_step"] == 80
     # 60 steps of 1/240 s and 20 of 1/100 s, in whole nanoseconds.
@@ -275,48 +281,47 @@ def test_a_body_that_a_call_has_moved_is_recorded_before_time_goes_on(bench: Ben
 def test_every_pose_of_a_script_that_never_steps_is_there(bench: Bench) -> None:
     recorded, _ = bench.record(bench.script(scripts.PLAIN["posed"]))
     assert recorded.samples == 1
-    put = [row["position_m"][0] for row in put_rows(bench.out, 0)]
-    final = states(bench.out)[0, 0, -1][0]
+    put = [row["base"][0] for row in put_rows(bench.out, 0)]
+    final = states(bench.out)[0, 0][0]
     assert [*put, final] == pytest.approx([0.1 * i for i in range(10)])
 
 
 def test_calls_are_told_in_order_with_file_and_line(bench: Bench) -> None:
     script = bench.script(scripts.PLAIN["moved"])
     bench.record(script)
-    told = [row for row in rows(bench.out, "calls") if row.get("function")]
+    calls = read(bench.out).seen.calls
     source = bench.folder.joinpath(script).read_text().splitlines()
-    for row in told:
-        assert row["file"] == ["script.py"]
-        assert row["function"][0] in source[row["line"][0] - 1]
-    assert [row["call"] for row in told] == list(range(1, len(told) + 1))
-    assert [row["function"][0] for row in told][:4] == [
+    for call in calls:
+        assert call.file == "script.py"
+        assert call.function in source[call.line - 1]
+    assert [call.at.call for call in calls] == list(range(1, len(calls) + 1))
+    assert [call.function for call in calls][:4] == [
         "setGravity", "loadURDF", "resetBasePositionAndOrientation", "resetBaseVelocity",
     ]  # fmt: skip
-    assert told[2]["arguments"] == ["0, [0, 0, 10], [0, 0, 0, 1]"]
-    assert told[2]["sim_step"] == 10
+    assert calls[2].arguments == "0, [0, 0, 10], [0, 0, 0, 1]"
+    assert calls[2].at.step == 10
 
 
 def test_a_call_that_raised_is_told_so(bench: Bench) -> None:
     bench.record(bench.script(scripts.PLAIN["errors"]))
-    told = [row for row in rows(bench.out, "calls") if row.get("function")]
-    raised = {row["function"][0]: row["raised"][0] for row in told if row["raised"][0]}
+    raised = {call.function: call.raised for call in read(bench.out).seen.calls if call.raised}
     assert raised["loadURDF"] == "error: Cannot load URDF file."
 
 
 def test_forces_from_outside_are_recorded_as_given(bench: Bench) -> None:
     bench.record(bench.script(scripts.PLAIN["numpy"]))
-    (push,) = rows(bench.out, "pushes")
-    assert push["vector"] == [1.0, 0.0, 0.0]
-    assert push["in_world_axes"] == [True]
-    assert (push["body"], push["link"], push["torque"]) == ([0], [-1], [False])
+    (push,) = read(bench.out).seen.pushes
+    assert push.vector == (1.0, 0.0, 0.0)
+    assert push.in_world_axes
+    assert (push.body.number, push.link, push.torque) == (0, -1, False)
 
 
 def test_step_and_time_go_on_over_a_reset(bench: Bench) -> None:
     bench.record(bench.script(scripts.PLAIN["reset"]))
-    steps = sorted({step for step, _, _ in states(bench.out)})
+    steps = sorted({step for step, _ in states(bench.out)})
     assert steps == list(range(121))
     # The same body again is the same entity: three episodes are no six bodies.
-    assert {body for _, body, _ in states(bench.out)} == {1}
+    assert {body for _, body in states(bench.out)} == {1}
     put = [row["sim_step"] for row in put_rows(bench.out, 1)]
     assert put == [40, 80]
 
@@ -326,7 +331,7 @@ def test_the_largest_numbers_that_are_taken_are_read_back(
     bench: Bench, how: dict[str, int]
 ) -> None:
     bench.record(bench.script(scripts.PLAIN["box"]), **how)
-    origin = read_script(bench.out).origin
+    origin = read(bench.out).origin
     assert {name: origin[name] for name in how} == how
 
 
@@ -425,14 +430,14 @@ for _ in range(64):
 """
     )
     bench.record(script)
-    assert read_script(bench.out).seen.solvers == []
+    assert read(bench.out).seen.solvers == []
 
 
 def test_a_block_leaves_what_a_step_returns_as_it_was(bench: Bench) -> None:
     script = bench.script(
         scripts.HEAD
         + """
-from pipeline import record
+from drop_physics import record
 p.loadURDF("cube_small.urdf")
 p.setPhysicsEngineParameter(reportSolverAnalytics=1)
 found = [p.stepSimulation()]
@@ -448,7 +453,7 @@ print({len(one[0]) for one in found})
 
 def test_clients_one_after_the_other_go_on(bench: Bench) -> None:
     bench.record(bench.script(scripts.PLAIN["disconnects"]))
-    steps = [step for step, _, _ in states(bench.out)]
+    steps = [step for step, _ in states(bench.out)]
     assert steps == sorted(set(steps))
     assert len(steps) == 3 * 21
 
@@ -456,20 +461,20 @@ def test_clients_one_after_the_other_go_on(bench: Bench) -> None:
 def test_clients_side_by_side_have_bodies_and_steps_of_their_own(bench: Bench) -> None:
     bench.record(bench.script(scripts.PLAIN["client"]))
     found = states(bench.out)
-    assert {body for _, body, _ in found} == {1, 3}
-    assert max(step for step, body, _ in found if body == 1) == 100
-    assert max(step for step, body, _ in found if body == 3) == 50
+    assert {body for _, body in found} == {1, 3}
+    assert max(step for step, body in found if body == 1) == 100
+    assert max(step for step, body in found if body == 3) == 50
 
 
 def test_bodies_come_and_go_and_ids_are_used_again(bench: Bench) -> None:
     bench.record(bench.script(scripts.PLAIN["come_and_go"]))
     found = states(bench.out)
-    told = list(rows(bench.out, "bodies"))
-    assert [row["label"][0] for row in told][:2] == ["0_plane", "1_cube_small"]
-    assert told[-1]["label"][0].endswith("_sphere_small")
-    last = max(step for step, _, _ in found)
+    came = list(told(bench.out, "bodies"))
+    assert [row["body"]["label"] for row in came][:2] == ["0_plane", "1_cube_small"]
+    assert came[-1]["body"]["label"].endswith("_sphere_small")
+    last = max(step for step, _ in found)
     assert last == 80
-    gone = [row["sim_step"] for row in told if row["there"] == [False]]
+    gone = [row["sim_step"] for row in came if not row["there"]]
     assert sorted(gone) == [20, 40, 60]
 
 
@@ -535,7 +540,7 @@ for i in range(240):
 print(round(time.time() - began, 2))
 while time.monotonic() - 0 < 0:
     pass
-end = time.perf_counter() + 5
+end = time.perf_counter() + 0.5
 while time.perf_counter() < end:
     pass
 time.sleep(20)
@@ -621,11 +626,116 @@ def test_a_loop_without_an_end_is_ended(bench: Bench, loop: str) -> None:
     assert closing(bench.out)["ended"] == ["duration"]
 
 
+def test_reading_the_clock_is_no_waiting(bench: Bench) -> None:
+    """As numba does while it compiles."""
+    text = "def work():\n    for _ in range(100_000):\n        time.perf_counter()\n"
+    text += "work()\nfor _ in range(3):\n    p.stepSimulation()\n    work()\n"
+    recorded, _ = bench.record(bench.script(scripts.WINDOW + text), duration_s=2.0)
+    assert (recorded.ended, recorded.samples) == ("finished", 4)
+
+
+def test_a_script_that_reads_the_clock_until_a_time_gets_there(bench: Bench) -> None:
+    script = bench.script(
+        scripts.WINDOW
+        + """
+p.setTimeStep(1)
+for _ in range(100):
+    p.stepSimulation()
+began = time.time()
+while time.time() < began + 0.1:
+    pass
+print(round(time.time() - began, 4))
+"""
+    )
+    recorded, printed = bench.record(script)
+    assert (recorded.ended, recorded.samples) == ("finished", 101)
+    assert float(printed.splitlines()[0]) == 0.1
+
+
+@pytest.mark.parametrize(
+    "loop", ["while p.isConnected():\n    time.sleep(1)", "while True:\n    p.getKeyboardEvents()"]
+)
+def test_a_script_that_waits_for_a_user_is_ended_and_says_why(bench: Bench, loop: str) -> None:
+    recorded, _ = bench.record(bench.script(scripts.WINDOW + loop))
+    assert recorded.ended == "idle"
+    assert "stopped after waiting 60 s without a step" in str(recorded)
+    assert json.loads(bench.drop("info", "out.rrd", "--json").stdout)["what"].endswith(", idle")
+    assert "without a step, 2 bodies" in bench.drop("analyze", "out.rrd").stdout
+
+
+def test_a_script_has_no_limit_of_its_own(bench: Bench) -> None:
+    script = bench.script(
+        scripts.WINDOW + "p.setTimeStep(1)\nfor _ in range(100):\n    p.stepSimulation()"
+    )
+    notes: list[str] = []
+    recorded, _ = bench.record(script, note=notes.append)
+    assert (recorded.ended, recorded.samples, notes) == ("finished", 101, [])
+    assert "duration_s" not in read(bench.out).origin
+    again = bench.drop("info", "out.rrd").stdout
+    assert "drop record script.py" in again
+
+
+@pytest.mark.parametrize(
+    ("how", "said"), [({}, 1), ({"duration_s": 9.0}, 0), ({"progress": lambda *_: None}, 0)]
+)
+def test_a_script_that_may_never_end_is_named_once(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, how: dict[str, Any], said: int
+) -> None:
+    monkeypatch.setattr(stage, "NAMED_AFTER_S", 0.0)
+    notes: list[str] = []
+    bench.record(bench.script(STEPS), note=notes.append, **how)
+    assert len(notes) == said
+    for note in notes:
+        assert "still running" in note
+        assert "Ctrl-C ends the script and keeps the recording" in note
+
+
+def test_how_far_it_is_comes_in_seconds_and_steps(bench: Bench) -> None:
+    told: list[tuple[float, int]] = []
+    script = bench.script(
+        scripts.HEAD
+        + """
+import subprocess
+for steps in (240, 12):
+    p.createMultiBody(1)
+    for _ in range(steps):
+        p.stepSimulation()
+    p.disconnect()
+    p.connect(p.DIRECT)
+for _ in range(2):
+    subprocess.run(["sleep", "1"])
+    p.setGravity(0, 0, 0)  # what was held back for a moment is sent
+"""
+    )
+    bench.record(script, progress=lambda *far: told.append(far))
+    assert told == sorted(told)
+    assert told[-1] == (pytest.approx(1.05), 252)
+
+
+def test_before_the_disk_is_full_the_script_is_ended_and_its_recording_kept(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room = shutil.disk_usage(bench.folder)._replace(free=writer.ROOM_BYTES + 2_000_000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: room)
+    script = bench.script(STEPS + "while True:\n    p.stepSimulation()\n    sum(range(10_000))")
+    done = bench.drop("record", "--json", "--twice", "-o", "out.rrd", script)
+    assert (done.returncode, json.loads(done.stdout)["ended"]) == (0, "disk")
+    assert "every state is the same to the bit" in done.stderr
+    samples = json.loads(done.stdout)["samples"]
+    assert samples > 1000
+    assert sorted(step for step, _ in states(bench.out)) == list(range(samples))
+    assert 1_000_000 < bench.out.stat().st_size < 4_000_000
+    assert json.loads(bench.drop("info", "out.rrd", "--json").stdout)["what"].endswith(", disk")
+    analysis = json.loads(bench.drop("analyze", "out.rrd", "--json").stdout)
+    assert analysis["origin"]["ended"] == "disk"
+    assert "stopped before the disk was full" in bench.drop("analyze", "out.rrd", "--force").stdout
+
+
 def test_steps_end_it_at_that_step(bench: Bench) -> None:
     loop = "while True:\n    p.stepSimulation()"
     recorded, _ = bench.record(bench.script(scripts.WINDOW + loop), steps=17)
     assert (recorded.ended, recorded.samples) == ("steps", 18)
-    assert max(step for step, _, _ in states(bench.out)) == 17
+    assert max(step for step, _ in states(bench.out)) == 17
 
 
 # -- endings --------------------------------------------------------------------------------------
@@ -669,7 +779,7 @@ def test_whatever_ends_a_script_the_recording_is_whole(bench: Bench, name: str) 
     recorded, _ = bench.record(bench.script(STEPS + text))
     assert (recorded.ended, recorded.error) == (ended, error)
     assert recorded.samples == 101
-    assert sorted(step for step, _, _ in states(bench.out)) == list(range(101))
+    assert sorted(step for step, _ in states(bench.out)) == list(range(101))
     assert not bench.folder.joinpath("out.rrd.part").exists()
 
 
@@ -732,7 +842,7 @@ def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool)
     assert process.returncode == 0
     said = json.loads(printed)
     assert said["ended"] == "interrupted"
-    steps = sorted(step for step, _, _ in states(bench.folder / said["recording"]))
+    steps = sorted(step for step, _ in states(bench.folder / said["recording"]))
     assert steps == list(range(said["samples"]))
 
 
@@ -761,7 +871,7 @@ def test_a_killed_recorder_takes_the_script_with_it_and_leaves_what_was_written(
 ) -> None:
     script = bench.script(
         STEPS + "open('there', 'w').write(str(os.getpid()))\nn = 0\nwhile True:\n"
-        "    p.stepSimulation(); n += 1\n    if n == 5000: open('far', 'w').close()"
+        "    p.stepSimulation(); n += 1\n    if n == 20_000: open('far', 'w').close()"
     )
     process = subprocess.Popen(
         [*COMMAND, "record", "--duration", "1e9", "--out", "out.rrd", script], cwd=bench.folder
@@ -801,8 +911,8 @@ def test_a_limit_on_the_size_of_files_is_one_line(bench: Bench) -> None:
     """Below a megabyte what script and recorder share has no room."""
     bench.script(scripts.PLAIN["box"])
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 19, 1 << 19)); "
-    main = "from pipeline.console.running import main; main()"
-    block = "from pipeline import record; record('block.rrd').__enter__()"
+    main = "from drop_physics.console.running import main; main()"
+    block = "from drop_physics import record; record('block.rrd').__enter__()"
     for run, *arguments in ((main, "record", "script.py"), (block,)):
         done = subprocess.run(
             [sys.executable, "-P", "-c", limit + run, *arguments], cwd=bench.folder,
@@ -855,6 +965,21 @@ def test_a_module_runs_as_python_m_runs_it(bench: Bench) -> None:
     mine = bench.drop("record", "-m", "mine.run", "-x")
     assert mine.stdout == bare.stdout
     assert bench.folder.joinpath("recordings/mine.run.rrd").is_file()
+
+
+@pytest.mark.parametrize("name", ["-m mine", "mine.py"])
+def test_options_of_ours_behind_the_script_are_its_own_and_named(bench: Bench, name: str) -> None:
+    bench.script("import sys\nprint(sys.argv[1:])", "mine.py")
+    own = ["--duration", "2", "--steps=3", "-x", "--mine", "m"]
+    done = bench.drop("record", "--seed", "0", *name.split(), *own)
+    assert done.stdout == f"{own}\n"
+    said = done.stderr.splitlines()[0]
+    named = name.split()[-1]
+    assert said == (
+        f"drop: what stands after {named} is its own, --duration and --steps included; options of "
+        "drop stand before it"
+    )
+    assert "options of drop" not in bench.drop("record", *name.split(), "-x", "out").stderr
 
 
 def test_what_is_no_script_is_one_line(bench: Bench) -> None:
@@ -945,7 +1070,7 @@ BLOCK = """
 import pybullet as p, time
 from pybullet import stepSimulation as by_name
 from show import show
-from pipeline import record
+from drop_physics import record
 before = dict(vars(p)), time.sleep, time.time
 p.connect(p.DIRECT)
 p.setGravity(0, 0, -10)
@@ -975,7 +1100,7 @@ def test_a_block_of_python_is_recorded_and_nothing_outside_of_it(bench: Bench) -
     assert done.returncode == 0, done.stderr
     said = [one for one in done.stdout.splitlines() if one.startswith("finished")]
     assert said == ["finished 12", "finished 2"]
-    plain = BLOCK.replace("{more}", "").replace("from pipeline import record", "")
+    plain = BLOCK.replace("{more}", "").replace("from drop_physics import record", "")
     lines = [one for one in plain.splitlines() if "record" not in one]
     same = bench.bare(bench.script("\n".join(one.removeprefix("    ") if "range" not in one
         and "        " not in one else one.replace("    ", "", 1) for one in lines)))  # fmt: skip
@@ -984,13 +1109,13 @@ def test_a_block_of_python_is_recorded_and_nothing_outside_of_it(bench: Bench) -
     ], same.stderr
     assert len(states(bench.out)) == 12
     put = list(put_rows(bench.out, 0))
-    assert [row["velocity_m_s"][0] for row in put] == [1.0]
+    assert [row["base"][7] for row in put] == [1.0]
 
 
 SLOW = """
 import os, time
 import pybullet as p
-from pipeline import record
+from drop_physics import record
 p.connect(p.DIRECT)
 p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1), basePosition=[0, 0, 9])
 with record("out.rrd", steps=1000, keep_sleeping=True) as block:
@@ -1096,6 +1221,49 @@ def test_numbers_are_unseeded_only_where_they_are(bench: Bench, draws: str, unse
     assert unseeded in "".join(said)
 
 
+@pytest.mark.parametrize(
+    ("folder", "line", "unseeded"),
+    [
+        ("site-packages", "import drawing", ""),
+        ("site-packages", "import drawing\ndrawing.draw()", "/drawing.py:4"),
+        ("site-packages", "import drawing\nrandom.random()", "by random.random at script.py:11"),
+        ("mine", "import drawing", "/drawing.py:4"),
+    ],
+)
+def test_what_a_library_draws_while_it_is_imported_is_its_own(
+    bench: Bench, folder: str, line: str, unseeded: str
+) -> None:
+    bench.folder.joinpath(folder).mkdir()
+    bench.script(
+        "import random, numpy as np\n\ndef draw():\n    random.random()\n"
+        "    np.random.rand()\n    np.random.default_rng().random()\n\n"
+        "exec('draw()')\n", f"{folder}/drawing.py",
+    )  # fmt: skip
+    script = bench.script(
+        f"{scripts.HEAD}\nimport random, sys\nsys.path.insert(0, '{folder}')\n{line}\n"
+        "p.stepSimulation()\n"
+    )
+    notes: list[str] = []
+    bench.record(script, note=notes.append)
+    said = [one for one in notes if "unseeded" in one]
+    assert len(said) == bool(unseeded)
+    assert unseeded in "".join(said)
+
+
+@pytest.mark.parametrize("off", ["0", "False", "enableRealTimeSimulation=0, physicsClientId=0"])
+def test_the_call_that_turned_real_time_on_is_cited(bench: Bench, off: str) -> None:
+    script = bench.script(
+        f"{scripts.WINDOW}p.setRealTimeSimulation({off})\np.setRealTimeSimulation(1)\n"
+        "time.sleep(0.1)\n"
+    )
+    bench.record(script)
+    (said,) = (one.message for one in analyze(bench.out).findings if one.code == "real-time")
+    line = (
+        bench.folder.joinpath(script).read_text().splitlines().index("p.setRealTimeSimulation(1)")
+    )
+    assert said.endswith(f"(script.py:{line + 1})")
+
+
 def test_a_pipe_is_no_script(bench: Bench) -> None:
     """Its text would be read before the script runs, which would then be empty."""
     os.mkfifo(bench.folder / "pipe.py")
@@ -1119,7 +1287,7 @@ def test_a_run_that_draws_unseeded_may_be_the_same(bench: Bench) -> None:
     script = bench.script(f"{scripts.HEAD}\nimport random\nrandom.random()\np.stepSimulation()\n")
     recorded, _ = bench.record(script, twice=True)
     assert recorded.first_difference is None
-    (said,) = (one.message for one in analyze_script(bench.out).findings if one.code == "unseeded")
+    (said,) = (one.message for one in analyze(bench.out).findings if one.code == "unseeded")
     assert "another run may differ" in said
 
 
@@ -1220,7 +1388,8 @@ show(q)
     assert recorded.error == ""
     assert recorded.samples == 105
     block = (
-        "import sys\nfrom pipeline import record\nwith record('out.rrd', force=True) as block:\n"
+        "import sys\nfrom drop_physics import record\n"
+        "with record('out.rrd', force=True) as block:\n"
         "    del sys.modules['pybullet']\n    import pybullet as q\n"
         "    q.stepSimulation()\n    kept = q.stepSimulation\nkept()\nq.stepSimulation()\n"
         "assert 'Hook' not in str(type(q.stepSimulation))\nprint(block.recorded.samples)\n"
@@ -1231,7 +1400,7 @@ show(q)
 
 def test_a_stream_of_another_version_is_refused() -> None:
     with pytest.raises(DropError, match="another version of drop"):
-        list(Frames().feed(b"DROPREC\x02" + b"x" * 20))
+        list(Frames().feed(b"DROPREC\x01" + b"x" * 20))
 
 
 def test_a_script_may_not_be_overwritten_by_its_recording(bench: Bench) -> None:
@@ -1256,7 +1425,7 @@ def test_a_module_beside_the_script_is_its_own_though_the_recorder_has_the_libra
 
 
 @pytest.mark.long
-def test_a_script_that_is_interrupted_is_not_run_again(bench: Bench) -> None:
+def test_a_script_that_is_interrupted_is_run_again_up_to_there(bench: Bench) -> None:
     script = bench.script(
         STEPS + "open('there', 'a').write('x')\nwhile True:\n    p.getNumBodies()"
     )
@@ -1268,9 +1437,35 @@ def test_a_script_that_is_interrupted_is_not_run_again(bench: Bench) -> None:
     process.send_signal(signal.SIGINT)
     printed, said = process.communicate(timeout=30)
     assert json.loads(printed)["ended"] == "interrupted"
-    assert "first_difference" not in json.loads(printed)
-    assert "not run again" in said
+    assert json.loads(printed)["first_difference"] is None
+    assert "recorded twice: every state is the same" in said
     assert bench.folder.joinpath("there").read_text() == "x"
+
+
+@pytest.mark.long
+def test_a_script_that_is_interrupted_before_its_first_step_is_not_run_again(bench: Bench) -> None:
+    script = bench.script("open('there', 'a').write('x')\nwhile True:\n    pass")
+    process = subprocess.Popen(
+        [*COMMAND, "record", "--twice", "--json", script], cwd=bench.folder,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    wait_for(bench.folder.joinpath("there").exists, "the script did not come so far")
+    process.send_signal(signal.SIGINT)
+    printed, said = process.communicate(timeout=30)
+    assert "first_difference" not in json.loads(printed)
+    assert "not run again: the first run was stopped before its first step" in said
+    assert bench.folder.joinpath("there").read_text() == "x"
+
+
+@pytest.mark.parametrize("first", ["raise SystemExit", "pass"])
+def test_a_second_run_that_goes_on_is_ended_and_differs(bench: Bench, first: str) -> None:
+    script = bench.script(
+        STEPS + f"if not os.path.exists('there'):\n    open('there', 'w').close()\n    {first}\n"
+        "else:\n    while True:\n        p.stepSimulation()\n"
+    )
+    recorded, _ = bench.record(script, twice=True)
+    assert (recorded.ended, recorded.samples) == ("finished", 101)
+    assert recorded.first_difference == 101
 
 
 FREE = """import pybullet as p
@@ -1316,7 +1511,7 @@ def test_the_energy_curve_is_that_of_motion_and_gravity(
 ) -> None:
     script = bench.script(f"{FREE}{body}\nfor _ in range(2000):\n    p.stepSimulation()\n")
     bench.record(script)
-    layer = analyze_script(bench.out).layer
+    layer = analyze(bench.out).layer
     assert layer is not None
     ((path, entity),) = {
         (path, chunk.entity_path[1:])
@@ -1368,7 +1563,7 @@ def test_soft_bodies_are_named_and_said_to_be_left_out(bench: Bench) -> None:
     expected = "the soft body 1_cloth_z_up is left out: PyBullet does not report its position"
     assert expected in said
     assert closing(bench.out)["notes"] == [expected]
-    assert {body for _, body, _ in states(bench.out)} == {2}
+    assert {body for _, body in states(bench.out)} == {2}
 
 
 def test_a_soft_body_alone_is_not_still_and_its_simulation_has_a_duration(bench: Bench) -> None:
@@ -1377,7 +1572,7 @@ def test_a_soft_body_alone_is_not_still_and_its_simulation_has_a_duration(bench:
     described = info(bench.out)
     assert described.bodies == ["0_plane, held still", "1_cloth_z_up, soft"]
     assert (described.samples, described.duration_s) == (25, pytest.approx(0.1))
-    analysis = analyze_script(bench.out)
+    analysis = analyze(bench.out)
     assert [sum(body.segments.values()) for body in analysis.bodies] == [25, 0]
     assert "Soft        1_cloth_z_up: " in str(analysis)
 

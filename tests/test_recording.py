@@ -8,15 +8,15 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import rerun_rrd
+from drop_physics import Scenario, simulate
+from drop_physics.analysis.general.decomposition import TERMS
+from drop_physics.engines.bullet.world import World
+from drop_physics.errors import OutputError, RecordingError
+from drop_physics.files.whole import renamed
+from drop_physics.recording import schema, sealing
+from drop_physics.recording.reader import read
+from drop_physics.stages.run import Run
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
-
-from pipeline import Scenario, simulate
-from pipeline.analysis.general.decomposition import TERMS
-from pipeline.errors import OutputError, RecordingError
-from pipeline.files.whole import renamed
-from pipeline.recording import schema, sealing
-from pipeline.recording.reader import read
-from pipeline.stages.run import Run
 
 
 def chunks_of(path: Path) -> list[Chunk]:
@@ -35,14 +35,13 @@ def test_state_is_float64_on_an_integer_step(standard: Run) -> None:
     rows = table(standard.simulation.recording, "state")
     assert rows.schema["sim_step"] == pl.Int64
     assert rows["sim_step"].to_list() == list(range(241))
-    widths = {"body": 1, "link": 1, "position_m": 3, "orientation": 4, "velocity_m_s": 3,
+    widths = {"body": 1, "position_m": 3, "orientation": 4, "velocity_m_s": 3,
               "spin_rad_s": 3}  # fmt: skip
     for component, width in widths.items():
-        whole = component in ("body", "link")
+        whole = component == "body"
         assert rows.schema[component] == pl.List(pl.Int64 if whole else pl.Float64)
         assert set(rows[component].list.len()) == {width}
     assert rows["body"].explode().unique().to_list() == [0]
-    assert rows["link"].explode().unique().to_list() == [-1]
 
 
 def test_only_steps_with_contact_points_have_contacts(standard: Run) -> None:
@@ -75,12 +74,13 @@ def test_a_table_has_the_components_of_its_rows() -> None:
 def test_each_link_of_a_body_with_joints_is_a_part(tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
     simulate(Scenario(body="r2d2.urdf", duration_s=0.1), path, camera=None)
-    recording, rows = read(path), table(path, "state")
+    recording = read(path)
     links = list(range(-1, recording.engine.joints))
-    assert all(one == links for one in rows["link"].to_list())
-    positions = np.array(rows["position_m"].to_list()).reshape(25, len(links), 3)
+    assert recording.states["link"].to_list() == links * 25
+    with World(Scenario(body="r2d2.urdf", duration_s=0.1)) as world:
+        (fall,) = world.samples(25)
     read_back = recording.states.select("x_m", "y_m", "z_m").to_numpy()
-    assert np.array_equal(positions.reshape(-1, 3), read_back)
+    assert np.array_equal(fall.states["position_m"], read_back)
     assert recording.states["step"].to_list() == [step for step in range(25) for _ in links]
 
 
@@ -88,16 +88,16 @@ def test_each_link_of_a_body_with_joints_is_a_part(tmp_path: Path) -> None:
 def test_batches_of_any_size_are_the_same_recording(
     tmp_path: Path, standard: Run, monkeypatch: pytest.MonkeyPatch, batch: int
 ) -> None:
-    monkeypatch.setattr("pipeline.stages.simulate.BATCH", batch)
+    monkeypatch.setattr("drop_physics.stages.simulate.BATCH", batch)
     simulate(Scenario(), tmp_path / "run.rrd", camera=None)
     mine, theirs = read(tmp_path / "run.rrd"), read(standard.simulation.recording)
     assert mine.states.equals(theirs.states)
     assert mine.contacts.equals(theirs.contacts)
 
 
-def test_timelines_are_step_and_time_and_nothing_else(standard: Run) -> None:
+def test_timelines_are_step_time_and_call(standard: Run) -> None:
     found = {name for c in chunks_of(standard.simulation.recording) for name in c.timeline_names}
-    assert found == {"sim_step", "sim_time"}
+    assert found == {"sim_step", "sim_time", "call"}
     rows = table(standard.simulation.recording, "state")
     assert rows["sim_time"].dtype == pl.Duration("ns")
     assert rows["sim_time"].cast(pl.Int64)[240] == 1_000_000_000
@@ -113,7 +113,7 @@ def test_theory_stops_at_the_floor_and_stays(standard: Run) -> None:
 
 
 def test_the_pose_to_look_at_is_the_state_rounded_to_float32(standard: Run) -> None:
-    poses = table(standard.simulation.recording, schema.BOX)
+    poses = table(standard.simulation.recording, f"{schema.BOX}/base")
     states = table(standard.simulation.recording, "state")
     shown = np.array([row[0] for row in poses["Transform3D:translation"].to_list()])
     measured = np.array(states["position_m"].to_list())
@@ -139,10 +139,9 @@ def test_the_pinhole_sees_what_pybullets_camera_saw(standard: Run) -> None:
     """Project the released box's centre through the pinhole, and look for its colour there."""
     import io
 
+    from drop_physics.engines.bullet.visible_world import world_from_camera
+    from drop_physics.recording.reader import frames
     from PIL import Image
-
-    from pipeline.engines.bullet.visible_world import world_from_camera
-    from pipeline.recording.reader import frames
 
     recording = read(standard.simulation.recording)
     camera = recording.camera
@@ -203,7 +202,7 @@ def test_a_failing_run_leaves_the_part_and_no_recording(
     def broken(*_: object) -> object:
         raise RuntimeError("the camera fell over")
 
-    monkeypatch.setattr("pipeline.engines.bullet.camera_frames.Photographer.draw", broken)
+    monkeypatch.setattr("drop_physics.engines.bullet.camera_frames.Photographer.draw", broken)
     with pytest.raises(RuntimeError, match="fell over"):
         simulate(Scenario(), tmp_path / "run.rrd")
     assert [path.name for path in tmp_path.iterdir()] == ["run.rrd.part"]
@@ -279,8 +278,8 @@ def rewritten(source: Path, path: Path, change: object, *, application_id: str =
 @pytest.mark.parametrize(
     ("entity", "component", "said"),
     [
-        ("/state", "spin_rad_s", "its state fails its checksum"),
-        ("/contacts", "friction_2_direction", "its contacts fail their checksum"),
+        ("/state", "spin_rad_s", "its section state fails its checksum"),
+        ("/contacts", "friction_2_direction", "its section contacts fails its checksum"),
     ],
 )
 def test_a_bit_changed_in_state_or_contacts_is_noticed(

@@ -13,15 +13,14 @@ from typing import Any
 
 import pytest
 import scenes
+from drop_physics.cli import app
+from drop_physics.stages.run import Run
 from generators.json_objects import COMMANDS
 from generators.pages import blocks
 from generators.typed import run_python
 from jsonschema import Draft202012Validator
 from regenerate import is_current, references
 from typer.testing import CliRunner
-
-from cli import app
-from pipeline.stages.run import Run
 
 SCHEMAS = Path(__file__).parents[1] / "docs/schemas"
 GOLDEN = Path(__file__).parents[1] / "recordings/golden/standard.rrd"
@@ -102,7 +101,7 @@ def test_what_is_printed_is_what_the_schema_says(printed: Any, commands: list[st
 def test_what_record_prints_is_what_the_schema_says(tmp_path: Path) -> None:
     tmp_path.joinpath("script.py").write_text("import pybullet as p\np.connect(p.DIRECT)\n")
     done = subprocess.run(
-        [sys.executable, "-m", "cli", "record", "--json", "--twice", "script.py"],
+        [sys.executable, "-m", "drop_physics", "record", "--json", "--twice", "script.py"],
         cwd=tmp_path, capture_output=True, text=True, check=True,
     )  # fmt: skip
     Draft202012Validator(strict(schema_of("record"))).validate(json.loads(done.stdout))
@@ -146,7 +145,7 @@ def test_what_info_prints_of_a_script_is_what_the_schema_says(printed: Any, tmp_
 def test_what_view_prints_is_what_the_schema_says(
     printed: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.stages.view.show", lambda _: None)
+    monkeypatch.setattr("drop_physics.stages.view.show", lambda _: None)
     monkeypatch.setenv("DISPLAY", ":0")
     Draft202012Validator(strict(schema_of("view"))).validate(printed("view run.rrd --web"))
 

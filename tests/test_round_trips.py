@@ -11,13 +11,12 @@ from pathlib import Path
 
 import pytest
 from conftest import Drop, rerun_rrd
+from drop_physics import Analysis, analyze
+from drop_physics.errors import RecordingError
+from drop_physics.recording import schema, writer
+from drop_physics.recording.reader import frames, read
+from drop_physics.stages.run import Run
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
-
-from pipeline import Analysis, analyze
-from pipeline.errors import RecordingError
-from pipeline.recording import schema, writer
-from pipeline.recording.reader import frames, read
-from pipeline.stages.run import Run
 
 
 def merged(run: Path, folder: Path) -> Path:
@@ -102,7 +101,7 @@ def test_a_piece_of_a_recording_is_no_recording(tmp_path: Path, standard: Run) -
         "split", "-o", tmp_path, "--timeline", "sim_step", "-t", 50, standard.simulation.recording
     )
     for piece in tmp_path.glob("*.rrd"):
-        with pytest.raises(RecordingError, match="must hold"):
+        with pytest.raises(RecordingError, match="is damaged"):
             read(piece)
 
 

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from pipeline.errors import ScenarioError
-from pipeline.scenario import Scenario
-from pipeline.sweeping.plan import Plan, plan_of, replay_command
-from pipeline.sweeping.sampling import variations_of
+from drop_physics.errors import ScenarioError
+from drop_physics.scenario import Scenario
+from drop_physics.sweeping.plan import Plan, plan_of, replay_command
+from drop_physics.sweeping.sampling import variations_of
 
 MANY = 4000
 

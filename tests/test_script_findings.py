@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,10 +15,10 @@ import numpy as np
 import polars as pl
 import pytest
 import scenes
+from altered import otherwise
+from drop_physics.analysis.script.results import ScriptAnalysis
+from drop_physics.recording.reader import Recording
 from scenes import analyze, codes, found, site
-
-from pipeline.analysis.script.results import ScriptAnalysis
-from pipeline.recording.script_reader import ScriptRecording
 
 
 class Case(NamedTuple):
@@ -490,20 +489,20 @@ Analyzed = Callable[[str], ScriptAnalysis]
 
 
 @pytest.fixture(scope="module")
-def recorded_scene(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], ScriptRecording]:
+def recorded_scene(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Recording]:
     """Return a function from a scene to its recording, made once."""
-    folder, known = tmp_path_factory.mktemp("findings"), dict[str, ScriptRecording]()
+    folder, known = tmp_path_factory.mktemp("findings"), dict[str, Recording]()
 
-    def call(scene: str) -> ScriptRecording:
+    def call(scene: str) -> Recording:
         if scene not in known:
-            known[scene] = scenes.record(scene, Path(folder, "scene.rrd"))
+            known[scene] = scenes.record(scene, folder / f"{len(known)}.rrd")
         return known[scene]
 
     return call
 
 
 @pytest.fixture(scope="module")
-def analyzed(recorded_scene: Callable[[str], ScriptRecording]) -> Analyzed:
+def analyzed(recorded_scene: Callable[[str], Recording]) -> Analyzed:
     """Return a function from a scene to what is said of it."""
     return lambda scene: analyze(recorded_scene(scene).seen)
 
@@ -590,13 +589,13 @@ def test_a_mass_counts_while_it_touches(analyzed: Analyzed) -> None:
 
 
 def test_a_motion_that_nothing_explains_is_a_mismatch(
-    recorded_scene: Callable[[str], ScriptRecording],
+    recorded_scene: Callable[[str], Recording],
 ) -> None:
     seen = recorded_scene(GRAVITY + CUBE.format(3) + "steps(80)").seen
     assert "law-mismatch" not in codes(analyze(seen))
     late = pl.col("step") >= 50
     altered = pl.when(late).then(pl.col("vx_m_s") + 1e-6).otherwise(pl.col("vx_m_s"))
-    seen = replace(seen, states=seen.states.with_columns(vx_m_s=altered))
+    seen = otherwise(seen, bases=seen.bases.with_columns(vx_m_s=altered))
     finding = found(analyze(seen), "law-mismatch")
     assert (finding.body, finding.step) == ("0_cube_small", 50)
 
@@ -608,13 +607,13 @@ def test_a_velocity_is_held_by_a_step_and_not_where_it_is_told(analyzed: Analyze
 
 
 def test_contacts_at_no_distance_are_not_deep(
-    recorded_scene: Callable[[str], ScriptRecording],
+    recorded_scene: Callable[[str], Recording],
 ) -> None:
     """As of links that PyBullet does not show, whose memory it does not initialise."""
     seen = recorded_scene(f"{FLOOR}{CUBE.format(0.02)}steps(5)").seen
     nowhere = seen.contacts.with_columns(distance_m=pl.lit(-math.inf))
     assert {*codes(analyze(seen))} & {"starts-in-contact", "deep-penetration"}
-    said = {*codes(analyze(replace(seen, contacts=nowhere)))}
+    said = {*codes(analyze(otherwise(seen, contacts=nowhere)))}
     assert not said & {"starts-in-contact", "deep-penetration"}
 
 
@@ -628,7 +627,7 @@ def test_a_velocity_that_is_held_is_told_of_what_a_constraint_holds_too(analyzed
 
 
 def test_a_velocity_that_is_held_within_a_step_need_not_end_there(
-    recorded_scene: Callable[[str], ScriptRecording],
+    recorded_scene: Callable[[str], Recording],
 ) -> None:
     scene = (
         FLOOR + CUBE.format(0.025) + "p.applyExternalForce(b, -1, [0, 0, -4000], [0, 0, 0], 1)\n"
@@ -641,21 +640,22 @@ def test_a_velocity_that_is_held_within_a_step_need_not_end_there(
 
 
 def test_what_damping_moves_is_what_is_gone_without(
-    recorded_scene: Callable[[str], ScriptRecording],
+    recorded_scene: Callable[[str], Recording],
 ) -> None:
     """In this fast flight a fifth more than the term of damping alone."""
     fast = GRAVITY + CUBE.format(9) + "p.setTimeStep(1 / 60)\np.resetBaseVelocity(b, [60, 0, 30])\n"
     with_it = recorded_scene(f"{fast}steps(6)").seen
-    without = recorded_scene(f"{fast}p.changeDynamics(b, -1, linearDamping=0)\nsteps(6)").seen
-    ends_m = [seen.states.select("x_m", "y_m", "z_m").row(-1) for seen in (with_it, without)]
-    moved_mm = math.dist(*ends_m) * 1e3
     message = found(analyze(with_it), "default-damping").message
+    ends_m = [with_it.states.select("x_m", "y_m", "z_m").row(-1)]
+    without = recorded_scene(f"{fast}p.changeDynamics(b, -1, linearDamping=0)\nsteps(6)").seen
+    ends_m.append(without.states.select("x_m", "y_m", "z_m").row(-1))
+    moved_mm = math.dist(*ends_m) * 1e3
     assert f"is moved {moved_mm:.3g} mm by damping" in message
 
 
 def test_every_finding_has_a_case() -> None:
     """Of those that the code can say."""
-    folder = Path(scenes.__file__).parents[1] / "pipeline/analysis/script"
+    folder = Path(scenes.__file__).parents[1] / "pipeline/drop_physics/analysis/script"
     text = "".join(path.read_text() for path in sorted(folder.glob("*_findings.py")))
     known = set(re.findall(r'e\.finding\(\s*"([a-z-]+)"', text))
     assert known == {case.code for case in CASES} | {"law-mismatch"}
@@ -673,7 +673,7 @@ def test_what_is_inside_another_is_not_always_pushed_out(analyzed: Analyzed) -> 
     "changed", ["p.setTimeStep(1 / 1000)", "p.setPhysicsEngineParameter(1 / 1000)"]
 )
 def test_a_motor_keeps_the_impulse_of_the_timestep_that_it_was_set_in(
-    analyzed: Analyzed, recorded_scene: Callable[[str], ScriptRecording], changed: str
+    analyzed: Analyzed, recorded_scene: Callable[[str], Recording], changed: str
 ) -> None:
     """So it may give 40 × 1000 / 240 N m."""
     robot = (
@@ -685,7 +685,7 @@ def test_a_motor_keeps_the_impulse_of_the_timestep_that_it_was_set_in(
         f"{robot}{drive}{changed}\nsteps(100)",
         f"{robot}{changed}\n{drive}steps(100)",
     )
-    assert np.abs(recorded_scene(later).seen.joints[0].torque[1:, 1]).min() > 44
+    assert np.abs(recorded_scene(later).seen.joints[0].effort[1:, 1]).min() > 44
     assert "motor-at-limit" not in codes(analyzed(later))
     assert "motor-at-limit" in codes(analyzed(before))
 
@@ -704,7 +704,7 @@ def test_what_a_constraint_holds_is_not_to_be_loaded_otherwise(analyzed: Analyze
 
 
 def test_what_a_constraint_pulls_together_sinks_no_less_in_smaller_steps(
-    analyzed: Analyzed, recorded_scene: Callable[[str], ScriptRecording]
+    analyzed: Analyzed, recorded_scene: Callable[[str], Recording]
 ) -> None:
     pulled = """
 p.setGravity(0, 0, -9.81)

@@ -17,14 +17,10 @@ import numpy as np
 import polars as pl
 import pybullet as p
 import pytest
-from engine import MODES, ROUNDS_ONCE
-from iterated import law_of
-from watched import Watched, random_throw, thrown
-
-from pipeline.analysis.general.balance import Balance, Pushes, balance_of
-from pipeline.analysis.general.contacts import Contacts
-from pipeline.analysis.general.flights import Flight, decomposed
-from pipeline.analysis.general.segments import (
+from drop_physics.analysis.general.balance import Balance, Pushes, balance_of
+from drop_physics.analysis.general.contacts import Contacts
+from drop_physics.analysis.general.flights import Flight, decomposed
+from drop_physics.analysis.general.segments import (
     CONTACT,
     EXPLAINED,
     FLIGHT,
@@ -36,11 +32,14 @@ from pipeline.analysis.general.segments import (
     segments_of,
     still_segments,
 )
-from pipeline.laws.base import Motion
-from pipeline.laws.bullet import BulletLaw
-from pipeline.laws.rotations import rotate_inverse
-from pipeline.recording.rows import empty
-from pipeline.recording.schema import CONTACTS
+from drop_physics.laws.base import Motion
+from drop_physics.laws.bullet import BulletLaw
+from drop_physics.laws.rotations import rotate_inverse
+from drop_physics.recording.rows import empty
+from drop_physics.recording.schema import CONTACTS
+from engine import MODES, ROUNDS_ONCE
+from iterated import law_of
+from watched import Watched, random_throw, thrown
 
 THROWS = 60
 

@@ -10,17 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drop_physics.engines.bullet.world import World
+from drop_physics.laws.base import Motion
+from drop_physics.laws.bullet import BulletLaw
+from drop_physics.laws.bullet_air import effective_damping
+from drop_physics.laws.lookup import law_for
+from drop_physics.scenario import Scenario
 from engine import MODES, ROUNDS_ONCE, box, drive, urdf_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from iterated import airborne, law_of, tumbling
-
-from pipeline.engines.bullet.world import World
-from pipeline.laws.base import Motion
-from pipeline.laws.bullet import BulletLaw
-from pipeline.laws.bullet_air import effective_damping
-from pipeline.laws.lookup import law_for
-from pipeline.scenario import Scenario
 
 STEPS, TIMESTEP_S = 200, 1 / 240
 

@@ -26,27 +26,26 @@ import polars as pl
 import pybullet_data
 import pytest
 from conftest import Drop, descendants_of
+from drop_physics import Scenario, analyze, simulate
+from drop_physics.analysis.general.samples import base_of
+from drop_physics.analysis.general.statistics import Moments
+from drop_physics.engines.bullet.engine import p
+from drop_physics.engines.bullet.lasting_world import LastingWorld
+from drop_physics.engines.bullet.world import World
+from drop_physics.engines.worlds import Worlds
+from drop_physics.errors import DropError, OutputError, ScenarioError
+from drop_physics.figures.convergence_plot import Panel, build_figure
+from drop_physics.figures.style import LIGHT
+from drop_physics.files.outputs import part_of
+from drop_physics.recording.reader import read
+from drop_physics.stages.sweep import Sweep, sweep
+from drop_physics.stages.sweep_shard import RunShard, ShardDone
+from drop_physics.states import Batch
+from drop_physics.sweeping import engines
+from drop_physics.sweeping.folder import TERMS, Folder
+from drop_physics.sweeping.plan import plan_of
+from drop_physics.workers import Worker
 from shards import always_dies, double, first_is_quick, nap
-
-from pipeline import Scenario, analyze, simulate
-from pipeline.analysis.general.samples import base_of
-from pipeline.analysis.general.statistics import Moments
-from pipeline.engines.bullet.engine import p
-from pipeline.engines.bullet.lasting_world import LastingWorld
-from pipeline.engines.bullet.world import World
-from pipeline.engines.worlds import Worlds
-from pipeline.errors import DropError, OutputError, ScenarioError
-from pipeline.figures.convergence_plot import Panel, build_figure
-from pipeline.figures.style import LIGHT
-from pipeline.files.outputs import part_of
-from pipeline.recording.reader import read
-from pipeline.stages.sweep import Sweep, sweep
-from pipeline.stages.sweep_shard import RunShard, ShardDone
-from pipeline.states import Batch
-from pipeline.sweeping import engines
-from pipeline.sweeping.folder import TERMS, Folder
-from pipeline.sweeping.plan import plan_of
-from pipeline.workers import Worker
 
 ARTICLE = ("--timestep", "1/240,1/480,1/960", "--linear-damping", "default,0")
 HEIGHTS = {"samples": 40, "seed": 5, "vary": ["height=uniform:0.6:2"]}
@@ -983,8 +982,8 @@ def test_a_plot_of_many_panels_is_no_wider(count: int) -> None:
 def long_sweep(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """Return a sweep by two processes that takes minutes."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "cli", "sweep", "--out", "s", "--samples", "20000", "--jobs", "2",
-         "--vary", "height=uniform:1:2", "--no-record"],  # in parts of 313
+        [sys.executable, "-m", "drop_physics", "sweep", "--out", "s", "--samples", "20000",
+         "--jobs", "2", "--vary", "height=uniform:1:2", "--no-record"],  # in parts of 313
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
     )  # fmt: skip

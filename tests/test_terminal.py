@@ -25,32 +25,33 @@ import pytest
 import typer
 from command import ROOT, drop_here, environment, run_here
 from conftest import Drop, Recorder, judge
+from drop_physics.analysis.checking.difference import Difference, Largest, Setting
+from drop_physics.analysis.comparison import Comparison
+from drop_physics.analysis.drop.convergence import StudiedRun, study_of
+from drop_physics.analysis.general.statistics import Summary
+from drop_physics.cli import app
+from drop_physics.console import output, progress
+from drop_physics.console.output import counted, millimetres, pasteable
+from drop_physics.console.progress import rate
+from drop_physics.console.show_analysis import show_analysis
+from drop_physics.console.show_check import DIFFERS, show_check
+from drop_physics.console.show_run import show_rendering, show_simulation
+from drop_physics.console.show_sweep import readable_step, show_sweep
+from drop_physics.console.show_view import show_view
+from drop_physics.fields import decimals, engineering
+from drop_physics.figures.composition import caption
+from drop_physics.messages import shell_command
+from drop_physics.recording.viewer import Viewer
+from drop_physics.stages.check import Check, Frames
+from drop_physics.stages.render import Rendering
+from drop_physics.stages.run import Run
+from drop_physics.stages.simulate import Simulation
+from drop_physics.stages.sweep import Sweep
+from drop_physics.stages.sweep_groups import Group
+from drop_physics.stages.view import View
+from drop_physics.sweeping.folder import TERMS
+from drop_physics.sweeping.plan import plan_of
 from rich.text import Text
-
-from cli import app
-from pipeline.analysis.drop.comparison import Comparison, Place, Setting
-from pipeline.analysis.drop.convergence import StudiedRun, study_of
-from pipeline.analysis.general.statistics import Summary
-from pipeline.console import output
-from pipeline.console.output import counted, millimetres, pasteable
-from pipeline.console.progress import rate
-from pipeline.console.show_check import DIFFERS, show_check
-from pipeline.console.show_drop import show_analysis, show_rendering, show_simulation
-from pipeline.console.show_sweep import readable_step, show_sweep
-from pipeline.console.show_view import show_view
-from pipeline.fields import decimals, engineering
-from pipeline.figures.composition import caption
-from pipeline.messages import shell_command
-from pipeline.recording.viewer import Viewer
-from pipeline.stages.check import Check, Frames
-from pipeline.stages.render import Rendering
-from pipeline.stages.run import Run
-from pipeline.stages.simulate import Simulation
-from pipeline.stages.sweep import Sweep
-from pipeline.stages.sweep_groups import Group
-from pipeline.stages.view import View
-from pipeline.sweeping.folder import TERMS
-from pipeline.sweeping.plan import plan_of
 
 COMMAND: Any = typer.main.get_command(app)
 EXAMPLES = {name: one.epilog.removeprefix("Example: ") for name, one in COMMAND.commands.items()}
@@ -285,6 +286,18 @@ def test_what_takes_long_has_a_bar_with_count_rate_and_time_left(
     ), seen.lines
 
 
+def test_a_script_has_a_line_that_says_how_far_it_is_and_how_to_stop_it(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(progress, "LINE_AFTER_S", 0.0)
+    (tmp_path / "script.py").write_text(SCRIPT.format(boxes=1))
+    seen = terminal("record", "script.py")
+    says = r"[\d.]+ s simulated, [\d,]+ steps; Ctrl-C ends it and keeps the recording *"
+    assert any(re.fullmatch(says, line) for line in seen.lines), seen.lines
+    assert max(map(len, seen.lines)) <= 80
+    assert re.search(r"\r +\rscript +finished", re.sub(r"\x1b[^m]*m", "", seen.raw))
+
+
 def test_a_pipe_gets_no_bar(drop: Drop) -> None:
     assert drop("simulate", "--out", "a.rrd").stderr == ""
 
@@ -300,7 +313,11 @@ def test_a_rate_is_a_number_above_one_where_it_can(per_second: float | None, sai
 # -- what is printed ------------------------------------------------------------------------------
 
 RUN, GOLDEN = Path("run.rrd"), Path("golden.rrd")
-SAME = Comparison([], [], None, 0.0, 0, None)
+SAME = Comparison(
+    of_drop=True, differences=[], first=None, call_before=None, other_call=None, largest=[],
+    largest_difference_m=0.0, part_at=None, not_compared=[], script=[], versions=[], unseeded=[],
+    real_time=False,
+)  # fmt: skip
 
 
 def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -318,8 +335,10 @@ def test_printed_check_of_the_same_physics(capsys: pytest.CaptureFixture[str]) -
     ]  # fmt: skip
     assert show_check(check, as_json=True) == 0
     assert json.loads(capsys.readouterr().out) == {
-        "same": True, "largest_difference_m": 0.0, "first_difference": None, "looks_like": None,
-        "differences": [], "tolerance_m": 0.0, "recording": "run.rrd", "golden": "golden.rrd",
+        "same": True, "largest_difference_m": 0.0, "first_difference": None, "call_before": None,
+        "other_call": None, "differences": [], "largest": [], "not_compared": [], "script": [],
+        "unseeded": [], "real_time": False, "engines": None, "tolerance_m": 0.0,
+        "recording": "run.rrd", "golden": "golden.rrd",
         "versions": [{"name": "numpy_version", "value": "2.4", "golden": "2.3"}],
         "frames": {"compared": 41, "differing": 0, "first_step": None, "why": None},
         "updated": False,
@@ -329,29 +348,30 @@ def test_printed_check_of_the_same_physics(capsys: pytest.CaptureFixture[str]) -
 def test_printed_check_of_other_samples_says_where_and_by_how_much(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    place = Place(50, "vz_m_s", -2.0, None)
-    comparison = replace(SAME, first=place, largest_difference_m=3.21e-7,
-                         largest_difference_step=70, looks_like="something else")  # fmt: skip
-    frames = Frames(30, 2, 12, "in 11 of 41 the body is elsewhere")
-    check = Check(RUN, GOLDEN, 2e-6, comparison, frames)
+    place = Difference(50, "box", -1, "vz_m_s", -2.0, None, 0.25)
+    largest = Largest("box", -1, "position", 3.21e-7, 70, "m")
+    comparison = replace(SAME, first=place, largest=[largest], largest_difference_m=3.21e-7)
+    frames = Frames(30, 2, 12, "11 taken when the bodies are elsewhere")
+    check = Check(RUN, GOLDEN, 2e-6, comparison, frames, "they part")
     assert show_check(check, as_json=False) == DIFFERS
     assert lines_of(capsys) == [
         "differs run.rrd and golden.rrd",
-        "positions up to 3.21e-07 m apart, at step 70; allowed: 2e-06 m",
-        "first step 50, vz_m_s: -2.0, golden none",
-        "looks like something else",
-        "frames 30 compared, 2 differ; in 11 of 41 the body is elsewhere",
+        "first step 50, 0.25 s, box, vz_m_s: -2.0, golden none",
+        "positions up to 3.21e-07 m apart (step 70, box); allowed: 2e-06 m",
+        "engines they part",
+        "frames 30 compared, 2 differ; 11 taken when the bodies are elsewhere",
     ]
     assert show_check(check, as_json=True) == DIFFERS
     told = json.loads(capsys.readouterr().out)
-    assert (told["same"], told["tolerance_m"], told["looks_like"]) == (
-        False,
-        2e-6,
-        "something else",
-    )
+    assert (told["same"], told["tolerance_m"], told["engines"]) == (False, 2e-6, "they part")
     assert told["first_difference"] == {
-        "step": 50, "column": "vz_m_s", "value": -2.0, "golden": None,
+        "step": 50, "body": "box", "link": -1, "column": "vz_m_s", "value": -2.0, "golden": None,
+        "time_s": 0.25, "part": None, "difference": None,
     }  # fmt: skip
+    assert told["largest"] == [
+        {"body": "box", "link": -1, "quantity": "position", "difference": 3.21e-7, "step": 70,
+         "unit": "m", "part": None},
+    ]  # fmt: skip
     assert show_check(replace(check, updated=True), as_json=False) == 0
     assert lines_of(capsys)[-1] == "golden golden.rrd is now run.rrd"
 
@@ -364,19 +384,20 @@ def test_printed_check_of_other_samples_says_where_and_by_how_much(
 def test_printed_check_says_what_is_allowed(
     capsys: pytest.CaptureFixture[str], tolerance_m: float, said: str
 ) -> None:
-    apart = replace(SAME, largest_difference_m=1e-10, largest_difference_step=150)
+    largest = Largest("box", -1, "position", 1e-10, 150, "m")
+    apart = replace(SAME, largest=[largest], largest_difference_m=1e-10)
     show_check(Check(RUN, GOLDEN, tolerance_m, apart, None), as_json=False)
     (_, positions, *others) = lines_of(capsys)
     assert said in " ".join([positions, *others])
 
 
 def test_printed_check_names_settings_by_their_options(capsys: pytest.CaptureFixture[str]) -> None:
-    settings = [
-        Setting("timestep_s", 1 / 480, 1 / 240), Setting("floor", False, True),
-        Setting("gravity_set", True, False), Setting("mass_kg", None, 0.2),
-        Setting("solver_iterations_of_engine", 40, 50),
+    values: list[tuple[str, Any, Any]] = [
+        ("timestep_s", 1 / 480, 1 / 240), ("floor", False, True), ("gravity_set", True, False),
+        ("mass_kg", None, 0.2), ("solver_iterations_of_engine", 40, 50),
     ]  # fmt: skip
-    comparison = Comparison(settings, [], None, None, None, None)
+    settings = [Difference(None, None, None, *each) for each in values]
+    comparison = replace(SAME, differences=settings, largest_difference_m=None)
     assert show_check(Check(RUN, GOLDEN, 0.0, comparison, None), as_json=False) == DIFFERS
     assert lines_of(capsys)[1:] == [
         "setting --timestep 1/480, golden 1/240", "setting --no-floor given, golden not given",
@@ -391,7 +412,7 @@ def test_printed_check_without_frames_says_why(capsys: pytest.CaptureFixture[str
     assert lines_of(capsys)[-1] == "frames none compared: run.rrd has no frames"
     other_picture = replace(check, frames=Frames(41, 1, 12, None))
     assert show_check(other_picture, as_json=False) == DIFFERS
-    assert "first step 12, its picture" in lines_of(capsys)
+    assert "first step 12: a picture" in lines_of(capsys)
 
 
 FACTORS = (1.0, 0.5, 0.25, 0.125, 0.0625)
@@ -731,7 +752,7 @@ def test_texts_of_findings_name_options_that_exist() -> None:
     }
     found = {
         name
-        for path in (ROOT / "pipeline/analysis").rglob("*.py")
+        for path in (ROOT / "pipeline/drop_physics/analysis").rglob("*.py")
         for name in re.findall(r"(?<![\w-])--[a-z][a-z-]+", path.read_text(encoding="utf-8"))
     }
     assert len(found) > 10

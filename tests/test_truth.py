@@ -28,16 +28,15 @@ import numpy as np
 import oracle
 import pybullet as p
 import pytest
+from drop_physics import Scenario, analyze, simulate
+from drop_physics.analysis.drop.analysis import analysis_of
+from drop_physics.engines.bullet import probe
+from drop_physics.engines.bullet.world import World
+from drop_physics.errors import DropError, ScenarioError
+from drop_physics.recording.rows import tables_of
+from drop_physics.stages.recorded import BATCH, made_with
+from drop_physics.states import Batch
 from oracle import Drop, Rebound, Truth
-
-from pipeline import Scenario, analyze, simulate
-from pipeline.analysis.drop.analysis import analysis_of
-from pipeline.engines.bullet import probe
-from pipeline.engines.bullet.world import World
-from pipeline.errors import DropError, ScenarioError
-from pipeline.recording.rows import tables_of
-from pipeline.stages.recorded import BATCH, made_with
-from pipeline.states import Batch
 
 CASES = 150
 SEED = 13

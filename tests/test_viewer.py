@@ -22,19 +22,19 @@ import numpy as np
 import pytest
 import rerun.blueprint as rrb
 from conftest import Drop, Planted
+from drop_physics import Scenario, colours, simulate
+from drop_physics.analysis.general.decomposition import TERMS
+from drop_physics.recording import schema, writer
+from drop_physics.recording import viewer as program
+from drop_physics.recording.layout import Eye, layout, look_of_drop
+from drop_physics.recording.layout import Look as Described
+from drop_physics.recording.reader import read
+from drop_physics.stages import view
+from drop_physics.stages.run import Run
 from numpy.typing import NDArray
 from rerun.chunk import Chunk, RrdReader
 from rerun.experimental import ViewerClient
 from viewer import Look, Viewer, binary, complaints, free_port, isolated, vulkan_driver
-
-from pipeline import Scenario, colours, simulate
-from pipeline.analysis.general.decomposition import TERMS
-from pipeline.recording import blueprint, schema, script_layer, writer
-from pipeline.recording import viewer as program
-from pipeline.recording.reader import read
-from pipeline.recording.script_layout import world_view
-from pipeline.stages import view
-from pipeline.stages.run import Run
 
 pytestmark = pytest.mark.long
 
@@ -126,7 +126,7 @@ def test_the_curves_in_millimetres_are_the_numbers_in_metres(standard: Run) -> N
 def altered(source: Path, path: Path, change: Callable[[Chunk], Chunk | None]) -> Path:
     """Write a recording again, with our layout, each chunk changed or left out."""
     chunks = (one for chunk in RrdReader(source).stream() if (one := change(chunk)) is not None)
-    look = blueprint.layout(height_m=1.0, camera="standard")
+    look = layout(look_of_drop(1.0, "standard", [f"{schema.HEIGHT}/curve"]))
     writer.record(path, chunks, recording_id="altered", blueprint=look)
     return path
 
@@ -159,7 +159,7 @@ def with_one_timeline(chunk: Chunk) -> Chunk:
     [
         (without_pinhole, "pinhole"),
         (with_broken_images, "Camera"),
-        (with_one_timeline, "timelines ['sim_time']"),
+        (with_one_timeline, "timelines ['call', 'sim_time']"),
     ],
 )
 def test_a_broken_recording_is_noticed(
@@ -217,7 +217,8 @@ def test_view_finds_the_layers_and_names_them_last(
     monkeypatch.setenv("DISPLAY", ":0")
     bare = here / "bare.rrd"
     simulate(Scenario(), bare, camera=None)
-    shown = view.view([here / "run.rrd", bare, here / "run.rrd"])
+    with view.view([here / "run.rrd", bare, here / "run.rrd"]) as shown:
+        pass
     assert shown.recordings == [here / "run.rrd", bare]
     assert shown.layers == [here / "run.analysis.rrd"]
     assert shown.viewer.command[:6] == [
@@ -231,7 +232,8 @@ def test_a_layer_of_an_earlier_recording_is_not_shown(
 ) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
     simulate(Scenario(), here / "run.rrd", camera=None, force=True)
-    shown = view.view([here / "run.rrd"])
+    with view.view([here / "run.rrd"]) as shown:
+        pass
     assert (shown.layers, shown.stale) == ([], [here / "run.analysis.rrd"])
 
 
@@ -268,7 +270,7 @@ def test_web_is_served_on_loopback_only_and_nobody_is_counted(here: Path) -> Non
     }  # fmt: skip
     environment.pop("CI", None)
     process = subprocess.Popen(
-        [sys.executable, "-m", "cli", "view", "run.rrd", "--web", "--json"],
+        [sys.executable, "-m", "drop_physics", "view", "run.rrd", "--web", "--json"],
         cwd=here, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
@@ -290,8 +292,9 @@ def test_web_is_served_on_loopback_only_and_nobody_is_counted(here: Path) -> Non
 
 def test_the_names_of_a_scripts_curves_stand_where_no_flight_is() -> None:
     """A fall begins at the upper left, its error at zero, and at first it goes below."""
-    world = world_view(np.zeros(3), np.ones(3))
-    shown = _views(script_layer._layout(world, flying=1).root_container)
+    entities = {schema.FINDINGS, f"{schema.ERROR_MM}/1_box", f"{schema.HEIGHT}/1_box"}
+    eye = Eye((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
+    shown = _views(layout(Described(eye, frozenset(entities))).root_container)
     corners = {
         one.name.split(" [")[0]: one.properties["PlotLegend"].corner
         for one in shown
@@ -351,7 +354,7 @@ def test_the_web_viewer_ends_with_a_command_that_is_ended(
 ) -> None:
     """Ctrl-C reaches the viewer too; a signal of another program only us."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "cli", "view", "run.rrd", "--web", "--json"],
+        [sys.executable, "-m", "drop_physics", "view", "run.rrd", "--web", "--json"],
         cwd=here, env=isolated(here / "home") | {"BROWSER": "true", "PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip

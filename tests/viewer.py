@@ -20,11 +20,10 @@ from types import TracebackType
 from typing import NamedTuple, Self
 
 import numpy as np
+from drop_physics.recording.viewer import binary
 from numpy.typing import NDArray
 from PIL import Image
 from rerun.experimental import ViewerClient
-
-from pipeline.recording.viewer import binary
 
 Picture = NDArray[np.int64]
 
@@ -219,7 +218,7 @@ def complaints(
     if len(state.recordings) != 1:
         return [f"{len(state.recordings)} recordings", *viewer.warnings()]
     recording = state.recordings[0]
-    if {timeline.name for timeline in recording.timelines} != {"sim_step", "sim_time"}:
+    if {timeline.name for timeline in recording.timelines} != {"call", "sim_step", "sim_time"}:
         found.append(f"timelines {[timeline.name for timeline in recording.timelines]}")
     if recording.current_timeline != "sim_time":
         found.append(f"opens on timeline {recording.current_timeline}")

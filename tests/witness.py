@@ -62,8 +62,8 @@ class _Witness:
         os.write(self._file, f"{world.step} {len(values)} {digest}\n".encode())
 
 
-def _install(hooks: Any, worlds: Any, witness: _Witness, *, blind: bool) -> None:
-    end, resetting = worlds.World.end, hooks.Watch._resetting
+def _install(handlers: Any, worlds: Any, witness: _Witness, *, blind: bool) -> None:
+    end, resetting = worlds.World.end, handlers.resetting
 
     def told_end(world: Any) -> None:
         witness.tell(world)
@@ -71,21 +71,21 @@ def _install(hooks: Any, worlds: Any, witness: _Witness, *, blind: bool) -> None
 
     def told_resetting(watch: Any, name: str, original: Any) -> Any:
         def reset(*args: Any, **kwargs: Any) -> Any:
-            for world in list(watch._worlds.values()):
+            for world in list(watch.worlds.values()):
                 witness.tell(world)
             return original(*args, **kwargs)
 
         reset.__name__ = name
         return resetting(watch, name, reset)
 
-    worlds.World.end, hooks.Watch._resetting = told_end, told_resetting
+    worlds.World.end, handlers.resetting = told_end, told_resetting
     if not blind:
         return
 
     def look_away(world: Any, **_: Any) -> None:
         if world.stale_engine:  # the clock goes by the timestep
             world._read_engine()
-        world.moved, world._later = {}, []
+        world.moved = {}
 
     def count(world: Any, _: Any) -> None:
         world.step += 1
@@ -108,7 +108,7 @@ def main() -> None:
     spec.loader.exec_module(watching)
     watching._load()
     witness = _Witness(os.environ["WITNESS"])
-    modules = (sys.modules[f"{watching._PACKAGE}.{name}"] for name in ("hooks", "worlds"))
+    modules = (sys.modules[f"{watching._PACKAGE}.{name}"] for name in ("handlers", "worlds"))
     _install(*modules, witness, blind=os.environ.get("WITNESS_BLIND") == "1")
     watching.main()
 

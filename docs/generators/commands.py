@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import typer
+from drop_physics.cli import app
 from typer.testing import CliRunner
-
-from cli import app
 
 _HEAD = """# Commands
 

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import polars as pl
-
-from generators.recording import TABLE_SAYS
-from pipeline.analysis.drop.comparison import Comparison, Place, Setting
-from pipeline.analysis.drop.convergence import Study
-from pipeline.analysis.drop.results import (
+from drop_physics.analysis.checking.calls import OtherCall
+from drop_physics.analysis.checking.difference import Difference, Largest, Setting
+from drop_physics.analysis.comparison import Comparison
+from drop_physics.analysis.drop.convergence import Study
+from drop_physics.analysis.drop.results import (
     Airborne,
     Analysis,
     Conservation,
@@ -33,23 +33,22 @@ from pipeline.analysis.drop.results import (
     SegmentCounts,
     Terms,
 )
-from pipeline.analysis.general.flights import Flight, VectorTerms
-from pipeline.analysis.general.statistics import Summary
-from pipeline.analysis.script import results as script
-from pipeline.analysis.script.cause import OtherCall
-from pipeline.analysis.script.comparison import ScriptComparison
-from pipeline.analysis.script.difference import Difference
-from pipeline.fields import UNIONS
-from pipeline.report import EngineReport
-from pipeline.scenario import Scenario
-from pipeline.seen import Call
-from pipeline.stages.check import Check
-from pipeline.stages.info import Info
-from pipeline.stages.render import Rendering
-from pipeline.stages.simulate import Simulation
-from pipeline.stages.sweep_engines import EngineRun
-from pipeline.sweeping.folder import SCHEMA as SWEEP_COLUMNS
-from pipeline.sweeping.folder import TERMS
+from drop_physics.analysis.general.flights import Flight, VectorTerms
+from drop_physics.analysis.general.statistics import Summary
+from drop_physics.analysis.script import results as script
+from drop_physics.fields import UNIONS
+from drop_physics.report import EngineReport
+from drop_physics.scenario import Scenario
+from drop_physics.seen.calls import Call
+from drop_physics.stages.check import Check
+from drop_physics.stages.info import Info
+from drop_physics.stages.render import Rendering
+from drop_physics.stages.simulate import Simulation
+from drop_physics.stages.sweep_engines import EngineRun
+from drop_physics.sweeping.folder import SCHEMA as SWEEP_COLUMNS
+from drop_physics.sweeping.folder import TERMS
+
+from generators.recording import TABLE_SAYS
 
 Schema = dict[str, Any]
 
@@ -76,7 +75,6 @@ CONTRACT: dict[type, set[str]] = {
         "penetration_m",
     },
     Moment: {"time_s", "step", "phase", "simulated_m", "free_fall_m", "error_m", "terms_m"},
-    Place: {"step", "column"},
     Rendering: {"gif", "frames", "fps", "plot"},
     Rest: {"height_m", "expected_m", "error_m", "settled_step"},
     Scenario: {field.name for field in fields(Scenario)},
@@ -186,24 +184,21 @@ ROW = Object(
     },
     frozenset({*Scenario.options(), *TERMS}),
 )  # fmt: skip
-OF_SCRIPT = "Of scripts: "
-PLACE = _object(
-    Difference, {"step", "column"}, body=str | None, link=int | None, difference=float | None
-)  # fmt: skip
-PLACE = PLACE._replace(
-    descriptions=PLACE.descriptions | _descriptions(Place) | {
-        name: OF_SCRIPT + PLACE.descriptions[name] for name in ("body", "link", "difference")
-    } | {"column": f"{_descriptions(Place)['column']} {OF_SCRIPT}{PLACE.descriptions['column']}"}
-)  # fmt: skip
-SETTING = Object(
-    {"name": str, "value": Any, "golden": Any, "step": int, "body": str | None,
-     "link": int | None},
-    _descriptions(Setting) | {
-        "name": f"{_descriptions(Setting)['name']} {OF_SCRIPT}a column, as of `first_difference`.",
-        **{name: OF_SCRIPT + PLACE.descriptions[name].removeprefix(OF_SCRIPT)
-           for name in ("step", "body", "link")},
+PLACE = _object(Difference, {"step", "column"}, value=float | str | None, golden=float | str | None,
+                difference=float | None)  # fmt: skip
+INPUT = _object(Difference, set(), column=None)
+INPUT = INPUT._replace(
+    keys={"name": str, **INPUT.keys, "value": Any, "golden": Any},
+    descriptions=PLACE.descriptions | {
+        "name": "A column, as of `first_difference`. Of a drop's settings its name in the "
+        "recording, without the other keys; `engine.` comes first where only the engine's differs.",
     },
 )  # fmt: skip
+CALL = _object(
+    Call, set(), site=None, numbers=None, result=None, function=str, arguments=str, file=str,
+    line=int,
+)  # fmt: skip
+OTHER_CALL = Object({"value": (CALL, None), "golden": (CALL, None)}, _descriptions(OtherCall))
 CHECK = _object(
     Check,
     {"same", "largest_difference_m", "first_difference"},
@@ -211,21 +206,22 @@ CHECK = _object(
     same=bool,
     largest_difference_m=float | None,
     first_difference=None,
-    looks_like=str | None,
     differences=None,
-    versions=list[Setting],
-    cause=str | None,
-    call_before=Call | None,
-    other_call=OtherCall | None,
+    largest=list[Largest],
+    call_before=None,
+    other_call=None,
     not_compared=list[str],
+    script=list[Setting],
+    versions=list[Setting],
+    unseeded=list[str],
+    real_time=bool,
 )
-OF_BOTH = _descriptions(Comparison)
 CHECK = CHECK._replace(
-    keys={**CHECK.keys, "first_difference": (PLACE, None), "differences": [SETTING]},
-    descriptions=OF_BOTH | CHECK.descriptions | {"first_difference": OF_BOTH["first"]} | {
-        name: OF_SCRIPT + _descriptions(ScriptComparison)[name]
-        for name in ("cause", "call_before", "other_call", "not_compared")
-    },
+    keys={**CHECK.keys, "first_difference": (PLACE, None), "differences": [INPUT],
+          "call_before": (CALL, None), "other_call": (OTHER_CALL, None)},
+    descriptions=CHECK.descriptions | _descriptions(Comparison)
+    | {"first_difference": "The first difference at a step: of an input, a sample, or a picture; "
+       "null where there is none.", "same": CHECK.descriptions["same"]},
 )  # fmt: skip
 SHARED = "A value of the scenario that these runs share and others do not."
 STUDY = Object(
@@ -249,12 +245,13 @@ SWEEP = Object(
 )  # fmt: skip
 RECORD = Object(
     {"recording": Path, "recording_id": str, "script": str,
-     "ended": Literal["finished", "steps", "duration", "interrupted", "failed"],
+     "ended": Literal["finished", "steps", "duration", "idle", "disk", "interrupted", "failed"],
      "error": str | None, "samples": int,
      "bodies": int, "frames": int, "bytes": int, "wall_s": float,
      "first_difference": int | None},
     {"recording": "The file.", "recording_id": "Its id.", "script": "The script, or the module.",
-     "ended": "How it ended; `steps` and `duration` mean that it was stopped.",
+     "ended": "How it ended; `steps` and `duration` mean that it was stopped there, `idle` that it "
+     "waited 60 s without a step, `disk` that no room was left.",
      "samples": "States of all its simulations.", "bodies": "Bodies that ever existed.",
      "frames": "Images that it took.", "bytes": "The file's size.",
      "wall_s": "How long it took [s].", "error": "The error that the script failed with.",

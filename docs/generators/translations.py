@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import ClassVar
 
 from babel.messages.catalog import Catalog
-from babel.messages.extract import extract_from_dir, extract_from_file
+from babel.messages.extract import extract_from_dir
 from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po, write_po
 
 from generators.typed import ROOT
 
-MESSAGES = ROOT / "pipeline/locale/ja/LC_MESSAGES/drop.po"
+MESSAGES = ROOT / "pipeline/drop_physics/locale/ja/LC_MESSAGES/drop.po"
 TEMPLATES = dict.fromkeys(
     (
         "Message", "joined", "localized", "words", "DropError", "ScenarioError", "RecordingError",
@@ -52,11 +52,7 @@ def made() -> dict[Path, bytes]:
         for known in read_po(file):
             if known.id:
                 translations[known.id] = known
-    extracted = [
-        ("cli.py", *found) for found in extract_from_file("python", ROOT / "cli.py", TEMPLATES)
-    ]
-    extracted += extract_from_dir(ROOT / "pipeline", keywords=TEMPLATES)
-    for name, _, text, *_ in extracted:
+    for name, _, text, *_ in extract_from_dir(ROOT / "pipeline/drop_physics", keywords=TEMPLATES):
         template.add(text, locations=[(name, None)])
     translations.update(template)
     text, compiled = io.BytesIO(), io.BytesIO()

@@ -16,10 +16,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+from drop_physics.cli import app
+from drop_physics.sweeping.engines import dismiss
 from typer.testing import CliRunner
-
-from cli import app
-from pipeline.sweeping.engines import dismiss
 
 ROOT = Path(__file__).parents[2]
 os.environ["DROP_LANG"] = "en"  # what pages show is in English, whoever makes them
@@ -88,7 +87,7 @@ def _plain(command: str) -> list[str]:
 
 
 def _in_bash(command: str, folder: Path) -> tuple[int, str]:
-    programs = {"drop": '"$PYTHON" -m cli', "python": '"$PYTHON"'}
+    programs = {"drop": '"$PYTHON" -m drop_physics', "python": '"$PYTHON"'}
     programs |= {name: instead for name, (instead, _) in PROGRAMS.items()}
     head = "".join(f'{name}() {{ {instead} "$@"; }}\n' for name, instead in programs.items())
     done = subprocess.run(

@@ -1,0 +1,88 @@
+"""A drop, from its scenario to its pictures.
+
+`simulate` drops a `Scenario` in PyBullet and writes everything that happens into one Rerun
+recording, from which alone all else is computed: `analyze` breaks its error down, `render` makes a
+gif and a plot. `run` does the three in a row, `sweep` does many drops. `check` compares a recording
+with a golden one, and `info` describes one.
+
+`record` records what a block of Python does with PyBullet, `record_script` what a script does.
+
+    from drop_physics import Scenario, simulate, analyze, render
+
+A result prints as the terminal shows it; in a notebook it comes with its plot.
+
+The names here are loaded on first use, so that importing the package is quick.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from drop_physics.analysis.drop.results import Analysis as Analysis
+    from drop_physics.errors import DropError as DropError
+    from drop_physics.figures.playback import Animation as Animation
+    from drop_physics.scenario import Camera as Camera
+    from drop_physics.scenario import Scenario as Scenario
+    from drop_physics.stages.analyze import analyze as analyze
+    from drop_physics.stages.check import Check as Check
+    from drop_physics.stages.check import check as check
+    from drop_physics.stages.info import Info as Info
+    from drop_physics.stages.info import info as info
+    from drop_physics.stages.record import Recorded as Recorded
+    from drop_physics.stages.record import record_script as record_script
+    from drop_physics.stages.record_block import record as record
+    from drop_physics.stages.render import Rendering as Rendering
+    from drop_physics.stages.render import render as render
+    from drop_physics.stages.run import Run as Run
+    from drop_physics.stages.run import run as run
+    from drop_physics.stages.simulate import Simulation as Simulation
+    from drop_physics.stages.simulate import simulate as simulate
+    from drop_physics.stages.sweep import Sweep as Sweep
+    from drop_physics.stages.sweep import sweep as sweep
+    from drop_physics.sweeping.plan import Plan as Plan
+    from drop_physics.sweeping.plan import plan_of as plan_of
+
+_HOMES = {
+    "DropError": "drop_physics.errors",
+    "Scenario": "drop_physics.scenario",
+    "Camera": "drop_physics.scenario",
+    "Animation": "drop_physics.figures.playback",
+    "simulate": "drop_physics.stages.simulate",
+    "Simulation": "drop_physics.stages.simulate",
+    "analyze": "drop_physics.stages.analyze",
+    "Analysis": "drop_physics.analysis.drop.results",
+    "check": "drop_physics.stages.check",
+    "Check": "drop_physics.stages.check",
+    "info": "drop_physics.stages.info",
+    "Info": "drop_physics.stages.info",
+    "record": "drop_physics.stages.record_block",
+    "record_script": "drop_physics.stages.record",
+    "Recorded": "drop_physics.stages.record",
+    "render": "drop_physics.stages.render",
+    "Rendering": "drop_physics.stages.render",
+    "run": "drop_physics.stages.run",
+    "Run": "drop_physics.stages.run",
+    "sweep": "drop_physics.stages.sweep",
+    "Sweep": "drop_physics.stages.sweep",
+    "Plan": "drop_physics.sweeping.plan",
+    "plan_of": "drop_physics.sweeping.plan",
+}
+
+__all__ = list(_HOMES)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]  # what `dir`, `help` and the Tab key show
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'drop_physics' has no attribute {name!r}")
+    before = dict(os.environ)
+    try:
+        return getattr(importlib.import_module(_HOMES[name]), name)
+    finally:
+        importlib.import_module("drop_physics.workers").note_changes(before)

@@ -1,0 +1,1 @@
+"""How two recordings differ: inputs, calls, samples."""

@@ -1,0 +1,185 @@
+"""What the analysis is about: a body's scenario, what the engine reported, and its samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from drop_physics.analysis.general.contacts import Contacts, Touches
+from drop_physics.analysis.general.samples import Samples, samples_of
+from drop_physics.analysis.general.segments import (
+    Segments,
+    jointed_segments,
+    segments_of,
+    still_segments,
+)
+from drop_physics.laws import theory
+from drop_physics.laws.base import EXACT_MACHINES, Law, Motion
+from drop_physics.laws.lookup import fall_of, law_for
+from drop_physics.laws.theory import Fall
+from drop_physics.report import EngineReport
+from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS, Scenario
+from drop_physics.states import BODY
+
+Float64 = NDArray[np.float64]
+
+TOUCHING_M = 5e-10
+"""A body this close to the floor touches it. The engine's distances are known to this: for 136
+bodies drawn as in `tests/test_truth.py` a bisection with the engine's own collision detection found
+the rest height to 5e-15 m, that of a mesh to 1e-10 m."""
+FLOOR_REACH_M = 100.0
+"""plane.urdf ends this far from the origin, in x and in y."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One drop, as all parts of the analysis get it; arrays have one row per sample."""
+
+    scenario: Scenario
+    engine: EngineReport
+    samples: Samples
+    contacts: Contacts
+
+    @cached_property
+    def fall(self) -> Fall:
+        """The release and the drag, as the engine has them."""
+        return fall_of(self.scenario)
+
+    @cached_property
+    def law(self) -> Law:
+        """The law of one rigid body while nothing touches it."""
+        return law_for(self.scenario, self.engine)
+
+    @cached_property
+    def segments(self) -> Segments:
+        """What each sample is; the first is `set` if it is the release."""
+        if not self.scenario.stepped:
+            return still_segments(self.samples)
+        if not self.is_rigid:
+            return jointed_segments(len(self.samples))
+        exact = self.engine.machine in EXACT_MACHINES
+        segments = segments_of(self.samples, self.law, self.touches, exact=exact)
+        return segments.placed_at(self.samples, self._release, self.law)
+
+    @property
+    def _release(self) -> Motion:
+        scenario = self.scenario
+        vectors = (self.fall.position_m, scenario.orientation_xyzw)
+        velocities = (scenario.velocity_m_s, scenario.spin_rad_s)
+        return Motion(*(np.array([each]) for each in (*vectors, *velocities)))
+
+    @cached_property
+    def touches(self) -> Touches:
+        """The contact points of the body; of its base if it has joints."""
+        return self.contacts.of(BODY)
+
+    @property
+    def timestep_s(self) -> float:
+        """Time between two samples [s]."""
+        return self.scenario.timestep_s
+
+    @property
+    def substeps(self) -> int:
+        """Number of engine steps per timestep."""
+        return self.scenario.substeps or 1
+
+    @property
+    def hides_contacts(self) -> bool:
+        """Whether contact may act within a timestep without being reported.
+
+        Of several substeps, or stages of a step, engines report only the contacts of the last.
+        """
+        return self.substeps > 1 or self.scenario.effective_integrator in EXACT_INTEGRATORS
+
+    @property
+    def substep_s(self) -> float:
+        """Timestep of the integrator [s]: with `--substeps`, several make a sample."""
+        return self.scenario.timestep_s / self.substeps
+
+    @cached_property
+    def time_s(self) -> Float64:
+        """Time of each sample [s]."""
+        return np.arange(len(self.samples.height_m), dtype=np.float64) * self.timestep_s
+
+    @property
+    def floor_height_m(self) -> float | None:
+        """Height of the centre at which the body as released touches the floor [m]; None if never.
+
+        Theory ends there in tables, curves and plots.
+        """
+        return self.engine.rest_height_m if self.scenario.floor else None
+
+    @cached_property
+    def free_fall_m(self) -> Float64:
+        """Height by theory without air [m], no lower than the floor lets the centre get."""
+        heights_m = theory.free_fall_height(self.fall, self.time_s)
+        return theory.stopped_by_floor(heights_m, self.floor_height_m)
+
+    @cached_property
+    def damped_fall_m(self) -> Float64:
+        """The same through the engine's damping, in continuous time."""
+        heights_m = theory.damped_fall_height(self.fall, self.time_s)
+        return theory.stopped_by_floor(heights_m, self.floor_height_m)
+
+    @cached_property
+    def lands_at(self) -> int:
+        """The first sample at which free fall has come down to the floor: theory ends before it."""
+        if self.floor_height_m is None:
+            return len(self.time_s)
+        landed = np.flatnonzero(self.free_fall_m <= self.floor_height_m)
+        return int(landed[0]) if len(landed) else len(self.time_s)
+
+    @property
+    def starts_above(self) -> bool:
+        """Whether the body is released clear of the floor."""
+        floor_m = self.floor_height_m
+        return floor_m is None or self.fall.height_m > floor_m + TOUCHING_M
+
+    @property
+    def engine_name(self) -> str:
+        """The name that the engine's laws are known by."""
+        return "Bullet" if self.is_bullet else ENGINES[self.scenario.engine]
+
+    @property
+    def is_bullet(self) -> bool:
+        """Whether PyBullet dropped the body, whose calls and contact law are known here."""
+        return self.scenario.engine == "bullet"
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether the body is one rigid link: the laws here are those of one."""
+        return self.engine.joints == 0
+
+    @property
+    def is_springy(self) -> bool:
+        """Whether contact is a spring, which the contact law here does not cover."""
+        return self.engine.contact_stiffness_n_m is not None
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether the body is a centred sphere, which touches alike in any orientation."""
+        centred = self.engine.shape_position_m == (0.0, 0.0, 0.0)
+        return self.is_rigid and self.engine.shape == "sphere" and centred
+
+    @property
+    def is_box(self) -> bool:
+        """Whether the body is one rigid box."""
+        return self.is_rigid and self.engine.shape == "box"
+
+    def over_floor(self, position_m: Float64) -> bool:
+        """Whether positions [m], shape (n, 3), are above or below the floor, not past its edge.
+
+        In other engines the floor has no edge.
+        """
+        return not self.is_bullet or bool((np.abs(position_m[:, :2]) < FLOOR_REACH_M).all())
+
+
+def case_of(
+    scenario: Scenario, engine: EngineReport, states: pl.DataFrame, contacts: pl.DataFrame
+) -> Case:
+    """Return the case that a recording holds."""
+    return Case(scenario, engine, samples_of(states, contacts), Contacts(contacts))

@@ -1,0 +1,172 @@
+"""The same drop in two engines: where they diverge, how far, and by which terms of the error."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.analysis.drop.case import Case
+from drop_physics.analysis.general.decomposition import TERMS
+from drop_physics.analysis.general.flights import error_and_terms
+from drop_physics.fields import decimals
+from drop_physics.laws.base import Law, Motion
+from drop_physics.laws.bullet import BulletLaw
+from drop_physics.messages import Message, joined
+from drop_physics.scenario import ENGINES
+
+Float64 = NDArray[np.float64]
+
+SHOWN = 1e-3
+"""Share of the distance that a term must have to be named."""
+LEAST_M = 5e-8
+"""A distance below this would be written as 0.0000 mm."""
+REPLAYED = 100_000
+"""Most steps for which a law is replayed step by step."""
+REPLAYED_M = 1e-12
+"""To this the law of a spinning body leads where the engine does; measured over 1 s: 1e-15."""
+NAMES = {
+    "timestep": Message("timestep"),
+    "damping": Message("damping"),
+    "interaction": Message("interaction"),
+    "rounding": Message("rounding"),
+}
+"""Of the terms."""
+
+
+def apart(run: Case, golden: Case, *, parts_at: int | None) -> Message:
+    """Say how two engines differ that were given the same scenario.
+
+    Parameters
+    ----------
+    run, golden
+        The two drops, with the same timestep and number of samples.
+    parts_at
+        The first sample that differs; None where none does.
+    """
+    names = {"run": ENGINES[run.scenario.engine], "golden": ENGINES[golden.scenario.engine]}
+    touch = min(_first_touch(run), _first_touch(golden))
+    if parts_at is None:
+        return Message("{run} and {golden} agree to the bit", **names)
+    if parts_at >= touch:
+        return Message(
+            "{run} and {golden} agree to the bit until contact (step {step}); from there on each "
+            "has its own",
+            step=touch,
+            **names,
+        )
+    last = touch - 1
+    clauses = [Message("{run} and {golden} diverge at step {step}", step=parts_at, **names)]
+    if last > parts_at and run.is_rigid and golden.is_rigid:
+        clauses.append(_distance(run, golden, last))
+    advice = [_undamped(run, golden, last), _undamped(golden, run, last)]
+    return joined("; ", [*clauses, *filter(None, advice)])
+
+
+def _first_touch(case: Case) -> int:
+    """Return the first sample that a contact led to; the number of samples if there is none."""
+    steps = case.contacts.step
+    return int(steps[0]) if len(steps) else len(case.samples)
+
+
+def _distance(run: Case, golden: Case, last: int) -> Message:
+    """Say how far apart they are along the axis where that is most, and by which terms."""
+    apart_m = run.samples.position_m[last] - golden.samples.position_m[last]
+    axis = int(np.argmax(np.abs(apart_m)))
+    if abs(apart_m[axis]) < LEAST_M:
+        return Message(
+            "in the air, at {time:.4g} s, they are less than 0.0001 mm apart", time=run.time_s[last]
+        )
+    distance = Message(
+        "in the air, at {time:.4g} s, they are {distance} mm apart along {axis}",
+        time=run.time_s[last],
+        distance=decimals(apart_m[axis] * 1e3, 4, "+"),
+        axis="xyz"[axis],
+    )
+    parts = []
+    for case in (run, golden):
+        held = np.flatnonzero(case.segments.held[: last + 1])
+        if len(held):
+            clamped = Message(
+                "{engine} clamps a velocity in step {step}",
+                engine=ENGINES[case.scenario.engine],
+                step=int(held[0]),
+            )
+            return joined("; ", [distance, clamped])
+        if not case.law.covers(case.samples.at(slice(last))).all():
+            return distance
+        start = case.samples.at(slice(0, 1))
+        _, terms = error_and_terms(start, case.samples.position_m[last], case.law, steps=last)
+        parts.append(terms)
+    if None in parts:
+        return distance
+    terms_m = {
+        name: getattr(parts[0], name)[axis] - getattr(parts[1], name)[axis] for name in TERMS
+    }
+    shares = [
+        Message("{term} {distance}", term=NAMES[name], distance=decimals(value_m * 1e3, 4, "+"))
+        for name, value_m in terms_m.items()
+        if abs(value_m) > SHOWN * abs(apart_m[axis])
+    ]
+    return joined(": ", [distance, joined(", ", shares)]) if shares else distance
+
+
+def _undamped(case: Case, other: Case, last: int) -> Message | None:
+    """Say that Bullet without its damping agrees with the other engine, where it does."""
+    law = case.law
+    if not isinstance(law, BulletLaw) or not (law.linear_damping or law.angular_damping):
+        return None
+    if last > REPLAYED:
+        return None
+    undamped = replace(law, linear_damping=0.0, angular_damping=0.0)
+    off_m, to_the_bit = _off(_path(undamped, case, last), undamped, other)
+    options = ["--linear-damping 0"] if law.linear_damping else []
+    spins = case.samples.spin_rad_s[: last + 1].any()
+    options += ["--angular-damping 0"] if law.angular_damping and spins else []
+    if not options:
+        return None
+    named = " ".join(options)
+    if to_the_bit:
+        return Message(
+            "drop it in PyBullet with {options} and they agree to the bit until contact",
+            options=named,
+        )
+    if off_m < 1e-9:
+        return Message(
+            "drop it in PyBullet with {options} and they agree to {distance:.1g} m until contact",
+            options=named,
+            distance=10.0 ** math.ceil(math.log10(max(off_m, REPLAYED_M))),
+        )
+    return None
+
+
+def _path(law: Law, case: Case, last: int) -> Motion:
+    """Return where a law leads from the release, step by step; last + 1 rows."""
+    motions = [case.samples.at(slice(0, 1))]
+    for _ in range(last):
+        motions.append(law.step(motions[-1]))
+    return Motion(
+        *(
+            np.concatenate([getattr(motion, each.name) for motion in motions])
+            for each in fields(Motion)
+        )
+    )
+
+
+def _off(path: Motion, law: Law, other: Case) -> tuple[float, bool]:
+    """Return how far a path leads from another engine's [m], and whether not by one bit.
+
+    An orientation counts as what it moves the body's surface by.
+    """
+    samples = other.samples.at(slice(len(path)))
+    mine, theirs = path.orientation, samples.orientation
+    mine = np.where((mine * theirs).sum(axis=1, keepdims=True) < 0, -mine, mine)  # -q turns like q
+    turn_rad = 2 * np.linalg.norm(mine - theirs, axis=1).max()
+    off_m = float(np.abs(path.position_m - samples.position_m).max())
+    same = all(
+        np.array_equal(getattr(path, each.name), getattr(samples, each.name))
+        for each in fields(Motion)
+    )
+    return max(off_m, float(turn_rad) * other.engine.reach_m), same and bool(law.bits(path).all())

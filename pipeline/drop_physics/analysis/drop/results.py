@@ -1,0 +1,312 @@
+"""The results of the analysis: plain typed values, SI units, nothing computed here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from drop_physics.analysis.drop.energy import EnergyLedger
+from drop_physics.analysis.drop.phases import Phase
+from drop_physics.analysis.general.flights import Flight
+from drop_physics.analysis.general.jsonable import jsonable
+from drop_physics.report import EngineReport
+from drop_physics.shown import Shown
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The four terms of an error [m]; they add up to it."""
+
+    timestep: float
+    """Error of semi-implicit Euler without damping."""
+    damping: float
+    """Effect of damping in continuous time."""
+    interaction: float
+    """Interaction of the two."""
+    rounding: float
+    """Rounding of double precision."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One sample and its error; without terms where the law of free flight does not cover it."""
+
+    time_s: float
+    """Time of the sample."""
+    step: int
+    """Its number."""
+    phase: Phase
+    """Whether the body is falling, in contact, or at rest."""
+    simulated_m: float
+    """Height of the centre in the recording."""
+    free_fall_m: float
+    """Height by theory, without air; no lower than the floor allows."""
+    error_m: float
+    """Simulated minus free fall."""
+    terms_m: Terms | None
+    """Terms of the error; None where the law of free flight does not cover it."""
+
+
+@dataclass(frozen=True)
+class Airborne:
+    """The error over all samples that the law of free flight covers; None where it covers none."""
+
+    samples: int
+    """Number of these samples."""
+    max_abs_error_m: float | None
+    """Largest absolute error."""
+    rms_error_m: float | None
+    """Root mean square of the error."""
+    max_abs_rounding_m: float | None
+    """Largest absolute rounding term."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How many samples the law of free flight covers, and why no more."""
+
+    samples: int
+    """Number of samples that it covers, from the first on."""
+    of: int
+    """Number of all samples."""
+    why: str
+    """What ends the coverage."""
+
+
+@dataclass(frozen=True)
+class Landing:
+    """When the body, oriented as released, reaches the floor by theory."""
+
+    time_free_fall_s: float
+    """Without air."""
+    time_damped_s: float | None
+    """With Bullet's damping; None where that stops the body on the way."""
+
+
+@dataclass(frozen=True)
+class Impact:
+    """When the body meets the floor, in theory and in the simulation.
+
+    The times are those at which the centre reaches the rest height; None where the body may have
+    turned by then, so that it touches earlier.
+    """
+
+    time_free_fall_s: float | None
+    """By theory without air."""
+    time_damped_s: float | None
+    """By theory with Bullet's damping."""
+    time_simulated_s: float | None
+    """In the recording, between two samples."""
+    step: int
+    """First sample that touches the floor."""
+    speed_m_s: float
+    """Speed of the last sample before it, in any direction."""
+    lowest_m: float
+    """Lowest height of the centre."""
+    lowest_step: int
+    """The sample at which it is lowest."""
+    penetration_m: float | None
+    """How deep it sinks; None where it has turned, or an edge was deeper, so that its centre does
+    not show it, and with `--substeps`, within which it may have been deeper."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """How the recorded contact compares with Bullet's contact law, for a body that lands flat."""
+
+    max_deviation_m: float
+    """Largest distance between the recorded heights and the law's, while the body is flat."""
+    deviation_step: int
+    """The sample with that distance."""
+
+
+@dataclass(frozen=True)
+class Bounce:
+    """One rebound: measured, and explained while the body touches flat."""
+
+    step: int
+    """The last sample in free flight before it."""
+    approach_m_s: float
+    """Downward speed that the contact met: the speed after that step if there were no contact."""
+    rebound_m_s: float
+    """Upward speed after the last step in which contact pushed."""
+    effective_restitution: float | None
+    """Rebound over approach; None once the body tumbles."""
+    apex_m: float
+    """Highest point above the rest height before the next contact, or the recording's end."""
+    predicted_apex_m: float | None
+    """The same by theory: restitution to the power of twice the bounce's number, times the fall;
+    None once the body tumbles, or where the recording ends on the way up."""
+    uncorrected_apex_m: float | None
+    """The same by the contact law without position correction, i.e. with `--contact-erp 0`."""
+    correction_m_s: float | None
+    """Speed that the position correction adds to restitution × approach; None where the contact
+    law does not reproduce the recorded rebound."""
+
+
+@dataclass(frozen=True)
+class RestTerms:
+    """Why a box at rest lies too low [m]; the three add up to the error."""
+
+    slop: float
+    """Bullet leaves a penetration of 10 µm uncorrected."""
+    solver: float
+    """The solver stopped early: recorded minus the contact law."""
+    settling: float
+    """The law itself has not settled completely."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Where the body comes to lie."""
+
+    height_m: float
+    """Height of the centre in the last sample."""
+    expected_m: float | None
+    """Height by the shape; None where it is unknown for a body oriented like this."""
+    error_m: float | None
+    """Height minus expected height."""
+    settled_step: int | None
+    """First sample at rest; None where the body keeps creeping or turning."""
+    terms_m: RestTerms | None
+    """None where the contact law does not cover the landing."""
+    sinks_m: float | None = None
+    """How deep the body's weight sinks it into the soft contact of MuJoCo or Drake, by a closed
+    form; None where it lies elsewhere, and in other engines."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A mistake or surprise that a recording reveals: what was seen, why, and what changes it."""
+
+    code: str
+    """A stable name, for scripts."""
+    message: str
+    """What was seen, why, and the call or option that changes it."""
+
+
+@dataclass(frozen=True)
+class Conservation:
+    """How well energy and angular momentum are conserved before the first contact."""
+
+    energy_initial_j: float
+    """Kinetic and potential energy of the first sample."""
+    energy_max_rel_drift: float | None
+    """Largest change of the energy, over its initial value; None where that is 0."""
+    angular_momentum_max_rel_drift: float | None
+    """The same for the angular momentum about the centre of mass."""
+
+
+@dataclass(frozen=True)
+class SegmentCounts:
+    """Number of samples of each kind, which is that of the step that led to the sample."""
+
+    flight: int
+    """Position and velocities follow the law, and nothing touches."""
+    contact: int
+    """They follow from the law and the reported contact forces, to 1e-12 of what is added up."""
+    pushed: int
+    """The same with recorded external forces; a drop has none."""
+    set: int
+    """Put there by a call: the release."""
+    jointed: int
+    """Of a body with joints, which the laws here do not cover."""
+    still: int
+    """Nothing changes, since no step was taken."""
+    unexplained: int
+    """Not explained: see `explained.why`."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """How much of the recording is explained, step by step, also while the body tumbles."""
+
+    samples: int
+    """Number of explained samples, anywhere in the recording."""
+    of: int
+    """Number of all samples."""
+    until_s: float | None
+    """Time of the last sample before the first unexplained one; None if that is the release."""
+    why: str | None
+    """Why that one is unexplained; None where all are explained."""
+
+
+@dataclass(frozen=True)
+class ContactPhase:
+    """Consecutive samples that contact led to, and what it gave to the body."""
+
+    first_step: int
+    """The first of these samples."""
+    last_step: int
+    """The last of them."""
+    impulse_n_s: tuple[float, float, float]
+    """Of all contact forces on the body together: x, y, z."""
+    largest_force_n: float
+    """The largest force of a step, of all its contact points together."""
+    kinetic_j: float
+    """Kinetic energy that contact gave to the body, or took. The ledger's contact is that and what
+    Euler's step loses to the weight of a body that does not fall freely."""
+
+
+@dataclass(frozen=True)
+class Analysis(Shown, lines_of="drop_physics.console.show_analysis:analysis_lines"):
+    """Everything that the analysis of a recording found."""
+
+    scenario: dict[str, Any]
+    """What was dropped, and how: the options, by field."""
+    engine: EngineReport
+    """What the engine reported: see recording.md."""
+    at: list[Moment]
+    """The samples nearest to `--at`."""
+    coverage: Coverage
+    """Which samples the law of free flight covers."""
+    airborne: Airborne
+    """The error over all of these."""
+    landing: Landing | None
+    """When the body reaches the floor by theory; None where it does not, or that is unknown."""
+    impact: Impact | None
+    """When the body meets the floor; None where it never does, or that is unknown: of several
+    substeps PyBullet reports only the contacts of the last, and there is no law for joints."""
+    tumbled_step: int | None
+    """First sample that touches the floor tilted by more than 0.29° (a box from its faces, others
+    from their release): from there on bounces, contact and rest are measured, not predicted."""
+    tumbles: bool
+    """Whether its tilt changes by as much again from there on."""
+    contact: Contact | None
+    """The contact compared with Bullet's law; None where that does not cover it."""
+    bounces: list[Bounce]
+    """The rebounds of a rigid body, in order; none with `--substeps`, of which PyBullet reports
+    only the contacts of the last."""
+    rest: Rest | None
+    """Where the body comes to lie; None where it does not."""
+    conservation: Conservation
+    """What is conserved until the first contact."""
+    energy: EnergyLedger
+    """Where the energy went."""
+    segments: SegmentCounts
+    """Number of samples of each kind."""
+    flights: list[Flight]
+    """Each flight as a drop of its own: the fall, and one after each bounce."""
+    explained: Explained
+    """How much of the recording is explained."""
+    contact_phases: list[ContactPhase]
+    """What each contact gave; not in the JSON."""
+    findings: list[Finding]
+    """The mistakes and surprises that the recording reveals."""
+    table: pl.DataFrame
+    """One row per sample: step, time, phase, heights, error and terms, energies."""
+    recording: Path | None = None
+    """The recording that was analyzed; None if it is not a file."""
+    layer: Path | None = None
+    """The layer that shows the analysis; None if it is not a file."""
+    partial: bool = False
+    """Whether the recording was never finished, so that only its beginning was analyzed."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the documented JSON object; what does not exist is null."""
+        left_out = ("table", "contact_phases")
+        values = {name: value for name, value in vars(self).items() if name not in left_out}
+        return {name: jsonable(value) for name, value in values.items()}

@@ -1,0 +1,119 @@
+"""Contact points, seen from each of the bodies that touch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from drop_physics.analysis.explained.bodies import Record
+from drop_physics.laws.bullet_reports import contact_forces
+from drop_physics.laws.impulses import Forces
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+VECTORS = ("ax_m", "bx_m", "nx", "f1x", "f2x")
+"""The x components of a contact point's vectors: where it is on each body, and directions."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Contact points, one row for each of their two sides; in step order."""
+
+    step: Int64
+    """The sample that the step of the contact led to."""
+    body: Int64
+    link: Int64
+    other_body: Int64
+    other_link: Int64
+    is_a: Flags
+    point: Int64
+    """Row of the contact point in the piece."""
+    rolling: Flags
+    """Whether either link has a coefficient of rolling or spinning friction."""
+
+    def at(self, rows: NDArray[np.intp]) -> Sides:
+        """Return some of the sides."""
+        return Sides(*(getattr(self, each.name)[rows] for each in fields(self)))
+
+
+class Touching:
+    """The contact points of a piece."""
+
+    def __init__(self, contacts: pl.DataFrame, records: Mapping[int, Record]) -> None:
+        self._points = {first: _vectors(contacts, first) for first in VECTORS}
+        self._normal_n = contacts["normal_force_n"].to_numpy()
+        self._friction_n = np.column_stack(
+            [contacts[name].to_numpy() for name in ("friction_1_n", "friction_2_n")]
+        )
+        step, a, b, link_a, link_b = (
+            contacts[name].to_numpy() for name in ("step", "body_a", "body_b", "link_a", "link_b")
+        )
+        points = np.arange(len(step))
+        rolling = _rolls(records, step, a, link_a) | _rolls(records, step, b, link_b)
+        is_a = np.repeat([True, False], len(step))
+        both = Sides(
+            np.tile(step, 2), np.concatenate((a, b)), np.concatenate((link_a, link_b)),
+            np.concatenate((b, a)), np.concatenate((link_b, link_a)), is_a, np.tile(points, 2),
+            np.tile(rolling, 2),
+        )  # fmt: skip
+        self._sides = both.at(np.lexsort((both.point, both.body)))
+
+    def of(self, body: int) -> Sides:
+        """Return the contact points of a body."""
+        first, end = (np.searchsorted(self._sides.body, body, side=side)
+            for side in ("left", "right"))  # fmt: skip
+        return self._sides.at(np.arange(first, end))
+
+    def forces(self, sides: Sides, row: Int64) -> Forces:
+        """Return what some contact points do to their body; `row` are their steps."""
+        points = sides.point
+        at_a, at_b, normal, first, second = (self._points[name][points] for name in VECTORS)
+        return contact_forces(
+            step=row,
+            link=sides.link,
+            is_a=sides.is_a,
+            point_m=np.where(sides.is_a[:, None], at_a, at_b),
+            normal=normal,
+            normal_force_n=self._normal_n[points],
+            friction_n=self._friction_n[points],
+            directions=np.stack((first, second), axis=1),
+            rolling=sides.rolling,
+        )
+
+
+def _vectors(points: pl.DataFrame, first: str) -> Float64:
+    """Return vectors by the name of their x component, shape (n, 3)."""
+    return np.column_stack([points[first.replace("x", axis)].to_numpy() for axis in "xyz"])
+
+
+def _rolls(records: Mapping[int, Record], step: Int64, body: Int64, link: Int64) -> Flags:
+    """Return which links resist rolling or spinning, in the steps that led to these samples."""
+    rolls = np.zeros(len(step), np.bool_)
+    for number in np.unique(body).tolist():
+        dynamics = records[number].dynamics if number in records else []
+        held = [_coefficients(each.reported) for each in dynamics]
+        if not any(each.any() for each in held):
+            continue
+        rows = np.flatnonzero(body == number)
+        told = [each.at.step for each in dynamics]
+        which = np.maximum(np.searchsorted(told, step[rows] - 1, side="right") - 1, 0)
+        rolls[rows] = np.array(held)[which, link[rows] + 1]
+    return rolls
+
+
+def _coefficients(reported: Mapping[str, Float64]) -> Flags:
+    return np.asarray((reported["rolling_friction"] != 0) | (reported["spinning_friction"] != 0))
+
+
+def rows_of(steps: Sequence[int] | Int64, ends: Int64) -> tuple[NDArray[np.intp], Int64]:
+    """Return which of some samples are among others, and where; `ends` in ascending order."""
+    asked = np.asarray(steps, np.int64)
+    rows = np.minimum(np.searchsorted(ends, asked), len(ends) - 1)
+    found = np.flatnonzero(ends[rows] == asked) if len(ends) else np.empty(0, np.intp)
+    return found, rows[found] if len(ends) else np.empty(0, np.int64)

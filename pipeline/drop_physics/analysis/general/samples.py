@@ -1,0 +1,100 @@
+"""The recorded state as arrays."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from drop_physics.laws.base import Motion
+from drop_physics.states import BASE, BODY, FLOOR
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Samples(Motion):
+    """The recorded state: the motion of the body, or of its base, and its floor contact."""
+
+    contact_points: Float64
+    """Number of contact points, shape (samples,)."""
+    contact_distance_m: Float64
+    """Their smallest distance to the floor [m], shape (samples,); nan without any."""
+    contact_force_n: Float64
+    """Sum of their normal forces [N], shape (samples,)."""
+    links: tuple[Motion, ...] = ()
+    """The other links of a body with joints, where recorded."""
+
+    @property
+    def height_m(self) -> Float64:
+        """Height of the centre [m], shape (samples,)."""
+        return self.position_m[:, 2]
+
+
+def samples_of(states: pl.DataFrame, contacts: pl.DataFrame) -> Samples:
+    """Return a recording's tables as arrays: the body's motion, and how it touches the floor.
+
+    Parameters
+    ----------
+    states
+        One row per sample and part.
+    contacts
+        One row per contact point.
+    """
+    body = states.filter(pl.col("body") == BODY)
+    base = motion_of(base_of(states))
+    links = sorted(set(body["link"].unique()) - {BASE})
+    points, distance_m, force_n = _contact(contacts, samples=len(base.position_m))
+    return Samples(
+        position_m=base.position_m,
+        orientation=base.orientation,
+        velocity_m_s=base.velocity_m_s,
+        spin_rad_s=base.spin_rad_s,
+        contact_points=points,
+        contact_distance_m=distance_m,
+        contact_force_n=force_n,
+        links=tuple(motion_of(body.filter(pl.col("link") == link)) for link in links),
+    )
+
+
+def base_of(states: pl.DataFrame) -> pl.DataFrame:
+    """Return the rows of the body's base, one per sample."""
+    return states.filter((pl.col("body") == BODY) & (pl.col("link") == BASE))
+
+
+def _contact(contacts: pl.DataFrame, samples: int) -> tuple[Float64, Float64, Float64]:
+    """Return number, smallest distance [m] and normal forces [N] of the points on the floor."""
+    needed = contacts.select("step", "body_a", "body_b", "distance_m", "normal_force_n")
+    pair = [BODY, FLOOR]
+    touching = needed.filter(
+        pl.col("body_a").is_in(pair),
+        pl.col("body_b").is_in(pair),
+        pl.col("body_a") != pl.col("body_b"),
+    )
+    points, distance_m, force_n = np.zeros(samples), np.full(samples, np.nan), np.zeros(samples)
+    steps, first, count = np.unique(
+        touching["step"].to_numpy(), return_index=True, return_counts=True
+    )
+    if len(steps):
+        points[steps] = count
+        distance_m[steps] = np.minimum.reduceat(touching["distance_m"].to_numpy(), first)
+        forces_n = touching["normal_force_n"].to_list()
+        ends = (first + count).tolist()
+        # Rounded once, so that the order of the points, which is the engine's, does not matter.
+        force_n[steps] = [
+            math.fsum(forces_n[start:end]) for start, end in zip(first.tolist(), ends, strict=True)
+        ]
+    return points, distance_m, force_n
+
+
+_POSITION, _ORIENTATION = ("x_m", "y_m", "z_m"), ("qx", "qy", "qz", "qw")
+_VELOCITY, _SPIN = ("vx_m_s", "vy_m_s", "vz_m_s"), ("wx_rad_s", "wy_rad_s", "wz_rad_s")
+
+
+def motion_of(states: pl.DataFrame) -> Motion:
+    """Return the states of one part as arrays, a row per sample."""
+    numbers = states.select(_POSITION + _ORIENTATION + _VELOCITY + _SPIN).to_numpy()
+    return Motion(*(np.ascontiguousarray(part) for part in np.split(numbers, (3, 7, 10), axis=1)))

@@ -1,0 +1,294 @@
+"""What each sample of a body is: the step of a law that led to it, or unexplained.
+
+    x' = x + v' dt        holds in every phase to the last bit, and so does the turn by ω'
+    v', ω'                follow from the law in flight, else from law and contacts (`balance`)
+
+The segment of a sample is that of the step which led to it, so it depends on two samples and the
+contacts between them. Not covered, so `unexplained`: contact in a timestep of several substeps, of
+which PyBullet reports only the last; rolling and spinning friction, which it does not report, or,
+without cone friction, in place of sliding friction; and the first step of a btRigidBody that
+touches something after it was turned or given another mass, since it is pushed with the inertia it
+was loaded with. Not covered, so `jointed`: bodies with joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.analysis.general.balance import ULPS, Pushes, balance_of
+from drop_physics.analysis.general.contacts import Touches
+from drop_physics.laws.base import FUSED, Law, Motion
+from drop_physics.laws.rotations import same_way
+from drop_physics.laws.vectors import any_of, largest, lengths
+
+Float64 = NDArray[np.float64]
+
+Segment = Literal["flight", "contact", "pushed", "set", "jointed", "still", "unexplained"]
+SEGMENTS: tuple[Segment, ...] = get_args(Segment)
+FLIGHT, CONTACT, PUSHED, SET, JOINTED, STILL, UNEXPLAINED = range(len(SEGMENTS))
+EXPLAINED = (FLIGHT, CONTACT, PUSHED, SET, STILL)
+
+
+BLOCK = 1 << 14
+"""Samples judged at a time, few enough for the processor's cache."""
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """What contact gave in the step to each sample, by `balance`; arrays of shape (samples,)."""
+
+    touched: NDArray[np.bool_]
+    """Whether a force acted."""
+    closes: NDArray[np.bool_]
+    """Whether the recorded velocities follow from law and impulses."""
+    closes_linear: NDArray[np.bool_]
+    """The same, regardless of spin."""
+    impulse_n_s: Float64
+    """World axes, (samples, 3)."""
+    energy_j: Float64
+    point_energy_j: Float64
+    """Energy that each contact point gave, (points,)."""
+
+
+@dataclass(frozen=True)
+class Segments:
+    """The segment of every sample of a body, and what it is based on."""
+
+    code: NDArray[np.int8]
+    """Indices into `SEGMENTS`, shape (samples,)."""
+    deviation: Float64
+    """How far the sample deviates from its law, in its worst number [m, m/s, rad/s, 1]."""
+    contact: Exchange | None
+    """What contact gave; None without a law."""
+    held: NDArray[np.bool_]
+    """Whether the engine clamped a velocity in the step to each sample.
+
+    Where law and contacts do not lead to a sample: whether it reached the limit to the bit.
+    """
+    moved: NDArray[np.bool_]
+    """Whether the body is where its velocities, whatever their cause, moved it."""
+
+    def placed_at(self, motion: Motion, start: Motion, law: Law) -> Segments:
+        """Return the same with the first sample checked against a known start."""
+        first, start = motion.at(slice(1)), law.released(start)
+        turned = _off(same_way(first.orientation, start.orientation), start.orientation)
+        placed = [_off(getattr(first, name), getattr(start, name)) for name in _VECTORS]
+        code, deviation = self.code.copy(), self.deviation.copy()
+        deviation[0] = np.max([turned, *placed])
+        if not (turned[0] <= law.oriented and max(each[0] for each in placed) == 0):
+            code[0] = UNEXPLAINED
+        return replace(self, code=code, deviation=deviation)
+
+    def counts(self) -> dict[Segment, int]:
+        """Return the number of samples of each segment."""
+        counts = np.bincount(self.code, minlength=len(SEGMENTS)).tolist()
+        return dict(zip(SEGMENTS, counts, strict=True))
+
+    @property
+    def explained(self) -> NDArray[np.bool_]:
+        """Whether each sample is explained."""
+        return np.isin(self.code, EXPLAINED)
+
+    @property
+    def first_unexplained(self) -> int | None:
+        """The first sample that is not explained."""
+        steps = np.flatnonzero(~self.explained)
+        return int(steps[0]) if len(steps) else None
+
+    def runs(self, code: int) -> list[tuple[int, int]]:
+        """Return first and last sample of each unbroken run of a segment."""
+        held = self.code == code
+        return unbroken(held, np.zeros(len(held), dtype=bool))
+
+
+def unbroken(held: NDArray[np.bool_], breaks: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last row of each run of true values; a break begins a new run."""
+    before, after = np.roll(held, 1), np.roll(held, -1)
+    before[0] = after[-1] = False
+    ends = np.append(breaks[1:], True)
+    firsts, lasts = (
+        np.flatnonzero(held & (~before | breaks)),
+        np.flatnonzero(held & (~after | ends)),
+    )
+    return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
+
+
+def segments_of(
+    motion: Motion,
+    law: Law,
+    touches: Touches,
+    *,
+    exact: bool = True,
+    pushes: Pushes | None = None,
+    placed: NDArray[np.bool_] | None = None,
+    before: Motion | None = None,
+    rolls: NDArray[np.bool_] | None = None,
+) -> Segments:
+    """Return the segment of every sample of one rigid body that was stepped.
+
+    Parameters
+    ----------
+    motion
+        The recorded motion of a body without joints.
+    law
+        The law that it follows where nothing touches it.
+    touches
+        Its contact points, in the order of the samples.
+    exact
+        Whether the engine's machine rounds each operation once.
+    pushes
+        What a script applied in the step which led to each sample; None without any.
+    placed
+        Which samples a call, not a step, led to; the first one if None.
+    before
+        What each step began with; None where that is the sample before.
+    rolls
+        In which samples contact may have given an unreported torque: these are `contact` or
+        `pushed` if their linear momentum balances, regardless of spin; None where that is not
+        enough.
+    """
+    before = motion.before() if before is None else before
+    placed = np.arange(len(motion)) == 0 if placed is None else placed
+    blocks = []
+    for first in range(0, max(1, len(motion)), BLOCK):
+        rows = slice(first, first + BLOCK)
+        points = slice(*np.searchsorted(touches.step, [first, first + BLOCK]))
+        block = _of_block(
+            motion.at(rows),
+            law,
+            touches.at(points, touches.step[points] - first),
+            exact=exact,
+            pushes=None if pushes is None else pushes.at(rows),
+            placed=placed[rows],
+            before=before.at(rows),
+            rolls=None if rolls is None else rolls[rows],
+        )
+        blocks.append(block)
+    given = [block.contact for block in blocks if block.contact is not None]
+    contact = Exchange(
+        **{
+            field.name: np.concatenate([getattr(each, field.name) for each in given])
+            for field in fields(Exchange)
+        }
+    )
+    code, deviation, held, moved = (
+        np.concatenate([getattr(block, name) for block in blocks])
+        for name in ("code", "deviation", "held", "moved")
+    )
+    return Segments(code, deviation, contact, held, moved)
+
+
+def _of_block(
+    motion: Motion,
+    law: Law,
+    touches: Touches,
+    *,
+    exact: bool,
+    pushes: Pushes | None,
+    placed: NDArray[np.bool_],
+    before: Motion,
+    rolls: NDArray[np.bool_] | None,
+) -> Segments:
+    """Return the segments of some samples in a row."""
+    balance = balance_of(motion, law, touches, pushes, before=before)
+    several, bits = law.substeps > 1, law.bits(before)
+    exactly, ulps = 0.0 if exact else FUSED, ULPS * law.epsilon
+
+    # With one step per sample its own velocities moved it, whatever their cause.
+    alone = balance.law
+    moved = alone if several else law.moved(before, motion.velocity_m_s, motion.spin_rad_s)
+    position, orientation = motion.position_m, same_way(motion.orientation, moved.orientation)
+    terms_m_s, terms_rad_s = law.terms(before)
+    exactly_there = bits | law.moves_exactly
+    turns = np.where(exactly_there, exactly, ulps)
+    aside = np.where(exactly_there, 0.0, law.oriented)
+    place_m, turn = _off(position, moved.position_m), _off(orientation, moved.orientation)
+    way_m = law.timestep_s * terms_m_s
+    # An orientation that deviates leads aside.
+    there = place_m <= (
+        turns * (largest(position) + way_m) + aside * way_m + law.clock_s * terms_m_s
+    )
+    # As uncertain as the spin that turned it, which may have been read back through a rotation.
+    dt, spin_rad_s = law.timestep_s, lengths(motion.spin_rad_s)
+    there &= turn <= law.oriented + exactly + dt * (ulps * spin_rad_s + turns * terms_rad_s)
+
+    sum_m_s = terms_m_s + largest(motion.velocity_m_s)
+    sum_rad_s = terms_rad_s + largest(motion.spin_rad_s)
+    near = balance.near
+    rounded = np.where(bits & ~near, exactly, ulps)
+    fall_m_s = _off(motion.velocity_m_s, alone.velocity_m_s)
+    fall_rad_s = _off(motion.spin_rad_s, alone.spin_rad_s)
+    pull_m_s2 = float(np.linalg.norm(law.gravity_m_s2))
+    free = fall_m_s <= rounded * (sum_m_s + balance.tried_m_s) + law.clock_s * pull_m_s2
+    free &= fall_rad_s <= rounded * (sum_rad_s + balance.tried_rad_s)
+    closes, closes_linear = balance.closes(motion), balance.closes_linear(motion)
+    balanced = closes & (not several)
+
+    forced = np.zeros(len(motion), dtype=bool) if pushes is None else pushes.acted
+    code = np.full(len(motion), UNEXPLAINED, np.int8)
+    code[there & free & ~balance.touched & ~forced] = FLIGHT
+    code[there & balanced & balance.touched] = CONTACT
+    code[there & balanced & forced] = PUSHED
+    if rolls is not None and not several:
+        rolling = (code == UNEXPLAINED) & there & near & rolls & closes_linear
+        code[rolling] = np.where(forced, PUSHED, CONTACT)[rolling]
+    code[placed] = SET
+    off_m_s = np.where(
+        balance.touched | forced, _off(motion.velocity_m_s, balance.velocity_m_s), fall_m_s
+    )
+    off_rad_s = np.where(
+        balance.touched | forced, _off(motion.spin_rad_s, balance.spin_rad_s), fall_rad_s
+    )
+    deviation = np.max([place_m, turn, off_m_s, off_rad_s], axis=0)
+    follows = (code == FLIGHT) | (np.isin(code, (CONTACT, PUSHED)) & balanced)
+    held = np.where(follows, law.limited(before) | balance.held, _at_limit(law, before, motion))
+    contact = Exchange(
+        touched=balance.touched,
+        closes=closes,
+        closes_linear=closes_linear,
+        impulse_n_s=balance.impulse_n_s,
+        energy_j=balance.energy_j,
+        point_energy_j=balance.point_energy_j,
+    )
+    return Segments(code, deviation, contact, held, there)
+
+
+def _at_limit(law: Law, before: Motion, motion: Motion) -> NDArray[np.bool_]:
+    """Return which samples have a velocity newly at the engine's limit, (n,)."""
+    limited = np.zeros(len(motion), dtype=bool)
+    for name in ("velocity_m_s", "spin_rad_s"):
+        was, now = getattr(before, name), getattr(motion, name)
+        beyond = np.nextafter(now, np.copysign(np.inf, now))
+        reached = np.isfinite(now) & (law.held(beyond) == now) & (now != was)
+        limited |= any_of(reached)
+    return limited
+
+
+def still_segments(motion: Motion) -> Segments:
+    """Return the segments of a body that was never stepped: still, or else altered."""
+    state = np.hstack(
+        (motion.position_m, motion.orientation, motion.velocity_m_s, motion.spin_rad_s)
+    )
+    deviation = largest(state - state[0])
+    code = np.where(deviation == 0, STILL, UNEXPLAINED).astype(np.int8)
+    return Segments(code, deviation, None, np.zeros(len(motion), dtype=bool), code == STILL)
+
+
+def jointed_segments(samples: int) -> Segments:
+    """Return the segments of a body with joints, of which only the release is explained."""
+    code = np.full(samples, JOINTED, np.int8)
+    code[0] = SET
+    held, moved = np.zeros(samples, dtype=bool), np.ones(samples, dtype=bool)
+    return Segments(code, np.zeros(samples), None, held, moved)
+
+
+_VECTORS = ("position_m", "velocity_m_s", "spin_rad_s")
+
+
+def _off(values: Float64, reference: Float64) -> Float64:
+    """Return the largest difference in each sample, shape (samples,)."""
+    return largest(values - reference)

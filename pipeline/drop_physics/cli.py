@@ -1,0 +1,506 @@
+"""The command `drop`: parse, call a stage, print. No physics and no files here.
+
+Each command imports what it needs when it runs, so that `drop --help` is quick.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drop_physics.console import output
+from drop_physics.console.help import App, Commands
+from drop_physics.console.progress import progress, sweep_progress
+from drop_physics.console.running import main as main
+from drop_physics.options import a_number, an_integer, takes_scenario, takes_scenario_lists
+from drop_physics.scenario import Camera, Scenario, View
+
+app = App(
+    cls=Commands,
+    name="drop",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["--help", "-h"]},
+    help="Drop a box in PyBullet, keep everything in one Rerun recording, and learn where each "
+    "millimetre of error comes from.",
+    epilog="Start with: drop run",
+)
+
+Run = Annotated[Path, typer.Argument(metavar="RUN.rrd", help="The recording to read.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, for scripts.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+OfBody = Annotated[
+    str | None,
+    typer.Option("--body", metavar="NAME|ID", help="For a script's recording: this body only."),
+]
+At = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="SECONDS",
+        help="Time at which to break the error down [s]; repeatable. [default: 0.3]",
+    ),
+]
+Fps = Annotated[
+    float | None,
+    typer.Option(
+        parser=a_number,
+        metavar="NUMBER",
+        help="Pictures per second of the gif, at most 50. [default: 20]",
+    ),
+]
+Speed = Annotated[
+    float | None,
+    typer.Option(
+        parser=a_number,
+        metavar="NUMBER",
+        help="Simulated seconds per second: 1 is real time, 0.25 slow motion.",
+    ),
+]
+Caption = Annotated[
+    bool, typer.Option("--caption", help="Write time, height and error below each frame.")
+]
+Dark = Annotated[bool, typer.Option("--dark", help="Draw plots for a dark page.")]
+WithPlot = Annotated[
+    bool, typer.Option("--with-plot", help="Plot heights and error beside the frames.")
+]
+
+
+@app.callback(invoke_without_command=True)
+def _drop(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if version:
+        from importlib.metadata import version as version_of
+
+        print(f"drop {version_of('drop-physics')}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+@app.command(
+    short_help="Drop the body and record it.",
+    epilog="Example: drop simulate --out moon.rrd --gravity moon --duration 2",
+)
+@takes_scenario
+def simulate(
+    *,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="RUN.rrd", help="The recording to write.")
+    ],
+    spawn: Annotated[bool, typer.Option("--spawn", help="Show the fall live in a viewer.")] = False,
+    connect: Annotated[
+        str | None,
+        typer.Option(metavar="URL", help="Show it live in a viewer that is already open."),
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+    scenario: Scenario,
+    camera: Camera | None,
+) -> None:
+    """Drop the body and record everything that happens."""
+    from drop_physics.console.show_run import show_simulation
+    from drop_physics.errors import ScenarioError
+    from drop_physics.stages import view
+    from drop_physics.stages.simulate import simulate
+
+    if spawn and connect is not None:
+        raise ScenarioError("--spawn and --connect exclude each other; give one of them")
+    viewer = view.spawn if spawn else None if connect is None else view.connection(connect)
+    with progress() as report:
+        simulation = simulate(
+            scenario, out, camera=camera, force=force,
+            viewer=viewer, note=output.note, progress=report,
+        )  # fmt: skip
+    show_simulation(simulation, as_json=json)
+
+
+@app.command(
+    short_help="Explain the error, millimetre by millimetre.",
+    epilog="Example: drop analyze recordings/run.rrd --at 0.1 --at 0.3 --table run.csv",
+)
+def analyze(
+    run: Run,
+    *,
+    at: At = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="LAYER.rrd",
+            help="The layer to write. [default: RUN.analysis.rrd]",
+        ),
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write every sample to a .parquet or .csv file."),
+    ] = None,
+    body: OfBody = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Explain each millimetre between simulation and theory.
+
+    For a script's recording: what each of its bodies did, the error budget of each flight, the
+    energy that contacts gave and took, and what is worth a second look.
+    """
+    from drop_physics.console.show_analysis import show_analysis
+    from drop_physics.kinds import times
+    from drop_physics.stages.analyze import analyze
+
+    with progress() as report:
+        analysis = analyze(
+            run, at_s=times(at or []), body=body, out=out, table=table, force=force,
+            progress=report,
+        )  # fmt: skip
+    show_analysis(analysis, as_json=json)
+
+
+@app.command(
+    short_help="Make a gif of the frames, and a plot.",
+    epilog="Example: drop render recordings/run.rrd --with-plot --out fall.webp",
+)
+def render(
+    run: Run,
+    *,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="The .gif, .webp, .apng or .mp4 to write. [default: RUN.gif]",
+        ),
+    ] = None,
+    fps: Fps = None,
+    speed: Speed = None,
+    caption: Caption = False,
+    with_plot: WithPlot = False,
+    dark: Dark = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The plot, .png or .svg. [default: RUN.png]"),
+    ] = None,
+    view: Annotated[
+        View | None,
+        typer.Option("--camera", help="For a script's recording: draw its poses with this camera."),
+    ] = None,
+    body: OfBody = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Make a gif of the recorded frames, and a plot of heights and errors.
+
+    For a script's recording: a gif of the images it took; with --camera, or if it took none, of
+    the recorded poses.
+    """
+    from drop_physics.console.show_run import show_rendering
+    from drop_physics.figures.playback import Animation
+    from drop_physics.stages.render import render
+
+    animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
+    with progress() as report:
+        rendering = render(
+            run, out=out, animation=animation, plot=plot, dark=dark, view=view, body=body,
+            force=force, progress=report,
+        )  # fmt: skip
+    show_rendering(rendering, run, as_json=json)
+
+
+@app.command(
+    short_help="Simulate, analyze and render: the whole story.",
+    epilog="Example: drop run --timestep 1/480",
+)
+@takes_scenario
+def run(
+    *,
+    out_dir: Annotated[
+        Path,
+        typer.Option(
+            "--out-dir", "-o", metavar="DIR", help="Folder for the files; created if missing."
+        ),
+    ] = Path("recordings"),
+    at: At = None,
+    fps: Fps = None,
+    speed: Speed = None,
+    caption: Caption = False,
+    with_plot: WithPlot = False,
+    dark: Dark = False,
+    json: Json = False,
+    scenario: Scenario,
+    camera: Camera | None,
+) -> None:
+    """Simulate, analyze and render: the whole story of one drop."""
+    from drop_physics.console.show_run import show_run
+    from drop_physics.figures.playback import Animation
+    from drop_physics.kinds import times
+    from drop_physics.stages.run import run
+
+    animation = Animation(fps=fps, speed=speed, caption=caption, with_plot=with_plot)
+    with progress() as report:
+        result = run(
+            scenario, out_dir, camera=camera, at_s=times(at or []), animation=animation, dark=dark,
+            note=output.note, progress=report,
+        )  # fmt: skip
+    show_run(result, as_json=json)
+
+
+@app.command(
+    short_help="Compare with a golden recording.",
+    epilog="Example: drop check run.rrd --against recordings/golden/standard.rrd",
+)
+def check(
+    run: Run,
+    *,
+    against: Annotated[
+        Path, typer.Option(metavar="GOLDEN.rrd", help="The recording to compare with.")
+    ],
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            parser=a_number,
+            metavar="METRES",
+            help="Largest difference that passes; for a velocity, the distance per step. "
+            "0: bit for bit, but 1e-9 m for a drop in contact.",
+        ),
+    ] = 0.0,
+    update: Annotated[
+        bool, typer.Option("--update", help="Make RUN.rrd the golden recording.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Compare a recording with a golden one; exit with 3 if the physics differs.
+
+    Both must be of a drop, or both of a script.
+    """
+    from drop_physics.console.show_check import show_check
+    from drop_physics.stages.check import check
+
+    checked = check(run, against, tolerance_m=tolerance, update=update)
+    raise typer.Exit(show_check(checked, as_json=json))
+
+
+@app.command(
+    short_help="Run many scenarios, and show how the error behaves.",
+    epilog="Example: drop sweep --timestep 1/240,1/480,1/960 --out sweep",
+)
+@takes_scenario_lists
+def sweep(
+    *,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Folder for results and recordings; run the command again to resume.",
+        ),
+    ],
+    at: Annotated[
+        str, typer.Option(metavar="SECONDS", help="Time at which to break the error down [s].")
+    ] = "0.3",
+    samples: Annotated[
+        int | None,
+        typer.Option(
+            parser=an_integer, metavar="N", help="Runs of each scenario, drawn with --vary."
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(parser=an_integer, metavar="S", help="Random seed.")] = 0,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=DISTRIBUTION",
+            help="Draw an option, such as height=uniform:0.5:2 or velocity_z=normal:0:1; "
+            "repeatable. Also loguniform, truncnormal, lognormal, triangular, exponential, "
+            "integers and choice.",
+        ),
+    ] = None,
+    until_ci: Annotated[
+        float | None,
+        typer.Option(
+            parser=a_number,
+            metavar="METRES",
+            help="Stop when the 95 % confidence interval of the mean error is this narrow, after "
+            "30 samples or more.",
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            parser=an_integer,
+            metavar="N",
+            help="Worker processes; by default one per core where that pays off.",
+        ),
+    ] = None,
+    ray: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run on a Ray cluster: auto, local or its address."),
+    ] = None,
+    no_record: Annotated[
+        bool, typer.Option("--no-record", help="Keep the numbers, but no recordings.")
+    ] = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Plot errors over the timestep, as .png or .svg."),
+    ] = None,
+    dark: Dark = False,
+    force: Force = False,
+    json: Json = False,
+    lists: dict[str, str | bool | None],
+    camera: Camera | None,
+) -> None:
+    """Run many scenarios, and show how the error behaves.
+
+    Every scenario option takes a list A,B,C; vectors are separated by semicolons: "0,0,0;0,0,1".
+    The sweep is the product of the lists, in the order of the options below, the last one changing
+    fastest.
+    """
+    if ray is None and jobs != 1 and (jobs or samples):
+        from drop_physics.sweeping.engines import get_ready
+
+        get_ready(jobs)
+    from drop_physics.console.show_sweep import show_sweep
+    from drop_physics.kinds import times
+    from drop_physics.stages.sweep import sweep
+    from drop_physics.sweeping.plan import plan_of
+
+    plan = plan_of(lists, samples=samples, seed=seed, vary=vary or [])
+    with sweep_progress() as report:
+        result = sweep(
+            plan,
+            out,
+            at_s=times([at])[0],
+            record=not no_record,
+            camera=camera,
+            jobs=jobs,
+            ray=ray,
+            until_ci_m=until_ci,
+            plot=plot,
+            dark=dark,
+            force=force,
+            progress=report,
+        )
+    raise typer.Exit(show_sweep(result, as_json=json))
+
+
+@app.command(
+    short_help="Record anyone's PyBullet script, unchanged.",
+    epilog="Example: drop record --duration 10 my_script.py --its-own option",
+    context_settings={"allow_interspersed_args": False},
+)
+def record(
+    context: typer.Context,
+    program: Annotated[
+        list[str],
+        typer.Argument(metavar="SCRIPT.py …", help="The script to run, and its arguments."),
+    ],
+    *,
+    module: Annotated[
+        bool, typer.Option("-m", help="Run a module by its name, as python -m does.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="RUN.rrd",
+            help="The recording to write. [default: recordings/SCRIPT.rrd, numbered]",
+        ),
+    ] = None,
+    steps: Annotated[
+        int | None,
+        typer.Option(parser=an_integer, metavar="N", help="Stop it after N steps."),
+    ] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            parser=a_number,
+            metavar="SECONDS",
+            help="Stop it after this simulated time [s].",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(parser=an_integer, metavar="N", help="Seed random and numpy.random with N."),
+    ] = None,
+    twice: Annotated[
+        bool, typer.Option("--twice", help="Run it again, and report the first step that differs.")
+    ] = False,
+    python: Annotated[
+        str | None,
+        typer.Option(metavar="PATH", help="The interpreter to run it with; 3.9 or later."),
+    ] = None,
+    keep_sleeping: Annotated[
+        bool,
+        typer.Option(
+            "--keep-sleeping", help="Let its sleeps take time; else its clock is virtual."
+        ),
+    ] = False,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Run a PyBullet script, and record everything that happens.
+
+    It runs until it ends, or until Ctrl-C, which keeps everything up to there. Options of drop
+    come before the script; everything after it is passed to the script. Standard output is left to
+    the script.
+    """
+    import sys
+
+    from drop_physics.console.progress import script_progress
+    from drop_physics.console.show_record import note_ours, show_record
+    from drop_physics.stages.record import record_script
+
+    target, *arguments = program
+    note_ours(target, arguments, [name for one in context.command.params for name in one.opts])
+    sys.stdout.flush()
+    with script_progress() as (progress, note):
+        recorded = record_script(
+            target, arguments, is_module=module, out=out, steps=steps, duration_s=duration,
+            seed=seed, twice=twice, python=python, keep_sleeping=keep_sleeping, force=force,
+            stdout=output.descriptor(sys.stderr if json else sys.stdout), note=note,
+            progress=progress,
+        )  # fmt: skip
+    raise typer.Exit(show_record(recorded, as_json=json))
+
+
+@app.command(
+    short_help="Describe a recording.",
+    epilog="Example: drop info recordings/run.rrd",
+)
+def info(run: Run, *, json: Json = False) -> None:
+    """Describe a recording: what made it, its length, its bodies, and whether it is complete."""
+    from drop_physics.console.show_info import show_info
+    from drop_physics.stages.info import info
+
+    show_info(info(run), as_json=json)
+
+
+@app.command(
+    short_help="Open recordings in the Rerun viewer.",
+    epilog="Example: drop view recordings/run.rrd",
+)
+def view(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN.rrd", help="The recordings to open.")],
+    *,
+    web: Annotated[bool, typer.Option("--web", help="Open them in a browser.")] = False,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="GOLDEN.rrd",
+            help="Show this recording in grey beside it, at the first difference.",
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Open recordings and their analyses in the Rerun viewer; end when it is closed."""
+    from drop_physics.console.show_view import show_view
+    from drop_physics.stages import view
+
+    with view.view(runs, against=against, web=web) as shown:
+        show_view(shown, as_json=json)
+        view.show(shown)

@@ -1,0 +1,445 @@
+"""What a drop did: from its release to its rest, where its error comes from, the findings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.markup import escape
+
+from drop_physics.console.output import (
+    beside,
+    columns_of,
+    counted,
+    finding,
+    left,
+    listed,
+    millimetres,
+    right,
+    titled,
+    width,
+    wrapped,
+)
+from drop_physics.console.words import (
+    CONTACTS,
+    EXPLAINED,
+    FLIGHTS,
+    TERMS,
+    errors_by_axis,
+    kinds_of_samples,
+    span,
+)
+from drop_physics.fields import LARGE, decimals, engineering, fraction
+from drop_physics.messages import Message, joined, localized, translated
+from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS
+
+if TYPE_CHECKING:
+    from drop_physics.analysis.drop.results import Analysis, Bounce, Coverage, Moment, Rest
+
+
+def lines_of_drop(analysis: Analysis) -> list[str]:
+    """Tell a drop from its release to its rest, in lines as wide as the terminal."""
+    scenario = analysis.scenario
+    last = analysis.table.row(-1, named=True)
+    body = Path(scenario["body"]).name
+    headline, *others = map(escape, wrapped(translated(_dropped(analysis, body)), width()))
+    body = escape(body)
+    lines = [
+        headline.replace(body, f"[bold]{body}[/]", 1),
+        *others,
+        localized(
+            "after {time:.4g} s its centre is at {height} m",
+            time=last["time_s"],
+            height=decimals(last["simulated_m"], 4),
+        ),
+    ]
+    for moment in analysis.at:
+        lines += ["", *_moment(moment, scenario)]
+    if analysis.coverage.samples < analysis.coverage.of:
+        lines += ["", *_titled(Message("Covered"), _covered(analysis.coverage))]
+    lines += ["", *_impact(analysis), *_bounces(analysis), *_rest(analysis), *_energy(analysis)]
+    lines += ["", *_explained(analysis), *_flights(analysis), *_contacts(analysis)]
+    if analysis.findings:
+        lines.append("")
+    for each in analysis.findings:
+        lines += finding(each.code, each.message, column=_TITLE)
+    return lines
+
+
+def _dropped(analysis: Analysis, body: str) -> Message:
+    """Say what was dropped, from where, in which engine; PyBullet is not named."""
+    scenario = analysis.scenario
+    values = {
+        "body": body,
+        "height": decimals(analysis.table["simulated_m"][0], 4),
+        "timestep": fraction(scenario["timestep_s"]),
+    }
+    if scenario["engine"] == "bullet":
+        dropped = Message("{body} dropped from {height} m, timestep {timestep} s", **values)
+    else:
+        integrator = f" ({scenario['integrator']})" if scenario["integrator"] else ""
+        dropped = Message(
+            "{body} dropped in {engine} from {height} m, timestep {timestep} s",
+            engine=ENGINES[scenario["engine"]] + integrator,
+            **values,
+        )
+    damping = scenario["linear_damping"]
+    if damping is None and scenario["engine"] != "bullet":
+        return dropped
+    if damping is None:
+        return dropped + Message(", damping default")
+    return dropped + Message(", damping {damping:g}", damping=damping)
+
+
+def _covered(coverage: Coverage) -> Message:
+    if coverage.samples == 0:
+        return Message("no sample of {of:,}: {why}", of=coverage.of, why=coverage.why)
+    if coverage.samples == 1:
+        return Message("sample 0 of {of:,}: {why}", of=coverage.of, why=coverage.why)
+    return Message(
+        "samples 0 to {last} of {of:,}: {why}",
+        last=coverage.samples - 1,
+        of=coverage.of,
+        why=coverage.why,
+    )
+
+
+def _titled(title: str, words: str) -> list[str]:
+    return titled(title, words, column=_TITLE, style="bold")
+
+
+def _moment(moment: Moment, scenario: dict[str, Any]) -> list[str]:
+    heights = (
+        (localized("simulated"), decimals(moment.simulated_m, 4)),
+        (localized("free fall"), decimals(moment.free_fall_m, 4)),
+        (localized("difference"), decimals(moment.error_m, 4, "+")),
+    )
+    column = max(14, *(columns_of(name) for name, _ in heights))
+    lines = [
+        localized("[bold]At {time:.4g} s[/] (step {step})", time=moment.time_s, step=moment.step),
+        *(f"  {left(name, column)} {height:>10} m" for name, height in heights),
+    ]
+    terms = moment.terms_m
+    if terms is None:
+        return [
+            *lines,
+            "  " + localized("not broken down: the law of free flight does not cover it"),
+        ]
+    why = {
+        "timestep": Message("Euler moves with the end-of-step velocity"),
+        "damping": _drag(scenario, bool(terms.damping)),
+        "interaction": Message("timestep × damping"),
+        "rounding": Message("double precision"),
+    }
+    if scenario["integrator"] in EXACT_INTEGRATORS:
+        why["timestep"] = Message("none: the integrator is exact where only gravity acts")
+    if scenario["engine"] == "physx":
+        why["rounding"] = Message("single precision")
+    return [
+        *lines,
+        "",
+        *(
+            line
+            for name, reason in why.items()
+            for line in _term(name, getattr(terms, name), reason)
+        ),
+        f"  {'':<12} {'─' * 13}",
+        f"  {left(translated(TERMS['total']), 12)} [bold]{millimetres(moment.error_m)}[/]",
+    ]
+
+
+def _drag(scenario: dict[str, Any], is_felt: bool) -> Message:
+    if scenario["engine"] != "bullet" and not scenario["linear_damping"]:
+        engine = ENGINES[scenario["engine"]]
+        return Message("none: {engine} does not damp by itself", engine=engine)
+    if scenario["linear_damping"] is None and is_felt:
+        return Message("Bullet's default drag; independent of timestep")
+    return Message("drag; independent of timestep")
+
+
+def _term(name: str, value_m: float, reason: str) -> list[str]:
+    head = f"  {left(translated(TERMS[name]), 12)} {millimetres(value_m)}   "
+    first, *others = [words for _, words in beside("", reason, columns_of(head))]
+    return [
+        f"{head}[dim]{first}[/]",
+        *(f"{'':<{columns_of(head)}}[dim]{line}[/]" for line in others),
+    ]
+
+
+def _impact(analysis: Analysis) -> list[str]:
+    impact = analysis.impact
+    if impact is None:
+        return _titled(Message("Impact"), _no_impact(analysis))
+    predicted = _times(impact.time_simulated_s, impact.time_free_fall_s, impact.time_damped_s)
+    step_mm = impact.speed_m_s * analysis.scenario["timestep_s"] * 1e3
+    step_mm /= analysis.scenario["substeps"] or 1
+    arrives = Message(
+        "arrives at {speed} m/s, {step_mm} mm a step; first contact at step {step}",
+        speed=decimals(impact.speed_m_s, 3),
+        step_mm=decimals(step_mm, 1),
+        step=impact.step,
+    )
+    if impact.penetration_m is not None:
+        depth = decimals(impact.penetration_m * 1e3, 1)
+        if impact.lowest_step > impact.step:
+            arrives += Message(
+                ", {depth} mm deep at most (step {step})", depth=depth, step=impact.lowest_step
+            )
+        else:
+            arrives += Message(", {depth} mm deep", depth=depth)
+    unknown = Message("theory gives no time: the body is turned, or did not fall")
+    return [*_titled(Message("Impact"), predicted or unknown), *_titled("", arrives)]
+
+
+def _no_impact(analysis: Analysis) -> Message:
+    landing = analysis.landing
+    words = Message("none in {time:.4g} s", time=analysis.table["time_s"][-1])
+    if "contact" in analysis.table["phase"]:
+        words = Message(
+            "time unknown: of several substeps PyBullet reports only the last one's contact"
+        )
+    if landing is None:
+        return words
+    inside_m = (analysis.engine.rest_height_m or 0.0) - analysis.table["simulated_m"][-1]
+    if inside_m > 0:
+        depth = decimals(inside_m * 1e3, 1)
+        words += Message(", and {depth} mm inside the floor at the end", depth=depth)
+    return joined("; ", [words, _times(None, landing.time_free_fall_s, landing.time_damped_s)])
+
+
+def _times(simulated_s: float | None, free_s: float | None, damped_s: float | None) -> Message:
+    times = (
+        (Message("simulated"), simulated_s),
+        (Message("free fall"), free_s),
+        (Message("damped fall"), damped_s),
+    )
+    return joined(
+        ", ",
+        [
+            Message("{name} {time:.4f} s", name=name, time=time_s)
+            for name, time_s in times
+            if time_s is not None
+        ],
+    )
+
+
+def _bounces(analysis: Analysis) -> list[str]:
+    explained = [bounce for bounce in analysis.bounces if bounce.effective_restitution is not None]
+    lines = []
+    if analysis.impact and analysis.engine.pair_restitution and (analysis.engine.substeps or 1) > 1:
+        why = Message("not counted: of substeps PyBullet reports only the last contact")
+        lines = _titled(Message("Bounces"), why)
+    for number, bounce in enumerate(explained[:_MOST_BOUNCES], start=1):
+        title = Message("Bounce {number}", number=number)
+        lines += _titled(title, _bounce(analysis, bounce))
+    more = len(explained) - _MOST_BOUNCES
+    if more > 0:
+        bounces = counted(more, "more bounce")
+        lines += _titled("", Message("and {bounces}: see --json", bounces=bounces))
+    if analysis.tumbled_step is not None:
+        title = Message("Tumbles") if analysis.tumbles else Message("Not flat")
+        tumbling = analysis.bounces[len(explained) :]
+        lines += _titled(title, _tumbles(analysis, analysis.tumbled_step, tumbling))
+    return lines
+
+
+def _tumbles(analysis: Analysis, step: int, bounces: Sequence[Bounce]) -> Message:
+    time_s = analysis.table["time_s"][step]
+    words = Message(
+        "from t = {time:.4g} s (step {step}) on: measured, not predicted", time=time_s, step=step
+    )
+    if not bounces:
+        return words
+    highest_mm = max(bounce.apex_m for bounce in bounces) * 1e3
+    up_to = Message(
+        "{bounces}, up to {highest} mm",
+        bounces=counted(len(bounces), "more bounce"),
+        highest=decimals(highest_mm, 1),
+    )
+    return joined("; ", [words, up_to])
+
+
+def _bounce(analysis: Analysis, bounce: Bounce) -> Message:
+    apex = _positive_mm(bounce.apex_m)
+    body, floor = analysis.engine.restitution, analysis.engine.floor_restitution
+    if bounce.predicted_apex_m is None:
+        said = Message("rises {apex} mm in this recording", apex=apex)
+    elif body is None or floor is None:
+        said = Message("rises {apex} mm", apex=apex)
+    else:
+        pair = analysis.engine.combined_restitution
+        asked = f"{body * floor:.4g} ({body:g} × {floor:g})" if pair is None else f"{pair:.4g}"
+        said = Message(
+            "rises {apex} mm; a restitution of {asked} alone gives {predicted} mm",
+            apex=apex,
+            asked=asked,
+            predicted=_positive_mm(bounce.predicted_apex_m),
+        )
+    effective = bounce.effective_restitution
+    said += Message(". Effective restitution {effective:.4f}", effective=effective)
+    if bounce.correction_m_s is not None and abs(bounce.correction_m_s) >= 5e-4:
+        said += Message(
+            ": the position correction changes the rebound by {change:+.3f} m/s",
+            change=bounce.correction_m_s,
+        )
+    if bounce.uncorrected_apex_m is not None and analysis.scenario["contact_erp"] != 0:
+        said += Message(
+            "; with --contact-erp 0 --solver-residual 0 it rises {apex} mm",
+            apex=_positive_mm(bounce.uncorrected_apex_m),
+        )
+    return said
+
+
+def _positive_mm(length_m: float) -> str:
+    """Write a length in millimetres; what rounds to zero has no sign."""
+    return decimals(round(length_m * 1e3, 1) + 0.0, 1)
+
+
+def _rest(analysis: Analysis) -> list[str]:
+    rest = analysis.rest
+    if rest is None:
+        return []
+    height = Message(
+        "{height} m: the position is the body's centre, not its underside",
+        height=decimals(rest.height_m, 4),
+    )
+    lines = _titled(Message("Rest"), height)
+    if rest.settled_step is None:
+        lines += _titled("", Message("it keeps creeping or turning until the end of the recording"))
+    return lines + _titled("", _off(rest, analysis.engine.modulus_pa))
+
+
+def _off(rest: Rest, modulus_pa: float | None) -> Message:
+    """Say how far off a body lies, and why."""
+    if rest.expected_m is None or rest.error_m is None:
+        return Message("no theory gives the height at rest in this orientation")
+    error = Message(
+        "{error} µm off {expected:g} m",
+        error=decimals(rest.error_m * 1e6, 2, "+"),
+        expected=rest.expected_m,
+    )
+    if rest.sinks_m is not None and modulus_pa is not None:
+        why = Message(
+            "Drake's compliant contact (modulus {modulus:.0e} Pa) carries it at a depth of "
+            "{depth} µm",
+            modulus=modulus_pa,
+            depth=decimals(rest.sinks_m * 1e6, 2),
+        )
+    elif rest.sinks_m is not None:
+        why = Message(
+            "MuJoCo's soft contact (solref, solimp) carries it at a depth of {depth} µm",
+            depth=decimals(rest.sinks_m * 1e6, 2),
+        )
+    elif rest.terms_m is None:
+        return error + Message("; the contact law does not cover this landing")
+    else:
+        terms = rest.terms_m
+        why = Message(
+            "{slop} slop, {solver} solver stopped early, {settling} not yet settled",
+            slop=_micrometres(terms.slop),
+            solver=_micrometres(terms.solver),
+            settling=_micrometres(terms.settling),
+        )
+    return joined(": ", [error, why])
+
+
+def _micrometres(length_m: float) -> str:
+    return decimals(round(length_m * 1e6, 2) + 0.0, 2, "+")
+
+
+def _energy(analysis: Analysis) -> list[str]:
+    energy = analysis.energy
+    lost = (
+        (Message("damping"), energy.damping_j),
+        (Message("integrator"), energy.integrator_j),
+        (Message("velocity limit"), energy.clamp_j),
+        (Message("rotation"), energy.rotation_j),
+        (Message("angular damping in contact"), energy.spin_damping_j),
+        (Message("contact"), energy.contact_j),
+    )
+    scale = max(abs(energy.initial_j), abs(energy.final_j))
+
+    def joules(j: float, sign: str = "") -> str:
+        if scale >= LARGE:
+            return engineering(j, sign)
+        return f"{j:{sign}.4f}" if scale >= 0.01 else f"{j:{sign}.3e}"
+
+    # Less than a millionth of the whole is rounding, not a cause.
+    causes = [
+        Message("{joules} {cause}", joules=joules(j, "+"), cause=cause)
+        for cause, j in lost
+        if j and abs(j) > 1e-6 * scale
+    ]
+    sum_up = Message(
+        "{initial} J at release, {final} J at the end",
+        initial=joules(energy.initial_j),
+        final=joules(energy.final_j),
+    )
+    words = joined(": ", [sum_up, joined(", ", causes)]) if causes else sum_up
+    return _titled(Message("Energy"), words)
+
+
+def _explained(analysis: Analysis) -> list[str]:
+    explained = analysis.explained
+    kinds = kinds_of_samples(asdict(analysis.segments))
+    if explained.why is None:
+        words = Message("all {of:,} samples, step by step: {kinds}", of=explained.of, kinds=kinds)
+    else:
+        words = Message(
+            "{samples:,} of {of:,} samples, step by step: {kinds}; {why}",
+            samples=explained.samples,
+            of=explained.of,
+            kinds=kinds,
+            why=explained.why,
+        )
+    return _titled(EXPLAINED, words)
+
+
+def _flights(analysis: Analysis) -> list[str]:
+    """Return a table of how far off free fall each flight ends, counted from its first sample."""
+    rows = [
+        (
+            f"{flight.start_s:7.4f} s {flight.end_s:7.4f} s  ",
+            " ".join(f"{round(length_m * 1e3, 4) + 0.0:+9.4f} mm" for length_m in flight.error_m),
+        )
+        for flight in analysis.flights[:_MOST_FLIGHTS]
+    ]
+    more = counted(len(analysis.flights) - len(rows), "more flight")
+    return _listed(FLIGHTS, (f"{span()}   ", errors_by_axis()), rows, more)
+
+
+def _contacts(analysis: Analysis) -> list[str]:
+    """Return a table of the impulse and energy of each contact."""
+    phases, dt = analysis.contact_phases, analysis.scenario["timestep_s"]
+    rows = [
+        (
+            f"{phase.first_step * dt:7.4f} s {phase.last_step * dt:7.4f} s  ",
+            f"{math.hypot(*phase.impulse_n_s):9.4g} Ns {phase.largest_force_n:10.4g} N "
+            f"{phase.kinetic_j + 0.0:+10.3g} J",
+        )
+        for phase in phases[:_MOST_FLIGHTS]
+    ]
+    names = (localized("impulse"), localized("largest"), localized("kinetic"))
+    header = (f"{span()}   ", " ".join(right(name, 12) for name in names))
+    return _listed(CONTACTS, header, rows, counted(len(phases) - len(rows), "more contact"))
+
+
+def _listed(
+    title: str, header: tuple[str, str], rows: list[tuple[str, str]], more: Message
+) -> list[str]:
+    if not rows:
+        return []
+    lines = listed(title, [header, *rows], column=_TITLE)
+    if not more.values["number"]:
+        return lines
+    return [*lines, " " * _TITLE + localized("and {more}", more=more)]
+
+
+_TITLE = 12
+"""Columns that a title takes."""
+_FILE = 17
+_MOST_BOUNCES = 5
+_MOST_FLIGHTS = 5

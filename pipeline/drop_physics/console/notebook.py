@@ -1,0 +1,83 @@
+"""Results in Python: as text, and as HTML for notebooks, with tables and pictures inline."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.terminal_theme import DEFAULT_TERMINAL_THEME
+
+from drop_physics.console.output import harmless
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from drop_physics.shown import Shown
+
+PICTURES = {".gif": "gif", ".png": "png", ".webp": "webp", ".apng": "apng", ".svg": "svg+xml"}
+"""What a browser shows: file suffix -> media type."""
+PRE = '<pre style="line-height: normal; overflow-x: auto">{code}</pre>'
+WIDEST = 1000
+"""Columns; the lines are already wrapped."""
+
+
+def text_of(result: Shown) -> str:
+    """Return what the terminal prints of a result, without colours."""
+    return "\n".join(line.rstrip() for line in _printed(result).export_text().splitlines())
+
+
+def html_of(result: Shown) -> str:
+    """Return the same text as HTML, followed by the result's tables and pictures."""
+    text = _printed(result).export_html(
+        theme=DEFAULT_TERMINAL_THEME, inline_styles=True, code_format=PRE
+    )
+    return "\n".join([text, *_tables(result), *_pictures(result)])
+
+
+def _printed(result: Shown) -> Console:
+    console = Console(
+        file=io.StringIO(), record=True, width=WIDEST, highlight=False, emoji=False,
+        soft_wrap=True, color_system="standard", force_terminal=True,
+    )  # fmt: skip
+    for line in result.lines():
+        console.print(harmless(line))
+    return console
+
+
+def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
+    """Yield the rows of a sweep: the text shows only the first, and only what differs."""
+    from drop_physics.stages.sweep import Sweep
+
+    if isinstance(result, Sweep):
+        yield result.table()._repr_html_()
+
+
+def _pictures(result: Any) -> Iterator[str]:  # noqa: ANN401
+    """Yield the pictures written for a result; an analysis is plotted now."""
+    from drop_physics.analysis.drop.results import Analysis
+    from drop_physics.stages.render import Rendering, plot_of
+    from drop_physics.stages.run import Run
+    from drop_physics.stages.sweep import Sweep
+
+    if isinstance(result, Analysis):
+        yield _picture(plot_of(result), "png")
+    elif isinstance(result, Run):
+        yield from _pictures(result.rendering)
+    elif isinstance(result, Rendering):
+        yield from _files(result.gif, result.plot)
+    elif isinstance(result, Sweep):
+        yield from _files(result.plot)
+
+
+def _files(*paths: Path | None) -> Iterator[str]:
+    for path in paths:
+        if path is not None and path.suffix in PICTURES and path.is_file():
+            yield _picture(path.read_bytes(), PICTURES[path.suffix])
+
+
+def _picture(content: bytes, kind: str) -> str:
+    data = base64.b64encode(content).decode()
+    return f'<img style="max-width: 100%" src="data:image/{kind};base64,{data}">'

@@ -1,0 +1,129 @@
+"""Bars on a terminal: how much is done, how fast it goes, how long it will take.
+
+Of a script nobody knows how long it will take: a line shows how far it is.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from drop_physics.console.output import cut, left, note, wants_colour, width
+from drop_physics.messages import Message, localized, translated
+
+LINE_AFTER_S = 1.0
+"""A script that ends before [s] gets no line."""
+
+
+@contextlib.contextmanager
+def progress() -> Iterator[Callable[[str, int, int], None]]:
+    """Yield the function that stages call: what is being done, how much of it, out of how much."""
+    with _bars() as show:
+        yield lambda what, done, total: show(what, what, done, total)
+
+
+@contextlib.contextmanager
+def sweep_progress() -> Iterator[Callable[[int, int, int], None]]:
+    """Yield the function that a sweep calls: runs done, runs failed, out of how many."""
+    with _bars() as show:
+        yield lambda done, failed, total: show(
+            "runs", Message("runs, {failed:,} failed", failed=failed), done, total
+        )
+
+
+@contextlib.contextmanager
+def _bars() -> Iterator[Callable[[str, str, int, int], None]]:
+    """Yield a function that moves a bar, by its name; in a pipe it does nothing.
+
+    It takes the name, the words before the bar, how much is done, and out of how much.
+    """
+    if not sys.stderr.isatty():
+        yield lambda *_: None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        ProgressColumn,
+        Task,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(rate(task.speed), justify="right")
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=14),
+        TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
+        Rate(),
+        TimeRemainingColumn(),
+        TextColumn(localized("left")),
+    )
+    console = Console(stderr=True, color_system="auto" if wants_colour(sys.stderr) else None)
+    # The rate is averaged over the whole time: parts of a sweep arrive at long intervals.
+    bars = Progress(*columns, console=console, transient=True, speed_estimate_period=1e9)
+    tasks: dict[str, Any] = {}
+    with contextlib.ExitStack() as stack:
+
+        def show(name: str, words: str, done: int, total: int) -> None:
+            words = left(translated(words), 16)
+            if not tasks:  # nothing is shown before there is something to show
+                stack.enter_context(bars)
+            if name not in tasks:  # earlier results say nothing about the rate
+                tasks[name] = bars.add_task(words, completed=done, total=total)
+            bars.update(tasks[name], description=words, completed=done)
+
+        yield show
+
+
+@contextlib.contextmanager
+def script_progress() -> Iterator[
+    tuple[Callable[[float, int], None] | None, Callable[[str], None]]
+]:
+    """Yield what shows how far a script is, in a line of the terminal, and what prints notes.
+
+    In a pipe there is no such line. The script's own output may come at any time: it begins where
+    the line does.
+    """
+    if not sys.stderr.isatty():
+        yield None, note
+        return
+    columns = width(sys.stderr) - 1
+    begins = time.monotonic() + LINE_AFTER_S
+
+    def line(words: str) -> None:
+        print(f"\r{left(cut(words, columns), columns)}\r", end="", file=sys.stderr, flush=True)
+
+    def show(simulated_s: float, steps: int) -> None:
+        if time.monotonic() > begins:
+            how_far = Message(
+                "{simulated:.2f} s simulated, {steps:,} steps; Ctrl-C ends it and keeps the "
+                "recording",
+                simulated=simulated_s,
+                steps=steps,
+            )
+            line(translated(how_far))
+
+    def say(sentence: str) -> None:
+        line("")
+        note(sentence)
+
+    try:
+        yield show, say
+    finally:
+        if time.monotonic() > begins:
+            line("")
+
+
+def rate(per_second: float | None) -> str:
+    """Return a rate per second, or per minute where it is below one per second."""
+    if per_second is None:
+        return ""
+    return f"{per_second:,.0f}/s" if per_second >= 1 else f"{60 * per_second:.1f}/min"

@@ -1,0 +1,33 @@
+"""Print what the analysis of a recording found."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drop_physics.console.output import note, print_json, print_lines
+from drop_physics.console.words import unfinished
+
+if TYPE_CHECKING:
+    from drop_physics.analysis.drop.results import Analysis
+    from drop_physics.analysis.script.results import ScriptAnalysis
+
+
+def show_analysis(analysis: Analysis | ScriptAnalysis, *, as_json: bool) -> None:
+    """Print what `analyze` found."""
+    if analysis.partial:
+        note(unfinished(analysis.recording, len(analysis.table)))
+    if as_json:
+        print_json(analysis.as_json())
+    else:
+        print_lines(*analysis_lines(analysis))
+
+
+def analysis_lines(analysis: Analysis | ScriptAnalysis) -> list[str]:
+    """Tell what happened, in lines as wide as the terminal."""
+    from drop_physics.analysis.drop.results import Analysis
+    from drop_physics.console.bodies_told import lines_of_bodies
+    from drop_physics.console.drop_told import lines_of_drop
+
+    if isinstance(analysis, Analysis):
+        return lines_of_drop(analysis)
+    return lines_of_bodies(analysis)

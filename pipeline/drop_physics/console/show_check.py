@@ -1,0 +1,301 @@
+"""Say whether a recording is the same physics as a golden one, and if not, where and how."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from drop_physics.analysis.checking.difference import Difference
+from drop_physics.analysis.checking.tolerance import IN_CONTACT_M
+from drop_physics.analysis.general.jsonable import jsonable
+from drop_physics.console.output import print_json, print_lines, titled
+from drop_physics.console.words import NONE
+from drop_physics.messages import Message, joined
+from drop_physics.scenario import Scenario
+
+if TYPE_CHECKING:
+    from drop_physics.analysis.checking.calls import OtherCall
+    from drop_physics.analysis.checking.difference import Largest
+    from drop_physics.analysis.comparison import Comparison
+    from drop_physics.seen.calls import Call
+    from drop_physics.stages.check import Check, Frames
+
+DIFFERS = 3
+"""The exit code of a check that found a difference, or could not compare everything."""
+GOLDEN, IDENTICAL, NOTHING = Message("golden"), Message("identical"), Message("nothing")
+GIVEN = {True: Message("given"), False: Message("not given")}
+MOST = 6
+"""Inputs that are listed; all are in the JSON."""
+LONGEST = 160
+"""Characters of a call's arguments."""
+
+
+def show_check(check: Check, *, as_json: bool) -> int:
+    """Print what `check` found; return the exit code."""
+    if as_json:
+        print_json(json_of(check))
+    else:
+        print_lines(*check_lines(check))
+    return 0 if check.same or check.updated else DIFFERS
+
+
+# -- as JSON --------------------------------------------------------------------------------------
+
+
+def json_of(check: Check) -> dict[str, Any]:
+    """Return what `--json` prints."""
+    first, compared = check.first, check.comparison
+    found: dict[str, Any] = {
+        "same": check.same,
+        "largest_difference_m": None,
+        "first_difference": first and asdict(first) | {"difference": first.difference},
+        "call_before": None, "other_call": None, "differences": [], "largest": [],
+        "not_compared": [], "script": [], "versions": [], "unseeded": [], "real_time": False,
+    }  # fmt: skip
+    if compared is not None:
+        found |= {name: getattr(compared, name) for name in found if hasattr(compared, name)}
+        found["same"] = check.same
+        found["differences"] = [_difference_json(each) for each in compared.differences]
+        found["call_before"] = _call_json(compared.call_before)
+        other = compared.other_call
+        found["other_call"] = other and {
+            "value": _call_json(other.value), "golden": _call_json(other.golden)
+        }  # fmt: skip
+    found |= {
+        "engines": check.engines, "frames": check.frames, "tolerance_m": check.tolerance_m,
+        "recording": check.recording, "golden": check.golden, "updated": check.updated,
+    }  # fmt: skip
+    return dict(jsonable(found))
+
+
+def _difference_json(difference: Difference) -> dict[str, Any]:
+    if difference.step is None:
+        names = {"name": difference.column}
+        return names | {"value": difference.value, "golden": difference.golden}
+    values = asdict(difference)
+    return {"name": values.pop("column"), **values}
+
+
+def _call_json(call: Call | None) -> dict[str, Any] | None:
+    if call is None:
+        return None
+    names = ("at", "client", "function", "arguments", "file", "line", "raised")
+    return {name: getattr(call, name) for name in names}
+
+
+# -- as lines -------------------------------------------------------------------------------------
+
+
+def check_lines(check: Check) -> list[str]:
+    """Say whether the two are the same, and if not, where and how."""
+    compared = check.comparison
+    if compared is None:
+        return _updated(check)
+    lines = _verdict(check)
+    if check.not_compared:
+        lines += _line(Message("left out"), _left_out(check.not_compared))
+    settings = [each for each in compared.differences if each.step is None]
+    for setting in settings:
+        if setting.column in Scenario.options():
+            lines += _line(Message("setting"), _option(setting))
+        else:
+            name = setting.column.removeprefix("engine.")
+            lines += _line(Message("engine"), _beside(name, setting.value, setting.golden))
+    if check.first is not None:
+        lines += _line(Message("first"), _difference(check.first))
+    if compared.call_before is not None:
+        lines += _line(Message("after"), _call(compared.call_before))
+    if compared.other_call is not None:
+        lines += _line(Message("call"), _other_call(compared.other_call))
+    lines += _distances(check, compared)
+    more = [each for each in compared.differences if each not in (*settings, check.first)]
+    for difference in more[:MOST]:
+        lines += _line(Message("also"), _difference(difference))
+    if len(more) > MOST:
+        lines += _line("", Message("and {more:,} more: see --json", more=len(more) - MOST))
+    if check.engines is not None:
+        lines += _line(Message("engines"), check.engines)
+    if check.frames is not None:
+        lines += _line(Message("frames"), _frames(check.frames))
+    lines += _facts(compared)
+    return [*lines, *_updated(check)] if check.updated else lines
+
+
+def _line(title: str, words: str) -> list[str]:
+    return titled(title, words, column=12)
+
+
+def _verdict(check: Check) -> list[str]:
+    """Say whether two recordings are the same; nobody knows where something is left out."""
+    undecided = check.first is None and bool(check.not_compared)
+    verdict = Message("same") if check.same else Message("differs")
+    both = Message("{recording} and {golden}", recording=str(check.recording),
+                   golden=str(check.golden))  # fmt: skip
+    return _line(Message("undecided") if undecided else verdict, both)
+
+
+def _updated(check: Check) -> list[str]:
+    """Say which recording is the golden one now."""
+    words = Message(
+        "{golden} is now {recording}", golden=str(check.golden), recording=str(check.recording)
+    )
+    return _line(GOLDEN, words)
+
+
+def _left_out(bodies: Sequence[str]) -> Message:
+    return Message(
+        "{bodies}: the motion of soft bodies, and of links that PyBullet does not show, is not "
+        "recorded, so it was not compared",
+        bodies=", ".join(bodies[:MOST]) + (" …" if len(bodies) > MOST else ""),
+    )
+
+
+def _distances(check: Check, compared: Comparison) -> list[str]:
+    """Say how far apart positions are, and joints."""
+    if compared.largest_difference_m is None:
+        return []
+    by_quantity: dict[str, Largest] = {}
+    for each in sorted(compared.largest, key=lambda each: -each.difference):
+        by_quantity.setdefault(each.quantity, each)
+    most = by_quantity.get("position")
+    if most is None:
+        ends = check.first is not None and check.first.column == "there"
+        words = Message("identical, as far as both go") if ends else IDENTICAL
+    else:
+        words = Message(
+            "up to {apart:.3g} m apart ({where}); allowed: {allowed}",
+            apart=most.difference,
+            where=_where(most),
+            allowed=_allowed(check.tolerance_m, of_drop=compared.of_drop),
+        )
+    lines = _line(Message("positions"), words)
+    joint = by_quantity.get("joint_position")
+    if joint is not None:
+        apart = Message(
+            "up to {apart:.3g} {unit} apart ({where})",
+            apart=joint.difference,
+            unit=joint.unit,
+            where=_where(joint),
+        )
+        lines += _line(Message("joints"), apart)
+    return lines
+
+
+def _where(place: Largest | Difference) -> Message:
+    """Say when and in which part of a body."""
+    words: list[str] = [Message("step {step}", step=place.step)]
+    if isinstance(place, Difference) and place.time_s is not None:
+        words.append(f"{place.time_s:.6g} s")
+    if place.body is not None:
+        words.append(place.body)
+    if place.part is not None:
+        words.append(Message("{part} (link {link})", part=place.part, link=place.link))
+    elif place.link is not None and place.link >= 0:
+        words.append(Message("link {link}", link=place.link))
+    return joined(", ", words)
+
+
+def _allowed(tolerance_m: float, *, of_drop: bool) -> str:
+    air = f"{tolerance_m:g} m" if tolerance_m else NOTHING
+    if not of_drop or tolerance_m > IN_CONTACT_M:
+        return air
+    return Message("{air} in the air, {contact:g} m in contact", air=air, contact=IN_CONTACT_M)
+
+
+def _option(setting: Difference) -> Message:
+    """Give a setting's value in both recordings, named by its option."""
+    option = Scenario.options()[setting.column]
+    value, golden = (
+        GIVEN[not given] if option.is_flag else option.written(given)
+        for given in (setting.value, setting.golden)
+    )
+    if value == golden:  # to the digits that are shown
+        value, golden = repr(setting.value), repr(setting.golden)
+    return _beside(option.name, value, golden)
+
+
+def _beside(name: str, value: object, golden: object) -> Message:
+    """Give a value of a recording, and that of the golden one."""
+    return Message("{name} {value}, golden {golden}", name=name, value=value, golden=golden)
+
+
+def _difference(difference: Difference) -> Message:
+    """Say where a difference is, and both values, to their last digit."""
+    at = _where(difference)
+    if difference.column == "frame":
+        return Message("{where}: a picture", where=at)
+    if difference.column == "there":
+        if difference.value:
+            return Message("{where}: here, but not in golden", where=at)
+        return Message("{where}: in golden, but not here", where=at)
+    words = Message(
+        "{where}, {column}: {value}, golden {golden}",
+        where=at,
+        column=difference.column,
+        value=_value(difference.value),
+        golden=_value(difference.golden),
+    )
+    if difference.difference is None:
+        return words
+    return words + f" ({difference.difference:+.3g})"
+
+
+def _value(value: object) -> str:
+    return NONE if value is None else value if isinstance(value, str) else repr(value)
+
+
+def _other_call(other: OtherCall) -> Message:
+    return Message("{call}, golden {golden}", call=_call(other.value), golden=_call(other.golden))
+
+
+def _call(call: Call | None) -> Message:
+    if call is None:
+        return NONE
+    arguments = call.arguments
+    if len(arguments) > LONGEST:
+        arguments = f"{arguments[:LONGEST]}…"
+    values = {
+        "call": f"{call.at.call}: {call.function}({arguments})",
+        "place": f"{call.file}:{call.line}",
+    }
+    if call.raised:
+        return Message("{call} raised {error} at {place}", error=call.raised, **values)
+    return Message("{call} at {place}", **values)
+
+
+def _frames(frames: Frames) -> Message:
+    """Say how pictures compare."""
+    if not frames.compared:
+        return Message("none compared: {why}", why=frames.why)
+    differ: Message = IDENTICAL
+    if frames.differing:
+        differ = Message("{differing} differ", differing=frames.differing)
+    counts = Message("{compared} compared, {differ}", compared=frames.compared, differ=differ)
+    return counts if frames.why is None else joined("; ", [counts, frames.why])
+
+
+def _facts(compared: Comparison) -> list[str]:
+    """Say what differs besides the physics, and what may differ from run to run."""
+    lines = []
+    for setting in compared.script:
+        if setting.name == "script_sha256":
+            lines += _line(Message("script"), Message("its text differs"))
+        else:
+            value, golden = (
+                " ".join(map(str, each)) if isinstance(each, list) else _value(each)
+                for each in (setting.value, setting.golden)
+            )
+            lines += _line(Message("script"), _beside(setting.name, value, golden))
+    if compared.other_call is not None and compared.unseeded:
+        words = Message(
+            "unseeded random numbers at {places}; --seed 0 fixes them",
+            places=", ".join(compared.unseeded[:MOST]),
+        )
+        lines += _line(Message("draws"), words)
+    if compared.other_call is not None and compared.real_time:
+        lines += _line(Message("clock"), Message("real-time simulation was asked for"))
+    for version in compared.versions:
+        name = version.name.removesuffix("_version")
+        lines += _line(Message("version"), _beside(name, version.value, version.golden))
+    return lines

@@ -1,0 +1,62 @@
+"""Words and sentences that several stories share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from drop_physics.console.output import counted, right
+from drop_physics.messages import Message, joined, localized
+
+CONTACTS, EXPLAINED, FLIGHTS = Message("Contacts"), Message("Explained"), Message("Flights")
+NONE, PLOT = Message("none"), Message("plot")
+RECORDING, SCRIPT = Message("recording"), Message("script")
+TERMS = {
+    "total": Message("total"),
+    "timestep": Message("timestep"),
+    "damping": Message("damping"),
+    "interaction": Message("interaction"),
+    "rounding": Message("rounding"),
+}
+"""An error and its terms."""
+SEGMENTS = {
+    "flight": Message("flight"),
+    "contact": Message("contact"),
+    "pushed": Message("pushed"),
+    "set": Message("set"),
+    "jointed": Message("jointed"),
+    "still": Message("still"),
+    "unexplained": Message("unexplained"),
+}
+"""The kinds of samples."""
+
+
+def kinds_of_samples(counts: Mapping[str, int]) -> Message:
+    """Say how many samples there are of each kind."""
+    return joined(
+        ", ",
+        [
+            Message("{count:,} {kind}", count=count, kind=SEGMENTS[kind])
+            for kind, count in counts.items()
+            if count
+        ],
+    )
+
+
+def unfinished(recording: object, samples: int) -> Message:
+    """Say what the analysis of an unfinished recording is of."""
+    return Message(
+        "{recording} was never finished: this is the analysis of the {samples} that it holds, "
+        "unverified",
+        recording=str(recording),
+        samples=counted(samples, "sample"),
+    )
+
+
+def span() -> str:
+    """Return the heading of two columns of times: the first and the last."""
+    return " ".join(right(end, 9) for end in (localized("from"), localized("to")))
+
+
+def errors_by_axis() -> str:
+    """Return the heading of three columns of errors."""
+    return " ".join(right(localized("{axis} off", axis=axis), 12) for axis in "xyz")

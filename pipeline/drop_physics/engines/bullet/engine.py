@@ -1,0 +1,86 @@
+"""PyBullet itself: the only file that imports it, its data folder, and its version."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from drop_physics.engines.bullet.c_output import c_output_moved_aside
+from drop_physics.engines.bullet.probe import digest_of, try_body
+from drop_physics.errors import ScenarioError
+from drop_physics.scenario import Scenario
+
+
+def _import_pybullet() -> tuple[Any, str]:
+    with c_output_moved_aside() as printed:
+        import pybullet
+    return pybullet, printed[0].partition("build time:")[2].strip()
+
+
+p, BUILD_TIME = _import_pybullet()
+"""`BUILD_TIME` is what the banner says; empty if pybullet was already imported."""
+
+
+def find_body(body: str) -> Path:
+    """Return the URDF file of a name: a path, or a file of `pybullet_data`.
+
+    The default is always that of `pybullet_data`, so that it is the same drop in every folder.
+
+    Raises
+    ------
+    ScenarioError
+        If neither place has such a file, or it is the user's own and Bullet cannot load it.
+    """
+    bundled, is_folder = data_folder().resolve(), False
+    candidates = [Path(body), bundled / body]
+    if body == Scenario().body:
+        candidates.reverse()
+    for candidate in candidates:
+        with contextlib.suppress(OSError):  # such as a name that is too long
+            if candidate.is_file():
+                if bundled not in candidate.resolve().parents:
+                    try_body(candidate)
+                return candidate
+            is_folder |= candidate.is_dir()
+    if is_folder:
+        raise ScenarioError(
+            "--body must be a URDF file, here or in pybullet_data, got {body!r}, which is a "
+            "folder; try cube_small.urdf or ./my_body.urdf",
+            body=body[:200],
+        )
+    raise ScenarioError(
+        "--body must be a URDF file, here or in pybullet_data, got {body!r}, which is in neither "
+        "place; try cube_small.urdf or ./my_body.urdf",
+        body=body[:200],
+    )
+
+
+def body_digest(body: str) -> str | None:
+    """Return the SHA-256 of a body's files, to notice an edit; None if it cannot be loaded."""
+    with contextlib.suppress(ScenarioError):  # its runs report what is wrong with it
+        path = find_body(body)
+        with contextlib.suppress(ScenarioError):  # of pybullet_data, which is not checked
+            return digest_of(path)
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    return None
+
+
+@functools.cache
+def data_folder() -> Path:
+    """Return the folder of `pybullet_data`."""
+    import pybullet_data
+
+    return Path(pybullet_data.getDataPath())
+
+
+@functools.cache
+def engine_versions() -> dict[str, str]:
+    """Return what determines the engine's numbers: its version, wheel and build time."""
+    distribution = metadata.distribution("pybullet")
+    wheel = (distribution.read_text("WHEEL") or "").partition("Tag:")[2].split()
+    versions = {"pybullet_version": distribution.version, "pybullet_build": BUILD_TIME}
+    return versions | {"pybullet_wheel": wheel[0] if wheel else ""}

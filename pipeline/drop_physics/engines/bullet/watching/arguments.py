@@ -1,0 +1,75 @@
+"""The arguments of PyBullet's functions, by name."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+ARGUMENTS: dict[str, list[str]] = json.loads(
+    Path(__file__).with_name("arguments.json").read_text(encoding="utf-8")
+)
+"""The names of every function's arguments, in order, in PyBullet 3.2.7."""
+
+CLIENT = "physicsClientId"
+CLIENT_AT = {
+    name: names.index(CLIENT) if CLIENT in names else 1000 for name, names in ARGUMENTS.items()
+}
+"""Where each function takes its client as a positional argument."""
+BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
+
+
+def named(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of a call by name."""
+    return {**dict(zip(ARGUMENTS.get(name, ()), args)), **kwargs}
+
+
+def client_of(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> int:
+    """Return the client that a call is for: the last argument, or 0."""
+    client = kwargs.get(CLIENT)
+    if client is None:
+        at = CLIENT_AT.get(name, 1000)
+        client = args[at] if len(args) > at else 0
+    return client if type(client) is int else number(client) or 0
+
+
+def body_of(arguments: dict[str, Any]) -> int | None:
+    """Return the engine's id of the body that a call is about."""
+    for name in BODY_NAMES:
+        if name in arguments:
+            return number(arguments[name])
+    return None
+
+
+def number(value: Any) -> int | None:
+    """Return what PyBullet takes for a whole number as one; None if it is none."""
+    try:
+        return int(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def vector(value: Any) -> list[float] | None:
+    """Return what PyBullet takes for a vector; None if it is none."""
+    try:
+        return [float(item) for item in value]
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def values(arguments: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments that are numbers or vectors of numbers."""
+    found: dict[str, Any] = {}
+    for name, value in arguments.items():
+        if name == CLIENT:
+            continue
+        if isinstance(value, int):
+            found[name] = int(value)
+        else:
+            try:
+                found[name] = float(value)
+            except (TypeError, ValueError, OverflowError):
+                numbers = vector(value)
+                if numbers is not None:
+                    found[name] = numbers
+    return found

@@ -1,0 +1,73 @@
+"""What a URDF asks for that PyBullet may not do: inertia, masses, joints that follow others."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+from xml.parsers import expat
+
+from .links import MOST_BYTES
+
+INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+_read: dict[str, tuple[Any, dict[str, Any] | None]] = {}
+"""What files said, and their times and sizes then."""
+
+
+def asked_of(path: str) -> dict[str, Any] | None:
+    """Return what a URDF says of its links and joints; None if it cannot be read as a whole.
+
+    `links`: name, mass [kg] or None, inertia (none or six numbers), position and angles of its
+    axes. `mimics`: joint, the one it follows, multiplier, offset. `concave`: whether a mesh is to
+    be held as it is, not as its hull.
+    """
+    try:
+        status = os.stat(path)
+        state = status.st_mtime_ns, status.st_size
+        if status.st_size > MOST_BYTES:
+            return None
+        known = _read.get(path)
+        if known is None or known[0] != state:
+            with open(path, "rb") as file:
+                known = _read[path] = state, _parsed(file.read())
+    except OSError:
+        return None
+    return known[1]
+
+
+def _parsed(text: bytes) -> dict[str, Any] | None:
+    links: list[list[Any]] = []
+    mimics: list[list[Any]] = []
+    within: list[str] = []
+    joint = [""]
+    found: dict[str, Any] = {"links": links, "mimics": mimics, "concave": False}
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        within.append(tag)
+        path = tuple(within)
+        if path == ("robot", "link"):
+            links.append([attributes["name"], None, [], [0.0] * 3, [0.0] * 3])
+        elif path == ("robot", "link", "inertial", "origin"):
+            for at, key in ((3, "xyz"), (4, "rpy")):
+                if key in attributes:
+                    links[-1][at] = [float(each) for each in attributes[key].split()]
+        elif path == ("robot", "link", "inertial", "mass"):
+            links[-1][1] = float(attributes["value"])
+        elif path == ("robot", "link", "inertial", "inertia"):
+            links[-1][2] = [float(attributes.get(key, 0)) for key in INERTIA]
+        elif path == ("robot", "joint"):
+            joint[0] = attributes["name"]
+        elif path == ("robot", "joint", "mimic"):
+            factor, offset = attributes.get("multiplier", 1), attributes.get("offset", 0)
+            mimics.append([joint[0], attributes["joint"], float(factor), float(offset)])
+        elif path == ("robot", "link", "collision"):
+            found["concave"] |= "concave" in attributes
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: within.pop()
+    try:
+        parser.Parse(text, True)
+    except (expat.ExpatError, LookupError, ValueError):
+        return None
+    return found

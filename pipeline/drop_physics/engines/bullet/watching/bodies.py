@@ -1,0 +1,222 @@
+"""One body, as its engine has it: what is read of it once, and its current state."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from itertools import chain
+from operator import sub
+from types import SimpleNamespace
+from typing import Any
+
+from .links import path_of
+
+FIXED, SPHERICAL = 4, 2
+"""Types of joint, as in `getJointInfo`."""
+RIGID, SOFT = 1, 3
+"""Types of body, as in `getDynamicsInfo`."""
+MESH = 5
+"""Type of shape, as in `getCollisionShapeData`."""
+EMPTY_M = 0.0021
+"""The box of a link without collision shapes has edges of 2 mm."""
+FILE = 4
+"""Where `getVisualShapeData` names a shape's file."""
+MOST_CORNERS = 1000
+"""Of a hull; one with more is left out."""
+BASE = 13
+"""The numbers of a base: position, orientation, velocity, spin."""
+
+
+class Loaded:
+    """What the call that created a body says of it, and the engine does not."""
+
+    def __init__(self) -> None:
+        self.file = ""
+        """The file that it was loaded from, without its folder: the names in it mislead."""
+        self.mjcf: str | None = None
+        """The path of an MJCF file; empty where it is not known."""
+        self.flags = 0
+        """What it was loaded with: only these tell whether it may sleep."""
+        self.scale = 1.0
+        self.asked: dict[str, Any] | None = None
+        """What its file asks for."""
+        self.lists_shapes = False
+        """Whether `getCollisionShapeData` can be asked: it crashes on a capsule of an MJCF file
+        whose ends are given (`fromto`)."""
+        self.hulls = False
+        """Whether all its meshes are held as convex hulls; if not, PyBullet prints when asked."""
+        self.hides_links = False
+        """Whether it became a btRigidBody with several links, of which only the base is reported.
+        """
+        self.inertial: Any = None
+        """The inertial frame of a btRigidBody, position and orientation."""
+
+
+class Body:
+    """What must be known of a body to read it.
+
+    Parameters
+    ----------
+    number
+        Of this body in this stream: never reused, unlike the engine's id.
+    """
+
+    def __init__(
+        self, number: int, engine_id: int, client: int, p: SimpleNamespace, loaded: Loaded
+    ) -> None:
+        self.number, self.id, self._client, self._p = number, engine_id, client, p
+        self.loaded = loaded
+        self.links = list(range(p.getNumJoints(engine_id, client)))
+        self.joint_infos = [p.getJointInfo(engine_id, link, client) for link in self.links]
+        self.joints = [info[0] for info in self.joint_infos if info[2] != FIXED]
+        self.spherical = any(info[2] == SPHERICAL for info in self.joint_infos)
+        self.dynamics = self.read_dynamics()
+        self.soft = self.dynamics[0][10] == SOFT
+        self.base_moves = self.dynamics[0][0] != 0
+        """Whether steps may move its base: it has mass, had it, or has got a velocity."""
+        self.widths = self._joint_widths()
+        """Of each joint that moves: how many positions, velocities and efforts it has."""
+        self.jointed = sum(map(sum, self.widths))
+        """Numbers of its joints."""
+        self.pack_joints = struct.Struct(f"<{self.jointed}d").pack_into
+        self._pack = struct.Struct(f"<{BASE + self.jointed}d").pack
+        self.last = b""
+        """The state that was last sent but for samples; empty if none was."""
+        self.base_at = self.joints_at = -1
+        """Where in the last sample its base and its joints are; below 0 if they are not."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether steps move it, and not only calls."""
+        return not self.soft and (self.base_moves or bool(self.joints))
+
+    def is_carried(self) -> bool:
+        """Whether a call has given a base a velocity that no step moved until now.
+
+        Without mass a btMultiBody moves at that velocity, and a btRigidBody not at all.
+        """
+        if self.soft or self.base_moves or self.dynamics[0][10] == RIGID:
+            return False
+        return any(map(any, self._p.getBaseVelocity(self.id, self._client)))
+
+    def read_dynamics(self) -> list[Any]:
+        """Return what the engine reports for base and links, in this order."""
+        return [self._p.getDynamicsInfo(self.id, link, self._client) for link in (-1, *self.links)]
+
+    def read(self) -> bytes:
+        """Return the state: 13 numbers of the base, those of the joints that move."""
+        p, client = self._p, self._client
+        (x, y, z), (a, b, c, d) = p.getBasePositionAndOrientation(self.id, client)
+        (vx, vy, vz), (wx, wy, wz) = p.getBaseVelocity(self.id, client)
+        if not self.joints:
+            return self._pack(x, y, z, a, b, c, d, vx, vy, vz, wx, wy, wz)
+        return self._pack(x, y, z, a, b, c, d, vx, vy, vz, wx, wy, wz, *self.read_joints())
+
+    def read_joints(self) -> Iterable[float]:
+        """Return the positions, velocities and efforts of all joints that move."""
+        p, client = self._p, self._client
+        if not self.spherical:
+            states = p.getJointStates(self.id, self.joints, client)
+            positions, velocities, _, efforts = zip(*states)
+            return (*positions, *velocities, *efforts)
+        of_each = zip(*p.getJointStatesMultiDof(self.id, self.joints, client))
+        return chain.from_iterable(
+            value for which, values in enumerate(of_each) if which != 2 for value in values
+        )  # without the reaction forces
+
+    def _joint_widths(self) -> list[tuple[int, int, int]]:
+        if not self.spherical:
+            return [(1, 1, 1)] * len(self.joints)
+        states = self._p.getJointStatesMultiDof(self.id, self.joints, self._client)
+        return [(len(joint[0]), len(joint[1]), len(joint[3])) for joint in states]
+
+    def described(self, search_path: str) -> dict[str, Any]:
+        """Return what later stages need to know of it, and does not change."""
+        base, name = self._p.getBodyInfo(self.id, self._client)
+        loaded, asked = self.loaded, self.loaded.asked or {}
+        return {
+            "id": self.id, "name": plain(name), "base": plain(base), "soft": self.soft,
+            "file": loaded.file, "flags": loaded.flags, "hides_links": loaded.hides_links,
+            "inertial": plain(loaded.inertial), "scale": loaded.scale,
+            "file_links": asked.get("links", []), "mimics": asked.get("mimics", []),
+            "bounds": self.bounds(), "joints": plain(self.joint_infos),
+            "joint_widths": self.widths, "visual": self.looks(search_path),
+            "collisions": self.collisions(),
+        }  # fmt: skip
+
+    def bounds(self) -> list[float]:
+        """Return the corners of the axis-aligned boxes around base and links.
+
+        PyBullet gives a link of a URDF without collision shapes a box of its margins, which nothing
+        touches: here both corners are its centre.
+        """
+        if self.soft:
+            return []
+        boxes = []
+        for link in (-1, *self.links):
+            low, high = self._p.getAABB(self.id, link, self._client)
+            if self._is_empty(link, [*map(sub, high, low)]):
+                low = high = [(a + b) / 2 for a, b in zip(low, high)]
+            boxes += [*low, *high]
+        return boxes
+
+    def _is_empty(self, link: int, edges_m: list[float]) -> bool:
+        """Whether a link with a box of these edges has no collision shapes.
+
+        PyBullet does not list those of a btRigidBody: one that is this small counts as empty.
+        """
+        if max(edges_m) >= EMPTY_M:
+            return False
+        if self.dynamics[0][10] == RIGID:
+            return max(abs(edge_m - 0.002) for edge_m in edges_m) < 1e-9
+        if not self.loaded.lists_shapes:
+            return False
+        return not self._p.getCollisionShapeData(self.id, link, self._client)
+
+    def looks(self, search_path: str) -> list[Any]:
+        """Return its visual shapes, as `getVisualShapeData` lists them, with paths of their files.
+
+        That function returns the name that a call gave, which PyBullet has searched for.
+        """
+        if self.soft:
+            return []
+        shapes: list[Any] = plain(self._p.getVisualShapeData(self.id, 0, self._client))
+        for shape in shapes:
+            shape[FILE] = path_of(shape[FILE], search_path) or shape[FILE]
+        return shapes
+
+    def collisions(self) -> list[Any]:
+        """Return what is touched of each link: what `getCollisionShapeData` lists, and hulls."""
+        if self.soft or self.dynamics[0][10] == RIGID:  # PyBullet prints that it has none
+            return []
+        if not self.loaded.lists_shapes:
+            return []
+        found = []
+        for link in (-1, *self.links):
+            shapes = self._p.getCollisionShapeData(self.id, link, self._client) or ()
+            for at, (_, _, kind, size, file, position, orientation) in enumerate(shapes):
+                hull: list[float] = []
+                if kind == MESH and self.loaded.hulls:
+                    hull = self._hull(link, at if len(shapes) > 1 else -1)
+                file = plain(file).rpartition("/")[2]
+                found.append([link, kind, plain(size), file, position, orientation, hull])
+        return found
+
+    def _hull(self, link: int, shape: int) -> list[float]:
+        """Return the corners of the hull that the engine holds in place of a mesh."""
+        try:
+            count, corners = self._p.getMeshData(self.id, link, shape, physicsClientId=self._client)
+        except (self._p.error, TypeError):  # TypeError: of an earlier PyBullet
+            return []
+        return [*chain.from_iterable(corners)] if count <= MOST_CORNERS else []
+
+
+def plain(value: Any) -> Any:
+    """Return something that PyBullet returned as what JSON can hold."""
+    if isinstance(value, bytes):
+        return value.decode(errors="replace")
+    if isinstance(value, dict):
+        return {name: plain(item) for name, item in value.items()}
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return [plain(item) for item in value]
+    return value if isinstance(value, (int, float, str, type(None))) else float(value)

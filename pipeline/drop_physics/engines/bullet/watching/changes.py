@@ -1,0 +1,183 @@
+"""What calls change in a simulation, so that it is read again."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from .arguments import ARGUMENTS, body_of, number, values, vector
+from .asked import asked_of
+from .bodies import Loaded
+from .links import MODELS, links_in, path_of
+from .worlds import ALL, World
+
+MAKES_BODIES = {
+    "loadURDF", "loadSDF", "loadMJCF", "loadBullet", "loadSoftBody", "createMultiBody",
+    "unsupportedChangeScaling",
+}  # fmt: skip
+REMOVES_BODIES = {"removeBody", "executePluginCommand", "unloadPlugin", "loadPlugin"}
+MOVES_BODY = {
+    "resetBasePositionAndOrientation", "resetBaseVelocity", "resetJointState",
+    "resetJointStateMultiDof", "resetJointStatesMultiDof",
+}  # fmt: skip
+MOVES_ALL = {"restoreState", "executePluginCommand"}
+RECOLOURS = {"changeVisualShape", "resetVisualShapeData"}
+SETS_ENGINE = {
+    "setGravity", "setTimeStep", "setPhysicsEngineParameter", "setDefaultContactERP",
+    "setRealTimeSimulation", "setInternalSimFlags", "loadBullet", "loadSDF", "loadMJCF",
+}  # fmt: skip
+PUSHES = {"applyExternalForce", "applyExternalTorque"}
+CONSTRAINS = {"createConstraint", "removeConstraint"}
+SHAPES = {"createCollisionShape", "createCollisionShapeArray"}
+READ_AGAIN = (
+    MAKES_BODIES | REMOVES_BODIES | MOVES_ALL | RECOLOURS | SETS_ENGINE | CONSTRAINS | SHAPES
+    | {"changeDynamics"}
+)  # fmt: skip
+"""After these, something is read again; the others set what is known from the call."""
+RETURNS = ("create", "load", "saveState")
+"""What begins like this returns a number that later calls name."""
+
+POLLS = {
+    "getKeyboardEvents", "getMouseEvents", "getVREvents", "readUserDebugParameter", "isConnected",
+    "getDebugVisualizerCamera",
+}  # fmt: skip
+"""Where a script asks whether the user has done something."""
+CHANGES_NOTHING = {
+    "addUserDebugLine", "addUserDebugPoints", "addUserDebugText", "addUserDebugParameter",
+    "removeUserDebugItem", "removeAllUserDebugItems", "removeAllUserParameters",
+    "setDebugObjectColor", "configureDebugVisualizer", "resetDebugVisualizerCamera",
+    "setVRCameraState", "setAdditionalSearchPath", "setTimeOut", "submitProfileTiming",
+    "startStateLogging", "stopStateLogging", "multiplyTransforms", "invertTransform",
+    "rotateVector", "vhacd", "syncBodyInfo", "syncUserData", "addUserData", "removeUserData",
+    "renderImage", "saveWorld", "saveBullet", "readUserDebugParameter",
+}  # fmt: skip
+READS = ("get", "is", "compute", "calculate", "rayTest")
+"""Prefixes of further functions that change nothing."""
+
+MERGE_FIXED_LINKS, ENABLE_SLEEPING = 1 << 19, 1 << 11
+"""Of the flags of `loadURDF`."""
+
+
+def before_change(world: World, name: str, arguments: dict[str, Any]) -> None:
+    """Keep or send what a call is about to change."""
+    if name == "changeDynamics" and arguments.keys() & {"mass", "localInertiaDiagonal"}:
+        # Of a btRigidBody the inertia changes the mass, too: PyBullet takes it to be 0 then.
+        body = body_of(arguments)
+        if body is not None:
+            world.before_mass(body)
+    elif name in MOVES_ALL and world.moved:
+        world.sync()
+
+
+def after_change(world: World, name: str, arguments: dict[str, Any], result: Any) -> None:
+    """Note what has to be read again after a call."""
+    world.touched = True
+    if name in MAKES_BODIES:
+        _made_bodies(world, name, arguments, result)
+    if name in REMOVES_BODIES:
+        world.stale_bodies = True
+    body = body_of(arguments)
+    if name == "removeBody" and body is not None:
+        world.fresh.discard(body)
+    if name in CONSTRAINS or name in MAKES_BODIES or name in REMOVES_BODIES or name in MOVES_ALL:
+        world.stale_constraints = True
+    if name == "createConstraint":
+        world.held.update([result] if isinstance(result, int) else [])
+        world.sync(sample_follows=not world.sampled)  # it may hold new bodies
+    if name in MOVES_ALL:
+        world.moved[ALL] = set()
+    if name == "changeDynamics":
+        world.moved.setdefault(body, set())
+        world.changed.add(body)
+        world.may_sleep |= bool(arguments.keys() & {"activationState", "sleepThreshold"})
+    if name in RECOLOURS and body is not None:
+        world.recoloured.add(body)
+    if name in SHAPES and isinstance(result, int):
+        is_hull = not arguments.get("indices") and not _any(arguments.get("flags"))
+        world.hulls[result] = is_hull
+    if name in SETS_ENGINE:
+        _set_engine(world, name, arguments)
+
+
+def _made_bodies(world: World, name: str, arguments: dict[str, Any], result: Any) -> None:
+    world.stale_bodies = True
+    body = body_of(arguments)
+    if name == "unsupportedChangeScaling" and body is not None:
+        world.fresh.add(body)
+        return
+    results = result if isinstance(result, tuple) else (result,)
+    ids = [value for value in results if isinstance(value, int) and value >= 0]
+    world.fresh.update(ids)
+    hiding = _hiding(world, name, arguments, ids)
+    for each in ids:
+        loaded = world.loaded[each] = _loaded(name, arguments, world)
+        loaded.hides_links = each in hiding
+        world.may_sleep |= bool(loaded.flags & ENABLE_SLEEPING)
+        world.added.pop(each, None)
+    if arguments.get("useMaximalCoordinates") and len(ids) == 1:
+        # PyBullet takes what is no vector for none.
+        given = [vector(arguments.get(f"base{of}")) for of in ("Position", "Orientation")]
+        world.loaded[ids[0]].inertial = world.inertial_of(ids[0], *given)
+
+
+def _loaded(name: str, arguments: dict[str, Any], world: World) -> Loaded:
+    loaded = Loaded()
+    loaded.lists_shapes = name not in ("loadMJCF", "loadBullet")
+    loaded.flags = number(arguments.get("flags", 0)) or 0
+    scale = vector([arguments.get("globalScaling", 1.0)])
+    loaded.scale = scale[0] if scale else 1.0
+    if name == "createMultiBody":
+        shapes = [number(arguments.get("baseCollisionShapeIndex", -1)) or 0]
+        shapes += map(int, vector(arguments.get("linkCollisionShapeIndices")) or [])
+        loaded.hulls = all(shape < 0 or world.hulls.get(shape, False) for shape in shapes)
+    file = arguments.get(ARGUMENTS[name][0]) if name.startswith("load") else ""
+    if type(file) is not str:
+        return loaded
+    loaded.file = os.path.basename(file)
+    path = path_of(file, world.search_path) if file else None
+    if name == "loadMJCF":
+        loaded.mjcf = os.path.abspath(path) if path else ""
+    elif name == "loadURDF" and path:
+        loaded.asked = asked_of(path)
+        loaded.hulls = loaded.asked is not None and not loaded.asked["concave"]
+    return loaded
+
+
+def _hiding(world: World, name: str, arguments: dict[str, Any], ids: list[int]) -> list[int]:
+    """Return which of the bodies that a call created have links that PyBullet does not show."""
+    if name == "loadMJCF":
+        rigid = not arguments.get("useMultiBody", 1)
+    else:
+        rigid = bool(arguments.get("useMaximalCoordinates"))
+    if not rigid:
+        return []
+    if name not in MODELS:
+        return ids if arguments.get("linkMasses") else []
+    file = arguments.get(ARGUMENTS[name][0])
+    path = path_of(file, world.search_path) if type(file) is str else None
+    if path is None:
+        return []
+    merged = (number(arguments.get("flags", 0)) or 0) & MERGE_FIXED_LINKS
+    try:
+        links = links_in(path, name, merged=bool(merged) and name == "loadURDF")
+    except OSError:
+        return []
+    if len(links) != len(ids):  # which model is which is not known
+        links = [max(links, default=1)] * len(ids)
+    return [each for each, count in zip(ids, links) if count > 1]
+
+
+def _set_engine(world: World, name: str, arguments: dict[str, Any]) -> None:
+    world.stale_engine = True
+    if "reportSolverAnalytics" in arguments and name == "setPhysicsEngineParameter":
+        value = int(arguments["reportSolverAnalytics"])
+        if value >= 0:  # otherwise the engine leaves it unchanged
+            world.returns_analytics = bool(value & 1)
+    if name in ("setPhysicsEngineParameter", "setDefaultContactERP"):
+        world.given.update(values(arguments))
+
+
+def _any(flags: Any) -> bool:
+    """Whether a flag is set, or one of several."""
+    several = vector(flags)
+    return any(several) if several is not None else bool(number(flags))

@@ -1,0 +1,147 @@
+"""The script's clock: simulated time, or the time that it has slept if that is more.
+
+Sleeping returns at once. A script that waits for a time, by sleeping or polling, finds that it has
+come; one that alternates steps and sleeps keeps the pace that it was written for. Every run of the
+script sees the same times.
+
+Reading the clock takes time, too, but is not waiting: a compiler reads it a million times.
+
+The standard library, and threads other than the main one, keep the real clock: they wait for real
+events.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+CALL_S = 1e-4
+"""How long a call takes on the clock while a simulation runs in real time [s]."""
+READ_S = 1e-6
+"""How long reading the clock takes [s]."""
+ASK_S, LONGEST_ASK_S = 1e-6, 1e-3
+"""How long asking for input takes [s]: more each time, until something happens."""
+NAMES = ("time", "monotonic", "perf_counter")
+
+_LIBRARY = os.path.dirname(os.__file__) + os.sep
+_OTHERS = _LIBRARY + "site-packages" + os.sep
+
+
+class Clock:
+    """A virtual clock; with `real`, just the real one.
+
+    It starts at `begins_s`, or at what the real one shows then.
+    """
+
+    def __init__(self, *, real: bool, begins_s: float | None = None) -> None:
+        self.real, self._begins_s = real, begins_s
+        self.asked = False
+        """Whether the script ever read a time or slept."""
+        self.simulated_s = 0.0
+        self.waited_s = 0.0
+        self.idle_s = 0.0
+        """Time slept, or spent asking for input, since the last step [s]."""
+        self.passed: Callable[[], None] = lambda: None
+        """Called when time has passed."""
+        self._asks = 0
+        self._began = time.monotonic()
+        self._theirs: dict[str, Any] = {}
+        self._library: dict[str, bool] = {}
+
+    def now_s(self) -> float:
+        """Return the time since the script began [s]."""
+        if self.real:
+            return _real_monotonic() - self._began
+        return max(self.simulated_s, self.waited_s)
+
+    def step(self, simulated_s: float) -> None:
+        """Note the total simulated time [s]."""
+        if simulated_s > self.simulated_s:
+            self.simulated_s = simulated_s
+        self.idle_s, self._asks = 0.0, 0
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        if self.real:
+            self.passed()
+            return
+        self.waited_s += seconds
+        self.idle_s += seconds
+        self.passed()
+
+    def ask(self) -> None:
+        """Let pass the time that asking for input takes."""
+        self.wait(self._asking_s())
+
+    def read(self) -> None:
+        """Let pass the time that reading the clock takes; where it lags, it catches up first."""
+        lag_s = self.simulated_s - self.waited_s
+        self.waited_s += max(READ_S, min(self._asking_s(), lag_s))
+        self.passed()
+
+    def _asking_s(self) -> float:
+        self._asks += 1
+        return min(ASK_S * self._asks, LONGEST_ASK_S)
+
+    def install(self) -> None:
+        """Put this clock in place of the one in the module `time`."""
+        if self.real:
+            return
+        self._theirs = {name: getattr(time, name) for name in (*NAMES, "sleep")}
+        self._theirs |= {f"{name}_ns": getattr(time, f"{name}_ns") for name in NAMES}
+        for name in NAMES:
+            began = self._theirs[name]() if self._begins_s is None else self._begins_s
+            setattr(time, name, self._reading(self._theirs[name], began, 1.0))
+            setattr(time, f"{name}_ns", self._reading(self._theirs[f"{name}_ns"], began, 1e9))
+        time.sleep = self._sleeping(self._theirs["sleep"])
+
+    def remove(self) -> None:
+        """Put the module `time` back as it was."""
+        for name, function in self._theirs.items():
+            setattr(time, name, function)
+        self._theirs = {}
+
+    def _reading(self, real: Any, began: float, unit: float) -> Any:
+        def read() -> Any:
+            if self._is_real():
+                return real()
+            self.asked = True
+            self.read()
+            now = began + self.now_s()
+            return now if unit == 1.0 else int(now * unit)
+
+        read.__name__ = real.__name__
+        return read
+
+    def _sleeping(self, real: Any) -> Any:
+        def sleep(seconds: float) -> None:
+            # An argument that is not a time gets Python's own error.
+            if self._is_real() or not hasattr(seconds, "__float__") or not seconds >= 0:
+                real(seconds)
+                return
+            self.asked = True
+            self._asks = 0
+            self.wait(float(seconds))
+
+        return sleep
+
+    def _is_real(self) -> bool:
+        """Whether the caller of our caller keeps the real clock."""
+        if not self._theirs or threading.get_ident() != _MAIN:
+            return True
+        name = sys._getframe(2).f_code.co_filename
+        known = self._library.get(name)
+        if known is None:
+            known = name.startswith("<frozen") or (
+                name.startswith(_LIBRARY) and not name.startswith(_OTHERS)
+            )
+            self._library[name] = known
+        return known
+
+
+_MAIN = threading.main_thread().ident
+_real_monotonic = time.monotonic

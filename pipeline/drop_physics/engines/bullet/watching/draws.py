@@ -1,0 +1,139 @@
+"""Random numbers: seeded on request, otherwise the first that is drawn unseeded is reported.
+
+What a library draws while it is imported is its own: it tests itself, or makes examples for its
+documentation.
+"""
+
+from __future__ import annotations
+
+import functools
+import linecache
+import random
+import re
+import sys
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+SEEDS = ("seed", "setstate", "set_state", "set_bit_generator")
+"""Functions of a generator that determine what it draws."""
+SILENT = ("getstate", "get_state", "getrandbits")
+"""Those that draw nothing, or with which Python's library draws for itself."""
+OF_NUMPY = ("seed", "sample", "ranf", "set_bit_generator")
+"""Functions of numpy's generator that are not its methods."""
+INSTALLED = re.compile(r"[/\\](site|dist)-packages[/\\]")
+"""In the path of a library's module."""
+SEEDED_STATE = re.compile(r"RandomState\((?!\s*(None\s*)?\))")
+"""A call that gives `numpy.random.RandomState` a seed."""
+
+
+class Draws:
+    """The generators of `random` and `numpy.random`.
+
+    Parameters
+    ----------
+    seed
+        What to seed them with; None leaves them alone.
+    tell
+        Called for the first number that each draws unseeded, with the function and its frame.
+    """
+
+    def __init__(self, seed: int | None, tell: Callable[[str, Any], None]) -> None:
+        self._seed, self._tell = seed, tell
+        self._quiet: set[str] = set()
+        self._entropy = random.Random(seed)
+        self._undo: list[Callable[[], None]] = []
+
+    def begin(self) -> None:
+        """Start with the generator of Python's library."""
+        if self._seed is None:
+            self._watch(random, "random", getattr(random, "_inst"))  # noqa: B009
+        else:
+            self._seed_generators()
+            random.seed(self._seed)
+
+    def on_numpy(self, module: ModuleType) -> None:
+        """Continue with numpy's, once `numpy.random` is imported."""
+        if self._seed is None:
+            self._watch(module, "numpy.random", getattr(module.mtrand, "_rand"))  # noqa: B009
+        else:
+            module.seed(self._seed % 2**32)
+        source: Any = module.bit_generator
+        original = source.randbits
+
+        def randbits(count: int) -> int:
+            if self._seed is not None:
+                return self._entropy.getrandbits(count)
+            frame = sys._getframe(1)
+            # A seed of numpy's own generator is reported once that draws.
+            if frame.f_code.co_filename != __file__ and not _gives_seed(frame):
+                self._drawn("numpy.random.SeedSequence", frame)
+            return int(original(count))
+
+        source.randbits = randbits
+        self._undo.append(lambda: setattr(source, "randbits", original))
+
+    def remove(self) -> None:
+        """Put everything back."""
+        while self._undo:
+            self._undo.pop()()
+
+    def _seed_generators(self) -> None:
+        """Let `random.seed()` and `random.Random()` seed with numbers that are always the same."""
+        original, entropy = random.Random.seed, self._entropy
+
+        @functools.wraps(original)
+        def seed(generator: random.Random, a: Any = None, version: int = 2) -> None:
+            original(generator, entropy.getrandbits(64) if a is None else a, version)
+
+        for owner, name, function in (
+            (random.Random, "seed", seed),
+            (random, "seed", functools.partial(seed, getattr(random, "_inst"))),  # noqa: B009
+        ):
+            self._undo.append(functools.partial(setattr, owner, name, getattr(owner, name)))
+            setattr(owner, name, function)
+
+    def _watch(self, module: ModuleType, name: str, generator: object) -> None:
+        for attribute, function in list(vars(module).items()):
+            of_module = module is not random and attribute in OF_NUMPY
+            if of_module or getattr(function, "__self__", None) is generator:
+                setattr(module, attribute, self._watched(f"{name}.{attribute}", name, function))
+                self._undo.append(functools.partial(setattr, module, attribute, function))
+
+    def _watched(self, called: str, name: str, function: Any) -> Any:
+        function_name = called.rpartition(".")[2]
+        seeds, draws = function_name in SEEDS, function_name not in (*SEEDS, *SILENT)
+
+        @functools.wraps(function)
+        def notice(*args: Any, **kwargs: Any) -> Any:
+            if seeds and (args or kwargs) and args[:1] != (None,):
+                self._quiet.add(name)
+            elif seeds:
+                self._quiet.discard(name)
+            elif draws and name not in self._quiet:
+                self._drawn(called, sys._getframe(1), name)
+            return function(*args, **kwargs)
+
+        return notice
+
+    def _drawn(self, called: str, frame: Any, name: str = "") -> None:
+        if (name or called) not in self._quiet and not _is_imported(frame):
+            self._quiet.add(name or called)
+            self._tell(called, frame)
+
+
+def _is_imported(frame: Any) -> bool:
+    """Whether a library's module is being imported: its own code has called, however deep."""
+    while frame is not None:
+        code = frame.f_code
+        if code.co_name == "<module>" and not code.co_filename.startswith("<"):
+            is_main = frame.f_globals.get("__name__") == "__main__"
+            return not is_main and INSTALLED.search(code.co_filename) is not None
+        frame = frame.f_back
+    return False
+
+
+def _gives_seed(frame: Any) -> bool:
+    """Whether a line gives a RandomState a seed; before numpy takes that, it draws its own."""
+    line = linecache.getline(frame.f_code.co_filename, frame.f_lineno)
+    return SEEDED_STATE.search(line) is not None

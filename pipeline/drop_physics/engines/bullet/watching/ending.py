@@ -1,0 +1,121 @@
+"""How a script ends: as it would without us, and reported to the recorder."""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import sys
+import traceback
+from collections.abc import Callable
+from types import TracebackType
+
+from . import clock, draws, handlers, hooks
+from .hooks import Stop, Watch
+
+WRAPPERS = (hooks.__file__, handlers.__file__, clock.__file__, draws.__file__)
+"""The files whose functions stand before others: the script's tracebacks are without them."""
+PR_SET_PDEATHSIG, SIGKILL = 1, 9
+"""From Linux's `sys/prctl.h` and `signal.h`."""
+
+
+def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
+    """Run a script to its end, and end the process as it asks.
+
+    Parameters
+    ----------
+    watch, script
+        What watches it, and runs it.
+    ours
+        The file whose frames are left out of a traceback.
+    """
+    _end_with_the_recorder()
+    atexit.register(_end_last, watch)
+    code: object = 0
+    try:
+        script()
+        _tell(watch, "finished")
+    except Stop:
+        end(watch, "stopped")
+    except SystemExit as error:
+        code = error.code
+        failed = bool(code & 0xFF if isinstance(code, int) else code is not None)
+        _tell(watch, "failed" if failed else "finished", f"sys.exit({code!r})" if failed else "")
+    except KeyboardInterrupt:
+        _tell(watch, "interrupted")
+        code = 130
+    except BaseException as error:  # noqa: BLE001 - the script's own
+        watch.clock.remove()
+        _tell(watch, "failed", in_one_line(error))
+        while error.__traceback__ is not None and _is_ours(error.__traceback__, ours):
+            error.__traceback__ = error.__traceback__.tb_next
+        _hide_wrappers(error)
+        sys.excepthook(type(error), error, error.__traceback__)
+        code = 1
+    raise SystemExit(code)  # not sys.exit, which the script may have replaced
+
+
+def end(watch: Watch, how: str, error: str = "") -> None:
+    """Send the recorder what is left, and that the script is over: nothing follows."""
+    watch.finish()
+    watch.lock.remove()
+    watch.pipe.note("end", how=how, error=error)
+    watch.pipe.flush()
+
+
+def _tell(watch: Watch, how: str, error: str = "") -> None:
+    """Tell how the script has ended.
+
+    What its threads, its functions of `atexit` and its finalizers still do is recorded.
+    """
+    with watch.lock:
+        watch.settle()
+        watch.pipe.note("end", how=how, error=error)
+        watch.pipe.flush()
+
+
+def _end_last(watch: Watch) -> None:
+    """Send what is left when all else that was registered has run.
+
+    Only finalizers follow, in this thread: what they do is left in the block. The turn is kept from
+    other threads, which end wherever they are.
+    """
+    if watch.on:
+        watch.lock.acquire()
+        watch.lock.remove()
+        watch.settle()
+
+
+def _is_ours(trace: TracebackType, ours: str) -> bool:
+    name = trace.tb_frame.f_code.co_filename
+    return name in (ours, __file__) or "runpy" in name
+
+
+def _hide_wrappers(failure: BaseException) -> None:
+    """Leave out of an error's traceback, and of those it follows, what stands before a function."""
+    pending: list[BaseException | None] = [failure]
+    cleaned: set[int] = set()
+    while pending:
+        error = pending.pop()
+        if error is None or id(error) in cleaned:
+            continue
+        cleaned.add(id(error))
+        trace, kept = error.__traceback__, []
+        while trace is not None:
+            if trace.tb_frame.f_code.co_filename not in WRAPPERS:
+                kept.append(trace)
+            trace = trace.tb_next
+        for before, after in zip(kept, [*kept[1:], None]):
+            before.tb_next = after
+        error.__traceback__ = kept[0] if kept else None
+        pending += [error.__cause__, error.__context__]
+
+
+def in_one_line(error: BaseException) -> str:
+    """Return an exception's type and message."""
+    return " ".join("".join(traceback.format_exception_only(type(error), error)).split())
+
+
+def _end_with_the_recorder() -> None:
+    """Have the system end this process when the recorder is killed: nothing else could stop it."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, SIGKILL)

@@ -1,0 +1,354 @@
+"""What each function of pybullet does instead while it is watched, by kind of function.
+
+What a script may call at every step comes to few calls of Python; the rest goes by name.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+from . import pipe as protocol
+from .arguments import ARGUMENTS, CLIENT, CLIENT_AT, client_of, named, number, vector
+from .calls import fixed
+from .changes import (
+    CHANGES_NOTHING,
+    MOVES_ALL,
+    MOVES_BODY,
+    POLLS,
+    PUSHES,
+    READ_AGAIN,
+    READS,
+    RETURNS,
+    after_change,
+    before_change,
+)
+from .quiet import Window
+from .worlds import ALL, World
+
+if TYPE_CHECKING:
+    from .hooks import Watch
+
+Call = Callable[..., Any]
+
+ANSWERED = set(Window(SimpleNamespace(), 0).answers())
+"""What a window would answer."""
+
+
+def handler(watch: Watch, name: str, original: Any) -> Call:
+    """Return what stands before a function."""
+    special = {
+        "connect": connecting, "disconnect": disconnecting, "stepSimulation": stepping,
+        "resetSimulation": resetting, "getCameraImage": photographing,
+        "setAdditionalSearchPath": searching,
+    }.get(name)  # fmt: skip
+    if special is not None:
+        return special(watch, name, original)
+    if name in CHANGES_NOTHING or name.startswith(READS):
+        return passive(watch, name, original)
+    return changing(watch, name, original)
+
+
+def stepping(watch: Watch, name: str, original: Any) -> Call:
+    """Return what makes a step, and sends a sample after it."""
+    lock, pipe, worlds = watch.lock, watch.pipe, watch.worlds
+    acquire, release, kept = lock.acquire, lock.release, lock.kept
+
+    def step(*args: Any, **kwargs: Any) -> Any:
+        if not watch.on:
+            return original(*args, **kwargs)
+        acquire()
+        try:
+            if watch.stopped or pipe.gone:
+                watch.check()
+            world = worlds.get(client_of(name, args, kwargs) if args or kwargs else 0)
+            if world is None:
+                return original(*args, **kwargs)
+            return watch.step(world, original, args, kwargs)
+        finally:
+            release()
+            if kept:
+                lock.give_back()
+
+    return step
+
+
+def changing(watch: Watch, name: str, original: Any) -> Call:
+    """Return what sends a call that changes a simulation, and reads again what it changes.
+
+    A call of a form that is known goes straight into the block; `Calls.tell` does the others.
+    """
+    lock, pipe, worlds, calls = watch.lock, watch.pipe, watch.worlds, watch.calls
+    acquire, release, kept = lock.acquire, lock.release, lock.kept
+    real_time, plans = watch.real_time_since, calls.plans(name)
+    client_at, (before, after) = CLIENT_AT.get(name, 1000), _effects(name)
+    frame, block_size = sys._getframe, protocol.BLOCK.size
+
+    def change(*args: Any, **kwargs: Any) -> Any:
+        if not watch.on:
+            return original(*args, **kwargs)
+        told = noted = None
+        acquire()
+        try:
+            if watch.stopped or pipe.gone:
+                watch.check()
+            if real_time:
+                watch.let_time_pass()
+            named_client = CLIENT in kwargs or len(args) > client_at
+            world = worlds.get(client_of(name, args, kwargs) if named_client else 0)
+            if world is None:
+                return original(*args, **kwargs)
+            if before is not None:
+                noted = before(watch, world, name, args, kwargs)
+            place, number = frame(1), world.number
+            values: Any = [*args, *kwargs.values()]
+            its_types, its_names = [*map(type, values)], [*kwargs]
+            try:
+                for plan in plans.get((id(place.f_code), place.f_lasti, number), ()):
+                    types, names, head, pack, size, fixes, kinds = plan
+                    if types == its_types and names == its_names:
+                        numbers = fixed(values, fixes, kinds) if fixes else values
+                        if numbers is not None:
+                            end = pipe.end + size
+                            if end > pipe.limit:
+                                end = pipe.make_room(size) + size
+                            pipe.memory[end - size : end] = head + pack(*numbers)
+                            pipe.end, pipe.counts[1] = end, end - block_size
+                            break
+                else:
+                    calls.tell(number, name, args, kwargs, place)
+            except struct.error:  # a whole number that is no double
+                calls.tell(number, name, args, kwargs, place)
+            told = world
+            result = original(*args, **kwargs)
+            if after is not None:
+                after(watch, world, name, noted, result)
+            return result
+        except Exception as error:
+            if told is not None:
+                _raised(watch, told, name, error)
+            raise
+        finally:
+            release()
+            if kept:
+                lock.give_back()
+
+    return change
+
+
+def _effects(name: str) -> tuple[Call | None, Call | None]:
+    """Return what is done before and after a call of a function, if anything."""
+    if name in MOVES_BODY:
+        return _before_move, _after_move
+    if name in PUSHES:
+        return _before_push, None
+    if name in READ_AGAIN:
+        return _before_change, _after_change
+    return None, _after_creation if name.startswith(RETURNS) else None
+
+
+def _before_move(watch: Watch, world: World, name: str, args: Any, kwargs: Any) -> tuple[Any, ...]:
+    """Return the body that a call moves, and what it sets of it."""
+    body = args[0] if args else kwargs.get("bodyUniqueId", kwargs.get("objectUniqueId"))
+    if type(body) is not int:
+        body = number(body)
+    which: Any = name
+    if "Joint" in name:
+        which = name, number(args[1] if len(args) > 1 else kwargs.get("jointIndex"))
+    if which in world.moved.get(body, ()):  # it was there, if only for a moment
+        watch.guarded(world, world.sync)
+    return body, which
+
+
+def _after_move(_: Watch, world: World, __: str, noted: Any, ___: Any) -> None:
+    body, which = noted
+    moved = world.moved
+    if body in moved:
+        moved[body].add(which)
+    else:
+        moved[body] = {which}
+    world.touched = True
+
+
+def _before_push(watch: Watch, world: World, *_: Any) -> None:
+    if world.touched:  # it acts at a point and along axes of the body's current pose
+        watch.guarded(world, world.sync)
+
+
+def _before_change(watch: Watch, world: World, name: str, args: Any, kwargs: Any) -> dict[str, Any]:
+    arguments = named(name, args, kwargs)
+    watch.guarded(world, before_change, world, name, arguments)
+    return arguments
+
+
+def _after_change(
+    watch: Watch, world: World, name: str, arguments: dict[str, Any], result: Any
+) -> None:
+    _after_creation(watch, world, name, arguments, result)
+    watch.guarded(world, after_change, world, name, arguments, result)
+    if name == "setRealTimeSimulation":
+        watch.set_real_time(world, on=bool(arguments.get("enableRealTimeSimulation", 0)))
+    watch.pipe.tick()
+
+
+def _after_creation(watch: Watch, _: World, name: str, __: Any, result: Any) -> None:
+    if type(result) is int and name.startswith(RETURNS):
+        watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(result))
+
+
+def _raised(watch: Watch, world: World, name: str, error: Exception) -> None:
+    watch.pipe.note("raised", error=f"{type(error).__name__}: {error}")
+    if name in MOVES_ALL:  # it may have moved some bodies before it failed
+        world.moved[ALL] = set()
+        world.touched = True
+
+
+def passive(watch: Watch, name: str, original: Any) -> Call:
+    """Return what calls a function that changes nothing, or gives a window's answer."""
+    polls, clock, pipe, windows = name in POLLS, watch.clock, watch.pipe, watch.windows
+    has_answer, real_time = name in ANSWERED, watch.real_time_since
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        if not watch.on:
+            return original(*args, **kwargs)
+        if watch.stopped or pipe.gone or real_time or polls:
+            with watch.lock:
+                watch.check()
+                if real_time:
+                    watch.let_time_pass()
+                if polls:
+                    clock.ask()
+        if has_answer and windows:
+            client = client_of(name, args, kwargs)
+            if client in windows:
+                return _answer(windows[client], name, original, args, kwargs)
+        return original(*args, **kwargs)
+
+    return call
+
+
+def _answer(window: Window, name: str, original: Any, args: Any, kwargs: Any) -> Any:
+    arguments = named(name, args, kwargs)
+    answer = None
+    if name == "getConnectionInfo" or not set(arguments) <= {*ARGUMENTS[name]}:
+        answer = original(*args, **kwargs)  # or its own error
+    return window.answers()[name](arguments, answer)
+
+
+def searching(watch: Watch, name: str, original: Any) -> Call:
+    """Return what notes where PyBullet looks for files."""
+    call = passive(watch, name, original)
+
+    def search(*args: Any, **kwargs: Any) -> Any:
+        result = call(*args, **kwargs)
+        path = named(name, args, kwargs).get("path")
+        if type(path) is str:
+            World.search_path = path
+        return result
+
+    return search
+
+
+def connecting(watch: Watch, _: str, original: Any) -> Call:
+    """Return what begins a simulation, never with a window."""
+
+    def connect(*args: Any, **kwargs: Any) -> Any:
+        if not watch.on:
+            return original(*args, **kwargs)
+        with watch.lock:
+            watch.check()
+            p = watch.p
+            method: Any = args[0] if args else kwargs.get("method")
+            windows = {getattr(p, name, None) for name in ("GUI", "GUI_SERVER")}
+            if method in windows:
+                client = original(p.DIRECT)
+                watch.windows[client] = Window(p, method)
+                label = "GUI"
+            elif method == p.SHARED_MEMORY:
+                return -1  # a server there would not be the script's
+            else:
+                client = original(*args, **kwargs)
+                label = "DIRECT" if method == p.DIRECT else f"method {method}"
+            if client >= 0:
+                watch.begin(client, label)
+            return client
+
+    return connect
+
+
+def disconnecting(watch: Watch, name: str, original: Any) -> Call:
+    """Return what ends a simulation."""
+
+    def disconnect(*args: Any, **kwargs: Any) -> Any:
+        if watch.on:  # no check for Stop: scripts clean up with this call
+            with watch.lock:
+                watch.end(client_of(name, args, kwargs))
+        return original(*args, **kwargs)
+
+    return disconnect
+
+
+def resetting(watch: Watch, name: str, original: Any) -> Call:
+    """Return what removes all bodies."""
+
+    def reset(*args: Any, **kwargs: Any) -> Any:
+        if not watch.on:
+            return original(*args, **kwargs)
+        with watch.lock:
+            watch.check()
+            world = watch.worlds.get(client_of(name, args, kwargs))
+            if world is None:
+                return original(*args, **kwargs)
+            watch.guarded(world, world.sync)
+            watch.calls.tell(world.number, name, args, kwargs, sys._getframe(1))
+            try:
+                result = original(*args, **kwargs)
+            except Exception as error:
+                _raised(watch, world, name, error)
+                raise
+            world.forget()
+            return result
+
+    return reset
+
+
+def photographing(watch: Watch, name: str, original: Any) -> Call:
+    """Return what sends what the script's camera sees."""
+
+    def photograph(*args: Any, **kwargs: Any) -> Any:
+        if not watch.on:
+            return original(*args, **kwargs)
+        with watch.lock:
+            watch.check()
+            if watch.real_time_since:
+                watch.let_time_pass()
+            world = watch.worlds.get(client_of(name, args, kwargs))
+            result = original(*args, **kwargs)
+            if world is not None:
+                place = watch.calls.place(sys._getframe(1))
+                arguments = named(name, args, kwargs)
+                watch.guarded(world, _send_image, watch, world, arguments, result, place)
+            return result
+
+    return photograph
+
+
+def _send_image(
+    watch: Watch, world: World, arguments: dict[str, Any], result: Any, place: tuple[str, int]
+) -> None:
+    width, height, pixels = result[:3]
+    data = pixels.tobytes() if hasattr(pixels, "tobytes") else bytes(pixels)
+    if len(data) != 4 * width * height:
+        return
+    world.before_step()
+    file, line = place
+    note = {
+        "world": world.number, "step": world.step, "width": width, "height": height,
+        "view": vector(arguments.get("viewMatrix")),
+        "projection": vector(arguments.get("projectionMatrix")), "file": file, "line": line,
+    }  # fmt: skip
+    head = protocol.encoded(note)
+    watch.pipe.send(protocol.IMAGE, protocol.IMAGE_HEAD.pack(len(head)) + head + data)

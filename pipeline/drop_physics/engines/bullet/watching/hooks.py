@@ -1,0 +1,291 @@
+"""The functions of pybullet, each replaced by one that calls it and tells the recorder.
+
+The script sees no difference: calls return the engine's own answer, except where a window would
+have to be open (`quiet`), and where time would have to pass (`clock`).
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from threading import get_ident
+from types import BuiltinFunctionType, ModuleType, SimpleNamespace
+from typing import Any
+
+from .calls import Calls
+from .clock import CALL_S, Clock
+from .handlers import handler
+from .pipe import Pipe
+from .quiet import Window
+from .turns import Turn
+from .worlds import ASKED_EVERY, World
+
+IDLE_S = 60.0
+"""A script that sleeps or asks for input this long [s] without a step waits for a user who is not
+there."""
+MOST_CLIENTS = 64
+
+
+class Stop(SystemExit):
+    """The script has reached its limit; few scripts catch this, and threads end silently."""
+
+
+class Hook:
+    """A function of pybullet, watched.
+
+    It passes for a builtin function (`inspect.isbuiltin`): only to those do wrappers such as
+    `BulletClient` bind the client's number.
+
+    Parameters
+    ----------
+    original
+        What it stands before: the function, or the hook of a recording around this one.
+    watch
+        Whose hook it is.
+    """
+
+    def __init__(self, original: Any, watch: Watch) -> None:
+        self.__name__ = self.__qualname__ = original.__name__
+        self.__doc__ = original.__doc__
+        self.__module__ = "pybullet"
+        self.__text_signature__ = None
+        self.drop_watch = watch
+        self.drop_plain = getattr(original, "drop_plain", original)
+        """PyBullet's own function."""
+
+    @property
+    def __class__(self) -> Any:
+        return BuiltinFunctionType
+
+    @__class__.setter
+    def __class__(self, _: Any) -> None:
+        raise TypeError("the class of a builtin function cannot be changed")
+
+    def __reduce__(self) -> str:
+        return str(self.__name__)
+
+    def __repr__(self) -> str:
+        return f"<built-in function {self.__name__}>"
+
+
+class Watch:
+    """What is known of a running script.
+
+    Parameters
+    ----------
+    steps
+        After how many steps to stop it, or None.
+    duration_s
+        After how much time on its clock [s] to stop it, or None.
+    """
+
+    def __init__(
+        self, pipe: Pipe, clock: Clock, *, steps: int | None, duration_s: float | None
+    ) -> None:
+        self.pipe, self.clock = pipe, clock
+        self.on = True
+        self.lock = Turn()
+        self.calls = Calls(pipe)
+        self.stopped: str | None = None
+        self.worlds: dict[int, World] = {}
+        self.windows: dict[int, Window] = {}
+        self.real_time_since: dict[int, tuple[float, float]] = {}
+        self.p = SimpleNamespace()
+        """PyBullet's own functions."""
+        self._limit_steps, self._limit_s = steps, duration_s
+        self._steps = self._worlds_made = 0
+        self._last_end = (0, 0.0)
+        self._modules: list[tuple[ModuleType, dict[str, Any]]] = []
+        self._undo: list[Callable[[], None]] = []
+        self._process, self._thread = os.getpid(), get_ident()
+        self._threads: set[threading.Thread] = set()
+        """Other threads that have made steps."""
+        clock.passed = self._time_has_passed
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=self._forked)
+
+    # -- in place of pybullet's functions ---------------------------------------------------------
+
+    def install(self, module: ModuleType) -> None:
+        """Replace the functions of pybullet, in place; those of a reloaded module are already."""
+        originals = {
+            name: value
+            for name, value in vars(module).items()
+            if isinstance(value, BuiltinFunctionType)
+            and getattr(value, "drop_watch", None) is not self
+        }
+        if not originals:
+            return
+        plain = {name: getattr(value, "drop_plain", value) for name, value in originals.items()}
+        self.p = SimpleNamespace(**{**vars(module), **vars(self.p), **plain})
+        self._modules.append((module, originals))
+        for name, original in originals.items():
+            call = handler(self, name, original)
+            kind = type("Hook", (Hook,), {"__call__": staticmethod(call)})
+            setattr(module, name, kind(original, self))
+        self.pipe.note("pybullet", version=module.getAPIVersion(), file=module.__file__)
+        for client in range(MOST_CLIENTS):  # connected before we came
+            if client not in self.worlds and self.p.isConnected(client):
+                self.begin(client, "before")
+
+    def remove(self) -> None:
+        """Put the functions back; those that a script has kept just call the engine."""
+        self.on = False
+        for module, originals in self._modules:
+            vars(module).update(originals)
+        while self._undo:
+            self._undo.pop()()
+        self.clock.remove()
+        self.lock.remove()
+
+    def on_removal(self, undo: Callable[[], None]) -> None:
+        """Register a function that undoes something when this watch ends."""
+        self._undo.append(undo)
+
+    def tell_draw(self, called: str, frame: Any) -> None:
+        """Report an unseeded random number."""
+        file, line = self.calls.place(frame)
+        with self.lock:
+            self.pipe.note("unseeded", called=called, file=file, line=line)
+
+    # -- simulations ------------------------------------------------------------------------------
+
+    def begin(self, client: int, method: str) -> None:
+        """Follow a new simulation."""
+        step, time_s = self._last_end
+        world = World(self.pipe, self.p, client=client, number=self._worlds_made, method=method,
+            first_step=step, first_time_s=time_s)  # fmt: skip
+        self.worlds[client] = world
+        self._worlds_made += 1
+
+    def end(self, client: int) -> None:
+        """Send what is left of a simulation that is disconnected."""
+        world = self.worlds.get(client)
+        if world is None:
+            return
+        self.guarded(world, world.end)
+        self._last_end = max(self._last_end, (world.step + 1, world.time_s))
+        self.worlds.pop(client, None)
+        self.windows.pop(client, None)
+        self.real_time_since.pop(client, None)
+
+    def guarded(self, world: World, read: Callable[..., None], *arguments: Any) -> None:
+        """Read something; if it fails, the simulation is dropped, and the script goes on."""
+        try:
+            read(*arguments)
+        except Exception as error:  # noqa: BLE001 - our errors must not reach the script
+            self._lose(world, error)
+
+    def _lose(self, world: World, error: Exception) -> None:
+        if world.client in self.worlds:
+            self.pipe.note("fault", world=world.number, step=world.step,
+                error=f"{type(error).__name__}: {error}")  # fmt: skip
+        self.worlds.pop(world.client, None)
+        self.real_time_since.pop(world.client, None)
+
+    # -- steps and time ---------------------------------------------------------------------------
+
+    def step(self, world: World, original: Any, args: Any, kwargs: Any) -> Any:
+        """Make a step, and send what it changes."""
+        asks = False
+        try:
+            if world.touched:
+                world.before_step()
+            if not world.step % ASKED_EVERY:
+                asks = world.asks_solver()
+        except Exception as error:  # noqa: BLE001 - our errors must not reach the script
+            self._lose(world, error)
+            return original(*args, **kwargs)
+        if asks:
+            try:
+                result = original(*args, **kwargs)
+            finally:
+                world.report_solver(on=False)
+        else:
+            result = original(*args, **kwargs)
+        try:
+            world.after_step(result)
+        except Exception as error:  # noqa: BLE001 - likewise
+            self._lose(world, error)
+            return () if asks else result
+        self._steps += 1
+        if get_ident() != self._thread:
+            self._threads.add(threading.current_thread())
+        self.clock.step(world.time_s)
+        if self._steps == self._limit_steps:
+            self.stop("steps")
+        if self._limit_s is not None:
+            self._check_time()
+        self.pipe.tick()
+        return () if asks else result
+
+    def set_real_time(self, world: World, *, on: bool) -> None:
+        """Let a simulation run by itself, as it does with a window; without one it never does."""
+        self.real_time_since.pop(world.client, None)
+        if on and world.client in self.windows:
+            self.real_time_since[world.client] = (self.clock.now_s(), world.time_s)
+            self.pipe.note("real_time", world=world.number, step=world.step)
+
+    def let_time_pass(self) -> None:
+        """Let pass the time that a call takes, where a simulation runs by itself."""
+        self.clock.wait(CALL_S)
+
+    def _time_has_passed(self) -> None:
+        if not self.on:
+            return
+        with self.lock:
+            self.check()
+            for client, (since_s, from_s) in list(self.real_time_since.items()):
+                world = self.worlds[client]
+                if world.stale_engine:
+                    self.guarded(world, world.before_step)
+                while (
+                    client in self.worlds
+                    and world.time_s + world.timestep_s - from_s <= self.clock.now_s() - since_s
+                ):
+                    self.step(world, self.p.stepSimulation, (client,), {})
+            self._check_time()
+
+    def _check_time(self) -> None:
+        now_s = max(self.clock.simulated_s, self.clock.waited_s)
+        if self._limit_s is not None and now_s >= self._limit_s * (1 - 1e-12):
+            self.stop("duration")
+        elif self.clock.idle_s >= IDLE_S:
+            self.stop("idle")
+
+    def stop(self, why: str) -> None:
+        """End the script: here, and at any further call of pybullet."""
+        self.stopped = why
+        self.pipe.note("stop", why=why)
+        self.pipe.flush()
+        raise Stop(0)
+
+    def check(self) -> None:
+        """Raise again if the script has caught the end; without a recorder it ends too."""
+        if self.stopped or self.pipe.gone:
+            raise Stop(0)
+
+    # -- the end ----------------------------------------------------------------------------------
+
+    def settle(self) -> None:
+        """Send what is left of all simulations, as far as the script has come."""
+        with self.lock:
+            for world in list(self.worlds.values()):
+                self.guarded(world, world.end)
+            self.pipe.flush()
+
+    def finish(self) -> None:
+        """Send what is left, and watch no further: what follows is not recorded."""
+        with self.lock:
+            self.settle()
+            here = threading.current_thread()
+            if any(thread.is_alive() for thread in self._threads if thread is not here):
+                self.pipe.note("running")
+            self.worlds.clear()
+            self.on = False
+
+    def _forked(self) -> None:
+        if self.on and os.getpid() != self._process:
+            self.remove()
+            self.pipe.leave()

@@ -1,0 +1,184 @@
+"""What the script's process sends to the recorder: frames, through a pipe.
+
+A stream begins with `MAGIC`. Each frame is a kind (one letter), the length of its payload (uint32,
+little-endian), and the payload. A stream may end at any byte: an incomplete frame is dropped.
+
+Frames collect in a block of shared memory, and leave it in large writes. So nothing is lost when a
+process crashes or is killed: the recorder reads the rest of the block.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import os
+import struct
+import time
+from typing import Any
+
+MAGIC = b"DROPREC\x02"
+"""The last byte is the version: both halves belong to the same drop, unless somebody mixes them."""
+HEADER = struct.Struct("<cI")
+"""Header of a frame: kind and length."""
+
+NOTE, SAMPLE, SET, CALL, RESULT, IMAGE = b"J", b"S", b"P", b"K", b"R", b"I"
+"""Kinds: a note is JSON; the others are doubles after a small head.
+
+SAMPLE: of the bodies of the last layout, in its order, what can move: 13 of the base, then the
+positions, velocities and efforts of its joints; the forces of its constraints; 23 of each contact
+point. SET: all of one body. CALL: the numbers in the arguments of a call. RESULT: what that call
+returned. IMAGE: JSON, then pixels.
+"""
+HEAD = struct.Struct("<qq")
+"""Head of samples and states set by calls: number of the world or body, and step."""
+CALL_HEAD = struct.Struct("<II")
+"""Head of a call: numbers of the world and of the site."""
+NUMBER = struct.Struct("<d")
+IMAGE_HEAD = struct.Struct("<I")
+"""Head of an image: length of the JSON before its pixels."""
+
+BLOCK = struct.Struct("=QQ")
+"""At the block's start: bytes sent so far, and bytes in it now."""
+BLOCK_BYTES = 1 << 20
+CUT_BYTES = 64
+"""Of the block, for the note that it is full and the pipe closed."""
+LONGEST = 1 << 29
+"""No payload is as long; four letters read as a length are longer."""
+FLUSH_BYTES = 1 << 16
+FLUSH_S = 0.25
+
+
+class Pipe:
+    """The sending end. Not for two threads at once: the sender holds `Watch.lock`.
+
+    What is sent at every call is written into `memory` at `end`, which then moves on, and is
+    counted in `counts[1]`; `make_room` comes first where it would lie beyond `limit`.
+    """
+
+    def __init__(self, pipe: int, block: int) -> None:
+        self._pipe = pipe
+        self._inode = os.fstat(pipe).st_ino
+        self.memory: Any = mmap.mmap(block, BLOCK_BYTES)
+        self.counts: Any = memoryview(self.memory)[: BLOCK.size].cast("Q")
+        os.set_inheritable(pipe, False)
+        os.close(block)
+        self._before = 0
+        self.end, self.limit = BLOCK.size, BLOCK.size + FLUSH_BYTES
+        self._flushed_at = _now()
+        self.open = True
+        self.gone = False
+        """Whether the recorder is."""
+        self._closed = False
+        """Whether the script has closed it: then the block takes what still fits."""
+        self.write(MAGIC)
+        self.flush()
+
+    def note(self, what: str, **values: Any) -> None:
+        """Send a JSON object."""
+        self.send(NOTE, encoded({"what": what, **values}))
+
+    def send(self, kind: bytes, payload: bytes) -> None:
+        """Send a frame."""
+        self.write(frame(kind, payload))
+        self.tick()
+
+    def write(self, data: bytes | memoryview) -> None:
+        """Put bytes into the block, which is sent when there is enough in it."""
+        at = self.end
+        end = at + len(data)
+        if end > self.limit:
+            at = self.make_room(len(data))
+            end = at + len(data)
+            if end > self.limit:
+                self._write_apart(data)
+                return
+        self.memory[at:end] = data
+        self.end = end
+        self.counts[1] = end - BLOCK.size
+
+    def make_room(self, size: int) -> int:
+        """Send what is in the block; return where the next bytes go."""
+        self.flush()
+        if self._closed and self.open and self.end + size > self.limit:
+            note = frame(NOTE, encoded({"what": "cut"}))
+            end = self.end + len(note)
+            self.memory[self.end : end] = note
+            self.counts[1] = end - BLOCK.size
+            self._forget()
+        return self.end
+
+    def _write_apart(self, data: bytes | memoryview) -> None:
+        """Send what the block has no room for, after what is in it."""
+        if self.open:
+            self._hand_over(data)
+            if self._closed:
+                self.make_room(len(data))
+
+    def tick(self) -> None:
+        """Send what has waited for long enough."""
+        if _now() - self._flushed_at > FLUSH_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Send what is in the block."""
+        if not self.open:
+            self.end = BLOCK.size
+        elif self.end > BLOCK.size and not self._closed:
+            self._hand_over(self.memory[BLOCK.size : self.end])
+
+    def close(self) -> None:
+        """Send what is left, and close the pipe: nothing is sent after that."""
+        self.flush()
+        self.leave()
+
+    def leave(self) -> None:
+        """Close the pipe and send nothing, for a forked child, which shares the block."""
+        if self.open:
+            self._forget()
+            if self._is_ours():
+                os.close(self._pipe)
+
+    def _forget(self) -> None:
+        """Let everything that is still sent go nowhere."""
+        self.open = False
+        self.memory, self.counts = bytearray(self.limit), [0, 0]
+        self.end = BLOCK.size
+
+    def _hand_over(self, data: bytes | memoryview) -> None:
+        # A script may close all files and open its own: never write into one of those.
+        if not self._closed and not self._is_ours():
+            self._closed, self.limit = True, BLOCK_BYTES - CUT_BYTES
+        if self._closed:
+            return
+        rest = memoryview(data)
+        try:
+            while rest:
+                rest = rest[os.write(self._pipe, rest) :]
+        except BrokenPipeError:
+            self.leave()
+            self.gone = True
+            return
+        self._before += len(data)
+        self.counts[1] = 0  # first: else, if this ends here, it would be read twice
+        self.counts[0] = self._before
+        self.end = BLOCK.size
+        self._flushed_at = _now()
+
+    def _is_ours(self) -> bool:
+        try:
+            return os.fstat(self._pipe).st_ino == self._inode
+        except OSError:
+            return False
+
+
+def encoded(note: dict[str, Any]) -> bytes:
+    """Return a JSON object as UTF-8; bytes of a file name that are not UTF-8 become `?`."""
+    return json.dumps(note, ensure_ascii=False).encode("utf-8", "replace")
+
+
+def frame(kind: bytes, payload: bytes) -> bytes:
+    """Return a frame as it goes through the pipe."""
+    return HEADER.pack(kind, len(payload)) + payload
+
+
+_now = time.perf_counter  # the real one: it is read before the clock is replaced

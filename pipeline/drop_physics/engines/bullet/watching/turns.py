@@ -1,0 +1,79 @@
+"""Turns: one thread at a time sends to the recorder, and no signal interrupts it."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable
+from typing import Any
+
+
+class Turn:
+    """A lock that also holds back signals until it is released.
+
+    A script's own handler, and Python's for Ctrl-C, may raise wherever it is called. Within our own
+    code that would leave a message half sent, so it is called a moment later.
+
+    What runs at every call uses the lock itself: `acquire`, `release`, and `give_back` where `kept`
+    is not empty.
+    """
+
+    def __init__(self) -> None:
+        lock: Any = threading.RLock()
+        self.acquire: Callable[[], Any] = lock.acquire
+        self.release: Callable[[], None] = lock.release
+        self.kept: list[Callable[[], Any]] = []
+        """What to call after the turn."""
+        self._is_owned = lock._is_owned
+        self._handlers: dict[int, Any] = {}
+        self._signal, self._getsignal = signal.signal, signal.getsignal
+
+    def __enter__(self) -> None:
+        self.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+        if self.kept:
+            self.give_back()
+
+    def give_back(self) -> None:
+        """Call what was kept, unless an outer turn goes on."""
+        while self.kept and not self._is_owned():
+            self.kept.pop(0)()
+
+    def install(self) -> None:
+        """Hold back signals of existing handlers, and of those that a script will install."""
+        if threading.current_thread() is not threading.main_thread():
+            return
+        signal.signal, signal.getsignal = self._set, self._get
+        if self._getsignal(signal.SIGINT) is signal.default_int_handler:
+            self._set(signal.SIGINT, signal.default_int_handler)
+
+    def remove(self) -> None:
+        """Put handlers and functions back as they were."""
+        if signal.signal == self._set:
+            signal.signal, signal.getsignal = self._signal, self._getsignal
+            for number, handler in self._handlers.items():
+                self._signal(number, handler)
+            self._handlers = {}
+
+    def _set(self, signalnum: Any, handler: Any) -> Any:
+        before = self._get(signalnum)
+        if not callable(handler) or isinstance(handler, signal.Handlers):
+            self._signal(signalnum, handler)
+            self._handlers.pop(int(signalnum), None)
+            return before
+
+        def keep(number: int, frame: Any) -> None:
+            if self._is_owned():
+                self.kept.append(lambda: handler(number, frame))
+            else:
+                handler(number, frame)
+
+        self._signal(signalnum, keep)
+        self._handlers[int(signalnum)] = handler
+        return before
+
+    def _get(self, signalnum: Any) -> Any:
+        current = self._getsignal(signalnum)
+        return self._handlers.get(int(signalnum), current)

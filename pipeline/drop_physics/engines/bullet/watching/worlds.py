@@ -1,0 +1,447 @@
+"""One simulation, as its engine has it: its bodies, and their current state.
+
+Everything is read with PyBullet's own functions, and nothing here changes a number in it:
+`tests/test_watching.py` checks that over many scripts.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from types import SimpleNamespace
+from typing import Any
+
+from . import pipe as protocol
+from .bodies import BASE, RIGID, Body, Loaded, plain
+from .capsules import lay
+from .pipe import Pipe
+
+LEAST_CHANGE = 0.01
+"""If the last iteration changes a velocity by more, further ones were needed [m/s, rad/s].
+"""
+ASKED_EVERY = 8
+"""One step in this many returns what the solver did: asking takes as long as recording a box."""
+MOST_ISLANDS = 64
+"""Groups of touching bodies that PyBullet has room for in what a step returns."""
+GEAR = 6
+"""Type of constraint, as in `getConstraintInfo`."""
+ALL = None
+"""In place of a body: a call may have moved any of them."""
+SAMPLE_HEAD = SET_HEAD = struct.Struct("<cIqq")
+"""Header and head of a sample, and of a state set by calls."""
+POSE, POINT = struct.Struct("<13d"), struct.Struct("<23d")
+"""The numbers of a base, of a contact point."""
+
+
+class World:
+    """One client's simulation.
+
+    Parameters
+    ----------
+    number
+        Of this simulation in this stream; the engine reuses its client ids.
+    first_step, first_time_s
+        Where its steps and its time begin.
+    """
+
+    bodies_made = 0
+    """In all simulations of this process."""
+    search_path = ""
+    """Where PyBullet looks for files besides; likewise."""
+
+    def __init__(
+        self, pipe: Pipe, p: SimpleNamespace, *, client: int, number: int, method: str,
+        first_step: int, first_time_s: float,
+    ) -> None:  # fmt: skip
+        self._pipe, self._p = pipe, p
+        self.client, self.number = client, number
+        self.step, self.time_s = first_step, first_time_s
+        self.touched = True
+        """Whether something must be sent before the next step."""
+        self.given: dict[str, Any] = {}
+        """Settings of the engine that it does not report, as calls gave them."""
+        self.fresh: set[int] = set()
+        """Bodies that a call has created: their ids may have been others' before."""
+        self.loaded: dict[int, Loaded] = {}
+        """What the calls that created bodies say of them."""
+        self.hulls: dict[int, bool] = {}
+        """Whether collision shapes that calls created are hulls where they are meshes."""
+        self.added: dict[int, list[Any]] = {}
+        """What was reported of bodies whose mass a call changed before they were first listed."""
+        self.moved: dict[int | None, set[Any]] = {}
+        """Bodies that calls may have moved since they were last read, and which calls."""
+        self.changed: set[int | None] = set()
+        """Bodies whose dynamics calls may have changed."""
+        self.recoloured: set[int] = set()
+        self.stale_bodies = self.stale_engine = self.stale_constraints = True
+        self.may_sleep = False
+        self.held: set[int] = set()
+        """Constraints that calls have created."""
+        self.returns_analytics: bool | None = None if method == "before" else False
+        """Whether the script itself has steps return what the solver did; None if unknown."""
+        self.bodies: dict[int, Body] = {}
+        self.timestep_s = 0.0
+        self._has_analytics = True
+        """Whether this PyBullet can return what the solver did."""
+        self._early: dict[int, dict[str, Any]] = {}
+        """By iteration limit: how often the solver was seen to reach it."""
+        self.sampled = False
+        """Whether a sample has been sent."""
+        self._since, self._steps_since = first_time_s, 0
+        self._engine: dict[str, Any] | None = None
+        self._moving: list[Body] = []
+        self._bases: list[tuple[int, int]] = []
+        self._jointed: list[Body] = []
+        self._constraints: list[tuple[int, int]] = []
+        """Ids, and how many forces they have."""
+        self._buffer = bytearray(SAMPLE_HEAD.size)
+        """The last sample, as sent; without contact points, `_size` bytes."""
+        self._size = SAMPLE_HEAD.size
+        self._before: set[int] = set()
+        if method == "before":
+            bodies, constraints = p.getNumBodies(client), p.getNumConstraints(client)
+            self._before = {p.getBodyUniqueId(index, client) for index in range(bodies)}
+            self.held = {p.getConstraintUniqueId(index, client) for index in range(constraints)}
+        pipe.note("world", world=number, client=client, method=method,
+            first_step=first_step, first_time_s=first_time_s)  # fmt: skip
+
+    # -- what calls have changed ------------------------------------------------------------------
+
+    def sync(self, *, sample_follows: bool = False) -> None:
+        """Send what calls have changed since this was last called.
+
+        What a sample that follows at once will hold is left to it.
+        """
+        if self.stale_engine:
+            self._read_engine()
+        if self.stale_bodies or self.fresh:
+            self._list_bodies()
+        if self.changed:
+            self._read_dynamics()
+        if self.recoloured:
+            for body in [self.bodies[key] for key in self.recoloured if key in self.bodies]:
+                self._pipe.note("look", body=body.number, visual=self._looks(body))
+            self.recoloured = set()
+        if self.moved:
+            moved, self.moved = self.moved, {}
+            for key in self.bodies if ALL in moved else moved:
+                if key in self.bodies:
+                    self._sync_state(self.bodies[key], sample_follows=sample_follows)
+        self.touched = not self.sampled
+
+    def forget(self) -> None:
+        """Note that a reset has removed all bodies."""
+        for body in self.bodies.values():
+            self._pipe.note("gone", body=body.number)
+        self.bodies, self.loaded, self.hulls, self._before = {}, {}, {}, set()
+        self.fresh, self.moved, self.changed, self.recoloured = set(), {}, set(), set()
+        self.stale_bodies = self.stale_engine = self.stale_constraints = self.touched = True
+        self.given, self.added, self._constraints, self.held = {}, {}, [], set()
+        self.returns_analytics = self.may_sleep = False
+        self._lay_out()
+
+    def before_mass(self, engine_id: int) -> None:
+        """Keep what is reported of a new body whose mass a call is about to change."""
+        if engine_id in self.fresh and engine_id not in self.added:
+            try:
+                links = range(-1, self._p.getNumJoints(engine_id, self.client))
+                self.added[engine_id] = [
+                    self._p.getDynamicsInfo(engine_id, link, self.client) for link in links
+                ]
+            except self._p.error:  # it is gone: the call itself will say so
+                return
+
+    def inertial_of(
+        self, engine_id: int, position: list[float] | None, orientation: list[float] | None
+    ) -> Any:
+        """Return where the centre of mass of a new btRigidBody is in the frame it was put at.
+
+        `getDynamicsInfo` returns leftovers as that of a btRigidBody.
+        """
+        position = position if position and len(position) == 3 else [0, 0, 0]
+        orientation = orientation if orientation and len(orientation) == 4 else [0, 0, 0, 1]
+        pose = self._p.getBasePositionAndOrientation(engine_id, self.client)
+        inverse = self._p.invertTransform(position, orientation)
+        return self._p.multiplyTransforms(*inverse, *pose)
+
+    def _list_bodies(self) -> None:
+        p, client = self._p, self.client
+        ids = [p.getBodyUniqueId(index, client) for index in range(p.getNumBodies(client))]
+        present = set(ids)
+        for key in [key for key in self.bodies if key not in present or key in self.fresh]:
+            self._pipe.note("gone", body=self.bodies.pop(key).number)
+            self._before.discard(key)
+        for key in ids:
+            if key not in self.bodies:
+                self.bodies[key] = self._describe(key)
+                if not self.bodies[key].soft:
+                    self.moved.setdefault(key, set())
+        self.fresh, self.stale_bodies = set(), False
+        self._lay_out()
+
+    def _describe(self, engine_id: int) -> Body:
+        loaded = self.loaded.get(engine_id) or Loaded()
+        body = Body(World.bodies_made, engine_id, self.client, self._p, loaded)
+        World.bodies_made += 1
+        added, now = self.added.pop(engine_id, body.dynamics), body.dynamics
+        # A body keeps moving without the mass that it had, and a btRigidBody that had none stands.
+        stays = bool(added[0][0]) == bool(now[0][0]) or (not added[0][0] and now[0][10] != RIGID)
+        added = now if stays else added
+        body.base_moves |= added[0][0] != 0
+        described = body.described(self.search_path)
+        self._lay(body, described["visual"])
+        self._pipe.note(
+            "body", world=self.number, body=body.number, dynamics=plain(added), **described,
+            before=engine_id in self._before and engine_id not in self.fresh,
+        )  # fmt: skip
+        if added is not body.dynamics:
+            self._pipe.note("dynamics", body=body.number, dynamics=plain(body.dynamics))
+        return body
+
+    def _looks(self, body: Body) -> list[Any]:
+        shapes = body.looks(self.search_path)
+        self._lay(body, shapes)
+        return shapes
+
+    def _lay(self, body: Body, shapes: list[Any]) -> None:
+        if body.loaded.mjcf is not None:
+            base = self._p.getBodyInfo(body.id, self.client)[0]
+            names = plain([base, *(info[12] for info in body.joint_infos)])
+            lay(shapes, names, body.loaded.mjcf or None)
+
+    def _read_dynamics(self) -> None:
+        all_changed = ALL in self.changed
+        for body in [
+            body for body in self.bodies.values() if all_changed or body.id in self.changed
+        ]:
+            dynamics = body.read_dynamics()
+            if dynamics != body.dynamics:
+                body.dynamics = dynamics
+                # A body in motion keeps moving when a call removes its mass.
+                body.base_moves |= dynamics[0][0] != 0
+                self._pipe.note("dynamics", body=body.number, dynamics=plain(dynamics))
+        self.changed = set()
+        self._lay_out()
+
+    def _read_engine(self) -> None:
+        reported = self._p.getPhysicsEngineParameters(self.client)
+        if reported["fixedTimeStep"] != self.timestep_s:
+            self._since, self._steps_since = self.time_s, 0
+            self.timestep_s = reported["fixedTimeStep"]
+        now = {**reported, **{f"set_{name}": value for name, value in self.given.items()}}
+        if now != self._engine:
+            self._engine = now
+            self._pipe.note("engine", world=self.number, step=self.step, time_s=self.time_s,
+                settings=plain(now))  # fmt: skip
+        self.stale_engine = False
+
+    def _read_constraints(self) -> None:
+        """List the constraints, after a step: before, PyBullet crashes when asked for a gear's."""
+        p, client = self._p, self.client
+        count, found = p.getNumConstraints(client), []
+        self.held &= {p.getConstraintUniqueId(index, client) for index in range(count)}
+        for constraint in sorted(self.held):
+            # Nor has a gear that sleeps been through a step.
+            is_gear = p.getConstraintInfo(constraint, client)[4] == GEAR
+            if not (is_gear and self.may_sleep):
+                found.append((constraint, len(p.getConstraintState(constraint, client))))
+        self.stale_constraints = False
+        if found != self._constraints:
+            self._constraints = found
+            self._lay_out(always=True)
+
+    # -- where in a sample everything is ----------------------------------------------------------
+
+    def _lay_out(self, *, always: bool = False) -> None:
+        moving = [body for body in self.bodies.values() if body.moves]
+        laid = [(body.number, body.base_moves) for body in moving]
+        if not always and laid == [(body.number, body.base_at >= 0) for body in self._moving]:
+            return
+        for body in self._moving:
+            body.last = self._last_of(body)
+            body.base_at = body.joints_at = -1
+        self._moving, at = moving, SAMPLE_HEAD.size
+        for body in moving:
+            if body.base_moves:
+                body.base_at, at = at, at + POSE.size
+            if body.joints:
+                body.joints_at, at = at, at + 8 * body.jointed
+        self._bases = [(body.id, body.base_at) for body in moving if body.base_moves]
+        self._jointed = [body for body in moving if body.joints]
+        self._size = at + 8 * sum(width for _, width in self._constraints)
+        self._buffer = bytearray(2 * self._size)
+        for body in moving:
+            self._keep(body, body.last or bytes(8 * (BASE + body.jointed)))
+        self._pipe.note("layout", world=self.number, constraints=self._constraints,
+            bodies=[[body.number, body.base_moves] for body in moving])  # fmt: skip
+
+    def _last_of(self, body: Body) -> bytes:
+        """Return the last state of a body that was sent, or b''."""
+        base, joints = body.last[: POSE.size], body.last[POSE.size :]
+        if body.base_at >= 0:
+            base = bytes(self._buffer[body.base_at : body.base_at + POSE.size])
+        if body.joints_at >= 0:
+            joints = bytes(self._buffer[body.joints_at : body.joints_at + 8 * body.jointed])
+        return base + joints if base else b""
+
+    def _keep(self, body: Body, state: bytes) -> None:
+        """Note a state that was sent, in the place of that in the last sample."""
+        body.last = state
+        if body.base_at >= 0:
+            self._buffer[body.base_at : body.base_at + POSE.size] = state[: POSE.size]
+        if body.joints_at >= 0:
+            its = slice(body.joints_at, body.joints_at + 8 * body.jointed)
+            self._buffer[its] = state[POSE.size :]
+
+    def _sync_state(self, body: Body, *, sample_follows: bool) -> None:
+        """Send the state of a body that calls may have moved, if they have."""
+        if body.soft:
+            return
+        if not body.base_moves and body.is_carried():
+            body.base_moves = True
+            self._pipe.note("carried", body=body.number)
+            self._lay_out()
+        if sample_follows and body.base_moves:
+            return
+        state, at = body.read(), body.base_at
+        if at >= 0 and not body.jointed:  # all of its state is in one place
+            its = slice(at, at + POSE.size)
+            if self._buffer[its] == state:
+                return
+            self._buffer[its] = state
+        elif state == self._last_of(body):
+            return
+        else:
+            self._keep(body, state)
+        head = SET_HEAD.pack(protocol.SET, protocol.HEAD.size + len(state), body.number, self.step)
+        self._pipe.write(head + state)
+
+    # -- what steps change ------------------------------------------------------------------------
+
+    def sample(self) -> None:
+        """Send the current state and contacts: both or, after Ctrl-C, neither."""
+        p, client, buffer, at = self._p, self.client, self._buffer, self._size
+        points = ()
+        if self.sampled:  # contacts are of a step, and the first sample has none
+            points = p.getContactPoints(-1, -1, -2, -2, client) or ()  # between any links
+            if points and at + len(points) * POINT.size > len(buffer):
+                buffer = self._buffer = buffer + bytes(2 * len(points) * POINT.size)
+        pose_of, velocity_of, pack = (
+            p.getBasePositionAndOrientation, p.getBaseVelocity, POSE.pack_into,
+        )  # fmt: skip
+        for body, place in self._bases:
+            (x, y, z), (a, b, c, d) = pose_of(body, client)
+            (vx, vy, vz), (wx, wy, wz) = velocity_of(body, client)
+            pack(buffer, place, x, y, z, a, b, c, d, vx, vy, vz, wx, wy, wz)
+        for jointed in self._jointed:
+            if jointed.spherical:
+                jointed.pack_joints(buffer, jointed.joints_at, *jointed.read_joints())
+            else:
+                states = p.getJointStates(jointed.id, jointed.joints, client)
+                positions, velocities, _, efforts = zip(*states)
+                jointed.pack_joints(
+                    buffer, jointed.joints_at, *positions, *velocities, *efforts
+                )  # fmt: skip
+        if self._constraints:
+            forces: list[float] = []
+            for constraint, _ in self._constraints:
+                forces += p.getConstraintState(constraint, client)
+            struct.pack_into(f"<{len(forces)}d", buffer, at - 8 * len(forces), *forces)
+        if points:
+            at = packed(points, buffer, at)
+        SAMPLE_HEAD.pack_into(
+            buffer, 0, protocol.SAMPLE, at - protocol.HEADER.size, self.number, self.step
+        )
+        self._pipe.write(memoryview(buffer)[:at])
+        self.sampled = True
+
+    def before_step(self) -> None:
+        """Send what calls have changed, and before the first step the first sample."""
+        self.sync(sample_follows=not self.sampled)
+        if not self.sampled:
+            self.sample()
+        self.touched = False
+
+    def asks_solver(self) -> bool:
+        """Have the next step return what the solver did, if it is due; return whether it will.
+
+        Only every few steps, since it takes two calls. It changes nothing else, but the engine has
+        room for a limited number of islands of bodies, and reads beyond it.
+        """
+        if (
+            self._has_analytics and self.returns_analytics is False and self.step % ASKED_EVERY == 0
+            and len(self._moving) <= MOST_ISLANDS
+        ):  # fmt: skip
+            return self.report_solver(on=True)
+        return False
+
+    def report_solver(self, *, on: bool) -> bool:
+        """Have steps return what the solver did, or not; return whether this PyBullet can."""
+        try:
+            self._p.setPhysicsEngineParameter(
+                reportSolverAnalytics=int(on), physicsClientId=self.client
+            )
+        except TypeError:
+            self._has_analytics = False
+        return self._has_analytics
+
+    def after_step(self, islands: Any) -> None:
+        """Send the sample after a step, and note its solver's residual."""
+        if islands and self._engine is not None:
+            self._note_solver(islands[:MOST_ISLANDS], int(self._engine["numSolverIterations"]))
+        self.step += 1
+        self._steps_since += 1
+        self.time_s = self._since + self._steps_since * self.timestep_s
+        if self.stale_constraints:
+            self._read_constraints()
+        self.sample()
+
+    def _note_solver(self, islands: Any, most: int) -> None:
+        """Note whether the solver reached its limit, and by how much the last iteration acted.
+
+        That is a change of velocity, non-finite for an island whose body the engine has lost.
+        """
+        early = self._early.setdefault(most, {"iterations": most, "looked": 0, "steps": 0,
+            "first_step": 0, "last_change": 0.0, "worst_step": 0})  # fmt: skip
+        early["looked"] += 1
+        acted = [
+            island["remainingResidual"] for island in islands if island["numIterationsUsed"] >= most
+        ]
+        last = max((change for change in acted if math.isfinite(change)), default=0.0) ** 0.5
+        if last <= LEAST_CHANGE:
+            return
+        step = self.step + 1
+        early["first_step"] = early["first_step"] or step
+        early["steps"] += 1
+        if last > early["last_change"]:
+            early.update(last_change=last, worst_step=step)
+
+    def end(self) -> None:
+        """Send what is left of a simulation that is over, as far as is known."""
+        self.sync(sample_follows=not self.sampled)
+        for early in self._early.values():
+            if early["steps"]:
+                self._pipe.note("solver", world=self.number, **early)
+        self._early = {}
+        if not self.sampled and self.bodies:
+            self.sample()
+        self._pipe.note("over", world=self.number, step=self.step)
+
+
+def packed(points: Any, buffer: bytearray, at: int) -> int:
+    """Write contact points into a buffer, and return where they end.
+
+    PyBullet lists both bodies, then both links. Each number is named here, because Python takes
+    twice as long to put together tuples.
+    """
+    pack, size = POINT.pack_into, POINT.size
+    for (
+        _, body_a, body_b, link_a, link_b, (ax, ay, az), (bx, by, bz), (nx, ny, nz), distance,
+        force, friction_1, (fx, fy, fz), friction_2, (gx, gy, gz),
+    ) in points:  # fmt: skip
+        pack(
+            buffer, at, body_a, link_a, body_b, link_b, ax, ay, az, bx, by, bz, nx, ny, nz,
+            distance, force, friction_1, fx, fy, fz, friction_2, gx, gy, gz,
+        )  # fmt: skip
+        at += size
+    return at

@@ -1,0 +1,519 @@
+"""The world the body falls in.
+
+Build it, step it, read it. Every setting is made explicitly, in a separate client, so that no
+earlier run in the process can affect this one.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import replace
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.bullet.c_output import c_output_moved_aside
+from drop_physics.engines.bullet.engine import data_folder, find_body, p
+from drop_physics.engines.bullet.touching import ROUNDING_M, touching_height
+from drop_physics.engines.session import Shape
+from drop_physics.errors import DropError, ScenarioError
+from drop_physics.kinds import Quaternion
+from drop_physics.laws.tree import Tree
+from drop_physics.report import LARGEST, EngineReport
+from drop_physics.scenario import Coordinates, Scenario
+from drop_physics.seen.events import Joint
+from drop_physics.seen.poses import MOTION, links_of, rows_of, tree_of
+from drop_physics.states import BASE, CONTACT, STATE, Batch, Int64, Joints, Rows
+
+Float64 = NDArray[np.float64]
+
+FAR_M = 1e3
+"""A height from which no body reaches the floor."""
+
+JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
+"""Kinds of joint, as in `getJointInfo`."""
+SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
+"""pybullet's GEOM_ constants."""
+
+
+class World:
+    """One body above one floor, in a PyBullet client of its own; use it in a `with` statement.
+
+    Parameters
+    ----------
+    scenario
+        What to drop, and how.
+    round_cylinders
+        Whether a `<cylinder>` is loaded as one; by default Bullet makes it a hull of points, and
+        computes the body's inertia from that.
+
+    Raises
+    ------
+    ScenarioError
+        If the body cannot be found or loaded, or has no mass.
+    """
+
+    def __init__(self, scenario: Scenario, *, round_cylinders: bool = False) -> None:
+        self.scenario = scenario
+        self._round_cylinders = round_cylinders
+        self._urdf = find_body(scenario.body)
+        self._own: tuple[float, tuple[float, ...]] | None = None  # the URDF's mass and inertia
+        self._client: int = p.connect(p.DIRECT)
+        try:
+            self._body = self._load_body()
+            self._links = list(range(p.getNumJoints(self._body, physicsClientId=self._client)))
+            self._body_sha256 = hashlib.sha256(self._urdf.read_bytes()).hexdigest()
+            self._floor = self._load(data_folder() / "plane.urdf") if scenario.floor else None
+            self._configure()
+            self._release()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Disconnect from the engine."""
+        if p.isConnected(self._client):
+            p.disconnect(self._client)
+
+    # -- building ---------------------------------------------------------------------------------
+
+    def _load(self, urdf: str | Path, **options: Any) -> int:  # noqa: ANN401
+        with c_output_moved_aside():
+            p.setAdditionalSearchPath(str(data_folder()), physicsClientId=self._client)
+            return int(p.loadURDF(str(urdf), physicsClientId=self._client, **options))
+
+    def _load_body(self) -> int:
+        maximal = self.scenario.coordinates == "maximal"
+        options = {"flags": p.URDF_USE_IMPLICIT_CYLINDER} if self._round_cylinders else {}
+        try:
+            body = self._load(self._urdf, useMaximalCoordinates=maximal, **options)
+        except p.error as error:
+            raise ScenarioError(
+                "--body must be a URDF that Bullet can load, got {body!r} ({error}); check it with "
+                "another tool, or try cube_small.urdf",
+                body=self.scenario.body,
+                error=str(error),
+            ) from None
+        if maximal:
+            self._refuse_joints()
+            if not self._dynamics(body)[0] > 0 and self.scenario.mass_kg is not None:
+                raise ScenarioError(
+                    "--mass with --coordinates maximal takes a body that has a mass, got 0 kg in "
+                    "{body!r}: Bullet holds such a btRigidBody still, whatever mass it is given; "
+                    "use --coordinates reduced",
+                    body=self.scenario.body,
+                )
+        self._set_dynamics(body)
+        if not p.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0:
+            raise ScenarioError(
+                "--body must have a mass, got 0 kg in {body!r}: Bullet holds it still; "
+                "try --mass 0.1",
+                body=self.scenario.body,
+            )
+        return body
+
+    def _refuse_joints(self) -> None:
+        with self._twin() as twin:
+            if twin._links:
+                raise ScenarioError(
+                    "--coordinates maximal takes a body without joints: PyBullet neither places "
+                    "nor reports the links of a btRigidBody, and {body!r} has {links}; "
+                    "use --coordinates reduced",
+                    body=self.scenario.body,
+                    links=len(twin._links),
+                )
+
+    def _set_dynamics(self, body: int) -> None:
+        base = {"bodyUniqueId": body, "linkIndex": -1, "physicsClientId": self._client}
+        mass_kg = self.scenario.mass_kg
+        if mass_kg is not None:
+            # A mass alone would set the inertia of the shape, not the URDF's.
+            p.changeDynamics(mass=mass_kg, **self._inertia_of(mass_kg, body), **base)
+        if self.scenario.linear_damping is not None:
+            p.changeDynamics(linearDamping=self.scenario.linear_damping, **base)
+        if self.scenario.angular_damping is not None:
+            p.changeDynamics(angularDamping=self.scenario.angular_damping, **base)
+
+    def _inertia_of(self, mass_kg: float, body: int) -> dict[str, tuple[float, ...]]:
+        """Return the URDF's inertia, scaled like its mass; nothing if it has no mass."""
+        if self.scenario.coordinates == "maximal":  # which reports 1 / (1 / m), not always m
+            with self._twin() as twin:
+                return {"localInertiaDiagonal": twin._dynamics()[2]}
+        if self._own is None:
+            self._own = itemgetter(0, 2)(self._dynamics(body))
+        own_kg, inertia_kg_m2 = self._own
+        if own_kg == 0:
+            return {}
+        return {
+            "localInertiaDiagonal": tuple(moment * (mass_kg / own_kg) for moment in inertia_kg_m2)
+        }
+
+    def _twin(self) -> World:
+        """Return the same world in reduced coordinates, of which the engine reports more."""
+        return World(replace(self.scenario, coordinates="reduced"))
+
+    @property
+    def half_size_m(self) -> Float64:
+        """Half the extent of the base along its own axes [m], shape (3,)."""
+        lowest, highest = self._extent()
+        return (highest - lowest) / 2
+
+    @property
+    def reach_m(self) -> float:
+        """How far the base reaches from its centre of mass [m]."""
+        lowest, highest = self._extent()
+        return float(np.linalg.norm(np.maximum(-lowest, highest)))
+
+    def _extent(self) -> tuple[Float64, Float64]:
+        body, sha256 = str(self._urdf), self._body_sha256
+        return _extent(body, sha256, self.scenario.coordinates, self._round_cylinders)
+
+    def _box_at_origin(self) -> tuple[Float64, Float64]:
+        """Measure the bounding box, in a world of its own.
+
+        At the origin, where it is exact to the last bit. A body with joints that was placed there
+        before its release would land differently.
+        """
+        self.place((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        return self._box()
+
+    def _box(self) -> tuple[Float64, Float64]:
+        lowest, highest = map(np.array, p.getAABB(self._body, -1, physicsClientId=self._client))
+        return lowest, highest
+
+    def _configure(self) -> None:
+        scenario, client = self.scenario, self._client
+        p.setTimeStep(scenario.timestep_s, physicsClientId=client)
+        if scenario.gravity_set:
+            p.setGravity(0.0, 0.0, scenario.gravity_m_s2, physicsClientId=client)
+        settings = {
+            "contactERP": scenario.contact_erp,
+            "restitutionVelocityThreshold": scenario.restitution_threshold_m_s,
+            "solverResidualThreshold": scenario.solver_residual,
+            "numSolverIterations": scenario.solver_iterations,
+        }
+        chosen = {name: value for name, value in settings.items() if value is not None}
+        p.setPhysicsEngineParameter(
+            numSubSteps=scenario.substeps or 0, physicsClientId=client, **chosen
+        )
+        surface = {"restitution": scenario.restitution, "lateralFriction": scenario.friction}
+        given = {name: value for name, value in surface.items() if value is not None}
+        for body, links in ((self._body, self._links), (self._floor, [])):
+            if body is not None and given:
+                for link in (-1, *links):
+                    p.changeDynamics(body, link, physicsClientId=client, **given)
+
+    def _release(self) -> None:
+        self.place((0.0, 0.0, self.scenario.height_m), self.scenario.orientation_xyzw)
+        p.resetBaseVelocity(
+            self._body,
+            self.scenario.velocity_m_s,
+            self.scenario.spin_rad_s,
+            physicsClientId=self._client,
+        )
+
+    def place(self, position_m: Any, orientation: Any) -> None:  # noqa: ANN401
+        """Put the body at a position [m], with an orientation, a quaternion x, y, z, w."""
+        p.resetBasePositionAndOrientation(
+            self._body, position_m, orientation, physicsClientId=self._client
+        )
+
+    # -- reading ----------------------------------------------------------------------------------
+
+    def report(self) -> EngineReport:
+        """Return what the engine reports about itself and both bodies, read back after set-up."""
+        if self.scenario.coordinates == "reduced":
+            return self._report(twin=self)
+        # PyBullet reports little of a btRigidBody: ask the same URDF in reduced coordinates.
+        with self._twin() as twin:
+            return self._report(twin)
+
+    def _report(self, twin: World) -> EngineReport:
+        engine = p.getPhysicsEngineParameters(physicsClientId=self._client)
+        body, floor = self._dynamics(), None if self._floor is None else self._dynamics(self._floor)
+        base, links = twin._dynamics(), [twin._dynamics(twin._body, link) for link in twin._links]
+        masses_kg = [link[0] for link in (base, *links)]
+        shapes = [
+            shape
+            for link in (-1, *twin._links)
+            for shape in p.getCollisionShapeData(twin._body, link, twin._client)
+        ]
+        single = shapes[0] if len(shapes) == 1 and shapes[0][1] == -1 else None
+        return EngineReport(
+            timestep_s=engine["fixedTimeStep"],
+            substeps=engine["numSubSteps"],
+            solver_iterations=engine["numSolverIterations"],
+            gravity_m_s2=tuple(engine[f"gravityAcceleration{axis}"] for axis in "XYZ"),
+            body_name=_name(twin._body, twin._client),
+            body_sha256=self._body_sha256,
+            body_type={1: "btRigidBody", 2: "btMultiBody"}.get(body[10], str(body[10])),
+            joints=len(links),
+            mass_kg=math.fsum(masses_kg),
+            link_masses_kg=tuple(masses_kg),
+            inertia_kg_m2=base[2],
+            link_inertias_kg_m2=tuple(moment for link in (base, *links) for moment in link[2]),
+            lateral_friction=body[1],
+            rolling_friction=body[6],
+            spinning_friction=body[7],
+            restitution=base[5],
+            contact_stiffness_n_m=None if base[9] < 0 else base[9],
+            contact_damping_n_s_m=None if base[8] < 0 else base[8],
+            collision_margin_m=body[11],
+            shape=SHAPES.get(single[2], "unknown") if single else "compound" if shapes else "none",
+            shape_dimensions_m=single[3] if single else (),
+            shape_position_m=single and single[5],
+            shape_orientation=single and single[6],
+            reach_m=self.reach_m,
+            rest_height_m=self.rest_height_m,
+            floor_lateral_friction=floor and floor[1],
+            floor_restitution=floor and floor[5],
+            pybullet_api=p.getAPIVersion(),
+        )
+
+    def shapes(self) -> tuple[Shape, ...]:
+        """Return the base's collision shapes."""
+        return tuple(
+            Shape(
+                SHAPES.get(kind, "unknown"),
+                size_m if kind == p.GEOM_BOX else (size_m[1] or size_m[0], size_m[0], 0.0),
+                position_m,
+                orientation,
+            )
+            for _, _, kind, size_m, _, position_m, orientation in p.getCollisionShapeData(
+                self._body, -1, physicsClientId=self._client
+            )
+        )
+
+    def notes(self) -> Iterator[str]:
+        """Yield what the engine does not take from the URDF: nothing."""
+        yield from ()
+
+    def _dynamics(self, body: int | None = None, link: int = -1) -> Any:  # noqa: ANN401
+        """Return what `getDynamicsInfo` reports of a body, by default this world's own."""
+        return p.getDynamicsInfo(
+            self._body if body is None else body, link, physicsClientId=self._client
+        )
+
+    # -- touching ---------------------------------------------------------------------------------
+
+    @property
+    def rest_height_m(self) -> float | None:
+        """Height of the centre at which the body, turned as released, touches the floor [m]."""
+        body, sha256 = str(self._urdf), self._body_sha256
+        return _rest_height(body, sha256, self.scenario.orientation_xyzw, self._round_cylinders)
+
+    def _touching_height(self) -> float | None:
+        """Measure that height, in a world of its own."""
+        turned = self.scenario.orientation_xyzw
+        self.place((0.0, 0.0, 0.0), turned)
+        by_box_m = -float(self._box()[0][2])
+        size_m = 2 * float(np.linalg.norm(self.half_size_m))
+
+        def apart(height_m: float) -> float | None:
+            self.place((0.0, 0.0, height_m), turned)
+            points = p.getClosestPoints(
+                self._body, self._floor, FAR_M, physicsClientId=self._client
+            )
+            return min(map(_DISTANCE, points), default=None)
+
+        def touching(height_m: float) -> float | None:
+            # Far from the floor the engine forgets the contacts at the previous height.
+            for height in (FAR_M, height_m):
+                self.place((0.0, 0.0, height), turned)
+                p.performCollisionDetection(physicsClientId=self._client)
+            return min(
+                map(_DISTANCE, p.getContactPoints(self._body, self._floor, -2, -2, self._client)),
+                default=None,
+            )
+
+        height_m = touching_height(apart, touching, start_m=size_m + 1.0, size_m=size_m)
+        if height_m is None:
+            return None
+        # Without a margin, the bounding box has it to the last bit.
+        exact = abs(height_m - by_box_m) <= ROUNDING_M * max(1.0, abs(height_m))
+        return (by_box_m if exact else round(height_m, 14)) + 0.0  # no -0.0
+
+    def samples(self, batch: int) -> Iterator[Batch]:
+        """Fall: yield the state before each step and after the last, and the contact points.
+
+        Parameters
+        ----------
+        batch
+            Most samples in one batch.
+
+        Raises
+        ------
+        DropError
+            If a state or a contact becomes non-finite, or too large for a recording.
+        """
+        pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
+        touching, body, client = p.getContactPoints, self._body, self._client
+        stepped, moving = self.scenario.stepped, self._moving
+        samples = self.scenario.steps + 1
+        for start in range(0, samples, batch):
+            # New memory for each batch: the recorder keeps it.
+            states = np.empty(min(batch, samples - start), STATE)
+            driven: list[list[float]] = []
+            contacts, memory, place = bytearray(), states.view(np.uint8).data, 0
+            for sample in range(start, min(start + batch, samples)):
+                if stepped and sample:
+                    step(client)
+                position, orientation = pose(body, client)
+                linear, angular = velocity(body, client)
+                _put_state(
+                    memory, place, sample, body, BASE, *position, *orientation, *linear, *angular
+                )
+                place += _STATE_BYTES
+                if moving:
+                    driven.append(self._joint_state())
+                # Of all bodies: asked about two, the engine turns the normal towards the first,
+                # but not the directions of friction. By position, which is 0.2 µs faster; -1 is
+                # any body, -2 any link. Unpacked to the last number, which is faster than indexing.
+                for (
+                    _, body_a, body_b, link_a, link_b, (ax, ay, az), (bx, by, bz), (nx, ny, nz),
+                    distance, force, friction_1, (f1x, f1y, f1z), friction_2, (f2x, f2y, f2z),
+                ) in touching(-1, -1, -2, -2, client):  # fmt: skip
+                    contacts += _packed_contact(
+                        sample, body_a, link_a, body_b, link_b, ax, ay, az, bx, by, bz, nx, ny, nz,
+                        distance, force, friction_1, f1x, f1y, f1z, friction_2, f2x, f2y, f2z,
+                    )  # fmt: skip
+            points = np.frombuffer(contacts, CONTACT)
+            check_numbers(states)
+            check_numbers(points)
+            joints = self._joints(states["step"], np.array(driven)) if moving else None
+            if self._links:
+                base = np.hstack([states[name] for name in MOTION])
+                motions = links_of(self._tree, base, joints)
+                states = rows_of(self._body, states["step"], motions)
+                check_numbers(states)
+            yield Batch(states, points, joints)
+
+    def _joint_state(self) -> list[float]:
+        """Return the positions, then the velocities, then the efforts of all joints."""
+        ask = p.getJointStatesMultiDof if self._multi else p.getJointStates
+        found = ask(self._body, self._moving, physicsClientId=self._client)
+        if self._multi:
+            return [number for of in (0, 1, 3) for joint in found for number in joint[of]]
+        return [joint[of] for of in (0, 1, 3) for joint in found]
+
+    def _joints(self, steps: Int64, values: Float64) -> Joints:
+        lost = ~(np.abs(values) <= LARGEST).all(axis=1)
+        if lost.any():
+            raise non_finite(steps[lost][0])
+        counts = np.sum([joint.widths for joint in self.joints], axis=0)
+        columns = np.split(values, np.cumsum(counts)[:2], axis=1)
+        times_s = np.asarray(steps * self.scenario.timestep_s, dtype=np.float64)
+        return Joints(steps, times_s, *columns)
+
+    @functools.cached_property
+    def joints(self) -> tuple[Joint, ...]:
+        """What connects the body's links, in order."""
+        infos = [p.getJointInfo(self._body, link, self._client) for link in self._links]
+        return tuple(
+            Joint(
+                info[0], info[1].decode(errors="replace"), JOINT_KINDS.get(info[2], str(info[2])),
+                info[16], self._widths(info),
+                (info[8], info[9]), info[13], info[14], info[15], info[6], info[7], info[10],
+                info[11],
+            )
+            for info in infos
+        )  # fmt: skip
+
+    def _widths(self, info: Any) -> tuple[int, int, int]:  # noqa: ANN401 - as PyBullet returns it
+        """Return how many positions, velocities and efforts a joint has."""
+        if info[2] == p.JOINT_FIXED:
+            return 0, 0, 0
+        state = p.getJointStateMultiDof(self._body, info[0], physicsClientId=self._client)
+        return len(state[0]), len(state[1]), len(state[3])
+
+    @functools.cached_property
+    def _multi(self) -> bool:
+        """Whether a joint has several numbers."""
+        return any(max(joint.widths) > 1 for joint in self.joints)
+
+    @functools.cached_property
+    def _moving(self) -> list[int]:
+        return [joint.link for joint in self.joints if any(joint.widths)]
+
+    @functools.cached_property
+    def _tree(self) -> Tree:
+        return tree_of(self.joints, self.inertial_frames)
+
+    @functools.cached_property
+    def inertial_frames(self) -> Float64:
+        """Where the inertia of base and links is in their frames: poses, shape (links + 1, 7)."""
+        if self.scenario.coordinates == "maximal":  # of which the engine reports leftovers
+            return np.array([[0.0] * 6 + [1.0]])
+        dynamics = [self._dynamics(link=link) for link in (-1, *self._links)]
+        return np.array([[*each[3], *each[4]] for each in dynamics])
+
+
+def check_numbers(rows: Rows) -> None:
+    """Make sure that states or contacts are numbers that a recording can hold.
+
+    Raises
+    ------
+    DropError
+        If one is not finite, or too large.
+    """
+    lost = np.zeros(len(rows), dtype=bool)
+    for name in rows.dtype.names or ():
+        values = rows[name]
+        lost |= ~(np.abs(values) <= LARGEST).all(axis=tuple(range(1, values.ndim)))
+    if lost.any():
+        raise non_finite(rows["step"][lost][0])
+
+
+def non_finite(step: int) -> DropError:
+    """Return the error for an engine whose state is no longer finite."""
+    return DropError(
+        "the engine's state becomes non-finite at step {step} (or over {largest:g}); try "
+        "a shorter --timestep, less --spin or --velocity, or another --body",
+        step=step,
+        largest=LARGEST,
+    )
+
+
+_put_state, _STATE_BYTES = struct.Struct("<3q13d").pack_into, STATE.itemsize
+"""Fills rows of an array three times faster than converting a list of numbers."""
+_packed_contact = struct.Struct("<5q19d").pack
+_DISTANCE = itemgetter(8)
+"""Of a point of `getContactPoints`."""
+
+
+@functools.lru_cache(maxsize=1024)
+def _extent(
+    body: str, _sha256: str, coordinates: Coordinates, round_cylinders: bool
+) -> tuple[Float64, Float64]:
+    """Return `World._box_at_origin`, measured once per digest of a URDF."""
+    scenario = Scenario(body=body, mass_kg=1.0, coordinates=coordinates, floor=False)
+    with World(scenario, round_cylinders=round_cylinders) as world:
+        return world._box_at_origin()
+
+
+@functools.lru_cache(maxsize=1024)
+def _rest_height(
+    body: str, _sha256: str, orientation_xyzw: Quaternion, round_cylinders: bool
+) -> float | None:
+    """Return `World.rest_height_m`, measured once per digest of a URDF and orientation."""
+    scenario = Scenario(body=body, mass_kg=1.0, orientation=orientation_xyzw)
+    with World(scenario, round_cylinders=round_cylinders) as world:
+        return world._touching_height()
+
+
+def _name(body: int, client: int) -> str:
+    name: bytes = p.getBodyInfo(body, physicsClientId=client)[1]
+    return name.decode(errors="replace")

@@ -1,0 +1,260 @@
+"""The world of a drop in an engine other than PyBullet; PyBullet reads the URDF."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import math
+import struct
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from importlib import metadata
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.bullet.world import World, check_numbers, non_finite
+from drop_physics.engines.session import RigidBody, Session
+from drop_physics.errors import DropError, ScenarioError
+from drop_physics.fields import counted
+from drop_physics.messages import Message
+from drop_physics.report import EngineReport
+from drop_physics.scenario import ENGINES, ENGINES_WITH, Engine, Scenario
+from drop_physics.states import BASE, BODY, CONTACT, FLOOR, STATE, Batch
+
+Float64 = NDArray[np.float64]
+Build = Callable[[Scenario, RigidBody], Session]
+
+SESSIONS: dict[Engine, str] = {
+    "mujoco": "drop_physics.engines.mujoco:MujocoSession",
+    "dart": "drop_physics.engines.dart:DartSession",
+    "drake": "drop_physics.engines.drake:DrakeSession",
+    "physx": "drop_physics.engines.physx:PhysxSession",
+}
+"""The session class of each engine; imported on demand."""
+DISTRIBUTIONS: dict[Engine, str] = {
+    "mujoco": "mujoco", "dart": "dartpy", "drake": "drake", "physx": "sapien",
+}  # fmt: skip
+"""The distribution that provides each engine."""
+SHAPES = ("box", "sphere", "cylinder", "capsule")
+"""Those that every engine here supports."""
+BULLETS_OWN = (
+    "substeps", "rolling_friction", "spinning_friction", "collision_margin_m", "pybullet_api",
+    "contact_stiffness_n_m", "contact_damping_n_s_m", "solver_iterations", "restitution",
+    "lateral_friction", "floor_restitution", "floor_lateral_friction",
+)  # fmt: skip
+"""What PyBullet's report says about PyBullet itself."""
+_ROW = struct.Struct("<5q19d").pack
+
+
+class OtherWorld:
+    """One body above one floor in an engine; use it in a `with` statement.
+
+    Parameters
+    ----------
+    scenario
+        What to drop, and how.
+    build
+        Builds the session, given scenario and body; None for that of the scenario's engine.
+
+    Raises
+    ------
+    ScenarioError
+        If the engine is not installed, or does not support the body.
+    """
+
+    def __init__(self, scenario: Scenario, build: Build | None = None) -> None:
+        self.scenario = scenario
+        # Without the other engine's options: PyBullet only reads the body.
+        plain: dict[str, Any] = {name: None for name in ENGINES_WITH if name != "coordinates"}
+        bullets = replace(scenario, engine="bullet", integrator=None, **plain)
+        with contextlib.ExitStack() as stack:
+            read = stack.enter_context(World(bullets))
+            self._read = read.report()
+            if any(shape.kind == "mesh" for shape in read.shapes()):
+                # It may be the hull that Bullet makes of a cylinder; the inertia stays the hull's.
+                inertia_kg_m2 = self._read.inertia_kg_m2
+                read = stack.enter_context(World(bullets, round_cylinders=True))
+                self._read = replace(read.report(), inertia_kg_m2=inertia_kg_m2)
+            self.half_size_m: Float64 = read.half_size_m
+            body = rigid_body(read, self._read)
+        if any(shape.kind == "cylinder" for shape in body.shapes):
+            # Bullet rounds its edges, by 0.4 mm where it is tilted.
+            depths_m = [shape.depth_m(scenario.orientation_xyzw) for shape in body.shapes]
+            self._read = replace(self._read, rest_height_m=round(max(depths_m), 14) + 0.0)
+        self.rest_height_m = self._read.rest_height_m
+        self._steps = 0
+        self._session = (build or _installed(scenario.engine))(scenario, body)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    watch: Callable[[Batch], object] = staticmethod(lambda _: None)
+
+    def report(self) -> EngineReport:
+        """Return what the engine reports about itself and the body; the shape is PyBullet's."""
+        empty: dict[str, Any] = dict.fromkeys(BULLETS_OWN) | {"substeps": 0}
+        reported = self._session.reported()
+        moments = reported["inertia_kg_m2"]
+        return replace(
+            self._read, **(empty | reported),
+            link_masses_kg=(reported["mass_kg"],), link_inertias_kg_m2=moments,
+        )  # fmt: skip
+
+    def notes(self) -> Iterator[str]:
+        """Yield what the engine does not take from the URDF, a sentence each.
+
+        PyBullet's values are those of the URDF's `<contact>`, or its own defaults.
+        """
+        theirs, name = self.report(), ENGINES[self.scenario.engine]
+        for field, option, quantity in (
+            ("lateral_friction", "friction", Message("lateral friction")),
+            ("restitution", "restitution", Message("restitution")),
+        ):
+            bullets, value = getattr(self._read, field), getattr(theirs, field)
+            given = getattr(self.scenario, option) is not None
+            if not given and None not in (bullets, value) and not _near(bullets, value):
+                yield Message(
+                    "{engine} has a {quantity} of {value:.4g} for this body, where PyBullet has "
+                    "{bullets:.4g}; to have the same, set --{option}",
+                    engine=name, quantity=quantity, value=value, bullets=bullets, option=option,
+                )  # fmt: skip
+        for field, quantity in (
+            ("rolling_friction", Message("rolling friction")),
+            ("spinning_friction", Message("spinning friction")),
+            ("contact_stiffness_n_m", Message("contact stiffness")),
+        ):
+            if getattr(self._read, field):
+                yield Message(
+                    "{engine} ignores the {quantity} that the URDF's <contact> sets in PyBullet",
+                    engine=name,
+                    quantity=quantity,
+                )
+
+    def skip(self, steps: int) -> None:
+        """Take steps without reading samples."""
+        for _ in range(steps if self.scenario.stepped else 0):
+            self._step()
+
+    def _step(self) -> None:
+        """Take a step; some engines raise where others continue with nan."""
+        self._steps += 1
+        try:
+            self._session.step()
+        except RuntimeError:
+            raise DropError(
+                "the state becomes non-finite at step {step}, or too large for {engine}; try a "
+                "shorter --timestep, less --spin or --velocity, or another --body",
+                step=self._steps,
+                engine=ENGINES[self.scenario.engine],
+            ) from None
+
+    def height_m(self) -> float:
+        """Return the height of the centre at the end of the fall [m].
+
+        Raises
+        ------
+        DropError
+            If it is not finite.
+        """
+        state = self._session.state()
+        if not all(map(math.isfinite, state)):
+            raise non_finite(self.scenario.steps)
+        return state[2]
+
+    def samples(self, batch: int) -> Iterator[Batch]:
+        """Fall: yield the state before each step and after the last, and the contact points.
+
+        Each batch is passed to `watch` too.
+
+        Parameters
+        ----------
+        batch
+            Most samples in one batch.
+
+        Raises
+        ------
+        DropError
+            If a state or a contact becomes non-finite, or too large for a recording.
+        """
+        session, samples = self._session, self.scenario.steps + 1
+        for start in range(0, samples, batch):
+            states, contacts = np.zeros(min(batch, samples - start), STATE), bytearray()
+            for row, sample in enumerate(range(start, min(start + batch, samples))):
+                if self.scenario.stepped and sample:
+                    self._step()
+                    for point in session.contacts():
+                        contacts += _ROW(sample, BODY, BASE, FLOOR, BASE, *point)
+                with np.errstate(all="ignore"):  # non-finite numbers are rejected below
+                    state = session.state()
+                states[row] = (
+                    sample, BODY, BASE, state[:3], state[3:7], state[7:10], state[10:],
+                )  # fmt: skip
+            chunk = Batch(states, np.frombuffer(contacts, CONTACT))
+            check_numbers(states)
+            check_numbers(chunk.contacts)
+            self.watch(chunk)
+            yield chunk
+
+
+def other_versions(engines: Iterable[Engine]) -> dict[str, str]:
+    """Return the versions of those engines that are installed, except PyBullet's."""
+    versions = {}
+    for engine in engines:
+        with contextlib.suppress(KeyError, metadata.PackageNotFoundError):
+            versions[f"{engine}_version"] = metadata.version(DISTRIBUTIONS[engine])
+    return versions
+
+
+def rigid_body(world: World, report: EngineReport) -> RigidBody:
+    """Return the body that PyBullet has read from a URDF.
+
+    Raises
+    ------
+    ScenarioError
+        If it has joints, or shapes that not every engine supports.
+    """
+    body, shapes = world.scenario.body, world.shapes()
+    if report.joints:
+        raise ScenarioError(
+            "--engine other than bullet takes a body of one link, got {joints} in {body!r}; "
+            "drop it with --engine bullet",
+            joints=counted(report.joints, "joint"),
+            body=body,
+        )
+    for shape in shapes:
+        if shape.kind not in SHAPES:
+            raise ScenarioError(
+                "--engine other than bullet takes a body made of {shapes}, got a shape of kind "
+                "{kind} in {body!r}; drop it with --engine bullet",
+                shapes=", ".join(SHAPES),
+                kind=shape.kind,
+                body=body,
+            )
+    return RigidBody(report.body_name, report.mass_kg, report.inertia_kg_m2, shapes)
+
+
+def _near(a: float, b: float) -> bool:
+    """Whether two engines have the same value; one may round to float32."""
+    return math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-12)
+
+
+def _installed(engine: Engine) -> Build:
+    """Return the function that builds an engine's session."""
+    module, name = SESSIONS[engine].split(":")
+    try:
+        build: Build = getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("pipeline"):
+            raise
+        raise ScenarioError(
+            "--engine {engine} needs {name}, which is not installed; "
+            "try: pip install 'drop-physics[{engine}]'",
+            engine=engine,
+            name=ENGINES[engine],
+        ) from None
+    return build

@@ -1,0 +1,60 @@
+"""Which world a scenario is dropped in: PyBullet's own, or that of another engine."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from drop_physics.engines.bullet.lasting_world import LastingWorld
+from drop_physics.engines.bullet.world import World
+from drop_physics.engines.other_world import OtherWorld
+from drop_physics.scenario import Scenario
+
+
+def world_of(scenario: Scenario) -> World | OtherWorld:
+    """Return the world of a scenario, in the engine that it names; use it in `with`.
+
+    Raises
+    ------
+    ScenarioError
+        If the engine is not installed, or the body cannot be found, loaded or dropped by it.
+    """
+    return World(scenario) if scenario.engine == "bullet" else OtherWorld(scenario)
+
+
+class Worlds:
+    """Provides a world for each scenario, the last one again if it serves; use it in `with`."""
+
+    def __init__(self) -> None:
+        self._kept: LastingWorld | None = None
+
+    def world_of(self, scenario: Scenario) -> LastingWorld | OtherWorld:
+        """Return a world at the release of a scenario; the one returned before is no longer valid.
+
+        Raises
+        ------
+        ScenarioError
+            As `world_of` raises it.
+        """
+        if scenario.engine != "bullet":
+            return OtherWorld(scenario)
+        kept, self._kept = self._kept, None  # not kept if anything fails from here on
+        if kept is not None and kept.serves(scenario):
+            kept.restart(scenario)
+        else:
+            if kept is not None:
+                kept.close()
+            kept = LastingWorld(scenario)
+        self._kept = kept
+        return kept
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the world that is kept, if any."""
+        kept, self._kept = self._kept, None
+        if kept is not None:
+            kept.close()

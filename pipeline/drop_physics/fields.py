@@ -1,0 +1,353 @@
+"""A field that knows its command-line option: how its values are written, which are allowed.
+
+One declaration serves the command line, the recording and sweeps.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import math
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from fractions import Fraction
+from numbers import Integral, Real
+from types import NoneType, UnionType
+from typing import Any, Literal, Self, Union, get_args, get_origin, get_type_hints
+
+from drop_physics.errors import ScenarioError
+from drop_physics.kinds import TEXT, Kind
+from drop_physics.messages import Message
+
+
+def fraction(value: float) -> str:
+    """Write 1/240 where a float is 1/240, else the number."""
+    if not math.isfinite(value):
+        return str(value)
+    exact = Fraction(value).limit_denominator(1_000_000)
+    plain = float(f"{value:.9g}") == value
+    if float(exact) == value and (exact.denominator > 10 or not plain):
+        return str(exact)
+    return f"{value:.9g}"
+
+
+def counted(number: int, thing: str, things: str = "") -> Message:
+    """Return a number with its noun: 1 sample, 1,000 samples."""
+    noun = Message(thing if number == 1 else things or f"{thing}s")
+    noun.template = thing  # what is translated: Japanese, the only translation, has no plural
+    return Message("{number:,} {noun}", number=number, noun=noun)
+
+
+def alternatives(texts: Iterable[str]) -> str:
+    """Return texts as alternatives: A or B or C."""
+    return functools.reduce(lambda a, b: Message("{one} or {other}", one=a, other=b), texts)
+
+
+def all_of(texts: Iterable[str]) -> str:
+    """Return texts as an enumeration: A and B and C."""
+    return functools.reduce(lambda a, b: Message("{one} and {other}", one=a, other=b), texts)
+
+
+LARGE = 1e6
+"""From here on numbers are written in powers of ten."""
+
+
+def decimals(value: float, places: int, sign: str = "") -> str:
+    """Write a number with a given number of decimals; a large one as 9.81e9 or -12.5e6.
+
+    `sign` is that of Python's formats: `+` signs every number. A number that rounds to zero has no
+    minus.
+    """
+    if abs(value) >= LARGE:
+        return engineering(value, sign)
+    return f"{round(value, places) + 0.0:{sign}.{places}f}"
+
+
+def engineering(value: float, sign: str = "") -> str:
+    """Write a number in six digits and powers of 1000: 9.81e9, 12.5e3, 0, inf."""
+    if not math.isfinite(value):
+        return f"{value:{sign}}"
+    rounded = float(f"{value:.6g}")
+    power = 3 * math.floor(math.log10(abs(rounded)) / 3) if rounded else 0
+    return f"{rounded / 10.0**power:{sign}.6g}" + (f"e{power}" if power else "")
+
+
+def exact(value: object) -> str:
+    """Write a value so that parsing it gives the same value to the last bit."""
+    return ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)
+
+
+# -- one field: its option, its domain ------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """How a field is given on the command line, and which numbers are allowed."""
+
+    name: str
+    help: str
+    kind: Kind
+    default: str
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+    """Whether `low` itself is excluded."""
+    left_to: str = "the engine's own"
+    """Whose value applies where the default is `default`."""
+    choices: tuple[str, ...] = ()
+    """The only texts allowed; empty where there are too many to list."""
+
+    @property
+    def is_left(self) -> bool:
+        """Whether the default is left to the engine or the URDF."""
+        return self.default == "default"
+
+    @property
+    def is_flag(self) -> bool:
+        """Whether giving the option switches the field off."""
+        return self.name.startswith("--no-")
+
+    def read(self, raw: str) -> Any:  # noqa: ANN401
+        """Read one value; `default` is None where the engine has a value of its own.
+
+        Raises
+        ------
+        ScenarioError
+            If the text cannot be read.
+        """
+        if self.is_left and raw == "default":
+            return None
+        try:
+            return self.kind.read(raw)
+        except ScenarioError as error:
+            raise ScenarioError(
+                "{option} takes {what}, got {value}",
+                option=self.name, what=error.in_options, value=shown(raw),
+            ) from None  # fmt: skip
+
+    def written(self, value: object) -> str:
+        """Write a value to be read; as a fraction only where the default is one, as 1/240."""
+        if value is None:
+            return "default"
+        if isinstance(value, list | tuple):
+            return self.kind.joined.join(map(self.written, value))
+        if isinstance(value, float):
+            return fraction(value) if "/" in self.default else f"{value:.9g}"
+        return str(value)
+
+    def read_list(self, raw: str) -> tuple[Any, ...]:
+        """Read values separated by commas, or by semicolons where values have commas of their own.
+
+        Raises
+        ------
+        ScenarioError
+            If one of them cannot be read, or is outside the domain.
+        """
+        by_semicolon = bool(self.kind.components) or ";" in raw
+        parts = raw.split(";" if by_semicolon else ",")
+        values = tuple(self.read(part.strip(" \t")) for part in parts)
+        for value in values:
+            self.check(value)
+        return values
+
+    def domain(self) -> Message:
+        """Return which values are allowed."""
+        low, high = self.low, self.high
+        if math.isinf(low) and math.isinf(high):
+            return Message("finite")
+        if math.isinf(high):
+            if self.above:
+                return Message("finite and above {low:g}", low=low)
+            return Message("finite and at least {low:g}", low=low)
+        if self.above:
+            return Message("above {low:g} and at most {high:g}", low=low, high=high)
+        return Message("at least {low:g} and at most {high:g}", low=low, high=high)
+
+    def contains(self, value: float) -> bool:
+        """Whether a number is in the domain; nan never is."""
+        above_low = value > self.low if self.above else value >= self.low
+        return above_low and value <= self.high and abs(value) <= sys.float_info.max
+
+    def check(self, value: object) -> None:
+        """Check that the numbers in a value are in the domain.
+
+        Raises
+        ------
+        ScenarioError
+            If one is outside it.
+        """
+        for part in value if isinstance(value, tuple) else (value,):
+            is_number = isinstance(part, int | float) and not isinstance(part, bool)
+            if is_number and not self.contains(part):
+                raise self._outside(part)
+
+    def _outside(self, value: float) -> ScenarioError:
+        """Return the error; for 240 in place of 1/240 it asks whether the fraction was meant."""
+        error = Message(
+            "{option} must be {domain}, got {value}",
+            option=self.name, domain=self.domain(), value=shown(value),
+        )  # fmt: skip
+        if "/" in self.default and value > self.high and self.contains(1 / value):
+            return ScenarioError("{error}; did you mean 1/{value:.9g}?", error=error, value=value)
+        return ScenarioError(error)
+
+
+def option(
+    name: str,
+    help: str,  # noqa: A002 - the command line's word
+    kind: Kind = TEXT,
+    *,
+    default: Any,  # noqa: ANN401
+    shown: str | None = None,
+    low: float = -math.inf,
+    high: float = math.inf,
+    above: bool = False,
+    left_to: str = "the engine's own",
+    choices: tuple[str, ...] = (),
+) -> Any:  # noqa: ANN401 - dataclasses.field is typed as what it stands for
+    """Declare a dataclass field together with its command-line option."""
+    shown = str(default) if shown is None else shown
+    return field(
+        default=default,
+        metadata={"option": Option(name, help, kind, shown, low, high, above, left_to, choices)},
+    )
+
+
+class Optioned:
+    """A dataclass of such fields: it checks its values, and can be read from text."""
+
+    __slots__ = ()
+
+    @classmethod
+    def options(cls) -> dict[str, Option]:
+        """Return the command-line option of each field that has one, by field name."""
+        return _options(cls)  # type: ignore[arg-type]
+
+    @classmethod
+    def from_text(cls, given: Mapping[str, str | bool | None]) -> Self:
+        """Build from command-line values by field name; absent or None means the default.
+
+        Raises
+        ------
+        ScenarioError
+            If a value cannot be read, or is outside its domain.
+        """
+        values: dict[str, Any] = {}
+        for name, spec in cls.options().items():
+            raw = given.get(name)
+            if isinstance(raw, bool):
+                values[name] = raw
+            elif raw is not None:
+                values[name] = spec.read(raw)
+        return cls(**values)
+
+    @classmethod
+    def checked(cls, name: str, given: object) -> Any:  # noqa: ANN401
+        """Return a field's value, its type and domain checked; a whole number becomes a float.
+
+        Raises
+        ------
+        ScenarioError
+            If it is of another type, or outside its domain.
+        """
+        spec, hint = cls.options()[name], _hints(cls)[name]  # type: ignore[arg-type]
+        try:
+            value = _of_kind(given, hint)
+        except (TypeError, OverflowError):
+            raise ScenarioError(
+                "{option} must be {kind}, got {value}",
+                option=spec.name, kind=_kind(hint), value=shown(given),
+            ) from None  # fmt: skip
+        spec.check(value)
+        return value
+
+    @classmethod
+    def listed(cls, name: str, given: object) -> tuple[Any, ...]:
+        """Return several values of a field, from command-line text, a list, or a single value.
+
+        Raises
+        ------
+        ScenarioError
+            If one of them is invalid.
+        """
+        if isinstance(given, str):
+            return cls.options()[name].read_list(given)
+        values = given if isinstance(given, Iterable) and not isinstance(given, tuple) else [given]
+        return tuple(cls.checked(name, value) for value in values)
+
+    def check_domains(self) -> None:
+        """Check every value's type and domain; a whole number becomes a float where declared so.
+
+        Raises
+        ------
+        ScenarioError
+            If one is of another type, or outside its domain.
+        """
+        for name in self.options():
+            value = self.checked(name, getattr(self, name))
+            object.__setattr__(self, name, value)  # the dataclass is frozen
+
+
+UNIONS = (UnionType, Union)
+"""The origin of `X | None` is one of these: the second where X is a Literal."""
+
+# -- types ----------------------------------------------------------------------------------------
+
+
+def shown(value: object) -> str:
+    """Return a value as an error quotes it: short enough for a line."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to write out a number of some thousand digits
+        return Message("a number too long to write")
+    return text if len(text) <= 120 else f"{text[:100]}…{text[-10:]}"
+
+
+@functools.cache
+def _options(kind: Any) -> dict[str, Option]:  # noqa: ANN401 - as below
+    return {f.name: f.metadata["option"] for f in fields(kind) if "option" in f.metadata}
+
+
+@functools.cache
+def _hints(kind: Any) -> dict[str, Any]:  # noqa: ANN401 - a class; mypy doubts its hash
+    return get_type_hints(kind)  # evaluating every annotation takes ten times as long as the checks
+
+
+def _of_kind(value: Any, hint: Any) -> Any:  # noqa: ANN401
+    """Return a value as a field's declared type; TypeError if it is of another."""
+    arguments = get_args(hint)
+    if get_origin(hint) is Literal:
+        if value in arguments:
+            return value
+    elif get_origin(hint) in UNIONS:
+        if value is None and NoneType in arguments:
+            return None
+        for argument in arguments:
+            with contextlib.suppress(TypeError):
+                return _of_kind(value, argument)
+    elif get_origin(hint) is tuple:
+        if isinstance(value, tuple | list) and len(value) == len(arguments):
+            return tuple(map(_of_kind, value, arguments))
+    elif hint in (bool, str) or isinstance(value, bool):  # which is an int to Python, not to us
+        if isinstance(value, hint) and isinstance(value, bool) == (hint is bool):
+            return value
+    elif isinstance(value, Real if hint is float else Integral):
+        return hint(value)
+    raise TypeError
+
+
+def _kind(hint: Any) -> str:  # noqa: ANN401
+    arguments = get_args(hint)
+    if get_origin(hint) is Literal:
+        return alternatives(arguments)
+    if get_origin(hint) in UNIONS:
+        return alternatives(_kind(argument) for argument in arguments if argument is not NoneType)
+    if get_origin(hint) is tuple:
+        return Message("{n} times {kind}", n=len(arguments), kind=_kind(arguments[0]))
+    return {
+        float: Message("a number"),
+        int: Message("a whole number"),
+        bool: "True or False",
+        str: Message("text"),
+    }[hint]

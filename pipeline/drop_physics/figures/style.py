@@ -1,0 +1,267 @@
+"""How plots look: one style for light and dark pages, and numbers in readable units.
+
+The user's own matplotlib settings have no effect: the same table gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import logging
+import math
+import pathlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import matplotlib
+import numpy as np
+from matplotlib import font_manager
+from matplotlib.path import Path
+from matplotlib.transforms import Bbox
+
+from drop_physics import colours
+from drop_physics.messages import Message, translated
+
+if TYPE_CHECKING:
+    from typing import BinaryIO
+
+    import polars as pl
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+MOST_POINTS = 2000
+"""Points drawn per curve: more than there are pixels."""
+FEW_POINTS = 50
+"""Up to here each sample is marked."""
+DASHED = (0, (4, 3))
+
+
+@dataclass(frozen=True)
+class Ink:
+    """The colours that differ between light and dark pages."""
+
+    page: str
+    text: str
+    faint: str
+    """For explanations that must not stand out: labels of axes, notes."""
+    simulated: str
+    """A thin line on the page, and on the broad lines of theory."""
+
+
+LIGHT = Ink(page="#ffffff", text=colours.TOTAL, faint="#5f6670", simulated=colours.SIMULATED)
+DARK = Ink(page="#0d1117", text="#e6edf3", faint="#9aa4af", simulated="#d8effd")
+
+
+JAPANESE = (
+    "Noto Sans CJK JP", "Noto Sans JP", "IPAexGothic", "IPAGothic", "TakaoGothic", "VL Gothic",
+    "Hiragino Sans", "Hiragino Kaku Gothic ProN", "Yu Gothic", "Meiryo", "MS Gothic",
+)  # fmt: skip
+"""Japanese fonts of the usual systems; the first that is installed is used."""
+
+
+@functools.cache
+def japanese_font() -> str | None:
+    """Return a font for Japanese; None where none is installed."""
+    fonts = {
+        font.name for font in font_manager.fontManager.ttflist if pathlib.Path(font.fname).is_file()
+    }
+    return next((name for name in JAPANESE if name in fonts), None)
+
+
+def words(template: str, /, **values: object) -> str:
+    """Return a message, or a template's, in the reader's language if there is a font for it."""
+    message = template if isinstance(template, Message) else Message(template, **values)
+    shown = translated(message)
+    return shown if shown == message or japanese_font() is not None else str(message)
+
+
+def families() -> list[str]:
+    """Return the fonts of a plot, which are searched in this order for each letter."""
+    # The first choice of sans-serif, DejaVu Sans, comes with matplotlib: alike on every machine.
+    font = japanese_font() if words("time [{unit}]", unit="s") != "time [s]" else None
+    return ["sans-serif"] if font is None else ["sans-serif", font]
+
+
+@contextlib.contextmanager
+def _regular_for_bold() -> Iterator[None]:
+    """Let a font without a bold face, as Japanese fonts often are, be regular without a warning."""
+    fonts = logging.getLogger("matplotlib.font_manager")
+    level = fonts.level
+    fonts.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        fonts.setLevel(level)
+
+
+@contextlib.contextmanager
+def plain(ink: Ink) -> Iterator[None]:
+    """Set matplotlib up for one figure, and leave its settings as they were."""
+    with matplotlib.rc_context(), _regular_for_bold():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(
+            {
+                "font.family": families(),
+                "font.size": 11,
+                "figure.facecolor": ink.page,
+                "savefig.facecolor": ink.page,
+                "axes.facecolor": ink.page,
+                "axes.edgecolor": ink.faint,
+                "axes.labelcolor": ink.text,
+                "axes.labelsize": 11,
+                "axes.spines.top": False,
+                "axes.spines.right": False,
+                "axes.formatter.useoffset": False,
+                "axes.unicode_minus": True,
+                "text.color": ink.text,
+                "text.parse_math": False,
+                "xtick.color": ink.faint,
+                "ytick.color": ink.faint,
+                "xtick.labelsize": 10,
+                "ytick.labelsize": 10,
+                "legend.frameon": False,
+                "legend.fontsize": 11,
+                "svg.fonttype": "none",  # text stays text
+                "svg.hashsalt": "drop",  # identifiers are not random
+            }
+        )
+        yield
+
+
+def save(
+    build: Callable[[Ink], Figure],
+    target: pathlib.Path | BinaryIO,
+    *,
+    format: Literal["png", "svg"],  # noqa: A002
+    dark: bool,
+) -> None:
+    """Draw a figure for a light or a dark page, and write it; the same one gives the same bytes."""
+    ink = DARK if dark else LIGHT
+    with plain(ink):
+        metadata = {"Date": None} if format == "svg" else {"Software": None}
+        build(ink).savefig(target, format=format, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit to show SI values in: shown = value * per_si."""
+
+    name: str
+    per_si: float
+
+
+METRES = (Unit("km", 1e-3), Unit("m", 1.0), Unit("mm", 1e3), Unit("µm", 1e6), Unit("nm", 1e9))
+SECONDS = (Unit("s", 1.0), Unit("ms", 1e3), Unit("µs", 1e6))
+
+
+def unit_for(largest: float, units: tuple[Unit, ...], *, usual: str) -> Unit:
+    """Return the unit in which the largest of some values reads best.
+
+    The usual unit is kept from 0.01 to 9999 of it; else it is the largest that gives at least 1.
+
+    Parameters
+    ----------
+    largest
+        Largest size of the values, in SI.
+    units
+        Units to choose from, largest first.
+    usual
+        Name of the unit to keep where it will do; also the unit where all values are zero.
+    """
+    keep = next(unit for unit in units if unit.name == usual)
+    if largest == 0 or not math.isfinite(largest) or 0.01 <= largest * keep.per_si < 1e4:
+        return keep
+    return next((unit for unit in units if largest * unit.per_si >= 1), units[-1])
+
+
+_RAISED = str.maketrans("−0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def decimals_for(largest: float) -> int:
+    """Return how many decimals show the largest of some numbers with four digits: 3 for 6.131."""
+    return max(0, 3 - math.floor(math.log10(largest))) if largest else 0
+
+
+def signed(value: float, decimals: int) -> str:
+    """Return a number with its sign; in powers of ten where it would round to zero: −3×10⁻¹³."""
+    if value == 0:
+        return "0"
+    if abs(value) >= 0.5 * 10**-decimals:
+        return f"{value:+.{decimals}f}".replace("-", "−")
+    mantissa, exponent = f"{value:+.0e}".replace("-", "−").split("e")
+    power = exponent[0].replace("+", "") + exponent[1:].lstrip("0")
+    return f"{mantissa}×10{power.translate(_RAISED)}"
+
+
+def seconds(value_s: float) -> str:
+    """Return a timestep as people write it: 1/240 s where it is such a fraction."""
+    whole = round(1 / value_s) if value_s > 0 else 0
+    if whole > 1 and math.isclose(whole * value_s, 1, rel_tol=1e-9):
+        return f"1/{whole} s"
+    return f"{value_s:.6g} s"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a note may be, as matplotlib's `annotate` takes it."""
+
+    at: tuple[float, float]
+    of: tuple[str, str]
+    """The coordinate systems of the two."""
+    offset: tuple[float, float]
+    """From there [points]."""
+    align: Literal["left", "right"]
+    above: Literal["top", "bottom"] = "top"
+    """Which edge of the note is there."""
+
+
+def write_clear(axes: Axes, text: str, places: Sequence[Place], ink: Ink) -> None:
+    """Write a note at the first place without a line or another note; nowhere if there is none.
+
+    Lines must have been drawn, and limits set.
+    """
+    for place in places:
+        note = axes.annotate(
+            text,
+            place.at,
+            xycoords=place.of,
+            xytext=place.offset,
+            textcoords="offset points",
+            ha=place.align,
+            va=place.above,
+            size=10,
+            color=ink.faint,
+        )
+        if not is_struck(axes, note):
+            return
+        note.remove()
+
+
+def is_struck(axes: Axes, note: Text) -> bool:
+    """Whether a line of a panel runs through a note in it, or another note overlaps it."""
+    box = note.get_window_extent()
+    if any(box.overlaps(text.get_window_extent()) for text in axes.texts if text is not note):
+        return True
+    if box.y0 < axes.bbox.y0:
+        return True  # the numbers of the axis are there
+    for line in axes.lines:
+        points = line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float))
+        half = 0.5 * line.get_linewidth() * axes.figure.dpi / 72  # of its width, in pixels
+        near = Bbox.from_extents(box.x0 - half, box.y0 - half, box.x1 + half, box.y1 + half)
+        if Path(points).intersects_bbox(near, filled=False):
+            return True
+    return False
+
+
+def mark_time(axes: Axes, time_s: float, time: Unit, ink: Ink) -> None:
+    """Draw a dashed line through a panel at a time [s]."""
+    axes.axvline(time_s * time.per_si, color=ink.faint, lw=0.9, linestyle=DASHED, zorder=0.9)
+
+
+def thinned(table: pl.DataFrame) -> pl.DataFrame:
+    """Return evenly spread rows, the last one included, few enough to draw."""
+    if len(table) <= MOST_POINTS:
+        return table
+    return table[np.linspace(0, len(table) - 1, MOST_POINTS).astype(np.int64)]

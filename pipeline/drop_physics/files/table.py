@@ -1,0 +1,66 @@
+"""The analysis table as a file for other tools: Parquet or CSV, written by polars."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import polars as pl
+
+from drop_physics.errors import OutputError, check_suffix
+from drop_physics.files.outputs import check_target
+from drop_physics.files.whole import written_whole
+
+PROBE_BYTES = 1 << 16
+
+
+def check_table(path: Path, *, force: bool) -> None:
+    """Make sure that a table can be written, before any work is done for it.
+
+    Raises
+    ------
+    ScenarioError
+        If the suffix is neither .parquet nor .csv.
+    OutputError
+        If the file exists and `force` is not given, or cannot be written.
+    """
+    check_suffix("--table", path, (".parquet", ".csv"))
+    check_target(path, force=force)
+
+
+def write_table(path: Path, samples: pl.DataFrame, *, force: bool) -> None:
+    """Write a table whole; CSV keeps every digit.
+
+    Raises
+    ------
+    OutputError
+        If the file exists and `force` is not given, or cannot be written.
+    """
+    with written_by_polars(path, force=force) as file:
+        if path.suffix == ".csv":
+            samples.write_csv(file)
+        else:
+            samples.write_parquet(file)
+
+
+@contextlib.contextmanager
+def written_by_polars(path: Path, *, force: bool, ours: bool = False) -> Iterator[BinaryIO]:
+    """Yield a file as `written_whole` does, for polars to write to.
+
+    Raises
+    ------
+    OutputError
+        As for `written_whole`.
+    """
+    with written_whole(path, force=force, ours=ours) as file:
+        try:
+            yield file
+        except pl.exceptions.ComputeError as error:
+            # Polars loses the system's reason; writing a little more raises it again.
+            file.write(bytes(PROBE_BYTES))
+            file.flush()
+            raise OutputError(
+                "{path} cannot be written: {reason}", path=path, reason=str(error)
+            ) from error

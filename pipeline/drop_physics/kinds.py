@@ -1,0 +1,120 @@
+"""The kinds of value that an option takes: how each is parsed, and its components.
+
+Text is only ever parsed, never evaluated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from drop_physics.errors import ScenarioError
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+def number(text: str) -> float:
+    """Read a number or a fraction such as `1/480`; nothing is evaluated."""
+    try:
+        digits = _digits(text)
+        return float(Fraction(digits)) if "/" in digits else float(digits)
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise ScenarioError("a number or a fraction such as 1/480") from None
+
+
+def _digits(text: str) -> str:
+    """Return a number's text as it is, unless only Python would read it: `1_0`, or `١` for 1.
+
+    Raises
+    ------
+    ValueError
+        If only Python would.
+    """
+    if "_" in text or not text.isascii():
+        raise ValueError
+    return text
+
+
+def integer(text: str) -> int:
+    """Read a whole number."""
+    try:
+        return int(_digits(text))
+    except ValueError:
+        raise ScenarioError("a whole number") from None
+
+
+def vector(text: str) -> Vector:
+    """Read `X,Y,Z`."""
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise ScenarioError("three numbers X,Y,Z") from None
+    x, y, z = map(number, parts)
+    return x, y, z
+
+
+def orientation(text: str) -> Vector | Quaternion:
+    """Read `R,P,Y` or `X,Y,Z,W`."""
+    match [number(part) for part in text.split(",")]:
+        case [roll, pitch, yaw]:
+            return roll, pitch, yaw
+        case [x, y, z, w]:
+            return x, y, z, w
+    raise ScenarioError("angles R,P,Y [deg] or a quaternion X,Y,Z,W") from None
+
+
+def size(text: str) -> tuple[int, int]:
+    """Read `WIDTHxHEIGHT` in pixels."""
+    try:
+        width, height = map(integer, text.lower().split("x"))
+    except ValueError:
+        raise ScenarioError("WIDTHxHEIGHT in pixels, such as 480x360") from None
+    return width, height
+
+
+def text(value: str) -> str:
+    """Return the text as it is."""
+    return value
+
+
+def times(texts: Sequence[str]) -> list[float]:
+    """Read the times of `--at` [s].
+
+    Raises
+    ------
+    ScenarioError
+        If one of them is not a number.
+    """
+    try:
+        return [number(text) for text in texts]
+    except ScenarioError as error:
+        raise ScenarioError(
+            "{option} takes {what}, got {value}",
+            option="--at", what=error.in_options, value=", ".join(map(repr, texts)),
+        ) from None  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One kind of value."""
+
+    read: Callable[[str], Any]
+    """Parses a text; its ScenarioError says what is expected."""
+    metavar: str
+    """Its placeholder in `--help`."""
+    of: type[float | int | str]
+    """Its type, or that of its parts."""
+    components: tuple[str, ...] = ()
+    """The names of its parts, where each can be given alone."""
+    joined: str = ","
+    """The separator of its parts."""
+
+
+NUMBER = Kind(number, "NUMBER", float)
+INTEGER = Kind(integer, "N", int)
+VECTOR = Kind(vector, "X,Y,Z", float, ("x", "y", "z"))
+ORIENTATION = Kind(orientation, "R,P,Y|X,Y,Z,W", float, ("roll", "pitch", "yaw"))
+SIZE = Kind(size, "WIDTHxHEIGHT", int, joined="x")
+TEXT = Kind(text, "TEXT", str)

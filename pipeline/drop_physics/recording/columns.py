@@ -1,0 +1,238 @@
+"""What one chunk of a recording holds: its columns as arrays, if they have the types we write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from drop_physics.fields import shown
+from drop_physics.messages import Message
+from drop_physics.recording import schema
+from drop_physics.recording.checks import damaged, twice, wrong_count
+from drop_physics.recording.rows import named
+from drop_physics.recording.rrd import Chunk
+from drop_physics.recording.schema import Table
+from drop_physics.report import LARGEST
+from drop_physics.seen.events import At, Calls
+
+Properties = dict[str, Any]
+
+PROPERTY_BYTES = 1 << 16
+"""Limit of a property; the engine's report takes 18,000."""
+LONGEST_TEXT = 4096
+"""Characters in a property: as many as a path may have."""
+
+
+def rows(chunk: Chunk, table: Table, path: Path) -> pl.DataFrame:
+    """Return the rows of a table that a chunk of it holds.
+
+    Raises
+    ------
+    RecordingError
+        If it holds anything but lists of the table's numbers.
+    """
+    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
+    read: dict[str, NDArray[Any]] = {}
+    counts = np.empty(0, np.int64)
+    for component, names in table.columns.items():
+        whole, width = table.kind[component].base.kind == "i", len(names)
+        is_right = _is_list_of(pa.types.is_int64 if whole else pa.types.is_float64)
+        lists = _column(chunk, component, is_right, path)
+        lengths, flat = np.diff(lists.offsets.to_numpy()), _between(lists)
+        if not read:
+            counts = lengths // width
+            read["step"] = np.repeat(steps, counts)
+        if flat.null_count or not counts.all() or not np.array_equal(lengths, counts * width):
+            raise damaged(path, wrong_count(chunk.entity, width, component))
+        # Copied, so that the rest of the chunk can be freed.
+        read |= named(flat.to_numpy().reshape(-1, width), names)
+    if len(np.unique(steps)) < len(steps):
+        raise damaged(path, twice(chunk.entity))
+    return pl.DataFrame(read)
+
+
+def told(chunk: Chunk, path: Path) -> Iterator[tuple[At, str]]:
+    """Yield the rows of an entity of JSON: when, and the text.
+
+    Raises
+    ------
+    RecordingError
+        If it holds anything else.
+    """
+    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_pylist()
+    calls = _column(chunk, schema.CALL_TIMELINE, pa.types.is_int64, path).to_pylist()
+    times = _column(chunk, schema.TIME_TIMELINE, pa.types.is_duration, path)
+    times_s = (times.cast(pa.int64()).to_numpy() / 1e9).tolist()
+    texts = _flat(_column(chunk, schema.JSON, _is_list_of(pa.types.is_string), path), 1)
+    if texts is None or texts.null_count:
+        raise damaged(path, Message("{entity} has gaps", entity=chunk.entity))
+    for step, time_s, call, text in zip(steps, times_s, calls, texts.to_pylist(), strict=True):
+        yield At(step, time_s, call), text
+
+
+def series(chunk: Chunk, path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+    """Return steps and values, of shape (n,) and (n, k); None of a chunk that names the series.
+
+    Raises
+    ------
+    RecordingError
+        If a chunk holds anything else.
+    """
+    if chunk.batch.schema.get_field_index("Scalars:scalars") < 0:
+        return None
+    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
+    lists = _column(chunk, "Scalars:scalars", _is_list_of(pa.types.is_float64), path)
+    lengths, flat = np.diff(lists.offsets.to_numpy()), _between(lists)
+    if flat.null_count or len(set(lengths.tolist())) > 1:
+        what = Message("{entity} must hold equally many numbers in each row", entity=chunk.entity)
+        raise damaged(path, what)
+    return steps, flat.to_numpy().reshape(len(steps), -1).copy()
+
+
+def calls(chunk: Chunk, path: Path) -> Iterator[Calls]:
+    """Yield the calls in a chunk, which are of one simulation.
+
+    Raises
+    ------
+    RecordingError
+        If it holds anything else.
+    """
+    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
+    first = _column(chunk, schema.CALL_TIMELINE, pa.types.is_int64, path).to_numpy()
+    times = _column(chunk, schema.TIME_TIMELINE, pa.types.is_duration, path)
+    times_s = times.cast(pa.int64()).to_numpy() / 1e9
+    held: dict[str, NDArray[Any]] = {}
+    counts: dict[str, NDArray[np.int64]] = {}
+    for name, is_right in _OF_CALLS.items():
+        lists = _column(chunk, name, _is_list_of(is_right), path)
+        flat = _between(lists)
+        if flat.null_count:
+            raise damaged(path, Message("{entity} has gaps", entity=chunk.entity))
+        held[name], counts[name] = flat.to_numpy().copy(), np.diff(lists.offsets.to_numpy())
+    many = counts["site"]
+    same = all(np.array_equal(counts[name], many) for name in ("after", "result"))
+    if not (same and len(many) and many.all() and len(set(held["client"].tolist())) == 1):
+        raise damaged(path, wrong_count(chunk.entity, 1, "site"))
+    yield Calls(
+        int(held["client"][0]),
+        np.repeat(steps, many),
+        np.repeat(times_s, many),
+        np.repeat(first, many) + held["after"],
+        held["site"],
+        held["numbers"],
+        held["result"],
+    )
+
+
+_OF_CALLS = {
+    "client": pa.types.is_int64, "site": pa.types.is_int64, "after": pa.types.is_int64,
+    "result": pa.types.is_float64, "numbers": pa.types.is_float64,
+}  # fmt: skip
+
+
+def images(chunk: Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield step and PNG of the camera frames in a chunk.
+
+    Raises
+    ------
+    RecordingError
+        If it holds anything else.
+    """
+    if chunk.batch.schema.get_field_index("EncodedImage:blob") < 0:
+        return  # the media type, which `rerun rrd split` writes into a separate chunk
+    bytes_ = _is_list_of(_is_list_of(pa.types.is_uint8))
+    steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path)
+    blobs = _column(chunk, "EncodedImage:blob", bytes_, path)
+    pictures = _flat(blobs, 1)
+    if pictures is None or pictures.null_count or pictures.values.null_count:
+        raise damaged(path, Message("it must hold one picture per step for its frames"))
+    for step, blob in zip(steps.to_pylist(), pictures, strict=True):
+        yield step, blob.values.to_numpy().tobytes()
+
+
+def values(chunk: Chunk, path: Path) -> Properties:
+    """Return a property's values by name; a list of one is its element.
+
+    Raises
+    ------
+    RecordingError
+        If it holds anything but short texts, numbers up to `LARGEST`, and booleans.
+    """
+    name, batch = chunk.entity.removeprefix("__properties/"), chunk.batch
+    if batch.num_rows != 1:
+        raise damaged(path, Message("its property {name} must have one row", name=name))
+    if chunk.size > PROPERTY_BYTES:
+        what = Message("its property {name} takes {size:,} bytes", name=name, size=chunk.size)
+        raise damaged(path, what)
+    read: Properties = {}
+    for key, column in zip(batch.schema.names, batch.columns, strict=True):
+        if not pa.types.is_list(column.type):
+            continue  # Rerun's own columns
+        if not any(is_ours(column.type.value_type) for is_ours in _PLAIN):
+            what = Message(
+                "its property {name} has the wrong type of {key}", name=name, key=shown(key)
+            )
+            raise damaged(path, what)
+        value = column[0].as_py()
+        if value is None:
+            continue
+        for element in value:
+            if not _is_plain(element):
+                what = Message(
+                    "its property {name} says that {key} is {value}",
+                    name=name,
+                    key=shown(key),
+                    value=shown(element),
+                )
+                raise damaged(path, what)
+        read[key] = value[0] if len(value) == 1 else value
+    return read
+
+
+_PLAIN = (pa.types.is_float64, pa.types.is_int64, pa.types.is_boolean, pa.types.is_string)
+"""The types of the properties we write."""
+
+
+def _is_plain(value: object) -> bool:
+    if isinstance(value, float):
+        return abs(value) <= LARGEST
+    return value is not None and not (isinstance(value, str) and len(value) > LONGEST_TEXT)
+
+
+def _column(chunk: Chunk, name: str, is_right: Callable[[Any], bool], path: Path) -> pa.Array:
+    """Return a column of the type that we write, without gaps."""
+    index = chunk.batch.schema.get_field_index(name)
+    if index < 0 or not is_right(chunk.batch.schema.field(index).type):
+        what = Message(
+            "{entity} has no column {name} of the right type", entity=chunk.entity, name=name
+        )
+        raise damaged(path, what)
+    column = chunk.batch.column(index)
+    if column.null_count:
+        what = Message("{entity} has gaps in {name}", entity=chunk.entity, name=name)
+        raise damaged(path, what)
+    return column
+
+
+def _flat(lists: pa.Array, width: int) -> pa.Array | None:
+    """Return the elements of lists as one array; None unless each list has `width` of them."""
+    return None if (np.diff(lists.offsets.to_numpy()) != width).any() else _between(lists)
+
+
+def _between(lists: pa.Array) -> pa.Array:
+    """Return the elements of lists as one array."""
+    # As `flatten` does, but that loads Arrow's compute library.
+    if not len(lists):
+        return lists.values[:0]
+    offsets = lists.offsets.to_numpy()
+    return lists.values.slice(offsets[0], offsets[-1] - offsets[0])
+
+
+def _is_list_of(is_right: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    return lambda kind: pa.types.is_list(kind) and is_right(kind.value_type)

@@ -1,0 +1,167 @@
+"""What any recording of ours holds: chunks and properties."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from drop_physics.errors import RecordingError
+from drop_physics.fields import shown
+from drop_physics.files.outputs import free_part_of, is_part
+from drop_physics.messages import Message, shell_command
+from drop_physics.recording import columns, rrd, schema
+from drop_physics.recording.checks import again, damaged, unreadable
+from drop_physics.recording.columns import Properties
+
+MOST_VALUES = 1000
+"""Limit of a property; the engine's report has about thirty."""
+
+
+def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
+    """Yield the chunks of a file, which must hold one recording and nothing else.
+
+    Raises
+    ------
+    RecordingError
+        If there is none, or it is damaged.
+    """
+    only: str | None = None
+    try:
+        if path.is_dir():
+            inside = [*path.glob("*.rrd"), *path.glob("recordings/*.rrd")]
+            inside = [
+                each
+                for each in inside
+                if each.is_file() and not each.name.endswith(".analysis.rrd")
+            ]
+            raise RecordingError(
+                "{path} is a folder; name a recording in it, such as {file}",
+                path=path,
+                file=min(inside, default=path / "run.rrd"),
+            )
+        if not path.exists():
+            raise RecordingError("{path} does not exist; make it with: drop simulate", path=path)
+        if not path.is_file():
+            raise RecordingError(
+                "{path} is not a recording: it is not a regular file; make one with: drop simulate",
+                path=path,
+            )
+        for chunk in rrd.chunks(path, unfinished=is_part(path)):
+            only = chunk.recording_id if only is None else only
+            if chunk.application_id != schema.APPLICATION_ID:
+                raise RecordingError(
+                    "{path} must be a recording made by drop, got one made by {application}; "
+                    "{again}",
+                    path=path,
+                    application=shown(chunk.application_id),
+                    again=again(path),
+                )
+            if chunk.recording_id != only:
+                raise RecordingError(
+                    "{path} must hold one recording, got several; {again}",
+                    path=path,
+                    again=again(path),
+                )
+            yield chunk
+        if only is None and is_part(path):
+            raise _empty(path)
+    except rrd.UnfinishedError as error:
+        raise _unfinished(path, error.what) from None
+    except rrd.DamagedError as error:
+        if is_part(path) and not path.stat().st_size:
+            raise _empty(path) from None
+        raise damaged(path, error.what) from None
+    except OSError as error:
+        raise unreadable(path, error) from None
+
+
+def is_script(path: Path) -> bool:
+    """Whether a file is the recording of a script, finished or not; its first chunk says so.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, damaged, or not a recording of ours.
+    """
+    first = next(chunks_of(path), None)
+    return first is not None and first.entity == f"__properties/{schema.ORIGIN_PROPERTY}"
+
+
+def gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> None:
+    """Add a chunk's values to its property: `rerun rrd split` writes each in a chunk of its own.
+
+    Raises
+    ------
+    RecordingError
+        If it holds anything but a property, or contradicts another chunk.
+    """
+    name = chunk.entity.removeprefix("__properties/")
+    if name not in schema.PROPERTIES:
+        return
+    gathered = properties.setdefault(name, {})
+    for key, value in columns.values(chunk, path).items():
+        if gathered.setdefault(key, value) != value:
+            what = Message("its property {name} has two values of {key}", name=name, key=shown(key))
+            raise damaged(path, what)
+    if len(gathered) > MOST_VALUES:
+        what = Message("its property {name} has {count:,} values", name=name, count=len(gathered))
+        raise damaged(path, what)
+
+
+def closing_of(properties: Mapping[str, Properties], path: Path) -> Properties | None:
+    """Return the property that is written last; None where a recording may lack it.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, or another version of drop wrote it.
+    """
+    closing = properties.get(schema.RECORDING_PROPERTY)
+    if closing is None:
+        if not properties and next(chunks_of(path), None):  # a recording's first is a property
+            if is_part(path):
+                raise RecordingError(
+                    "{path} must be a recording, got an unfinished layer, as RUN.analysis.rrd is "
+                    "of RUN.rrd; give the recording that it belongs to",
+                    path=path,
+                )
+            raise RecordingError(
+                "{path} must be a recording, got a layer, as RUN.analysis.rrd is of RUN.rrd; give "
+                "the recording that it belongs to",
+                path=path,
+            )
+        if is_part(path):
+            return None
+        raise _unfinished(path, Message("it lacks the property that is written last"))
+    version = closing.get("schema_version")
+    if version in (1, 2):
+        raise RecordingError(
+            "{path} was made by an earlier version of drop; {again}", path=path, again=again(path)
+        )
+    if version != schema.SCHEMA_VERSION:
+        raise RecordingError(
+            "{path} must be of schema {schema}, got {version}; read it with the drop that wrote "
+            "it, or {again}",
+            path=path,
+            schema=schema.SCHEMA_VERSION,
+            version=shown(version),
+            again=again(path),
+        )
+    return closing
+
+
+def _empty(path: Path) -> RecordingError:
+    return RecordingError(
+        "{path} holds nothing yet: the process that wrote it was stopped before its first rows "
+        "were complete; record it again",
+        path=path,
+    )
+
+
+def _unfinished(path: Path, what: Message) -> RecordingError:
+    return RecordingError(
+        "{path} is damaged: {what}; what is whole of it can be read once it is renamed: {command}",
+        path=path,
+        what=what,
+        command=shell_command("mv", path, free_part_of(path)),
+    )

@@ -1,0 +1,104 @@
+"""Digests of everything that a number or a picture is computed from.
+
+They are written last, into the recording's closing property, and checked before anything is used:
+a bit that flipped on the disk is damage, not a result.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.seen.events import Calls
+
+
+class RowsDigest:
+    """SHA-256 of rows of states or contacts in step order, however they are split into chunks."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+
+    def update(self, rows: NDArray[Any]) -> None:
+        """Add rows, whose numbers are little-endian by their dtype."""
+        self._hash.update(np.ascontiguousarray(rows).view(np.uint8).data)
+
+    def hexdigest(self) -> str:
+        """Return the digest of all rows so far."""
+        return self._hash.hexdigest()
+
+
+class ToldDigest:
+    """SHA-256 of rows of JSON, in any order: a recording holds them by entity."""
+
+    def __init__(self) -> None:
+        self._digests = bytearray()
+
+    def update(self, entity: str, step: int, call: int, text: str) -> None:
+        """Add one row."""
+        row = json.dumps([entity, step, call, text]).encode()
+        self._digests += hashlib.sha256(row).digest()
+
+    def hexdigest(self) -> str:
+        """Return the digest of all rows so far."""
+        # A tool that splits a recording by time repeats what holds at the beginning of a part.
+        digests = np.unique(np.frombuffer(bytes(self._digests), "V32").view("S32"))
+        return hashlib.sha256(digests.tobytes()).hexdigest()
+
+
+class CallsDigest:
+    """SHA-256 of the calls of one simulation, in order, however they are split into chunks."""
+
+    def __init__(self) -> None:
+        self._heads, self._numbers = RowsDigest(), RowsDigest()
+
+    def update(self, seen: Calls, widths: NDArray[np.int64]) -> None:
+        """Add calls, each with its count of numbers."""
+        heads = np.column_stack((seen.steps, seen.calls, seen.sites, widths))
+        self._heads.update(np.hstack((heads.view(np.float64), seen.results[:, None])))
+        self._numbers.update(seen.numbers)
+
+    def hexdigest(self) -> str:
+        """Return the digest of all calls so far."""
+        return hashlib.sha256(
+            (self._heads.hexdigest() + self._numbers.hexdigest()).encode()
+        ).hexdigest()
+
+
+class FrameDigest:
+    """SHA-256 of the camera frames in step order."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+
+    def update(self, step: int, png: bytes) -> None:
+        """Add one frame."""
+        self._hash.update(step.to_bytes(8, "little") + len(png).to_bytes(8, "little") + png)
+
+    def hexdigest(self) -> str:
+        """Return the digest of all frames so far."""
+        return self._hash.hexdigest()
+
+
+def inputs_digest(properties: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the SHA-256 of properties by name, the same before writing and after reading."""
+    plain = {name: _plain(values) for name, values in properties.items()}
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+def closing_digest(closing: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a script's closing property, without the digest itself."""
+    return inputs_digest({"closing": {k: v for k, v in closing.items() if k != "closing_sha256"}})
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values as they are read back: without None, and a list of one as its element."""
+    return {
+        key: value[0] if isinstance(value, list | tuple) and len(value) == 1 else value
+        for key, value in values.items()
+        if value is not None
+    }

@@ -1,0 +1,309 @@
+"""What a recording shows of its numbers: shapes, poses, curves, pictures and a log of calls.
+
+Nothing is computed from it. Poses and curves are thinned to what a viewer can show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.filesize import decimal
+
+from drop_physics.fields import all_of
+from drop_physics.laws.tree import Tree
+from drop_physics.messages import Message
+from drop_physics.recording import pictures, schema
+from drop_physics.recording.gathering import Gathering
+from drop_physics.recording.told import Event
+from drop_physics.recording.writer import Chunk, Times
+from drop_physics.seen.calls import text_of
+from drop_physics.seen.events import (
+    Appearance,
+    At,
+    Body,
+    Calls,
+    Dynamics,
+    Image,
+    Put,
+    Raised,
+    Samples,
+    Settings,
+    Site,
+)
+from drop_physics.seen.poses import inertial_frames, links_of, tree_of
+
+Float64 = NDArray[np.float64]
+
+POSES_TOGETHER, IMAGES_TOGETHER, LINES_TOGETHER = 1 << 16, 32, 1024
+"""Rows that are held until they become chunks."""
+FARTHEST_M = 10.0
+"""The viewer's eye ignores what is farther than this from where it started."""
+SHOWN_PER_S = 60
+"""Poses drawn per second of simulated time."""
+SLOWER = 4
+"""A drop is played this many times slower than it falls."""
+MOST_LINES = 20
+"""Calls of one site that are listed."""
+
+
+class Drawing:
+    """What is drawn of the bodies of a recording, which are known by number."""
+
+    def __init__(self, bodies: Mapping[int, Body], *, of_drop: bool = False) -> None:
+        self._bodies, self._of_drop = bodies, of_drop
+        self._touched: set[int] = set()
+        """Bodies with a curve of their contact force."""
+        self.low_m = self.high_m = np.zeros(3)
+        """Corners of the box that all motion stayed in, without what flew off."""
+        self._first_m: Float64 | None = None
+        self._bases: dict[int, Float64] = {}
+        """By number, where a base that is not sampled is."""
+        self._trees: dict[int, Tree] = {}
+        self._masses: dict[int, Mapping[str, Float64]] = {}
+        self._gravity: dict[int, Float64] = {}
+        self._poses = Gathering(pictures.poses, most=POSES_TOGETHER)
+        self._curves = Gathering(pictures.curves, most=POSES_TOGETHER)
+        self._images = Gathering(pictures.images, most=IMAGES_TOGETHER)
+        self._log = Gathering(pictures.log, most=LINES_TOGETHER)
+        self._lenses: dict[int, object] = {}
+        self._shown_at: dict[int, int] = {}
+        self._drawn: dict[int, tuple[Any, ...]] = {}
+        self._undrawn: dict[int, str] = {}
+        """Labels of bodies with a shape that cannot be drawn, by number."""
+        self._listed: dict[int, int] = {}
+        """How many calls of a site are listed."""
+
+    def scene(self) -> Iterator[Chunk]:
+        """Yield what never changes."""
+        yield from pictures.scene()
+
+    def flush(self) -> Iterator[Chunk]:
+        """Yield everything that is held."""
+        for gathered in (self._log, self._poses, self._curves, self._images):
+            yield from gathered.flush()
+
+    def notes(self) -> Iterator[Message]:
+        """Yield what is not drawn."""
+        for body in self._bodies.values():
+            if body.soft:
+                yield Message(
+                    "the soft body {body} is left out: PyBullet does not report its position",
+                    body=body.label,
+                )
+        if self._undrawn:
+            labels, more = [*self._undrawn.values()][:3], len(self._undrawn) - 3
+            if more > 0:
+                labels.append(Message("{count} more", count=more))
+            yield Message(
+                "a shape of {bodies} is not drawn: drop draws boxes, spheres, cylinders, "
+                "capsules whose direction is known, planes, and meshes from files of up to "
+                "{size}",
+                bodies=all_of(labels),
+                size=decimal(pictures.LARGEST_MESH_BYTES),
+            )
+
+    def on(self, event: Event) -> Iterator[Chunk]:
+        """Yield what an event besides samples, calls and images shows."""
+        match event:
+            case Appearance():
+                yield from self.on_appearance(event)
+            case Put():
+                yield from self.on_put(event)
+            case Raised():
+                yield from self.on_raised(event)
+            case Dynamics(_, body, reported):
+                self._masses[body.number] = reported
+                self._trees[body.number] = tree_of(body.joints, inertial_frames(reported))
+            case Settings(_, client, values):
+                axes = [values[f"gravityAcceleration{axis}"] for axis in "XYZ"]
+                self._gravity[client] = np.concatenate([np.atleast_1d(axis) for axis in axes])
+
+    # -- bodies -----------------------------------------------------------------------------------
+
+    def on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
+        """Yield the shapes of a body that came, or what removes them."""
+        at, body = _at(seen.at), seen.body
+        if not seen.there:
+            # Of rows at the same time the last counts, so its last pose must come before this.
+            yield from self._poses.flush()
+            yield pictures.cleared(f"{schema.WORLD}/{body.label}", at)
+            self._drawn.pop(body.number, None)
+            self._shown_at.pop(body.number, None)
+        elif self._drawn.get(body.number) != body.shapes:
+            self._drawn[body.number] = body.shapes
+            counts: dict[int, int] = {}
+            for shape in body.shapes:
+                number = counts[shape.link] = counts.get(shape.link, -1) + 1
+                entity = f"{part_path(body, shape.link)}/{number}"
+                drawn = [*pictures.shape(entity, at, shape)]
+                if not drawn:
+                    self._undrawn[body.number] = body.label
+                yield from drawn
+
+    def on_put(self, put: Put) -> Iterator[Chunk]:
+        """Yield the poses of a body that a call placed."""
+        self._bases[put.body.number] = put.base
+        if put.body.number in self._trees:
+            parts = links_of(self._trees[put.body.number], put.base[None], put.joints)
+            for column in range(parts.shape[1]):
+                entity = part_path(put.body, column - 1)
+                yield from self._poses.add(entity, _at(put.at), parts[:, column, :7])
+
+    # -- samples ----------------------------------------------------------------------------------
+
+    def on_samples(self, seen: Samples) -> Iterator[Chunk]:
+        """Yield poses and curves, at most `SHOWN_PER_S` of them, and the last."""
+        per_s = SHOWN_PER_S * (SLOWER if self._of_drop else 1)
+        due = np.floor(seen.times_s * per_s + 1e-9).astype(np.int64)
+        for number in sorted({*seen.bases, *seen.joints}):
+            body = self._bodies[number]
+            base = seen.bases.get(number)
+            if base is None:
+                if number not in self._bases:
+                    continue
+                base = np.tile(self._bases[number], (len(seen.steps), 1))
+            shown = np.diff(due, prepend=self._shown_at.get(number, -1)) > 0
+            shown[-1] = True
+            self._shown_at[number] = int(due[-1])
+            at = Times(seen.steps[shown], seen.times_s[shown], np.full(shown.sum(), seen.call))
+            joints = seen.joints.get(number)
+            drawn = base[shown]
+            parts = links_of(self._trees[number], drawn, joints and joints.at(shown))
+            for column in range(parts.shape[1]):
+                entity = part_path(body, column - 1)
+                yield from self._poses.add(entity, at, parts[:, column, :7])
+            self._reach(parts[..., :3].reshape(-1, 3))
+            if not body.joints and not self._of_drop:
+                yield from self._heights(body, at, drawn)
+                yield from self._energy(body, seen.client, at, drawn)
+        if not self._of_drop:
+            yield from self._forces(seen)
+
+    def _reach(self, positions_m: Float64) -> None:
+        """Extend the box by positions, shape (n, 3), except of what has flown off."""
+        positions_m = positions_m[np.isfinite(positions_m).all(axis=1)]
+        if not len(positions_m):
+            return
+        if self._first_m is None:
+            self._first_m = self.low_m = self.high_m = np.median(positions_m, axis=0)
+        near_m = positions_m[np.abs(positions_m - self._first_m).max(axis=1) < FARTHEST_M]
+        if len(near_m):
+            self.low_m = np.minimum(self.low_m, near_m.min(axis=0))
+            self.high_m = np.maximum(self.high_m, near_m.max(axis=0))
+
+    def _heights(self, body: Body, at: Times, base: Float64) -> Iterator[Chunk]:
+        entity = f"{schema.HEIGHT}/{body.label}"
+        yield from self._curves.add(entity, at, base[:, 2:3])
+
+    def _forces(self, seen: Samples) -> Iterator[Chunk]:
+        """Yield the total normal force on each body that has been touched [N]."""
+        points = seen.contacts
+        shown = np.diff(np.floor(seen.times_s * SHOWN_PER_S + 1e-9), prepend=-1.0) > 0
+        shown[-1] = True
+        at = Times(seen.steps[shown], seen.times_s[shown])
+        numbers = np.array(sorted({*seen.bases, *seen.joints}), np.int64)
+        # A row per sample, a column per body; both sides of a point feel the same force.
+        totals_n = np.zeros((len(seen.steps), len(numbers)))
+        rows = np.searchsorted(seen.steps, points["step"])
+        for side in ("body_a", "body_b"):
+            columns = np.searchsorted(numbers, points[side])
+            its = np.isin(points[side], numbers)
+            np.add.at(totals_n, (rows[its], columns[its]), points["normal_force_n"][its])
+        for column, number in enumerate(numbers.tolist()):
+            label = self._bodies[number].label
+            entity = f"{schema.CONTACT_FORCES}/{label}"
+            if number not in self._touched and not totals_n[:, column].any():
+                continue
+            self._touched.add(number)
+            yield from self._curves.add(entity, at, totals_n[shown, column, None])
+
+    def _energy(self, body: Body, client: int, at: Times, base: Float64) -> Iterator[Chunk]:
+        """Yield the kinetic and potential energy of a body without joints [J]."""
+        dynamics, gravity = self._masses.get(body.number), self._gravity.get(client)
+        if dynamics is None or gravity is None or body.hides_links:
+            return
+        mass_kg, inertia_kg_m2 = dynamics["mass_kg"][0], np.ravel(dynamics["inertia_kg_m2"])
+        energies_j = energy_j(base, mass_kg, inertia_kg_m2, gravity)
+        if not np.isfinite(energies_j).all():
+            return
+        entity = f"{schema.ENERGIES}/{body.label}"
+        yield from self._curves.add(entity, at, energies_j[:, None])
+
+    # -- pictures and calls -----------------------------------------------------------------------
+
+    def on_image(self, number: int, image: Image, png: bytes) -> Iterator[Chunk]:
+        """Yield a picture of a camera, and the camera where it moved."""
+        lens = (image.view, image.projection, image.rgba.shape)
+        if self._lenses.get(number) != lens:
+            self._lenses[number] = lens
+            yield from pictures.camera(f"camera/{number}", _at(image.at), image)
+        yield from self._images.add(f"camera/{number}/image", _at(image.at), png)
+
+    def on_calls(
+        self, seen: Calls, sites: Mapping[int, Site], widths: NDArray[np.int64]
+    ) -> Iterator[Chunk]:
+        """Yield the first calls of each site as text."""
+        ends = np.cumsum([0, *widths]).tolist()
+        for place, number in enumerate(seen.sites.tolist()):
+            count = self._listed[number] = self._listed.get(number, 0) + 1
+            if count > MOST_LINES:
+                continue
+            site = sites[number]
+            numbers = seen.numbers[ends[place] : ends[place + 1]].tolist()
+            line = f"{site.function}({text_of(site, numbers)})   {site.file}:{site.line}"
+            if count == MOST_LINES:
+                line += "   (later calls from here are not listed)"
+            rows = slice(place, place + 1)
+            at = Times(seen.steps[rows], seen.times_s[rows], seen.calls[rows])
+            yield from self._log.add(schema.LOG, at, (line, False))
+
+    def on_raised(self, seen: Raised) -> Iterator[Chunk]:
+        """Yield what a call raised."""
+        yield from self._log.add(schema.LOG, _at(seen.at), (f"raised {seen.error}", True))
+
+
+@np.errstate(over="ignore", invalid="ignore")  # of states that are not finite
+def energy_j(
+    base: Float64, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: Float64
+) -> Float64:
+    """Return the kinetic energy of a body without links, and its potential energy above the origin.
+
+    In joules, shape (n,).
+
+    Parameters
+    ----------
+    base
+        Position, orientation, velocity and spin, shape (n, 13).
+    mass_kg
+        Its mass.
+    inertia_kg_m2
+        Its moments of inertia about the axes of the state, shape (3,).
+    gravity_m_s2
+        Shape (3,).
+    """
+    axis, w, spin = base[:, 3:6], base[:, 6:7], base[:, 10:13]
+    # In the body's own axes: rotated by the inverse quaternion.
+    twice = 2 * np.cross(spin, axis)
+    own = spin + w * twice + np.cross(twice, axis)
+    moving_j = mass_kg * (base[:, 7:10] ** 2).sum(-1) / 2
+    turning_j = (inertia_kg_m2 * own**2).sum(-1) / 2
+    potential_j = -mass_kg * (base[:, :3] @ gravity_m_s2)
+    total: Float64 = moving_j + turning_j + potential_j
+    return total
+
+
+def part_path(body: Body, link: int) -> str:
+    """Return the entity of a link in the scene; its shapes are below it, by number."""
+    name = "base" if link < 0 else f"{link}_{body.links[link + 1]}"
+    plain = "".join(
+        letter if letter.isascii() and (letter.isalnum() or letter in "_-") else "_"
+        for letter in name
+    )
+    return f"{schema.WORLD}/{body.label}/{plain}"
+
+
+def _at(at: At) -> Times:
+    return Times(np.array([at.step]), np.array([at.time_s]), np.array([at.call]))

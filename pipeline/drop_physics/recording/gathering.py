@@ -1,0 +1,55 @@
+"""Gathers single rows by entity: a chunk of many rows costs no more than a chunk of one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from rerun.chunk import Chunk
+
+from drop_physics.recording.writer import Times
+
+
+class Gathering:
+    """Rows that are held until there are enough for chunks.
+
+    Parameters
+    ----------
+    make
+        Makes a chunk of an entity's rows, given the list of their values in order.
+    most
+        How many rows are held, of all entities together.
+    """
+
+    def __init__(self, make: Callable[[str, Times, list[Any]], Chunk], *, most: int) -> None:
+        self._make, self._most = make, most
+        self._held: dict[tuple[str, object], list[tuple[Times, Any]]] = {}
+        self._rows = 0
+
+    def add(self, entity: str, at: Times, values: Any) -> Iterator[Chunk]:  # noqa: ANN401
+        """Add rows of an entity, and yield chunks if there are enough rows."""
+        kind = (
+            tuple(values) if isinstance(values, Mapping) else None
+        )  # another chunk for other columns
+        self._held.setdefault((entity, kind), []).append((at, values))
+        self._rows += len(at.steps)
+        if self._rows >= self._most:
+            yield from self.flush()
+
+    def flush(self) -> Iterator[Chunk]:
+        """Yield everything that is held."""
+        held, self._held, self._rows = self._held, {}, 0
+        for (entity, _), rows in held.items():
+            yield self._make(
+                entity, _joined([at for at, _ in rows]), [values for _, values in rows]
+            )
+
+
+def _joined(times: list[Times]) -> Times:
+    calls = [at.calls for at in times if at.calls is not None]
+    return Times(
+        np.concatenate([at.steps for at in times]),
+        np.concatenate([at.times_s for at in times]),
+        np.concatenate(calls) if len(calls) == len(times) else None,
+    )

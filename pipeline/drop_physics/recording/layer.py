@@ -1,0 +1,226 @@
+"""The analysis layer: what `analyze` adds to a recording, in a file beside it.
+
+It carries the recording's own id, so that the viewer shows both files as one recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import rerun as rr
+from numpy.typing import NDArray
+from rerun.chunk import Chunk
+
+from drop_physics import colours
+from drop_physics.errors import RecordingError
+from drop_physics.recording import pictures, schema, writer
+from drop_physics.recording.drawing import FARTHEST_M, SHOWN_PER_S
+from drop_physics.recording.layout import Look, eye_around, layout, look_of_drop, series_of
+from drop_physics.recording.reader import Recording, entities
+from drop_physics.recording.writer import Times
+
+ERROR_CURVES = {
+    "error_m": ("total", colours.TOTAL_IN_VIEWER),
+    **{f"{name}_m": (name, colour) for name, colour in colours.TERMS.items()},
+}
+"""Column of a drop's table -> its name under `error/`, and its colour."""
+
+ENERGY_CURVES = {
+    "kinetic_linear_j": ("kinetic", colours.KINETIC),
+    "kinetic_angular_j": ("rotation", colours.ROTATION),
+    "potential_j": ("potential", colours.POTENTIAL),
+    "energy_j": ("total", colours.TOTAL_IN_VIEWER),
+}
+"""Column of a drop's table -> its name under `energy/`, and its colour."""
+
+WIDE = 3.0
+"""Width of a total, the sum of the others [points]."""
+
+MOST_STATES = 40
+"""Bodies whose states are shown: more are illegible."""
+_SHOWN = (pl.col("time_s") * SHOWN_PER_S + 1e-9).floor()
+DUE = _SHOWN.shift(1, fill_value=-1) != _SHOWN
+"""Whether a point of a script's curve is due."""
+
+_TOP = {
+    schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.ENERGIES, schema.EVENTS, schema.FINDINGS,
+    schema.SEGMENTS,
+}  # fmt: skip
+"""First parts of a layer's entity paths."""
+
+
+def layer_of(recording: Path) -> Path:
+    """Return the layer's name beside a recording: `run.rrd` has `run.analysis.rrd`."""
+    return recording.with_name(recording.name.removesuffix(".rrd") + ".analysis.rrd")
+
+
+def is_layer(path: Path) -> bool:
+    """Whether a file is an analysis layer and nothing else."""
+    try:
+        return all(entity.split("/")[0] in _TOP for entity in entities(path))
+    except RecordingError:
+        return False
+
+
+def write_layer(
+    path: Path,
+    recording: Recording,
+    *,
+    samples: pl.DataFrame,
+    events: Sequence[tuple[int, float, str]],
+    findings: str,
+    force: bool,
+    ours: bool,
+) -> None:
+    """Write the layer, whole or not at all: what each sample is, errors, energies, findings.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    recording
+        The recording it belongs to.
+    samples
+        The analysis table: of a drop a row per sample, of a script one per sample and body; null
+        where there is no number to show.
+    events
+        What happened: step, time [s] and a line each, in order.
+    findings
+        The findings, as Markdown.
+    force, ours
+        As for `files.replaced`.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    if recording.drop is not None:
+        chunks = [*_of_drop(recording.scenario.timestep_s, samples)]
+    else:
+        chunks = [*_of_bodies(samples, recording.entities)]
+    if events:
+        steps, times_s, lines = zip(*events, strict=True)
+        at = Times(np.array(steps, np.int64), np.array(times_s))
+        chunks.append(pictures.log(schema.EVENTS, at, [(line, False) for line in lines]))
+    chunks.append(writer.document_chunk(schema.FINDINGS, findings))
+    shown = recording.entities | {chunk.entity_path.removeprefix("/") for chunk in chunks}
+    writer.record(
+        path,
+        chunks,
+        recording_id=recording.recording_id,
+        blueprint=layout(_look(recording, shown, samples)),
+        force=force,
+        ours=ours,
+        salvage=False,
+    )
+
+
+def _look(recording: Recording, shown: frozenset[str], samples: pl.DataFrame) -> Look:
+    if recording.drop is not None:
+        camera = recording.camera
+        return look_of_drop(recording.scenario.height_m, camera.view if camera else None, shown)
+    errors = {entity: 3 for entity in shown if entity.startswith(f"{schema.ERROR_MM}/")}
+    joints = series_of(recording.seen.bodies.values())
+    return Look(eye_around(*_near(recording, samples)), shown, series=joints | errors)
+
+
+def _near(
+    recording: Recording, samples: pl.DataFrame
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the corners of a box around where bodies were, without what has flown off."""
+    moving = [body for body in recording.seen.bodies.values() if body.moving]
+    corners_m = np.concatenate([np.zeros(0), *(body.bounds_m for body in moving)]).reshape(-1, 3)
+    positions_m = np.vstack([samples.select("x_m", "y_m", "z_m").to_numpy(), corners_m])
+    positions_m = positions_m[np.isfinite(positions_m).all(axis=1)]
+    if not len(positions_m):
+        return np.zeros(3), np.zeros(3)
+    away_m = np.abs(positions_m - np.median(positions_m, axis=0)).max(axis=1)
+    near_m = positions_m[away_m <= max(FARTHEST_M, away_m.min())]
+    return near_m.min(axis=0), near_m.max(axis=0)
+
+
+# -- of a drop: the terms of its error, and its energies ------------------------------------------
+
+
+def _of_drop(timestep_s: float, samples: pl.DataFrame) -> Iterator[Chunk]:
+    explained = samples.filter(pl.col("timestep_m").is_not_null())
+    steps = explained["step"].to_numpy()
+    for column, (name, colour) in ERROR_CURVES.items():
+        number, curve = f"{schema.ERROR}/{name}", f"{schema.ERROR_MM}/{name}"
+        values_m = explained[column].to_numpy()
+        width = WIDE if name == "total" else writer.CURVE_WIDTH
+        yield writer.curve_style_chunk(number, f"{name} [m]", colour, width=width)
+        yield writer.curve_style_chunk(curve, f"{name} [mm]", colour, width=width)
+        if len(steps):
+            yield writer.numbers_chunk(number, steps, timestep_s, values_m)
+            yield writer.numbers_chunk(curve, steps, timestep_s, values_m * 1e3)
+    steps = samples["step"].to_numpy()
+    largest_j = samples.select(pl.max_horizontal(pl.col(*ENERGY_CURVES).abs().max())).item()
+    resolution_j = schema.ENERGY_RESOLUTION * (largest_j or 1.0)
+    for column, (name, colour) in ENERGY_CURVES.items():
+        entity, values_j = f"{schema.ENERGY}/{name}", samples[column].to_numpy()
+        width = WIDE if name == "total" else writer.CURVE_WIDTH
+        yield writer.curve_style_chunk(entity, f"{name} [J]", colour, width=width)
+        yield writer.curve_chunk(entity, steps, timestep_s, values_j, resolution=resolution_j)
+
+
+# -- of a script's bodies: kinds of samples, energies of those with links, errors of flights ------
+
+
+def _of_bodies(samples: pl.DataFrame, recorded: frozenset[str]) -> Iterator[Chunk]:
+    bodies = samples.partition_by("label", maintain_order=True)
+    for body in bodies[:MOST_STATES]:
+        yield from _states(body)
+    for body in bodies:
+        label = body["label"][0]
+        known, energies = (
+            body.filter(pl.col("energy_j").is_not_null()),
+            f"{schema.ENERGIES}/{label}",
+        )
+        if len(known) and energies not in recorded:
+            shown = known.filter(DUE)
+            yield pictures.curves(energies, _times(shown), [shown["energy_j"].to_numpy()[:, None]])
+        if body["error_z_m"].count():
+            yield from _errors(body, f"{schema.ERROR_MM}/{label}")
+
+
+def _errors(body: pl.DataFrame, entity: str) -> Iterator[Chunk]:
+    """Yield how far off free fall a body is, with the ends of each flight, and the gap after it."""
+    yield writer.series_chunk(entity, [f"{body['label'][0]} {axis}" for axis in "xyz"])
+    in_flight = pl.col("error_z_m").is_not_null()
+    shown = body.filter(
+        (in_flight & DUE)
+        | (in_flight != in_flight.shift(1, fill_value=False))
+        | (in_flight != in_flight.shift(-1, fill_value=False))
+    )
+    errors_mm = shown.select("error_x_m", "error_y_m", "error_z_m").to_numpy() * 1e3
+    yield pictures.curves(entity, _times(shown), [errors_mm])
+
+
+def _states(body: pl.DataFrame) -> Iterator[Chunk]:
+    """Yield the states of one body, a row per change."""
+    entity = f"{schema.SEGMENTS}/{body['label'][0]}"
+    names = list(colours.SEGMENTS)
+    yield Chunk.from_columns(
+        entity,
+        [],
+        rr.StateConfiguration.columns(
+            values=names,
+            labels=names,
+            colors=[writer.rgba(colour) for colour in colours.SEGMENTS.values()],
+        ).partition([len(names)]),
+    )
+    changes = body.filter(pl.col("segment") != pl.col("segment").shift(1, fill_value=""))
+    yield Chunk.from_columns(
+        entity,
+        writer.times(_times(changes)),
+        rr.StateChange.columns(state=changes["segment"].to_list()),
+    )
+
+
+def _times(rows: pl.DataFrame) -> Times:
+    return Times(rows["step"].to_numpy(), rows["time_s"].to_numpy())

@@ -1,0 +1,243 @@
+"""The viewer's layout of a recording, alone or with its analysis: a panel for all that it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+from rerun import RecordingStream
+from rerun.blueprint import Corner2D
+
+from drop_physics.recording import schema
+from drop_physics.scenario import View
+from drop_physics.seen.events import Body
+
+SLOW_MOTION = 0.25
+"""Speed at which a drop is played: a fall from 1 m takes half a second, too fast to watch."""
+MOST_CAMERAS = 4
+MOST_NAMES = 8
+"""Above this, the curves' names would hide them."""
+LEAST_REACH_M = 0.5
+RIGHT_TOP = Corner2D.RightTop
+EYE = np.array([1.6, -1.6, 1.0])
+"""Position of the eye from the centre of all motion, in units of its reach."""
+
+
+class Eye(NamedTuple):
+    """Where the world is seen from."""
+
+    position_m: tuple[float, float, float]
+    target_m: tuple[float, float, float]
+
+
+DROP_EYE = Eye((2.9, -0.95, 1.6), (0.4, -0.5, 0.5))
+"""Beside the camera, so that its picture, the floor and the fall are seen from the front."""
+NEAR_EYE = Eye((1.55, 0.6, 0.9), (0.0, 0.0, 0.45))
+"""Near the body: from the side, so that the camera's picture does not hide it."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the layout depends on."""
+
+    eye: Eye
+    entities: frozenset[str]
+    """All that is shown, or more."""
+    series: Mapping[str, int] = field(default_factory=dict)
+    """How many curves an entity has, where it is not one."""
+    cameras: Mapping[str, str] = field(default_factory=dict)
+    """Names of pictures, by entity."""
+    timeline: str = schema.TIME_TIMELINE
+    speed: float = 1.0
+
+    @property
+    def analyzed(self) -> bool:
+        """Whether it shows an analysis."""
+        return schema.FINDINGS in self.entities
+
+
+def look_of_drop(height_m: float, camera: View | None, entities: Iterable[str] = ()) -> Look:
+    """Return how a drop is shown.
+
+    Parameters
+    ----------
+    height_m
+        Height of the release [m]; the higher, the farther away is the eye.
+    camera
+        The camera's view, or None where there are no frames.
+    entities
+        What is shown besides what every drop has.
+    """
+    far = max(1.0, height_m)
+    position, target = NEAR_EYE if camera in ("close", "follow") else DROP_EYE
+    eye = Eye(*(tuple(far * x for x in place) for place in (position, target)))  # type: ignore[arg-type]
+    shown = {schema.ABOUT, schema.TRAIL, schema.HEIGHT_SIMULATED, schema.HEIGHT_FREE_FALL,
+             schema.HEIGHT_DAMPED_FALL, *entities}  # fmt: skip
+    shown |= set() if camera is None else {schema.IMAGE}
+    return Look(eye, frozenset(shown), speed=SLOW_MOTION)
+
+
+def eye_around(low_m: NDArray[np.float64], high_m: NDArray[np.float64]) -> Eye:
+    """Return where to look from, for the box between two corners to fill the view."""
+    centre = (low_m + high_m) / 2
+    reach = max(LEAST_REACH_M, float(np.linalg.norm(high_m - low_m)) / 2)
+    return Eye(tuple((centre + reach * EYE).tolist()), tuple(centre.tolist()))
+
+
+def series_of(bodies: Iterable[Body]) -> dict[str, int]:
+    """Return how many curves the joints of bodies have, by entity."""
+    return {
+        f"{schema.JOINTS}/{body.label}/{name}": sum(joint.widths[place] for joint in body.joints)
+        for body in bodies
+        for place, name in enumerate(schema.OF_JOINTS)
+    }
+
+
+def layout(look: Look) -> rrb.Blueprint:
+    """Return the layout: the scene and its pictures, curves, texts; nothing empty."""
+    seen, curves = [_world(look), *_pictures(look)], [*_measured(look)]
+    left = _rows(seen, shares=[4, 3])
+    about = rrb.TextDocumentView(origin=schema.ABOUT, name="About")
+    texts = _tabs([*_log(look, schema.LOG, "Calls"), about])
+    if look.analyzed:
+        findings = rrb.TextDocumentView(origin=schema.FINDINGS, name="Findings")
+        said = [findings, *_log(look, schema.EVENTS, "Events"), texts]
+        right = _rows(said, shares=[6, 3, 2][: len(said)])
+        rows = [*((3.0, panel) for panel in curves), *_explained(look)]
+        if rows:
+            shares, panels = zip(*rows, strict=True)
+            middle = _rows(panels, shares=shares)
+            whole = rrb.Horizontal(left, middle, right, column_shares=[3, 4, 3])
+        else:
+            whole = rrb.Horizontal(left, right)
+    else:
+        whole = rrb.Horizontal(left, _rows([*curves, texts]))
+    return _Small(
+        whole,
+        # A layout cannot set where the time cursor starts. Alone, the recording is played; with
+        # the analysis, it is paused at the start.
+        rrb.TimePanel(
+            timeline=look.timeline,
+            state="collapsed",
+            play_state="paused" if look.analyzed else "playing",
+            loop_mode="all",
+            playback_speed=None if look.speed == 1 else look.speed,
+        ),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+    )
+
+
+class _Small(rrb.Blueprint):
+    """Does not tell when each of its parts was made, which would take a third of its bytes."""
+
+    def _log_to_stream(self, stream: RecordingStream) -> None:
+        stream.set_log_time_enabled(False)
+        super()._log_to_stream(stream)
+
+
+Panel = rrb.View | rrb.Container
+
+
+def _rows(panels: Sequence[Panel], *, shares: Sequence[float] | None = None) -> Panel:
+    return panels[0] if len(panels) == 1 else rrb.Vertical(*panels, row_shares=shares)
+
+
+def _tabs(panels: Sequence[Panel]) -> Panel:
+    return panels[0] if len(panels) == 1 else rrb.Tabs(*panels)
+
+
+def _world(look: Look) -> rrb.Spatial3DView:
+    controls = rrb.EyeControls3D(position=look.eye.position_m, look_target=look.eye.target_m)
+    until_now = [
+        rrb.VisibleTimeRange(
+            timeline,
+            start=rrb.TimeRangeBoundary.infinite(),
+            end=rrb.TimeRangeBoundary.cursor_relative(),
+        )
+        for timeline in (schema.TIME_TIMELINE, schema.STEP_TIMELINE)
+    ]
+    trail = rrb.VisibleTimeRanges(until_now)
+    return rrb.Spatial3DView(
+        origin=schema.WORLD,
+        name="World",
+        eye_controls=controls,
+        line_grid=rrb.LineGrid3D(visible=False),
+        overrides={schema.TRAIL: trail} if schema.TRAIL in look.entities else None,
+    )
+
+
+def _pictures(look: Look) -> Iterator[Panel]:
+    """Yield the camera of a drop, or those of a script side by side."""
+    if schema.IMAGE in look.entities:
+        yield rrb.Spatial2DView(origin=schema.CAMERA, name="Camera")
+    views = [
+        rrb.Spatial2DView(origin=entity, name=f"Camera {look.cameras.get(entity, number)}")
+        for number in range(MOST_CAMERAS)
+        if (entity := f"camera/{number}/image") in look.entities
+    ]
+    if views:
+        yield views[0] if len(views) == 1 else rrb.Horizontal(*views)
+
+
+def _measured(look: Look) -> Iterator[Panel]:
+    """Yield the curves that the recording itself has; beside an analysis all in one place."""
+    of_drop = schema.HEIGHT_SIMULATED in look.entities
+    heights = "Height of the centre [m]" if of_drop else "Heights of free bodies [m]"
+    corner = RIGHT_TOP if look.analyzed else None
+    kinds = [
+        [*_curves(look, schema.HEIGHT, heights, corner)],
+        [*_curves(look, schema.JOINTS, "Joint positions [rad, m]", RIGHT_TOP, of="/position")],
+        [*_curves(look, schema.JOINTS, "Motors [N m, N]", RIGHT_TOP, of="/effort")],
+        [
+            *_curves(look, schema.CONTACT_FORCES, "Contact forces [N]"),
+            *_curves(look, schema.ENERGIES, "Energies [J]"),
+        ],
+    ]
+    if look.analyzed:
+        kinds = [[view for views in kinds for view in views]]
+    for views in kinds:
+        if views:
+            yield _tabs(views)
+
+
+def _explained(look: Look) -> Iterator[tuple[float, Panel]]:
+    """Yield what the analysis adds, with its share: kinds of samples, errors, energies."""
+    bodies = sum(each.startswith(f"{schema.SEGMENTS}/") for each in look.entities)
+    if bodies:
+        states = rrb.StateTimelineView(origin=schema.SEGMENTS, name="What each body does")
+        yield min(3.0, 0.8 + 0.5 * bodies), states
+    # Errors start at zero, lower left, and grow.
+    corner = Corner2D.LeftTop
+    for view in _curves(look, schema.ERROR_MM, "Simulated minus free fall [mm]", corner):
+        yield 4.0, view
+    for view in _curves(look, schema.ENERGY, "Energy [J]", RIGHT_TOP):
+        yield 3.0, view
+
+
+def _curves(
+    look: Look, origin: str, name: str, corner: Corner2D | None = None, *, of: str = ""
+) -> Iterator[rrb.View]:
+    """Yield a view of the curves below an entity, if there are any; `of` ends their names."""
+    shown = sorted(each for each in look.entities
+                   if each.startswith(f"{origin}/") and each.endswith(of))  # fmt: skip
+    if not shown:
+        return
+    few = sum(look.series.get(each, 1) for each in shown) <= MOST_NAMES
+    legend = rrb.PlotLegend(corner, visible=None if few else False)
+    yield rrb.TimeSeriesView(
+        origin=origin,
+        contents=[f"+ /{each}" for each in shown] if of else "$origin/**",
+        name=name,
+        plot_legend=legend if corner or not few else None,
+    )
+
+
+def _log(look: Look, entity: str, name: str) -> Iterator[rrb.View]:
+    if entity in look.entities:
+        columns = rrb.TextLogColumns(timeline_columns=[look.timeline], text_log_columns=["body"])
+        yield rrb.TextLogView(origin=entity, name=name, columns=columns)

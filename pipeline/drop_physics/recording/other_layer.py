@@ -1,0 +1,112 @@
+"""A recording as a layer of another: its bodies and their heights, in a different colour.
+
+It carries the other recording's id, so that the viewer shows both as one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+from rerun.blueprint import Blueprint
+from rerun.chunk import Chunk, RrdReader
+
+from drop_physics import colours
+from drop_physics.recording import schema, writer
+
+ALPHA = 0x60
+"""Of 255: what is behind it shows through."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """Name and colour of the layer's bodies and curves."""
+
+    name: str
+    colour: str
+
+
+GOLDEN = Style(schema.GOLDEN, colours.GOLDEN)
+COLOURS = (":colors", ":albedo_factor")
+"""Components with a colour."""
+
+
+def write_other_layer(
+    path: Path,
+    other: Path,
+    *,
+    recording_id: str,
+    labels: Collection[str] | None = None,
+    style: Style = GOLDEN,
+    blueprint: Blueprint | None = None,
+) -> None:
+    """Write what is shown of another recording, which was read and checked before.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    other
+        The other recording: a golden one, or that of another engine.
+    recording_id
+        Of the recording that it is shown with.
+    labels
+        Labels of the bodies of a script that are shown; None for the body of a drop.
+    style
+        Their name and colour.
+    blueprint
+        The layout of both together; None for the recording's own.
+    """
+    chunks = _chunks(other, dict(_moved(labels, style.name)), style)
+    writer.record(path, chunks, recording_id=recording_id, blueprint=blueprint)
+
+
+def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str]]:
+    """Yield entities of the other recording, and the entities they are shown as."""
+    if labels is None:
+        yield schema.BOX, f"{schema.WORLD}/{name}"
+        yield schema.HEIGHT_SIMULATED, f"{schema.HEIGHT}/{name}"
+        return
+    for label in labels:
+        for parent in (schema.WORLD, schema.HEIGHT):
+            yield f"{parent}/{label}", f"{parent}/{name}/{label}"
+
+
+def _chunks(other: Path, moved: dict[str, str], style: Style) -> Iterator[Chunk]:
+    named: set[str] = set()
+    for chunk in RrdReader(other).stream():
+        top, rest = _parted(chunk.entity_path.removeprefix("/"))
+        if top not in moved:
+            continue
+        entity = "/".join([moved[top], *rest])
+        if top.startswith(f"{schema.HEIGHT}/") and entity not in named:
+            named.add(entity)
+            yield writer.curve_style_chunk(entity, f"{style.name} {_name(top)}", style.colour)
+        if "SeriesLines:names" not in chunk.to_record_batch().schema.names:
+            yield _coloured(chunk.with_entity_path(entity), style.colour)
+
+
+def _parted(entity: str) -> tuple[str, list[str]]:
+    """Return the first two names of an entity's path, and the rest."""
+    names = entity.split("/")
+    return "/".join(names[:2]), names[2:]
+
+
+def _name(entity: str) -> str:
+    return "[m]" if entity == schema.HEIGHT_SIMULATED else entity.partition("/")[2]
+
+
+def _coloured(chunk: Chunk, colour: str) -> Chunk:
+    """Return a chunk with another colour, if it has any."""
+    batch = chunk.to_record_batch()
+    for index, field in enumerate(batch.schema):
+        if field.name.endswith(COLOURS):
+            lists = batch.column(index)
+            transparent = writer.rgba(colour) - 0xFF + ALPHA
+            values = pa.array([transparent] * len(lists.values), pa.uint32())
+            column = pa.ListArray.from_arrays(lists.offsets, values, type=field.type)
+            batch = batch.set_column(index, field, column)
+    (coloured,) = Chunk.from_record_batch(batch)
+    return coloured

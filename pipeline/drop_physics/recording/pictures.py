@@ -1,0 +1,172 @@
+"""What a script's recording shows: shapes, poses, cameras, curves and logs, in Rerun's types."""
+
+from __future__ import annotations
+
+import functools
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+from rerun.chunk import Chunk
+
+from drop_physics.recording import schema
+from drop_physics.recording.writer import Times, times
+from drop_physics.seen.events import Image, Shape
+
+Float64 = NDArray[np.float64]
+
+PLANE_M, PLANE_COLOUR = 20.0, 0x8A93A0FF
+"""Width and grey of an infinite plane: white hides what stands on it."""
+MESH_SUFFIXES = (".obj", ".stl", ".dae", ".gltf", ".glb")
+LARGEST_MESH_BYTES = 1 << 26
+
+
+def scene() -> Iterator[Chunk]:
+    """Yield what never changes: the up axis."""
+    z_up = rr.ViewCoordinates.RIGHT_HAND_Z_UP
+    yield Chunk.from_columns(schema.WORLD, [], rr.ViewCoordinates.columns(xyz=[z_up.coordinates]))
+
+
+def poses(entity: str, at: Times, parts: Sequence[Float64]) -> Chunk:
+    """Return the poses of a part: position and orientation, shape (n, 7), a row per time."""
+    rows = np.concatenate(parts)
+    return Chunk.from_columns(
+        entity,
+        times(at),
+        rr.Transform3D.columns(translation=rows[:, :3], quaternion=rows[:, 3:]),
+    )
+
+
+def cleared(entity: str, at: Times) -> Chunk:
+    """Return a chunk that removes a body."""
+    return Chunk.from_columns(entity, times(at), rr.Clear.columns(is_recursive=[True]))
+
+
+def shape(entity: str, at: Times, seen: Shape) -> Iterator[Chunk]:
+    """Yield a shape and its pose on its link, if it can be drawn."""
+    rgba = [round(255 * min(1.0, max(0.0, value))) for value in seen.rgba]
+    colour = int.from_bytes(bytes(rgba or [200, 200, 200, 255]), "big")
+    solid = [rr.components.FillMode.Solid]
+    a, b, *_ = (*seen.size_m, 0.0, 0.0)
+    offset, scale = (0.0, 0.0, 0.0), None
+    if seen.kind == "box":
+        half = [[side / 2 for side in seen.size_m]]
+        drawn = rr.Boxes3D.columns(half_sizes=half, colors=[colour], fill_mode=solid)
+    elif seen.kind == "sphere":
+        drawn = rr.Ellipsoids3D.columns(half_sizes=[[a, a, a]], colors=[colour], fill_mode=solid)
+    elif seen.kind == "cylinder":
+        drawn = rr.Cylinders3D.columns(lengths=[a], radii=[b], colors=[colour], fill_mode=solid)
+    elif seen.kind == "capsule":
+        drawn = rr.Capsules3D.columns(lengths=[a], radii=[b], colors=[colour], fill_mode=solid)
+        offset = (0.0, 0.0, -a / 2)  # Rerun's begins at the origin
+    elif seen.kind == "plane":
+        half, offset = [[PLANE_M / 2, PLANE_M / 2, 0.005]], (0.0, 0.0, -0.005)
+        drawn = rr.Boxes3D.columns(half_sizes=half, colors=[PLANE_COLOUR], fill_mode=solid)
+    else:
+        mesh = _mesh(seen.file) if seen.kind == "mesh" else None
+        if mesh is None:
+            return
+        blob, media_type = mesh
+        drawn = rr.Asset3D.columns(blob=[blob], media_type=[media_type], albedo_factor=[colour])
+        scale = [seen.size_m]
+    placed = rr.Transform3D.columns(
+        translation=[_moved(seen, offset)], quaternion=[seen.orientation], scale=scale
+    )
+    yield Chunk.from_columns(entity, times(at), [*drawn, *placed])
+
+
+def _moved(shape: Shape, offset: Sequence[float]) -> list[float]:
+    """Return a shape's position, moved in its own axes."""
+    x, y, z, w = shape.orientation
+    vector, axis = np.asarray(offset), np.array([x, y, z])
+    turned = vector + 2 * np.cross(axis, np.cross(axis, vector) + w * vector)
+    return list(np.asarray(shape.position_m) + turned)
+
+
+@functools.lru_cache(maxsize=64)
+def _mesh(file: str) -> tuple[bytes, str] | None:
+    """Return the content of a mesh file, and its media type; None if it cannot be shown."""
+    path = Path(file)
+    suffix = path.suffix.lower()
+    try:
+        if suffix not in MESH_SUFFIXES or path.stat().st_size > LARGEST_MESH_BYTES:
+            return None
+        blob = path.read_bytes()
+    except OSError:
+        return None
+    kinds = {
+        ".obj": "model/obj", ".stl": "model/stl", ".dae": "model/vnd.collada+xml",
+        ".gltf": "model/gltf+json", ".glb": "model/gltf-binary",
+    }  # fmt: skip
+    return blob, kinds[suffix]
+
+
+def png(rgba: NDArray[np.uint8]) -> bytes:
+    """Return pixels, shape (height, width, 4), as a PNG without alpha, which is always 255."""
+    from PIL import Image as Pillow
+
+    buffer = io.BytesIO()
+    Pillow.fromarray(np.ascontiguousarray(rgba[:, :, :3])).save(
+        buffer, format="png", compress_level=1
+    )
+    return buffer.getvalue()
+
+
+def images(entity: str, at: Times, blobs: Sequence[bytes]) -> Chunk:
+    """Return camera frames, a PNG per time."""
+    kinds = ["image/png"] * len(blobs)
+    return Chunk.from_columns(
+        entity, times(at), rr.EncodedImage.columns(blob=list(blobs), media_type=kinds)
+    )
+
+
+def camera(entity: str, at: Times, seen: Image) -> Iterator[Chunk]:
+    """Yield a camera's pose and lens, if the script has given them."""
+    if len(seen.view) != 16 or len(seen.projection) != 16:
+        return
+    height, width = seen.rgba.shape[:2]
+    camera_from_world = np.array(seen.view).reshape(4, 4).T
+    lens = np.array(seen.projection).reshape(4, 4).T
+    try:
+        world_from_camera = np.linalg.inv(camera_from_world)
+    except np.linalg.LinAlgError:
+        return
+    focal = [lens[0, 0] * width / 2, lens[1, 1] * height / 2]
+    if lens[3, 2] != -1 or not np.isfinite([*focal, *world_from_camera.ravel()]).all():
+        return  # a camera without perspective
+    image_from_camera = [[focal[0], 0, width / 2], [0, focal[1], height / 2], [0, 0, 1]]
+    yield Chunk.from_columns(
+        entity,
+        times(at),
+        rr.Transform3D.columns(
+            translation=[world_from_camera[:3, 3]], mat3x3=[world_from_camera[:3, :3]]
+        ),
+    )
+    yield Chunk.from_columns(
+        f"{entity}/image",
+        times(at),
+        rr.Pinhole.columns(
+            image_from_camera=[np.array(image_from_camera)],
+            resolution=[[width, height]],
+            camera_xyz=[rr.ViewCoordinates.RUB.coordinates],
+        ),
+    )
+
+
+def curves(entity: str, at: Times, parts: Sequence[Float64]) -> Chunk:
+    """Return points of curves, from parts of shape (n, curves)."""
+    values = np.concatenate(parts)
+    count, width = values.shape
+    columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).ravel())
+    return Chunk.from_columns(entity, times(at), columns.partition([width] * count))
+
+
+def log(entity: str, at: Times, lines: Sequence[tuple[str, bool]]) -> Chunk:
+    """Return log lines, given with whether each is an error."""
+    texts = [text for text, _ in lines]
+    levels = ["ERROR" if is_error else "INFO" for _, is_error in lines]
+    columns = rr.TextLog.columns(text=texts, level=levels if "ERROR" in levels else None)
+    return Chunk.from_columns(entity, times(at), columns)

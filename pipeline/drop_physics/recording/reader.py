@@ -1,0 +1,492 @@
+"""Read a recording back: from Rerun's chunks to our arrays.
+
+Nothing is used unchecked. Samples, inputs and frames must have the digests that were written last;
+the samples must be complete, in order and finite; scenario and engine must agree. A recording that
+fails a check is damaged, and the error says why in one line.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from drop_physics.errors import RecordingError, ScenarioError
+from drop_physics.fields import counted, shown
+from drop_physics.messages import Message
+from drop_physics.recording import columns, png, rows, rrd, schema
+from drop_physics.recording import told as saying
+from drop_physics.recording.checks import (
+    check_camera,
+    check_contacts,
+    check_engine,
+    check_parts,
+    check_settings,
+    check_states,
+    damaged,
+)
+from drop_physics.recording.columns import Properties
+from drop_physics.recording.contents import chunks_of, closing_of, gather
+from drop_physics.recording.digest import (
+    FrameDigest,
+    ToldDigest,
+    closing_digest,
+    inputs_digest,
+)
+from drop_physics.recording.sampled import SERIES, Digests, RecordedSamples
+from drop_physics.recording.told import Told
+from drop_physics.report import EngineReport
+from drop_physics.scenario import Camera, Scenario
+from drop_physics.seen.events import At, Joint, order
+from drop_physics.seen.history import Seen, joined
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+T = TypeVar("T")
+
+MOST_HELD = 4
+"""Times a file's size, for its frames: PNG is already compressed, and equal ones are held once."""
+FREELY_HELD = 1 << 26
+"""Bytes of frames that any file may have."""
+
+
+@dataclass(frozen=True)
+class Drop:
+    """What the recording of a drop holds besides."""
+
+    scenario: Scenario
+    engine: EngineReport
+    camera: Camera | None
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a recording holds, read back and checked."""
+
+    path: Path
+    recording_id: str
+    origin: Properties
+    """The script, the digest of its text, its arguments; empty of a drop."""
+    drop: Drop | None
+    """None of a script."""
+    ended: Properties | None
+    """How it ended, and what it was made with; None for an unfinished recording."""
+    seen: Seen
+    entities: frozenset[str]
+
+    @property
+    def partial(self) -> bool:
+        """Whether it was never finished: it holds what was written until then."""
+        return self.ended is None
+
+    @property
+    def scenario(self) -> Scenario:
+        """What was dropped, and how."""
+        return self._of_drop.scenario
+
+    @property
+    def engine(self) -> EngineReport:
+        """What the engine of a drop reported."""
+        return self._of_drop.engine
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera of a drop."""
+        return self._of_drop.camera
+
+    @property
+    def _of_drop(self) -> Drop:
+        if self.drop is None:
+            raise RecordingError("{path} must be the recording of a drop", path=self.path)
+        return self.drop
+
+    @cached_property
+    def states(self) -> pl.DataFrame:
+        """One row per sample and part, in the order of step, body and link."""
+        return by_step(self.seen.states)
+
+    @property
+    def contacts(self) -> pl.DataFrame:
+        """One row per contact point, in step order."""
+        return self.seen.contacts
+
+
+def by_step(states: pl.DataFrame) -> pl.DataFrame:
+    """Return states in the order of step, body and link."""
+    return states if states["step"].is_sorted() else states.sort("step", "body", "link")
+
+
+def read(path: Path) -> Recording:
+    """Read a recording; one whose name ends in `.part` may be unfinished.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, damaged, not a recording of ours, or not what was written.
+    """
+    held = contents(path)
+    closing = closing_of(held.properties, path)
+    _check_inputs(held.properties, path)
+    held.sampled.partial = closing is None
+    try:
+        told = held.told()
+        seen = _seen(told, held.sampled, closing or {})
+    except (KeyError, ValueError, TypeError, IndexError, AttributeError):
+        what = Message("its bodies and calls are not in drop's format")
+        raise damaged(path, what) from None
+    if closing is not None:
+        for name, digest in (digests(held) | {"closing": closing_digest(closing)}).items():
+            if closing.get(f"{name}_sha256") != digest:
+                raise damaged(path, Message("its section {name} fails its checksum", name=name))
+    origin, drop = held.properties.get(schema.ORIGIN_PROPERTY, {}), None
+    if not origin:
+        drop = _drop(held.properties, path)
+        if schema.IMAGE in held.entities and drop.camera is None:
+            raise damaged(path, Message("it has frames, but no camera"))
+    recording = Recording(path, held.recording_id, origin, drop, closing, seen, held.entities)
+    if drop is not None:
+        _check_drop(recording)
+    return recording
+
+
+@dataclass
+class Contents:
+    """What the chunks of a recording hold that numbers are computed from."""
+
+    recording_id: str
+    texts: dict[str, list[tuple[At, str]]]
+    """Rows of JSON by entity, in the order of steps and calls."""
+    sampled: RecordedSamples
+    made: Digests
+    """Of samples, in the order of the file."""
+    properties: dict[str, Properties]
+    entities: frozenset[str]
+
+    def told(self) -> Told:
+        """Return the rows of JSON as what they say."""
+        return {
+            entity: [(at, json.loads(text)) for at, text in held]
+            for entity, held in self.texts.items()
+        }
+
+
+def contents(path: Path) -> Contents:
+    """Read the chunks of a recording once: keep what was told, and index what was sampled.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, damaged, or not a recording of ours.
+    """
+    texts: dict[str, list[tuple[At, str]]] = {entity: [] for entity in schema.TOLD}
+    properties: dict[str, Properties] = {}
+    sampled, made = RecordedSamples(path), Digests()
+    recording_id, overlaps = "", False
+    seen: dict[int, int] = {}
+    entities: set[str] = set()
+    for chunk in chunks_of(path):
+        recording_id, entity = chunk.recording_id, chunk.entity
+        entities.add(entity)
+        if entity in schema.TABLES:
+            table = columns.rows(chunk, schema.TABLES[entity], path)
+            sampled.add(chunk, table["step"].to_numpy())
+            rows.add(made.tables[entity], rows.in_order(table), schema.TABLES[entity])
+            overlaps |= entity == schema.STATES.entity and _overlaps(table, seen)
+        elif entity in texts:
+            texts[entity] += columns.told(chunk, path)
+        elif entity == schema.CALLS:
+            for calls in columns.calls(chunk, path):
+                sampled.add(chunk, calls.steps)
+        elif entity.startswith(SERIES):
+            if (read := columns.series(chunk, path)) is not None:
+                sampled.add(chunk, read[0])
+                made.add_series(entity, *read)
+        elif entity.startswith("__properties/"):
+            gather(properties, chunk, path)
+    if overlaps:
+        states = sampled.table(schema.STATES.entity, sampled.first, sampled.last + 1)
+        if states.select("step", "body").is_duplicated().any():
+            raise damaged(path, Message("its state has a part twice in a step"))
+    for entity, held in texts.items():
+        texts[entity] = sorted(dict.fromkeys(held), key=lambda row: order(row[0]))
+    return Contents(recording_id, texts, sampled, made, properties, frozenset(entities))
+
+
+def digests(held: Contents) -> dict[str, Any]:
+    """Return the digests of what numbers are computed from, as the closing property has them."""
+    inputs = {name: held.properties.get(name) for name in schema.INPUT_PROPERTIES}
+    tables = {entity: digest.hexdigest() for entity, digest in held.made.tables.items()}
+    if schema.ORIGIN_PROPERTY not in held.properties:
+        # Of one simulation: its rows have one order, whatever a tool made of it.
+        for entity, table in schema.TABLES.items():
+            found = held.sampled.entities.get(entity)
+            if found is not None and not found.in_order:
+                whole = held.sampled.table(entity, held.sampled.first, held.sampled.last + 1)
+                tables[entity] = rows.digest_of(whole, table)
+    return {
+        **tables,
+        "told": _told_digest(held.texts),
+        "series": _listed([each.hexdigest() for _, each in sorted(held.made.series.items())]),
+        "calls": _calls_digests(held),
+        "inputs": inputs_digest({name: held for name, held in inputs.items() if held is not None}),
+    }
+
+
+def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
+    appearances = saying.appearances(told)
+    bodies = saying.bodies_of(appearances)
+    sampled.sites, sampled.raised = saying.sites(told), saying.raised(told)
+    sampled.numbers = {
+        body.label: number for number, body in bodies.items() if any(map(_moves, body.joints))
+    }
+    return Seen(
+        bodies=bodies,
+        appearances=appearances,
+        dynamics=saying.dynamics(told, bodies),
+        settings=saying.settings(told),
+        solvers=saying.solvers(told),
+        puts=saying.puts(told, bodies),
+        samples=dict(enumerate(listed(closing.get("samples_of_clients")))),
+        sampled=sampled,
+        real_time=bool(closing.get("made_with_real_time", False)),
+        unseeded=tuple(listed(closing.get("made_with_unseeded"))),
+        machine=str(closing.get("made_with_machine", "")),
+    )
+
+
+def _moves(joint: Joint) -> bool:
+    return any(joint.widths)
+
+
+def listed(value: Any) -> list[Any]:  # noqa: ANN401 - a list of one is read as its element
+    """Return a property as a list."""
+    return [] if value is None else value if isinstance(value, list) else [value]
+
+
+def _listed(values: list[str]) -> str | list[str] | None:
+    """Return texts as a property is read: a list of one as its element."""
+    return values[0] if len(values) == 1 else values or None
+
+
+# -- checks ---------------------------------------------------------------------------------------
+
+
+def _overlaps(states: pl.DataFrame, last: dict[int, int]) -> bool:
+    """Whether a base has a step again, or one before those that it had; `last` is kept."""
+    found = states.select("step", "body").is_duplicated().any()
+    ends = states.group_by("body").agg(pl.col("step").min().alias("first"), pl.col("step").max())
+    for body, first, step in ends.iter_rows():
+        found |= first <= last.get(body, -1)
+        last[body] = max(step, last.get(body, -1))
+    return found
+
+
+def _told_digest(texts: Mapping[str, list[tuple[At, str]]]) -> str:
+    digest = ToldDigest()
+    for entity, held in texts.items():
+        for at, text in held:
+            digest.update(entity, at.step, at.call, text)
+    return digest.hexdigest()
+
+
+def _calls_digests(held: Contents) -> str | list[str] | None:
+    sites = saying.sites(held.told())
+    sampled, made = held.sampled, Digests()
+    for chunk in sampled.chunks(schema.CALLS, 0, sampled.last + 1):
+        for calls in columns.calls(chunk, sampled.path):
+            made.add_calls(calls, sites)
+    return _listed([digest.hexdigest() for _, digest in sorted(made.calls.items())])
+
+
+def _check_drop(recording: Recording) -> None:
+    """Check that a drop's states and contacts are those of its scenario, piece by piece."""
+    path, scenario, engine = recording.path, recording.scenario, recording.engine
+    check_engine(engine, scenario, path)
+    check_settings(engine, scenario, path)
+    samples, due, first = 0, scenario.steps + 1, None
+    for piece in recording.seen.pieces():
+        states = by_step(joined(recording.seen.parts_of(piece)))
+        if len(states):
+            check_parts(states, engine, path, first=samples)
+            first = states.filter(pl.col("step") == 0) if first is None else first
+            check_states(states, first, scenario, path)
+            samples += len(states) // (1 + engine.joints)
+        check_contacts(piece.contacts, scenario, engine, samples, path)
+    if not samples:
+        raise damaged(path, Message("it has no state"))
+    closing = recording.ended
+    if closing is not None and not samples == due == closing.get("samples"):
+        what = Message(
+            "it must hold {samples}, got {count:,}", samples=counted(due, "sample"), count=samples
+        )
+        raise damaged(path, what)
+    if samples > due:
+        what = Message(
+            "it must hold at most {samples}, got {count:,}",
+            samples=counted(due, "sample"),
+            count=samples,
+        )
+        raise damaged(path, what)
+
+
+def recording_id(path: Path) -> str:
+    """Return the id of a recording or layer.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, damaged, or not one of ours.
+    """
+    for chunk in chunks_of(path):
+        return chunk.recording_id
+    raise damaged(path, Message("it is empty"))
+
+
+def is_recording(path: Path, *, of_script: bool = False) -> bool:
+    """Whether a file is one recording of ours, of a drop or of a script.
+
+    It may be unfinished, and of an older schema.
+    """
+    kind = schema.ORIGIN_PROPERTY if of_script else schema.SCENARIO_PROPERTY
+    is_kind, ids = False, set()
+    try:
+        for chunk in rrd.chunks(path, unfinished=True):
+            if chunk.application_id != schema.APPLICATION_ID:
+                return False
+            ids.add(chunk.recording_id)
+            is_kind |= chunk.entity == f"__properties/{kind}"
+    except (rrd.DamagedError, OSError):
+        return False
+    return is_kind and len(ids) == 1
+
+
+def entities(path: Path) -> Iterator[str]:
+    """Yield the entity of each chunk in a recording or layer.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, damaged, or not one of ours.
+    """
+    return (chunk.entity for chunk in chunks_of(path))
+
+
+def frames(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield the camera frames of a recording in step order: step and PNG.
+
+    Raises
+    ------
+    RecordingError
+        If the recording is missing or damaged.
+    """
+    pictures: dict[int, bytes] = {}
+    properties: dict[str, Properties] = {}
+    held, last = 0, b""
+    for chunk in chunks_of(path):
+        if chunk.entity == schema.IMAGE:
+            for step, picture in columns.images(chunk, path):
+                if pictures.get(step, picture) != picture:
+                    raise damaged(path, Message("it has two frames of step {step}", step=step))
+                if picture != last:
+                    held, last = held + len(picture), picture
+                if held > FREELY_HELD + MOST_HELD * path.stat().st_size:
+                    raise damaged(path, Message("its frames take over {size:,} bytes", size=held))
+                pictures[step] = last
+        elif chunk.entity.startswith("__properties/"):
+            gather(properties, chunk, path)
+
+    closing, (scenario, camera) = closing_of(properties, path), _inputs(properties, path)
+    pictures = dict(sorted(pictures.items()))
+    _check_frames(pictures, scenario, camera, closing, path)
+    yield from pictures.items()
+
+
+def _check_frames(
+    pictures: Mapping[int, bytes],
+    scenario: Scenario,
+    camera: Camera | None,
+    closing: Properties | None,
+    path: Path,
+) -> None:
+    """Check that the frames are those that the camera takes; an unfinished recording has fewer."""
+    due = range(0, scenario.steps + 1, camera.capture_every) if camera else range(0)
+    expected = due if closing is not None else due[: len(pictures)]
+    if list(pictures) != list(itertools.islice(expected, len(pictures) + 1)):
+        what = Message(
+            "it must hold {frames}, got {count:,}",
+            frames=counted(len(due), "frame"),
+            count=len(pictures),
+        )
+        raise damaged(path, what)
+    for step, picture in pictures.items():
+        # A decoder allocates what the header claims.
+        if camera is None or png.size_px(picture) != camera.size_px:
+            what = Message("its frame at step {step} is not a PNG of the camera's size", step=step)
+            raise damaged(path, what)
+    if closing is None:
+        return
+    digest = FrameDigest()
+    for step, picture in pictures.items():
+        digest.update(step, picture)
+    if (closing.get("frames"), closing.get("frames_sha256")) != (
+        len(due),
+        digest.hexdigest() if pictures else None,
+    ):
+        raise damaged(path, Message("its frames fail their checksum"))
+
+
+# -- properties -----------------------------------------------------------------------------------
+
+
+def _check_inputs(properties: Mapping[str, Properties], path: Path) -> None:
+    """Check that a recording says what was recorded."""
+    if schema.ORIGIN_PROPERTY not in properties:
+        for name in (schema.SCENARIO_PROPERTY, schema.ENGINE_PROPERTY):
+            if name not in properties:
+                raise damaged(path, Message("it lacks its {name} property", name=name))
+
+
+def _drop(properties: Mapping[str, Properties], path: Path) -> Drop:
+    """Return what was dropped, checked."""
+    scenario, camera = _inputs(properties, path)
+    return Drop(scenario, _engine(properties[schema.ENGINE_PROPERTY], path), camera)
+
+
+def _inputs(properties: Mapping[str, Properties], path: Path) -> tuple[Scenario, Camera | None]:
+    """Return scenario and camera, checked."""
+    camera = properties.get(schema.CAMERA_PROPERTY)
+    try:
+        scenario = _dataclass(Scenario, properties[schema.SCENARIO_PROPERTY])
+        if camera is None:
+            return scenario, None
+        taken = _dataclass(Camera, camera)
+    except (TypeError, ScenarioError) as error:
+        what = Message("its scenario or camera is invalid ({error})", error=str(error))
+        raise damaged(path, what) from None
+    check_camera(taken, path)
+    return scenario, taken
+
+
+def _engine(values: Properties, path: Path) -> EngineReport:
+    try:
+        return EngineReport.from_properties(values)
+    except RecordingError as error:
+        raise damaged(path, error.in_options) from None
+
+
+def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
+    """Return the dataclass that a property holds; an unknown name is a ScenarioError."""
+    unknown = values.keys() - {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    if unknown:
+        raise ScenarioError("this drop does not know {name}", name=shown(min(unknown)))
+    return kind(**{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()})

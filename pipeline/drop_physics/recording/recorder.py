@@ -1,0 +1,310 @@
+"""What a recording holds, and in which order: events as chunks.
+
+Numbers go into `state`, `joints`, `contacts`, `calls` and the entities beside them, as float64;
+what is drawn of them (`drawing`) is thinned to what a viewer can show.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.recording import pictures, schema, told, writer
+from drop_physics.recording.digest import (
+    CallsDigest,
+    FrameDigest,
+    RowsDigest,
+    ToldDigest,
+    closing_digest,
+    inputs_digest,
+)
+from drop_physics.recording.drawing import Drawing
+from drop_physics.recording.falling import Falling
+from drop_physics.recording.gathering import Gathering
+from drop_physics.recording.layout import Look, eye_around, series_of
+from drop_physics.recording.writer import Chunk, Times
+from drop_physics.seen.events import (
+    Appearance,
+    At,
+    Body,
+    Calls,
+    Ending,
+    Event,
+    Image,
+    Samples,
+    Site,
+)
+from drop_physics.seen.poses import MOTION
+from drop_physics.states import Rows
+
+ROWS_TOGETHER = 1024
+"""Rows that are held until they become chunks."""
+LONGEST, MOST_NOTES = 1000, 10
+"""Characters of a text, and notes, that are kept in a property."""
+
+Properties = Mapping[str, Mapping[str, Any]]
+
+
+class Recorder:
+    """A recording while it is made.
+
+    Parameters
+    ----------
+    inputs
+        Properties that say what was run: see `schema.INPUT_PROPERTIES`.
+    compared
+        Whether another run is compared: only then a digest of each state is kept.
+    of_drop
+        Whether a drop is recorded, which shows curves of its own, for slow motion.
+    """
+
+    def __init__(
+        self, inputs: Properties, *, compared: bool = False, of_drop: bool = False
+    ) -> None:
+        self.inputs, self._compared = inputs, compared
+        self.samples = self.frames = 0
+        self.bodies: dict[int, Body] = {}
+        """All that ever existed, by number."""
+        self.cameras: dict[str, int] = {}
+        self._stepped = False
+        self._entities: set[str] = set()
+        self.drawing = Drawing(self.bodies, of_drop=of_drop)
+        self._ends: dict[int, int] = {}
+        """The last step of which each simulation has a sample, by client."""
+        self._sites: dict[int, Site] = {}
+        self._states, self._contacts = RowsDigest(), RowsDigest()
+        self._series: dict[str, RowsDigest] = {}
+        """Of joints and constraints, by entity."""
+        self._calls: dict[int, CallsDigest] = {}
+        self._pictures: dict[int, FrameDigest] = {}
+        self._told_rows = ToldDigest()
+        self._rows = Gathering(writer.texts_chunk, most=ROWS_TOGETHER)
+        self._digests: dict[int, list[tuple[int, bytes]]] = {}
+
+    def chunks(
+        self,
+        events: Iterable[Event],
+        ending: Callable[[], Ending],
+        about: Callable[[Ending], str],
+        beside: Falling | None = None,
+    ) -> Iterator[Chunk]:
+        """Yield the whole recording.
+
+        Parameters
+        ----------
+        events
+            What happened, in order.
+        ending
+            Called after the last event.
+        about
+            Called with the ending, for a description in Markdown.
+        beside
+            What else the recording of a drop shows of its samples.
+        """
+        for chunk in self._chunks(events, ending, about, beside):
+            self._entities.add(chunk.entity_path.removeprefix("/"))
+            yield chunk
+
+    def look(self) -> Look:
+        """Return how what was recorded is shown."""
+        return Look(
+            eye_around(self.drawing.low_m, self.drawing.high_m),
+            frozenset(self._entities),
+            series=series_of(self.bodies.values()),
+            cameras={f"camera/{number}/image": name for name, number in self.cameras.items()},
+            timeline=schema.TIME_TIMELINE if self._stepped else schema.CALL_TIMELINE,
+        )
+
+    def _chunks(
+        self,
+        events: Iterable[Event],
+        ending: Callable[[], Ending],
+        about: Callable[[Ending], str],
+        beside: Falling | None,
+    ) -> Iterator[Chunk]:
+        for name, values in self.inputs.items():
+            yield writer.property_chunk(name, values)
+        yield from self.drawing.scene()
+        yield from beside.begin() if beside else ()
+        for event in events:
+            yield from self._on(event)
+            if beside is not None and isinstance(event, Samples):
+                yield from beside.chunks(event)
+                for step, png, shown in beside.frames(event):
+                    self._on_frame(0, step, png)
+                    yield from shown
+        yield from self._rows.flush()
+        yield from self.drawing.flush()
+        ended = ending()
+        ended.notes += self.drawing.notes()
+        yield writer.document_chunk(schema.ABOUT, about(ended))
+        yield writer.property_chunk(schema.RECORDING_PROPERTY, self._closing(ended))
+
+    def _closing(self, ending: Ending) -> dict[str, Any]:
+        closing = {
+            "schema_version": schema.SCHEMA_VERSION,
+            "samples": self.samples,
+            "samples_of_clients": [
+                self._ends.get(client, -1) + 1 for client in range(max(self._ends, default=-1) + 1)
+            ]
+            or None,
+            "bodies": len(self.bodies),
+            "frames": self.frames,
+            "ended": ending.how,
+            "error": ending.error[:LONGEST] or None,
+            "notes": [note[:LONGEST] for note in ending.notes[:MOST_NOTES]] or None,
+            "state_sha256": self._states.hexdigest(),
+            "contacts_sha256": self._contacts.hexdigest(),
+            "frames_sha256": [each.hexdigest() for _, each in sorted(self._pictures.items())]
+            or None,
+            "series_sha256": [each.hexdigest() for _, each in sorted(self._series.items())] or None,
+            "calls_sha256": [each.hexdigest() for _, each in sorted(self._calls.items())] or None,
+            "told_sha256": self._told_rows.hexdigest(),
+            "inputs_sha256": inputs_digest(self.inputs),
+            **{f"made_with_{name}": value for name, value in ending.made_with.items()},
+        }
+        return closing | {"closing_sha256": closing_digest(closing)}
+
+    def _on(self, event: Event) -> Iterator[Chunk]:
+        match event:
+            case Samples():
+                yield from self._on_samples(event)
+            case Calls():
+                yield from self._on_calls(event)
+            case Image():
+                yield from self._on_image(event)
+            case _:
+                yield from self._tell(event)
+
+    def _tell(self, event: told.Event) -> Iterator[Chunk]:
+        """Add a row of JSON; yield rows when there are enough."""
+        if isinstance(event, Site):
+            self._sites[event.number] = event
+        if isinstance(event, Appearance):
+            if event.body.number not in self.bodies:
+                yield from self._names_of_joints(event.body)
+            self.bodies[event.body.number] = event.body
+        entity, at, values = told.row_of(event)
+        text = told.packed(values)
+        self._told_rows.update(entity, at.step, at.call, text)
+        yield from self._rows.add(entity, times_of(at), text)
+        yield from self.drawing.on(event)
+
+    def _names_of_joints(self, body: Body) -> Iterator[Chunk]:
+        if any(any(joint.widths) for joint in body.joints):
+            for name in schema.OF_JOINTS:
+                entity = f"{schema.JOINTS}/{body.label}/{name}"
+                yield writer.series_chunk(entity, joint_names(body, name))
+
+    # -- samples ----------------------------------------------------------------------------------
+
+    def _on_samples(self, seen: Samples) -> Iterator[Chunk]:
+        if self._compared:
+            self.take_in(seen)
+        if not len(seen.steps):
+            return
+        self.samples += len(seen.steps)
+        self._ends[seen.client] = int(seen.steps[-1])
+        self._stepped |= bool(seen.steps[-1] > 0)
+        at = Times(seen.steps, seen.times_s)
+        yield from self._rows.flush()  # wherever the file ends, its bodies are known
+        # Before the states: wherever the file ends, each sample in it has its contacts.
+        self._contacts.update(seen.contacts)
+        if len(seen.contacts):
+            steps = np.unique(seen.contacts["step"])
+            touched = Times(steps, seen.times_s[np.searchsorted(seen.steps, steps)])
+            yield writer.rows_chunk(schema.CONTACTS, seen.contacts, touched)
+        for number, joints in seen.joints.items():
+            for name in schema.OF_JOINTS:
+                entity = f"{schema.JOINTS}/{self.bodies[number].label}/{name}"
+                yield from self._on_series(entity, at, getattr(joints, name))
+        for number, forces in seen.constraints.items():
+            yield from self._on_series(f"{schema.CONSTRAINTS}/{seen.client}_{number}", at, forces)
+        states = rows_of_bases(seen)
+        self._states.update(states)
+        if len(states):
+            yield writer.rows_chunk(schema.STATES, states, at)
+        yield from self.drawing.on_samples(seen)
+
+    def _on_series(self, entity: str, at: Times, values: NDArray[np.float64]) -> Iterator[Chunk]:
+        """Yield one number per row and joint."""
+        rows = np.column_stack((at.steps.astype(np.float64), values))
+        self._series.setdefault(entity, RowsDigest()).update(rows)
+        yield writer.scalars_chunk(entity, at, values)
+
+    def take_in(self, event: Event) -> None:
+        """Remember a digest of each state, to compare with another run."""
+        if not isinstance(event, Samples) or not len(event.steps):
+            return
+        # Bodies are numbered in the order in which threads add them: theirs are left out.
+        columns = [values for _, values in sorted(event.bases.items())]
+        for _, joints in sorted(event.joints.items()):
+            columns += [getattr(joints, name) for name in schema.OF_JOINTS]
+        states = np.hstack([np.zeros((len(event.steps), 1)), *columns])
+        digests = self._digests.setdefault(event.client, [])
+        for step, row in zip(event.steps.tolist(), states, strict=True):
+            digests.append((step, hashlib.blake2b(row.tobytes(), digest_size=8).digest()))
+
+    def first_difference(self, other: Recorder) -> int | None:
+        """Return the first step at which another run has another state, an extra one, or none."""
+        mine, theirs = self._digests, other._digests
+        if sorted(mine.values()) == sorted(theirs.values()):  # however threads took turns
+            return None
+        steps = [
+            (one or another)[0]
+            for client in mine.keys() | theirs.keys()
+            for one, another in itertools.zip_longest(mine.get(client, ()), theirs.get(client, ()))
+            if one != another
+        ]
+        return min(steps)
+
+    # -- calls ------------------------------------------------------------------------------------
+
+    def _on_calls(self, seen: Calls) -> Iterator[Chunk]:
+        widths = np.array([len(self._sites[site].names) for site in seen.sites.tolist()], np.int64)
+        self._calls.setdefault(seen.client, CallsDigest()).update(seen, widths)
+        yield writer.calls_chunk(seen, widths)
+        yield from self.drawing.on_calls(seen, self._sites, widths)
+
+    # -- everything else --------------------------------------------------------------------------
+
+    def _on_image(self, image: Image) -> Iterator[Chunk]:
+        number = self.cameras.setdefault(image.camera, len(self.cameras))
+        png = pictures.png(image.rgba)
+        self._on_frame(number, image.at.step, png)
+        yield from self.drawing.on_image(number, image, png)
+
+    def _on_frame(self, camera: int, step: int, png: bytes) -> None:
+        self.frames += 1
+        self._pictures.setdefault(camera, FrameDigest()).update(step, png)
+
+
+def rows_of_bases(seen: Samples) -> Rows:
+    """Return the states of bases as rows, by step and number."""
+    numbers = sorted(seen.bases)
+    rows = np.empty((len(seen.steps), len(numbers)), schema.STATES.kind)
+    rows["step"] = seen.steps[:, None]
+    rows["body"] = numbers
+    for column, number in enumerate(numbers):
+        for name, part in MOTION.items():
+            rows[name][:, column] = seen.bases[number][:, part]
+    return rows.reshape(-1)
+
+
+def joint_names(body: Body, what: str) -> list[str]:
+    """Return a name for each position, velocity or effort of a body's joints."""
+    place, names = schema.OF_JOINTS.index(what), list[str]()
+    for joint in body.joints:
+        width = joint.widths[place]
+        names += [joint.name] if width == 1 else [f"{joint.name} {axis}" for axis in "xyzw"[:width]]
+    return names
+
+
+def times_of(at: At) -> Times:
+    """Return a moment as the times of a row."""
+    return Times(np.array([at.step]), np.array([at.time_s]), np.array([at.call]))

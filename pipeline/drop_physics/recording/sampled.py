@@ -1,0 +1,171 @@
+"""The samples of a recording, read piece by piece: where in the file is which step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from drop_physics.recording import columns, rows, rrd, schema
+from drop_physics.recording.checks import damaged, unreadable
+from drop_physics.recording.digest import CallsDigest, RowsDigest
+from drop_physics.recording.rrd import Chunk
+from drop_physics.seen.calls import Call, calls_of
+from drop_physics.seen.events import Calls, Raised, Site
+from drop_physics.seen.history import Piece
+from drop_physics.states import Joints
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+SERIES = (f"{schema.JOINTS}/", f"{schema.CONSTRAINTS}/")
+"""Beginnings of the entities with a series per joint, or of a constraint's forces."""
+
+
+@dataclass
+class Entity:
+    """The chunks of one entity: the first and the last step of each, and where it is."""
+
+    first: list[int] = field(default_factory=list)
+    last: list[int] = field(default_factory=list)
+    positions: list[int] = field(default_factory=list)
+    in_order: bool = True
+    """Whether each chunk begins after the one before it ends."""
+
+    def add(self, steps: Int64, position: int) -> None:
+        """Add a chunk with rows of these steps."""
+        first, last = int(steps.min()), int(steps.max())
+        self.in_order &= not self.last or first > self.last[-1]
+        self.first.append(first)
+        self.last.append(last)
+        self.positions.append(position)
+
+    def within(self, first: int, end: int) -> list[int]:
+        """Return where the chunks with steps from `first` to before `end` are."""
+        of_piece = (np.array(self.last) >= first) & (np.array(self.first) < end)
+        return [self.positions[number] for number in np.flatnonzero(of_piece).tolist()]
+
+
+class RecordedSamples:
+    """The samples and calls in the chunks of a file, of which only the index is kept."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.entities: dict[str, Entity] = {}
+        self.sites: Mapping[int, Site] = {}
+        self.raised: list[Raised] = []
+        self.numbers: Mapping[str, int] = {}
+        """The bodies' numbers, by label."""
+        self.partial = False
+        """Whether contacts may be of later steps than the last state."""
+
+    @property
+    def last(self) -> int:
+        """The last step of which there is anything; -1 if there is none."""
+        return max((max(each.last, default=-1) for each in self.entities.values()), default=-1)
+
+    @property
+    def first(self) -> int:
+        """The first step of which there is anything; 0 if there is none."""
+        return min((min(each.first, default=0) for each in self.entities.values()), default=0)
+
+    def add(self, chunk: Chunk, steps: Int64) -> None:
+        """Add a chunk of samples or calls to the index."""
+        if len(steps):
+            self.entities.setdefault(chunk.entity, Entity()).add(steps, chunk.position)
+
+    def chunks(self, entity: str, first: int, end: int) -> Iterator[Chunk]:
+        """Yield the chunks of an entity with steps from `first` to before `end`.
+
+        Raises
+        ------
+        RecordingError
+            If the file has changed, or is gone, since it was indexed.
+        """
+        found = self.entities.get(entity)
+        if found is None:
+            return
+        try:
+            with self.path.open("rb") as file:
+                for position in found.within(first, end):
+                    yield rrd.chunk_at(file, position)
+        except rrd.DamagedError as error:
+            raise damaged(self.path, error.what) from None
+        except OSError as error:
+            raise unreadable(self.path, error) from None
+
+    def piece(self, first: int, end: int) -> Piece:
+        """Return what was sampled of the steps from `first` to before `end`."""
+        bases = self.table(schema.STATES.entity, first, end)
+        contacts = self.table(schema.CONTACTS.entity, first, end)
+        if self.partial and schema.STATES.entity in self.entities:
+            newest = max(self.entities[schema.STATES.entity].last)
+            contacts = contacts.filter(pl.col("step") <= newest)
+        joints, forces = {}, {}
+        for label, number in self.numbers.items():
+            held = [
+                self.series(f"{schema.JOINTS}/{label}/{name}", first, end)
+                for name in schema.OF_JOINTS
+            ]
+            if len(held[0][0]):
+                (steps, position), (_, velocity), (_, effort) = held
+                nowhere = np.full(len(steps), np.nan)
+                joints[number] = Joints(steps, nowhere, position, velocity, effort)
+        for entity in self.entities:
+            if entity.startswith(f"{schema.CONSTRAINTS}/"):
+                client, _, constraint = entity.rpartition("/")[2].partition("_")
+                forces[int(client), int(constraint)] = self.series(entity, first, end)
+        return Piece(first, end, bases, joints, forces, contacts, self.calls(first, end))
+
+    def table(self, entity: str, first: int, end: int) -> pl.DataFrame:
+        """Return the rows of states or contacts, in step order."""
+        table = schema.TABLES[entity]
+        parts = [columns.rows(each, table, self.path) for each in self.chunks(entity, first, end)]
+        whole = pl.concat([rows.empty(table), *parts], rechunk=False)
+        whole = whole.filter((pl.col("step") >= first) & (pl.col("step") < end))
+        return rows.in_order(whole).rechunk()
+
+    def series(self, entity: str, first: int, end: int) -> tuple[Int64, Float64]:
+        """Return steps and values of series, in step order."""
+        parts = [columns.series(each, self.path) for each in self.chunks(entity, first, end)]
+        read = [part for part in parts if part is not None]
+        if not read:
+            return np.empty(0, np.int64), np.empty((0, 0))
+        steps = np.concatenate([steps for steps, _ in read])
+        values = np.concatenate([values for _, values in read])
+        order = np.argsort(steps, kind="stable")
+        order = order[(steps[order] >= first) & (steps[order] < end)]
+        return steps[order], values[order]
+
+    def calls(self, first: int, end: int) -> list[Call]:
+        """Return calls in order."""
+        read = [
+            each
+            for chunk in self.chunks(schema.CALLS, first, end)
+            for each in columns.calls(chunk, self.path)
+        ]
+        made = calls_of(read, self.sites, self.raised)
+        return [call for call in made if first <= call.at.step < end]
+
+
+class Digests:
+    """Digests of samples and calls, made as the chunks are read."""
+
+    def __init__(self) -> None:
+        self.tables = {entity: RowsDigest() for entity in schema.TABLES}
+        self.series: dict[str, RowsDigest] = {}
+        self.calls: dict[int, CallsDigest] = {}
+
+    def add_series(self, entity: str, steps: Int64, values: Float64) -> None:
+        """Add rows of series."""
+        numbers = np.column_stack((steps.astype(np.float64), values))
+        self.series.setdefault(entity, RowsDigest()).update(numbers)
+
+    def add_calls(self, seen: Calls, sites: Mapping[int, Site]) -> None:
+        """Add calls of one simulation."""
+        widths = np.array([len(sites[site].names) for site in seen.sites.tolist()], np.int64)
+        self.calls.setdefault(seen.client, CallsDigest()).update(seen, widths)

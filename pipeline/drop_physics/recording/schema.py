@@ -1,0 +1,167 @@
+"""What a recording holds, and under which names; they are defined only here.
+
+A recording has two timelines: `sim_step`, the integer key that samples are joined on, and
+`sim_time`, the same step in simulated time (whole nanoseconds, for display). Everything is computed
+from the float64 lists of `state` and `contacts`; the transforms under `world/` are float32, for
+display.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from drop_physics.seen.poses import COLUMNS
+from drop_physics.states import BASE_STATE, CONTACT
+
+APPLICATION_ID = "drop"
+SCHEMA_VERSION = 3
+
+STEP_TIMELINE = "sim_step"
+TIME_TIMELINE = "sim_time"
+LONGEST_S = 9e9
+"""Largest time on it [s]: the viewer has nanoseconds in 64 bits, which are 292 years."""
+CALL_TIMELINE = "call"
+"""In a script's recording: how many calls came before."""
+
+# -- what is measured -----------------------------------------------------------------------------
+
+
+class Table(NamedTuple):
+    """Rows of named numbers, and how they are stored in a recording and in memory."""
+
+    entity: str
+    """Has a row per step: lists with the values of that step's rows one after the other."""
+    kind: np.dtype[np.void]
+    """The rows as written; their fields other than the step are the entity's components."""
+    columns: dict[str, tuple[str, ...]]
+    """Component -> its columns in the table as read, which also has `step`."""
+
+
+STATES = Table(
+    "state",
+    BASE_STATE,
+    {
+        "body": ("body",),
+        **COLUMNS,
+    },
+)
+"""Every base that can move, at every step."""
+
+CONTACTS = Table(
+    "contacts",
+    CONTACT,
+    {
+        "body_a": ("body_a",),
+        "link_a": ("link_a",),
+        "body_b": ("body_b",),
+        "link_b": ("link_b",),
+        "position_a_m": ("ax_m", "ay_m", "az_m"),
+        "position_b_m": ("bx_m", "by_m", "bz_m"),
+        "normal": ("nx", "ny", "nz"),
+        "distance_m": ("distance_m",),
+        "normal_force_n": ("normal_force_n",),
+        "friction_1_n": ("friction_1_n",),
+        "friction_1_direction": ("f1x", "f1y", "f1z"),
+        "friction_2_n": ("friction_2_n",),
+        "friction_2_direction": ("f2x", "f2y", "f2z"),
+    },
+)
+"""Every contact point; a step without any has no row."""
+
+TABLES = {table.entity: table for table in (STATES, CONTACTS)}
+
+# -- what a script did -----------------------------------------------------------------------------
+
+BODIES = "bodies"
+"""A row whenever a body appears, disappears or looks different: what it is."""
+SET = "set"
+"""A row per body that calls have moved: its state before the next step."""
+DYNAMICS = "dynamics"
+"""A row per body when they change: mass, inertia, friction … of base and links."""
+SETTINGS = "engine"
+"""A row when they change: timestep, gravity … of the engine."""
+SOLVER = "solver"
+"""A row per simulation whose contact solver stopped before it converged, written at its end."""
+SITES = "sites"
+"""A row per place that calls a function of the engine: function, file, line, form of arguments."""
+CALLS = "calls"
+"""A row per step with calls: the site of each, and all their numbers."""
+RAISED = "calls/raised"
+"""A row per call that failed: its error."""
+LOG = "calls/log"
+"""Calls as text, for reading: the first of each site."""
+JOINTS = "joints"
+"""Below it each body's `position`, `velocity` and `effort`: a named series per joint, float64, a
+row per step."""
+OF_JOINTS = ("position", "velocity", "effort")
+CONSTRAINTS = "constraints"
+"""Below it each constraint's forces, by the engine's id: a row per step."""
+
+JSON = "json"
+"""The column of their rows."""
+TOLD = (BODIES, SET, DYNAMICS, SETTINGS, SOLVER, SITES, RAISED)
+"""Entities with rows of JSON, covered by one digest."""
+
+HAPPENED = (STATES.entity, CONTACTS.entity, f"{JOINTS}/", SET, CALLS, "camera/")
+"""Beginnings of the entities without which nothing was recorded."""
+
+# -- what is drawn --------------------------------------------------------------------------------
+
+WORLD = "world"
+FLOOR = "world/floor"
+BOX = "world/box"
+CAMERA = "world/camera"
+IMAGE = "world/camera/image"
+TRAIL = "world/trail"
+"""Where the body was, at about forty points."""
+ABOUT = "about"
+
+POSE_RESOLUTION = 1e-4
+"""A box that moved by less [m], or whose quaternion changed by less, looks the same."""
+HEIGHT_RESOLUTION_M = 1e-9
+"""A height curve that stays within this [m] is level."""
+
+CONTACT_FORCES = "contact_forces"
+ENERGIES = "energies"
+"""Curves of a script's recording, thinned; the numbers are those of `contacts`, and of `state` with
+`dynamics` and `engine`."""
+
+GOLDEN = "golden"
+"""Below `world` and `height`: those of the golden recording shown beside a recording; never in a
+recording itself."""
+
+HEIGHT = "height"
+HEIGHT_SIMULATED = "height/simulated"
+HEIGHT_FREE_FALL = "height/free_fall"
+HEIGHT_DAMPED_FALL = "height/damped_fall"
+
+# -- the inputs: properties -----------------------------------------------------------------------
+
+SCENARIO_PROPERTY = "scenario"
+ORIGIN_PROPERTY = "origin"
+"""Of a script's recording: the script, the digest of its text, its arguments."""
+ENGINE_PROPERTY = "engine"
+CAMERA_PROPERTY = "camera"
+RECORDING_PROPERTY = "recording"
+"""Schema version, numbers of samples and frames, digests of state, contacts, inputs and frames:
+written last. A recording without it is unfinished."""
+
+INPUT_PROPERTIES = (ORIGIN_PROPERTY, SCENARIO_PROPERTY, ENGINE_PROPERTY, CAMERA_PROPERTY)
+PROPERTIES = (*INPUT_PROPERTIES, RECORDING_PROPERTY)
+"""All that a recording may have: of a script its origin, of a drop the rest."""
+
+# -- the layer that `analyze` adds, under the same recording id -----------------------------------
+
+ERROR = "error"
+"""Metres: the numbers."""
+ERROR_MM = "error_mm"
+"""The same in millimetres: the curves, because the viewer cannot scale them."""
+ENERGY = "energy"
+ENERGY_RESOLUTION = 1e-10
+"""An energy curve that stays within this share of the largest energy is level."""
+SEGMENTS = "segments"
+"""Of a script's bodies: the kind of each sample, as states."""
+EVENTS = "events"
+FINDINGS = "findings"

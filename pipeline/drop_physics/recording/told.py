@@ -1,0 +1,166 @@
+"""What happened besides samples, as rows of JSON: from events to a recording, and back.
+
+A row is what changed at a moment: a body, what the engine reports, a place that calls it. JSON,
+because Rerun's index of a file grows with each column of each entity.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, fields, replace
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from drop_physics.recording import schema
+from drop_physics.seen.events import (
+    Appearance,
+    Asked,
+    At,
+    Body,
+    Collision,
+    Dynamics,
+    FileLink,
+    Joint,
+    Mimic,
+    Put,
+    Raised,
+    Settings,
+    Shape,
+    Site,
+    Solver,
+)
+from drop_physics.states import Joints
+
+Values = dict[str, Any]
+Row = tuple[At, Values]
+Told = Mapping[str, list[Row]]
+"""By entity, its rows in the order of steps and calls."""
+Event = Appearance | Dynamics | Settings | Site | Raised | Solver | Put
+
+
+def row_of(event: Event) -> tuple[str, At, Values]:
+    """Return an event's entity, moment and values, which JSON can hold."""
+    match event:
+        case Appearance(at, body):
+            values = {"there": event.there, "came": event.came, "sampled": event.sampled}
+            return schema.BODIES, at, values | {"body": _plain_body(body)}
+        case Dynamics(at, body, reported):
+            held = {name: numbers.tolist() for name, numbers in reported.items()}
+            return schema.DYNAMICS, at, {"body": body.number, "reported": held}
+        case Settings(at, client, values):
+            # The viewer's times are rounded; later times are computed from this one.
+            held = {name: np.asarray(value, np.float64).tolist() for name, value in values.items()}
+            return schema.SETTINGS, at, {"client": client, "time_s": at.time_s, "values": held}
+        case Site():
+            # A place has no time of its own: a recording may know it before the first step.
+            return schema.SITES, At(0, 0.0, event.number), asdict(event)
+        case Raised(at, error):
+            return schema.RAISED, at, {"error": error}
+        case Solver(at):
+            held = {each.name: getattr(event, each.name) for each in fields(event)}
+            del held["at"]
+            return schema.SOLVER, at, held
+        case Put(at, body):
+            joints = {name: getattr(event.joints, name)[0].tolist() for name in schema.OF_JOINTS}
+            base = {"body": body.number, "base": event.base.tolist(), "counts": event.counts}
+            return schema.SET, at, base | joints
+
+
+def packed(values: Values) -> str:
+    """Return values as JSON."""
+    return json.dumps(values, ensure_ascii=False, separators=(",", ":"))
+
+
+def _plain_body(body: Body) -> Values:
+    plain = asdict(body)
+    for shape in (*plain["shapes"], *plain["collisions"]):
+        shape["file"] = PurePath(shape["file"]).name
+    return plain
+
+
+# -- back -----------------------------------------------------------------------------------------
+
+
+def appearances(told: Told) -> list[Appearance]:
+    """Return when bodies came, went, or looked different."""
+    return [
+        Appearance(at, _body(values["body"]), values["there"], values["came"], values["sampled"])
+        for at, values in told[schema.BODIES]
+    ]
+
+
+def bodies_of(appearances: Iterable[Appearance]) -> dict[int, Body]:
+    """Return the bodies by number, each as last seen."""
+    return {appearance.body.number: appearance.body for appearance in appearances}
+
+
+def dynamics(told: Told, bodies: Mapping[int, Body]) -> list[Dynamics]:
+    """Return what the engine reported of bodies."""
+    return [
+        Dynamics(
+            at,
+            bodies[values["body"]],
+            {name: np.array(held, np.float64) for name, held in values["reported"].items()},
+        )
+        for at, values in told[schema.DYNAMICS]
+    ]
+
+
+def settings(told: Told) -> list[Settings]:
+    """Return what the engine reported of itself."""
+    return [
+        Settings(replace(at, time_s=values["time_s"]), values["client"], values["values"])
+        for at, values in told[schema.SETTINGS]
+    ]
+
+
+def solvers(told: Told) -> list[Solver]:
+    """Return how often solvers stopped early."""
+    return [Solver(at, **values) for at, values in told[schema.SOLVER]]
+
+
+def sites(told: Told) -> dict[int, Site]:
+    """Return the places that call the engine, by number."""
+    found = (Site(**_tuples(values)) for _, values in told[schema.SITES])
+    return {site.number: site for site in found}
+
+
+def raised(told: Told) -> list[Raised]:
+    """Return what calls raised."""
+    return [Raised(at, values["error"]) for at, values in told[schema.RAISED]]
+
+
+def puts(told: Told, bodies: Mapping[int, Body]) -> list[Put]:
+    """Return where calls placed bodies."""
+    found = []
+    for at, values in told[schema.SET]:
+        held = (np.array([values[name]], np.float64) for name in schema.OF_JOINTS)
+        joints = Joints(np.array([at.step]), np.array([at.time_s]), *held)
+        base = np.array(values["base"], np.float64)
+        if base.shape != (13,):
+            raise ValueError(base.shape)
+        found.append(Put(at, bodies[values["body"]], base, joints, values["counts"]))
+    return found
+
+
+def _body(plain: Values) -> Body:
+    asked = plain["asked"]
+    parts: Values = {
+        "joints": tuple(Joint(**_tuples(each)) for each in plain["joints"]),
+        "shapes": tuple(Shape(**_tuples(each)) for each in plain["shapes"]),
+        "collisions": tuple(Collision(**_tuples(each)) for each in plain["collisions"]),
+        "asked": Asked(
+            asked["scale"],
+            tuple(FileLink(**_tuples(each)) for each in asked["links"]),
+            tuple(Mimic(**each) for each in asked["mimics"]),
+        ),
+    }
+    return Body(**{**_tuples(plain), **parts})
+
+
+def _tuples(plain: Values) -> Values:
+    """Return values with lists as tuples, as they were."""
+    return {name: tuple(held) if isinstance(held, list) else held for name, held in plain.items()}

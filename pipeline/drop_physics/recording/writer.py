@@ -1,0 +1,377 @@
+"""Write recordings: our arrays as Rerun's chunks, and chunks to a file.
+
+A recording is a stream of chunks. `record` writes them one by one to `RUN.rrd.part`, adds the
+viewer's layout, verifies the file, and only then renames it.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import shutil
+import tempfile
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+from rerun import bindings  # type: ignore[attr-defined]
+from rerun.chunk import Chunk, LazyChunkStream
+
+from drop_physics.errors import check_signals
+from drop_physics.files.outputs import output_errors
+from drop_physics.recording import schema
+from drop_physics.recording.sealing import seal, unfinished
+from drop_physics.scenario import Camera
+from drop_physics.seen.events import Calls
+from drop_physics.states import Rows
+
+Float64 = NDArray[np.float64]
+Steps = NDArray[np.int64]
+__all__ = ["Chunk"]  # for the stages, which pass chunks on and use nothing else of Rerun
+
+CURVE_WIDTH = 2.0
+"""Width of a curve in the viewer [points]."""
+PICTURE_DISTANCE = {"standard": 0.225, "close": 0.6, "follow": 0.6}
+"""Distance of a camera's picture from it, as a share of the distance to its target."""
+
+ROOM_BYTES = 1 << 25
+"""Room that a recording needs beside twice its size: it is finished as a copy, and what is still in
+memory is less than what was written, or than this."""
+
+Value = float | int | str | bool | Sequence[float]
+_SAVING = threading.Lock()
+
+
+def record(
+    path: Path,
+    chunks: Iterable[Chunk],
+    *,
+    recording_id: str,
+    blueprint: rrb.Blueprint | Callable[[], rrb.Blueprint] | None,
+    force: bool = False,
+    ours: bool = False,
+    salvage: bool = True,
+    note: Callable[[str], None] = lambda _: None,
+    full: Callable[[], None] | None = None,
+) -> None:
+    """Write chunks to a recording that gets its name only when it is whole and verified.
+
+    Parameters
+    ----------
+    path
+        The recording to write.
+    chunks
+        What goes into it, in this order; requested one by one.
+    recording_id
+        Files of one id open as one recording.
+    blueprint
+        The viewer's layout, or a function called for it after the chunks; None leaves it out, and
+        the file is verified without another program.
+    force, ours, salvage, note
+        As for `unfinished`.
+    full
+        Called, chunk by chunk, once the disk has little more room than finishing the file takes:
+        the source of the chunks is to end.
+
+    Raises
+    ------
+    OutputError
+        As for `unfinished`; if the file fails verification.
+    """
+    rows: dict[str, int] = {}
+    failures: list[BaseException] = []
+
+    def counted() -> Iterator[Chunk]:
+        # Rerun would turn any exception into a RuntimeError. Ending the stream instead gives the
+        # `.part` its footer, and keeps the exception's type.
+        try:
+            for chunk in chunks:
+                check_signals()
+                if full is not None and _is_short_of_room(part):
+                    full()
+                rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
+                yield chunk
+        except BaseException as failure:  # noqa: BLE001 - raised again below
+            failures.append(failure)
+
+    kept = unfinished(path, force=force, ours=ours, salvage=salvage, note=note)
+    with kept as part, _strict():
+        try:
+            LazyChunkStream.from_iter(counted()).write_rrd(
+                part, application_id=schema.APPLICATION_ID, recording_id=recording_id
+            )
+        except RuntimeError as failure:  # also from a signal that comes between two chunks
+            check_signals()
+            if str(failure).startswith("KeyboardInterrupt"):
+                raise KeyboardInterrupt from None
+            raise
+        if failures:
+            raise failures[0]
+        if blueprint is None:
+            seal(part, path, blueprint=None, rows=rows, force=force or ours)
+            return
+        with tempfile.TemporaryDirectory() as folder:
+            layout = Path(folder, "layout.rbl")
+            layout_of = blueprint if isinstance(blueprint, rrb.Blueprint) else blueprint()
+            # Rerun keeps the stream that it saved with, and two threads that never sleep for long.
+            # If one thread cleans up while another saves, both wait forever.
+            with output_errors(layout), _SAVING:
+                layout_of.save(schema.APPLICATION_ID, str(layout))
+                bindings.flush_and_cleanup_orphaned_recordings()
+            seal(part, path, blueprint=layout, rows=rows, force=force or ours)
+
+
+def _is_short_of_room(part: Path) -> bool:
+    """Whether the disk has too little room for what a growing file still needs."""
+    return shutil.disk_usage(part.parent).free < 2 * part.stat().st_size + ROOM_BYTES
+
+
+@contextmanager
+def _strict() -> Iterator[None]:
+    """Make bad calls raise, where Rerun would warn and lose the data; override `RERUN=off`."""
+    strict, switch = rr.strict_mode(), os.environ.get("RERUN")
+    rr.set_strict_mode(True)
+    os.environ["RERUN"] = "on"
+    try:
+        yield
+    finally:
+        rr.set_strict_mode(strict)
+        if switch is None:
+            os.environ.pop("RERUN", None)  # another thread may have removed it
+        else:
+            os.environ["RERUN"] = switch
+
+
+# -- chunks ---------------------------------------------------------------------------------------
+
+
+def property_chunk(name: str, values: Mapping[str, Value | None]) -> Chunk:
+    """Return a property of the recording; a value of None is left out."""
+    given: dict[str, Any] = {
+        key: _typed(value) for key, value in values.items() if value is not None
+    }
+    return Chunk.from_property(name, rr.AnyValues(**given))
+
+
+def _typed(value: Value) -> pa.Array:
+    # Arrow, because Rerun would guess a type, and keep it for the rest of the process.
+    return pa.array([value] if isinstance(value, str) else np.atleast_1d(np.asarray(value)))
+
+
+def lens_chunk(camera: Camera) -> Chunk:
+    """Return a camera's lens."""
+    width, height = camera.size_px
+    focal = camera.focal_length_px
+    image_from_camera = [[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]
+    return _static(
+        schema.CAMERA,
+        rr.Pinhole.columns(
+            image_from_camera=[np.array(image_from_camera)],
+            resolution=[[width, height]],
+            camera_xyz=[rr.ViewCoordinates.RUB.coordinates],
+            image_plane_distance=[PICTURE_DISTANCE[camera.view] * camera.distance_m],
+            color=[0x9AA4AFFF],
+        ),
+    )
+
+
+def camera_chunk(steps: Steps | None, timestep_s: float, world_from_camera: Float64) -> Chunk:
+    """Return the camera's poses, shape (n, 4, 4), at these steps, or a constant one."""
+    return Chunk.from_columns(
+        schema.CAMERA,
+        [] if steps is None else _times(steps, timestep_s),
+        rr.Transform3D.columns(
+            translation=world_from_camera[:, :3, 3], mat3x3=world_from_camera[:, :3, :3]
+        ),
+    )
+
+
+def document_chunk(entity: str, markdown: str) -> Chunk:
+    """Return a text document."""
+    return _static(entity, rr.TextDocument.columns(text=[markdown], media_type=["text/markdown"]))
+
+
+@functools.cache
+def curve_style_chunk(entity: str, name: str, colour: str, *, width: float = CURVE_WIDTH) -> Chunk:
+    """Return the style of a curve: its name with unit, its colour as `#rrggbb`, its width."""
+    return _static(
+        entity, rr.SeriesLines.columns(names=[name], colors=[rgba(colour)], widths=[width])
+    )
+
+
+def rgba(colour: str) -> int:
+    """Return a colour given as `#rrggbb` as Rerun's number, opaque."""
+    return int(colour.removeprefix("#") + "ff", 16)
+
+
+class Times(NamedTuple):
+    """The times of a chunk's rows."""
+
+    steps: Steps
+    """Shape (n,)."""
+    times_s: Float64
+    """Shape (n,)."""
+    calls: Steps | None = None
+    """How many calls of the script came before, for the timeline of calls."""
+
+
+def times(at: Times) -> list[rr.TimeColumn]:
+    """Return the timelines of rows."""
+    columns = [
+        rr.TimeColumn(schema.STEP_TIMELINE, sequence=at.steps),
+        rr.TimeColumn(
+            schema.TIME_TIMELINE, duration=np.clip(at.times_s, -schema.LONGEST_S, schema.LONGEST_S)
+        ),
+    ]
+    if at.calls is not None:
+        columns.append(rr.TimeColumn(schema.CALL_TIMELINE, sequence=at.calls))
+    return columns
+
+
+def scalars_chunk(entity: str, at: Times, values: Float64) -> Chunk:
+    """Return values, shape (n, k), as k series."""
+    count, width = values.shape
+    columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).reshape(-1))
+    return Chunk.from_columns(entity, times(at), columns.partition([width] * count))
+
+
+def series_chunk(entity: str, names: Sequence[str]) -> Chunk:
+    """Return the names of an entity's series."""
+    return _static(entity, rr.SeriesLines.columns(names=list(names)).partition([len(names)]))
+
+
+def calls_chunk(seen: Calls, widths: Steps) -> Chunk:
+    """Return calls, a row per step: the site of each, and all their numbers, one after the other.
+
+    `widths` is how many numbers each has.
+    """
+    first = np.unique(seen.steps, return_index=True)[1]
+    bounds, ends = np.append(first, len(seen.steps)), np.cumsum([0, *widths])
+    starts = seen.calls[first]
+    at = Times(seen.steps[first], seen.times_s[first], starts)
+    within = seen.calls - np.repeat(starts, np.diff(bounds))  # small numbers, which pack well
+    columns = [
+        _list_column(name, values, bounds)
+        for name, values in (("site", seen.sites), ("after", within), ("result", seen.results))
+    ]
+    numbers = _Arrow(pa.array(np.ascontiguousarray(seen.numbers)))
+    columns.append(rr.ComponentColumn("numbers", numbers, offsets=ends[bounds].astype(np.int32)))
+    columns.append(
+        rr.ComponentColumn(
+            "client",
+            _Arrow(pa.array(np.full(len(first), seen.client, np.int64))),
+            offsets=np.arange(len(first) + 1, dtype=np.int32),
+        )
+    )
+    return Chunk.from_columns(schema.CALLS, times(at), columns)
+
+
+def texts_chunk(entity: str, at: Times, texts: Sequence[str]) -> Chunk:
+    """Return rows of JSON, one per time."""
+    offsets = np.arange(len(texts) + 1, dtype=np.int32)
+    column = rr.ComponentColumn(schema.JSON, _Arrow(pa.array(texts)), offsets=offsets)
+    return Chunk.from_columns(entity, times(at), [column])
+
+
+def _at(steps: Steps, timestep_s: float) -> Times:
+    return Times(steps, np.asarray(steps * timestep_s, dtype=np.float64))
+
+
+def rows_chunk(table: schema.Table, rows: Rows, at: Times) -> Chunk:
+    """Return rows as lists, one per step and component; `at` has each of their steps once."""
+    first = np.unique(rows["step"], return_index=True)[1]
+    bounds = np.append(first, len(rows))
+    columns = [_list_column(name, rows[name], bounds) for name in table.columns]
+    return Chunk.from_columns(table.entity, times(at), columns)
+
+
+def _list_column(component: str, values: NDArray[Any], bounds: Steps) -> rr.ComponentColumn:
+    """Return values, shape (n,) or (n, k), as lists of the rows between `bounds`."""
+    # Arrow keeps the array alive, so it must not be part of a larger one.
+    flat = pa.array(np.ascontiguousarray(values).reshape(-1))
+    offsets = (bounds * (values.size // len(values))).astype(np.int32)
+    return rr.ComponentColumn(component, _Arrow(flat), offsets=offsets)
+
+
+class _Arrow:
+    """A component of our own: Rerun's would have the same type in every entity."""
+
+    def __init__(self, values: pa.Array) -> None:
+        self._values = values
+
+    def as_arrow_array(self) -> pa.Array:
+        return self._values
+
+
+def numbers_chunk(entity: str, steps: Steps, timestep_s: float, values: Float64) -> Chunk:
+    """Return one scalar per step, shape (n,), float64."""
+    return Chunk.from_columns(entity, _times(steps, timestep_s), rr.Scalars.columns(scalars=values))
+
+
+def curve_chunk(
+    entity: str, steps: Steps, timestep_s: float, values: Float64, *, resolution: float
+) -> Chunk:
+    """Return the points of a curve, float64, from `values` of shape (n,).
+
+    Of a stretch that is level to within `resolution`, only the ends are kept: the viewer connects
+    them with a straight line.
+    """
+    kept = _noticed(values.reshape(-1, 1), resolution)
+    return numbers_chunk(entity, steps[kept], timestep_s, values[kept])
+
+
+def _noticed(values: Float64, resolution: float) -> NDArray[np.bool_]:
+    """Return which rows of values, shape (n, k), begin or end a change, or are first or last."""
+    marks = np.round(values / resolution)
+    changes = (marks[1:] != marks[:-1]).any(axis=1)
+    return np.concatenate(([True], changes)) | np.concatenate((changes, [True]))
+
+
+def trail_chunk(steps: Steps, timestep_s: float, positions_m: Float64, colour: str) -> Chunk:
+    """Return points of the body's trail [m], shape (n, 3), as a stroboscope shows them."""
+    n, radius = len(steps), -1.5  # negative: in screen points, whatever the distance
+    return Chunk.from_columns(
+        schema.TRAIL,
+        _times(steps, timestep_s),
+        rr.Points3D.columns(
+            positions=positions_m,
+            radii=[radius] * n,
+            # As plain numbers, three or four colours would be read as the channels of one.
+            colors=np.full(n, rgba(colour), dtype=np.uint32),
+        ),
+    )
+
+
+def image_chunk(step: int, timestep_s: float, png: bytes) -> Chunk:
+    """Return one camera frame."""
+    return Chunk.from_columns(
+        schema.IMAGE,
+        _times(np.array([step]), timestep_s),
+        rr.EncodedImage.columns(blob=[png], media_type=["image/png"]),
+    )
+
+
+def event_chunk(
+    entity: str, steps: Sequence[int], timestep_s: float, texts: Sequence[str]
+) -> Chunk:
+    """Return log lines, one per event."""
+    return Chunk.from_columns(
+        entity,
+        _times(np.array(steps), timestep_s),
+        rr.TextLog.columns(text=list(texts), level=["INFO"] * len(texts)),
+    )
+
+
+def _static(entity: str, columns: rr.ComponentColumnList) -> Chunk:
+    return Chunk.from_columns(entity, [], columns)
+
+
+def _times(steps: Steps, timestep_s: float) -> list[rr.TimeColumn]:
+    return times(_at(steps, timestep_s))

@@ -1,0 +1,1 @@
+"""What was observed of a simulation run by another program, whatever its engine."""

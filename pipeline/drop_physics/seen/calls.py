@@ -1,0 +1,258 @@
+"""What a script's calls asked for: forces, motors, constraints, properties of bodies.
+
+A recording holds a call as its site and its numbers. Here they get their meaning, by the names of
+PyBullet's functions and arguments; another engine's would stand beside them.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from drop_physics.seen.events import Appearance, At, Body, Calls, Raised, Site, order
+
+WORLD_FRAME = 2
+"""The flag of `applyExternalForce`: its vectors are in the world's axes."""
+BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
+
+
+@dataclass(frozen=True)
+class Call:
+    """What the script did to the world."""
+
+    at: At
+    """When it was made."""
+    client: int
+    """Number of its client."""
+    site: Site
+    numbers: tuple[float, ...]
+    """All numbers in its arguments, in order."""
+    result: float = math.nan
+    """What it returned, where that is a number."""
+    raised: str = ""
+    """What it raised."""
+
+    @property
+    def function(self) -> str:
+        """Its name."""
+        return self.site.function
+
+    @property
+    def file(self) -> str:
+        """File of the call."""
+        return self.site.file
+
+    @property
+    def line(self) -> int:
+        """Line of the call, from 1."""
+        return self.site.line
+
+    @property
+    def arguments(self) -> str:
+        """The arguments, as the script might have written them; long ones shortened."""
+        return text_of(self.site, self.numbers)
+
+    @property
+    def values(self) -> dict[str, tuple[float, ...]]:
+        """The numbers of each argument."""
+        values: dict[str, tuple[float, ...]] = {}
+        for name, number in zip(self.site.names, self.numbers, strict=True):
+            values[name] = (*values.get(name, ()), number)
+        return values
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force or torque from outside, for one step."""
+
+    at: At
+    body: Body
+    link: int
+    torque: bool
+    vector: tuple[float, ...]
+    """Force [N] or torque [N m]."""
+    position_m: tuple[float, ...]
+    """Where the force acts; nan for a torque."""
+    in_world_axes: bool
+
+
+@dataclass(frozen=True)
+class Motor:
+    """How a joint is driven from now on."""
+
+    at: At
+    body: Body
+    joint: int
+    mode: int
+    """The engine's number for it: velocity, torque, position …"""
+    force: float
+    """As given: a torque, or the maximum force of a motor [N] or [N m]; nan if none."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """Properties of a body that a call has set, some of which the engine never reports."""
+
+    at: At
+    body: Body
+    values: Mapping[str, float | Sequence[float]]
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """A constraint between bodies that was created or removed."""
+
+    at: At
+    client: int
+    number: int
+    """The engine's id."""
+    bodies: tuple[int, ...]
+    """Numbers of the bodies that it holds, without the world; empty when it is removed."""
+    there: bool
+
+
+def text_of(site: Site, numbers: Sequence[float]) -> str:
+    """Return the arguments of a call as the script might have written them."""
+    texts = [
+        repr(int(number)) if whole and math.isfinite(number) else repr(number)
+        for number, whole in zip(numbers, site.whole, strict=True)
+    ]
+    return site.form.format(*texts)
+
+
+def calls_of(
+    rows: Iterable[Calls], sites: Mapping[int, Site], raised: Iterable[Raised]
+) -> list[Call]:
+    """Return all calls in order, each with what it raised."""
+    errors = {each.at.call: each.error for each in raised}
+    calls = []
+    for row in rows:
+        start = 0
+        numbers = row.numbers.tolist()
+        for step, time_s, call, number, result in zip(
+            *(each.tolist() for each in (row.steps, row.times_s, row.calls, row.sites)),
+            row.results.tolist(),
+            strict=True,
+        ):
+            site = sites[number]
+            end = start + len(site.names)
+            at = At(step, time_s, call)
+            given = tuple(numbers[start:end])
+            calls.append(Call(at, row.client, site, given, result, errors.get(call, "")))
+            start = end
+    return sorted(calls, key=lambda call: call.at.call)
+
+
+class Meanings:
+    """What calls meant, given the bodies that the simulations had."""
+
+    def __init__(self, calls: Iterable[Call], appearances: Iterable[Appearance]) -> None:
+        self._calls = [call for call in calls if not call.raised]
+        self._lives: dict[tuple[int, int], list[tuple[int, int | None]]] = {}
+        """By client and engine's id, the calls that made a body and that removed it."""
+        self._came: dict[tuple[int, int], list[Appearance]] = {}
+        for each in appearances:
+            if each.came:
+                key = each.body.client, each.body.engine_id
+                self._came.setdefault(key, []).append(each)
+        for call in self._calls:
+            self._note_life(call)
+
+    def pushes(self) -> Iterator[Push]:
+        """Yield the forces and torques from outside."""
+        for call, at, came in self.of_bodies("applyExternalForce", "applyExternalTorque"):
+            values = call.values
+            torque = call.function.endswith("Torque")
+            vector = values.get("torqueObj" if torque else "forceObj", ())
+            point = values.get("posObj", ())
+            if len(vector) == 3:
+                where = point if len(point) == 3 and not torque else (math.nan,) * 3
+                link, flags = values.get("linkIndex", (-1,)), values.get("flags", (0,))
+                world = int(flags[0]) == WORLD_FRAME
+                yield Push(at, came.body, int(link[0]), torque, vector, where, in_world_axes=world)
+
+    def motors(self) -> Iterator[Motor]:
+        """Yield how joints are driven, whenever mode or force change."""
+        last: dict[tuple[int, At, int], tuple[int, float]] = {}
+        for call, at, came in self.of_bodies("setJointMotorControl"):
+            values = call.values
+            joints = values.get("jointIndices", values.get("jointIndex", ()))
+            forces = values.get("forces", values.get("force", ()))
+            mode = values.get("controlMode")
+            if mode is None:
+                continue
+            for number, joint in enumerate(map(int, joints)):
+                force = forces[number] if number < len(forces) else math.nan
+                driven = int(mode[0]), force
+                key = came.body.number, came.at, joint
+                if repr(last.get(key)) != repr(driven):  # nan is not nan
+                    last[key] = driven
+                    yield Motor(at, came.body, joint, *driven)
+
+    def given(self) -> Iterator[Given]:
+        """Yield properties of bodies that calls have set."""
+        for call, at, came in self.of_bodies("changeDynamics"):
+            values: dict[str, float | Sequence[float]] = {
+                name: held[0] if len(held) == 1 else list(held)
+                for name, held in call.values.items()
+                if name not in (*BODY_NAMES, "physicsClientId")
+            }
+            if values:
+                yield Given(at, came.body, values)
+
+    def constraints(self) -> Iterator[Constraint]:
+        """Yield the constraints that were created and removed."""
+        for call in self._calls:
+            values = call.values
+            if call.function == "createConstraint" and math.isfinite(call.result):
+                ids = [values.get(f"{role}BodyUniqueId", (-1,)) for role in ("parent", "child")]
+                held = [self.body_at(call, int(engine_id)) for (engine_id, *_) in ids]
+                bodies = [each for each in held if each is not None]
+                at = max([call.at, *(each.at for each in bodies)], key=order)
+                numbers = tuple(each.body.number for each in bodies)
+                yield Constraint(at, call.client, int(call.result), numbers, there=True)
+            elif call.function == "removeConstraint" and "userConstraintUniqueId" in values:
+                number = int(values["userConstraintUniqueId"][0])
+                yield Constraint(call.at, call.client, number, (), there=False)
+
+    def of_bodies(self, *functions: str) -> Iterator[tuple[Call, At, Appearance]]:
+        """Yield the calls of functions by the beginning of their names, each with its body.
+
+        A body is listed with the next step: what calls did to it before is dated to that moment.
+        """
+        for call in self._calls:
+            if not call.function.startswith(functions):
+                continue
+            values = call.values
+            engine_id = next((values[name] for name in BODY_NAMES if name in values), None)
+            came = None if engine_id is None else self.body_at(call, int(engine_id[0]))
+            if came is not None:
+                yield call, max(call.at, came.at, key=order), came
+
+    def body_at(self, call: Call, engine_id: int) -> Appearance | None:
+        """Return the body that had an id at a call, or got it with the step after it."""
+        came = self._came.get((call.client, engine_id), [])
+        lives = self._lives.get((call.client, engine_id), [])
+        born = [made for made, _ in lives]
+        life = bisect.bisect_left(born, call.at.call) - 1
+        if life >= 0:
+            made, gone = lives[life]
+            later = (each for each in came if each.at.call >= made)
+            found = next(later, None)
+            # One that was removed before the next step was never listed.
+            return None if found is None or (gone is not None and found.at.call >= gone) else found
+        place = bisect.bisect_right([order(each.at) for each in came], order(call.at))
+        return came[place - 1] if place else next(iter(came), None)
+
+    def _note_life(self, call: Call) -> None:
+        """Note whether a call makes a body, or removes bodies."""
+        if call.function.startswith(("load", "createMultiBody")) and math.isfinite(call.result):
+            lives = self._lives.setdefault((call.client, int(call.result)), [])
+            lives.append((call.at.call, None))
+        elif call.function in ("removeBody", "resetSimulation"):
+            removed = call.values.get("bodyUniqueId")
+            for (client, engine_id), lives in self._lives.items():
+                if client == call.client and (removed is None or int(removed[0]) == engine_id):
+                    lives[-1] = lives[-1][0], lives[-1][1] or call.at.call

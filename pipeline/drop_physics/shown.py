@@ -1,0 +1,34 @@
+"""A result prints as the terminal shows it, and in a notebook with its plot.
+
+It names the function that formats it, as `module:function`: in a room above, so loaded on demand.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import ClassVar
+
+NOTEBOOK = "drop_physics.console.notebook"
+
+
+class Shown:
+    """A result that Python prints as the command does."""
+
+    __slots__ = ()
+    lines_of: ClassVar[str]
+    """The `module:function` that returns its lines, with Rich's markup."""
+
+    def __init_subclass__(cls, lines_of: str) -> None:
+        cls.lines_of = lines_of
+
+    def lines(self) -> list[str]:
+        """Return what the terminal prints, with Rich's markup."""
+        module, _, function = self.lines_of.partition(":")
+        lines: list[str] = getattr(importlib.import_module(module), function)(self)
+        return lines
+
+    def __str__(self) -> str:
+        return str(importlib.import_module(NOTEBOOK).text_of(self))
+
+    def _repr_html_(self) -> str:
+        return str(importlib.import_module(NOTEBOOK).html_of(self))

@@ -1,0 +1,145 @@
+"""Read a recording back, and explain what happened in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drop_physics.analysis.drop.analysis import analysis_of
+from drop_physics.analysis.drop.results import Analysis
+from drop_physics.analysis.script.analysis import script_analysis_of
+from drop_physics.analysis.script.results import ScriptAnalysis
+from drop_physics.analysis.script.times import Times
+from drop_physics.errors import ScenarioError, check_suffix
+from drop_physics.files.outputs import check_apart, check_target, refused
+from drop_physics.files.table import check_table, write_table
+from drop_physics.messages import Message
+from drop_physics.recording.contents import is_script
+from drop_physics.recording.layer import is_layer, layer_of, write_layer
+from drop_physics.recording.reader import Recording, read
+from drop_physics.seen.history import Seen, body_named
+from drop_physics.stages.narrative import events, findings_markdown
+
+if TYPE_CHECKING:
+    from drop_physics.recording.falling import Progress  # its module loads Rerun
+
+ANALYZING = Message("analyzing")
+_PARTS = 3
+"""Reading the recording, explaining it, writing the results."""
+DEFAULT_AT_S = (0.3,)
+"""When flights are broken down besides at their ends, unless other times are given."""
+
+
+def analyze(
+    recording: Path | str,
+    *,
+    at_s: Sequence[float] = (),
+    body: str | None = None,
+    out: Path | str | None = None,
+    table: Path | str | None = None,
+    force: bool = False,
+    progress: Progress = lambda *_: None,
+) -> Analysis | ScriptAnalysis:
+    """Analyze a recording, and write the layer that shows the analysis beside it.
+
+    Parameters
+    ----------
+    recording
+        The recording to read.
+    at_s
+        Times at which the error is broken down [s], of a script that of flights under way, besides
+        at their ends; by default 0.3 s.
+    body
+        Of a script: the only body to report, by name or number; None for all. The layer shows all.
+    out
+        The layer recording to write; None puts it beside the recording.
+    table
+        A `.parquet` or `.csv` file for the table of all samples, or None.
+    force
+        Whether existing files may be replaced; a layer under its default name always is.
+    progress
+        Called while it runs.
+
+    Raises
+    ------
+    RecordingError
+        If the recording is missing, damaged or not one of ours.
+    ScenarioError
+        If there is no such body, a time is outside the recording, or a file has another suffix.
+    OutputError
+        If a file cannot be written, or would replace what the same command reads or writes.
+    """
+    path = Path(recording)
+    layer, tables = outputs_of(path, out, table, force=force)
+    if not is_script(path) and body is not None:
+        raise ScenarioError("--body is for recordings of scripts; a drop has only one body")
+    progress(ANALYZING, 0, _PARTS)
+    read_back = read(path)
+    progress(ANALYZING, 1, _PARTS)
+    analysis: Analysis | ScriptAnalysis
+    if read_back.drop is not None:
+        analysis = analysis_of(
+            read_back.scenario, read_back.engine, read_back.states, read_back.contacts, at_s=at_s
+        )
+    else:
+        analysis = _of_script(read_back, at_s)
+    progress(ANALYZING, 2, _PARTS)
+    write_layer(
+        layer, read_back, samples=analysis.table, events=events(analysis),
+        findings=findings_markdown(analysis), force=force, ours=out is None,
+    )  # fmt: skip
+    for file in tables:
+        write_table(file, analysis.table, force=force)
+    progress(ANALYZING, _PARTS, _PARTS)
+    if isinstance(analysis, ScriptAnalysis) and body is not None:
+        analysis = analysis.of_body(body_named(read_back.seen.bodies.values(), body).number)
+    return replace(analysis, recording=path, layer=layer, partial=read_back.partial)
+
+
+def _of_script(read_back: Recording, at_s: Sequence[float]) -> ScriptAnalysis:
+    ended = read_back.ended or {}
+    origin = read_back.origin | {name: ended.get(name) for name in ("ended", "error")}
+    analysis = script_analysis_of(read_back.seen, origin, at_s=at_s or DEFAULT_AT_S)
+    _check_times(at_s, read_back.seen, analysis)
+    return analysis
+
+
+def outputs_of(
+    recording: Path, out: Path | str | None, table: Path | str | None, *, force: bool
+) -> tuple[Path, list[Path]]:
+    """Return the layer and the tables to write, once it is checked that they can be.
+
+    Raises
+    ------
+    ScenarioError
+        If a file has another suffix.
+    OutputError
+        If a file cannot be written, or would replace what the same command reads or writes.
+    """
+    layer = layer_of(recording) if out is None else Path(out)
+    tables = [] if table is None else [Path(table)]
+    check_apart([layer, *tables], inputs=[recording])
+    check_target(layer, force=force or out is None)
+    check_suffix("--out", layer, (".rrd",))
+    if out is None and not force and layer.is_file() and not is_layer(layer):
+        raise refused(layer)
+    for file in tables:
+        check_table(file, force=force)
+    return layer, tables
+
+
+def _check_times(at_s: Sequence[float], seen: Seen, analysis: ScriptAnalysis) -> None:
+    """Raise an error if a given time is not within any simulation."""
+    clients = {setting.client for setting in seen.settings}
+    ends_s = [Times(seen, client).of(seen.samples.get(client, 1) - 1) for client in clients]
+    # Time may go back, where a timestep is below 0.
+    end_s = max([0.0, *ends_s, *analysis.table["time_s"].drop_nulls()])
+    for time_s in at_s:
+        if not 0 <= time_s <= end_s * (1 + 1e-12):
+            raise ScenarioError(
+                "--at must lie within the recording, 0 to {end:g} s, got {time:g}",
+                end=end_s,
+                time=time_s,
+            )

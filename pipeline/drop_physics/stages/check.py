@@ -1,0 +1,295 @@
+"""Check whether a recording is the same physics as a golden one, or make it the golden one."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.analysis.checking.difference import Difference, Drop, Side
+from drop_physics.analysis.comparison import Comparison, compare
+from drop_physics.analysis.drop.case import case_of
+from drop_physics.analysis.drop.engines_apart import apart
+from drop_physics.errors import OutputError, RecordingError, ScenarioError, check_suffix
+from drop_physics.figures.animation import decoded
+from drop_physics.files.outputs import check_apart, check_target
+from drop_physics.files.whole import replaced
+from drop_physics.messages import Message, shell_command
+from drop_physics.recording import sealing
+from drop_physics.recording.checks import damaged
+from drop_physics.recording.reader import Recording, frames, is_recording, read
+from drop_physics.recording.scene import frames_of_cameras
+from drop_physics.shown import Shown
+
+Image = tuple[int, int, int]
+"""Step, camera, and how many images that took there before."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """How the pictures of two recordings compare."""
+
+    compared: int
+    """How many were compared: those taken before a state differs."""
+    differing: int
+    """How many of these differ, or are in one only."""
+    first_step: int | None
+    """Step of the first that differ; None where none do, or they do not count."""
+    why: str | None
+    """Why no more were compared; None where all were."""
+
+
+@dataclass(frozen=True)
+class Check(Shown, lines_of="drop_physics.console.show_check:check_lines"):
+    """Whether a recording is the same physics as a golden one, and where it is not."""
+
+    recording: Path
+    """The recording that was checked."""
+    golden: Path
+    """The recording it was compared with."""
+    tolerance_m: float
+    """Largest difference that passes."""
+    comparison: Comparison | None
+    """None where there was no golden recording yet."""
+    frames: Frames | None
+    """How the pictures compare; None where there was no golden recording yet."""
+    engines: str | None = None
+    """Of drops that differ in nothing but the engine: where and why these part."""
+    updated: bool = False
+    """Whether the recording has been made the golden one."""
+
+    @property
+    def first(self) -> Difference | None:
+        """Return what differs first: a number, else a picture."""
+        if self.comparison is not None and self.comparison.first is not None:
+            return self.comparison.first
+        if self.frames is not None and self.frames.first_step is not None:
+            return Difference(self.frames.first_step, None, None, "frame")
+        return None
+
+    @property
+    def not_compared(self) -> list[str]:
+        """Return the bodies whose motion is not recorded."""
+        return [] if self.comparison is None else self.comparison.not_compared
+
+    @property
+    def same(self) -> bool:
+        """Whether nothing differs by more than is allowed, and nothing was left out."""
+        return self.first is None and (self.comparison is None or self.comparison.same)
+
+
+def check(
+    recording: Path | str,
+    against: Path | str,
+    *,
+    tolerance_m: float = 0.0,
+    update: bool = False,
+) -> Check:
+    """Compare a recording with a golden one: inputs, then samples, then pictures.
+
+    Parameters
+    ----------
+    recording
+        The recording to check.
+    against
+        The golden recording, of the same kind: of a drop or of a script.
+    tolerance_m
+        Largest difference in motion that passes [m]: of a velocity the distance in one step, of an
+        angle the way of the body's surface. 0 is bit for bit, but 1e-9 m for a drop in contact.
+        Above 0, pictures and, in scripts, joints and contact points count only through the motion.
+    update
+        Whether to make the recording the golden one, in place of the previous one.
+
+    Raises
+    ------
+    RecordingError
+        If one of them is missing, damaged or unfinished, or they are of different kinds.
+    ScenarioError
+        If the tolerance is not a length, or with `update` if the golden recording's name does not
+        end in .rrd.
+    OutputError
+        With `update`, if the golden recording cannot be written, is the recording itself, or is a
+        file that is not a recording of the same kind.
+    """
+    path, golden = Path(recording), Path(against)
+    if not (math.isfinite(tolerance_m) and tolerance_m >= 0):
+        raise ScenarioError(
+            "--tolerance must be finite and at least 0, got {tolerance!r}", tolerance=tolerance_m
+        )
+    run = _whole(path)
+    if not update:
+        if not os.path.lexists(golden):
+            raise _no_golden(path, golden)
+        return _checked(run, _whole(golden), tolerance_m)
+    _check_replaceable(golden, run)
+    try:
+        before = _checked(run, _whole(golden), tolerance_m)
+    except RecordingError:  # there is none yet, or it cannot be read
+        before = Check(path, golden, tolerance_m, None, None)
+    _make_golden(run, golden)
+    return replace(before, updated=True)
+
+
+def _whole(path: Path) -> Recording:
+    recording = read(path)
+    if recording.partial:
+        raise RecordingError(
+            "{path} was never finished, and only complete recordings are compared; record it again "
+            "with: drop {command}",
+            path=path,
+            command="simulate" if recording.drop else "record",
+        )
+    return recording
+
+
+def _no_golden(recording: Path, golden: Path) -> RecordingError:
+    update = shell_command("drop", "check", recording, "--against", golden, "--update")
+    return RecordingError(
+        "there is no golden recording {golden}; to make {recording} the golden one: {command}",
+        golden=golden, recording=recording, command=update,
+    )  # fmt: skip
+
+
+def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
+    both = {"golden": golden.path, "path": run.path}
+    if run.drop is None and golden.drop is not None:
+        raise RecordingError(
+            "{golden} must be the recording of a script, as {path} is; make one with: drop record",
+            **both,
+        )
+    if run.drop is not None and golden.drop is None:
+        raise RecordingError(
+            "{golden} must be the recording of a drop, as {path} is; make one with: drop simulate",
+            **both,
+        )
+    comparison = compare(_side(run), _side(golden), tolerance_m=tolerance_m)
+    pictures = _compare_frames(run, golden, until=comparison.part_at)
+    if tolerance_m:
+        pictures = replace(pictures, first_step=None)
+    engines = None
+    if [each.column for each in comparison.differences] == ["engine"]:
+        cases = [
+            case_of(each.scenario, each.engine, each.states, each.contacts)
+            for each in (run, golden)
+        ]
+        first = comparison.first
+        engines = apart(*cases, parts_at=None if first is None else first.step)
+    return Check(run.path, golden.path, tolerance_m, comparison, pictures, engines)
+
+
+def _side(recording: Recording) -> Side:
+    drop = recording.drop
+    return Side(
+        recording.seen,
+        recording.origin,
+        recording.ended or {},
+        None if drop is None else Drop(drop.scenario, drop.engine),
+    )
+
+
+# -- update ---------------------------------------------------------------------------------------
+
+
+def _check_replaceable(golden: Path, run: Recording) -> None:
+    """Check that a recording can be made the golden one."""
+    check_target(golden, force=True)
+    check_apart([golden], inputs=[run.path])
+    check_suffix("--against", golden, (".rrd",))
+    if os.path.lexists(golden) and not is_recording(golden, of_script=run.drop is None):
+        raise OutputError(
+            "{path} is not a recording made by drop of the kind of {recording}, or is damaged, and "
+            "is not replaced; remove it, or give --against another name",
+            path=golden,
+            recording=run.path,
+        )
+
+
+def _make_golden(run: Recording, golden: Path) -> None:
+    """Write a recording under the golden name; a drop's packed, if it reads back the same."""
+    with replaced(golden, force=False, ours=True) as part:
+        if run.drop is None:
+            shutil.copyfile(run.path, part)
+            return
+        sealing.pack(run.path, part)
+        packed = _whole(part)
+        if not (packed.states.equals(run.states) and packed.contacts.equals(run.contacts)):
+            raise RecordingError(
+                "{golden} was not written: packing {path} changed its state",
+                golden=golden, path=run.path,
+            )  # fmt: skip
+        if [step for step, _ in frames(part)] != [step for step, _ in frames(run.path)]:
+            raise RecordingError(
+                "{golden} was not written: packing {path} lost frames",
+                golden=golden, path=run.path,
+            )  # fmt: skip
+
+
+# -- pictures -------------------------------------------------------------------------------------
+
+
+def _compare_frames(run: Recording, golden: Recording, *, until: int | None) -> Frames:
+    """Compare the pictures that were taken until a state differs; later ones show other poses."""
+    mine, theirs = _images(run), _images(golden)  # raises an error if damaged
+    if (why := _incomparable(run, golden)) is not None:
+        return Frames(0, 0, None, why)
+    if not mine and not theirs:
+        return Frames(0, 0, None, Message("neither has images"))
+    keys = sorted(mine.keys() | theirs.keys())
+    compared = [key for key in keys if until is None or key[0] < until]
+    differing = [
+        key[0] for key in compared if not _same_pixels(mine.get(key), theirs.get(key), run, golden)
+    ]
+    apart = len(keys) - len(compared)
+    why = Message("{n} taken when the bodies are elsewhere", n=apart) if apart else None
+    return Frames(len(compared), len(differing), min(differing, default=None), why)
+
+
+def _incomparable(run: Recording, golden: Recording) -> Message | None:
+    """Return why the pictures of two drops say nothing about their physics."""
+    if run.drop is None or golden.drop is None:
+        return None
+    if run.camera is None and golden.camera is None:
+        return Message("neither {one} nor {other} has frames", one=run.path, other=golden.path)
+    if run.camera is None or golden.camera is None:
+        without = run.path if run.camera is None else golden.path
+        return Message("{path} has no frames", path=without)
+    if run.camera != golden.camera:
+        return Message("the cameras differ")
+    if run.engine.machine != golden.engine.machine:
+        return Message("they were drawn on different kinds of machine")
+    return None
+
+
+def _images(recording: Recording) -> dict[Image, bytes]:
+    """Return the pictures of a recording as PNG."""
+    if recording.drop is not None and recording.camera is None:
+        return {}
+    if recording.drop is not None:
+        return {(step, 0, 0): png for step, png in frames(recording.path)}
+    images: dict[Image, bytes] = {}
+    for camera, taken in frames_of_cameras(recording.path).items():
+        for step, same_step in groupby(taken, key=lambda image: image[0]):
+            images |= {(step, camera, n): png for n, (_, _, png) in enumerate(same_step)}
+    return images
+
+
+def _same_pixels(
+    mine: bytes | None, theirs: bytes | None, run: Recording, golden: Recording
+) -> bool:
+    if mine is None or theirs is None:
+        return False
+    return mine == theirs or np.array_equal(_pixels(mine, run.path), _pixels(theirs, golden.path))
+
+
+def _pixels(png: bytes, path: Path) -> NDArray[np.uint8]:
+    """Return a recorded picture's pixels, or raise a RecordingError."""
+    try:
+        return np.asarray(next(decoded([png])))
+    except ValueError as error:
+        raise damaged(path, error.args[0]) from None

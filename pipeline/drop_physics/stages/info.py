@@ -1,0 +1,185 @@
+"""Describe a recording: what made it, its length, its bodies, and whether it is complete."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import polars as pl
+
+from drop_physics.analysis.general.jsonable import jsonable
+from drop_physics.analysis.script.times import Times
+from drop_physics.fields import counted
+from drop_physics.messages import Message, joined, shell_command
+from drop_physics.recording.about import engine_in_words
+from drop_physics.recording.layer import is_layer, layer_of
+from drop_physics.recording.reader import Drop, Recording, frames, listed, read, recording_id
+from drop_physics.recording.scene import frames_of_cameras
+from drop_physics.scenario import Scenario
+from drop_physics.seen.events import Body
+from drop_physics.seen.history import Seen
+from drop_physics.shown import Shown
+from drop_physics.stages.record_block import BLOCK
+from drop_physics.states import BODY_LABEL, FLOOR_LABEL
+from drop_physics.sweeping.plan import replay_command
+
+REPLACED = "\ufffd"
+"""Recorded for each byte that is not UTF-8; see `drop_physics.stages.record.encodable`."""
+
+
+@dataclass(frozen=True)
+class Info(Shown, lines_of="drop_physics.console.show_info:info_lines"):
+    """What a recording is and holds."""
+
+    recording: Path
+    """The file."""
+    recording_id: str
+    """Its id, which its layer shares."""
+    kind: Literal["drop", "script"]
+    """Whether a drop or a script was recorded."""
+    what: str
+    """The body that was dropped, or the script and how it ended."""
+    complete: bool
+    """Whether it was finished; then everything that numbers and images are computed from has passed
+    its checksum."""
+    samples: int
+    """How many states of the simulation it holds, in all."""
+    duration_s: float
+    """Simulated time from its first sample to its last [s]; for a script, of its longest
+    simulation."""
+    bodies: list[str]
+    """The bodies, each with its mass."""
+    contact_samples: int
+    """Samples in which something touches."""
+    frames: int
+    """How many camera frames it holds."""
+    bytes: int
+    """The file's size."""
+    engine: str
+    """The engine that made it."""
+    command: str | None
+    """The command that repeats its physics; for a script in its folder, which is not recorded. None
+    for a block of Python, and where a name or an argument is not UTF-8."""
+    layer: Path | None
+    """The analysis beside it; None if there is none, or it is of another recording."""
+
+    def as_json(self) -> dict[str, object]:
+        """Return the contract's JSON object."""
+        return dict(jsonable(vars(self)))
+
+
+def info(recording: Path | str) -> Info:
+    """Describe a recording, which is read and checked completely.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing, damaged, a layer, or not one of ours.
+    """
+    held = read(Path(recording))
+    seen, path, ended = held.seen, held.path, held.ended or {}
+    what, command, engine = _of_drop(held.drop) if held.drop else _of_script(held)
+    samples = ended.get("samples", seen.bases["step"].n_unique())
+    return Info(
+        recording=path,
+        recording_id=held.recording_id,
+        kind="drop" if held.drop else "script",
+        what=what,
+        complete=not held.partial,
+        samples=int(samples),
+        duration_s=_duration_s(seen),
+        bodies=[_body(body, seen) for body in seen.bodies.values() if body.label != FLOOR_LABEL],
+        contact_samples=seen.contacts["step"].n_unique(),
+        frames=len([*frames(path)])
+        if held.drop
+        else sum(map(len, frames_of_cameras(path).values())),
+        bytes=path.stat().st_size,
+        engine=engine,
+        command=command,
+        layer=_layer(path, held.recording_id),
+    )
+
+
+def _of_drop(drop: Drop) -> tuple[str, str | None, str]:
+    """Return what was dropped, the command that repeats it, and its engine."""
+    scenario, standard = drop.scenario, Scenario()
+    given = {
+        name: getattr(scenario, name)
+        for name in Scenario.options()
+        if getattr(scenario, name) != getattr(standard, name)
+    }
+    again = replay_command(given, out="again.rrd")
+    body = Path(scenario.body).name
+    return (
+        Message("{body} dropped from {height:g} m", body=body, height=scenario.height_m),
+        again if drop.camera is None else again.replace(" --no-camera", "", 1),
+        engine_in_words(scenario, drop.engine),
+    )
+
+
+def _of_script(held: Recording) -> tuple[str, str | None, str]:
+    """Return which script was run and how it ended, the command that repeats it, and its engine."""
+    origin, ended = held.origin, held.ended
+    script, arguments = str(origin["script"]), [*map(str, listed(origin.get("arguments")))]
+    limits = {name: origin.get(name) for name in ("steps", "duration_s", "seed")}
+    options = [
+        word
+        for name, value in limits.items()
+        if value is not None
+        for word in (f"--{name.removesuffix('_s')}", _digits(value))
+    ]
+    program = [*_program(script), *arguments]
+    what = script if script == BLOCK else shell_command(*program)
+    command = None
+    if script != BLOCK and not any(REPLACED in word for word in program):
+        options_end = ["--"] if program[0].startswith("-") and program[0] != "-m" else []
+        command = shell_command("drop", "record", *options, *options_end, *program)
+    engine: str = "PyBullet"
+    if ended is not None:
+        engine = Message("PyBullet in Python {version}", version=ended["made_with_version"])
+    return f"{what}, {(ended or {}).get('ended', 'never finished')}", command, engine
+
+
+def _digits(value: float) -> str:
+    """Return a number so that the same is read back; 2, not 2.0."""
+    short = f"{value:.9g}"
+    return short if isinstance(value, float) and float(short) == value else str(value)
+
+
+def _program(script: str) -> list[str]:
+    """Return the words that name a script, or a module as `-m MODULE`."""
+    return script.split(" ", 1) if script.startswith("-m ") else [script]
+
+
+def _duration_s(seen: Seen) -> float:
+    """Return the time of the last sample [s], of the longest simulation."""
+    last = {client: samples - 1 for client, samples in seen.samples.items()}
+    if not last:
+        ends = seen.bases.group_by("body").agg(pl.col("step").max()).iter_rows()
+        found = [*ends, *((number, int(each.steps[-1])) for number, each in seen.joints.items())]
+        for body, step in found:
+            client = seen.bodies[body].client
+            last[client] = max(step, last.get(client, 0))
+    clients = {settings.client for settings in seen.settings}
+    return max(
+        (Times(seen, client).of(step) for client, step in last.items() if client in clients),
+        default=0.0,
+    )
+
+
+def _body(body: Body, seen: Seen) -> Message:
+    if body.soft:
+        return Message("{label}, soft", label=body.label)
+    record = seen.by_body[body.number]
+    mass_kg = float(record.dynamics[-1].reported["mass_kg"].sum()) if record.dynamics else 0.0
+    label = body.name if body.label == BODY_LABEL else body.label
+    text = Message("{label}, held still", label=label)
+    if mass_kg or record.moves or body.moving:
+        text = Message("{label}, {mass:.4g} kg", label=label, mass=mass_kg)
+    return joined(", ", [text, counted(len(body.joints), "joint")]) if body.joints else text
+
+
+def _layer(path: Path, belongs_to: str) -> Path | None:
+    layer = layer_of(path)
+    return layer if is_layer(layer) and recording_id(layer) == belongs_to else None

@@ -1,0 +1,117 @@
+"""The analysis in words, for the layer: what happened when, and where the error comes from.
+
+It is recorded, and so always in English.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+
+from drop_physics.analysis.drop.results import Analysis, Finding, Moment
+from drop_physics.analysis.script.results import ScriptAnalysis, ScriptFinding
+from drop_physics.fields import decimals
+
+
+def events(analysis: Analysis | ScriptAnalysis) -> list[tuple[int, float, str]]:
+    """Return what happened when, in order: step, time [s] and a line each."""
+    if isinstance(analysis, ScriptAnalysis):
+        return sorted(_of_bodies(analysis))
+    timestep_s = analysis.scenario["timestep_s"]
+    return [(step, step * timestep_s, line) for step, line in _of_drop(analysis)]
+
+
+def _of_bodies(analysis: ScriptAnalysis) -> Iterator[tuple[int, float, str]]:
+    times_s = dict(analysis.table.select("step", "time_s").unique().iter_rows())
+    for finding in analysis.findings:
+        step = finding.step
+        if step is not None and step in times_s:
+            yield step, times_s[step], f"{finding.code}: {finding.message}"
+    for body in analysis.bodies:
+        for contact in body.contacts:
+            others = ", ".join(sorted({partner.body for partner in contact.by}))
+            yield contact.first_step, contact.start_s, f"{body.label} meets {others}"
+
+
+def _of_drop(analysis: Analysis) -> list[tuple[int, str]]:
+    """Return release, error breakdowns, impact, rest."""
+    height_m = analysis.table["simulated_m"][0]
+    lines = [(0, f"release at {height_m:g} m")]
+    lines += [(moment.step, _sum(moment)) for moment in analysis.at]
+    impact, rest = analysis.impact, analysis.rest
+    if impact is not None:
+        # `impact.step` is the first sample that the contact has acted on; the body is in the floor,
+        # and perhaps deepest, a step earlier.
+        touches = min(impact.step, impact.lowest_step)
+        lines.append((touches, f"first contact, arriving at {impact.speed_m_s:.3f} m/s"))
+    if analysis.tumbled_step is not None:
+        lines.append((analysis.tumbled_step, "tumbles from here on"))
+    if impact is not None and impact.penetration_m is not None:
+        depth_mm = impact.penetration_m * 1e3
+        lines.append((impact.lowest_step, f"lowest point, {depth_mm:.3f} mm in the floor"))
+    lines += [
+        (bounce.step, f"rebound at {bounce.rebound_m_s:.3f} m/s") for bounce in analysis.bounces
+    ]
+    if rest is not None and rest.settled_step is not None:
+        lines.append((rest.settled_step, f"at rest at {rest.height_m * 1e3:.3f} mm"))
+    return sorted(lines, key=lambda event: event[0])
+
+
+def _sum(moment: Moment) -> str:
+    """Write an error as a sum on one line; terms that round to zero are left out."""
+    terms = moment.terms_m
+    total = f"{decimals(moment.error_m * 1e3, 2, '+')} mm off"
+    if terms is None:
+        return total
+    parts = [
+        f"{name} {value_m * 1e3:+.2f}"
+        for name, value_m in asdict(terms).items()
+        if abs(value_m) > 5e-6
+    ]
+    return f"{total}: {', '.join(parts)}" if parts else total
+
+
+def _millimetres(value_m: float) -> str:
+    """Write a length in mm; in powers of ten where four decimals would show zero."""
+    value = value_m * 1e3 + 0.0
+    return f"{value:+.4f}" if value == 0 or abs(value) >= 5e-5 else f"{value:+.1e}"
+
+
+def findings_markdown(analysis: Analysis | ScriptAnalysis) -> str:
+    """Return the analysis as Markdown."""
+    first = _explained(analysis) if isinstance(analysis, ScriptAnalysis) else _moments(analysis)
+    return "\n".join([*first, *_listed(analysis.findings)])
+
+
+def _explained(analysis: ScriptAnalysis) -> Iterator[str]:
+    explained = analysis.explained
+    yield (
+        f"{explained['samples']:,} of {explained['of']:,} samples of bodies without joints are "
+        "explained, step by step."
+    )
+    yield ""
+
+
+def _moments(analysis: Analysis) -> Iterator[str]:
+    for moment in analysis.at:
+        if moment.terms_m is None:
+            continue
+        yield f"## At {moment.time_s:.4g} s"
+        yield ""
+        yield "| | mm |"
+        yield "| --- | --- |"
+        for name, value_m in asdict(moment.terms_m).items():
+            yield f"| {name} | {_millimetres(value_m)} |"
+        yield f"| **simulated − free fall** | **{_millimetres(moment.error_m)}** |"
+        yield ""
+
+
+def _listed(findings: Sequence[Finding | ScriptFinding]) -> Iterator[str]:
+    """Yield the lines of the chapter on findings."""
+    yield "## Findings"
+    yield ""
+    if not findings:
+        yield "None: nothing in this recording needs a second look."
+    for finding in findings:
+        yield f"- **{finding.code}**: {finding.message}"
+        yield ""

@@ -1,0 +1,421 @@
+"""Run a script, and record everything that happens in its simulations."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import math
+import operator
+import os
+import signal
+import sys
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib import metadata
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+from drop_physics.engines.bullet import script as running
+from drop_physics.engines.bullet.script import Program
+from drop_physics.errors import ScenarioError, check_suffix
+from drop_physics.fields import all_of, shown
+from drop_physics.files.outputs import check_apart, check_target, make_folder, reserved
+from drop_physics.messages import Message
+from drop_physics.recording import schema, writer
+from drop_physics.recording.about import about_script
+from drop_physics.recording.layout import layout
+from drop_physics.recording.recorder import Recorder
+from drop_physics.seen.events import Ending
+from drop_physics.shown import Shown
+
+FOLDER = Path("recordings")
+NAMED_AFTER_S = 60.0
+"""A script without a limit that runs longer [s] may never end."""
+STOPPED = ("steps", "duration", "disk", "interrupted")
+"""How a script ended that would have gone on."""
+LARGEST_INT = 2**63 - 1
+"""The largest whole number in a recording."""
+SEEDED_CLOCK_S = 1e9
+"""The time at which the clock of a seeded script starts [s]: a morning in September 2001."""
+
+
+@dataclass(frozen=True)
+class Recorded(Shown, lines_of="drop_physics.console.show_record:record_lines"):
+    """What was recorded of a script."""
+
+    recording: Path
+    recording_id: str
+    script: str
+    """The script, or the module's name."""
+    ended: str
+    """`finished`, `steps`, `duration`, `idle` (it waited for a user), `disk` (no room left),
+    `interrupted` or `failed`."""
+    error: str
+    """The script's error in one line; empty if there was none."""
+    samples: int
+    """States of a simulation: one more than its steps."""
+    bodies: int
+    frames: int
+    """Images that the script took."""
+    bytes: int
+    wall_s: float
+    twice: bool
+    """Whether it was run a second time and compared."""
+    first_difference: int | None
+    """The first step whose state differed in the second run; None if none did."""
+
+
+def record_script(
+    target: str,
+    arguments: Sequence[str] = (),
+    *,
+    is_module: bool = False,
+    out: Path | str | None = None,
+    steps: int | None = None,
+    duration_s: float | None = None,
+    seed: int | None = None,
+    twice: bool = False,
+    python: str | None = None,
+    keep_sleeping: bool = False,
+    force: bool = False,
+    stdout: int = 1,
+    note: Callable[[str], None] = lambda _: None,
+    progress: Callable[[float, int], None] | None = None,
+) -> Recorded:
+    """Run an unchanged script without a window, and record it.
+
+    Parameters
+    ----------
+    target
+        The script's path, or a module's name.
+    arguments
+        Its arguments.
+    is_module
+        Whether it is run as `python -m` does.
+    out
+        The recording to write; None puts it into `recordings`, under the script's name.
+    steps, duration_s
+        Number of steps, and simulated time [s], after which it is stopped; None for never.
+    seed
+        The seed of `random`, `numpy.random`, and numpy's `SeedSequence`; the script's clock then
+        starts at a fixed time. None leaves them alone.
+    twice
+        Whether to run it again, with other leftovers in fresh memory, and compare every state.
+    python
+        The interpreter that runs it; None for the current one.
+    keep_sleeping
+        Whether its sleeps take time.
+    force
+        Whether an existing recording may be replaced.
+    stdout
+        File descriptor of its standard output.
+    note
+        Called with a sentence worth knowing that is not an error.
+    progress
+        Called ten times a second with the simulated time [s] and the number of steps. Without it,
+        a script without a limit that runs for a minute gets a note that says how to stop it.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such script, or a limit is out of range.
+    OutputError
+        If the recording cannot be written.
+    DropError
+        If the interpreter cannot be started.
+    """
+    began = time.perf_counter()
+    digest, arguments = _digest(target, is_module), _texts(arguments)
+    steps, duration_s, seed = checked_limits(steps, duration_s, seed)
+    interpreter = python or sys.executable
+    # A script may compute with the time of day: a second run must see the same.
+    begins_s = time.time() if seed is None else SEEDED_CLOCK_S
+    program = Program(
+        target, arguments, interpreter, is_module, steps, duration_s, keep_sleeping, seed, begins_s
+    )
+    origin: dict[str, Any] = {
+        "kind": "script",
+        "script": encodable(f"-m {target}" if is_module else Path(target).name),
+        "script_sha256": digest,
+        "arguments": [*map(encodable, arguments)] or None,
+        "seed": seed,
+        "steps": steps,
+        "duration_s": duration_s,
+        "drop_version": metadata.version("drop-physics"),
+    }
+    recording_id = uuid.uuid4().hex
+    recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, compared=twice)
+    with _target(target, out, force=force) as path:
+        if not is_module:
+            check_apart([path], inputs=[Path(target)])
+        endings: list[Ending] = []
+        endless = steps is None and duration_s is None
+        tell = progress or (_named_later(note) if endless else _silent)
+        with (
+            running.Script(program, stdout=stdout, tell=tell) as process,
+            _interrupts(process.interrupt),
+        ):
+
+            def ending() -> Ending:
+                endings.append(process.ending())
+                return endings[-1]
+
+            writer.record(
+                path,
+                recorder.chunks(
+                    process.events(), ending, lambda ended: about_script(origin, recorder, ended)
+                ),
+                recording_id=recording_id,
+                blueprint=lambda: layout(recorder.look()),
+                force=force,
+                note=note,
+                full=lambda: process.stop("disk"),
+            )
+    (ended,) = endings
+    if not recorder.samples and not process.decoder.cut_off:
+        nothing = Message(
+            "nothing was simulated: the script did not connect to PyBullet, or loaded nothing"
+        )
+        early = Message("nothing was simulated: the script ended before its first step")
+        note(early if ended.how == "failed" else nothing)
+    if process.decoder.real_time:
+        virtual = Message(
+            "the script asked for real-time simulation, which needs a window: it was stepped by a "
+            "virtual clock"
+        )
+        real = Message(
+            "the script asked for real-time simulation, which needs a window: it was stepped by "
+            "the machine's clock"
+        )
+        note(real if keep_sleeping else virtual)
+    for sentence in ended.notes:
+        note(sentence)
+    if process.decoder.unseeded:
+        note(
+            Message(
+                "unseeded random numbers are drawn by {names}; --seed 0 makes them the same in "
+                "every run",
+                names=all_of(process.decoder.unseeded),
+            )
+        )
+    made = process.decoder.steps
+    compared = twice and (made > 0 or ended.how not in ("disk", "interrupted"))
+    if twice and not compared:
+        note(Message("not run again: the first run was stopped before its first step"))
+    again = None
+    if compared:
+        # One more would be a difference, where the script ended by itself.
+        most = made if made and ended.how in STOPPED else made + 1
+        compared, again = _again(replace(program, steps=most), recorder, note, progress or _silent)
+    recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=target)
+    return replace(
+        recorded, wall_s=time.perf_counter() - began, twice=compared, first_difference=again
+    )
+
+
+def recorded_of(
+    recorder: Recorder, ended: Ending, path: Path, *, recording_id: str, name: str
+) -> Recorded:
+    """Return the result of one run of a script; the caller adds how long it took."""
+    return Recorded(
+        recording=path,
+        recording_id=recording_id,
+        script=name,
+        ended=ended.how,
+        error=ended.error,
+        samples=recorder.samples,
+        bodies=len(recorder.bodies),
+        frames=recorder.frames,
+        bytes=path.stat().st_size,
+        wall_s=0.0,
+        twice=False,
+        first_difference=None,
+    )
+
+
+def _silent(*_: object) -> None:
+    pass
+
+
+def _named_later(note: Callable[[str], None]) -> Callable[[float, int], None]:
+    """Return what is told how far a script is, and says once, after a minute, how to stop it."""
+    at = time.monotonic() + NAMED_AFTER_S
+
+    def tell(_: float, steps: int) -> None:
+        nonlocal at
+        if time.monotonic() > at:
+            at = math.inf
+            note(
+                Message(
+                    "still running after {seconds:g} s, at step {steps:,}: Ctrl-C ends the script "
+                    "and keeps the recording, --duration or --steps before it sets a limit",
+                    seconds=NAMED_AFTER_S,
+                    steps=steps,
+                )
+            )
+
+    return tell
+
+
+def _again(
+    program: Program,
+    recorder: Recorder,
+    note: Callable[[str], None],
+    tell: Callable[[float, int], None],
+) -> tuple[bool, int | None]:
+    """Run a program again; return whether it was compared, and the first step that differs."""
+    other, null = Recorder({}), os.open(os.devnull, os.O_WRONLY)
+    try:
+        again = replace(program, perturb=running.OTHER_PERTURB)
+        with (
+            running.Script(again, stdout=null, stderr=null, tell=tell) as process,
+            _interrupts(process.interrupt),
+        ):
+            for event in process.events():
+                other.take_in(event)
+    finally:
+        os.close(null)
+    if process.ending().how == "interrupted":
+        note(Message("the second run was interrupted: it cannot be compared"))
+        return False, None
+    first = recorder.first_difference(other)
+    if first is None:
+        note(Message("recorded twice: every state is the same to the bit"))
+    elif process.decoder.unseeded:
+        note(
+            Message(
+                "recorded twice: the states differ from step {step} on; the script draws unseeded "
+                "random numbers: --seed 0 shows whether that is why",
+                step=first,
+            )
+        )
+    else:
+        note(
+            Message(
+                "recorded twice: the states differ from step {step} on; the script depends on what "
+                "is not the same in every run, such as a clock, threads, files, the order of a set "
+                "or the system's random numbers, or PyBullet on fresh memory, where the second run "
+                "had other leftovers (MALLOC_PERTURB_)",
+                step=first,
+            )
+        )
+    return True, first
+
+
+def checked_limits(
+    steps: int | None, duration_s: float | None, seed: int | None
+) -> tuple[int | None, float | None, int | None]:
+    """Return the limits of a recording and its seed as Python's own numbers.
+
+    Raises
+    ------
+    ScenarioError
+        If one is of another type, or a limit that no script can reach.
+    """
+    steps, seed = _integer("--steps", steps), _integer("--seed", seed)
+    if duration_s is not None:
+        try:
+            if not isinstance(duration_s, Real) or isinstance(duration_s, bool):
+                raise TypeError
+            duration_s = float(duration_s)
+        except (TypeError, OverflowError):
+            raise ScenarioError(
+                "{option} must be {domain}, got {value}",
+                option="--duration", domain=Message("a number"), value=shown(duration_s),
+            ) from None  # fmt: skip
+    if steps is not None and not 1 <= steps <= LARGEST_INT:
+        raise ScenarioError(
+            "--steps must be at least 1 and below 2**63, got {steps}", steps=shown(steps)
+        )
+    if duration_s is not None and not 0 < duration_s < float("inf"):
+        raise ScenarioError("--duration must be above 0 s, got {duration:g}", duration=duration_s)
+    if seed is not None and abs(seed) > LARGEST_INT:
+        raise ScenarioError("--seed must be between -2**63 and 2**63, got {seed}", seed=shown(seed))
+    return steps, duration_s, seed
+
+
+def _integer(option: str, value: object) -> int | None:
+    """Return a whole number of any library as Python's."""
+    if value is None:
+        return None
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        return operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        raise ScenarioError(
+            "{option} must be {domain}, got {value}",
+            option=option, domain=Message("a whole number"), value=shown(value),
+        ) from None  # fmt: skip
+
+
+def _digest(target: str, is_module: bool) -> str | None:
+    """Return the digest of a script's text; None for a module, which is not looked up here."""
+    if is_module:
+        return None
+    try:
+        if Path(target).is_fifo():  # what is read here would be missing in the script
+            raise OSError(errno.EINVAL, "a pipe can be read only once")
+        return hashlib.sha256(Path(target).read_bytes()).hexdigest()
+    except (OSError, ValueError) as error:  # ValueError: the name has a null character
+        raise ScenarioError(
+            "the script must be a Python file, got {path!r}: {reason}; a module is run with -m",
+            path=target,
+            reason=getattr(error, "strerror", None) or str(error),
+        ) from None
+
+
+def _texts(arguments: Sequence[str]) -> list[str]:
+    """Return a script's arguments as a list of texts that a process can be given."""
+    try:
+        if isinstance(arguments, str | bytes):
+            raise TypeError
+        texts = [*map(os.fsdecode, arguments)]
+        if any("\0" in text for text in texts):
+            raise ValueError
+        for text in texts:
+            os.fsencode(text)
+    except (TypeError, ValueError):
+        raise ScenarioError(
+            "arguments must be a list of texts without null characters, got {value}",
+            value=shown(arguments),
+        ) from None
+    return texts
+
+
+def encodable(text: str) -> str:
+    """Return a text as UTF-8 can hold it: a byte that is not UTF-8 becomes U+FFFD."""
+    return text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+
+
+@contextlib.contextmanager
+def _target(target: str, out: Path | str | None, *, force: bool) -> Iterator[Path]:
+    """Yield the recording to write: the one given, or the first free name for the script."""
+    if out is not None:
+        path = Path(out)
+        check_target(path, force=force)
+        check_suffix("--out", path, (".rrd",))
+        yield path
+        return
+    make_folder(FOLDER, "--out")
+    stem = Path(target).stem if target.endswith(".py") else Path(target).name
+    with reserved(FOLDER, stem) as path:
+        yield path
+
+
+@contextlib.contextmanager
+def _interrupts(then: Callable[[], None]) -> Iterator[None]:
+    """Have Ctrl-C end the script but not this process, which completes the recording."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, lambda *_: then())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

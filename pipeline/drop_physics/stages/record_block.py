@@ -1,0 +1,163 @@
+"""Record what a block of Python does with PyBullet, in notebooks and tests.
+
+    with record("run.rrd"):
+        ...
+
+A separate process writes the recording, so that it is complete even if this one crashes. Functions
+imported from pybullet by name before the block (`from pybullet import stepSimulation`) are not
+seen; nothing is patched outside the block.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from drop_physics.engines.bullet.script import BlockListener, shared_block
+from drop_physics.engines.bullet.watching import ending, start
+from drop_physics.engines.bullet.watching.hooks import Stop
+from drop_physics.errors import DropError, OutputError, check_suffix
+from drop_physics.files.outputs import check_target
+from drop_physics.recording import schema, writer
+from drop_physics.recording.about import about_script
+from drop_physics.recording.layout import layout
+from drop_physics.recording.recorder import Recorder
+from drop_physics.stages.record import Recorded, checked_limits, recorded_of
+from drop_physics.workers import module_path
+
+BLOCK = "a block of Python"
+"""Recorded where a script has its name."""
+
+
+class Block:
+    """A block that is being recorded; `recorded` is the result, once it has ended."""
+
+    recorded: Recorded | None = None
+
+
+@contextmanager
+def record(
+    out: Path | str,
+    *,
+    steps: int | None = None,
+    duration_s: float | None = None,
+    seed: int | None = None,
+    keep_sleeping: bool = False,
+    force: bool = False,
+) -> Iterator[Block]:
+    """Record what a `with` block does with PyBullet, as `drop record` does for a script.
+
+    Parameters
+    ----------
+    out
+        The recording to write.
+    steps, duration_s
+        Number of steps, and simulated time [s], after which the block is left; None for never.
+    seed
+        The seed of `random`, `numpy.random`, and numpy's `SeedSequence`; None leaves them alone.
+    keep_sleeping
+        Whether the block's sleeps take time.
+    force
+        Whether an existing recording may be replaced.
+
+    Raises
+    ------
+    ScenarioError
+        If a limit is not above 0.
+    OutputError
+        If the recording cannot be written.
+    """
+    path, block = Path(out), Block()
+    check_target(path, force=force)
+    check_suffix("out", path, (".rrd",))
+    steps, duration_s, seed = checked_limits(steps, duration_s, seed)
+    with shared_block() as memory:
+        reading, writing = os.pipe()
+        request = {
+            "reading": reading,
+            "block": memory.fileno(),
+            "process": os.getpid(),
+            "out": str(path),
+            "force": force,
+        }
+        with subprocess.Popen(
+            [sys.executable, "-P", "-m", __name__, json.dumps(request)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            pass_fds=(reading, memory.fileno()),
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(module_path())},
+        ) as recorder:
+            os.close(reading)
+            watch = start.watch(
+                writing, os.dup(memory.fileno()), steps=steps, duration_s=duration_s,
+                keep_sleeping=keep_sleeping, seed=seed,
+            )  # fmt: skip
+            how, error = "finished", ""
+            try:
+                yield block
+            except Stop:
+                how = "stopped"
+            except BaseException as failure:
+                how, error = "failed", ending.in_one_line(failure)
+                raise
+            finally:
+                ending.end(watch, how, error)
+                watch.remove()
+                watch.pipe.close()
+                assert recorder.stdout is not None
+                answer = recorder.stdout.read()
+    if not answer:
+        raise OutputError(
+            "{path} was not written: the process that writes the recording ended", path=path
+        )
+    result: dict[str, Any] = json.loads(answer)
+    if "recording" not in result:
+        raise OutputError("{error}", error=result["error"])
+    block.recorded = replace(Recorded(**result), recording=path)
+
+
+def _record(request: dict[str, Any]) -> dict[str, Any]:
+    """Record what comes through a pipe, and return the result."""
+    began = time.perf_counter()
+    path, recording_id = Path(request["out"]), uuid.uuid4().hex
+    origin = {
+        "kind": "script",
+        "script": BLOCK,
+        "drop_version": metadata.version("drop-physics"),
+    }
+    recorder = Recorder({schema.ORIGIN_PROPERTY: origin})
+    listener = BlockListener(request["reading"], request["block"], process=request["process"])
+    writer.record(
+        path,
+        recorder.chunks(
+            listener.events(),
+            listener.ending,
+            lambda ended: about_script(origin, recorder, ended),
+        ),
+        recording_id=recording_id,
+        blueprint=lambda: layout(recorder.look()),
+        force=request["force"],
+    )
+    recorded = recorded_of(recorder, listener.ending(), path, recording_id=recording_id, name=BLOCK)
+    wall_s = time.perf_counter() - began
+    return asdict(recorded) | {"recording": str(path), "wall_s": wall_s}
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the block handles it, ends, and is recorded
+    try:
+        answer = _record(json.loads(sys.argv[1]))
+    except DropError as failure:
+        answer = {"error": "; ".join([failure.in_options, *getattr(failure, "__notes__", [])])}
+    print(json.dumps(answer))

@@ -1,0 +1,168 @@
+"""A world's fall as the chunks of a recording, for `simulate` and each run of a sweep."""
+
+from __future__ import annotations
+
+import functools
+import platform
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drop_physics import colours
+from drop_physics.engines.bullet.camera_frames import Photographer
+from drop_physics.engines.bullet.engine import engine_versions
+from drop_physics.engines.bullet.visible_world import world_from_camera
+from drop_physics.engines.bullet.world import World
+from drop_physics.engines.other_world import OtherWorld
+from drop_physics.laws import theory
+from drop_physics.laws.lookup import fall_of
+from drop_physics.messages import Message
+from drop_physics.recording import schema
+from drop_physics.recording.about import about_drop
+from drop_physics.recording.falling import Falling, Photography, Progress
+from drop_physics.recording.recorder import Recorder
+from drop_physics.recording.writer import Chunk
+from drop_physics.report import EngineReport
+from drop_physics.seen.events import (
+    Appearance,
+    At,
+    Body,
+    Dynamics,
+    Ending,
+    Event,
+    Samples,
+    Settings,
+    Shape,
+)
+from drop_physics.seen.poses import MOTION
+from drop_physics.states import BASE, BODY, BODY_LABEL, FLOOR, FLOOR_LABEL, Batch, Float64
+
+BATCH = 8192
+"""Samples in one chunk of a recording: the most that a killed run loses. Longer chunks take memory
+while they are packed, shorter ones for the index at the end of the file."""
+FLOOR_M, FLOOR_RGBA = (1.5, 1.5, 0.01), (0.54, 0.58, 0.63, 1.0)
+"""The part of the floor that is drawn."""
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+ORIGIN = np.array([[0.0, 0.0, 0.0, *UPRIGHT]])
+
+
+def recorded(
+    world: World | OtherWorld, photographer: Photographer | None, batch: int, progress: Progress
+) -> Iterator[Chunk]:
+    """Let the body of a world fall, and yield the chunks of its recording."""
+    scenario, photography, gl_renderer = world.scenario, None, None
+    if photographer is not None:
+        photography = Photography(photographer.camera, photographer.draw, world_from_camera)
+        gl_renderer = photographer.gl_renderer
+    fall = fall_of(scenario)
+    floor_m = world.rest_height_m if scenario.floor else None
+
+    def theory_m(time_s: Float64) -> tuple[Float64, Float64]:
+        """Return the heights of both theories, which stop at the floor."""
+        return (
+            theory.stopped_by_floor(theory.free_fall_height(fall, time_s), floor_m),
+            theory.stopped_by_floor(theory.damped_fall_height(fall, time_s), floor_m),
+        )
+
+    engine = made_with(world, gl_renderer=gl_renderer)
+    camera = None if photographer is None else photographer.camera
+    inputs = {
+        schema.SCENARIO_PROPERTY: asdict(scenario),
+        schema.ENGINE_PROPERTY: engine.as_properties(),
+    }
+    if camera is not None:
+        inputs[schema.CAMERA_PROPERTY] = asdict(camera)
+    recorder = Recorder(inputs, of_drop=True)
+    falling = Falling(scenario, theory_m, photography, progress)
+
+    def events() -> Iterator[Event]:
+        yield from bodies_of(world, engine)
+        done = 0
+        for each in world.samples(batch):
+            yield samples_of(each, scenario.timestep_s)
+            done += len(each.base)
+            progress(Message("stepping"), done, scenario.steps + 1)
+
+    return recorder.chunks(
+        events(),
+        lambda: Ending("finished"),
+        lambda _: about_drop(scenario, camera, engine),
+        falling,
+    )
+
+
+def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event]:
+    """Yield what falls, on what, and the engine's settings."""
+    at, scenario = At(0, 0.0, 0), world.scenario
+    joints = world.joints if isinstance(world, World) else ()
+    rgb = bytes.fromhex(colours.ENGINES[scenario.engine].removeprefix("#"))
+    shape = Shape(
+        BASE, "box", tuple((2 * world.half_size_m).tolist()), "", (0.0, 0.0, 0.0), UPRIGHT,
+        (*(channel / 255 for channel in rgb), 1.0),
+    )  # fmt: skip
+    links = (engine.body_name, *(joint.name for joint in joints))
+    body = Body(
+        BODY, BODY_LABEL, Path(scenario.body).name, BODY, 0, links, joints,
+        tuple(range(BASE, len(joints))), soft=False, shapes=(shape,),
+    )  # fmt: skip
+    yield Settings(
+        at, 0,
+        {
+            "fixedTimeStep": engine.timestep_s, "numSubSteps": engine.substeps,
+            **{f"gravityAcceleration{axis}": value
+               for axis, value in zip("XYZ", engine.gravity_m_s2, strict=True)},
+        },
+    )  # fmt: skip
+    yield Appearance(at, body, there=True, came=True)
+    frames = world.inertial_frames if isinstance(world, World) else ORIGIN
+    yield Dynamics(
+        at, body,
+        {
+            "mass_kg": np.array(engine.link_masses_kg),
+            "inertia_kg_m2": np.reshape(engine.link_inertias_kg_m2, (-1, 3)),
+            "inertial_position_m": frames[:, :3], "inertial_orientation": frames[:, 3:],
+        },
+    )  # fmt: skip
+    if scenario.floor:
+        plane = Shape(BASE, "box", FLOOR_M, "", (0.0, 0.0, -FLOOR_M[2] / 2), UPRIGHT, FLOOR_RGBA)
+        floor = Body(FLOOR, FLOOR_LABEL, "plane.urdf", FLOOR, 0, ("base",), (), (), soft=False,
+            shapes=(plane,))  # fmt: skip
+        yield Appearance(at, floor, there=True, came=True)
+
+
+def samples_of(batch: Batch, timestep_s: float) -> Samples:
+    """Return a world's samples as an observer sees them."""
+    base = batch.base
+    steps = base["step"].copy()
+    return Samples(
+        client=0,
+        steps=steps,
+        times_s=np.asarray(steps * timestep_s, dtype=np.float64),
+        call=0,
+        bases={BODY: np.hstack([base[name] for name in MOTION])},
+        joints={} if batch.joints is None else {BODY: batch.joints},
+        contacts=batch.contacts,
+        constraints={},
+    )
+
+
+def made_with(world: World | OtherWorld, *, gl_renderer: str | None = None) -> EngineReport:
+    """Return what a world reports, with the versions of everything involved in a recording."""
+    versions: dict[str, Any] = engine_versions() | library_versions()
+    return replace(world.report(), gl_renderer=gl_renderer or None, **versions)
+
+
+@functools.cache
+def library_versions() -> dict[str, str]:
+    """Return the versions of the libraries involved in a recording, and the machine's kind."""
+    return {
+        "drop_version": metadata.version("drop-physics"),
+        "numpy_version": metadata.version("numpy"),
+        "rerun_version": metadata.version("rerun-sdk"),
+        "python_version": platform.python_version(),
+        "machine": platform.machine(),
+    }

@@ -1,0 +1,76 @@
+"""The three stages in a row, with the recording passed from one to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drop_physics.figures.playback import EVERY_FRAME, Animation
+from drop_physics.files.outputs import make_folder, reserved
+from drop_physics.scenario import STANDARD_CAMERA, Camera, Scenario
+from drop_physics.shown import Shown
+from drop_physics.workers import Worker
+
+if TYPE_CHECKING:
+    from drop_physics.analysis.drop.results import Analysis
+    from drop_physics.recording.falling import Progress
+    from drop_physics.stages.render import Rendering
+    from drop_physics.stages.simulate import Simulation
+
+_DERIVED = (".analysis.rrd", ".gif", ".png")
+"""The endings of the files that analyze and render write beside a recording."""
+
+
+@dataclass(frozen=True)
+class Run(Shown, lines_of="drop_physics.console.show_run:run_lines"):
+    """The results of the three stages."""
+
+    simulation: Simulation
+    analysis: Analysis
+    rendering: Rendering
+
+
+def run(
+    scenario: Scenario,
+    out_dir: Path | str = "recordings",
+    *,
+    camera: Camera | None = STANDARD_CAMERA,
+    at_s: Sequence[float] = (),
+    animation: Animation = EVERY_FRAME,
+    dark: bool = False,
+    note: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda *_: None,
+) -> Run:
+    """Simulate, analyze and render into a folder; more runs there, even concurrent, are numbered.
+
+    Another process draws the frames and the plot, while the stages load and run.
+
+    Raises
+    ------
+    ScenarioError
+        If the body, a time, the frame rate or the speed cannot be used.
+    OutputError
+        If the folder or a file cannot be written.
+    """
+    make_folder(Path(out_dir), "--out-dir")
+    free = reserved(Path(out_dir), "run", also=_DERIVED)
+    with free as path, Worker() as assistant:
+        if camera is not None:
+            assistant.ask("drop_physics.engines.bullet.camera_frames:draw_ahead", scenario, camera)
+        assistant.load("drop_physics.figures.plot", "polars")
+        from drop_physics.analysis.drop.results import Analysis
+        from drop_physics.stages.analyze import analyze
+        from drop_physics.stages.render import render
+        from drop_physics.stages.simulate import simulate
+
+        simulation = simulate(
+            scenario, path, camera=camera, note=note, progress=progress, assistant=assistant
+        )
+        analysis = analyze(path, at_s=at_s, progress=progress)
+        rendering = render(
+            path, animation=animation, dark=dark, progress=progress, assistant=assistant
+        )
+    assert isinstance(analysis, Analysis)  # of a drop
+    return Run(simulation, analysis, rendering)

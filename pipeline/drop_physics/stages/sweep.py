@@ -1,0 +1,454 @@
+"""Run many scenarios, and show how the error behaves, by timestep or at random."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+import platform
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import polars as pl
+
+from drop_physics import colours
+from drop_physics.analysis.drop.one_sample import DEFAULT_AT_S
+from drop_physics.analysis.general.statistics import Moments
+from drop_physics.engines.bullet.engine import body_digest, engine_versions, find_body
+from drop_physics.engines.bullet.probe import verdicts
+from drop_physics.engines.other_world import other_versions
+from drop_physics.errors import DropError, OutputError, ScenarioError
+from drop_physics.fields import counted
+from drop_physics.files.outputs import check_apart, check_room, check_target
+from drop_physics.files.whole import written_whole
+from drop_physics.messages import Message
+from drop_physics.scenario import ENGINES, Camera, Scenario
+from drop_physics.shown import Shown
+from drop_physics.stages.sweep_groups import Group, statistics_of, studies_of
+from drop_physics.stages.sweep_shard import RunShard, ShardDone, release_world
+from drop_physics.sweeping import engines
+from drop_physics.sweeping.folder import TERMS, Folder, mark_of
+from drop_physics.sweeping.plan import Plan, label_of, name_of, plan_of
+from drop_physics.workers import cores
+
+if TYPE_CHECKING:
+    from drop_physics.stages.sweep_engines import EngineRun, Fall
+
+MOST_RUNS = 30
+"""A sweep over engines of more runs does not drop them again to compare the engines."""
+SHORT_STEPS = 200_000
+"""A sweep of fewer steps is over before a second process would have started."""
+LEAST_SAMPLES = 30
+"""Of fewer, `--until-ci` would stop at a chance: checked after each, 95 % intervals then cover the
+mean of a uniform distribution in 83 to 92 % of all sweeps, and from 30 on in 94 to 95 %."""
+LEAST_BYTES = 50_000
+"""Minimum size of a run's recording: one of 13 samples has 75 kB."""
+
+Progress = Callable[[int, int, int], None]
+"""Called with the number of runs that are done, of those that failed, and of all."""
+
+
+@dataclass(frozen=True)
+class Sweep(Shown, lines_of="drop_physics.console.show_sweep:sweep_lines"):
+    """The results of a sweep."""
+
+    plan: Plan
+    at_s: float
+    runs: int
+    failed: int
+    computed: int
+    """Runs of this call; the others were already there."""
+    results: Path
+    """One Parquet file, a row per run."""
+    plot: Path | None
+    studies: list[Group]
+    """One for each set of scenarios that differ in the timestep only."""
+    statistics: list[Group]
+    """One for each scenario that is sampled."""
+    narrow_enough: bool | None
+    """Whether `until_ci_m` was reached; None if it was not given."""
+    at_samples: bool = True
+    """Whether every run has a sample at `at_s`; if not, the nearest one counts."""
+    engine_runs: Sequence[EngineRun] = ()
+    """What each run did beyond its error, where engines are compared or the body spins."""
+
+    @property
+    def axes(self) -> list[tuple[str, str]]:
+        """Fields that have more than one value, with their names."""
+        return [(field, name_of(field)) for field in self.plan.axes]
+
+    def written(self, field: str, value: object) -> str:
+        """Return a field's value as it is displayed."""
+        return Scenario.options()[field].written(value)
+
+    def table(self, most: int | None = None) -> pl.DataFrame:
+        """Return the results, a row per run, or the first of them."""
+        return pl.read_parquet(self.results, n_rows=most)
+
+    def first_failure(self) -> dict[str, Any]:
+        """Return the first row that has an error."""
+        rows = pl.scan_parquet(self.results).filter(pl.col("error").is_not_null())
+        return rows.first().collect().row(0, named=True)
+
+
+def sweep(
+    plan: Plan | Mapping[str, Any],
+    out: Path | str,
+    *,
+    at_s: float = DEFAULT_AT_S,
+    record: bool = True,
+    camera: Camera | None = None,
+    jobs: int | None = None,
+    ray: str | None = None,
+    until_ci_m: float | None = None,
+    plot: Path | str | None = None,
+    dark: bool = False,
+    force: bool = False,
+    progress: Progress = lambda *_: None,
+) -> Sweep:
+    """Run the scenarios of a plan that are not yet in the folder.
+
+    Parameters
+    ----------
+    plan
+        Which scenarios: lists of values by field of `Scenario`, as {"timestep_s": [1/240, 1/480]},
+        or a plan, which `plan_of` makes of lists and of what is drawn.
+    out
+        The folder for results and recordings; created if missing. The same plan resumes in it,
+        another plan is rejected.
+    at_s
+        Time at which to break the error down [s].
+    record
+        Whether each run's recording is kept.
+    camera
+        How to take frames of the recorded falls, or None for no frames.
+    jobs
+        Processes on this machine; None for one per core where that pays off.
+    ray
+        Address of a Ray cluster to run on instead, `auto`, or `local`.
+    until_ci_m
+        Stop sampling when the 95 % confidence interval of the mean error is this narrow [m], over
+        the samples in the air, or over all if none is; not before there are `LEAST_SAMPLES`, nor
+        while all are equal.
+    plot
+        A `.png` or `.svg` file for the plot of errors over the timestep, or None.
+    dark
+        Whether the plot is for a dark page.
+    force
+        Whether files that this sweep did not write may be replaced: the plot, and files with the
+        name of a part, a recording or the results.
+    progress
+        Called while it runs.
+
+    Raises
+    ------
+    ScenarioError
+        If the options cannot be combined.
+    OutputError
+        If the folder holds another sweep, or files with this sweep's names that it did not write,
+        or cannot be written.
+    DropError
+        If all runs fail, workers die repeatedly, or Ray does not answer.
+    """
+    if not isinstance(plan, Plan):
+        plan = plan_of(plan)
+    _check(plan, until_ci_m=until_ci_m, jobs=jobs, at_s=at_s)
+    bodies = _bodies(plan)
+    if plot is not None:
+        from drop_physics.figures.convergence_plot import check_plot
+
+        timesteps = len(dict(plan.lists).get("timestep_s", ()))
+        check_plot(Path(plot), timesteps=timesteps, engines="engine" in plan.axes)
+        check_target(Path(plot), force=force)
+        check_apart([Path(plot)], inputs=bodies)
+    work = RunShard(plan, Path(out).resolve(), at_s, record, camera, verdicts(), force=force)
+    identity = _identity(work)
+    work = replace(work, mark=mark_of(identity))
+    folder = Folder(Path(out), work.mark)
+    with folder.claimed(identity):
+        if not force:
+            folder.check_replaceable(plan, recorded=record)
+        before = _done(folder, plan, force=force)
+        if record and until_ci_m is None:
+            runs = plan.runs - sum(len(plan.runs_of(shard)) for shard in before)
+            check_room(folder.path / "recordings", runs * LEAST_BYTES)
+        ledger = _Ledger(plan, dict(before), until_ci_m, progress)
+        left = (shard for shard in range(plan.shards) if shard not in before)
+        # Shards under way are finished, and discarded below: a worker leaves nothing half written.
+        todo = itertools.takewhile(lambda _: ledger.needed is None, left)
+        try:
+            if ledger.needed is None:
+                # Closing it also ends the workers.
+                with contextlib.closing(_engine(work, todo, jobs=jobs, ray=ray)) as finished:
+                    for shard, done in finished:
+                        ledger.enter(shard, done)
+        except BaseException as stop:
+            stop.add_note(
+                Message(
+                    "{done:,} of {runs} done in {folder}; run the same command again to resume",
+                    done=sum(len(plan.runs_of(shard)) for shard in folder.finished()),
+                    runs=counted(plan.runs, "run"),
+                    folder=folder.path,
+                )
+            )
+            raise
+        finally:
+            release_world()
+        shards = plan.shards if ledger.needed is None else ledger.needed
+        # What an earlier command finished stays, though this one needs less.
+        for shard in folder.finished() - set(range(shards)) - set(before):
+            folder.discard(plan, shard)
+        results = folder.merge(shards)
+        kept = [ledger.done[shard] for shard in range(shards)]
+        runs, failed = sum(shard.runs for shard in kept), sum(shard.failed for shard in kept)
+        if failed == runs:
+            error = results.select("error").first().collect().item()
+            if runs == 1:
+                raise DropError("the run failed with: {error}", error=error)
+            raise DropError(
+                "all {runs:,} runs failed, the first with: {error}", runs=runs, error=error
+            )
+        studies, falls = studies_of(plan, results), _falls(plan, results)
+        at_samples = _at_samples(results, at_s)
+        if plot is not None and "timestep_s" not in plan.axes:
+            _plot_engines(Path(plot), plan, falls, dark=dark, force=force)
+        elif plot is not None:
+            title = Message("The error after {at:g} s, by timestep", at=at_s)
+            if not at_samples:
+                title = Message(
+                    "The error at the samples nearest to {at:g} s, by timestep", at=at_s
+                )
+            _plot(Path(plot), studies, title, dark=dark, force=force)
+    return Sweep(
+        plan=plan,
+        at_s=at_s,
+        runs=runs,
+        failed=failed,
+        computed=sum(ledger.done[shard].runs for shard in set(range(shards)) - set(before)),
+        results=folder.results,
+        plot=None if plot is None else Path(plot),
+        studies=studies,
+        statistics=statistics_of(plan, results),
+        at_samples=at_samples,
+        engine_runs=[fall.run for fall in falls],
+        narrow_enough=None if until_ci_m is None else ledger.narrow,
+    )
+
+
+def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: float) -> None:
+    if until_ci_m is not None:
+        if not 0 < until_ci_m < math.inf:
+            raise ScenarioError(
+                "--until-ci must be finite and above 0 m, got {width:g}", width=until_ci_m
+            )
+        if plan.samples is None or plan.axes:
+            raise ScenarioError("--until-ci takes one scenario with --samples, and no lists")
+        if plan.samples < LEAST_SAMPLES:
+            raise ScenarioError(
+                "--until-ci needs at least {least} --samples, got {samples}",
+                least=LEAST_SAMPLES,
+                samples=plan.samples,
+            )
+    if jobs is not None and jobs < 1:
+        raise ScenarioError("--jobs must be at least 1, got {jobs}", jobs=jobs)
+    if not 0 <= at_s < math.inf:
+        raise ScenarioError("--at must be finite and at least 0 s, got {time:g}", time=at_s)
+
+
+def _done(folder: Folder, plan: Plan, *, force: bool) -> dict[int, ShardDone]:
+    """Return the shards that are done; those whose recordings are gone are done again.
+
+    With `force`, so are those that cannot be read.
+
+    Raises
+    ------
+    OutputError
+        If a part is not what this sweep wrote there, and `force` is not given.
+    """
+    done = {}
+    for shard in sorted(folder.finished()):
+        try:
+            rows = folder.read(shard)
+            if not folder.lacks_recording(plan, rows):
+                done[shard] = ShardDone.of(rows)
+        except OutputError:
+            if not force:
+                raise
+    return done
+
+
+def _bodies(plan: Plan) -> list[Path]:
+    """Return the files of the bodies that can be loaded; each is tried once."""
+    files = []
+    for body in plan.bodies:
+        with contextlib.suppress(ScenarioError):
+            files.append(find_body(body))
+    return files
+
+
+def _identity(work: RunShard) -> dict[str, Any]:
+    """Return everything that determines the rows: results of different sweeps must not mix."""
+    return {
+        "lists": {name: list(values) for name, values in work.plan.lists},
+        "vary": [asdict(variation) for variation in work.plan.variations],
+        "samples": work.plan.samples,
+        "seed": work.plan.seed,
+        "bodies": {body: body_digest(body) for body in work.plan.bodies},
+        "at_s": work.at_s,
+        "recorded": work.recorded,
+        "camera": None if work.camera is None else asdict(work.camera),
+        "made_with": {
+            **engine_versions(),
+            **other_versions(work.plan.engines),
+            "drop_version": metadata.version("drop-physics"),
+            "numpy_version": metadata.version("numpy"),
+            "machine": platform.machine(),
+        },
+    }
+
+
+def _at_samples(results: pl.LazyFrame, at_s: float) -> bool:
+    """Return whether every run that did not fail has a sample at that time."""
+    apart_s = (pl.col("time_s") - at_s).abs().max()
+    return bool(results.select(apart_s.fill_null(0) <= 1e-9 * at_s).collect().item())
+
+
+def _engine(
+    work: RunShard, todo: Iterator[int], *, jobs: int | None, ray: str | None
+) -> Generator[tuple[int, ShardDone]]:
+    if ray is not None:
+        return engines.on_ray(work, todo, address=ray)
+    plan = work.plan
+    if jobs is None:
+        try:
+            steps = plan.runs * Scenario(**plan.values(0)).steps
+        except ScenarioError:
+            steps = plan.runs
+        jobs = 1 if steps < SHORT_STEPS else cores()
+    jobs = min(jobs, plan.shards)
+    if jobs == 1:
+        return engines.in_this_process(work, todo)
+    return engines.in_processes(work, todo, jobs=jobs)
+
+
+class _Ledger:
+    """Which shards are done, and whether they are enough.
+
+    Shards finish in any order. Only the first ones without a gap decide whether they are enough, so
+    that the answer is the same for any number of workers.
+    """
+
+    def __init__(
+        self, plan: Plan, done: dict[int, ShardDone], until_ci_m: float | None, progress: Progress
+    ) -> None:
+        self.done = done
+        self.needed: int | None = None
+        """How many shards are enough; None if that is not known yet, or all are needed."""
+        self.narrow = False
+        """Whether the interval is narrow enough after the shards followed so far."""
+        self.runs = sum(shard.runs for shard in done.values())
+        self.failed = sum(shard.failed for shard in done.values())
+        self._total, self._until_ci_m, self._progress = plan.runs, until_ci_m, progress
+        self._followed, self._errors, self._explained = 0, Moments(), Moments()
+        self._follow()
+
+    def enter(self, shard: int, done: ShardDone) -> None:
+        """Add a shard."""
+        self.done[shard] = done
+        self.runs += done.runs
+        self.failed += done.failed
+        self._follow()
+
+    def _follow(self) -> None:
+        self._progress(self.runs, self.failed, self._total)
+        while self.needed is None and self._until_ci_m is not None and self._followed in self.done:
+            done = self.done[self._followed]
+            self._errors = self._errors.merged(done.error_m)
+            self._explained = self._explained.merged(done.explained_m)
+            self._followed += 1
+            # Over the same samples as the statistics.
+            samples = self._explained if self._explained.count else self._errors
+            if samples.count < LEAST_SAMPLES or (interval := samples.interval) is None:
+                continue
+            # Equal samples do not say how much the next one differs.
+            self.narrow = interval[1] - interval[0] <= self._until_ci_m
+            if self.narrow and samples.squares > 0:
+                self.needed = self._followed
+
+
+def _falls(plan: Plan, results: pl.LazyFrame) -> list[Fall]:
+    """Return what each run does beyond its error, in sweeps over engines or of spinning bodies."""
+    spins = "spin_rad_s" in dict(plan.lists)
+    if plan.samples is not None or plan.runs > MOST_RUNS or not ("engine" in plan.axes or spins):
+        return []
+    from drop_physics.stages.sweep_engines import engine_falls
+
+    return engine_falls(plan, results)
+
+
+def _plot_engines(path: Path, plan: Plan, falls: list[Fall], *, dark: bool, force: bool) -> None:
+    from drop_physics.figures.engines_plot import Curve, plot_engines
+
+    if not falls:
+        raise DropError(
+            "--plot has nothing to show: engines are compared in sweeps of up to {most} runs "
+            "without --samples",
+            most=MOST_RUNS,
+        )
+    curves = [
+        Curve(
+            label=_short_label(plan, fall.run.run),
+            colour=colours.ENGINES[fall.run.engine],
+            time_s=np.arange(len(fall.height_m)) * np.float64(fall.run.timestep_s),
+            height_m=fall.height_m,
+            floor_height_m=fall.floor_height_m,
+        )
+        for fall in falls
+    ]
+    with written_whole(path, force=force) as file:
+        plot_engines(curves, file, format="svg" if path.suffix == ".svg" else "png", dark=dark)
+
+
+def _short_label(plan: Plan, run: int) -> str:
+    """Return an engine's name, and the other values that differ."""
+    values = plan.values(run)
+    others = {name: values[name] for name in plan.axes if name != "engine"}
+    name = ENGINES[values["engine"]]
+    return f"{name}, {label_of(others)}" if others else name
+
+
+def _plot(path: Path, studies: list[Group], title: str, *, dark: bool, force: bool) -> None:
+    from drop_physics.figures.convergence_plot import Panel, plot_convergence
+
+    if not studies:
+        raise DropError(
+            "--plot has nothing to show: the error is broken down for fewer than two timesteps at "
+            "one time; try another --at",
+        )
+    panels = [
+        Panel(
+            title=group.label or Message("all else at its default"),
+            timesteps_s=np.array([run.timestep_s for run in group.study.runs]),
+            errors_m={
+                name.removesuffix("_m").replace("error", "total"): np.array(
+                    [getattr(run, name) for run in group.study.runs]
+                )
+                for name in TERMS
+            },
+            cancelling_timestep_s=group.study.cancelling_timestep_s,
+        )
+        for group in studies
+        if group.study is not None
+    ]
+    with written_whole(path, force=force) as file:
+        plot_convergence(
+            panels,
+            file,
+            format="svg" if path.suffix == ".svg" else "png",
+            title=title,
+            dark=dark,
+        )

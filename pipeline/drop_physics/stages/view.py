@@ -1,0 +1,194 @@
+"""Open recordings in Rerun's viewer, each with its analysis if there is one."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from drop_physics import colours
+from drop_physics.analysis.drop.one_sample import DEFAULT_AT_S
+from drop_physics.errors import ScenarioError
+from drop_physics.recording import viewer
+from drop_physics.recording.contents import is_script
+from drop_physics.recording.layer import layer_of
+from drop_physics.recording.layout import layout, look_of_drop
+from drop_physics.recording.other_layer import Style, write_other_layer
+from drop_physics.recording.reader import read, recording_id
+from drop_physics.recording.viewer import Viewer
+from drop_physics.scenario import ENGINES, Engine, Scenario
+from drop_physics.shown import Shown
+from drop_physics.stages.check import check
+
+
+@dataclass(frozen=True)
+class View(Shown, lines_of="drop_physics.console.show_view:view_lines"):
+    """What the viewer shows, and how it is started."""
+
+    recordings: list[Path]
+    layers: list[Path]
+    stale: list[Path]
+    """Layers of another recording that had this name; they are not shown."""
+    viewer: Viewer
+    golden: Path | None = None
+    """The golden recording, shown in grey."""
+    same: bool | None = None
+    """Whether the two are the same physics; None without a golden recording."""
+    first_difference: int | None = None
+    """The first step at which a number or a picture differs; None if none does."""
+    not_compared: tuple[str, ...] = ()
+    """Bodies whose motion is not recorded; with one, the two are not the same physics."""
+
+
+@contextmanager
+def view(
+    recordings: Sequence[Path | str], *, against: Path | str | None = None, web: bool = False
+) -> Iterator[View]:
+    """Yield what the viewer shows of some recordings; its files exist until the block ends.
+
+    Recordings of the same drop in different engines are shown as one, with a colour per engine.
+
+    Parameters
+    ----------
+    recordings
+        The recordings to show.
+    against
+        A golden recording to show in grey beside the only one, at the first difference.
+    web
+        Whether to show them in a browser.
+
+    Raises
+    ------
+    RecordingError
+        If one is missing or not one of ours, or `against` is of another kind.
+    ScenarioError
+        If there is more than one to show beside a golden one.
+    ViewerError
+        If there is no screen.
+    """
+    paths = list(dict.fromkeys(map(Path, recordings)))
+    if against is not None and len(recordings) > 1:
+        raise ScenarioError("--against takes one recording to compare, got {n}", n=len(recordings))
+    with tempfile.TemporaryDirectory(prefix="drop-") as folder:
+        if against is not None:
+            yield _with_golden(paths[0], Path(against), Path(folder), web=web)
+        elif scenarios := _of_one_drop(paths):
+            yield _of_engines(scenarios, Path(folder), web=web)
+        else:
+            yield _view(paths, web=web)
+
+
+def _view(paths: Sequence[Path], *, web: bool, more: Sequence[Path] = ()) -> View:
+    """Find the layers of recordings, and the viewer to show them in, with `more` layers."""
+    ids = {path: recording_id(path) for path in paths}
+    beside = {layer_of(path): path for path in paths if layer_of(path).is_file()}
+    beside = {layer: path for layer, path in beside.items() if layer not in paths}
+    layers = [layer for layer, path in beside.items() if recording_id(layer) == ids[path]]
+    stale = [layer for layer in beside if layer not in layers]
+    return View([*paths], layers, stale, viewer.viewer([*paths, *layers, *more], web=web))
+
+
+# -- beside a golden recording ---------------------------------------------------------------------
+
+
+def _with_golden(path: Path, golden: Path, folder: Path, *, web: bool) -> View:
+    checked = check(path, golden)
+    layer = folder / "golden.rrd"
+    shown = _view([path], web=web, more=[layer])
+    write_other_layer(layer, golden, recording_id=recording_id(path), labels=_moving(golden))
+    return replace(
+        shown,
+        golden=golden,
+        same=checked.same,
+        first_difference=None if checked.first is None else checked.first.step,
+        not_compared=tuple(checked.not_compared),
+    )
+
+
+def _moving(golden: Path) -> Collection[str] | None:
+    """Return the labels of the bodies that can move: the others would hide their counterparts."""
+    recording = read(golden)
+    if recording.drop is not None:
+        return None
+    return [body.label for body in recording.seen.bodies.values() if body.moving]
+
+
+# -- of one drop in several engines ----------------------------------------------------------------
+
+
+def _of_engines(scenarios: dict[Path, Scenario], folder: Path, *, web: bool) -> View:
+    first, *others = scenarios
+    layers = {path: folder / f"{number}.rrd" for number, path in enumerate(others)}
+    shown = _view([first], web=web, more=[*layers.values()])
+    for path, layer in layers.items():
+        engine = scenarios[path].engine
+        write_other_layer(
+            layer,
+            path,
+            recording_id=recording_id(first),
+            style=Style(ENGINES[engine], colours.ENGINES[engine]),
+            blueprint=layout(look_of_drop(scenarios[first].height_m, None)),
+        )
+    return replace(shown, recordings=[*scenarios])
+
+
+def _of_one_drop(paths: Sequence[Path]) -> dict[Path, Scenario] | None:
+    """Return the scenarios of recordings that differ only in the engine; None for others."""
+    if len(paths) < 2 or any(map(is_script, paths)):
+        return None
+    scenarios = {path: read(path).scenario for path in paths}
+    engines: set[Engine] = {scenario.engine for scenario in scenarios.values()}
+    first, *others = (
+        {k: v for k, v in asdict(scenario).items() if k not in ("engine", "integrator")}
+        for scenario in scenarios.values()
+    )
+    alike = all(settings == first for settings in others)
+    return scenarios if alike and len(engines) == len(paths) else None
+
+
+# -- the viewer ------------------------------------------------------------------------------------
+
+
+def show(shown: View) -> None:
+    """Open the viewer, and wait until it is closed.
+
+    Raises
+    ------
+    ViewerError
+        If it does not start, or fails.
+    """
+    process = viewer.start(shown.viewer, stays=False)
+    step = shown.first_difference
+    try:
+        if (shown.layers or step is not None) and shown.viewer.page is None:
+            viewer.put_cursor(shown.viewer, DEFAULT_AT_S, process, step=step)
+        viewer.wait(process)
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            process.wait()
+
+
+def spawn() -> str:
+    """Open a viewer that waits for data and stays open, and return its URL.
+
+    Raises
+    ------
+    ViewerError
+        If there is no screen, or it does not start.
+    """
+    opened = viewer.viewer()
+    viewer.start(opened, stays=True)
+    return opened.url
+
+
+def connection(url: str) -> Callable[[], str]:
+    """Return a function that checks that a viewer listens at a URL, and returns the URL."""
+
+    def connected() -> str:
+        viewer.check_listens(url)
+        return url
+
+    return connected

@@ -1,0 +1,133 @@
+"""What an engine reports for each step: the states of what can move, and the contact points.
+
+Rows of named numbers. A *part* is a body's link; link -1 is its base. World axes throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Rows = NDArray[np.void]
+"""Rows of `STATE` or of `CONTACT`, in the order of their steps."""
+
+BODY, FLOOR = 0, 1
+"""Numbers of the two bodies of a drop."""
+BODY_LABEL, FLOOR_LABEL = "box", "floor"
+"""What they are called in its recording."""
+BASE = -1
+"""The link that every body has."""
+
+STATE = np.dtype(
+    [
+        ("step", "<i8"),
+        ("body", "<i8"),
+        ("link", "<i8"),
+        ("position_m", "<f8", (3,)),
+        ("orientation", "<f8", (4,)),
+        ("velocity_m_s", "<f8", (3,)),
+        ("spin_rad_s", "<f8", (3,)),
+    ]
+)
+"""One part before a step: its centre of mass, and its axes as a quaternion x, y, z, w. The parts of
+a step are ordered by body and link."""
+
+BASE_STATE = np.dtype([(name, STATE[name]) for name in STATE.names or () if name != "link"])
+"""One base before a step: a part that is a body's base."""
+
+CONTACT = np.dtype(
+    [
+        ("step", "<i8"),
+        ("body_a", "<i8"),
+        ("link_a", "<i8"),
+        ("body_b", "<i8"),
+        ("link_b", "<i8"),
+        ("position_a_m", "<f8", (3,)),
+        ("position_b_m", "<f8", (3,)),
+        ("normal", "<f8", (3,)),
+        ("distance_m", "<f8"),
+        ("normal_force_n", "<f8"),
+        ("friction_1_n", "<f8"),
+        ("friction_1_direction", "<f8", (3,)),
+        ("friction_2_n", "<f8"),
+        ("friction_2_direction", "<f8", (3,)),
+    ]
+)
+"""One contact point of the step that led to sample `step`: two parts, the point on each, the normal
+from b to a, the distance (negative: penetration), and the forces on a. The points of a step are in
+the engine's order."""
+
+
+@dataclass(frozen=True)
+class Joints:
+    """The joints of a body that move, at n samples."""
+
+    steps: Int64
+    times_s: Float64
+    position: Float64
+    """[rad] or [m], shape (n, positions)."""
+    velocity: Float64
+    """[rad/s] or [m/s], shape (n, velocities)."""
+    effort: Float64
+    """Of the motors: [N m] or [N], shape (n, efforts)."""
+
+    def at(self, rows: NDArray[np.bool_] | slice) -> Joints:
+        """Return some of the samples."""
+        return Joints(
+            self.steps[rows],
+            self.times_s[rows],
+            self.position[rows],
+            self.velocity[rows],
+            self.effort[rows],
+        )
+
+    @classmethod
+    def joined(cls, pieces: Iterable[Joints]) -> Joints:
+        """Return consecutive samples as one."""
+        columns = zip(
+            *((j.steps, j.times_s, j.position, j.velocity, j.effort) for j in pieces), strict=True
+        )
+        return cls(*map(np.concatenate, columns))
+
+
+class Batch(NamedTuple):
+    """Consecutive samples of everything."""
+
+    states: Rows
+    """Of dtype `STATE`: as many rows per step as there are parts."""
+    contacts: Rows
+    """Of dtype `CONTACT`: as many rows per step as there are points."""
+    joints: Joints | None = None
+    """None of a body without joints."""
+
+    @property
+    def base(self) -> Rows:
+        """Return the states of the body's base, a row per sample."""
+        return base_of(self.states)
+
+    @classmethod
+    def joined(cls, batches: Iterable[Batch]) -> Batch:
+        """Return several batches as one."""
+        states, contacts, joints = zip(*batches, strict=True)
+        return cls(
+            np.concatenate(states),
+            np.concatenate(contacts),
+            None if joints[0] is None else Joints.joined(joints),
+        )
+
+
+def base_of(states: Rows) -> Rows:
+    """Return the states of the body's base, a row per sample."""
+    rows: Rows = states[(states["body"] == BODY) & (states["link"] == BASE)]
+    return rows
+
+
+def poses_of(states: Rows) -> NDArray[np.float64]:
+    """Return position [m] and orientation (quaternion x, y, z, w) of states, shape (n, 7)."""
+    return np.hstack((states["position_m"], states["orientation"]))

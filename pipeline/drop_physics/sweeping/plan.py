@@ -1,0 +1,216 @@
+"""Which scenarios a sweep runs: lists of values and samples, each run derived from its number.
+
+The runs are the product of all lists, in the order of `drop simulate --help`: the last option that
+has a list changes fastest, and the samples of a scenario are adjacent. Nothing is computed in
+advance: run 999,999,999 is as cheap as run 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from drop_physics.errors import ScenarioError
+from drop_physics.fields import exact
+from drop_physics.messages import shell_command
+from drop_physics.scenario import Engine, Scenario
+from drop_physics.sweeping.sampling import Variation, drawn, variations_of
+
+MOST_RUNS = 1_000_000_000_000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The runs of a sweep, numbered from 0."""
+
+    lists: tuple[tuple[str, tuple[Any, ...]], ...] = ()
+    """Field and its values, in the order of the scenario's options."""
+    variations: tuple[Variation, ...] = ()
+    samples: int | None = None
+    """How many runs each scenario gets; None for one run, with nothing drawn."""
+    seed: int = 0
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are."""
+        return math.prod(len(values) for _, values in self.lists) * (self.samples or 1)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Fields that have more than one value."""
+        return tuple(name for name, values in self.lists if len(values) > 1)
+
+    @property
+    def bodies(self) -> list[str]:
+        """Return every body that a run may have."""
+        listed = dict(self.lists).get("body", ())
+        choices = [
+            value
+            for variation in self.variations
+            if variation.field == "body"
+            for value in variation.values
+        ]
+        return sorted({*listed, *choices} or {Scenario().body})
+
+    @property
+    def engines(self) -> list[Engine]:
+        """Return every engine that a run may have."""
+        return sorted(set(dict(self.lists).get("engine", ())) or {Scenario().engine})
+
+    @property
+    def shard_runs(self) -> int:
+        """How many runs go into one shard: few enough to finish soon, without too many files.
+
+        It depends only on the plan, so that a sweep can be resumed with other workers.
+        """
+        return max(math.ceil(self.runs / 64) if self.runs <= 64_000 else 1000, self.runs // 10_000)
+
+    @property
+    def shards(self) -> int:
+        """How many shards there are; the last may be shorter."""
+        return math.ceil(self.runs / self.shard_runs)
+
+    def runs_of(self, shard: int) -> range:
+        """Return the numbers of a shard's runs."""
+        return range(shard * self.shard_runs, min((shard + 1) * self.shard_runs, self.runs))
+
+    def sample_of(self, run: int) -> int | None:
+        """Return the number of a run's sample, or None where nothing is sampled."""
+        return None if self.samples is None else run % self.samples
+
+    def values(self, run: int) -> dict[str, Any]:
+        """Return the fields of one run that are not at their defaults."""
+        given, sample = self.listed(run // (self.samples or 1)), self.sample_of(run)
+        if sample is None:
+            return given
+        return drawn(self.variations, given, seed=self.seed, sample=sample)
+
+    def listed(self, combination: int) -> dict[str, Any]:
+        """Return the listed fields of one combination of the lists, before anything is drawn."""
+        given = {}
+        for name, values in reversed(self.lists):
+            combination, index = divmod(combination, len(values))
+            given[name] = values[index]
+        return {name: given[name] for name, _ in self.lists}
+
+
+def plan_of(
+    given: Mapping[str, Any],
+    *,
+    samples: int | None = None,
+    seed: int = 0,
+    vary: Sequence[str] = (),
+) -> Plan:
+    """Return the plan of a sweep.
+
+    Parameters
+    ----------
+    given
+        The values of each field of `Scenario` that is not at its default: a list, a single value,
+        or text as on the command line.
+    samples, seed
+        How many runs each scenario gets, and the seed of their random values.
+    vary
+        What is drawn, such as `height=uniform:0.5:2`.
+
+    Raises
+    ------
+    ScenarioError
+        If a value cannot be read or is outside its domain, or the options contradict each other.
+    """
+    lists: list[tuple[str, tuple[Any, ...]]] = []
+    for name in given.keys() - Scenario.options().keys():
+        raise ScenarioError(
+            "a sweep takes fields of Scenario, got {name!r}; they are: {fields}",
+            name=name,
+            fields=", ".join(Scenario.options()),
+        )
+    for name, spec in Scenario.options().items():
+        raw = given.get(name)
+        if isinstance(raw, bool):
+            lists += [] if raw else [(name, (False,))]
+        elif raw is not None:
+            values = Scenario.listed(name, raw)
+            if len(set(values)) < len(values):
+                raise ScenarioError(
+                    "{option} must list each value once, got {given!r}", option=spec.name, given=raw
+                )
+            lists.append((name, values))
+    variations = variations_of(vary)
+    if samples is not None and samples < 1:
+        raise ScenarioError("--samples must be at least 1, got {samples}", samples=samples)
+    if seed < 0:
+        raise ScenarioError("--seed must be at least 0, got {seed}", seed=seed)
+    if samples is not None and not variations:
+        raise ScenarioError(
+            "--samples draws nothing without --vary; add --vary height=uniform:0.5:2, or omit it"
+        )
+    if variations and samples is None:
+        raise ScenarioError("--vary needs the number of samples; add --samples 1000")
+    for variation in variations:
+        if variation.axis is None and variation.field in dict(lists):
+            option = Scenario.options()[variation.field].name
+            raise ScenarioError(
+                "{option} is given and drawn by --vary; leave one of them out", option=option
+            )
+        if variation.field == "orientation" and any(
+            len(q) == 4 for q in dict(lists).get(variation.field, ())
+        ):
+            raise ScenarioError(
+                "--orientation must be angles R,P,Y where --vary draws one of them, got a "
+                "quaternion; give R,P,Y"
+            )
+    if "floor" not in dict(lists):
+        chosen = (
+            value
+            for variation in variations
+            if variation.kind == "choice"
+            for value in variation.values
+            if variation.field == "height_m"
+        )
+        for height_m in (*dict(lists).get("height_m", ()), *chosen):
+            Scenario(height_m=height_m)
+    plan = Plan(tuple(lists), variations, samples, seed)
+    if plan.runs > MOST_RUNS:
+        raise ScenarioError(
+            "a sweep has at most {most:,} runs, got {runs:,}", most=MOST_RUNS, runs=plan.runs
+        )
+    return plan
+
+
+def label_of(values: Mapping[str, Any]) -> str:
+    """Return a name for scenarios by their values: `linear damping default, height 2, no floor`."""
+    options = Scenario.options()
+    return ", ".join(
+        name_of(field)
+        if options[field].is_flag
+        else f"{name_of(field)} {options[field].written(value)}"
+        for field, value in values.items()
+    )
+
+
+def name_of(field: str) -> str:
+    """Return the name of a field: its option in words."""
+    return Scenario.options()[field].name.removeprefix("--").replace("-", " ")
+
+
+def replay_command(values: Mapping[str, Any], *, out: str) -> str:
+    """Return the command that repeats a run, to the last bit.
+
+    Parameters
+    ----------
+    values
+        The fields of the run that are not at their defaults.
+    out
+        Name of the command's recording.
+    """
+    words = ["drop", "simulate", "--out", out, "--no-camera"]
+    for name, value in values.items():
+        spec = Scenario.options()[name]
+        if spec.is_flag:
+            words += [] if value else [spec.name]
+        elif value is not None:
+            words += [spec.name, exact(value)]
+    return shell_command(*words)

@@ -1,0 +1,247 @@
+"""Fields drawn at random: `height=uniform:0.5:2`, with a separate stream for every sample."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+
+from drop_physics.errors import ScenarioError
+from drop_physics.kinds import INTEGER, TEXT, Vector, number
+from drop_physics.messages import Message
+from drop_physics.scenario import Scenario
+
+Stream = np.random.Generator
+Numbers = Sequence[float]
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """A family of distributions: its parameters, how to draw, and a rule for the parameters."""
+
+    parameters: tuple[str, ...]
+    draw: Callable[[Stream, Numbers], float]
+    is_valid: Callable[[Numbers], bool] = lambda _: True
+    rule: str = ""
+
+
+def _truncated(stream: Stream, given: Numbers) -> float:
+    """Draw by inversion: one random number per sample, however narrow the range."""
+    mean, spread, low, high = given
+    normal = NormalDist(mean, spread)
+    share = stream.uniform(normal.cdf(low), normal.cdf(high))
+    return min(max(normal.inv_cdf(share), low), high) if 0 < share < 1 else low
+
+
+def _can_truncate(given: Numbers) -> bool:
+    mean, spread, low, high = given
+    return spread > 0 and NormalDist(mean, spread).cdf(low) < NormalDist(mean, spread).cdf(high)
+
+
+DISTRIBUTIONS = {
+    "uniform": Distribution(
+        ("LOW", "HIGH"), lambda s, g: s.uniform(g[0], g[1]), lambda g: g[0] < g[1], "LOW < HIGH"
+    ),
+    "loguniform": Distribution(
+        ("LOW", "HIGH"),
+        lambda s, g: math.exp(s.uniform(math.log(g[0]), math.log(g[1]))),
+        lambda g: 0 < g[0] < g[1],
+        "0 < LOW < HIGH",
+    ),
+    "normal": Distribution(
+        ("MEAN", "SPREAD"), lambda s, g: s.normal(g[0], g[1]), lambda g: g[1] > 0, "SPREAD > 0"
+    ),
+    "truncnormal": Distribution(
+        ("MEAN", "SPREAD", "LOW", "HIGH"),
+        _truncated,
+        _can_truncate,
+        Message("SPREAD > 0, LOW < HIGH, and part of them within 8 SPREAD of MEAN"),
+    ),
+    "lognormal": Distribution(
+        ("MEDIAN", "SIGMA"),
+        lambda s, g: s.lognormal(math.log(g[0]), g[1]),
+        lambda g: g[0] > 0 and g[1] > 0,
+        Message("MEDIAN > 0 and SIGMA > 0"),
+    ),
+    "triangular": Distribution(
+        ("LOW", "MODE", "HIGH"),
+        lambda s, g: s.triangular(g[0], g[1], g[2]),
+        lambda g: g[0] <= g[1] <= g[2] and g[0] < g[2],
+        "LOW <= MODE <= HIGH",
+    ),
+    "exponential": Distribution(
+        ("MEAN",), lambda s, g: s.exponential(g[0]), lambda g: g[0] > 0, "MEAN > 0"
+    ),
+    "integers": Distribution(
+        ("LOW", "HIGH"),
+        lambda s, g: int(s.integers(int(g[0]), int(g[1]), endpoint=True)),
+        lambda g: g[0] < g[1] and all(map(float.is_integer, map(float, g))),
+        Message("LOW < HIGH, both whole numbers and both included"),
+    ),
+}
+"""By name; all but `choice`, which takes any values that the option takes."""
+
+FORMS = ", ".join(
+    [*(":".join((name, *kind.parameters)) for name, kind in DISTRIBUTIONS.items()), "choice:A:B:…"]
+)
+
+
+@dataclass(frozen=True)
+class Variation:
+    """One field, or one component of a vector, and the distribution it is drawn from."""
+
+    field: str
+    axis: int | None
+    """0, 1 or 2 for x, y or z of a vector, or for roll, pitch or yaw; None for a whole field."""
+    kind: str
+    values: tuple[Any, ...]
+    """The distribution's parameters, or what `choice` chooses from."""
+
+    def draw(self, stream: Stream) -> Any:  # noqa: ANN401
+        """Return one value."""
+        if self.kind == "choice":
+            return self.values[int(stream.integers(len(self.values)))]
+        return DISTRIBUTIONS[self.kind].draw(stream, self.values)
+
+
+def stream_of(seed: int, sample: int) -> Stream:
+    """Return a sample's random numbers, which depend on nothing but seed and sample.
+
+    Source: numpy, "Parallel random number generation", `SeedSequence` with a spawn key.
+    """
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sample,)))
+
+
+def drawn(
+    variations: Sequence[Variation], given: dict[str, Any], *, seed: int, sample: int
+) -> dict[str, Any]:
+    """Return the given fields with the values drawn for one sample.
+
+    Parameters
+    ----------
+    variations
+        What to draw, in the order of drawing.
+    given
+        The fields before drawing; the other components of a vector are kept.
+    seed, sample
+        Which sample.
+    """
+    stream, values = stream_of(seed, sample), dict(given)
+    for variation in variations:
+        value = variation.draw(stream)
+        if variation.axis is None:
+            values[variation.field] = value
+        else:
+            whole: Vector = values.get(variation.field, (0.0, 0.0, 0.0))
+            values[variation.field] = (
+                *whole[: variation.axis],
+                value,
+                *whole[variation.axis + 1 :],
+            )
+    return values
+
+
+# -- reading --------------------------------------------------------------------------------------
+
+
+def variations_of(texts: Sequence[str]) -> tuple[Variation, ...]:
+    """Read `--vary` options; they are drawn in the order of the scenario's options.
+
+    Raises
+    ------
+    ScenarioError
+        If one cannot be read, or two vary the same field.
+    """
+    order = list(Scenario.options())
+    variations = sorted(
+        map(_variation, texts), key=lambda varied: (order.index(varied.field), varied.axis or 0)
+    )
+    for first, second in itertools.pairwise(variations):
+        axes = (first.axis, second.axis)
+        if first.field == second.field and (first.axis == second.axis or None in axes):
+            raise ScenarioError(
+                "--vary must vary a field once, got {field} twice", field=first.field
+            )
+    return tuple(variations)
+
+
+def _variation(text: str) -> Variation:
+    target, equals, form = text.partition("=")
+    kind, *parameters = form.strip().split(":")
+    if not equals:
+        raise ScenarioError(
+            "--vary takes NAME=DISTRIBUTION such as height=uniform:0.5:2, got {text!r}", text=text
+        )
+    field, axis = _target(target.strip().replace("-", "_"), text)
+    option = Scenario.options()[field]
+    if kind == "choice" and len(parameters) > 1:
+        try:
+            values = tuple(map(option.read if axis is None else number, parameters))
+            for value in values:
+                option.check(value)
+        except ScenarioError as error:
+            raise ScenarioError(
+                "--vary {text!r} cannot be drawn: {reason}", text=text, reason=error.in_options
+            ) from None
+        return Variation(field, axis, kind, values)
+    if kind not in DISTRIBUTIONS or len(parameters) != len(DISTRIBUTIONS[kind].parameters):
+        raise ScenarioError("--vary takes one of {forms}, got {text!r}", forms=FORMS, text=text)
+    if axis is None and (option.kind is TEXT or option.kind.components):
+        raise ScenarioError(
+            "--vary takes choice:A:B:… for {field}, got {text!r}", field=target, text=text
+        )
+    if (option.kind is INTEGER) != (kind == "integers"):
+        raise ScenarioError(
+            "--vary takes integers:LOW:HIGH for whole numbers only, got {text!r}", text=text
+        )
+    try:
+        values = tuple(number(parameter) for parameter in parameters)
+    except ScenarioError:
+        raise ScenarioError(
+            "--vary takes numbers after {kind}, got {text!r}", kind=kind, text=text
+        ) from None
+    if not (all(map(math.isfinite, values)) and DISTRIBUTIONS[kind].is_valid(values)):
+        raise ScenarioError(
+            "--vary must have {rule} for {kind}, got {text!r}",
+            rule=DISTRIBUTIONS[kind].rule,
+            kind=kind,
+            text=text,
+        )
+    try:
+        DISTRIBUTIONS[kind].draw(stream_of(0, 0), values)
+    except (ValueError, OverflowError) as error:  # a range that is too wide for numpy
+        raise ScenarioError(
+            "--vary {text!r} cannot be drawn: {reason}", text=text, reason=str(error)
+        ) from None
+    return Variation(field, axis, kind, values)
+
+
+def _target(name: str, text: str) -> tuple[str, int | None]:
+    """Return the field, and its component, of a name such as `height` or `velocity_z`."""
+    targets: dict[str, tuple[str, int | None]] = {}
+    for field, option in Scenario.options().items():
+        short = option.name.removeprefix("--").replace("-", "_")
+        if not option.is_flag:
+            targets[short] = field, None
+        parts = enumerate(option.kind.components)
+        targets |= {f"{short}_{part}": (field, axis) for axis, part in parts}
+    if name not in targets:
+        near = get_close_matches(name, targets, n=1)
+        if near:
+            raise ScenarioError(
+                "--vary takes the name of a scenario option, got {text!r}; did you mean {name}?",
+                text=text,
+                name=near[0],
+            )
+        raise ScenarioError(
+            "--vary takes the name of a scenario option, got {text!r}; one of {names}",
+            text=text,
+            names=", ".join(targets),
+        )
+    return targets[name]

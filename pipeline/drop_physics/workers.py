@@ -1,0 +1,253 @@
+"""Worker processes that call our functions: ask now, take the answers when they are needed.
+
+PyBullet and matplotlib hold Python's lock while they draw, so threads gain nothing. These are plain
+subprocesses fed through pipes: unlike `multiprocessing`, they do not import the caller's main
+module, leave nothing in shared memory, and end at once when their parent is gone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import importlib
+import os
+import pickle
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any, Self
+
+from drop_physics.errors import DropError
+from drop_physics.messages import Message
+
+SAFE = {"PYTHONSAFEPATH": "1", "MUJOCO_GL": "disable"}
+"""Variables of our own processes. What a library starts imports nothing from the working directory,
+and MuJoCo looks for no window library, which it would load from there."""
+
+given: dict[str, str] = {}
+"""The environment as the command was given it; empty if we are not a command."""
+
+
+_changed: dict[str, tuple[str | None, str | None]] = {}
+"""Variables that our imports have changed where we are not a command: before, and then."""
+
+
+def note_changes(before: Mapping[str, str]) -> None:
+    """Note how imports have changed the environment, where Polars sets up an allocator."""
+    for name in {name for name, _ in before.items() ^ os.environ.items()}:
+        _changed[name] = before.get(name), os.environ.get(name)
+
+
+def users_environment() -> dict[str, str]:
+    """Return the environment for somebody else's program: without what we and libraries set."""
+    if given:
+        return given
+    theirs = dict(os.environ)
+    for name, (before, then) in _changed.items():
+        if theirs.get(name) == then:
+            theirs.pop(name, None)
+            theirs |= {} if before is None else {name: before}
+    return theirs
+
+
+def cores() -> int:
+    """Return how many processors this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # only Linux knows
+        return os.cpu_count() or 1
+
+
+class Worker:
+    """One process; use it in a `with` statement.
+
+    It starts at once, and imports a function's module when it is first asked for. Questions are
+    answered in order. Take all answers before asking another large question.
+
+    Raises
+    ------
+    DropError
+        If the process cannot be started.
+    """
+
+    def __init__(self) -> None:
+        try:
+            with _interrupts_blocked():
+                self._process = subprocess.Popen(
+                    [sys.executable, "-P", "-m", __name__],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    # One thread each: there are as many of us as there are cores.
+                    env={
+                        **os.environ,
+                        **SAFE,
+                        "PYTHONPATH": os.pathsep.join(module_path()),
+                        "OPENBLAS_NUM_THREADS": "1",
+                    },
+                )
+        except OSError as error:
+            raise DropError(
+                "a worker process cannot be started: {reason}; see: ulimit -a",
+                reason=error.strerror,
+            ) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process; an `answer` awaited in another thread raises `WorkerDiedError`."""
+        self._process.kill()  # it has nothing to lose
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            with contextlib.suppress(BrokenPipeError):  # something was still buffered
+                pipe.close()
+
+    def load(self, *modules: str) -> None:
+        """Import modules in the background, so that a later answer comes sooner."""
+        self.ask("", *modules)  # no function, and so no answer
+
+    def ask(self, function: str, *arguments: object) -> None:
+        """Call a function, `module:name`, in the process; its module need not be imported here.
+
+        If it returns an iterator, each of its elements is an answer.
+
+        Raises
+        ------
+        WorkerDiedError
+            If the process died.
+        """
+        assert self._process.stdin is not None
+        try:
+            # Pickled separately: they are unpickled once the function's module is imported.
+            _send((function, pickle.dumps(arguments)), self._process.stdin)
+        except BrokenPipeError:
+            raise self._died() from None
+
+    def answer(self) -> Any:  # noqa: ANN401
+        """Return the next answer, or raise what the function raised.
+
+        Raises
+        ------
+        WorkerDiedError
+            If the process died.
+        """
+        assert self._process.stdout is not None
+        if hasattr(signal, "siginterrupt"):
+            # Once Polars is imported, a blocking read would continue after Ctrl-C.
+            signal.siginterrupt(signal.SIGINT, True)
+        try:
+            answer = pickle.load(self._process.stdout)
+        except (EOFError, pickle.UnpicklingError):
+            raise self._died() from None
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def _died(self) -> WorkerDiedError:
+        return WorkerDiedError(self._process.wait())
+
+
+class WorkerDiedError(DropError):
+    """A worker process ended before it answered."""
+
+    def __init__(self, exit_code: int) -> None:
+        self.signal = -exit_code
+        self.how = (
+            Message("signal {signal}", signal=self.signal)
+            if exit_code < 0
+            else Message("exit code {code}", code=exit_code)
+        )
+        super().__init__(Message("a worker process died with {how}; run it again", how=self.how))
+
+
+def module_path() -> Iterator[str]:
+    """Yield the module search path, without the working directory.
+
+    That holds data: a `random.py` in it must not be run. It is kept only if this package itself is
+    in it, as in a checkout.
+    """
+    home = Path(__file__).parents[1]
+    for folder in map(Path, filter(None, sys.path)):
+        with contextlib.suppress(OSError):  # a folder that does not exist holds no modules
+            if not folder.samefile(os.curdir) or folder.samefile(home):
+                yield str(folder)
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Keep Ctrl-C, which a terminal sends to every process, from those started in this block."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _send(item: object, sink: IO[bytes]) -> None:
+    pickle.dump(item, sink)
+    sink.flush()
+
+
+# -- in the process -------------------------------------------------------------------------------
+
+
+def _work() -> None:
+    """Answer the questions from standard input until it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    gc.set_threshold(100_000)  # at 700, the default, it takes a fifth of the import time
+    sink = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what C prints is not an answer
+    questions: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(questions,), daemon=True).start()
+    loading: list[threading.Thread] = []
+    used: set[str] = set()
+    while True:
+        function, packed = questions.get()
+        module, _, name = function.partition(":")
+        if not module:
+            loading.append(_load(pickle.loads(packed)))
+            continue
+        if module not in used:
+            # It may import what is being loaded, and so may unpickling its arguments: of two
+            # threads that import the same module, one can see it half initialised.
+            while loading:
+                loading.pop().join()
+            used.add(module)
+        try:
+            arguments = pickle.loads(packed)
+            answer = getattr(importlib.import_module(module), name)(*arguments)
+            for item in answer if isinstance(answer, Iterator) else (answer,):
+                _send(item, sink)
+        except BrokenPipeError:
+            os._exit(1)
+        except Exception as error:  # noqa: BLE001 - raised by the parent
+            _send(error, sink)
+
+
+def _listen(questions: queue.SimpleQueue[tuple[str, bytes]]) -> None:
+    """Queue the questions; when the parent is gone, end at once, whatever is being done."""
+    with contextlib.suppress(EOFError, pickle.UnpicklingError):
+        while True:
+            questions.put(pickle.load(sys.stdin.buffer))
+    os._exit(1)
+
+
+def _load(modules: tuple[str, ...]) -> threading.Thread:
+    thread = threading.Thread(target=lambda: [*map(importlib.import_module, modules)], daemon=True)
+    thread.start()
+    return thread
+
+
+if __name__ == "__main__":
+    _work()

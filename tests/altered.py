@@ -1,0 +1,55 @@
+"""Recordings whose samples are other than those that were recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+from drop_physics.seen.history import Piece, Seen
+
+
+@dataclass(frozen=True)
+class Held:
+    """Samples in memory."""
+
+    whole: Piece
+
+    @property
+    def first(self) -> int:
+        """The first step."""
+        return self.whole.first
+
+    @property
+    def last(self) -> int:
+        """The last step."""
+        return self.whole.end - 1
+
+    def piece(self, first: int, end: int) -> Piece:
+        """Return the samples from one step to before another."""
+        within = (pl.col("step") >= first) & (pl.col("step") < end)
+        held = self.whole
+        return Piece(
+            first,
+            end,
+            held.bases.filter(within),
+            {
+                number: joints.at(slice(*np.searchsorted(joints.steps, [first, end])))
+                for number, joints in held.joints.items()
+            },
+            {
+                key: (steps[rows], values[rows])
+                for key, (steps, values) in held.forces.items()
+                for rows in [slice(*np.searchsorted(steps, [first, end]))]
+            },
+            held.contacts.filter(within),
+            [call for call in held.calls if first <= call.at.step < end],
+        )
+
+
+def otherwise(seen: Seen, **parts: Any) -> Seen:
+    """Return what was seen with other `bases`, `joints`, `forces`, `contacts` or `calls`."""
+    sampled = seen.sampled
+    whole = sampled.piece(sampled.first, sampled.last + 1)
+    return replace(seen, sampled=Held(replace(whole, **parts)))

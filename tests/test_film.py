@@ -1,0 +1,297 @@
+"""Animations of scripts' recordings: what their cameras saw, and their poses drawn afterwards."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Drop
+from drop_physics.errors import RecordingError, ScenarioError
+from drop_physics.figures.playback import Animation
+from drop_physics.stages.analyze import analyze
+from drop_physics.stages.record import record_script
+from drop_physics.stages.render import render
+from numpy.typing import NDArray
+from PIL import Image
+
+FALLS = """
+import pybullet as p
+import pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+look = p.createVisualShape(p.GEOM_BOX, halfExtents=[.1, .1, .1], rgbaColor=[1, 0, 0, 1])
+body = p.createMultiBody(1, box, look, [0, 0, 1])
+for step in range(120):
+    p.stepSimulation()
+"""
+PHOTOGRAPHS = (
+    FALLS
+    + """
+    if step % 12 == 0:
+        view = p.computeViewMatrix([1, 1, 1], [0, 0, .5], [0, 0, 1])
+        lens = p.computeProjectionMatrixFOV(60, 4 / 3, .1, 10)
+        p.getCameraImage(64, 48, view, lens, renderer=p.ER_TINY_RENDERER)
+"""
+)
+BALL = FALLS.replace("GEOM_BOX", "GEOM_SPHERE").replace("halfExtents=[.1, .1, .1]", "radius=.5")
+BALL = BALL.replace("[0, 0, 1])", "[0, 0, 1.5])")
+NOTHING = "import pybullet as p\np.connect(p.DIRECT)\np.stepSimulation()\n"
+
+Record = Callable[[str], Path]
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> Record:
+    known: dict[str, Path] = {}
+
+    def recorded(text: str) -> Path:
+        if text not in known:
+            folder = tmp_path_factory.mktemp("script")
+            script = folder / "script.py"
+            script.write_text(text)
+            null = os.open(os.devnull, os.O_WRONLY)
+            known[text] = record_script(str(script), out=folder / "run.rrd", stdout=null).recording
+            os.close(null)
+        return known[text]
+
+    return recorded
+
+
+def pictures(path: Path) -> list[NDArray[np.uint8]]:
+    with Image.open(path) as film:
+        found = []
+        for number in range(getattr(film, "n_frames", 1)):
+            film.seek(number)
+            found.append(np.asarray(film.convert("RGB")))
+        return found
+
+
+def redness(picture: NDArray[np.uint8]) -> NDArray[np.intp]:
+    """Return rows and columns at which a picture is red: there the box is."""
+    red, green, blue = np.moveaxis(picture.astype(int), 2, 0)
+    return np.argwhere((red > 100) & (green < red / 2) & (blue < red / 2))
+
+
+def test_the_frames_that_a_script_took_are_its_animation(record: Record, tmp_path: Path) -> None:
+    rendering = render(record(PHOTOGRAPHS), out=tmp_path / "own.gif")
+    shown = pictures(tmp_path / "own.gif")
+    assert rendering.frames == len(shown) == 10
+    assert {one.shape for one in shown} == {(48, 64, 3)}
+    assert rendering.speed == pytest.approx(20 * 12 / 240)
+    # It falls: down the picture.
+    assert redness(shown[0])[:, 0].mean() < redness(shown[-1])[:, 0].mean()
+
+
+def test_recorded_poses_are_drawn_where_a_script_took_no_frames(
+    record: Record, tmp_path: Path
+) -> None:
+    rendering = render(record(FALLS), out=tmp_path / "poses.gif")
+    shown = pictures(tmp_path / "poses.gif")
+    assert rendering.frames == len(shown) == 11
+    heights = [redness(one)[:, 0].mean() for one in shown]
+    assert heights[:9] == sorted(heights[:9])  # then it meets the floor
+    assert heights[-1] > heights[0] + 50
+
+
+def test_a_body_is_drawn_as_it_looked_at_the_time(record: Record, tmp_path: Path) -> None:
+    """Blue from 0.2 s on, then unseen, and red again from 0.4 s on."""
+    looks = """
+    if step in (48, 72, 96):
+        rgba = {48: [0, 0, 1, 1], 72: [0, 0, 1, 0], 96: [1, 0, 0, 1]}[step]
+        p.changeVisualShape(body, -1, rgbaColor=rgba)
+"""
+    out = tmp_path / "looks.gif"
+    render(record(FALLS + looks), out=out, view="standard")
+    shown = pictures(out)
+    red = [bool(len(redness(picture))) for picture in shown]
+    blue = [bool(len(redness(picture[..., ::-1]))) for picture in shown]
+    assert red == [True] * 5 + [False] * 4 + [True] * 2
+    assert blue == [False] * 5 + [True] * 2 + [False] * 4
+
+
+@pytest.mark.parametrize("how", ["p.removeBody(body)", "p.resetSimulation()"])
+def test_a_body_is_drawn_while_it_is_there(record: Record, tmp_path: Path, how: str) -> None:
+    """Until 0.2 s, and again from 0.4 s on."""
+    there = f"""
+    if step == 47:
+        {how}
+    if step == 95:
+        box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
+        look = p.createVisualShape(p.GEOM_BOX, halfExtents=[.1, .1, .1], rgbaColor=[1, 0, 0, 1])
+        p.createMultiBody(1, box, look, [0, 0, 1])
+"""
+    out = tmp_path / "there.gif"
+    render(record(FALLS + there), out=out, view="standard")
+    red = [bool(len(redness(picture))) for picture in pictures(out)]
+    assert red == [True] * 4 + [False] * 4 + [True] * 3
+
+
+def test_what_only_calls_move_is_in_view_and_not_still(
+    record: Record, tmp_path: Path, drop: Drop
+) -> None:
+    path = record(
+        FALLS.replace("createMultiBody(1, ", "createMultiBody(0, ")
+        + "    p.resetBasePositionAndOrientation(body, [3 + step / 60, 0, 1], [0, 0, 0, 1])\n"
+    )
+    render(path, out=tmp_path / "put.gif", view="standard")
+    columns = [redness(picture)[:, 1].mean() for picture in pictures(tmp_path / "put.gif")]
+    assert len(columns) == 11
+    assert np.ptp(columns) > 100
+    assert "1_box, 0 kg" in drop("info", path).stdout
+    (moved,) = (body for body in analyze(path, out=tmp_path / "layer.rrd").bodies if body.id == 1)
+    assert (moved.segments["set"], moved.segments["still"]) == (119, 2)
+
+
+MESH = """
+import pybullet as p
+import pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+look = p.createVisualShape(p.GEOM_MESH, fileName="cube.obj", rgbaColor=[1, 0, 0, 1])
+for place in (0, 3):
+    p.createMultiBody(1, -1, look, [place, 0, 0])
+p.stepSimulation()
+"""
+
+
+def test_a_mesh_is_drawn_where_pybullet_finds_it(record: Record, tmp_path: Path) -> None:
+    render(record(MESH), out=tmp_path / "mesh.gif", view="standard")
+    assert len(redness(pictures(tmp_path / "mesh.gif")[0])) > 100
+
+
+def test_a_mesh_given_as_numbers_is_said_to_be_missing(drop: Drop, tmp_path: Path) -> None:
+    numbers = "vertices=[[-.3, -.3, 0], [.3, -.3, 0], [0, .3, 0]], indices=[0, 1, 2]"
+    script = tmp_path / "mesh.py"
+    script.write_text(MESH.replace('fileName="cube.obj"', numbers))
+    done = drop("record", "mesh.py")
+    assert "a shape of 0_mesh and 1_mesh is not drawn: drop draws boxes" in done.stderr
+    done = drop("render", "recordings/mesh.rrd")
+    assert (done.returncode, "no body with a shape that drop draws" in done.stderr) == (1, True)
+
+
+@pytest.mark.parametrize("view", ["close", "follow"])
+def test_a_camera_is_near_to_the_body_that_moves(record: Record, tmp_path: Path, view: str) -> None:
+    render(record(FALLS), out=tmp_path / "near.gif", view=view)  # type: ignore[arg-type]
+    shown = pictures(tmp_path / "near.gif")
+    middle = np.array(shown[0].shape[:2]) / 2
+    ends = redness(shown[-1])
+    assert np.abs(ends.mean(axis=0) - middle).max() < 20
+    starts = redness(shown[0])
+    if view == "follow":
+        assert np.abs(starts.mean(axis=0) - middle).max() < 20
+    else:  # it comes into the picture from above
+        assert not len(starts) or starts[:, 0].mean() < middle[0] - 50
+
+
+def test_the_view_asked_for_is_drawn_even_where_there_are_frames(
+    record: Record, tmp_path: Path
+) -> None:
+    render(record(PHOTOGRAPHS), out=tmp_path / "drawn.gif", view="standard")
+    assert pictures(tmp_path / "drawn.gif")[0].shape == (360, 480, 3)
+
+
+def test_the_standard_view_sees_the_whole_of_what_moves(record: Record, tmp_path: Path) -> None:
+    """A ball 1 m wide that starts higher than it is wide: neither it nor its fall is cut off."""
+    render(record(BALL), out=tmp_path / "ball.gif")
+    shown = pictures(tmp_path / "ball.gif")
+    for picture in (shown[0], shown[-1]):
+        red = redness(picture)
+        height, width = picture.shape[:2]
+        assert len(red) > 100
+        assert red.min() > 0
+        assert red[:, 0].max() < height - 1
+        assert red[:, 1].max() < width - 1
+
+
+def test_what_cannot_be_shown_is_said_in_a_line(record: Record, tmp_path: Path, drop: Drop) -> None:
+    path = record(FALLS)
+    with pytest.raises(ScenarioError, match="which only a drop has"):
+        render(path, out=tmp_path / "a.gif", animation=Animation(caption=True))
+    with pytest.raises(ScenarioError, match="'duck', which is none; it has: 0"):
+        render(path, out=tmp_path / "a.gif", view="follow", body="duck")
+    with pytest.raises(RecordingError, match="has nothing to show"):
+        render(record(NOTHING), out=tmp_path / "a.gif")
+    assert not list(tmp_path.iterdir())
+    done = drop("render", str(path), "--out", "a.gif", "--plot", "a.png")
+    assert done.returncode != 0
+    assert "which only a drop has" in done.stderr
+
+
+NOT_FINITE = """
+p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=.1), -1, [0, 0, float("nan")])
+p.applyExternalForce(body, -1, [float("inf"), 0, 0], [0, 0, 0], p.LINK_FRAME)
+for step in range(24):
+    p.stepSimulation()
+"""
+
+
+@pytest.mark.parametrize("view", ["standard", "close", "follow"])
+def test_a_body_whose_position_is_not_finite_is_not_drawn_there(
+    record: Record, tmp_path: Path, view: str
+) -> None:
+    path = record(FALLS + NOT_FINITE)
+    render(path, out=tmp_path / "gone.gif", view=view)  # type: ignore[arg-type]
+    shown = [len(redness(one)) for one in pictures(tmp_path / "gone.gif")]
+    assert len(shown) == 13
+    assert shown[10] > 0
+    assert shown[11:] == [0, 0]
+
+
+def test_a_body_whose_position_was_never_finite_is_not_looked_at(
+    record: Record, tmp_path: Path
+) -> None:
+    path = record(FALLS + NOT_FINITE)
+    with pytest.raises(
+        RecordingError, match="no position of 2_sphere is finite: the camera cannot"
+    ):
+        render(path, out=tmp_path / "a.gif", view="follow", body="2")
+    assert not list(tmp_path.iterdir())
+
+
+def test_bodies_far_apart_are_seen_though_nothing_is_in_their_middle(
+    record: Record, tmp_path: Path
+) -> None:
+    ball = "p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=.1), -1, [{}, 0, 0])"
+    apart = "\n".join(["import pybullet as p", "p.connect(p.DIRECT)", *map(ball.format, (0, 90))])
+    path = record(apart + "\np.stepSimulation()\n")
+    assert render(path, out=tmp_path / "far.gif", view="standard").frames == 1
+
+
+def test_a_drop_has_its_frames_already(drop: Drop) -> None:
+    drop("simulate", "--no-camera", "--duration", "0.1", "--out", "run.rrd")
+    done = drop("render", "run.rrd", "--camera", "follow")
+    assert done.returncode != 0
+    assert "a drop's frames are taken when it is recorded" in done.stderr
+
+
+RIGID = """
+import sys
+import pybullet as p
+import pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .2, .05])
+look = p.createVisualShape(p.GEOM_BOX, halfExtents=[.1, .2, .05], rgbaColor=[1, 0, 0, 1])
+p.createMultiBody(
+    1, box, look, [0, 0, 1], [.5, .5, .5, .5], baseInertialFramePosition=[.3, 0, .1],
+    baseInertialFrameOrientation=[0, .6, 0, .8], useMaximalCoordinates={rigid},
+)
+p.loadURDF("teddy_vhacd.urdf", [1, 0, 1], [.5, .5, .5, .5], useMaximalCoordinates={rigid})
+p.stepSimulation()
+"""
+
+
+def test_a_btrigidbody_is_drawn_round_its_centre_of_mass(record: Record, tmp_path: Path) -> None:
+    """PyBullet does not report where that is in its frame; a btMultiBody of the same is alike."""
+    shown = []
+    for rigid in (False, True):
+        render(record(RIGID.format(rigid=rigid)), out=tmp_path / f"{rigid}.gif")
+        shown.append(pictures(tmp_path / f"{rigid}.gif")[0].astype(int))
+    assert len(redness(shown[0])) > 1000
+    assert np.abs(shown[0] - shown[1]).max() <= 2

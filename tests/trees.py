@@ -1,0 +1,273 @@
+"""Drive trees of links with bare PyBullet, and bring what it says into the form of the law."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pybullet as p
+import pybullet_data
+from drop_physics.laws import bullet_reports, bullet_tree
+from drop_physics.laws.bullet_tree import BulletTree, Reported
+from drop_physics.laws.impulses import Forces, Sum
+from drop_physics.laws.kinematics import Kinematics, kinematics
+from drop_physics.laws.tree import States
+from drop_physics.stages.sweep_shard import release_world
+
+DATA = pybullet_data.getDataPath()
+MOVES = {p.JOINT_REVOLUTE: 1, p.JOINT_PRISMATIC: 1, p.JOINT_SPHERICAL: 3}
+
+
+@contextlib.contextmanager
+def engine(*, gravity_m_s2: Sequence[float] = (0, 0, -9.81), floor: bool = False) -> Iterator[int]:
+    """Connect to a fresh engine, which is the only one: PyBullet's client 0."""
+    release_world()  # a sweep in this process keeps one
+    client = p.connect(p.DIRECT)
+    assert client == 0
+    try:
+        p.setAdditionalSearchPath(DATA)
+        p.setGravity(*gravity_m_s2)
+        if floor:
+            p.loadURDF("plane.urdf")
+        yield client
+    finally:
+        p.disconnect(client)
+
+
+def load(file: str, *, at: Sequence[float] = (0, 0, 0), fixed: bool = False, **how: Any) -> int:
+    """Load the body with the most joints from a file of any kind that PyBullet reads."""
+    if file.endswith(".urdf"):
+        return int(p.loadURDF(file, at, useFixedBase=fixed, **how))
+    bodies = (p.loadMJCF if file.endswith(".xml") else p.loadSDF)(file)
+    body = max(bodies, key=p.getNumJoints)
+    position, orientation = p.getBasePositionAndOrientation(body)
+    p.resetBasePositionAndOrientation(body, np.add(position, at), orientation)
+    return int(body)
+
+
+def is_fixed(body: int) -> bool:
+    """Whether PyBullet's base of this body never moves: it reports its mass as 0."""
+    return bool(p.getDynamicsInfo(body, -1)[0] == 0)
+
+
+def described(body: int, **damping: float) -> BulletTree:
+    """Return a body as PyBullet describes it."""
+    joints = [p.getJointInfo(body, joint) for joint in range(p.getNumJoints(body))]
+    dynamics = [p.getDynamicsInfo(body, link) for link in range(-1, len(joints))]
+    made = bullet_reports.tree_of(joints, dynamics, fixed=is_fixed(body))
+    return BulletTree(**{**vars(made), **damping})
+
+
+def joints_of(body: int, *kinds: int) -> list[int]:
+    """Return the joints of these kinds, of all that move if none is named."""
+    wanted = kinds or tuple(MOVES)
+    return [j for j in range(p.getNumJoints(body)) if p.getJointInfo(body, j)[2] in wanted]
+
+
+def motors_off(body: int) -> None:
+    """Turn off the motors that PyBullet gives to every joint."""
+    for joint in joints_of(body, p.JOINT_REVOLUTE, p.JOINT_PRISMATIC):
+        p.setJointMotorControl2(body, joint, p.VELOCITY_CONTROL, force=0)
+    for joint in joints_of(body, p.JOINT_SPHERICAL):
+        p.setJointMotorControlMultiDof(
+            body, joint, p.POSITION_CONTROL, targetPosition=[0, 0, 0, 1], positionGain=0,
+            velocityGain=0, force=[0, 0, 0],
+        )  # fmt: skip
+
+
+@dataclass
+class Watched:
+    """A body whose states, contacts and calls are kept, step by step."""
+
+    body: int
+    law: BulletTree
+    rows: list[tuple[Any, ...]] = field(default_factory=list)
+    motors: list[list[float]] = field(default_factory=list)
+    commanded: list[tuple[int, int, float]] = field(default_factory=list)
+    pd: list[tuple[float, ...]] = field(default_factory=list)
+    """Step, joint, gains, target and its velocity, limit, and the joint's state then."""
+    contacts: list[tuple[Any, ...]] = field(default_factory=list)
+    pushed: list[tuple[Any, ...]] = field(default_factory=list)
+    timesteps: list[float] = field(default_factory=list)
+    gravity: list[tuple[float, ...]] = field(default_factory=list)
+    coefficients: dict[tuple[int, int], bool] = field(default_factory=dict)
+    fresh: bool = True
+    """Whether forward kinematics were asked for since the last step."""
+
+    def __post_init__(self) -> None:
+        self.look()
+
+    @property
+    def step(self) -> int:
+        """The number of the next step."""
+        return len(self.rows) - 1
+
+    def look(self) -> None:
+        """Keep what PyBullet says now."""
+        tree, positions, rates, efforts = self.law.tree, [], [], []
+        for joint, kind in enumerate(tree.joints):
+            if kind == "spherical":
+                q, u, _, effort = p.getJointStateMultiDof(self.body, joint)
+                positions += q
+                rates += u
+                efforts += effort
+            elif kind != "fixed":
+                q, u, _, effort = p.getJointState(self.body, joint)
+                positions.append(q)
+                rates.append(u)
+                efforts.append(effort)
+        velocity, spin = p.getBaseVelocity(self.body)
+        base = [] if tree.fixed else [*spin, *velocity]
+        pose = p.getBasePositionAndOrientation(self.body)
+        self.rows.append((*pose, positions, base + rates))
+        self.motors.append(efforts)
+
+    def stepped(self) -> None:
+        """Keep what PyBullet says after a step."""
+        step = self.step
+        settings = p.getPhysicsEngineParameters()
+        self.timesteps.append(settings["fixedTimeStep"])
+        self.gravity.append(tuple(settings[f"gravityAcceleration{axis}"] for axis in "XYZ"))
+        for point in p.getContactPoints():
+            rolls = any(map(self.rolls, point[1:3], point[3:5]))
+            sides = ((point[1], point[3], point[5]), (point[2], point[4], point[6]))
+            for side, (body, link, at) in enumerate(sides):
+                if body == self.body:
+                    frictions = (point[10], point[12]), (point[11], point[13])
+                    about = (at, point[7], point[9], *frictions, rolls)
+                    self.contacts.append((step, link, side == 0, *about))
+        self.look()
+        self.fresh = False
+
+    def rolls(self, body: int, link: int) -> bool:
+        """Whether a link has a coefficient of rolling or spinning friction."""
+        if (body, link) not in self.coefficients:
+            self.coefficients[body, link] = any(p.getDynamicsInfo(body, link)[6:8])
+        return self.coefficients[body, link]
+
+    def push(
+        self, link: int, force: Sequence[float], at: Sequence[float], frame: int, *,
+        torque: bool = False,
+    ) -> None:  # fmt: skip
+        """Apply an external force, or a torque, and keep it."""
+        if torque:
+            p.applyExternalTorque(self.body, link, force, frame)
+        else:
+            p.applyExternalForce(self.body, link, force, at, frame)
+        self.pushed.append((self.step, link, force, at, frame, torque, self.fresh))
+
+    def torque(self, joint: int, effort: float) -> None:
+        """Command a torque for one step."""
+        p.setJointMotorControl2(self.body, joint, p.TORQUE_CONTROL, force=effort)
+        self.commanded.append((self.step, joint, effort))
+
+    def steer(
+        self,
+        joint: int,
+        *,
+        target: float,
+        target_velocity: float,
+        kp: float,
+        kd: float,
+        limit: float,
+    ) -> None:
+        """Command PD_CONTROL, and keep what decides what it gives in the next step."""
+        p.setJointMotorControl2(
+            self.body, joint, p.PD_CONTROL, targetPosition=target,
+            targetVelocity=target_velocity, positionGain=kp, velocityGain=kd, force=limit,
+        )  # fmt: skip
+        state = p.getJointState(self.body, joint)[:2]
+        self.pd.append((self.step, joint, kp, kd, target, target_velocity, limit, *state))
+
+    # -- as the law takes it ----------------------------------------------------------------------
+
+    def states(self, rows: slice = slice(None)) -> States:
+        """Return all states, or some."""
+        x, o, q, u = (np.array([row[k] for row in self.rows[rows]], float) for k in range(4))
+        count = len(self.rows[rows])
+        return States(x, o, q.reshape(count, -1), u.reshape(count, -1))
+
+    def where(self, link: int) -> np.ndarray:
+        """Return where a link's centre of mass is now, without asking PyBullet."""
+        return kinematics(self.law.tree, self.states(slice(-1, None))).position_m(link)[-1]
+
+    def kinematics(self) -> Kinematics:
+        """Return the poses of all links in all states."""
+        return kinematics(self.law.tree, self.states())
+
+    def reported(self, **more: Any) -> Reported:
+        """Return what is known of the steps."""
+        n, tree = len(self.timesteps), self.law.tree
+        commanded = np.array(self.commanded, float).reshape(-1, 3)
+        pd = np.array(self.pd, float).reshape(-1, 9)
+        given: dict[str, Any] = {
+            "timestep_s": np.array(self.timesteps),
+            "gravity_m_s2": np.array(self.gravity),
+            "motors": np.array(self.motors[1:]).reshape(n, tree.joint_rates),
+            "commanded": self._efforts(*commanded.T),
+            "pd": self._efforts(
+                *pd.T[:2],
+                bullet_reports.pd_effort(
+                    gains=pd.T[2:4],
+                    target=pd.T[4],
+                    target_velocity=pd.T[5],
+                    limit=pd.T[6],
+                    position=pd.T[7],
+                    velocity=pd.T[8],
+                ),
+            ),
+            "applied": self._applied(),
+            "contacts": self._contacts(),
+        }
+        return Reported(**{**given, **more})
+
+    def _efforts(self, step: np.ndarray, joint: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        tree = self.law.tree
+        efforts = np.zeros((len(self.timesteps), tree.joint_rates))
+        places = [tree.rates[int(one)].start - tree.first_rate for one in joint]
+        np.add.at(efforts, (step.astype(int), np.array(places, int)), effort)
+        return efforts
+
+    def _contacts(self) -> Forces:
+        if not self.contacts:
+            return Forces()
+        step, link, is_a, at, normal, force, friction, directions, rolls = map(
+            np.array, zip(*self.contacts, strict=True)
+        )
+        return bullet_reports.contact_forces(
+            step=step, link=link, is_a=is_a, point_m=at, normal=normal, normal_force_n=force,
+            friction_n=friction, directions=directions, rolling=rolls,
+        )  # fmt: skip
+
+    def _applied(self) -> Forces:
+        if not self.pushed:
+            return Forces()
+        step, link, vector, at, frame, torque, fresh = map(np.array, zip(*self.pushed, strict=True))
+        at = np.where(torque[:, None], 0.0, at.astype(float))
+        local = frame == p.LINK_FRAME
+        pose = bullet_reports.pose_used(step, link, fresh)
+        kin = self.kinematics()
+        for one in np.flatnonzero(torque & ~local):  # at the centre, so that it has no moment
+            at[one] = kin.position_m(int(link[one]))[pose[one]]
+        return bullet_reports.pushes(
+            kin, step=step, link=link, force_n=np.where(torque[:, None], 0.0, vector), point_m=at,
+            torque_n_m=np.where(torque[:, None], vector, 0.0), in_link_frame=local, pose=pose,
+        )  # fmt: skip
+
+    def sum(self, **more: Any) -> Sum:
+        """Return the steps as a sum of impulses."""
+        return bullet_tree.sum_of(self.law, self.states(), self.reported(**more))
+
+
+def run(
+    watched: Sequence[Watched], steps: int, act: Callable[[int], None] = lambda _: None
+) -> None:
+    """Step the engine, each step after what `act` does."""
+    for step in range(steps):
+        act(step)
+        p.stepSimulation()
+        for one in watched:
+            one.stepped()
