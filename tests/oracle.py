@@ -414,7 +414,7 @@ def touching_height(drop: Drop, orientation: Sequence[float]) -> float | None:
 def _touching_height(drop: Drop, orientation: Quaternion) -> float | None:
     if not facts_of(drop).has_shape:
         return None
-    client = _scratch(drop)
+    client = scratch(drop)
     client.place(0.0, orientation)
     lowest, highest = client.box_m()[:, 2]
 
@@ -437,14 +437,14 @@ def _touching_height(drop: Drop, orientation: Quaternion) -> float | None:
 
 
 @functools.lru_cache(maxsize=2)
-def _scratch(drop: Drop) -> Client:
+def scratch(drop: Drop) -> Client:
     """Return a client to try poses in; it goes with the cache."""
     return Client(drop)
 
 
 def extent_m(drop: Drop, orientation: Sequence[float]) -> Float64:
     """Return the edges of the body's bounding box, turned so [m], margins included."""
-    client = _scratch(body_only(drop))
+    client = scratch(body_only(drop))
     client.place(0.0, orientation)
     low, high = client.box_m()
     return np.asarray(high - low)
@@ -452,14 +452,14 @@ def extent_m(drop: Drop, orientation: Sequence[float]) -> Float64:
 
 def reach_m(drop: Drop) -> float:
     """Return how far the body reaches from its centre of mass at most [m]."""
-    client = _scratch(body_only(drop))
+    client = scratch(body_only(drop))
     client.place(0.0, AS_LOADED)
     return float(np.linalg.norm(np.abs(client.box_m()).max(axis=0)))
 
 
 def shape_pose(drop: Drop) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return position [m] and quaternion of the base's first shape, in the body's axes."""
-    client = _scratch(body_only(replace(drop, maximal=False)))
+    client = scratch(body_only(replace(drop, maximal=False)))
     shape = p.getCollisionShapeData(client.body, -1, client.id)[0]
     return tuple(shape[5]), tuple(shape[6])
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import drop_physics
 import pybullet as p
 import pytest
+from clients import release_clients
 from conftest import Drop
 from drop_physics import DropError, Run, Scenario, analyze, check, plan_of, simulate, sweep
 from drop_physics.errors import (
@@ -22,7 +23,6 @@ from drop_physics.errors import (
     in_parameters,
 )
 from drop_physics.scenario import Camera
-from drop_physics.stages.sweep_shard import release_world
 
 ROOT = Path(__file__).parents[1]
 
@@ -214,7 +214,7 @@ def test_nothing_false_is_said_of_what_was_set_before_a_block(
 ) -> None:
     """PyBullet reports no damping: steps that do not follow its default say where it was set."""
     monkeypatch.chdir(tmp_path)
-    release_world()  # a sweep in this process keeps one
+    release_clients()
     client = p.connect(p.DIRECT)
     try:
         p.setGravity(0, 0, -9.81)

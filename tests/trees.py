@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pybullet as p
 import pybullet_data
+from clients import release_clients
 from drop_physics.laws import bullet_reports, bullet_tree
 from drop_physics.laws.bullet_tree import BulletTree, Reported
 from drop_physics.laws.impulses import Forces, Sum
 from drop_physics.laws.kinematics import Kinematics, kinematics
 from drop_physics.laws.tree import States
-from drop_physics.stages.sweep_shard import release_world
 
 DATA = pybullet_data.getDataPath()
 MOVES = {p.JOINT_REVOLUTE: 1, p.JOINT_PRISMATIC: 1, p.JOINT_SPHERICAL: 3}
@@ -24,7 +24,7 @@ MOVES = {p.JOINT_REVOLUTE: 1, p.JOINT_PRISMATIC: 1, p.JOINT_SPHERICAL: 3}
 @contextlib.contextmanager
 def engine(*, gravity_m_s2: Sequence[float] = (0, 0, -9.81), floor: bool = False) -> Iterator[int]:
     """Connect to a fresh engine, which is the only one: PyBullet's client 0."""
-    release_world()  # a sweep in this process keeps one
+    release_clients()
     client = p.connect(p.DIRECT)
     assert client == 0
     try:

@@ -1,0 +1,15 @@
+"""PyBullet's client 0, which calls without a client id reach."""
+
+from __future__ import annotations
+
+import gc
+
+import oracle
+from drop_physics.stages.sweep_shard import release_world
+
+
+def release_clients() -> None:
+    """Disconnect what earlier tests of this process left, for one that needs client 0."""
+    oracle.scratch.cache_clear()
+    release_world()
+    gc.collect()
