@@ -28,7 +28,7 @@ from drop_physics.analysis.checking.pairing import pairing
 from drop_physics.analysis.checking.samples import Samples
 from drop_physics.analysis.checking.scenarios import engine_versions, scenario_differences
 from drop_physics.analysis.checking.tolerance import tolerance_of
-from drop_physics.analysis.script.times import Times
+from drop_physics.analysis.times import Times
 from drop_physics.seen.calls import Call
 from drop_physics.seen.history import PIECE, Piece, Seen
 

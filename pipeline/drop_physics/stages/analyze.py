@@ -11,7 +11,7 @@ from drop_physics.analysis.drop.analysis import analysis_of
 from drop_physics.analysis.drop.results import Analysis
 from drop_physics.analysis.script.analysis import script_analysis_of
 from drop_physics.analysis.script.results import ScriptAnalysis
-from drop_physics.analysis.script.times import Times
+from drop_physics.analysis.times import Times
 from drop_physics.errors import ScenarioError, check_suffix
 from drop_physics.files.outputs import check_apart, check_target, refused
 from drop_physics.files.table import check_table, write_table

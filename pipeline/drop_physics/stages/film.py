@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.analysis.script.times import Times
+from drop_physics.analysis.times import Times
 from drop_physics.errors import DropError, RecordingError
 from drop_physics.figures.animation import MAX_FPS, decoded, write_animation
 from drop_physics.figures.playback import Animation, Playback, playback

@@ -35,8 +35,8 @@ from drop_physics.analysis.script.results import (
     ScriptFlight,
     Unexplained,
 )
-from drop_physics.analysis.script.times import Times
 from drop_physics.analysis.script.tracks import tracks_of
+from drop_physics.analysis.times import Times
 from drop_physics.laws.base import Motion
 from drop_physics.laws.lookup import RIGID
 from drop_physics.seen.calls import Given

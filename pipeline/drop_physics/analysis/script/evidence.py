@@ -19,7 +19,7 @@ from drop_physics.analysis.general.samples import motion_of
 from drop_physics.analysis.script.edges import box_m, corners_of, edges_of
 from drop_physics.analysis.script.judged import Judged
 from drop_physics.analysis.script.results import BodyAnalysis, ScriptFinding
-from drop_physics.analysis.script.times import Times
+from drop_physics.analysis.times import Times
 from drop_physics.laws.rotations import rotate_inverse
 from drop_physics.messages import Message
 from drop_physics.seen.calls import Call

@@ -1,0 +1,1 @@
+"""Answers: what a recording says to the question why a simulation did that, one file each."""

@@ -1,0 +1,34 @@
+"""All answers, and in which order a reader sees what they found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from drop_physics.analysis.answers.answer import Answer, Finding
+from drop_physics.messages import Message
+
+ANSWERS: tuple[type[Answer], ...] = (
+    # joints
+    # contacts
+    # calls and files
+    # the whole
+)
+
+
+def ranked(findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings, the gravest first; the same one on many bodies is one, the worst of them."""
+    groups: dict[tuple[str, str], list[Finding]] = {}
+    for each in findings:
+        text = each.message.template if isinstance(each.message, Message) else each.message
+        groups.setdefault((each.code, text), []).append(each)
+    return sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
+
+
+def _one_of(group: list[Finding]) -> Finding:
+    worst = min(group, key=lambda each: each.rank)
+    if worst.body is None:
+        return worst
+    # One that stands for several bodies already counts them.
+    counts = {each.body: each.bodies for each in group}
+    return replace(worst, bodies=sum(counts.values()))
