@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import JointTable
@@ -20,7 +20,8 @@ LEVELS: tuple[Level, ...] = get_args(Level)
 you; another run may differ; worth knowing. The gravest first."""
 
 
-class Effect(NamedTuple):
+@dataclass(frozen=True)
+class Effect:
     """How much it is: a magnitude."""
 
     value: float
@@ -28,7 +29,8 @@ class Effect(NamedTuple):
     """SI."""
 
 
-class Span(NamedTuple):
+@dataclass(frozen=True)
+class Span:
     """The steps that it covers."""
 
     first: int
