@@ -5,11 +5,17 @@ from __future__ import annotations
 import gc
 
 import oracle
+import pybullet as p
 from drop_physics.stages.sweep_shard import release_world
+
+MOST = 64
+"""More clients than any test has."""
 
 
 def release_clients() -> None:
     """Disconnect what earlier tests of this process left, for one that needs client 0."""
     oracle.scratch.cache_clear()
     release_world()
-    gc.collect()
+    gc.collect()  # worlds that only wait to be finalized
+    for client in filter(p.isConnected, range(MOST)):
+        p.disconnect(client)
