@@ -689,6 +689,55 @@ def test_a_recording_that_is_gone_is_made_again(tmp_path: Path) -> None:
     assert read(path).states.equals(was)
 
 
+def of_the_same_scenario(path: Path) -> None:
+    simulate(Scenario(height_m=3.0), path, camera=None, force=True)
+
+
+ALTERED_RECORDINGS = {
+    "a bit": flipped,
+    "cut": lambda path: path.write_bytes(path.read_bytes()[:-100]),
+    "longer": lambda path: os.truncate(path, 10**11),
+    "empty": lambda path: path.write_bytes(b""),
+    "same scenario": of_the_same_scenario,
+    "another run's": lambda path: shutil.copy(path.with_name("run-0.rrd"), path),
+    "a folder": lambda path: (path.unlink(), path.mkdir()),
+    "nowhere": lambda path: (path.unlink(), path.symlink_to("nowhere")),
+}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a finished sweep with three recordings."""
+    folder = tmp_path_factory.mktemp("recorded") / "s"
+    sweep(THREE, folder)
+    return folder
+
+
+@pytest.mark.parametrize("alter", ALTERED_RECORDINGS.values(), ids=ALTERED_RECORDINGS)
+def test_a_recording_that_was_altered_is_not_believed(
+    recorded: Path, tmp_path: Path, alter: Callable[[Path], object]
+) -> None:
+    """Of a sweep that is finished too; nothing is rewritten, and --force makes it again."""
+    folder = Path(shutil.copytree(recorded, tmp_path / "s"))
+    path = folder / "recordings" / "run-2.rrd"
+    assert sweep(THREE, folder).computed == 0
+    whole = read(path).states
+    alter(path)
+    before = {one: os.lstat(one) for one in folder.rglob("*")}
+    with pytest.raises(
+        OutputError, match=r"run-2\.rrd is not what this sweep wrote: it was altered .*force=True"
+    ):
+        sweep(THREE, folder)
+    assert {one: os.lstat(one).st_size for one in before} == {
+        one: stat.st_size for one, stat in before.items()
+    }
+    if path.is_dir():
+        path.rmdir()  # which is nobody's file to replace
+    assert sweep(THREE, folder, force=True).computed == 1
+    assert read(path).states.equals(whole)
+    assert sweep(THREE, folder).computed == 0
+
+
 @pytest.mark.parametrize("theirs", ["text", "same scenario", "another run", "cut"])
 def test_recordings_that_this_sweep_did_not_make_are_not_replaced(
     tmp_path: Path, theirs: str
@@ -704,7 +753,7 @@ def test_recordings_that_this_sweep_did_not_make_are_not_replaced(
     if theirs == "text":
         path.write_text("precious")
     elif theirs == "same scenario":
-        simulate(Scenario(height_m=3.0), path, camera=None, force=True)
+        of_the_same_scenario(path)
     elif theirs == "another run":
         shutil.copy(path.with_name("run-0.rrd"), path)
     else:
@@ -732,12 +781,12 @@ def test_what_comes_while_a_sweep_runs_is_not_replaced(tmp_path: Path) -> None:
 def test_runs_of_an_earlier_command_stay_when_they_are_not_needed(tmp_path: Path) -> None:
     plan = plan_of({"linear_damping": "0"}, samples=36, seed=1, vary=["gravity=normal:-9.81:1"])
     whole = sweep(plan, tmp_path, jobs=1).table()
-    theirs = tmp_path / "recordings" / "run-7.rrd"
+    theirs = tmp_path / "recordings" / "run-36.rrd"
     theirs.write_text("precious")
     enough = sweep(plan, tmp_path, jobs=1, until_ci_m=1.0)
     assert (enough.runs, enough.computed) == (30, 0)
     assert enough.table().equals(whole.head(30))
-    assert len(list(theirs.parent.iterdir())) == 36
+    assert len(list(theirs.parent.iterdir())) == 37
     assert theirs.read_text() == "precious"
     again = sweep(plan, tmp_path, jobs=1)
     assert (again.computed, again.table().equals(whole)) == (0, True)

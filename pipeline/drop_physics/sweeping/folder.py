@@ -7,6 +7,7 @@ recordings/run-12.rrd   one per run, if recordings are kept
 
 Every table is stamped with the sweep and its name, and every recording has an id derived from the
 sweep and its run. A file without them is not this sweep's: it is not used, replaced or deleted.
+A part also holds the digests of its recordings, so that one that was altered later is noticed.
 """
 
 from __future__ import annotations
@@ -66,6 +67,9 @@ SCHEMA: dict[str, Any] = {
 the height in the last sample; `command` repeats the run; `error` says why it failed."""
 
 TERMS = ("error_m", "timestep_m", "damping_m", "interaction_m", "rounding_m")
+
+_WRITTEN: dict[str, Any] = {"recording_bytes": pl.Int64, "recording_sha256": pl.String}
+"""Columns that only parts have: what the recording was when the part was written."""
 
 EXPLAINED = pl.all_horizontal(pl.col(TERMS).is_not_null())
 """Rows whose error was broken down: the sample was in the air, in simulation and in theory."""
@@ -188,7 +192,7 @@ class Folder:
         OutputError
             If it cannot be written.
         """
-        part = pl.DataFrame(rows, schema=SCHEMA)
+        part = pl.DataFrame([row | self._written(row) for row in rows], schema=SCHEMA | _WRITTEN)
         with self._stamped(self.part(shard)) as file:
             part.write_parquet(file, metadata=UNSTAMPED)
         return part
@@ -260,9 +264,32 @@ class Folder:
             )
 
     def lacks_recording(self, plan: Plan, rows: pl.DataFrame) -> bool:
-        """Return whether a recording that was made with these rows is gone."""
-        made = rows.filter(pl.col("recording").is_not_null())["run"]
-        return not all(os.path.lexists(self.recording(plan, run)) for run in made)
+        """Return whether a recording that was made with these rows is gone.
+
+        Raises
+        ------
+        OutputError
+            If one is there that is not, to the last bit, what this sweep wrote.
+        """
+        lacks = False
+        made = rows.filter(pl.col("recording").is_not_null())
+        for run, *known in made["run", *_WRITTEN].rows():
+            path = self.recording(plan, run)
+            if not os.path.lexists(path):
+                lacks = True
+            elif _digest(path, due_bytes=known[0]) != tuple(known):
+                raise OutputError(
+                    "{path} is not what this sweep wrote: {fault}; move it away and repeat the "
+                    "command, or replace it with --force",
+                    path=path,
+                    fault=Message("it was altered or replaced"),
+                )
+        return lacks
+
+    def _written(self, row: Row) -> Row:
+        path = row["recording"] and self.path / row["recording"]
+        size, digest = (None, None) if path is None else _digest(path)
+        return dict(zip(_WRITTEN, (size, digest), strict=True))
 
     def discard_unfinished(self, plan: Plan, run: int) -> None:
         """Remove the unfinished recording of a run that a killed worker of this sweep left."""
@@ -304,5 +331,14 @@ class Folder:
         """
         with self._stamped(self.results) as file:
             parts = pl.scan_parquet([self.part(shard) for shard in range(shards)])
-            parts.sink_parquet(file, metadata=UNSTAMPED)
+            parts.drop(*_WRITTEN).sink_parquet(file, metadata=UNSTAMPED)
         return pl.scan_parquet(self.results)
+
+
+def _digest(path: Path, *, due_bytes: int | None = None) -> tuple[int, str]:
+    """Return a file's size and digest; one of another size than `due_bytes` is not read."""
+    size = path.stat().st_size if path.is_file() else -1
+    if due_bytes is not None and size != due_bytes:
+        return size, ""
+    with path.open("rb") as file:
+        return size, hashlib.file_digest(file, "sha256").hexdigest()
