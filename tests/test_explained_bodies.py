@@ -360,7 +360,11 @@ steps(10)
 
 UNCOVERED = {
     "substeps": ("p.setPhysicsEngineParameter(numSubSteps=4)", "substeps", {}),
-    "maximal": ("", "maximal", {"useMaximalCoordinates": True}),
+    "maximal": (
+        "steps(60)\np.changeDynamics(b, -1, mass=3)",  # touches with the inertia that it had
+        "maximal",
+        {"useMaximalCoordinates": True},
+    ),
     "rolling": (
         "p.setPhysicsEngineParameter(enableConeFriction=0)\n"
         "p.changeDynamics(b, -1, rollingFriction=0.01)",
@@ -385,6 +389,27 @@ def test_what_the_law_does_not_cover_says_why(name: str, seen: Callable[[str], S
     assert left.remainder > CLOSES
     energy = totals.energy_j
     assert sum(energy.values()) == pytest.approx(totals.changed_j, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("call", "how", "of_contact"),
+    [("", "useMaximalCoordinates=True", 0), ("p.setPhysicsEngineParameter(numSubSteps=4)", "", 1)],
+)
+def test_a_body_alone_follows_its_own_law(
+    call: str, how: str, of_contact: int, seen: Callable[[str], Seen]
+) -> None:
+    """No sum, so no causes; its flight is explained, and contact where it is reported."""
+    turn = "p.getQuaternionFromEuler([0.3, 0.2, 0])"
+    box = f'b = p.loadURDF("cube_small.urdf", [0, 0, 0.3], {turn}, {how})\n'
+    push = "p.applyExternalForce(b, -1, [0, 1, 0], [0, 0, 0.5], p.WORLD_FRAME)\n"
+    totals = explanation(seen(f"{FLOOR}{call}\n{box}steps(20)\n{push}steps(80)\n")).totals[1]
+    counts = dict(zip(SEGMENTS, totals.segments.tolist(), strict=True))
+    assert counts["flight"] >= 50
+    assert counts["pushed"] == 1 - of_contact  # forces last one of several substeps
+    assert bool(counts["unexplained"]) == bool(of_contact)
+    assert bool(counts["contact"]) != bool(of_contact)
+    assert not totals.covered
+    assert totals.remainder == 0
 
 
 def test_a_planar_joint_is_not_covered(seen: Callable[[str], Seen], tmp_path: Path) -> None:

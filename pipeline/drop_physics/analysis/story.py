@@ -2,22 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
+import polars as pl
 
 from drop_physics.analysis.answers.answer import Finding, Scene
 from drop_physics.analysis.answers.every import ANSWERS, ranked
-from drop_physics.analysis.explained.recording import Explained, Explanation
+from drop_physics.analysis.bodies import BodyStory
+from drop_physics.analysis.explained import recording
+from drop_physics.analysis.explained.recording import Explanation
 from drop_physics.analysis.joints import JointTable
+from drop_physics.analysis.results import Explained, ScriptAnalysis
+from drop_physics.analysis.rows import COLUMNS, shown
 from drop_physics.analysis.times import Times
 from drop_physics.analysis.touches import TouchTable
 from drop_physics.seen.history import Seen
 
+WHOLE = 1 << 20
+"""Rows that a table has without being asked for."""
+
 
 class Story:
-    """Goes through a recording once."""
+    """Goes through a recording once.
 
-    def __init__(self, seen: Seen, origin: Mapping[str, Any]) -> None:
+    Parameters
+    ----------
+    seen
+        What was observed of its simulations.
+    origin
+        The script, and how it ended.
+    at_s
+        Times [s] at which flights are broken down besides at their ends.
+    sums_at_s
+        Times [s] whose steps are reported as sums.
+    whole
+        Whether to keep all rows of the table.
+    """
+
+    def __init__(
+        self,
+        seen: Seen,
+        origin: Mapping[str, Any],
+        *,
+        at_s: Sequence[float] = (),
+        sums_at_s: Sequence[float] = (),
+        whole: bool = True,
+    ) -> None:
         clients = {each.client for each in seen.settings}
         self.explanation = Explanation(seen)
         self.scene = Scene(
@@ -28,22 +60,88 @@ class Story:
             touches=TouchTable(seen),
         )
         self._answers = [question(self.scene) for question in ANSWERS]
+        self._rows: list[pl.DataFrame] = []
+        self._whole = whole
+        self.bodies = {
+            number: BodyStory(self.scene, body, at_s=at_s, sums_at_s=sums_at_s)
+            for number, body in sorted(seen.bodies.items())
+        }
 
-    def see(self, explained: Explained) -> None:
+    def see(self, explained: recording.Explained) -> None:
         """Take a piece."""
         self.scene.joints.add(explained)
         self.scene.touches.add(explained)
         for answer in self._answers:
             answer.see(explained)
+        for number, judged in explained.bodies.items():
+            rows = self.bodies[number].add(judged, explained.chains[number])
+            self._rows.append(rows if self._whole else shown(rows))
 
     def findings(self) -> list[Finding]:
         """Return what the answers found, the gravest first, after the last piece."""
         return ranked(each for answer in self._answers for each in answer.findings())
 
+    @property
+    def table(self) -> pl.DataFrame:
+        """The samples that were kept, body by body."""
+        table = pl.concat([pl.DataFrame(schema=COLUMNS), *self._rows])
+        return table.sort("body", "step", maintain_order=True)
+
 
 def findings_of(seen: Seen, origin: Mapping[str, Any]) -> list[Finding]:
     """Return what the answers find in a whole recording."""
-    story = Story(seen, origin)
+    story = Story(seen, origin, whole=False)
     for explained in story.explanation.pieces():
         story.see(explained)
     return story.findings()
+
+
+@np.errstate(over="ignore", invalid="ignore")  # of states that are not finite: reported
+def script_analysis_of(
+    seen: Seen,
+    origin: Mapping[str, Any],
+    *,
+    at_s: Sequence[float] = (),
+    sums_at_s: Sequence[float] = (),
+    whole: bool = False,
+) -> ScriptAnalysis:
+    """Analyze a script's recording; the parameters are those of `Story`."""
+    samples = sum(seen.samples.values()) * max(1, len(seen.bodies))
+    story = Story(seen, origin, at_s=at_s, sums_at_s=sums_at_s, whole=whole or samples <= WHOLE)
+    for explained in story.explanation.pieces():
+        story.see(explained)
+    totals = story.explanation.totals
+    by_body = {number: body.explained(totals.get(number)) for number, body in story.bodies.items()}
+    return ScriptAnalysis(
+        origin=dict(origin),
+        engine=_engine(seen),
+        samples=max(seen.samples.values(), default=0),
+        explained=_together([*by_body.values()]),
+        bodies=[body.result(totals.get(number)) for number, body in story.bodies.items()],
+        findings=story.findings(),
+        by_body=by_body,
+        table=story.table,
+    )
+
+
+def _together(parts: Sequence[Explained]) -> Explained:
+    first = min(
+        (each for each in parts if each.until_s is not None),
+        key=lambda each: each.until_s or 0.0,
+        default=None,
+    )
+    return Explained(
+        samples=sum(each.samples for each in parts),
+        of=sum(each.of for each in parts),
+        remainder=max((each.remainder for each in parts), default=0.0),
+        until_s=None if first is None else first.until_s,
+        why=None if first is None else first.why,
+    )
+
+
+def _engine(seen: Seen) -> dict[str, Any]:
+    last = {settings.client: settings.values for settings in seen.settings}
+    return {
+        str(client): {name: np.asarray(value).tolist() for name, value in values.items()}
+        for client, values in sorted(last.items())
+    }

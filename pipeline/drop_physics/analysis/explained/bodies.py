@@ -43,6 +43,10 @@ class Epoch:
     """Why its steps need not be a sum; what only the contacts tell is not among them."""
     cone_friction: bool
     """`enableConeFriction`."""
+    substeps: int
+    """`numSubSteps`; 0 and 1 mean the same."""
+    damping: tuple[float | None, float | None]
+    """Linear and angular, as calls set it; None where none did."""
 
 
 @dataclass(eq=False)
@@ -164,7 +168,20 @@ class Epochs:
             planar=any(joint.kind == "planar" for joint in record.body.joints),
         )
         known = not (settings.planar or settings.maximal)
-        return Epoch(life, law, not_covered(settings, law.tree if known else None), cone)
+        reasons = not_covered(settings, law.tree if known else None)
+        return Epoch(life, law, reasons, cone, substeps, _damping(calls))
+
+
+def _damping(calls: Sequence[Given]) -> tuple[float | None, float | None]:
+    """Return linear and angular damping that calls have set; PyBullet ignores a negative one."""
+    given = [
+        [_number(call.values.get(f"{which}Damping", -1.0)) for call in calls]
+        for which in ("linear", "angular")
+    ]
+    linear, angular = (
+        next((value for value in reversed(values) if value >= 0), None) for values in given
+    )
+    return linear, angular
 
 
 def _kind(engine: Mapping[str, float | Sequence[float]]) -> tuple[int, bool]:

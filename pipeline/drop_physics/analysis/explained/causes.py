@@ -63,6 +63,8 @@ class Totals:
     moved_kg_m_s: Float64 = field(default_factory=lambda: np.zeros(3))
     momentum_kg_m_s: dict[str, Float64] = field(default_factory=_no_momentum)
     """Changes of linear momentum by cause, (3,) each; 0 while the base cannot move."""
+    covered: bool = True
+    """Whether the law has a sum for all steps: else causes are not known."""
     _last: _End | None = None
 
     @property
@@ -117,6 +119,7 @@ class Totals:
 
     def _add(self, steps: Steps) -> None:
         changes = steps.changes
+        self.covered &= steps.covered or not steps.law.tree.size
         self._set(changes.set_j, changes.set_kg_m_s)
         self.changed_j += changes.changed_j - changes.set_j
         self.moved_kg_m_s = self.moved_kg_m_s + (changes.moved_kg_m_s - changes.set_kg_m_s)

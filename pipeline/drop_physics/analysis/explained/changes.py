@@ -54,6 +54,8 @@ class Changes:
     set_kg_m_s: Float64
     moved_kg_m_s: Float64
     """The whole change, shape (3,)."""
+    after_j: Float64
+    """Kinetic and potential energy after each step, shape (n,); heights count from the origin."""
 
 
 def changes_of(law: BulletTree, states: States, steps: Transitions, added: Sum | None) -> Changes:
@@ -69,13 +71,17 @@ def changes_of(law: BulletTree, states: States, steps: Transitions, added: Sum |
     if law.tree.fixed:
         momentum, moved = {}, np.zeros((len(real), 3))
     weighed = _weighed(law, states, steps)
+    begin_j, _ = energy_of(law, states.at(np.zeros(1, np.intp)), steps.gravity_m_s2[:1])
+    # Gravity that changes counts from the step on that it acts in.
+    after_j = begin_j + np.cumsum(changed)[real] + np.cumsum(weighed)
     return Changes(
         energy_j={name: each[real] for name, each in energy.items()},
-        set_j=float(changed[~real].sum()) + weighed,
-        changed_j=float(changed.sum()) + weighed,
+        set_j=float(changed[~real].sum() + weighed.sum()),
+        changed_j=float(changed.sum() + weighed.sum()),
         momentum_kg_m_s={name: each[real] for name, each in momentum.items()},
         set_kg_m_s=moved[~real].sum(axis=0),
         moved_kg_m_s=moved.sum(axis=0),
+        after_j=after_j,
     )
 
 
@@ -112,11 +118,12 @@ def _potential(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
     return out
 
 
-def _weighed(law: BulletTree, states: States, steps: Transitions) -> float:
-    """Return what setting gravity between steps changed of the potential energy [J]."""
+def _weighed(law: BulletTree, states: States, steps: Transitions) -> Float64:
+    """Return what setting gravity before each step changed of the potential energy [J], (n,)."""
     turned = np.diff(steps.gravity_m_s2, axis=0)
     rows = np.flatnonzero(turned.any(axis=1))
-    if not len(rows):
-        return 0.0
-    kin = kinematics(law.tree, states.at(steps.where[rows + 1]))
-    return float(_potential(kin, turned[rows]).sum())
+    weighed = np.zeros(len(steps.gravity_m_s2))
+    if len(rows):
+        kin = kinematics(law.tree, states.at(steps.where[rows + 1]))
+        weighed[rows + 1] = _potential(kin, turned[rows])
+    return weighed

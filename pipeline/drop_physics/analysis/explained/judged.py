@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.explained.steps import EXPLAINED, WITHOUT_SUM, Steps
+from drop_physics.analysis.general import segments
 from drop_physics.laws.bullet_tree import Reason
 from drop_physics.seen.events import Body
 
@@ -25,6 +26,9 @@ SEGMENTS: tuple[Segment, ...] = get_args(Segment)
 """The first that applies to a sample."""
 (SET, UNEXPLAINED, STILL, PUSHED, CONSTRAINED, CONTACT, DRIVEN, FLIGHT) = range(len(SEGMENTS))
 
+ALONE = {segments.FLIGHT: FLIGHT, segments.CONTACT: CONTACT, segments.PUSHED: PUSHED}
+"""What the law of a body alone calls a step, and what it is here."""
+
 Why = Reason | Literal["not finite", "before the recording", "remainder"]
 WHYS: tuple[Why, ...] = (*get_args(Reason), "not finite", "before the recording", "remainder")
 """Why a sample is unexplained: what the law says, from settings, before what was only seen."""
@@ -38,6 +42,9 @@ class Judged:
     steps: Int64
     segment: Int8
     """Indices into SEGMENTS."""
+    kind: Int8
+    """What acted in the step that led to it, whether calls had set its start or not: indices into
+    SEGMENTS; SET where no step did."""
     why: Int8
     """Indices into WHYS; -1 where it is explained."""
     unexplained: Float64
@@ -55,20 +62,27 @@ def judged(
     body: Body, sampled: Int64, stretches: Sequence[Steps], *, soft_there: bool = False
 ) -> Judged:
     """Return what each of some samples is; `soft_there`: whether there are soft bodies."""
-    segment = np.full(len(sampled), SET, np.int8)
+    segment, kind = np.full((2, len(sampled)), SET, np.int8)
     why = np.full(len(sampled), -1, np.int8)
     unexplained = np.zeros(len(sampled))
     for steps in stretches:
         rows = np.searchsorted(sampled, steps.steps)
         reasons = _whys(steps, body, soft_there=soft_there)
-        why[rows], unexplained[rows] = reasons, steps.unexplained
-        segment[rows] = np.where(reasons >= 0, UNEXPLAINED, _kinds(steps))
-    return Judged(body, sampled, segment, why, unexplained, stretches)
+        # What another law explains has no sum, and what sleeps need not close it.
+        other = (reasons < 0) & ~(steps.unexplained <= EXPLAINED)
+        why[rows], unexplained[rows] = reasons, np.where(other, 0.0, steps.unexplained)
+        kind[rows] = _kinds(steps)
+        held = np.where(steps.put, SET, kind[rows])
+        segment[rows] = np.where(reasons >= 0, UNEXPLAINED, held)
+    return Judged(body, sampled, segment, kind, why, unexplained, stretches)
 
 
 def _kinds(steps: Steps) -> Int8:
     """Return what acted in each step."""
     kinds = np.full(len(steps), FLIGHT, np.int8)
+    for code, kind in ALONE.items():
+        if steps.alone is not None:
+            kinds[steps.alone == code] = kind
     for kind, names in (
         (DRIVEN, ("motors",)), (CONTACT, ("contacts", "rolling")), (CONSTRAINED, ("constraints",)),
         (PUSHED, ("applied",)),
@@ -96,8 +110,13 @@ def _whys(steps: Steps, body: Body, *, soft_there: bool) -> Int8:
     reasons = steps.epoch.reasons if steps.law.tree.size else ()  # what cannot move needs none
     outright = next((each for each in reasons if each in WITHOUT_SUM), None)
     if outright is not None:
-        why[:] = WHYS.index(outright)
+        followed = np.zeros(len(steps), np.bool_)
+        if steps.alone is not None:
+            followed = np.isin(steps.alone, [*ALONE])
+        why[~followed & ~_same(steps)] = WHYS.index(outright)
         return why
+    if "asleep" in reasons:  # nothing acts on what sleeps
+        off &= ~_same(steps)
     why[off] = WHYS.index("before the recording" if body.before else "remainder")
     finite = np.isfinite(steps.remainder).all(axis=1)
     for reason, holds in (

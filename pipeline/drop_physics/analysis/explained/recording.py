@@ -16,6 +16,7 @@ from drop_physics.analysis.explained.joined import Constraints
 from drop_physics.analysis.explained.judged import Judged, judged
 from drop_physics.analysis.explained.steps import Around, steps_of
 from drop_physics.analysis.explained.touching import Touching, rows_of
+from drop_physics.laws.base import EXACT_MACHINES
 from drop_physics.laws.tree import States, Tree
 from drop_physics.seen.calls import Call, Meanings, Push
 from drop_physics.seen.events import Settings, order
@@ -36,6 +37,8 @@ class Explained:
     piece: Piece
     bodies: Mapping[int, Judged]
     """By number, of those that have samples in it."""
+    chains: Mapping[int, Chain]
+    """The states of the same bodies, which begin with the last ones of the piece before."""
 
 
 class Explanation:
@@ -89,6 +92,7 @@ class Explanation:
                 touching=touching,
                 sides=touching.of(number),
                 poses=lambda body, ends: self._poses(chains, body, ends),
+                exact=self._seen.machine in ("", *EXACT_MACHINES),
             )
             stretches = [
                 steps_of(each, around) for each in stretches_of(chain, first, self._epochs[number])
@@ -98,7 +102,7 @@ class Explanation:
             bodies[number] = judged(record.body, sampled, stretches, soft_there=soft)
             self.totals.setdefault(number, Totals(record.body)).add(bodies[number])
             self._lasts[number] = chain.at(slice(-2, None))
-        return Explained(piece, bodies)
+        return Explained(piece, bodies, {number: chain for number, (chain, _) in chains.items()})
 
     def _chained(self, piece: Piece) -> dict[int, tuple[Chain, int]]:
         """Return the states of each body, and how many of them were in the piece before."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.analysis.explained import alone
 from drop_physics.analysis.explained.bodies import Epoch, Record
 from drop_physics.analysis.explained.chain import Chain, Stretch
 from drop_physics.analysis.explained.changes import Changes, Transitions, changes_of
@@ -17,7 +19,8 @@ from drop_physics.analysis.explained.joined import Acting, Constraints, Poses
 from drop_physics.analysis.explained.pushed import pushed
 from drop_physics.analysis.explained.touching import Sides, Touching, rows_of
 from drop_physics.laws.bullet_tree import BulletTree, Reason, Reported, sum_of
-from drop_physics.laws.impulses import Forces, Sum
+from drop_physics.laws.impulses import Forces, Sum, impulses_of
+from drop_physics.laws.kinematics import kinematics
 from drop_physics.laws.tree import BASE, States
 from drop_physics.seen import events
 from drop_physics.seen.calls import Push
@@ -25,6 +28,7 @@ from drop_physics.seen.events import counted_s, order
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
+Int8 = NDArray[np.int8]
 Flags = NDArray[np.bool_]
 
 EXPLAINED = 1e-9
@@ -52,6 +56,8 @@ class Around:
     sides: Sides
     """Its contact points."""
     poses: Poses
+    exact: bool
+    """Whether the machine rounds each operation once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +89,30 @@ class Steps:
     """Where a constraint acts that the law does not cover."""
     changes: Changes
     """How energy and momentum change, by cause."""
+    alone: Int8 | None
+    """What they are by the law of a body alone (`alone`), where that is what covers them."""
 
     def __len__(self) -> int:
         """Return the number of steps."""
         return len(self.steps)
+
+    @property
+    def covered(self) -> bool:
+        """Whether the law has a sum for these steps."""
+        return bool(self.terms)
+
+    @cached_property
+    def point_energy_j(self) -> Float64:
+        """What each contact point gave of the body's energy: ½ (u' + u)·P, shape (points,)."""
+        contacts, tree = self.reported.contacts, self.law.tree
+        if not len(contacts) or not tree.size:
+            return np.zeros(len(contacts))
+        used, rows = np.unique(contacts.step, return_inverse=True)
+        kin = kinematics(tree, self.before.at(used))
+        timestep_s = self.reported.timestep_s[used]
+        impulses = impulses_of(kin, replace(contacts, step=rows), timestep_s)
+        mean = 0.5 * (self.before.velocity + self.after.velocity)[contacts.step]
+        return np.asarray(np.einsum("ki,ki->k", mean, impulses))
 
 
 def steps_of(stretch: Stretch, around: Around) -> Steps:
@@ -106,12 +132,21 @@ def steps_of(stretch: Stretch, around: Around) -> Steps:
     if size and not WITHOUT_SUM & {*reasons}:
         added, found = _closing(stretch, around, rows, states, found)
         unexplained = added.unexplained[real]
+    after, codes = ends.states(law.tree), None
+    if (
+        size
+        and not law.tree.links
+        and {*reasons} & alone.ALONE == {*reasons} & WITHOUT_SUM != set()
+    ):
+        found = replace(found, applied=_pushed(stretch, around, rows, np.full(n, NEVER)))
+        touches = around.touching.touches(sides, found.contacts)
+        codes = alone.explained(stretch.epoch, before, after, found, touches, exact=around.exact)
     return Steps(
         epoch=stretch.epoch,
         law=law,
         steps=ends.steps,
         before=before,
-        after=ends.states(law.tree),
+        after=after,
         put=~begins.sampled,
         reported=found,
         sides=sides,
@@ -121,6 +156,7 @@ def steps_of(stretch: Stretch, around: Around) -> Steps:
         unexplained=unexplained,
         unknown=acting.unknown,
         changes=changes_of(law, states, rows, added),
+        alone=codes,
     )
 
 
@@ -162,25 +198,33 @@ def _of_engine(settings: Sequence[events.Settings], began: Int64) -> tuple[Float
 # -- pushes, whose pose is not known --------------------------------------------------------------
 
 
+def _pushes(stretch: Stretch, around: Around) -> list[Push]:
+    """Return the pushes of a body in its present life."""
+    came = order(around.record.came[stretch.epoch.life].at)
+    return [each for each in around.pushes if order(each.at) >= came]
+
+
+def _pushed(stretch: Stretch, around: Around, rows: Transitions, refreshed: Int64) -> Forces:
+    """Return what pushes do in the steps of a stretch."""
+    begins = stretch.first + rows.where
+    ends = around.chain.steps[begins + 1]
+    return pushed(_pushes(stretch, around), around.record, stretch.epoch.law.tree, around.chain,
+        begins, ends, refreshed=refreshed)  # fmt: skip
+
+
 def _closing(
     stretch: Stretch, around: Around, rows: Transitions, states: States, found: Reported
 ) -> tuple[Sum, Reported]:
     """Return the sum, with pushes at those poses of links with which each step closes best."""
-    law, life = stretch.epoch.law, stretch.epoch.life
-    came = order(around.record.came[life].at)
-    pushes = [each for each in around.pushes if order(each.at) >= came]
-    begins = stretch.first + rows.where
-    ends = around.chain.steps[begins + 1]
+    law, pushes = stretch.epoch.law, _pushes(stretch, around)
 
     def added(refreshed: Int64) -> tuple[Sum, Reported]:
         known = found
         if pushes:
-            acting = pushed(pushes, around.record, law.tree, around.chain, begins, ends,
-                refreshed=refreshed)  # fmt: skip
-            known = replace(found, applied=acting)
+            known = replace(found, applied=_pushed(stretch, around, rows, refreshed))
         return sum_of(law, states, _spread(known, rows)), known
 
-    refreshed = np.full(len(ends), NEVER)
+    refreshed = np.full(len(rows.where), NEVER)
     best, known = added(refreshed)
     off = best.unexplained[rows.real]
     _, counts = np.unique([each.at.step for each in pushes if each.link != BASE],

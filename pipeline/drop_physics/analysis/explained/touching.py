@@ -10,6 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.explained.bodies import Record
+from drop_physics.analysis.general.contacts import Touches
 from drop_physics.laws.bullet_reports import contact_forces
 from drop_physics.laws.impulses import Forces
 
@@ -48,6 +49,7 @@ class Touching:
     def __init__(self, contacts: pl.DataFrame, records: Mapping[int, Record]) -> None:
         self._points = {first: _vectors(contacts, first) for first in VECTORS}
         self._normal_n = contacts["normal_force_n"].to_numpy()
+        self._distance_m = contacts["distance_m"].to_numpy()
         self._friction_n = np.column_stack(
             [contacts[name].to_numpy() for name in ("friction_1_n", "friction_2_n")]
         )
@@ -85,6 +87,18 @@ class Touching:
             directions=np.stack((first, second), axis=1),
             rolling=sides.rolling,
         )
+
+    def touches(self, sides: Sides, forces: Forces) -> Touches:
+        """Return contact points, and the forces at them, as those of a body alone."""
+        return Touches(
+            step=forces.step, position_m=forces.point_m, force_n=forces.force_n,
+            distance_m=self.distance_m(sides), other_body=sides.other_body,
+            other_link=sides.other_link,
+        )  # fmt: skip
+
+    def distance_m(self, sides: Sides) -> Float64:
+        """Return the distance at contact points, negative where bodies overlap, shape (k,)."""
+        return np.asarray(self._distance_m[sides.point])
 
 
 def _vectors(points: pl.DataFrame, first: str) -> Float64:

@@ -1,0 +1,180 @@
+"""What one body did, gathered piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from drop_physics.analysis.answers.answer import Scene
+from drop_physics.analysis.explained.causes import Totals
+from drop_physics.analysis.explained.chain import Chain
+from drop_physics.analysis.explained.judged import SEGMENTS, Judged
+from drop_physics.analysis.explained.steps import Steps
+from drop_physics.analysis.flights import Flights
+from drop_physics.analysis.phases import Phases
+from drop_physics.analysis.results import (
+    BodyAnalysis,
+    Energy,
+    Explained,
+    Momentum,
+    StepSum,
+    Unexplained,
+    Vector,
+)
+from drop_physics.analysis.rows import rows_of
+from drop_physics.seen.events import Body, order
+
+Float64 = NDArray[np.float64]
+
+
+class BodyStory:
+    """One body; `add` takes its pieces, `result` tells what it did.
+
+    Parameters
+    ----------
+    scene
+        All that is known besides the pieces.
+    body
+        The body.
+    at_s
+        Times [s] at which flights are broken down besides at their ends.
+    sums_at_s
+        Times [s] whose steps are reported as sums.
+    """
+
+    def __init__(
+        self, scene: Scene, body: Body, *, at_s: Sequence[float], sums_at_s: Sequence[float]
+    ) -> None:
+        self._scene, self._body = scene, body
+        self._times = scene.times[body.client]
+        self._flights = Flights(self._times, self._nearest(at_s))
+        self._phases = Phases(self._times, scene.seen.bodies)
+        self._sums_at = self._nearest(sums_at_s)
+        self._sums: list[StepSum] = []
+
+    def _nearest(self, times_s: Sequence[float]) -> list[int]:
+        last = self._scene.seen.samples.get(self._body.client, 1) - 1
+        steps = (self._times.nearest(time_s, 0, last) for time_s in times_s)
+        return [step for step in steps if step is not None]
+
+    def add(self, judged: Judged, chain: Chain) -> pl.DataFrame:
+        """Take a piece; return a row for each of its samples."""
+        errors_m = self._flights.add(judged)
+        self._phases.add(judged)
+        for steps in judged.stretches:
+            self._sums += [
+                _sum_of(steps, int(row), judged, self._times.of(int(steps.steps[row])))
+                for row in np.flatnonzero(np.isin(steps.steps, self._sums_at))
+            ]
+        sampled = np.flatnonzero(chain.sampled)
+        rows = sampled[np.searchsorted(chain.steps[sampled], judged.steps)]
+        return rows_of(judged, chain.base[rows, :3], errors_m, self._times)
+
+    def explained(self, totals: Totals | None) -> Explained:
+        """Return how much of the body is explained."""
+        if totals is None:
+            return Explained(0, 0, 0.0, None, None)
+        left = totals.unexplained
+        why = min(left, key=lambda each: left[each].first_step, default=None)
+        until_s = None if why is None else self._times.of(left[why].first_step)
+        return Explained(totals.explained, totals.samples, totals.remainder, until_s, why)
+
+    def result(self, totals: Totals | None) -> BodyAnalysis:
+        """Return what the body did, after the last piece."""
+        body, scene = self._body, self._scene
+        reported = [each for each in scene.seen.dynamics if each.body.number == body.number]
+        return BodyAnalysis(
+            name=body.name,
+            label=body.label,
+            id=body.number,
+            soft=body.soft,
+            links=list(body.links),
+            mass_kg=float(np.sum(reported[-1].reported["mass_kg"])) if reported else 0.0,
+            segments=self._segments(totals),
+            flights=self._flights.all(),
+            contacts=self._phases.all(),
+            unexplained=_unexplained(totals),
+            energy=_energy(totals),
+            momentum=_momentum(totals) if body.base_moves else None,
+            joints=scene.joints.rows(body.number),
+            touches=scene.touches.rows(body.number),
+            at=self._sums,
+        )
+
+    def _segments(self, totals: Totals | None) -> dict[str, int]:
+        counts: dict[str, int] = dict.fromkeys(SEGMENTS, 0)
+        samples = self._scene.seen.samples.get(self._body.client, 1)
+        if totals is not None:
+            counts |= zip(SEGMENTS, totals.segments.tolist(), strict=True)
+            if samples <= 1:  # nothing was ever stepped
+                counts["still"], counts["set"] = counts["set"], 0
+        elif not self._body.soft:
+            there, moves = self._there(samples - 1), self._moves(samples - 1)
+            counts["set"] = min(there, moves)
+            counts["still"] = there - counts["set"]
+        return counts
+
+    def _there(self, last: int) -> int:
+        """Return at how many samples of its simulation a body without own samples existed."""
+        there = 0
+        mine = [each for each in self._scene.seen.appearances
+            if each.body.number == self._body.number]  # fmt: skip
+        went = [each for each in mine if not each.there]
+        for came in (each for each in mine if each.came):
+            ends = [each.at.step for each in went if order(each.at) > order(came.at)]
+            # A body removed at step 0 is gone before the first sample.
+            end = min([last, *(step or -1 for step in ends)])
+            there += max(0, end - came.at.step - came.sampled + 1)
+        return there
+
+    def _moves(self, last: int) -> int:
+        """Return after how many steps calls moved it, once it was there."""
+        came = {order(each.at) for each in self._scene.seen.appearances
+            if each.came and each.body.number == self._body.number}  # fmt: skip
+        return len({
+            put.at.step for put in self._scene.seen.puts
+            if put.body.number == self._body.number and order(put.at) not in came
+            and put.at.step < last
+        })  # fmt: skip
+
+
+def _sum_of(steps: Steps, row: int, judged: Judged, time_s: float) -> StepSum:
+    at = int(np.searchsorted(judged.steps, steps.steps[row]))
+    terms = {name: each[row].tolist() for name, each in steps.terms.items()}
+    return StepSum(
+        step=int(steps.steps[row]),
+        time_s=time_s,
+        segment=SEGMENTS[judged.segment[at]],
+        terms=terms or None,
+        remainder=steps.remainder[row].tolist() if terms else None,
+    )
+
+
+def _unexplained(totals: Totals | None) -> list[Unexplained]:
+    if totals is None:
+        return []
+    return [
+        Unexplained(why, left.samples, left.first_step, left.remainder)
+        for why, left in totals.unexplained.items()
+    ]
+
+
+def _energy(totals: Totals | None) -> Energy | None:
+    if totals is None or not totals.covered:
+        return None
+    return Energy(totals.start_j, totals.end_j, dict(totals.energy_j))
+
+
+def _momentum(totals: Totals | None) -> Momentum | None:
+    if totals is None or not totals.covered:
+        return None
+    causes = {name: _vector(each) for name, each in totals.momentum_kg_m_s.items()}
+    return Momentum(_vector(totals.start_kg_m_s), _vector(totals.end_kg_m_s), causes)
+
+
+def _vector(values: Float64) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z

@@ -1,0 +1,146 @@
+"""The flights of a body: each is a fall of its own, with a theory that starts where it does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.analysis.explained.alone import law_of, motion_of
+from drop_physics.analysis.explained.judged import FLIGHT, SET, UNEXPLAINED, Judged
+from drop_physics.analysis.explained.steps import Steps
+from drop_physics.analysis.general.flights import error_and_terms
+from drop_physics.analysis.results import BodyFlight, Moment
+from drop_physics.analysis.times import Times
+from drop_physics.laws.base import Motion
+from drop_physics.laws.bullet import BulletLaw
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(eq=False)
+class _Open:
+    """A flight that may go on."""
+
+    law: BulletLaw
+    start: Motion
+    """Where it begins, one row."""
+    first_step: int
+    last_step: int
+    position_m: Float64
+    """At the last sample, shape (3,)."""
+    held: bool = False
+    """Whether a velocity was clamped."""
+    samples: int = 0
+    """Besides one that a call set the start of."""
+    asked: dict[int, tuple[Float64, bool]] = field(default_factory=dict)
+    """Position at steps that were asked for, and whether a velocity was clamped by then."""
+
+
+class Flights:
+    """The flights of one body without links; grow piece by piece."""
+
+    def __init__(self, times: Times, asked_steps: Sequence[int]) -> None:
+        self._times, self._asked = times, np.array(sorted(asked_steps), np.int64)
+        self._open: _Open | None = None
+        self._done: list[BodyFlight] = []
+
+    def add(self, judged: Judged) -> dict[int, Float64]:
+        """Take a piece; return how far each sample in flight is off free fall [m], (3,), by row."""
+        errors_m: dict[int, Float64] = {}
+        for steps in judged.stretches:
+            if steps.law.tree.links or steps.law.tree.fixed:
+                continue
+            rows = np.searchsorted(judged.steps, steps.steps)
+            falls = (judged.kind[rows] == FLIGHT) & (judged.segment[rows] != UNEXPLAINED)
+            for first, end in _runs(falls, _breaks(steps)):
+                part = slice(first, end)
+                counted = int((judged.segment[rows[part]] != SET).sum())
+                self._take(steps, first, end, counted)
+                errors_m |= self._errors(steps, rows, first, end)
+        return errors_m
+
+    def all(self) -> list[BodyFlight]:
+        """Return all flights, after the last piece."""
+        self._close()
+        return self._done
+
+    def _take(self, steps: Steps, first: int, end: int, counted: int) -> None:
+        """Add steps in flight, under one law."""
+        reported, before = steps.reported, motion_of(steps.before)
+        law = law_of(steps.epoch, float(reported.timestep_s[first]), reported.gravity_m_s2[first])
+        assert law is not None  # it was explained
+        begin, run = int(steps.steps[first]) - 1, self._open
+        goes_on = run is not None and run.last_step == begin and run.law == law
+        if run is None or not goes_on or steps.put[first]:
+            self._close()
+            start = before.at(slice(first, first + 1))
+            run = self._open = _Open(law, start, begin, begin, start.position_m[0])
+        run.last_step = int(steps.steps[end - 1])
+        run.position_m = steps.after.position_m[end - 1]
+        held = np.logical_or.accumulate(law.limited(before.at(slice(first, end)))) | run.held
+        run.held, run.samples = bool(held[-1]), run.samples + counted
+        for step in self._asked[(self._asked > begin) & (self._asked <= run.last_step)].tolist():
+            row = step - begin - 1
+            run.asked[step] = steps.after.position_m[first + row], bool(held[row])
+
+    def _errors(
+        self, steps: Steps, rows: NDArray[np.intp], first: int, end: int
+    ) -> dict[int, Float64]:
+        run = self._open
+        assert run is not None
+        time_s = (steps.steps[first:end, None] - run.first_step) * run.law.timestep_s
+        pull = np.array(run.law.gravity_m_s2) * time_s / 2
+        free_fall_m = run.start.position_m + (run.start.velocity_m_s + pull) * time_s
+        errors_m = steps.after.position_m[first:end] - free_fall_m
+        return dict(zip(rows[first:end].tolist(), errors_m, strict=True))
+
+    def _close(self) -> None:
+        run, self._open = self._open, None
+        if run is None or not run.samples:
+            return
+        last = self._moment(run, run.last_step, run.position_m, held=run.held)
+        self._done.append(
+            BodyFlight(
+                first_step=run.first_step,
+                last_step=run.last_step,
+                start_s=self._times.of(run.first_step),
+                end_s=last.time_s,
+                error_m=last.error_m,
+                terms_m=last.terms_m,
+                at=[
+                    self._moment(run, step, position_m, held=held)
+                    for step, (position_m, held) in run.asked.items()
+                ],
+            )
+        )
+
+    def _moment(self, run: _Open, step: int, position_m: Float64, *, held: bool) -> Moment:
+        steps = step - run.first_step
+        error_m, terms_m = error_and_terms(run.start, position_m, run.law, steps=steps)
+        return Moment(step, self._times.of(step), error_m, None if held else terms_m)
+
+
+def _breaks(steps: Steps) -> Flags:
+    """Return which steps begin anew: from a state that a call set, or under another law."""
+    reported = steps.reported
+    breaks = steps.put.copy()
+    breaks[1:] |= (np.diff(steps.steps) != 1) | (np.diff(reported.timestep_s) != 0)
+    breaks[1:] |= (np.diff(reported.gravity_m_s2, axis=0) != 0).any(axis=1)
+    return breaks
+
+
+def _runs(held: Flags, breaks: Flags) -> list[tuple[int, int]]:
+    """Return first row and end of each run of true values; a break begins a new run."""
+    before = np.concatenate(([False], held[:-1]))
+    after = np.concatenate((held[1:], [False]))
+    ends = np.concatenate((breaks[1:], [True]))
+    firsts, lasts = (
+        np.flatnonzero(held & (~before | breaks)),
+        np.flatnonzero(held & (~after | ends)),
+    )
+    return list(zip(firsts.tolist(), (lasts + 1).tolist(), strict=True))

@@ -1,0 +1,256 @@
+"""The results of the analysis of a recording; SI units, world axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import polars as pl
+
+from drop_physics.analysis.answers.answer import Finding
+from drop_physics.analysis.general.flights import VectorTerms
+from drop_physics.analysis.general.jsonable import jsonable
+from drop_physics.analysis.joints import JointRow
+from drop_physics.analysis.touches import Touch
+from drop_physics.shown import Shown
+
+Vector = tuple[float, float, float]
+
+JSON_NAMES = {"other": "with"}
+"""Names of fields that JSON has in place of Python's."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A sample of a flight, and its error."""
+
+    step: int
+    """Its number."""
+    time_s: float
+    """Simulated time."""
+    error_m: Vector
+    """Simulated minus free fall."""
+    terms_m: VectorTerms | None
+    """Its terms; None as for the flight."""
+
+
+@dataclass(frozen=True)
+class BodyFlight:
+    """Consecutive samples in which a body touches nothing and follows the law of free flight."""
+
+    first_step: int
+    """The step that it starts from: its sample, or the state that a call then set."""
+    last_step: int
+    """The last sample that the law of flight led to."""
+    start_s: float
+    """Time of the first."""
+    end_s: float
+    """Time of the last."""
+    error_m: Vector
+    """Simulated minus free fall at the last sample, from the state at the first on."""
+    terms_m: VectorTerms | None
+    """Its terms; None if a velocity was clamped to the engine's limit, or gravity is not along
+    z."""
+    at: list[Moment]
+    """The samples nearest to `--at`."""
+
+
+@dataclass(frozen=True)
+class Pusher:
+    """A link that pushed a body in a contact."""
+
+    body: str
+    """Its label."""
+    id: int
+    """Its number in the recording."""
+    link: int
+    """-1 is the base."""
+    impulse_n_s: Vector
+    """Sum over its forces."""
+    energy_j: float
+    """Energy that it gave to the body; negative where it took some."""
+
+
+@dataclass(frozen=True)
+class BodyContact:
+    """Consecutive samples that contact led to."""
+
+    first_step: int
+    """The first of them."""
+    last_step: int
+    """The last of them."""
+    start_s: float
+    """Time of the first."""
+    end_s: float
+    """Time of the last."""
+    impulse_n_s: Vector
+    """Sum over all contact forces on the body."""
+    largest_force_n: float
+    """The largest in a step, of all points together."""
+    energy_j: float
+    """Energy that contact gave to the body; negative where it took some."""
+    most_given_j: float
+    """The most that it gave in a step; 0 where it only took."""
+    most_given_step: int | None
+    """The step in which it gave most."""
+    by: list[Pusher]
+    """The links that pushed it."""
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Samples that the law does not lead to, for one reason."""
+
+    reason: str
+    """What the law does not cover, or `remainder`."""
+    samples: int
+    """Number of these samples."""
+    first_step: int
+    """The first of them."""
+    remainder: float | None
+    """The largest over the largest term of its step; None where the law has no sum."""
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Kinetic and potential energy of a body; heights count from the origin."""
+
+    start_j: float
+    """At its first sample."""
+    end_j: float
+    """At its last sample."""
+    by_cause_j: dict[str, float]
+    """What changed it, by cause: the sum is the whole change."""
+
+
+@dataclass(frozen=True)
+class Momentum:
+    """Linear momentum of a body whose base can move."""
+
+    start_kg_m_s: Vector
+    """At its first sample."""
+    end_kg_m_s: Vector
+    """At its last sample."""
+    by_cause_kg_m_s: dict[str, Vector]
+    """What changed it, by cause: the sum is the whole change."""
+
+
+@dataclass(frozen=True)
+class StepSum:
+    """One step of a body, as the sum of its named impulses."""
+
+    step: int
+    """The sample that it led to."""
+    time_s: float
+    """Simulated time of that sample."""
+    segment: str
+    """What the sample is."""
+    terms: dict[str, list[float]] | None
+    """Impulse of each term per degree of freedom [N s, N m s]; None where the law has no sum."""
+    remainder: list[float] | None
+    """What the terms do not explain."""
+
+
+@dataclass(frozen=True)
+class BodyAnalysis:
+    """What one body did."""
+
+    name: str
+    """The file that it was loaded from, or its name."""
+    label: str
+    """Number and name, as in findings and in the recording's entities."""
+    id: int
+    """Number in the recording: the engine's own id, unless another body had it before."""
+    soft: bool
+    """Whether it is a soft body, whose motion is not recorded: it has no samples."""
+    links: list[str]
+    """Base and links."""
+    mass_kg: float
+    """Their total mass at the end; of a btRigidBody, the base's alone."""
+    segments: dict[str, int]
+    """Number of samples by kind: set, unexplained, still, pushed, constrained, contact, driven,
+    flight."""
+    flights: list[BodyFlight]
+    """Its flights, with their errors, where it has no links."""
+    contacts: list[BodyContact]
+    """Its contacts."""
+    unexplained: list[Unexplained]
+    """Its samples that are not explained, by reason."""
+    energy: Energy | None
+    """None for a body without samples, and where the law has no sum."""
+    momentum: Momentum | None
+    """Likewise, and None while its base cannot move."""
+    joints: Sequence[JointRow]
+    """Its degrees of freedom."""
+    touches: Sequence[Touch]
+    """The bodies that it touched."""
+    at: list[StepSum]
+    """The steps nearest to `--at`."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """How much of a recording, or of a body, is explained."""
+
+    samples: int
+    """Explained ones."""
+    of: int
+    """All of them."""
+    remainder: float
+    """The largest of an explained sample, over the largest term of its step."""
+    until_s: float | None
+    """Time of the first sample that is not explained; None if all are."""
+    why: str | None
+    """Why that one is not."""
+
+
+@dataclass(frozen=True)
+class ScriptAnalysis(Shown, lines_of="drop_physics.console.show_analysis:analysis_lines"):
+    """Everything that the analysis of a script's recording found."""
+
+    origin: dict[str, Any]
+    """The script, its arguments, and how it ended."""
+    engine: dict[str, Any]
+    """The last timestep, gravity … of the engine, by client."""
+    samples: int
+    """Steps of the longest simulation, and one."""
+    explained: Explained
+    """How much of all bodies is explained, or of that of `--body`."""
+    bodies: list[BodyAnalysis]
+    """All bodies that ever existed, or that of `--body`."""
+    findings: list[Finding]
+    """What was asked and what happened instead, and why; the gravest first."""
+    by_body: dict[int, Explained]
+    """How much of each body is explained, by number."""
+    table: pl.DataFrame
+    """A row per sample and body; of long recordings only what is shown, unless it was asked for."""
+    kind: Literal["script"] = "script"
+    """Of a drop, the analysis is another (`Analysis`)."""
+    recording: Path | None = None
+    """The recording that was analyzed."""
+    layer: Path | None = None
+    """The layer that shows the analysis."""
+    partial: bool = False
+    """Whether the recording was never finished, so that only its beginning was analyzed."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the documented JSON object; what does not exist is null."""
+        hidden = ("table", "by_body")
+        values = {name: value for name, value in vars(self).items() if name not in hidden}
+        return dict(_renamed(jsonable(values)))
+
+    def of_body(self, number: int) -> ScriptAnalysis:
+        """Return the analysis of one body, with its findings."""
+        (body,) = (body for body in self.bodies if body.id == number)
+        findings = [finding for finding in self.findings if finding.body in (None, body.label)]
+        explained = self.by_body[number]
+        return replace(self, bodies=[body], findings=findings, explained=explained)
+
+
+def _renamed(value: Any) -> Any:  # noqa: ANN401
+    """Return a JSON value with the names that it has in JSON."""
+    if isinstance(value, dict):
+        return {JSON_NAMES.get(name, name): _renamed(item) for name, item in value.items()}
+    return [*map(_renamed, value)] if isinstance(value, list) else value

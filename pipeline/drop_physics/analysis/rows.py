@@ -1,0 +1,74 @@
+"""The table of samples: what each is, where, how far off free fall, and its energy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from drop_physics.analysis.explained.judged import SEGMENTS, Judged
+from drop_physics.analysis.times import Times
+from drop_physics.laws.vectors import summed
+
+Float64 = NDArray[np.float64]
+
+COLUMNS = {
+    "step": pl.Int64, "time_s": pl.Float64, "body": pl.Int64, "label": pl.String,
+    "segment": pl.String, "x_m": pl.Float64, "y_m": pl.Float64, "z_m": pl.Float64,
+    "error_x_m": pl.Float64, "error_y_m": pl.Float64, "error_z_m": pl.Float64,
+    "energy_j": pl.Float64, "contact_j": pl.Float64, "remainder": pl.Float64,
+}  # fmt: skip
+"""An error is that of the flight with the sample, else null; the remainder is that of the step that
+led to it, over its largest term."""
+SHOWN_PER_S = 60.0
+"""Rows of a body that are kept where not all are."""
+
+
+def rows_of(
+    judged: Judged, base_m: Float64, errors_m: Mapping[int, Float64], times: Times
+) -> pl.DataFrame:
+    """Return a row for each sample of a body in a piece.
+
+    `base_m`: where its base is, shape (n, 3); `errors_m`: how far off free fall it is, by row.
+    """
+    n, body = len(judged.steps), judged.body
+    error_m = np.full((n, 3), np.nan)
+    energy_j, contact_j = np.full(n, np.nan), np.zeros(n)
+    if errors_m:
+        error_m[[*errors_m]] = [*errors_m.values()]
+    for steps in judged.stretches:
+        rows = np.searchsorted(judged.steps, steps.steps)
+        if steps.law.tree.size:
+            energy_j[rows] = steps.changes.after_j
+        given = summed(steps.reported.contacts.step, steps.point_energy_j[:, None],
+            count=len(steps))  # fmt: skip
+        contact_j[rows] = given[:, 0]
+    named = {
+        "step": judged.steps,
+        "time_s": times.of_all(judged.steps),
+        "body": np.full(n, body.number),
+        "label": pl.repeat(body.label, n, eager=True),
+        "segment": pl.Series(SEGMENTS).gather(judged.segment),
+        **{f"{axis}_m": base_m[:, k] for k, axis in enumerate("xyz")},
+        **{f"error_{axis}_m": error_m[:, k] for k, axis in enumerate("xyz")},
+        "energy_j": energy_j,
+        "contact_j": contact_j,
+        "remainder": judged.unexplained,
+    }
+    return pl.DataFrame(named, schema=COLUMNS, nan_to_null=True)
+
+
+def shown(rows: pl.DataFrame) -> pl.DataFrame:
+    """Return the rows of a body that a curve or a state shows: 60 per second, and each change."""
+    due = (pl.col("time_s") * SHOWN_PER_S + 1e-9).floor()
+    flies = pl.col("error_z_m").is_not_null()
+    segment = pl.col("segment")
+    kept = due != due.shift(1, fill_value=-1)
+    kept |= segment != segment.shift(1, fill_value="")
+    kept |= (flies != flies.shift(1, fill_value=False)) | (
+        flies != flies.shift(-1, fill_value=False)
+    )
+    number = pl.int_range(pl.len())
+    return rows.filter(kept | (number == pl.len() - 1) | (number == 0))
