@@ -31,6 +31,10 @@ app = App(
 Run = Annotated[Path, typer.Argument(metavar="RUN.rrd", help="The recording to read.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, for scripts.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+Verbose = Annotated[
+    bool,
+    typer.Option("--verbose", "-v", help="Show all: flights, contacts, every joint and finding."),
+]
 OfBody = Annotated[
     str | None,
     typer.Option("--body", metavar="NAME|ID", help="For a script's recording: this body only."),
@@ -141,12 +145,13 @@ def analyze(
     ] = None,
     body: OfBody = None,
     force: Force = False,
+    verbose: Verbose = False,
     json: Json = False,
 ) -> None:
     """Explain each millimetre between simulation and theory.
 
-    For a script's recording: what each of its bodies did, the error budget of each flight, the
-    energy that contacts gave and took, and what is worth a second look.
+    For a script's recording: why it did that, the worst first, with the call that changes it; then
+    its joints and bodies. With --at the steps at these times, each as a sum of named impulses.
     """
     from drop_physics.console.show_analysis import show_analysis
     from drop_physics.kinds import times
@@ -157,7 +162,7 @@ def analyze(
             run, at_s=times(at or []), body=body, out=out, table=table, force=force,
             progress=report,
         )  # fmt: skip
-    show_analysis(analysis, as_json=json)
+    show_analysis(analysis, as_json=json, verbose=verbose)
 
 
 @app.command(

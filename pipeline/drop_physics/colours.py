@@ -36,6 +36,8 @@ POTENTIAL = "#56b4e9"
 SEGMENTS = {
     "flight": "#56b4e9",
     "contact": "#e69f00",
+    "driven": "#cc79a7",
+    "constrained": "#0072b2",
     "pushed": "#009e73",
     "set": "#f0e442",
     "jointed": "#8a8f98",

@@ -1,138 +1,187 @@
-"""What the bodies of a script did: a line each, their flights and contacts, the findings."""
+"""What the bodies of a script did: the verdict first, then joints and bodies, then where more is."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
-from drop_physics.analysis.script.results import Moment, Vector
-from drop_physics.console.output import (
-    columns_of,
-    counted,
-    cut,
-    finding,
-    left,
-    listed,
-    millimetres,
-    right,
-    titled,
-)
+from drop_physics.console.flights_told import contact_lines, flight_lines
+from drop_physics.console.output import columns_of, counted, left, right, titled, wrapped
 from drop_physics.console.output import width as columns
 from drop_physics.console.show_record import ENDED
-from drop_physics.console.words import (
-    CONTACTS,
-    EXPLAINED,
-    FLIGHTS,
-    TERMS,
-    errors_by_axis,
-    kinds_of_samples,
-    span,
-)
+from drop_physics.console.words import kinds_of_samples
 from drop_physics.messages import Message, joined, localized, translated
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.script.results import (
-        BodyAnalysis,
-        ScriptAnalysis,
-        ScriptFlight,
-    )
+    from drop_physics.analysis.answers.answer import Finding
+    from drop_physics.analysis.joints import JointRow
+    from drop_physics.analysis.results import BodyAnalysis, ScriptAnalysis, StepSum
 
-MOST_BODIES, MOST_ROWS, MOST_OF_A_CODE = 12, 6, 3
-"""Bodies, flights, contacts and findings of one code that are listed; all are in the JSON."""
-TITLE = 12
-"""Columns that a title takes."""
-WIDE = 56
-"""Columns of a flight that is broken down, with the unit in every row."""
-LONGEST_NAME, PAIR = 8, 66
-"""Characters that a name may have at the end of a row, and in a row of its own."""
+MOST_FINDINGS, MOST_BODIES, MOST_JOINTS = 6, 12, 8
+"""That are listed without --verbose; all are in the JSON."""
+NUMBER = 3
+"""Columns of a finding's number."""
+CELLS = (9, 9, 9, 9, 9, 9, 9)
+"""Columns of a joint's numbers."""
 
 
-def lines_of_bodies(analysis: ScriptAnalysis) -> list[str]:
+def lines_of_bodies(analysis: ScriptAnalysis, *, verbose: bool = False) -> list[str]:
     """Tell what the bodies of a script did."""
-    lines = [_headline(analysis)]
-    if analysis.explained["of"]:
-        lines += _titled(EXPLAINED, _explained(analysis))
     moving = [
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
-    soft = [body.label for body in analysis.bodies if body.soft]
-    still = [body.label for body in analysis.bodies if body not in moving and not body.soft]
-    lines += ["", *_table_of_bodies(moving)]
-    if still:
-        lines += _titled(Message("Still"), _first_of(still))
-    if soft:
-        words = Message("{bodies}: its motion is not recorded", bodies=_first_of(soft))
-        lines += _titled(Message("Soft"), words)
-    if len(moving) == 1:
-        lines += _broken_down(moving[0].flights)
-    else:
-        lines += _flights(moving)
-    lines += _contacts(moving)
-    if analysis.findings:
-        lines.append("")
-    shown: Counter[str] = Counter()
-    for each in analysis.findings:
-        shown[each.code] += 1
-        if shown[each.code] <= MOST_OF_A_CODE:
-            lines += finding(each.code, each.message, column=TITLE)
-    for code, count in shown.items():
-        if count > MOST_OF_A_CODE:
-            more = Message(
-                "{code}: {more} more, see --json", code=code, more=count - MOST_OF_A_CODE
-            )
-            lines += _titled("", more)
+    alone = len(analysis.bodies) < len(analysis.by_body)
+    lines = [_headline(analysis), *_findings(analysis.findings, verbose=verbose)]
+    lines += _joints(moving, analysis.findings, verbose=verbose or alone)
+    lines += ["", *_bodies(analysis, moving)]
+    for body in moving:
+        for each in body.at:
+            lines += ["", *_sum(body, each)]
+    if verbose or alone:
+        lines += flight_lines(moving)
+        lines += contact_lines(moving)
+    elif any(body.flights or body.contacts for body in moving):
+        more = Message("flights, contacts and all else: --verbose, --body NAME, --at T, --json")
+        lines += ["", f"[dim]{escape(translated(more))}[/]"]
     return lines
 
 
-def _first_of(labels: list[str]) -> str:
-    return ", ".join(labels[:MOST_BODIES]) + (" …" if len(labels) > MOST_BODIES else "")
+# -- the verdict ----------------------------------------------------------------------------------
 
 
 def _headline(analysis: ScriptAnalysis) -> str:
-    origin, shown, there = analysis.origin, len(analysis.bodies), len(analysis.by_body)
+    """Say what this is, how it ended, and how much of it is explained."""
+    origin, there = analysis.origin, len(analysis.by_body)
     ended = ENDED.get(str(origin["ended"]), Message("never finished"))
-    bodies = _bodies(there)
-    if shown != there:
-        bodies = Message("{shown} of {bodies}", shown=shown, bodies=bodies)
+    bodies: Message = counted(there, "body", "bodies")
+    if len(analysis.bodies) != there:
+        bodies = Message("{shown} of {bodies}", shown=len(analysis.bodies), bodies=bodies)
     return localized(
-        "[bold]{script}[/] {ended}, {bodies}",
+        "[bold]{script}[/] {ended}: {bodies}, {steps}, {explained}",
         script=escape(str(origin["script"])),
         ended=ended,
         bodies=bodies,
+        steps=counted(max(0, analysis.samples - 1), "step"),
+        explained=_explained(analysis),
     )
 
 
 def _explained(analysis: ScriptAnalysis) -> Message:
-    samples, of = analysis.explained["samples"], analysis.explained["of"]
-    whose: str = Message("bodies without joints")
-    if len(analysis.bodies) != len(analysis.by_body):
-        whose = analysis.bodies[0].label
-    if samples == of:
-        return Message("all {of:,} samples of {whose}, step by step", of=of, whose=whose)
+    explained = analysis.explained
+    if not explained.of:
+        return Message("nothing moved")
+    if explained.samples == explained.of:
+        return Message("all explained to {remainder:.0e}", remainder=explained.remainder)
     return Message(
-        "{samples:,} of {of:,} samples of {whose}, step by step",
-        samples=samples,
-        of=of,
-        whose=whose,
+        "{share:.4g} % explained; from {time:.4g} s on not all: {why}",
+        share=math.floor(1e4 * explained.samples / explained.of) / 100,
+        time=explained.until_s or 0.0,
+        why=str(explained.why),
     )
 
 
-def _titled(title: str, words: str) -> list[str]:
-    return titled(title, words, column=TITLE, style="bold")
+def _findings(findings: list[Finding], *, verbose: bool) -> list[str]:
+    """Number the findings, the gravest first, each with what changes it and where."""
+    lines: list[str] = []
+    shown = findings if verbose else findings[:MOST_FINDINGS]
+    for number, each in enumerate(shown, 1):
+        lines += ["", *_finding(number, each)]
+    hidden = len(findings) - len(shown)
+    if hidden:
+        more = Message("and {findings}: --verbose", findings=counted(hidden, "finding"))
+        lines += ["", f"[dim]{' ' * NUMBER}{escape(translated(more))}[/]"]
+    return lines
 
 
-def _bodies(number: int) -> Message:
-    return counted(number, "body", "bodies")
+def _finding(number: int, finding: Finding) -> list[str]:
+    text: str = finding.message
+    if finding.body is not None and finding.joint is None and finding.body not in text:
+        text = joined(": ", [finding.body, text])
+    if finding.bodies > 1:
+        others = counted(finding.bodies - 1, "other body", "other bodies")
+        text = Message("{text}; so do {others}", text=text, others=others)
+    code = f"[dim]{finding.code}[/]"
+    style = "bold red" if finding.level == "broken" else "bold"
+    first, *rest = wrapped(translated(text), columns() - NUMBER)
+    lines = [f"[{style}]{left(str(number), NUMBER)}[/][{style}]{escape(first)}[/]"]
+    lines += [f"{' ' * NUMBER}{escape(line)}" for line in rest]
+    if finding.advice is not None:
+        advice = wrapped(translated(finding.advice), columns() - NUMBER)
+        lines += [f"{' ' * NUMBER}[green]{escape(line)}[/]" for line in advice]
+    where = f"  {escape(finding.site)}" if finding.site else ""
+    return [*lines, f"{' ' * NUMBER}{code}[cyan]{where}[/]"]
 
 
-def _table_of_bodies(bodies: list[BodyAnalysis]) -> list[str]:
+# -- joints ---------------------------------------------------------------------------------------
+
+
+def _joints(bodies: list[BodyAnalysis], findings: list[Finding], *, verbose: bool) -> list[str]:
+    """Return a table of the joints; without `verbose` only those that were driven, or are off."""
+    lines: list[str] = []
+    named = {each.joint for each in findings}
+    for body in bodies:
+        rows = [
+            joint for joint in body.joints if verbose or joint.control not in ("off", "unknown")
+        ]
+        rows.sort(key=lambda joint: joint.name not in named)
+        shown = rows if verbose else rows[:MOST_JOINTS]
+        if not shown:
+            continue
+        column = min(max(columns_of(_name(joint)) for joint in shown) + 2, 28)
+        heads = (Message("target"), Message("reached"), Message("off"), Message("torque"),
+            Message("limit"), Message("needs"))  # fmt: skip
+        head = "".join(right(translated(each), 9) for each in heads)
+        of = escape(left(body.label, column))
+        lines += ["", f"[bold]{of}[/][dim]{left(localized('control'), 10)}{head}[/]"]
+        lines += [_joint(joint, column) for joint in sorted(shown, key=_place)]
+        if len(rows) > len(shown):
+            more = Message(
+                "and {joints}: --verbose", joints=counted(len(rows) - len(shown), "joint")
+            )
+            lines.append(f"[dim]{escape(translated(more))}[/]")
+    return lines
+
+
+def _place(joint: JointRow) -> tuple[int, int]:
+    return joint.index, joint.axis or 0
+
+
+def _name(joint: JointRow) -> str:
+    return joint.name if joint.axis is None else f"{joint.name} {'xyz'[joint.axis]}"
+
+
+def _joint(joint: JointRow, column: int) -> str:
+    numbers = [
+        _number(joint.target, ".3f"), _number(joint.reached, ".3f"), _number(joint.off, "+.3f"),
+        _number(joint.torque, ".1f"), _number(joint.force_limit, ".4g"), _number(joint.needs, ".1f"),
+    ]  # fmt: skip
+    notes = []
+    if joint.at_force_limit_steps:
+        notes.append(localized("at its limit"))
+    if joint.at_stop_steps:
+        notes.append(localized("at its stop"))
+    cells = "".join(right(each, 9) for each in numbers)
+    head = escape(left(_name(joint), column)) + left(joint.control, 10)
+    return (head + cells + ("  " + ", ".join(notes) if notes else "")).rstrip()
+
+
+def _number(value: float | None, form: str) -> str:
+    if value is None or not math.isfinite(value):
+        return "–"
+    # What rounds to zero has no sign.
+    text = format(value, form)
+    return format(0.0, form) if not text.strip("+-0.") else text
+
+
+# -- bodies ---------------------------------------------------------------------------------------
+
+
+def _bodies(analysis: ScriptAnalysis, moving: list[BodyAnalysis]) -> list[str]:
     """Return a line per moving body: its mass, samples and energy; and what is unexplained."""
     lines = []
-    shown = bodies[:MOST_BODIES]
+    shown = moving[:MOST_BODIES]
     column = min(max((columns_of(body.label) for body in shown), default=0) + 2, 30)
     for body in shown:
         lines += titled(body.label, _facts(body), column=column, style="bold")
@@ -144,10 +193,23 @@ def _table_of_bodies(bodies: list[BodyAnalysis]) -> list[str]:
                 reason=run.reason,
             )
             lines += titled("", words, column=column)
-    more = len(bodies) - len(shown)
+    more = len(moving) - len(shown)
     if more > 0:
-        lines.append(localized("and {bodies} more: see --json, or --body", bodies=_bodies(more)))
+        bodies = counted(more, "body", "bodies")
+        lines.append(localized("and {bodies} more: see --json, or --body", bodies=bodies))
+    soft = [body.label for body in analysis.bodies if body.soft]
+    still = [body for body in analysis.bodies if body not in moving and not body.soft]
+    if still:
+        names = [body.label for body in still]
+        lines += titled(Message("still"), _first_of(names), column=column, style="dim")
+    if soft:
+        words = Message("{bodies}: its motion is not recorded", bodies=_first_of(soft))
+        lines += titled(Message("soft"), words, column=column, style="dim")
     return lines
+
+
+def _first_of(labels: list[str]) -> str:
+    return ", ".join(labels[:MOST_BODIES]) + (" …" if len(labels) > MOST_BODIES else "")
 
 
 def _facts(body: BodyAnalysis) -> Message:
@@ -157,110 +219,32 @@ def _facts(body: BodyAnalysis) -> Message:
     facts = joined(": ", [mass, kinds_of_samples(body.segments)])
     if body.energy is None:
         return facts
-    first_j, last_j = (0.0 + j for j in (body.energy.first_j, body.energy.last_j))
-    return joined("; ", [facts, f"{first_j:.4g} → {last_j:.4g} J"])
+    changes = f"{body.energy.start_j + 0.0:.4g} → {body.energy.end_j + 0.0:.4g} J"
+    causes = sorted(body.energy.by_cause_j.items(), key=lambda cause: -abs(cause[1]))
+    named = [f"{name} {value:+.3g}" for name, value in causes[:2] if abs(value) > 1e-9]
+    return joined("; ", [facts, changes + (f" ({', '.join(named)})" if named else "")])
 
 
-def _flights(bodies: list[BodyAnalysis]) -> list[str]:
-    """Return the longest flights, a row each: how far off free fall each ends."""
-    flights = [(body, flight) for body in bodies for flight in body.flights]
-    if not flights:
-        return []
-    longest = sorted(flights, key=lambda pair: pair[1].first_step - pair[1].last_step)[:MOST_ROWS]
-    longest.sort(key=lambda pair: (pair[1].first_step, pair[0].id))
-    longest_label = max(columns_of(body.label) for body, _ in longest)
-    header = (f"{span()}  ", errors_by_axis())
-    rows = [
-        (
-            f"{flight.start_s:7.4f} s {flight.end_s:7.4f} s  ",
-            " ".join(f"{round(m * 1e3, 4) + 0.0:+9.4f} mm" for m in flight.error_m)
-            + (f"  {body.label}" if longest_label <= LONGEST_NAME else f"  {body.id}"),
-        )
-        for body, flight in longest
-    ]
-    more = None
-    if len(flights) > len(rows):
-        shorter = counted(len(flights) - len(rows), "shorter flight")
-        more = localized("and {flights}; their terms: --body", flights=shorter)
-    return _listed(FLIGHTS, header, rows, more)
-
-
-def _broken_down(flights: list[ScriptFlight]) -> list[str]:
-    """Return the longest flights, a table each: the error at some times, and its terms."""
-    longest = sorted(flights, key=lambda flight: flight.first_step - flight.last_step)[:MOST_ROWS]
-    lines = []
-    for flight in sorted(longest, key=lambda flight: flight.first_step):
-        ends = Moment(flight.last_step, flight.end_s, flight.error_m, flight.terms_m)
-        words = Message(
-            "from {start:.4f} s to {end:.4f} s, off free fall by",
-            start=flight.start_s,
-            end=flight.end_s,
-        )
-        lines += ["", *_titled(Message("Flight"), words)]
-        for moment in dict.fromkeys((*flight.at, ends)):
-            at = left(localized("at {time:.4g} s", time=moment.time_s), TITLE)
-            unit, gap = (" [mm]", " ") if columns() < WIDE else ("", "    ")
-            axes = gap.join(f"{axis + unit:>10}" for axis in "xyz")
-            lines.append(f"[dim]{escape(f'  {at} {axes}')}[/]")
-            terms = {} if moment.terms_m is None else asdict(moment.terms_m)
-            for name, values_m in terms.items():
-                lines.append(f"  {left(translated(TERMS[name]), TITLE)} {_row(values_m)}")
-            if not terms:
-                lines.append(
-                    "  "
-                    + localized("not broken down: a velocity is limited, or gravity is not along z")
-                )
-            total = left(translated(TERMS["total"]), TITLE)
-            lines.append(f"  {total} [bold]{_row(moment.error_m)}[/]")
-    more = len(flights) - len(longest)
-    if more:
-        lines.append("  " + localized("and {more}", more=counted(more, "shorter flight")))
+def _sum(body: BodyAnalysis, each: StepSum) -> list[str]:
+    """Return a step as its sum: a row per term, a column per degree of freedom."""
+    title = localized(
+        "[bold]{body}[/] at {time:.4g} s, step {step}: {segment}",
+        body=escape(body.label), time=each.time_s, step=each.step, segment=each.segment,
+    )  # fmt: skip
+    if each.terms is None or each.remainder is None:
+        return [title]
+    base = (
+        []
+        if len(each.remainder) < 6 or not body.momentum
+        else [*["ωx", "ωy", "ωz", "vx", "vy", "vz"]]
+    )
+    heads = base + [_name(joint) for joint in body.joints]
+    rows = {name: term for name, term in each.terms.items() if any(term)}
+    rows["remainder"] = each.remainder
+    lines = [title]
+    for number, head in enumerate(heads):
+        if number < len(each.remainder):
+            terms = ", ".join(f"{name} {term[number]:+.3e}" for name, term in rows.items()
+                if term[number])  # fmt: skip
+            lines += titled(head, terms or "0", column=min(28, max(map(columns_of, heads)) + 2))
     return lines
-
-
-def _row(values_m: Vector) -> str:
-    return " ".join(map(_length, values_m))
-
-
-def _length(value_m: float) -> str:
-    """Return a length in mm; on a narrow terminal the heading has the unit."""
-    text = millimetres(value_m)
-    return text.removesuffix(" mm") if columns() < WIDE else text
-
-
-def _contacts(bodies: list[BodyAnalysis]) -> list[str]:
-    """Return the contacts with the greatest impulses, a row each."""
-    contacts = [(body, contact) for body in bodies for contact in body.contacts]
-    if not contacts:
-        return []
-    greatest = sorted(contacts, key=lambda pair: -math.hypot(*pair[1].impulse_n_s))[:MOST_ROWS]
-    names = (localized("impulse"), localized("at most"), localized("energy"))
-    header = (f"{span()}  ", " ".join(right(name, 12) for name in names))
-    rows = []
-    for body, contact in sorted(greatest, key=lambda pair: (pair[1].first_step, pair[0].id)):
-        others = ", ".join(dict.fromkeys(pusher.body for pusher in contact.by))
-        pair = localized("on {others}", others=others)
-        if len(bodies) > 1:
-            pair = localized("{body} on {others}", body=body.label, others=others)
-        when = f"{contact.start_s:7.4f} s {contact.end_s:7.4f} s  "
-        gave = (
-            f"{math.hypot(*contact.impulse_n_s):9.4g} Ns {contact.largest_force_n:10.4g} N "
-            f"{contact.energy_j + 0.0:+10.3g} J"
-        )
-        most = min(PAIR, columns() - TITLE - 2)
-        rows += [
-            (when, gave),
-            (pair if columns_of(pair) <= most else f"{cut(pair, most - 2)} …", ""),
-        ]
-    more = None
-    if len(contacts) > len(greatest):
-        lighter = counted(len(contacts) - len(greatest), "lighter contact")
-        more = localized("and {more}", more=lighter)
-    return _listed(CONTACTS, header, rows, more)
-
-
-def _listed(
-    title: str, header: tuple[str, str], rows: list[tuple[str, str]], more: str | None
-) -> list[str]:
-    lines = ["", *listed(title, [header, *rows], column=TITLE)]
-    return lines if more is None else [*lines, " " * TITLE + more]

@@ -9,20 +9,22 @@ from drop_physics.console.words import unfinished
 
 if TYPE_CHECKING:
     from drop_physics.analysis.drop.results import Analysis
-    from drop_physics.analysis.script.results import ScriptAnalysis
+    from drop_physics.analysis.results import ScriptAnalysis
 
 
-def show_analysis(analysis: Analysis | ScriptAnalysis, *, as_json: bool) -> None:
+def show_analysis(
+    analysis: Analysis | ScriptAnalysis, *, as_json: bool, verbose: bool = False
+) -> None:
     """Print what `analyze` found."""
     if analysis.partial:
-        note(unfinished(analysis.recording, len(analysis.table)))
+        note(unfinished(analysis.recording, _samples(analysis)))
     if as_json:
         print_json(analysis.as_json())
     else:
-        print_lines(*analysis_lines(analysis))
+        print_lines(*analysis_lines(analysis, verbose=verbose))
 
 
-def analysis_lines(analysis: Analysis | ScriptAnalysis) -> list[str]:
+def analysis_lines(analysis: Analysis | ScriptAnalysis, *, verbose: bool = False) -> list[str]:
     """Tell what happened, in lines as wide as the terminal."""
     from drop_physics.analysis.drop.results import Analysis
     from drop_physics.console.bodies_told import lines_of_bodies
@@ -30,4 +32,12 @@ def analysis_lines(analysis: Analysis | ScriptAnalysis) -> list[str]:
 
     if isinstance(analysis, Analysis):
         return lines_of_drop(analysis)
-    return lines_of_bodies(analysis)
+    return lines_of_bodies(analysis, verbose=verbose)
+
+
+def _samples(analysis: Analysis | ScriptAnalysis) -> int:
+    from drop_physics.analysis.results import ScriptAnalysis
+
+    if isinstance(analysis, ScriptAnalysis):
+        return sum(sum(body.segments.values()) for body in analysis.bodies)
+    return len(analysis.table)

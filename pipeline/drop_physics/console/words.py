@@ -21,6 +21,8 @@ TERMS = {
 SEGMENTS = {
     "flight": Message("flight"),
     "contact": Message("contact"),
+    "driven": Message("driven"),
+    "constrained": Message("constrained"),
     "pushed": Message("pushed"),
     "set": Message("set"),
     "jointed": Message("jointed"),

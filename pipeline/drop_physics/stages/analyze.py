@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from drop_physics.analysis.drop.analysis import analysis_of
 from drop_physics.analysis.drop.results import Analysis
-from drop_physics.analysis.script.analysis import script_analysis_of
-from drop_physics.analysis.script.results import ScriptAnalysis
+from drop_physics.analysis.results import ScriptAnalysis
+from drop_physics.analysis.story import script_analysis_of
 from drop_physics.analysis.times import Times
 from drop_physics.errors import ScenarioError, check_suffix
 from drop_physics.files.outputs import check_apart, check_target, refused
@@ -84,7 +84,7 @@ def analyze(
             read_back.scenario, read_back.engine, read_back.states, read_back.contacts, at_s=at_s
         )
     else:
-        analysis = _of_script(read_back, at_s)
+        analysis = _of_script(read_back, at_s, whole=bool(tables))
     progress(ANALYZING, 2, _PARTS)
     write_layer(
         layer, read_back, samples=analysis.table, events=events(analysis),
@@ -98,12 +98,13 @@ def analyze(
     return replace(analysis, recording=path, layer=layer, partial=read_back.partial)
 
 
-def _of_script(read_back: Recording, at_s: Sequence[float]) -> ScriptAnalysis:
+def _of_script(read_back: Recording, at_s: Sequence[float], *, whole: bool) -> ScriptAnalysis:
     ended = read_back.ended or {}
     origin = read_back.origin | {name: ended.get(name) for name in ("ended", "error")}
-    analysis = script_analysis_of(read_back.seen, origin, at_s=at_s or DEFAULT_AT_S)
-    _check_times(at_s, read_back.seen, analysis)
-    return analysis
+    _check_times(at_s, read_back.seen)
+    return script_analysis_of(
+        read_back.seen, origin, at_s=at_s or DEFAULT_AT_S, sums_at_s=at_s, whole=whole
+    )
 
 
 def outputs_of(
@@ -130,12 +131,13 @@ def outputs_of(
     return layer, tables
 
 
-def _check_times(at_s: Sequence[float], seen: Seen, analysis: ScriptAnalysis) -> None:
+def _check_times(at_s: Sequence[float], seen: Seen) -> None:
     """Raise an error if a given time is not within any simulation."""
     clients = {setting.client for setting in seen.settings}
     ends_s = [Times(seen, client).of(seen.samples.get(client, 1) - 1) for client in clients]
     # Time may go back, where a timestep is below 0.
-    end_s = max([0.0, *ends_s, *analysis.table["time_s"].drop_nulls()])
+    told_s = [each.at.time_s for each in seen.settings]
+    end_s = max([0.0, *ends_s, *told_s])
     for time_s in at_s:
         if not 0 <= time_s <= end_s * (1 + 1e-12):
             raise ScenarioError(

@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
+from drop_physics.analysis.answers import answer
 from drop_physics.analysis.drop.results import Analysis, Finding, Moment
-from drop_physics.analysis.script.results import ScriptAnalysis, ScriptFinding
+from drop_physics.analysis.results import ScriptAnalysis
 from drop_physics.fields import decimals
 
 
@@ -24,7 +25,7 @@ def events(analysis: Analysis | ScriptAnalysis) -> list[tuple[int, float, str]]:
 def _of_bodies(analysis: ScriptAnalysis) -> Iterator[tuple[int, float, str]]:
     times_s = dict(analysis.table.select("step", "time_s").unique().iter_rows())
     for finding in analysis.findings:
-        step = finding.step
+        step = None if finding.steps is None else finding.steps.first
         if step is not None and step in times_s:
             yield step, times_s[step], f"{finding.code}: {finding.message}"
     for body in analysis.bodies:
@@ -85,10 +86,7 @@ def findings_markdown(analysis: Analysis | ScriptAnalysis) -> str:
 
 def _explained(analysis: ScriptAnalysis) -> Iterator[str]:
     explained = analysis.explained
-    yield (
-        f"{explained['samples']:,} of {explained['of']:,} samples of bodies without joints are "
-        "explained, step by step."
-    )
+    yield f"{explained.samples:,} of {explained.of:,} samples are explained, step by step."
     yield ""
 
 
@@ -106,12 +104,15 @@ def _moments(analysis: Analysis) -> Iterator[str]:
         yield ""
 
 
-def _listed(findings: Sequence[Finding | ScriptFinding]) -> Iterator[str]:
+def _listed(findings: Sequence[Finding | answer.Finding]) -> Iterator[str]:
     """Yield the lines of the chapter on findings."""
     yield "## Findings"
     yield ""
     if not findings:
         yield "None: nothing in this recording needs a second look."
     for finding in findings:
-        yield f"- **{finding.code}**: {finding.message}"
+        about = getattr(finding, "body", None)
+        yield f"- **{finding.code}**{f' ({about})' if about else ''}: {finding.message}"
+        if isinstance(finding, answer.Finding) and finding.advice:
+            yield f"  *{finding.advice}*"
         yield ""
