@@ -1170,6 +1170,62 @@ def test_a_block_that_crashes_or_raises_leaves_a_whole_recording(bench: Bench) -
     assert closing(bench.out)["error"] == ["ZeroDivisionError: division by zero"]
 
 
+FORKS = """
+import os, sys
+import pybullet as p
+from drop_physics import record
+p.connect(p.DIRECT)
+p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1), basePosition=[0, 0, 9])
+with record("out.rrd") as block:
+    p.stepSimulation()
+    child = os.fork()
+    if not child:
+        p.stepSimulation()
+        {child}
+    else:
+        print(os.waitpid(child, 0)[1] >> 8)
+        p.stepSimulation()
+if child:
+    print(block.recorded.ended, block.recorded.samples)
+else:
+    print("after", block.recorded)
+"""
+
+
+@pytest.mark.parametrize(
+    ("child", "said"),
+    [
+        ("sys.exit(3)", ["3"]),
+        ("os._exit(3)", ["3"]),
+        ("1 / 0", ["1"]),
+        ("pass", ["after None", "0"]),
+    ],
+)
+def test_a_forked_child_of_a_block_ends_as_it_would(
+    bench: Bench, child: str, said: list[str]
+) -> None:
+    """And its parent's recording goes on without it."""
+    script = bench.script(FORKS.replace("{child}", child))
+    done = subprocess.run(
+        [sys.executable, script], cwd=bench.folder, capture_output=True, text=True, check=False,
+        timeout=60,
+    )  # fmt: skip
+    assert [one for one in done.stdout.splitlines() if not one.startswith(BANNER)] == [
+        *said,
+        "finished 3",
+    ], done.stderr
+    assert ("ZeroDivisionError" in done.stderr) == (child == "1 / 0")
+    assert len(states(bench.out)) == 3
+
+
+def test_a_block_that_is_killed_leaves_a_whole_recording_and_no_traceback(bench: Bench) -> None:
+    script = bench.script(BLOCK.replace("{more}", "import os; os.kill(os.getpid(), 9)"))
+    # Its standard error ends when the recorder has ended too.
+    done = bench.bare(script)
+    assert (done.returncode, done.stderr.partition("\n")[2]) == (-signal.SIGKILL, "")
+    assert len(states(bench.out)) == 12
+
+
 def test_seeded_it_is_the_same_and_unseeded_it_says_so(bench: Bench) -> None:
     script = bench.script(
         scripts.HEAD

@@ -10,6 +10,7 @@ seen; nothing is patched outside the block.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -112,11 +113,17 @@ def record(
                 how, error = "failed", ending.in_one_line(failure)
                 raise
             finally:
-                ending.end(watch, how, error)
-                watch.remove()
-                watch.pipe.close()
-                assert recorder.stdout is not None
-                answer = recorder.stdout.read()
+                ours = os.getpid() == request["process"]
+                if ours:
+                    ending.end(watch, how, error)
+                    watch.remove()
+                    watch.pipe.close()
+                    assert recorder.stdout is not None
+                    answer = recorder.stdout.read()
+                else:  # a forked child: the recording goes on without it
+                    recorder.returncode = 0
+    if not ours:
+        return
     if not answer:
         raise OutputError(
             "{path} was not written: the process that writes the recording ended", path=path
@@ -160,4 +167,5 @@ if __name__ == "__main__":
         answer = _record(json.loads(sys.argv[1]))
     except DropError as failure:
         answer = {"error": "; ".join([failure.in_options, *getattr(failure, "__notes__", [])])}
-    print(json.dumps(answer))
+    with contextlib.suppress(BrokenPipeError):  # the block's process was killed
+        os.write(1, json.dumps(answer).encode())
