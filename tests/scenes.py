@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import pybullet as p
-from drop_physics.analysis.script.analysis import script_analysis_of
-from drop_physics.analysis.script.results import BodyAnalysis, ScriptAnalysis, ScriptFinding
+from drop_physics.analysis.answers.answer import Finding
+from drop_physics.analysis.results import BodyAnalysis, ScriptAnalysis
+from drop_physics.analysis.story import script_analysis_of
 from drop_physics.engines.bullet.script import BlockListener
 from drop_physics.engines.bullet.watching import ending, pipe, start
 from drop_physics.recording import schema, writer
@@ -115,7 +116,7 @@ def codes(analysis: ScriptAnalysis) -> list[str]:
     return [one.code for one in analysis.findings]
 
 
-def found(analysis: ScriptAnalysis, code: str) -> ScriptFinding:
+def found(analysis: ScriptAnalysis, code: str) -> Finding:
     """Return the one finding of a code."""
     (one,) = (one for one in analysis.findings if one.code == code)
     return one

@@ -21,7 +21,7 @@ import scenes
 from altered import otherwise
 from command import drop_here
 from conftest import Drop, Recorder, judge, rerun_rrd
-from drop_physics.analysis.script.results import BodyAnalysis, ScriptAnalysis
+from drop_physics.analysis.results import BodyAnalysis, ScriptAnalysis
 from drop_physics.console.show_analysis import show_analysis
 from drop_physics.recording.reader import Recording
 from drop_physics.seen.history import Seen

@@ -35,7 +35,7 @@ from drop_physics.analysis.drop.results import (
 )
 from drop_physics.analysis.general.flights import Flight, VectorTerms
 from drop_physics.analysis.general.statistics import Summary
-from drop_physics.analysis.script import results as script
+from drop_physics.analysis import results as script
 from drop_physics.fields import UNIONS
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Scenario
