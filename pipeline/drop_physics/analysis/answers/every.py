@@ -6,12 +6,28 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from drop_physics.analysis.answers.answer import Answer, Finding
+from drop_physics.analysis.answers.script_failed import ScriptFailed
+from drop_physics.analysis.answers.setup import (
+    NoGravity,
+    NotStepped,
+    RealTime,
+    TimestepChanged,
+    Unseeded,
+)
+from drop_physics.analysis.answers.slides import Slides
 from drop_physics.messages import Message
 
 ANSWERS: tuple[type[Answer], ...] = (
     # joints
     # contacts
+    Slides,
     # calls and files
+    ScriptFailed,
+    NotStepped,
+    NoGravity,
+    TimestepChanged,
+    RealTime,
+    Unseeded,
     # the whole
 )
 

@@ -1,0 +1,79 @@
+"""Why a script stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from drop_physics.analysis.answers.answer import Answer, Finding, Scene, site_of
+from drop_physics.analysis.answers.arguments import LIVES, given
+from drop_physics.analysis.explained.recording import Explained
+from drop_physics.messages import Message
+from drop_physics.seen.calls import BODY_NAMES, Call, Meanings
+from drop_physics.seen.events import Body
+
+NO_JOINT = "Joint index out-of-range."
+"""PyBullet's words also where there is no such body."""
+NOT_CONNECTED = "Not connected to physics server."
+
+
+class ScriptFailed(Answer):
+    """Says with what a script failed, and which call raised that."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self._raised: Call | None = None
+        self._meanings = Meanings([], [])
+
+    def see(self, explained: Explained) -> None:
+        """Keep the last call that raised."""
+        for call in explained.piece.calls:
+            if call.raised:
+                self._raised = call
+                made = [each for each in explained.piece.calls if each.function.startswith(LIVES)]
+                self._meanings = Meanings(made, self.scene.seen.appearances)
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield the script's error."""
+        origin = self.scene.origin
+        error = origin.get("error")
+        if origin.get("ended") != "failed" or not error:
+            return
+        call = self._raised
+        # The type is written without its module in the one, and with it in the other.
+        said = error.partition(": ")[2]
+        if call is None or not said or call.raised.partition(": ")[2] != said:
+            message = Message("the script fails: {error}", error=error)
+            if said == NOT_CONNECTED:
+                message = Message("{message} {why}", message=message, why=Message(
+                    "there is no simulation with that number: p.connect did not make it, or "
+                    "p.disconnect ended it"))  # fmt: skip
+            yield Finding(code="script-failed", level="broken", message=message)
+            return
+        message = Message(
+            "the script fails after {steps:,} steps in p.{function}({arguments}){why}: {error}",
+            steps=call.at.step, function=call.function, arguments=call.arguments,
+            why=self._why(call), error=error,
+        )  # fmt: skip
+        yield Finding(code="script-failed", level="broken", message=message, site=site_of(call))
+
+    def _why(self, call: Call) -> str:
+        """Return what is behind PyBullet's words, as far as the call tells."""
+        if call.function.startswith("load") and call.arguments.startswith(("'", "fileName='")):
+            return Message(
+                ", a file that it cannot read, or finds neither where the script runs nor in the "
+                "folder of p.setAdditionalSearchPath"
+            )
+        numbers = next((n for name in BODY_NAMES if (n := given(call, name))), ())
+        if not call.raised.endswith(NO_JOINT) or not numbers:
+            return ""
+        came = self._meanings.body_at(call, int(numbers[0]))
+        if came is None:
+            return Message(", and there is no body {number}", number=int(numbers[0]))
+        return _joints_of(came.body)
+
+
+def _joints_of(body: Body) -> Message:
+    if not body.joints:
+        return Message(", and {body} has no joints", body=body.label)
+    last = len(body.joints) - 1
+    return Message(", and {body} has the joints 0 to {last}", body=body.label, last=last)

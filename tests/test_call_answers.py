@@ -1,0 +1,223 @@
+"""Validation: what is said of calls and files is so, and is not said where it is not.
+
+Each rule is asked of scenes in which its answer is the true one, and of scenes that look alike.
+Where PyBullet alone can tell, it does: change the one thing, and the symptom goes.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from asked import findings
+from drop_physics.analysis.answers.answer import Finding
+from drop_physics.analysis.explained.recording import Explanation
+from drop_physics.analysis.story import Story
+from scenes import ORIGIN, record, site
+
+FLOOR = "p.setGravity(0, 0, -9.81); p.loadURDF('plane.urdf')\n"
+AIR = "p.setGravity(0, 0, -9.81)\n"
+KUKA = "k = p.loadURDF('kuka_iiwa/model.urdf', useFixedBase=True)\n"
+CUBE = "c = p.loadURDF('cube_small.urdf', [0, 0, 1])\n"
+
+
+def ask(scene: str, path: Path, code: str, **origin: str) -> list[Finding]:
+    """Return the findings of one code."""
+    return [each for each in findings(scene, path / "x.rrd", **origin) if each.code == code]
+
+
+def one(scene: str, path: Path, code: str, **origin: str) -> Finding:
+    """Return the only finding of a code, which pieces of any length give too."""
+    recording = record(scene, path / "x.rrd")
+    said = []
+    for steps in (0, 7):
+        story = Story(recording.seen, {**ORIGIN, "ended": "finished", "error": None, **origin})
+        for explained in Explanation(recording.seen).pieces(steps):
+            story.see(explained)
+        said.append([each for each in story.findings() if each.code == code])
+    whole, pieces = ([_rounded(each) for each in found] for found in said)
+    assert whole == pieces
+    (found,) = said[0]
+    return found
+
+
+def _rounded(finding: Finding) -> Finding:
+    """Return a finding without the last digits, which sums over pieces may change."""
+    effect = finding.effect
+    if effect is not None:
+        effect = replace(effect, value=float(f"{effect.value:.8g}"))
+    return replace(finding, effect=effect, share=float(f"{finding.share:.8g}"))
+
+
+# -- script-failed --------------------------------------------------------------------------------
+
+CAUGHT = "\ntry:\n    {}\nexcept Exception:\n    pass\n"
+
+
+@pytest.mark.parametrize(
+    ("scene", "call", "error", "why"),
+    [
+        (AIR + KUKA, "p.setJointMotorControl2(k, 7, p.POSITION_CONTROL, 0)",
+         "pybullet.error: Joint index out-of-range.", "and 0_model has the joints 0 to 6"),
+        (AIR + CUBE, "p.resetJointState(c, 0, 0.1)",
+         "pybullet.error: Joint index out-of-range.", "cube.* has no joints"),
+        (AIR + CUBE, "p.resetJointState(5, 0, 0.1)",
+         "pybullet.error: Joint index out-of-range.", "there is no body 5"),
+        (AIR + CUBE, "p.loadURDF('nope.urdf')",
+         "pybullet.error: Cannot load URDF file.", "'nope.urdf'.*finds neither"),
+        (AIR + CUBE, "p.restoreState(3)",
+         "pybullet.error: Couldn't restore state.", r"p.restoreState\(3\)"),
+    ],
+)  # fmt: skip
+def test_a_call_that_failed_is_named(
+    scene: str, call: str, error: str, why: str, tmp_path: Path
+) -> None:
+    said = scene + "steps(9)" + CAUGHT.format(call)
+    found = one(said, tmp_path, "script-failed", ended="failed", error=error)
+    assert found.level == "broken"
+    assert error in found.message
+    assert "after 9 steps" in found.message
+
+    assert re.search(why, found.message), found.message
+    assert found.site == site(said[: said.index(call)].count("\n") + 1)
+
+
+def test_an_error_of_the_script_itself_is_told_as_it_is(tmp_path: Path) -> None:
+    # The call raised something else, and was caught.
+    scene = AIR + CUBE + "steps(3)" + CAUGHT.format("p.resetJointState(c, 0, 0.1)")
+    error = "ValueError: operands could not be broadcast"
+    found = one(scene, tmp_path, "script-failed", ended="failed", error=error)
+    assert found.message == f"the script fails: {error}"
+    assert found.site is None
+
+
+def test_a_simulation_that_is_gone(tmp_path: Path) -> None:
+    error = "pybullet.error: Not connected to physics server."
+    found = one(AIR + "steps(3)", tmp_path, "script-failed", ended="failed", error=error)
+    assert "p.disconnect" in found.message
+
+
+@pytest.mark.parametrize("ended", ["finished", "steps", "duration", "interrupted"])
+def test_a_script_that_ran_did_not_fail(ended: str, tmp_path: Path) -> None:
+    scene = AIR + CUBE + "steps(3)" + CAUGHT.format("p.resetJointState(c, 0, 0.1)")
+    assert not ask(scene, tmp_path, "script-failed", ended=ended)
+
+
+# -- not-stepped ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        FLOOR + CUBE,
+        KUKA + "p.setJointMotorControl2(k, 1, p.POSITION_CONTROL, 1)",
+        CUBE + "p.applyExternalForce(c, -1, [1, 0, 0], [0, 0, 0], p.LINK_FRAME)",
+    ],
+)
+def test_nothing_moves_without_steps(scene: str, tmp_path: Path) -> None:
+    assert one(scene, tmp_path, "not-stepped").level == "asked"
+    assert not ask(scene + "\nsteps(1)", tmp_path, "not-stepped")
+
+
+@pytest.mark.parametrize(
+    ("scene", "ended"),
+    [
+        (KUKA + "p.resetJointState(k, 1, 0.5); p.getLinkState(k, 6)", "finished"),  # poses it
+        (FLOOR, "finished"),  # nothing there can move
+        (FLOOR + CUBE, "failed"),
+    ],
+)
+def test_what_needs_no_steps(scene: str, ended: str, tmp_path: Path) -> None:
+    assert not ask(scene, tmp_path, "not-stepped", ended=ended, error="x: y")
+
+
+# -- no-gravity -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("scene", "level"),
+    [
+        (CUBE + "steps(9)", "asked"),
+        ("p.loadURDF('r2d2.urdf', [0, 0, 2])\nsteps(30)", "asked"),
+        (CUBE + "p.resetBaseVelocity(c, [1, 0, 0])\nsteps(9)", "note"),
+    ],
+)
+def test_nothing_falls_without_gravity(scene: str, level: str, tmp_path: Path) -> None:
+    found = one(scene, tmp_path, "no-gravity")
+    assert (found.level, found.site) == (level, None)
+    assert not ask(AIR + scene, tmp_path, "no-gravity")
+
+
+@pytest.mark.parametrize("z", [1, 3])
+def test_a_reset_takes_gravity_away(z: int, tmp_path: Path) -> None:
+    cube = f"c = p.loadURDF('cube_small.urdf', [0, 0, {z}]); steps(20)\n"
+    found = one(AIR + cube + "p.resetSimulation()\n" + cube, tmp_path, "no-gravity")
+    assert found.level == "asked"
+    assert "from 9.81 m/s² back to 0" in found.message
+    assert found.site == site(3)
+    assert found.steps is not None
+    assert (found.steps.first, found.steps.count) == (21, 20)
+    again = AIR + cube + "p.resetSimulation()\n" + AIR + cube
+    assert not ask(again, tmp_path, "no-gravity")
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        "p.setGravity(0, 0, 0)\n" + CUBE + "steps(9)",
+        CUBE + "p.applyExternalForce(c, -1, [0, 0, -1], [0, 0, 0], p.LINK_FRAME)\nsteps(9)",
+        KUKA + "steps(9)",
+        CUBE + "p.createConstraint(c, -1, -1, -1, p.JOINT_FIXED, *[[0, 0, 0]] * 2, [0, 0, 1])\n"
+        "steps(9)",
+        CUBE + "steps(1)\np.setGravity(0, 0, -9.81)\nsteps(9)",
+    ],
+)
+def test_what_needs_no_gravity(scene: str, tmp_path: Path) -> None:
+    assert not ask(scene, tmp_path, "no-gravity")
+
+
+# -- real-time, unseeded, timestep-changed --------------------------------------------------------
+
+
+def test_real_time_is_blamed_on_the_call_that_turns_it_on(tmp_path: Path) -> None:
+    scene = FLOOR + CUBE + "p.setRealTimeSimulation(0)\np.setRealTimeSimulation({})\nsteps(3)"
+    seen = record(scene.format("1"), tmp_path / "x.rrd").seen
+    for on in ("1", "True", "enableRealTimeSimulation=1"):
+        seen = record(scene.format(on), tmp_path / "x.rrd").seen
+        story = Story(replace(seen, real_time=True), ORIGIN)
+        for explained in story.explanation.pieces():
+            story.see(explained)
+        (found,) = (each for each in story.findings() if each.code == "real-time")
+        assert found.site == site(4)
+    off = record(scene.format(0), tmp_path / "x.rrd").seen
+    story = Story(replace(off, real_time=True), ORIGIN)
+    for explained in story.explanation.pieces():
+        story.see(explained)
+    assert "real-time" not in [each.code for each in story.findings()]
+
+
+def test_unseeded_numbers_are_told_where_they_are_drawn(tmp_path: Path) -> None:
+    seen = record(FLOOR + CUBE + "steps(3)", tmp_path / "x.rrd").seen
+    for places in ((), ("random.random at x.py:3",), ("a at x.py:3", "b at y.py:4")):
+        found = Story(replace(seen, unseeded=places), ORIGIN).findings()
+        assert [each.site for each in found if each.code == "unseeded"] == ["x.py:3"] * bool(places)
+
+
+@pytest.mark.parametrize(
+    ("call", "ratio"),
+    [("p.setTimeStep(1 / 60)", 4), ("p.setPhysicsEngineParameter(fixedTimeStep=1 / 480)", 2),
+     ("p.setTimeStep(0.01)", 2.4)],
+)  # fmt: skip
+def test_a_timestep_that_changes_in_a_run(call: str, ratio: float, tmp_path: Path) -> None:
+    found = one(AIR + KUKA + "steps(10)\n" + call + "\nsteps(20)", tmp_path, "timestep-changed")
+    assert found.effect is not None
+    assert found.effect.value == pytest.approx(ratio)
+    assert found.site == site(4)
+    assert found.steps is not None
+    assert found.steps.first == 10
+    # Before the first step, or in a new scene, it may be another.
+    assert not ask(AIR + KUKA + call + "\nsteps(9)", tmp_path, "timestep-changed")
+    anew = AIR + KUKA + "steps(9)\np.resetSimulation()\n" + call + "\n" + AIR + KUKA + "steps(9)"
+    assert not ask(anew, tmp_path, "timestep-changed")
