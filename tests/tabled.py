@@ -1,0 +1,21 @@
+"""The joint table of a recorded scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from drop_physics.analysis.explained.recording import Explanation
+from drop_physics.analysis.joints import JointRow, JointTable
+from scenes import record
+
+
+def rows(scene: str, path: Path, body: int = 0, *, steps: int = 0) -> dict[str, JointRow]:
+    """Record a scene; return the rows of a body by name, its spherical joints as NAME.AXIS."""
+    seen = record(scene, path).seen
+    table = JointTable(seen)
+    for explained in Explanation(seen).pieces(steps):
+        table.add(explained)
+    return {
+        each.name if each.axis is None else f"{each.name}.{each.axis}": each
+        for each in table.rows(body)
+    }
