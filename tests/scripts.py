@@ -276,6 +276,48 @@ PLAIN: dict[str, str] = {
         print(getter(b))
         show(p)
     """,
+    "looked_at": HEAD
+    + """
+        import copy, functools, inspect, io, pickle, pydoc, types, weakref
+        for f in (p.stepSimulation, p.getAPIVersion):
+            print(isinstance(f, types.BuiltinFunctionType), isinstance(f, types.FunctionType))
+            print(inspect.isbuiltin(f), inspect.isroutine(f), inspect.isfunction(f), callable(f))
+            print(f.__self__ is p, f.__name__, f.__qualname__, f.__module__, f.__doc__)
+            print(f.__class__, repr(f), f, f.__text_signature__, type(f).__name__, sorted(dir(f)))
+            print([hasattr(f, n) for n in ("__wrapped__", "__code__", "__dict__", "__get__")])
+            print(inspect.getmodule(f) is p, inspect.getdoc(f), pydoc.render_doc(f))
+            print(copy.copy(f) is f, copy.deepcopy(f) is f, pickle.loads(pickle.dumps(f)) is f)
+            print(pickle.dumps(f), f == getattr(p, f.__name__), f in {f: 1}, weakref.ref(f)() is f)
+            print(functools.update_wrapper(lambda: 0, f).__doc__, functools.partial(f))
+            for wrong in (
+                lambda: inspect.signature(f), lambda: inspect.getsource(f), lambda: vars(f),
+                lambda: setattr(f, "x", 1), lambda: setattr(f, "__name__", "x"),
+                lambda: delattr(f, "__doc__"), lambda: setattr(f, "__class__", int),
+                lambda: f.x, lambda: f(1, 2, 3, 4), lambda: f(x=1),
+            ):
+                try:
+                    print(wrong())
+                except Exception as error:
+                    print(type(error), error)
+        print([name for name, _ in inspect.getmembers(p, inspect.isbuiltin)])
+        show(p)
+    """,
+    "takes_apart": HEAD
+    + """
+        import json, linecache, os, struct, sys, threading, types
+        print(__annotations__, __loader__.name, sorted(globals()), sys.modules["__main__"])
+        __annotations__["of"] = "mine"
+        here: int = 3
+        p.loadURDF("plane.urdf")
+        b = p.loadURDF("cube_small.urdf", [0, 0, 0.3])
+        json.dumps = json.loads = json.JSONEncoder = os.write = os.fstat = os.getpid = None
+        struct.Struct = sys._getframe = threading.get_ident = linecache.getline = None
+        for i in range(50):
+            p.applyExternalForce(b, -1, [0, i, 0], [0, 0, 0], p.LINK_FRAME)
+            p.stepSimulation()
+        print(__annotations__)
+        show(p)
+    """,
     "errors": HEAD
     + """
         for wrong in (lambda: p.loadURDF("nothing.urdf"),

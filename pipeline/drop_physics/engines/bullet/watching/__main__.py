@@ -62,6 +62,7 @@ def _run_file(name: str) -> None:
     _enter(os.path.dirname(os.path.realpath(path)))
     module = _new_main()
     module.__file__ = path
+    module.__loader__ = importlib.machinery.SourceFileLoader("__main__", path)
     with open(path, "rb") as file:
         code = compile(file.read(), path, "exec", dont_inherit=True)
     exec(code, vars(module))
@@ -77,6 +78,8 @@ def _run_module(name: str) -> None:
 def _new_main() -> ModuleType:
     module = ModuleType("__main__")
     vars(module).update(__builtins__=builtins, __spec__=None, __cached__=None)
+    if "__annotations__" in globals():  # as every Python before 3.14 has it
+        vars(module)["__annotations__"] = {}
     sys.modules["__main__"] = module
     return module
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterable
 from itertools import chain
 from operator import sub
+from struct import Struct
 from types import SimpleNamespace
 from typing import Any
 
@@ -78,8 +78,8 @@ class Body:
         """Of each joint that moves: how many positions, velocities and efforts it has."""
         self.jointed = sum(map(sum, self.widths))
         """Numbers of its joints."""
-        self.pack_joints = struct.Struct(f"<{self.jointed}d").pack_into
-        self._pack = struct.Struct(f"<{BASE + self.jointed}d").pack
+        self.pack_joints = Struct(f"<{self.jointed}d").pack_into
+        self._pack = Struct(f"<{BASE + self.jointed}d").pack
         self.last = b""
         """The state that was last sent but for samples; empty if none was."""
         self.base_at = self.joints_at = -1

@@ -7,9 +7,9 @@ on a call from there is its number and the numbers in its arguments.
 from __future__ import annotations
 
 import os
-import struct
 import sys
 from collections.abc import Callable
+from struct import Struct
 from typing import Any
 
 from .arguments import ARGUMENTS, CLIENT
@@ -75,7 +75,7 @@ class Calls:
                 "form": form.text, "names": form.names, "whole": form.whole,
             }  # fmt: skip
             self._pipe.write(frame(NOTE, encoded(note)))
-        numbers = struct.Struct(f"<{len(form.numbers)}d")
+        numbers = Struct(f"<{len(form.numbers)}d")
         head = HEADER.pack(CALL, CALL_HEAD.size + numbers.size) + CALL_HEAD.pack(world, site)
         self._pipe.write(head + numbers.pack(*form.numbers))
         fixes = fixes_of(args, kwargs)
@@ -217,7 +217,11 @@ def _escaped(text: str) -> str:
 
 def _shown(name: str) -> str:
     """Return a file's name, relative to the working directory or the module path."""
-    for folder in (os.getcwd(), *sorted(sys.path, key=len, reverse=True)):
+    try:
+        here = os.getcwd()
+    except OSError:  # it was removed
+        here = ""
+    for folder in (here, *sorted(sys.path, key=len, reverse=True)):
         if folder and name.startswith(os.path.join(folder, "")):
             return os.path.relpath(name, folder)
     return os.path.basename(name) or name

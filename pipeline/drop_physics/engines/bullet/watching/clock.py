@@ -13,10 +13,11 @@ events.
 from __future__ import annotations
 
 import os
-import sys
 import threading
 import time
 from collections.abc import Callable
+from sys import _getframe
+from threading import get_ident
 from typing import Any
 
 CALL_S = 1e-4
@@ -131,9 +132,9 @@ class Clock:
 
     def _is_real(self) -> bool:
         """Whether the caller of our caller keeps the real clock."""
-        if not self._theirs or threading.get_ident() != _MAIN:
+        if not self._theirs or get_ident() != _MAIN:
             return True
-        name = sys._getframe(2).f_code.co_filename
+        name = _getframe(2).f_code.co_filename
         known = self._library.get(name)
         if known is None:
             known = name.startswith("<frozen") or (

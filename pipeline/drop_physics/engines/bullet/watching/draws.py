@@ -7,11 +7,11 @@ documentation.
 from __future__ import annotations
 
 import functools
-import linecache
 import random
 import re
-import sys
 from collections.abc import Callable
+from linecache import getline
+from sys import _getframe
 from types import ModuleType
 from typing import Any
 
@@ -64,7 +64,7 @@ class Draws:
         def randbits(count: int) -> int:
             if self._seed is not None:
                 return self._entropy.getrandbits(count)
-            frame = sys._getframe(1)
+            frame = _getframe(1)
             # A seed of numpy's own generator is reported once that draws.
             if frame.f_code.co_filename != __file__ and not _gives_seed(frame):
                 self._drawn("numpy.random.SeedSequence", frame)
@@ -111,7 +111,7 @@ class Draws:
             elif seeds:
                 self._quiet.discard(name)
             elif draws and name not in self._quiet:
-                self._drawn(called, sys._getframe(1), name)
+                self._drawn(called, _getframe(1), name)
             return function(*args, **kwargs)
 
         return notice
@@ -135,5 +135,5 @@ def _is_imported(frame: Any) -> bool:
 
 def _gives_seed(frame: Any) -> bool:
     """Whether a line gives a RandomState a seed; before numpy takes that, it draws its own."""
-    line = linecache.getline(frame.f_code.co_filename, frame.f_lineno)
+    line = getline(frame.f_code.co_filename, frame.f_lineno)
     return SEEDED_STATE.search(line) is not None

@@ -6,8 +6,8 @@ What a script may call at every step comes to few calls of Python; the rest goes
 from __future__ import annotations
 
 import struct
-import sys
 from collections.abc import Callable
+from sys import _getframe
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -83,9 +83,9 @@ def changing(watch: Watch, name: str, original: Any) -> Call:
     """
     lock, pipe, worlds, calls = watch.lock, watch.pipe, watch.worlds, watch.calls
     acquire, release, kept = lock.acquire, lock.release, lock.kept
-    real_time, plans = watch.real_time_since, calls.plans(name)
+    real_time, plans, tell = watch.real_time_since, calls.plans(name), calls.tell
     client_at, (before, after) = CLIENT_AT.get(name, 1000), _effects(name)
-    frame, block_size = sys._getframe, protocol.BLOCK.size
+    frame, block_size = _getframe, protocol.BLOCK.size
 
     def change(*args: Any, **kwargs: Any) -> Any:
         if not watch.on:
@@ -119,9 +119,9 @@ def changing(watch: Watch, name: str, original: Any) -> Call:
                             pipe.end, pipe.counts[1] = end, end - block_size
                             break
                 else:
-                    calls.tell(number, name, args, kwargs, place)
+                    watch.guarded(world, tell, number, name, args, kwargs, place)
             except struct.error:  # a whole number that is no double
-                calls.tell(number, name, args, kwargs, place)
+                watch.guarded(world, tell, number, name, args, kwargs, place)
             told = world
             result = original(*args, **kwargs)
             if after is not None:
@@ -303,7 +303,8 @@ def resetting(watch: Watch, name: str, original: Any) -> Call:
             if world is None:
                 return original(*args, **kwargs)
             watch.guarded(world, world.sync)
-            watch.calls.tell(world.number, name, args, kwargs, sys._getframe(1))
+            place = _getframe(1)
+            watch.guarded(world, watch.calls.tell, world.number, name, args, kwargs, place)
             try:
                 result = original(*args, **kwargs)
             except Exception as error:
@@ -328,7 +329,7 @@ def photographing(watch: Watch, name: str, original: Any) -> Call:
             world = watch.worlds.get(client_of(name, args, kwargs))
             result = original(*args, **kwargs)
             if world is not None:
-                place = watch.calls.place(sys._getframe(1))
+                place = watch.calls.place(_getframe(1))
                 arguments = named(name, args, kwargs)
                 watch.guarded(world, _send_image, watch, world, arguments, result, place)
             return result

@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from threading import get_ident
+from os import getpid
+from threading import current_thread, get_ident
 from types import BuiltinFunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
@@ -25,6 +26,7 @@ IDLE_S = 60.0
 """A script that sleeps or asks for input this long [s] without a step waits for a user who is not
 there."""
 MOST_CLIENTS = 64
+TYPE = "builtin_function_or_method"
 
 
 class Stop(SystemExit):
@@ -34,8 +36,8 @@ class Stop(SystemExit):
 class Hook:
     """A function of pybullet, watched.
 
-    It passes for a builtin function (`inspect.isbuiltin`): only to those do wrappers such as
-    `BulletClient` bind the client's number.
+    What a script asks of it, it asks of the function itself; so it passes for a builtin one. Only
+    to those do wrappers such as `BulletClient` bind the client's number (`inspect.isbuiltin`).
 
     Parameters
     ----------
@@ -45,28 +47,48 @@ class Hook:
         Whose hook it is.
     """
 
+    __slots__ = ("__weakref__", "drop_plain", "drop_watch")
+
+    drop_plain: Any
+    """PyBullet's own function."""
+    drop_watch: Watch
+
     def __init__(self, original: Any, watch: Watch) -> None:
-        self.__name__ = self.__qualname__ = original.__name__
-        self.__doc__ = original.__doc__
-        self.__module__ = "pybullet"
-        self.__text_signature__ = None
-        self.drop_watch = watch
-        self.drop_plain = getattr(original, "drop_plain", original)
-        """PyBullet's own function."""
+        object.__setattr__(self, "drop_watch", watch)
+        object.__setattr__(self, "drop_plain", getattr(original, "drop_plain", original))
 
-    @property
-    def __class__(self) -> Any:
-        return BuiltinFunctionType
+    def __getattribute__(self, name: str) -> Any:
+        if name in OF_HOOKS:
+            return object.__getattribute__(self, name)
+        return getattr(object.__getattribute__(self, "drop_plain"), name)
 
-    @__class__.setter
-    def __class__(self, _: Any) -> None:
-        raise TypeError("the class of a builtin function cannot be changed")
+    def __setattr__(self, name: str, value: object) -> None:
+        setattr(self.drop_plain, name, value)  # which raises Python's own error
+
+    def __delattr__(self, name: str) -> None:
+        delattr(self.drop_plain, name)
 
     def __reduce__(self) -> str:
         return str(self.__name__)
 
     def __repr__(self) -> str:
-        return f"<built-in function {self.__name__}>"
+        return repr(self.drop_plain)
+
+    def __dir__(self) -> list[str]:
+        return dir(self.drop_plain)
+
+
+OF_HOOKS = frozenset(
+    ("drop_plain", "drop_watch", "__call__", "__eq__", "__ne__", "__hash__", "__reduce__",
+     "__reduce_ex__", "__setattr__", "__delattr__", "__sizeof__"),
+)  # fmt: skip
+"""What a hook has of its own."""
+
+LOOKS: dict[str, Any] = {
+    "__slots__": (), "__module__": "builtins",
+    "__doc__": property(lambda hook: hook.drop_plain.__doc__),  # `help` looks past the instance
+}  # fmt: skip
+"""How the type of a hook looks; each has its own, because calls go by the type."""
 
 
 class Watch:
@@ -98,7 +120,7 @@ class Watch:
         self._last_end = (0, 0.0)
         self._modules: list[tuple[ModuleType, dict[str, Any]]] = []
         self._undo: list[Callable[[], None]] = []
-        self._process, self._thread = os.getpid(), get_ident()
+        self._process, self._thread = getpid(), get_ident()
         self._threads: set[threading.Thread] = set()
         """Other threads that have made steps."""
         clock.passed = self._time_has_passed
@@ -122,7 +144,7 @@ class Watch:
         self._modules.append((module, originals))
         for name, original in originals.items():
             call = handler(self, name, original)
-            kind = type("Hook", (Hook,), {"__call__": staticmethod(call)})
+            kind = type(TYPE, (Hook,), {**LOOKS, "__call__": staticmethod(call)})
             setattr(module, name, kind(original, self))
         self.pipe.note("pybullet", version=module.getAPIVersion(), file=module.__file__)
         for client in range(MOST_CLIENTS):  # connected before we came
@@ -211,7 +233,7 @@ class Watch:
             return () if asks else result
         self._steps += 1
         if get_ident() != self._thread:
-            self._threads.add(threading.current_thread())
+            self._threads.add(current_thread())
         self.clock.step(world.time_s)
         if self._steps == self._limit_steps:
             self.stop("steps")
@@ -279,13 +301,13 @@ class Watch:
         """Send what is left, and watch no further: what follows is not recorded."""
         with self.lock:
             self.settle()
-            here = threading.current_thread()
+            here = current_thread()
             if any(thread.is_alive() for thread in self._threads if thread is not here):
                 self.pipe.note("running")
             self.worlds.clear()
             self.on = False
 
     def _forked(self) -> None:
-        if self.on and os.getpid() != self._process:
+        if self.on and getpid() != self._process:
             self.remove()
             self.pipe.leave()

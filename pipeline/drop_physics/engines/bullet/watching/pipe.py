@@ -14,6 +14,7 @@ import mmap
 import os
 import struct
 import time
+from os import close, fstat, write
 from typing import Any
 
 MAGIC = b"DROPREC\x02"
@@ -136,7 +137,7 @@ class Pipe:
         if self.open:
             self._forget()
             if self._is_ours():
-                os.close(self._pipe)
+                close(self._pipe)
 
     def _forget(self) -> None:
         """Let everything that is still sent go nowhere."""
@@ -153,7 +154,7 @@ class Pipe:
         rest = memoryview(data)
         try:
             while rest:
-                rest = rest[os.write(self._pipe, rest) :]
+                rest = rest[write(self._pipe, rest) :]
         except BrokenPipeError:
             self.leave()
             self.gone = True
@@ -166,14 +167,14 @@ class Pipe:
 
     def _is_ours(self) -> bool:
         try:
-            return os.fstat(self._pipe).st_ino == self._inode
+            return fstat(self._pipe).st_ino == self._inode
         except OSError:
             return False
 
 
 def encoded(note: dict[str, Any]) -> bytes:
     """Return a JSON object as UTF-8; bytes of a file name that are not UTF-8 become `?`."""
-    return json.dumps(note, ensure_ascii=False).encode("utf-8", "replace")
+    return _encode(note).encode("utf-8", "replace")
 
 
 def frame(kind: bytes, payload: bytes) -> bytes:
@@ -181,4 +182,5 @@ def frame(kind: bytes, payload: bytes) -> bytes:
     return HEADER.pack(kind, len(payload)) + payload
 
 
+_encode = json.JSONEncoder(ensure_ascii=False).encode
 _now = time.perf_counter  # the real one: it is read before the clock is replaced
