@@ -213,9 +213,7 @@ def _still(state: States) -> States:
     return States(state.position_m, state.orientation, state.joints, state.velocity * 0.0)
 
 
-def _touching(
-    steps: Steps, row: int
-) -> tuple[Float64, NDArray[np.int64], Float64, dict[int, float]]:
+def _touching(steps: Steps, row: int) -> tuple[Float64, NDArray[np.int64], dict[int, float]]:
     """Return of each contact point of a step: its force on the rates, the other body, its link."""
     contacts, sides = steps.reported.contacts, steps.sides
     first, end = np.searchsorted(contacts.step, (row, row + 1))
