@@ -15,6 +15,7 @@ from drop_physics.analysis.answers.setup import (
     Unseeded,
 )
 from drop_physics.analysis.answers.slides import Slides
+from drop_physics.analysis.answers.unstable import NotFinite, Unstable
 from drop_physics.messages import Message
 
 ANSWERS: tuple[type[Answer], ...] = (
@@ -29,6 +30,8 @@ ANSWERS: tuple[type[Answer], ...] = (
     RealTime,
     Unseeded,
     # the whole
+    NotFinite,
+    Unstable,
 )
 
 

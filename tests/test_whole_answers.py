@@ -1,0 +1,163 @@
+"""Validation: what is said of the whole of a motion is so, and is not said where it is not.
+
+Each rule is asked of scenes in which its answer is the true one, and of scenes that look alike.
+Where PyBullet alone can tell, it does: change the one thing, and the symptom goes.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from scenes import site
+from test_call_answers import AIR, CUBE, FLOOR, KUKA, ask, one
+
+# -- not-finite -----------------------------------------------------------------------------------
+
+NAN = "float('nan')"
+
+
+@pytest.mark.parametrize(
+    ("scene", "call"),
+    [
+        (AIR + CUBE, f"p.applyExternalForce(c, -1, [0, 0, {NAN}], [0, 0, 0], p.LINK_FRAME)"),
+        (AIR + KUKA, f"p.setJointMotorControl2(k, 1, p.POSITION_CONTROL, {NAN}, force=100)"),
+        (AIR + CUBE, f"p.resetBaseVelocity(c, [{NAN}, 0, 0])"),
+    ],
+)
+def test_a_state_that_is_no_number_and_the_call(scene: str, call: str, tmp_path: Path) -> None:
+    found = one(scene + "steps(9)\n" + call + "\nsteps(9)", tmp_path, "not-finite")
+    assert found.site == site(4)
+    assert found.steps is not None
+    assert found.steps.first == 10
+    assert not ask(scene + "steps(18)", tmp_path, "not-finite")
+
+
+# -- unstable, velocity-clamped -------------------------------------------------------------------
+
+SINE = """
+import math
+for i in range(240):
+    for j in range(7):
+        p.setJointMotorControl2(k, j, p.POSITION_CONTROL, 0.4 * math.sin(0.02 * i + j),
+            force=200, velocityGain={gain})
+    p.stepSimulation()
+"""
+A1 = """
+p.setGravity(0, 0, -9.81)
+a = p.loadURDF("a1/a1.urdf", [0, 0, 1], useFixedBase=True)
+J = [j for j in range(p.getNumJoints(a)) if p.getJointInfo(a, j)[2] == 0]
+q0 = dict(zip(J, [0, 0.8, -1.6] * 4))
+for j in J:
+    p.resetJointState(a, j, q0[j])
+    p.setJointMotorControl2(a, j, p.VELOCITY_CONTROL, force=0)
+p.resetJointState(a, J[2], -1.5)
+for i in range(240):
+    for j, s in zip(J, p.getJointStates(a, J)):
+        torque = min(max(100 * (q0[j] - s[0]) - {kd} * s[1], -33.5), 33.5)
+        p.setJointMotorControl2(a, j, p.TORQUE_CONTROL, force=torque)
+    p.stepSimulation()
+"""
+LOOSE = AIR + KUKA + "for j in range(7): p.setJointMotorControl2(k, j, p.VELOCITY_CONTROL, force=0)"
+
+
+@pytest.mark.parametrize(
+    ("scene", "cured", "term"),
+    [
+        (AIR + KUKA + SINE.format(gain=0.1), AIR + KUKA + SINE.format(gain=1), "joint damping"),
+        (LOOSE + "\np.resetJointState(k, 6, 0, 0.5)\nsteps(99)",
+         LOOSE + "\np.changeDynamics(k, 6, jointDamping=0)\np.resetJointState(k, 6, 0, 0.5)\n"
+         "steps(99)", "joint damping"),
+        (A1.format(kd=5), A1.format(kd=0.2), "applied"),
+    ],
+)  # fmt: skip
+def test_what_rings_and_what_feeds_it(scene: str, cured: str, term: str, tmp_path: Path) -> None:
+    found = one(scene, tmp_path, "unstable")
+    assert f"the term {term} turns it around" in found.message
+    assert found.joint is not None
+    # That the cure cures is seen in the motion alone: nothing is said of it.
+    assert not ask(cured, tmp_path, "unstable")
+
+
+PENDULUM = """
+p.setGravity(0, 0, -9.81)
+s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02, 0.02, 0.5])
+b = p.createMultiBody(0, linkMasses=[1], linkCollisionShapeIndices=[s],
+    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0, 0, -0.5]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 1, 0]])
+p.setJointMotorControl2(b, 0, p.VELOCITY_CONTROL, force=0)
+for i in range(960):
+    v = p.getJointState(b, 0)[1]
+    p.setJointMotorControl2(b, 0, p.TORQUE_CONTROL, force=2 if v >= 0 else -2)
+    p.stepSimulation()
+"""
+ROBOTS = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+r = p.loadURDF("{file}", [0, 0, {z}], [{turn}], useFixedBase={fixed})
+import math
+J = [j for j in range(p.getNumJoints(r)) if p.getJointInfo(r, j)[2] in (0, 1)]
+for i in range(240):
+    for j in J:
+        p.setJointMotorControl2(r, j, p.POSITION_CONTROL, 0.1 * math.sin(i / 20), force=40)
+    p.stepSimulation()
+"""
+FAN = """
+p.setGravity(0, 0, -9.81)
+s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.01, 0.01])
+b = p.createMultiBody(0, linkMasses=[0.05], linkCollisionShapeIndices=[s],
+    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0, 0, 0]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 0, 1]])
+p.setJointMotorControl2(b, 0, p.VELOCITY_CONTROL, targetVelocity={rate}, force=1)
+steps(120)
+"""
+BULLET = """
+s = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)
+b = p.createMultiBody(1, s, -1, [0, 0, 3000])
+p.changeDynamics(b, -1, linearDamping=0)
+p.resetBaseVelocity(b, [0, 0, {speed}])
+steps(30)
+"""
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        PENDULUM,
+        FAN.format(rate=90),
+        FAN.format(rate=150),
+        AIR + BULLET.format(speed=-400),
+        FLOOR + "p.loadURDF('cube_small.urdf', [0, 0, 0.3], [0.3, 0.2, 0.1, 0.9])\nsteps(400)",
+        ROBOTS.format(file="laikago/laikago_toes.urdf", z=0.5, turn="0, .5**.5, .5**.5, 0",
+            fixed=False),
+        ROBOTS.format(file="a1/a1.urdf", z=0.35, turn="0, 0, 0, 1", fixed=False),
+        ROBOTS.format(file="r2d2.urdf", z=0.5, turn="0, 0, 0, 1", fixed=False),
+        ROBOTS.format(file="franka_panda/panda.urdf", z=0, turn="0, 0, 0, 1", fixed=True),
+        ROBOTS.format(file="kuka_iiwa/model.urdf", z=0, turn="0, 0, 0, 1", fixed=True),
+    ],
+)  # fmt: skip
+def test_what_does_not_ring(scene: str, tmp_path: Path) -> None:
+    assert not ask(scene, tmp_path, "unstable")
+
+
+@pytest.mark.parametrize(
+    ("scene", "slower", "unit"),
+    [
+        (FAN.format(rate=150), FAN.format(rate=90), "N m s"),
+        (AIR + BULLET.format(speed=-400), AIR + BULLET.format(speed=-50), "N s"),
+        (AIR + CUBE + "p.changeDynamics(c, -1, maxJointVelocity=0.5)\nsteps(60)",
+         AIR + CUBE + "p.changeDynamics(c, -1, maxJointVelocity=500)\nsteps(60)", "N s"),
+    ],
+)  # fmt: skip
+def test_what_the_clamp_takes(scene: str, slower: str, unit: str, tmp_path: Path) -> None:
+    found = one(scene, tmp_path, "velocity-clamped")
+    assert found.effect is not None
+    assert found.effect.unit == unit
+    assert found.effect.value > 0
+    assert not ask(slower, tmp_path, "velocity-clamped")
+
+
+def test_what_rings_at_the_clamp_is_not_clamped(tmp_path: Path) -> None:
+    assert not ask(AIR + KUKA + SINE.format(gain=0.1), tmp_path, "velocity-clamped")
