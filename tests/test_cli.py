@@ -115,6 +115,32 @@ def test_rerun_cannot_be_switched_off_or_made_to_talk_on_stdout(
     assert json.loads(done.stdout)["bytes"] == (tmp_path / "run.rrd").stat().st_size > 10_000
 
 
+LOUD = {
+    "RUST_LOG": "debug", "MALLOC_CONF": "stats_print:true", "_RJEM_MALLOC_CONF": "no:thing",
+    "POLARS_VERBOSE": "1",
+}  # fmt: skip
+
+
+def test_settings_of_somebodys_own_programs_make_no_library_talk(
+    drop_process: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And a script still has them."""
+    for name, value in LOUD.items():
+        monkeypatch.setenv(name, value)
+    done = drop_process("run", "--duration", "0.1", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert isinstance(json.loads(done.stdout), dict)
+    done = drop_process("sweep", "--height", "1,2", "--out", "s", "--jobs", "2")
+    assert (done.returncode, done.stderr) == (0, "")
+    tmp_path.joinpath("says.py").write_text(
+        f"import os\nprint([os.environ.get(name) for name in {list(LOUD)}])\n"
+    )
+    done = drop_process("record", "--out", "says.rrd", "says.py")
+    assert done.stdout.splitlines()[0] == str(list(LOUD.values()))
+    said = ("drop: nothing was simulated", "script ", "recorded ")
+    assert [one for one in done.stderr.splitlines() if not one.startswith(said)] == []
+
+
 def test_a_reader_that_closes_the_pipe_is_not_an_error() -> None:
     command = f"{sys.executable} -m drop_physics analyze --help | head -1"
     done = subprocess.run(

@@ -28,6 +28,9 @@ SAFE = {"PYTHONSAFEPATH": "1", "MUJOCO_GL": "disable"}
 """Variables of our own processes. What a library starts imports nothing from the working directory,
 and MuJoCo looks for no window library, which it would load from there."""
 
+LOUD = ("RUST_LOG", "MALLOC_CONF", "_RJEM_MALLOC_CONF", "POLARS_VERBOSE", "POLARS_PANIC_ON_ERR")
+"""Variables of somebody's own programs, which libraries of ours would heed and print for."""
+
 given: dict[str, str] = {}
 """The environment as the command was given it; empty if we are not a command."""
 
@@ -52,6 +55,12 @@ def users_environment() -> dict[str, str]:
             theirs.pop(name, None)
             theirs |= {} if before is None else {name: before}
     return theirs
+
+
+def our_environment() -> dict[str, str]:
+    """Return the environment for a process of our own: quiet, and with our modules only."""
+    ours = {name: value for name, value in os.environ.items() if name not in LOUD}
+    return {**ours, **SAFE, "PYTHONPATH": os.pathsep.join(module_path())}
 
 
 def cores() -> int:
@@ -82,12 +91,7 @@ class Worker:
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     # One thread each: there are as many of us as there are cores.
-                    env={
-                        **os.environ,
-                        **SAFE,
-                        "PYTHONPATH": os.pathsep.join(module_path()),
-                        "OPENBLAS_NUM_THREADS": "1",
-                    },
+                    env={**our_environment(), "OPENBLAS_NUM_THREADS": "1"},
                 )
         except OSError as error:
             raise DropError(

@@ -51,6 +51,8 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
     workers.given = dict(os.environ)
+    for name in workers.LOUD:
+        os.environ.pop(name, None)
     os.environ |= workers.SAFE
     gc.set_threshold(COLLECTED_EVERY)
     try:

@@ -35,7 +35,7 @@ from drop_physics.recording.about import about_script
 from drop_physics.recording.layout import layout
 from drop_physics.recording.recorder import Recorder
 from drop_physics.stages.record import Recorded, checked_limits, recorded_of
-from drop_physics.workers import module_path
+from drop_physics.workers import our_environment
 
 BLOCK = "a block of Python"
 """Recorded where a script has its name."""
@@ -97,7 +97,7 @@ def record(
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             pass_fds=(reading, memory.fileno()),
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(module_path())},
+            env=our_environment(),
         ) as recorder:
             os.close(reading)
             watch = start.watch(
