@@ -221,3 +221,102 @@ def test_a_timestep_that_changes_in_a_run(call: str, ratio: float, tmp_path: Pat
     assert not ask(AIR + KUKA + call + "\nsteps(9)", tmp_path, "timestep-changed")
     anew = AIR + KUKA + "steps(9)\np.resetSimulation()\n" + call + "\n" + AIR + KUKA + "steps(9)"
     assert not ask(anew, tmp_path, "timestep-changed")
+
+
+# -- push-lasted-a-step, force-off-centre ---------------------------------------------------------
+
+REPEATED = """
+for i in range(60):
+    if i % {n} == 0:
+        {push}
+    p.stepSimulation()
+"""
+SLIDER = (
+    "c = p.loadURDF('cartpole.urdf')\np.setJointMotorControl2(c, 0, p.VELOCITY_CONTROL, force=0)\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("scene", "push"),
+    [
+        (AIR + CUBE, "p.applyExternalForce(c, -1, [0, 0, 1.5], [0, 0, 0], p.LINK_FRAME)"),
+        (CUBE, "p.applyExternalTorque(c, -1, [0, 0, 0.01], p.WORLD_FRAME)"),
+        (SLIDER, "p.setJointMotorControl2(c, 0, p.TORQUE_CONTROL, force=10)"),
+        (KUKA, "p.setJointMotorControlArray(k, range(7), p.TORQUE_CONTROL, forces=[1] * 7)"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("n", [2, 5])
+def test_a_force_given_now_and_then(scene: str, push: str, n: int, tmp_path: Path) -> None:
+    found = one(scene + REPEATED.format(n=n, push=push), tmp_path, "push-lasted-a-step")
+    assert found.level == "asked"
+    assert found.effect is not None
+    assert found.effect.value == pytest.approx(1 - 1 / n)
+    assert not ask(scene + REPEATED.format(n=1, push=push), tmp_path, "push-lasted-a-step")
+
+
+KICK = "steps({before})\np.applyExternalForce(c, -1, [{force}, 0, 0], [0, 0, 0], p.LINK_FRAME)\n"
+
+
+@pytest.mark.parametrize(
+    ("scene", "level"),
+    [
+        # A kick stays. One against a wall of friction does not, nor is a nudge of a falling cube.
+        (AIR + CUBE + KICK.format(before=5, force=50) + "steps(60)", "note"),
+        (FLOOR + "c = p.loadURDF('cube_small.urdf', [0, 0, 0.025])\n"
+         + KICK.format(before=60, force=0.3) + "steps(60)", "asked"),
+        (AIR + CUBE + KICK.format(before=5, force=0.1) + "steps(90)", "asked"),
+    ],
+)  # fmt: skip
+def test_a_single_push(scene: str, level: str, tmp_path: Path) -> None:
+    assert one(scene, tmp_path, "push-lasted-a-step").level == level
+
+
+def test_pushes_at_any_time_are_meant(tmp_path: Path) -> None:
+    scene = (
+        AIR + CUBE + "".join(KICK.format(before=n, force=5) for n in (3, 20, 7, 31)) + "steps(9)"
+    )
+    assert not ask(scene, tmp_path, "push-lasted-a-step")
+
+
+BESIDE = """
+c = p.loadURDF("{file}", {where})
+for i in range(30):
+    p.applyExternalForce(c, -1, {force}, {point}, p.{frame})
+    p.stepSimulation()
+"""
+
+
+@pytest.mark.parametrize(
+    ("file", "where", "force", "point"),
+    [
+        ("cube_small.urdf", [2, 0, 1], [0, 0, 0.5], [0, 0, 0]),
+        ("sphere2.urdf", [0, -3, 0.5], [5, 0, 0], [0.2, 0, 0.1]),
+        ("r2d2.urdf", [1, 1, 2], [0, 3, 0], [0, 0, 0]),
+    ],
+)
+def test_a_point_of_the_body_in_the_world(
+    file: str, where: list[float], force: list[float], point: list[float], tmp_path: Path
+) -> None:
+    scene = BESIDE.format(file=file, where=where, force=force, point=point, frame="{frame}")
+    found = one(scene.format(frame="WORLD_FRAME"), tmp_path, "force-off-centre")
+    assert found.effect is not None
+    assert found.site == site(3)
+    assert found.steps is not None
+    assert found.steps.count == 30
+    assert not ask(scene.format(frame="LINK_FRAME"), tmp_path, "force-off-centre")
+
+
+@pytest.mark.parametrize(
+    ("where", "force", "point"),
+    [
+        ([2, 0, 1], [0, 0, 1], [2, 0, 1]),  # at the body
+        ([0, 0, 1], [0, 0, 1], [0, 0, 0]),  # through its centre
+        ([0, 0, 0.3], [0, 1, 0], [0.4, 0, 0.3]),  # a lever that is meant
+    ],
+)
+def test_a_point_of_the_world(
+    where: list[float], force: list[float], point: list[float], tmp_path: Path
+) -> None:
+    scene = BESIDE.format(file="cube_small.urdf", where=where, force=force, point=point,
+        frame="WORLD_FRAME")  # fmt: skip
+    assert not ask(scene, tmp_path, "force-off-centre")

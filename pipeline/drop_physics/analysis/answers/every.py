@@ -6,6 +6,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from drop_physics.analysis.answers.answer import Answer, Finding
+from drop_physics.analysis.answers.no_restitution import NoRestitution
+from drop_physics.analysis.answers.off_target import OffTarget
+from drop_physics.analysis.answers.pushes import ForceOffCentre, PushLastedAStep
 from drop_physics.analysis.answers.script_failed import ScriptFailed
 from drop_physics.analysis.answers.setup import (
     NoGravity,
@@ -15,13 +18,17 @@ from drop_physics.analysis.answers.setup import (
     Unseeded,
 )
 from drop_physics.analysis.answers.slides import Slides
+from drop_physics.analysis.answers.starts_in_contact import StartsInContact
 from drop_physics.analysis.answers.unstable import NotFinite, Unstable
 from drop_physics.messages import Message
 
 ANSWERS: tuple[type[Answer], ...] = (
     # joints
+    OffTarget,
     # contacts
+    StartsInContact,
     Slides,
+    NoRestitution,
     # calls and files
     ScriptFailed,
     NotStepped,
@@ -29,6 +36,8 @@ ANSWERS: tuple[type[Answer], ...] = (
     TimestepChanged,
     RealTime,
     Unseeded,
+    PushLastedAStep,
+    ForceOffCentre,
     # the whole
     NotFinite,
     Unstable,
