@@ -96,8 +96,6 @@ class Holding:
     """What the contacts of each other body do, by its number."""
     constraints: Float64
     stops: Float64
-    pressed_n: Mapping[int, float]
-    """The sum of the normal forces of each other body [N]."""
     _steps: Steps
     _row: int
     _loads: tuple[Load, ...]
@@ -152,7 +150,7 @@ def holding(
         Whether it is at rest: loads are known only then.
     """
     tree, sample = steps.law.tree, int(steps.steps[row])
-    contacts, other, pressed = _touching(steps, row)
+    contacts, other = _touching(steps, row)
     on_rates = {one: contacts[other == one] for one in np.unique(other).tolist()}
     loads, fixed = _loads(explained, joins, bodies, number, sample)
     kin = kinematics(tree, _still(steps.after.at(np.array([row]))))
@@ -180,7 +178,6 @@ def holding(
         contacts={one: each.sum(axis=0)[joint] for one, each in on_rates.items()},
         constraints=constraints[joint],
         stops=stops[joint],
-        pressed_n=pressed,
         _steps=steps,
         _row=row,
         _loads=tuple(loads),
@@ -213,8 +210,8 @@ def _still(state: States) -> States:
     return States(state.position_m, state.orientation, state.joints, state.velocity * 0.0)
 
 
-def _touching(steps: Steps, row: int) -> tuple[Float64, NDArray[np.int64], dict[int, float]]:
-    """Return of each contact point of a step: its force on the rates, the other body, its link."""
+def _touching(steps: Steps, row: int) -> tuple[Float64, NDArray[np.int64]]:
+    """Return what each contact point of a step does to the rates, and the other body."""
     contacts, sides = steps.reported.contacts, steps.sides
     first, end = np.searchsorted(contacts.step, (row, row + 1))
     rows = np.arange(first, end)
@@ -222,10 +219,7 @@ def _touching(steps: Steps, row: int) -> tuple[Float64, NDArray[np.int64], dict[
     here = contacts.between(row, row + 1)
     forces = impulses_of(kin, here, np.ones(1))
     other = sides.other_body[rows]
-    pressed: dict[int, float] = {}
-    for one, force in zip(other.tolist(), np.linalg.norm(here.force_n, axis=1), strict=True):
-        pressed[one] = pressed.get(one, 0.0) + float(force)
-    return forces, other, pressed
+    return forces, other
 
 
 def _loads(

@@ -1,0 +1,185 @@
+"""Targets of the joints' position motors, each while it stood: where it left its joint.
+
+A motor's law, off its limit, with e the position minus the target (`btMultiBodyJointMotor.cpp`):
+
+    e' = (1 - kp) e + dt (kd v + (1 - kd) q̇_free)
+
+so a target that stood for n steps, at kd = 1, leaves (1 - kp)^n of the gap before, and what its
+velocity v adds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.analysis.joints import Driven, target_of
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+KEYS = ("target", "target_velocity", "kp", "kd", "mode", "pd")
+"""With any other of these it is another target."""
+SETTLED_STEPS, SETTLED = 60, 1e-3
+"""A joint that stays within so much [rad] or [m] over so many steps is at rest too: it may bounce
+off its stop, or creep."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stood:
+    """Targets of one rate of a body that stood, one after the other, m of them; shape (m,)."""
+
+    k: int
+    """The rate, among those of all joints."""
+    first: Int64
+    """The first sample that each led to."""
+    last: Int64
+    row: Int64
+    """Of the last, in the steps at hand; -1 if it is not among them."""
+    steps: Int64
+    at_limit: Int64
+    """In how many of these steps its motor was at its limit."""
+    target: Float64
+    gap: Float64
+    """Position minus target at the last."""
+    before: Float64
+    """Position minus target when it was given."""
+    lawful: Float64
+    """The gap that the motor's law leaves of it; nan where it is not known."""
+    kp: Float64
+    rate: Float64
+    """At the last."""
+    resting: Flags
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.first)
+
+    def only(self, which: Int64) -> Stood:
+        """Return some of them."""
+        return Stood(**{name: value if name == "k" else value[which]
+            for name, value in vars(self).items()})  # fmt: skip
+
+
+@dataclass(eq=False)
+class _Open:
+    """The target that stands at the end of the steps so far."""
+
+    key: Float64
+    first: int
+    last: int
+    position: float
+    """When it was given."""
+    at_limit: int
+
+
+class Targets:
+    """The targets of one body; its steps come in order."""
+
+    def __init__(self) -> None:
+        self._open: dict[int, _Open] = {}
+        self._tail = np.empty((0, 0))
+        """Positions before these steps."""
+        self._tail_step = -1
+        self._path = self._tail
+
+    def see(self, driven: Driven) -> Iterator[tuple[Stood, bool]]:
+        """Yield, per rate, the targets that ended before or in some steps, and the last of them.
+
+        The last one comes by itself, with True: it may go on.
+        """
+        asked, steps = driven.asked, driven.steps
+        target = target_of(driven)
+        keys = np.stack([getattr(asked, name) for name in KEYS])
+        keys[0] = target
+        if len(self._tail) and steps.steps[0] != self._tail_step + 1:
+            self._tail = self._tail[:0]
+        self._path = np.concatenate((self._tail.reshape(-1, target.shape[1]), driven.after))
+        for k in range(target.shape[1]):
+            if np.isnan(target[:, k]).all() and k not in self._open:
+                continue
+            ended, going = self._of(driven, k, keys[:, :, k], steps.steps)
+            if len(ended):
+                yield ended, False
+            if going is not None:
+                yield going, True
+        self._tail, self._tail_step = self._path[-SETTLED_STEPS:].copy(), int(steps.steps[-1])
+
+    def _settled(self, stood: Stood, end: int) -> Flags:
+        """Return whether each joint hardly moved before its target ended; `end` of these steps."""
+        settled = stood.resting.copy()
+        for i in np.flatnonzero(~settled & (stood.steps >= SETTLED_STEPS)).tolist():
+            last = len(self._path) - end + int(stood.row[i]) + 1
+            path = self._path[max(last - SETTLED_STEPS, 0) : last, stood.k]
+            settled[i] = len(path) == SETTLED_STEPS and np.ptp(path) < SETTLED
+        return settled
+
+    def _of(self, driven: Driven, k: int, keys: Float64, ends: Int64) -> tuple[Stood, Stood | None]:
+        new = np.ones(len(ends), np.bool_)
+        same = (keys[:, 1:] == keys[:, :-1]) | (np.isnan(keys[:, 1:]) & np.isnan(keys[:, :-1]))
+        new[1:] = ~same.all(axis=0) | (np.diff(ends) != 1) | driven.steps.put[1:]
+        held = self._open.pop(k, None)
+        if held is not None and held.last + 1 == ends[0] and not driven.steps.put[0]:
+            new[0] = not np.array_equal(held.key, keys[:, 0], equal_nan=True)
+        begins = np.flatnonzero(new)
+        rows = np.append(begins, len(ends))[1:] - 1
+        position, total = driven.before[:, k], np.append(0, np.cumsum(driven.at_limit[:, k]))
+        first, start = ends[begins], position[begins]
+        counts = total[rows + 1] - total[begins]
+        if not new[0]:  # the one that stood goes on
+            assert held is not None
+            until = begins[0] - 1 if len(begins) else len(ends) - 1
+            rows = np.append(until, rows) if len(begins) else np.array([until])
+            first, start = np.append(held.first, first), np.append(held.position, start)
+            counts = np.append(total[until + 1] + held.at_limit, counts)
+        found = _stood(driven, k, rows, first, start, counts)
+        found = replace(found, resting=self._settled(found, len(ends)))
+        if np.isfinite(found.target[-1]):
+            self._open[k] = _Open(
+                keys[:, -1].copy(), int(first[-1]), int(ends[-1]), float(start[-1]), int(counts[-1])
+            )
+        kept = np.isfinite(found.target)
+        kept[-1] = False
+        going = found.only(np.array([len(found) - 1])) if np.isfinite(found.target[-1]) else None
+        return found.only(np.flatnonzero(kept)), going
+
+
+def _stood(
+    driven: Driven, k: int, rows: Int64, first: Int64, start: Float64, counts: Int64
+) -> Stood:
+    asked = driven.asked
+    target, kp, kd, rate = (
+        getattr(asked, name)[rows, k] for name in ("target", "kp", "kd", "target_velocity")
+    )
+    pd = asked.pd[rows, k] == 1
+    law = driven.steps.law
+    lower, upper = law.lower[k], law.upper[k]
+    clipped = np.clip(target, lower, upper) if lower <= upper else target
+    n = driven.steps.steps[rows] - first + 1
+    timestep_s = driven.steps.reported.timestep_s[rows]
+    left = (1 - kp) ** n
+    with np.errstate(divide="ignore", invalid="ignore"):
+        added = np.where(kp > 0, (1 - left) / kp, n) * timestep_s * rate
+    gap_law = left * (start - clipped) + added + clipped - target
+    sure = (kd == 1) & np.isnan(asked.max_velocity[rows, k]) & ~pd & driven.steps.covered
+    aim = np.where(pd, asked.pd_target[rows, k], target)
+    aim = np.where(np.isfinite(target_of(driven)[rows, k]), aim, np.nan)
+    return Stood(
+        k=k,
+        first=first,
+        last=driven.steps.steps[rows],
+        row=rows,
+        steps=n,
+        at_limit=counts,
+        target=aim,
+        gap=driven.after[rows, k] - aim,
+        before=start - aim,
+        lawful=np.where(sure, gap_law, np.nan),
+        kp=kp,
+        rate=driven.rate[rows, k],
+        resting=driven.resting[rows, k],
+    )
