@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from asked import findings
-from contact_scenes import GRIP, LIFT, PANDA, PUCK, PUSHED, SLOPE, TRAY, bare
+from contact_scenes import BOX, FLOOR, GRIP, LIFT, PANDA, PUCK, PUSHED, SLOPE, TRAY, bare
 from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.story import Story
 from scenes import record
@@ -55,7 +55,8 @@ def test_what_friction_cannot_hold_slides(name: str, tmp_path: Path) -> None:
     (one,) = found(scene, tmp_path, "slides")
     assert (one.level, one.body) == ("asked", f"{number}_box")
     assert wanted in one.message
-    assert one.effect is not None and one.effect.value > 0.01
+    assert one.effect is not None
+    assert one.effect.value > 0.01
     (other,) = in_pieces(scene, tmp_path, "slides")
     assert (other.message, other.steps) == (one.message, one.steps)
     # With more friction, or more force, it does not.
@@ -73,3 +74,140 @@ def test_a_ball_rolls(tmp_path: Path) -> None:
     scene = SLOPE.format(degrees=40, mu=0.1, above=0, steps=240)
     assert not found(scene.replace("box(1, [0, 0, 0.05 + 0], mu=0.1)", "ball(1, [0, 0, .1])"),
         tmp_path, "slides")  # fmt: skip
+
+
+# -- starts-in-contact, self-collision ------------------------------------------------------------
+
+CUBES = (
+    FLOOR
+    + """
+a = p.loadURDF("cube_small.urdf", [0, 0, .025])
+b = p.loadURDF("cube_small.urdf", [.2, 0, .025])
+steps(240)
+p.resetBasePositionAndOrientation(b, [{x}, .01, .025], [0, 0, 0, 1])
+steps(60)
+"""
+)
+LATER = (
+    FLOOR
+    + """
+a = p.loadURDF("cube_small.urdf", [0, 0, .025])
+steps(100)
+b = p.loadURDF("sphere_small.urdf", [0, 0, {z}])
+steps(5)
+"""
+)
+STANDING = (
+    FLOOR
+    + """
+b = p.loadURDF("laikago/laikago_toes_zup_lores.urdf", [0, 0, {z}])
+steps(3)
+"""
+)
+THROWN = FLOOR + BOX + "a = box(0, [0, 0, .5], (.5, .5, .3))\nb = box(1, [0, 0, {z}])\nsteps(3)"
+OVERLAPS = {
+    "set": (CUBES.format(x=0.02), CUBES.format(x=0.06), "asked", "is set 30 mm", 7),
+    "loaded later": (LATER.format(z=0.05), LATER.format(z=0.09), "asked", "is loaded 30 mm", 6),
+    "a robot": (STANDING.format(z=0.46), STANDING.format(z=0.53), "asked", "58.3 mm", 4),
+    "thrown": (THROWN.format(z=0.75), THROWN.format(z=0.851), "broken", "100 mm", 6),
+}
+
+
+@pytest.mark.parametrize("name", OVERLAPS)
+def test_what_is_placed_inside_another(name: str, tmp_path: Path) -> None:
+    scene, cured, level, text, line = OVERLAPS[name]
+    (one,) = found(scene, tmp_path, "starts-in-contact")
+    assert one.level == level
+    assert text in one.message
+    assert one.site == f"scene.py:{line}"
+    (other,) = in_pieces(scene, tmp_path, "starts-in-contact")
+    assert (other.message, other.site) == (one.message, one.site)
+    moved, rests = (np.linalg.norm(bare(each)["velocity"]) for each in (scene, cured))
+    assert moved > rests
+    assert not found(cured, tmp_path, "starts-in-contact")
+
+
+FIXED = FLOOR + 'b = p.loadURDF("kuka_iiwa/model.urdf", [0, 0, -.05], useFixedBase=True)\nsteps(9)'
+STACK = FLOOR + BOX + "for k in range(5):\n    b = box(1, [0, 0, .05 + .1 * k])\nsteps(60)"
+CARRIED = (
+    FLOOR
+    + BOX
+    + """
+f = box(0, [0, 0, .5], (.3, .3, .02), mu=1)
+b = box(1, [0, 0, .57], mu=1)
+for i in range(120):
+    p.resetBasePositionAndOrientation(f, [0, 0, .5 + i / 480], [0, 0, 0, 1])
+    p.stepSimulation()
+"""
+)
+
+
+@pytest.mark.parametrize(
+    "scene", [FIXED, STACK, CARRIED, PANDA], ids=["fixed", "stack", "carried", "panda"]
+)
+def test_what_touches_or_cannot_move_starts_well(scene: str, tmp_path: Path) -> None:
+    assert not found(scene, tmp_path, "starts-in-contact")
+
+
+ITSELF = (
+    BOX
+    + """
+v = [shape(.05, .05, .05)] * 3
+b = p.createMultiBody(
+    1, -1, -1, [0, 0, 0], [0, 0, 0, 1], linkMasses=[1] * 3, linkCollisionShapeIndices=v,
+    linkVisualShapeIndices=[-1] * 3, linkPositions=[[0, 0, .2], [.2, 0, 0], [{x}, 0, 0]],
+    linkOrientations=[[0, 0, 0, 1]] * 3, linkInertialFramePositions=[[0, 0, 0]] * 3,
+    linkInertialFrameOrientations=[[0, 0, 0, 1]] * 3, linkParentIndices=[0, 1, 1],
+    linkJointTypes=[p.JOINT_PRISMATIC] * 3, linkJointAxis=[[1, 0, 0]] * 3{flags})
+for j in range(3):
+    p.setJointMotorControl2(b, j, p.VELOCITY_CONTROL, force=0)
+steps(30)
+"""
+)
+
+
+@pytest.mark.parametrize("x", [0.12, 0.15, 0.18])
+def test_links_that_overlap_collide(x: float, tmp_path: Path) -> None:
+    flags = ", flags=p.URDF_USE_SELF_COLLISION"
+    (one,) = found(ITSELF.format(x=x, flags=flags), tmp_path, "self-collision")
+    assert one.effect is not None
+    assert one.effect.value == pytest.approx(0.1 - (0.2 - x), abs=2e-3)
+    for cured in (ITSELF.format(x=x, flags=""), ITSELF.format(x=0.09, flags=flags)):
+        assert not found(cured, tmp_path, "self-collision")
+
+
+# -- no-restitution -------------------------------------------------------------------------------
+
+DROPPED = FLOOR + BOX + "b = ball(1, [0, 0, {z}])\np.changeDynamics(b, -1, restitution={r})\n"
+BOUNCY = "p.changeDynamics(0, -1, restitution={r})\n"
+HEIGHT = "z = []\nfor i in range(240):\n    p.stepSimulation()\n" + (
+    "    z.append(p.getBasePositionAndOrientation(b)[0][2])\n"
+)
+
+
+@pytest.mark.parametrize(("z", "r"), [(1, 0.9), (0.5, 0.5), (0.3, 1)])
+def test_one_restitution_is_none(z: float, r: float, tmp_path: Path) -> None:
+    scene = DROPPED.format(z=z, r=r) + HEIGHT
+    (one,) = found(scene, tmp_path, "no-restitution")
+    assert f"{r:.3g} × 0" in one.message
+    assert (one.body, one.other, one.site) == ("1_sphere", "0_plane", "scene.py:22")
+    assert [each.message for each in in_pieces(scene, tmp_path, "no-restitution")] == [one.message]
+    cured = DROPPED.format(z=z, r=r) + BOUNCY.format(r=1) + HEIGHT
+    landed = int(240 * (2 * (z - 0.1) / 9.81) ** 0.5) + 10
+    tops = [max(bare(each)["z"][landed:]) for each in (scene, cured)]
+    assert tops[0] < 0.115
+    assert tops[1] > tops[0] + 0.25 * r**2 * (z - 0.1)
+    assert not found(cured, tmp_path, "no-restitution")
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        DROPPED.format(z=0.1, r=0.5) + "steps(100)",
+        DROPPED.format(z=0.101, r=0.9) + "steps(100)",
+        DROPPED.format(z=1, r=0) + "steps(200)",
+        DROPPED.format(z=1, r=0.3) + BOUNCY.format(r=0.5) + "steps(200)",
+    ],
+)
+def test_what_was_placed_or_bounces_has_restitution(scene: str, tmp_path: Path) -> None:
+    assert not found(scene, tmp_path, "no-restitution")

@@ -43,6 +43,8 @@ class Points:
     """Friction on side 0, shape (k, 3)."""
     friction: Float64
     """Coefficient: the product of both sides'."""
+    restitution: Float64
+    """Likewise."""
     began_m_s: Float64
     """Velocities of both sides' points as the step began, shape (k, 2, 3)."""
     ended_m_s: Float64
@@ -183,6 +185,16 @@ class Pairs:
         return self._weighted(self.points.approach_m_s)
 
     @cached_property
+    def parting_m_s(self) -> Float64:
+        """How fast they part as the step ended, likewise."""
+        return self._weighted(self.points.parting_m_s)
+
+    @cached_property
+    def restitution(self) -> Float64:
+        """The greatest product of both sides' coefficients, shape (m,)."""
+        return self.most(self.points.restitution)
+
+    @cached_property
     def explained(self) -> Flags:
         """Whether the steps of both bodies are explained, shape (m, 2)."""
         return self.points.explained[self.starts]
@@ -240,6 +252,7 @@ def _points(explained: Explained, records: Mapping[int, Record]) -> Points:
         normal_n=table["normal_force_n"].to_numpy()[order],
         tangential_n=np.asarray(friction)[order] * flip[:, None],
         friction=_product(records, "lateral_friction", table, bodies, links)[order],
+        restitution=_product(records, "restitution", table, bodies, links)[order],
         began_m_s=sides.began_m_s[rows, which],
         ended_m_s=sides.ended_m_s[rows, which],
         timestep_s=sides.timestep_s[order],

@@ -1,0 +1,87 @@
+"""`no-restitution`: restitution is set, and what lands does not bounce."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.asked_of_bodies import AskedOfBodies
+from drop_physics.analysis.explained.recording import Explained
+from drop_physics.messages import Message
+
+THRESHOLD_M_S = 0.2
+"""Bullet's own: slower contacts do not bounce."""
+SWALLOWED = 0.5
+"""Share of what was asked for, below which it does not bounce: overlap alone lifts a little."""
+
+
+@dataclass
+class Meeting:
+    """What became of the fastest approach of a pair."""
+
+    step: int
+    approach_m_s: float
+    rebound_m_s: float
+    count: int
+
+
+class NoRestitution(Answer):
+    """The engine multiplies both bodies' restitution; that of most files is 0."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self._asked = AskedOfBodies(scene, "restitution")
+        self._met: dict[tuple[int, int], Meeting] = {}
+
+    def see(self, explained: Explained) -> None:
+        """Take a piece."""
+        self._asked.see(explained)
+        pairs = self.scene.touches.pairs
+        wanted = [number for number, value in self._asked.values.items() if value > 0]
+        if not wanted or not len(pairs.starts):
+            return
+        # Where the engine has restitution, it bounces as it says.
+        fast = (pairs.approach_m_s > THRESHOLD_M_S) & (pairs.restitution == 0)
+        fast &= np.isin(pairs.body, wanted).any(axis=1) & (pairs.body[:, 0] != pairs.body[:, 1])
+        for row in np.flatnonzero(fast).tolist():
+            first, second = pairs.body[row].tolist()
+            approach, rebound = float(pairs.approach_m_s[row]), float(pairs.parting_m_s[row])
+            met = self._met.setdefault((first, second), Meeting(0, 0.0, 0.0, 0))
+            met.count += 1
+            if approach > met.approach_m_s:
+                met.step, met.approach_m_s = int(pairs.step[row]), approach
+                met.rebound_m_s = max(rebound, 0.0)
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield each pair of which one was to bounce."""
+        for (first, second), met in self._met.items():
+            body, other = (first, second) if first in self._asked.values else (second, first)
+            asked = self._asked.values[body]
+            if self._asked.values.get(other, 0.0) > 0 or asked <= 0:
+                continue  # both were given: a link has none, or it came later
+            if met.rebound_m_s > SWALLOWED * asked * met.approach_m_s:
+                continue
+            yield Finding(
+                code="no-restitution",
+                level="asked",
+                message=Message(
+                    "does not bounce off {other}: it meets it at {speed:.3g} m/s and leaves at "
+                    "{rebound:.3g} m/s; restitution is the product of both bodies', "
+                    "{asked:.3g} × 0",
+                    other=self.scene.body(other).label, speed=met.approach_m_s,
+                    rebound=met.rebound_m_s, asked=asked,
+                ),
+                advice=Message(
+                    "give {other} restitution, too: p.changeDynamics(…, restitution=1)",
+                    other=self.scene.body(other).label,
+                ),
+                body=self.scene.body(body).label,
+                other=self.scene.body(other).label,
+                effect=Effect(asked * met.approach_m_s, "m/s"),
+                share=asked,
+                steps=Span(met.step, met.step, met.count),
+                site=self._asked.site(body),
+            )  # fmt: skip

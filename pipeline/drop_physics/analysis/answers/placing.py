@@ -1,0 +1,59 @@
+"""When calls placed bodies: loaded them, or set where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.analysis.answers.answer import Scene, site_of
+from drop_physics.analysis.explained.recording import Explained
+from drop_physics.seen.events import Body
+
+Int64 = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+PLACES = ("load", "createMultiBody", "resetBasePosition", "resetJointState", "restoreState")
+"""Functions, by the beginning of their names, that place bodies."""
+STEPS = 1 << 40
+
+
+class Placing:
+    """The steps that began with a body where a call had placed it, and the calls."""
+
+    def __init__(self, scene: Scene) -> None:
+        seen = scene.seen
+        came = [(each.body.number, each.at.step + 1) for each in seen.appearances if each.came]
+        moved = [(each.body.number, each.at.step + 1) for each in seen.puts]
+        self._every = np.unique([number * STEPS + step for number, step in [*came, *moved]])
+        self._came = np.unique([number * STEPS + step for number, step in came])
+        self._sites: dict[tuple[int, int], list[tuple[int, str]]] = {}
+
+    def see(self, explained: Explained) -> None:
+        """Take a piece."""
+        self._sites = {key: told[-1:] for key, told in self._sites.items()}
+        for call in explained.piece.calls:
+            if call.raised or not call.function.startswith(PLACES):
+                continue
+            values = call.values
+            (number,) = values.get("bodyUniqueId", (call.result,))
+            if np.isfinite(number):
+                told = self._sites.setdefault((call.client, int(number)), [])
+                told.append((call.at.step, site_of(call)))
+
+    def placed(self, bodies: Int64, steps: Int64) -> Flags:
+        """Return whether each body was placed for a step, once: not in the step before, too."""
+        keys = bodies * STEPS + steps
+        return np.isin(keys, self._every) & ~np.isin(keys - 1, self._every)
+
+    def moved(self, bodies: Int64, steps: Int64) -> Flags:
+        """Return whether each body was placed for a step."""
+        return np.isin(bodies * STEPS + steps, self._every)
+
+    def loaded(self, body: int, step: int) -> bool:
+        """Return whether it was loaded for a step."""
+        return bool(np.isin(body * STEPS + step, self._came))
+
+    def site(self, body: Body, step: int) -> str | None:
+        """Return file and line of the last call that placed a body for a step."""
+        told = self._sites.get((body.client, body.engine_id), [])
+        return next((site for at, site in reversed(told) if at < step), None)
