@@ -372,7 +372,6 @@ UNCOVERED = {
         {},
     ),
     "asleep": ("", "asleep", {"flags": 1 << 11}),
-    "massless": ("p.changeDynamics(b, -1, localInertiaDiagonal=[0, 0, 0])", "massless", {}),
 }
 
 
@@ -484,7 +483,8 @@ def test_without_any_part_it_does_not_close(
     monkeypatch.setattr(steps, "Reported", forgotten(name))
     totals = explanation(seen(CASES[scene].scene)).totals[body]
     assert totals.explained < 0.7 * totals.samples
-    assert {*totals.unexplained} == {"remainder"}
+    assert {*totals.unexplained} <= {"remainder", "timestep"}
+    assert totals.unexplained
 
 
 def test_without_pushes_it_does_not_close(

@@ -42,6 +42,8 @@ def rows_of(
         rows = np.searchsorted(judged.steps, steps.steps)
         if steps.law.tree.size:
             energy_j[rows] = steps.changes.after_j
+            if rows[0] and not steps.put[0] and np.isnan(energy_j[rows[0] - 1]):
+                energy_j[rows[0] - 1] = steps.changes.begin_j
         given = summed(steps.reported.contacts.step, steps.point_energy_j[:, None],
             count=len(steps))  # fmt: skip
         contact_j[rows] = given[:, 0]

@@ -28,7 +28,7 @@ from drop_physics.scenario import Coordinates
 Float64 = NDArray[np.float64]
 Int8 = NDArray[np.int8]
 
-ALONE: frozenset[Reason] = frozenset(("substeps", "maximal"))
+ALONE: frozenset[Reason] = frozenset(("substeps", "maximal", "massless"))
 """Why the sum does not cover a body whose own law does, if it has no joints."""
 
 
@@ -92,9 +92,17 @@ def explained(
             pushes=_pushes(reported.applied.between(first, end), then),
             placed=np.zeros(end - first, np.bool_),
             before=then,
+            rolls=_rolling(reported.contacts.between(first, end), end - first),
         )
         codes[rows] = found.code
     return codes
+
+
+def _rolling(contacts: Forces, steps: int) -> NDArray[np.bool_]:
+    """Return in which steps contact may have given a torque that is not reported."""
+    rolls = np.zeros(steps, np.bool_)
+    rolls[contacts.step[contacts.rolling]] = True
+    return rolls
 
 
 def _pushes(applied: Forces, before: Motion) -> Pushes | None:

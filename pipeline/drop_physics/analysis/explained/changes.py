@@ -54,8 +54,10 @@ class Changes:
     set_kg_m_s: Float64
     moved_kg_m_s: Float64
     """The whole change, shape (3,)."""
+    begin_j: float
+    """Kinetic and potential energy before the first step; heights count from the origin."""
     after_j: Float64
-    """Kinetic and potential energy after each step, shape (n,); heights count from the origin."""
+    """The same after each step, shape (n,)."""
 
 
 def changes_of(law: BulletTree, states: States, steps: Transitions, added: Sum | None) -> Changes:
@@ -81,6 +83,7 @@ def changes_of(law: BulletTree, states: States, steps: Transitions, added: Sum |
         momentum_kg_m_s={name: each[real] for name, each in momentum.items()},
         set_kg_m_s=moved[~real].sum(axis=0),
         moved_kg_m_s=moved.sum(axis=0),
+        begin_j=float(begin_j[0]),
         after_j=after_j,
     )
 

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from drop_physics.analysis.explained.steps import EXPLAINED, WITHOUT_SUM, Steps
 from drop_physics.analysis.general import segments
+from drop_physics.laws.bullet_air import EPSILON
 from drop_physics.laws.bullet_tree import Reason
+from drop_physics.laws.moving import moved_on
 from drop_physics.seen.events import Body
 
 Float64 = NDArray[np.float64]
@@ -29,8 +31,10 @@ SEGMENTS: tuple[Segment, ...] = get_args(Segment)
 ALONE = {segments.FLIGHT: FLIGHT, segments.CONTACT: CONTACT, segments.PUSHED: PUSHED}
 """What the law of a body alone calls a step, and what it is here."""
 
-Why = Reason | Literal["not finite", "before the recording", "remainder"]
-WHYS: tuple[Why, ...] = (*get_args(Reason), "not finite", "before the recording", "remainder")
+Why = Reason | Literal["timestep", "not finite", "before the recording", "remainder"]
+WHYS: tuple[Why, ...] = (
+    *get_args(Reason), "timestep", "not finite", "before the recording", "remainder",
+)  # fmt: skip
 """Why a sample is unexplained: what the law says, from settings, before what was only seen."""
 
 
@@ -80,8 +84,8 @@ def judged(
 def _kinds(steps: Steps) -> Int8:
     """Return what acted in each step."""
     kinds = np.full(len(steps), FLIGHT, np.int8)
-    for code, kind in ALONE.items():
-        if steps.alone is not None:
+    if steps.alone is not None and not steps.covered:
+        for code, kind in ALONE.items():
             kinds[steps.alone == code] = kind
     for kind, names in (
         (DRIVEN, ("motors",)), (CONTACT, ("contacts", "rolling")), (CONSTRAINED, ("constraints",)),
@@ -90,6 +94,10 @@ def _kinds(steps: Steps) -> Int8:
         for name in names:
             if name in steps.terms:
                 kinds[steps.terms[name].any(axis=1)] = kind
+    if steps.covered:  # even those that cancel
+        applied = steps.reported.applied
+        acts = applied.force_n.any(axis=1) | applied.torque_n_m.any(axis=1)
+        kinds[applied.step[acts]] = PUSHED
     kinds[_same(steps)] = STILL
     return kinds
 
@@ -106,26 +114,42 @@ def _same(steps: Steps) -> Flags:
 def _whys(steps: Steps, body: Body, *, soft_there: bool) -> Int8:
     """Return why each step is unexplained; -1 where it is explained."""
     why = np.full(len(steps), -1, np.int8)
-    off = ~(steps.unexplained <= EXPLAINED)
-    reasons = steps.epoch.reasons if steps.law.tree.size else ()  # what cannot move needs none
+    same, reasons = _same(steps), steps.epoch.reasons
     outright = next((each for each in reasons if each in WITHOUT_SUM), None)
-    if outright is not None:
-        followed = np.zeros(len(steps), np.bool_)
-        if steps.alone is not None:
-            followed = np.isin(steps.alone, [*ALONE])
-        why[~followed & ~_same(steps)] = WHYS.index(outright)
-        return why
-    if "asleep" in reasons:  # nothing acts on what sleeps
-        off &= ~_same(steps)
+    off = ~(steps.unexplained <= EXPLAINED)
+    if not steps.law.tree.size:  # it cannot move, but for the velocity that a call gave it
+        outright, off = "massless", ~same
+    elif outright is not None:
+        off = ~(_followed(steps) | same)
+    else:
+        off |= ~moved_on(steps.law.tree, steps.before, steps.after, steps.reported.timestep_s)
+        if steps.alone is not None:  # in flight to the bit, as the law of a body alone is
+            off |= (_kinds(steps) == FLIGHT) & (steps.alone != segments.FLIGHT)
+            off &= ~_followed(steps)
+        if "asleep" in reasons:  # nothing acts on what sleeps
+            off &= ~same
+    finite = np.isfinite(np.hstack([getattr(state, name) for state in (steps.before, steps.after)
+        for name in ("position_m", "orientation", "joints", "velocity")])).all(axis=1)  # fmt: skip
+    timely = (steps.reported.timestep_s >= EPSILON) & np.isfinite(steps.reported.timestep_s)
     why[off] = WHYS.index("before the recording" if body.before else "remainder")
-    finite = np.isfinite(steps.remainder).all(axis=1)
     for reason, holds in (
-        ("not finite", ~finite), ("soft", soft_there), ("constraint", steps.unknown),
+        ("soft", soft_there), ("constraint", steps.unknown),
         *((each, True) for each in reversed(reasons)),
+        *([(outright, True)] if outright is not None else []),
+        ("not finite", ~finite),
     ):  # fmt: skip
         why[off & holds] = WHYS.index(reason)
+    if steps.law.tree.size:
+        why[~timely] = WHYS.index("timestep")
     if not steps.epoch.cone_friction:  # a torque that is not reported may hide what is wrong
         rolls = np.zeros(len(steps), np.bool_)
         rolls[steps.reported.contacts.step[steps.reported.contacts.rolling]] = True
         why[rolls] = WHYS.index("rolling unreported")
     return why
+
+
+def _followed(steps: Steps) -> Flags:
+    """Return which steps the law of a body alone explains."""
+    if steps.alone is None:
+        return np.zeros(len(steps), np.bool_)
+    return np.isin(steps.alone, [*ALONE])

@@ -92,12 +92,13 @@ def _poses(told: Sequence[Push], record: Record, chain: Chain, begins: Int64, la
     rows = np.where(late & chain.stepped[found], found - 1, found)
     more: list[Put] = []
     places: list[int] = []
-    for number in np.flatnonzero(~late & ~chain.sampled[begins]).tolist():
+    put = {each.at.step for each in record.puts_between(int(steps.min()), int(steps.max()) + 1)}
+    for number in np.flatnonzero(~late & np.isin(steps, [*put])).tolist():
         push = told[number]
-        puts = [each for each in record.puts_between(push.at.step, push.at.step + 1)
-            if each.counts and order(each.at) <= order(push.at)]  # fmt: skip
-        if puts:
-            more.append(puts[-1])
+        puts = record.puts_between(push.at.step, push.at.step + 1)
+        earlier = [each for each in puts if order(each.at) <= order(push.at)]
+        if earlier:  # what was set after the push is not where it acted
+            more.append(earlier[-1])
             places.append(number)
     if more:
         rows[places] = len(chain) + np.arange(len(more))

@@ -90,7 +90,7 @@ class Steps:
     changes: Changes
     """How energy and momentum change, by cause."""
     alone: Int8 | None
-    """What they are by the law of a body alone (`alone`), where that is what covers them."""
+    """What they are by the law of a body without links (`alone`); None of other bodies."""
 
     def __len__(self) -> int:
         """Return the number of steps."""
