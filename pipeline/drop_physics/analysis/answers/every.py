@@ -6,6 +6,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from drop_physics.analysis.answers.answer import Answer, Finding
+from drop_physics.analysis.answers.deep_penetration import DeepPenetration
+from drop_physics.analysis.answers.default_motor import DefaultMotor
+from drop_physics.analysis.answers.energy_gained import EnergyGained
+from drop_physics.analysis.answers.inertia import Inertia
 from drop_physics.analysis.answers.no_restitution import NoRestitution
 from drop_physics.analysis.answers.off_target import OffTarget
 from drop_physics.analysis.answers.pushes import ForceOffCentre, PushLastedAStep
@@ -19,16 +23,24 @@ from drop_physics.analysis.answers.setup import (
 )
 from drop_physics.analysis.answers.slides import Slides
 from drop_physics.analysis.answers.starts_in_contact import StartsInContact
+from drop_physics.analysis.answers.substeps_scale_motors import SubstepsScaleMotors
+from drop_physics.analysis.answers.targets import TargetClamped
+from drop_physics.analysis.answers.timestep_after_motor import TimestepAfterMotor
 from drop_physics.analysis.answers.unstable import NotFinite, Unstable
 from drop_physics.messages import Message
 
 ANSWERS: tuple[type[Answer], ...] = (
     # joints
     OffTarget,
+    DefaultMotor,
+    SubstepsScaleMotors,
+    TimestepAfterMotor,
     # contacts
     StartsInContact,
     Slides,
     NoRestitution,
+    DeepPenetration,
+    EnergyGained,
     # calls and files
     ScriptFailed,
     NotStepped,
@@ -38,6 +50,8 @@ ANSWERS: tuple[type[Answer], ...] = (
     Unseeded,
     PushLastedAStep,
     ForceOffCentre,
+    Inertia,
+    TargetClamped,
     # the whole
     NotFinite,
     Unstable,
