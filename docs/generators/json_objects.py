@@ -11,12 +11,14 @@ import inspect
 import json
 import re
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import polars as pl
+from drop_physics.analysis import results as script
+from drop_physics.analysis.answers import answer
 from drop_physics.analysis.checking.calls import OtherCall
 from drop_physics.analysis.checking.difference import Difference, Largest, Setting
 from drop_physics.analysis.comparison import Comparison
@@ -35,7 +37,8 @@ from drop_physics.analysis.drop.results import (
 )
 from drop_physics.analysis.general.flights import Flight, VectorTerms
 from drop_physics.analysis.general.statistics import Summary
-from drop_physics.analysis import results as script
+from drop_physics.analysis.joints import JointRow
+from drop_physics.analysis.touches import Touch
 from drop_physics.fields import UNIONS
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Scenario
@@ -83,18 +86,30 @@ CONTRACT: dict[type, set[str]] = {
     Terms: {"timestep", "damping", "interaction", "rounding"},
     VectorTerms: {"timestep", "damping", "interaction", "rounding"},
     script.BodyAnalysis: {
-        "name", "label", "id", "segments", "flights", "contacts", "unexplained", "energy",
+        "name", "label", "id", "soft", "links", "mass_kg", "segments", "flights", "contacts",
+        "unexplained", "energy", "momentum", "joints", "touches",
     },
-    script.Moment: {"step", "time_s", "error_m", "terms_m"},
-    script.Pusher: {"body", "id", "link", "impulse_n_s", "energy_j"},
-    script.ScriptContact: {
+    script.BodyContact: {
         "first_step", "last_step", "start_s", "end_s", "impulse_n_s", "energy_j", "by",
     },
-    script.ScriptFinding: {"code", "message", "body", "step", "site"},
-    script.ScriptFlight: {
+    script.BodyFlight: {
         "first_step", "last_step", "start_s", "end_s", "error_m", "terms_m", "at",
     },
-    script.Unexplained: {"reason", "samples", "first_step", "deviation"},
+    script.Energy: {"start_j", "end_j", "by_cause_j"},
+    script.Explained: {field.name for field in fields(script.Explained)},
+    script.Moment: {"step", "time_s", "error_m", "terms_m"},
+    script.Momentum: {"start_kg_m_s", "end_kg_m_s", "by_cause_kg_m_s"},
+    script.Pusher: {"body", "id", "link", "impulse_n_s", "energy_j"},
+    script.StepSum: {"step", "time_s", "segment", "terms", "remainder"},
+    script.Unexplained: {"reason", "samples", "first_step", "remainder"},
+    answer.Effect: {"value", "unit"},
+    answer.Finding: {
+        "code", "level", "message", "advice", "body", "bodies", "joint", "with", "effect", "share",
+        "steps", "site",
+    },
+    answer.Span: {"first", "last", "count"},
+    JointRow: {field.name for field in fields(JointRow)},
+    Touch: {"with", *(field.name for field in fields(Touch) if field.name != "other")},
 }  # fmt: skip
 """Stable keys by type; `COMMANDS` has those of a whole command."""
 
@@ -122,10 +137,11 @@ class Object(NamedTuple):
 def _object(kind: Any, required: set[str] | None = None, /, **instead: Any) -> Object:  # noqa: ANN401
     """Return a dataclass as printed; `instead` has other types of keys, None to leave one out."""
     hints = {field.name: get_type_hints(kind)[field.name] for field in fields(kind)} | instead
-    keys = {name: hint for name, hint in hints.items() if hint is not None}
+    names = {name: script.JSON_NAMES.get(name, name) for name in hints}
+    keys = {names[name]: hint for name, hint in hints.items() if hint is not None}
     return Object(
         keys,
-        _descriptions(kind),
+        {names.get(name, name): words for name, words in _descriptions(kind).items()},
         frozenset(CONTRACT.get(kind, ()) if required is None else required),
     )
 
@@ -169,7 +185,9 @@ ANALYSIS = _object(
     scenario=Scenario, table=None, contact_phases=None,
 )  # fmt: skip
 SCRIPT_ANALYSIS = _object(
-    script.ScriptAnalysis, {"recording", "origin", "bodies", "findings", "explained"},
+    script.ScriptAnalysis,
+    {"kind", "recording", "layer", "partial", "origin", "engine", "samples", "explained", "bodies",
+     "findings"},
     table=None, by_body=None,
 )  # fmt: skip
 RENDERING = _object(Rendering, plot=Path | None, speed=None)
@@ -350,7 +368,7 @@ def _schema(hint: Any) -> Schema:  # noqa: ANN401
         size = len(arguments)
         items = _schema(arguments[0])
         return {"type": "array", "items": items, "minItems": size, "maxItems": size}
-    if kind in (list, tuple):
+    if kind in (list, tuple, Sequence):
         return {"type": "array", "items": _schema(arguments[0])}
     return SCALARS[hint]
 

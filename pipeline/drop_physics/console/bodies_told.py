@@ -1,14 +1,15 @@
-"""What the bodies of a script did: the verdict first, then joints and bodies, then where more is."""
+"""What the bodies of a script did: the verdict first, then joints and bodies."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
 from drop_physics.console.flights_told import contact_lines, flight_lines
-from drop_physics.console.output import columns_of, counted, left, right, titled, wrapped
+from drop_physics.console.output import columns_of, counted, cut, left, right, titled, wrapped
 from drop_physics.console.output import width as columns
 from drop_physics.console.show_record import ENDED
 from drop_physics.console.words import kinds_of_samples
@@ -23,8 +24,8 @@ MOST_FINDINGS, MOST_BODIES, MOST_JOINTS = 6, 12, 8
 """That are listed without --verbose; all are in the JSON."""
 NUMBER = 3
 """Columns of a finding's number."""
-CELLS = (9, 9, 9, 9, 9, 9, 9)
-"""Columns of a joint's numbers."""
+CELL, CONTROL, LONGEST_JOINT = 8, 10, 24
+"""Columns of a joint's numbers, of how it is driven, and of its name."""
 
 
 def lines_of_bodies(analysis: ScriptAnalysis, *, verbose: bool = False) -> list[str]:
@@ -83,7 +84,7 @@ def _explained(analysis: ScriptAnalysis) -> Message:
 
 
 def _findings(findings: list[Finding], *, verbose: bool) -> list[str]:
-    """Number the findings, the gravest first, each with what changes it and where."""
+    """Return the findings with their numbers, each with what changes it and where."""
     lines: list[str] = []
     shown = findings if verbose else findings[:MOST_FINDINGS]
     for number, each in enumerate(shown, 1):
@@ -116,32 +117,49 @@ def _finding(number: int, finding: Finding) -> list[str]:
 
 # -- joints ---------------------------------------------------------------------------------------
 
+Cell = tuple[str, Callable[["JointRow"], str]]
+
 
 def _joints(bodies: list[BodyAnalysis], findings: list[Finding], *, verbose: bool) -> list[str]:
-    """Return a table of the joints; without `verbose` only those that were driven, or are off."""
+    """Return a table of the joints; without `verbose` only those that motors drive.
+
+    Those with findings come first where there are too many; what does not fit is left out.
+    """
     lines: list[str] = []
     named = {each.joint for each in findings}
     for body in bodies:
-        rows = [
-            joint for joint in body.joints if verbose or joint.control not in ("off", "unknown")
-        ]
-        rows.sort(key=lambda joint: joint.name not in named)
-        shown = rows if verbose else rows[:MOST_JOINTS]
+        rows = [row for row in body.joints if verbose or row.control not in ("off", "unknown")]
+        rows.sort(key=lambda row: row.name not in named)
+        shown = sorted(rows if verbose else rows[:MOST_JOINTS], key=_place)
         if not shown:
             continue
-        column = min(max(columns_of(_name(joint)) for joint in shown) + 2, 28)
-        heads = (Message("target"), Message("reached"), Message("off"), Message("torque"),
-            Message("limit"), Message("needs"))  # fmt: skip
-        head = "".join(right(translated(each), 9) for each in heads)
-        of = escape(left(body.label, column))
-        lines += ["", f"[bold]{of}[/][dim]{left(localized('control'), 10)}{head}[/]"]
-        lines += [_joint(joint, column) for joint in sorted(shown, key=_place)]
+        column = min(max(columns_of(_name(row)) for row in (*shown,)) + 2, LONGEST_JOINT)
+        cells = CELLS[: max(2, (columns() - column - CONTROL) // CELL)]
+        heads = "".join(right(translated(head), CELL) for head, _ in cells)
+        label = escape(left(cut(body.label, column - 1), column))
+        control = left(localized("control"), CONTROL)
+        lines += ["", f"[bold]{label}[/][dim]{control}{heads}[/]"]
+        lines += [_joint(row, cells, column) for row in shown]
         if len(rows) > len(shown):
-            more = Message(
-                "and {joints}: --verbose", joints=counted(len(rows) - len(shown), "joint")
-            )
+            joints = counted(len(rows) - len(shown), "joint")
+            more = Message("and {joints}: --verbose", joints=joints)
             lines.append(f"[dim]{escape(translated(more))}[/]")
     return lines
+
+
+def _joint(row: JointRow, cells: Sequence[Cell], column: int) -> str:
+    notes = [
+        Message("at its stop in {steps}", steps=counted(row.at_stop_steps, "step")),
+        Message("at its limit in {steps}", steps=counted(row.at_force_limit_steps, "step")),
+    ]
+    held = (row.at_stop_steps, row.at_force_limit_steps)
+    line = left(cut(_name(row), column - 1), column) + left(row.control, CONTROL)
+    line += "".join(right(text(row), CELL) for _, text in cells)
+    for steps, note in zip(held, notes, strict=True):
+        longer = f"{line}  {translated(note)}"
+        if steps and columns_of(longer) <= columns():
+            line = longer
+    return escape(line.rstrip())
 
 
 def _place(joint: JointRow) -> tuple[int, int]:
@@ -152,27 +170,23 @@ def _name(joint: JointRow) -> str:
     return joint.name if joint.axis is None else f"{joint.name} {'xyz'[joint.axis]}"
 
 
-def _joint(joint: JointRow, column: int) -> str:
-    numbers = [
-        _number(joint.target, ".3f"), _number(joint.reached, ".3f"), _number(joint.off, "+.3f"),
-        _number(joint.torque, ".1f"), _number(joint.force_limit, ".4g"), _number(joint.needs, ".1f"),
-    ]  # fmt: skip
-    notes = []
-    if joint.at_force_limit_steps:
-        notes.append(localized("at its limit"))
-    if joint.at_stop_steps:
-        notes.append(localized("at its stop"))
-    cells = "".join(right(each, 9) for each in numbers)
-    head = escape(left(_name(joint), column)) + left(joint.control, 10)
-    return (head + cells + ("  " + ", ".join(notes) if notes else "")).rstrip()
-
-
 def _number(value: float | None, form: str) -> str:
     if value is None or not math.isfinite(value):
         return "–"
     # What rounds to zero has no sign.
     text = format(value, form)
     return format(0.0, form) if not text.strip("+-0.") else text
+
+
+CELLS: Sequence[Cell] = (
+    (Message("target"), lambda row: _number(row.target, ".3f")),
+    (Message("reached"), lambda row: _number(row.reached, ".3f")),
+    (Message("off"), lambda row: _number(row.off, "+.3f")),
+    (Message("torque"), lambda row: _number(row.torque, ".1f")),
+    (Message("limit"), lambda row: _number(row.force_limit, ".4g")),
+    (Message("needs"), lambda row: _number(row.needs, ".1f")),
+)
+"""What a row of a joint has, under which heading: rad, m, N m or N."""
 
 
 # -- bodies ---------------------------------------------------------------------------------------
