@@ -320,3 +320,186 @@ def test_a_point_of_the_world(
     scene = BESIDE.format(file="cube_small.urdf", where=where, force=force, point=point,
         frame="WORLD_FRAME")  # fmt: skip
     assert not ask(scene, tmp_path, "force-off-centre")
+
+
+# -- target-clamped -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("scene", "joint", "over"),
+    [
+        (KUKA + "p.setJointMotorControl2(k, 1, p.POSITION_CONTROL, -2.5, force=300)\n",
+         "lbr_iiwa_joint_2", 2.5 - 2.09439510239),
+        (KUKA + "p.setJointMotorControlArray(k, [0, 3], p.POSITION_CONTROL, [0, 3])\n",
+         "lbr_iiwa_joint_4", 3 - 2.09439510239),
+        ("k = p.loadURDF('franka_panda/panda.urdf', useFixedBase=True)\n"
+         "p.setJointMotorControl2(k, 9, p.POSITION_CONTROL, 0.08)\n", "panda_finger_joint1", 0.04),
+    ],
+)  # fmt: skip
+def test_a_target_beyond_a_limit(scene: str, joint: str, over: float, tmp_path: Path) -> None:
+    found = one(scene + "steps(9)", tmp_path, "target-clamped")
+    assert found.joint == joint
+    assert found.effect is not None
+    assert found.effect.value == pytest.approx(over)
+    assert found.site == site(2)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "p.setJointMotorControl2(k, 1, p.POSITION_CONTROL, 2)",
+        "p.setJointMotorControl2(k, 1, p.POSITION_CONTROL, 2.0944)",  # the limit, rounded
+        "p.setJointMotorControl2(k, 1, p.VELOCITY_CONTROL, targetVelocity=9)",
+        "p.changeDynamics(k, 1, jointLowerLimit=-5, jointUpperLimit=5)\n"
+        "p.setJointMotorControl2(k, 1, p.POSITION_CONTROL, 2.5)",
+    ],
+)
+def test_a_target_within_the_limits(call: str, tmp_path: Path) -> None:
+    assert not ask(KUKA + call + "\nsteps(9)", tmp_path, "target-clamped")
+
+
+def test_limits_that_a_call_gave_count(tmp_path: Path) -> None:
+    scene = KUKA + (
+        "p.changeDynamics(k, 1, jointLowerLimit=-0.2, jointUpperLimit=0.3)\n"
+        "p.setJointMotorControl2(k, 1, p.POSITION_CONTROL, 0.8)\nsteps(200)\n"
+    )
+    found = one(scene, tmp_path, "target-clamped")
+    assert found.effect is not None
+    assert found.effect.value == pytest.approx(0.5)
+    # So it does: the joint is at the limit that the call gave.
+    joints = record(scene, tmp_path / "x.rrd").seen.joints[0]
+    assert joints.position[-1, 1] == pytest.approx(0.3, abs=1e-6)
+
+
+# -- files ----------------------------------------------------------------------------------------
+
+PLATE = """
+open("{path}", "w").write('''<robot name="plate"><link name="plate">{inertial}
+<collision><geometry><box size="0.2 0.2 0.01"/></geometry></collision></link></robot>''')
+p.setGravity(0, 0, -9.81)
+b = p.loadURDF("{path}", [0, 0, 1]{how})
+{more}
+steps(3)
+"""
+INERTIAL = (
+    '<inertial><mass value="1"/><inertia ixx="{0}" iyy="{0}" izz="{1}" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial>"
+)
+FROM_FILE = ", flags=p.URDF_USE_INERTIA_FROM_FILE"
+
+
+def plate(tmp_path: Path, inertial: str, how: str = "", more: str = "") -> str:
+    """Return a scene with a plate whose file has this `<inertial>`."""
+    return PLATE.format(path=tmp_path / "plate.urdf", inertial=inertial, how=how, more=more)
+
+
+@pytest.mark.parametrize(
+    ("scene", "body", "kg"),
+    [
+        ("p.loadURDF('husky/husky.urdf', [0, 0, 1])\nsteps(3)", "husky", 6),
+        ("p.loadURDF('plane.urdf')\np.loadURDF('duck_vhacd.urdf', [0, 0, 1])\nsteps(3)", "", 0),
+        (None, "plate", 1),
+    ],
+)
+def test_links_without_inertial(scene: str | None, body: str, kg: int, tmp_path: Path) -> None:
+    told = plate(tmp_path, "") if scene is None else scene
+    if not kg:  # all that moves has one
+        assert not ask(told, tmp_path, "no-inertial")
+        return
+    found = one(told, tmp_path, "no-inertial")
+    assert found.effect is not None
+    assert found.effect.value == kg
+    assert body in str(found.body)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        ("", ", useFixedBase=True", ""),  # the base of what stands fast weighs nothing
+        ("", "", "p.changeDynamics(b, -1, mass=2)"),
+        (INERTIAL.format(0.003, 0.006), "", ""),
+    ],
+)
+def test_links_whose_mass_is_given(scene: tuple[str, str, str], tmp_path: Path) -> None:
+    assert not ask(plate(tmp_path, *scene), tmp_path, "no-inertial")
+
+
+@pytest.mark.parametrize(
+    ("scene", "joint", "ratio"),
+    [
+        # As calculateMassMatrix says, with the flag over without.
+        (KUKA, "lbr_iiwa_joint_7", 1.66),
+        ("p.loadURDF('a1/a1.urdf', [0, 0, 1], useFixedBase=True)\n", "FR_lower_joint", 1.50),
+        ("p.loadURDF('husky/husky.urdf', [0, 0, 1])\n", "front_left_wheel", 0.43),
+    ],
+)
+def test_an_inertia_of_the_shape(scene: str, joint: str, ratio: float, tmp_path: Path) -> None:
+    found = one(scene + "steps(2)", tmp_path, "inertia-from-shape")
+    assert found.joint == joint
+    assert found.effect is not None
+    assert found.effect.value == pytest.approx(ratio, abs=0.005)
+    flagged = re.sub(r"(urdf'.*)\)", r"\1, flags=p.URDF_USE_INERTIA_FROM_FILE)", scene)
+    assert not ask(flagged + "steps(2)", tmp_path, "inertia-from-shape")
+
+
+def test_a_mass_that_is_changed_takes_the_inertia_of_the_shape(tmp_path: Path) -> None:
+    inertial, change = INERTIAL.format(0.001, 0.002), "p.changeDynamics(b, -1, mass=1)"
+    found = one(plate(tmp_path, inertial, FROM_FILE, change), tmp_path, "inertia-from-shape")
+    assert found.site == site(5)
+    assert "changeDynamics(mass=…)" in found.message
+
+
+def test_an_inertia_without_a_shape(tmp_path: Path) -> None:
+    scene = plate(tmp_path, INERTIAL.format(0.001, 0.002))
+    bare = re.sub("<collision>.*</collision>", "", scene)
+    found = one(bare, tmp_path, "inertia-from-shape")
+    assert "there is none" in found.message
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        (INERTIAL.format(0.00334, 0.00667), "", ""),  # that of the shape
+        (INERTIAL.format(0.001, 0.002), FROM_FILE, ""),
+        (INERTIAL.format(1, 1), "", ""),  # a placeholder
+        (INERTIAL.format(0.001, 0.004), "", ""),  # of no body
+        (INERTIAL.format(0.001, 0.002), "",
+         "p.changeDynamics(b, -1, localInertiaDiagonal=[1e-3, 1e-3, 2e-3])"),
+        (INERTIAL.format(0.00334 / 4, 0.00667 / 4), FROM_FILE + ", globalScaling=2", ""),
+    ],
+)  # fmt: skip
+def test_an_inertia_that_is_right_or_no_better(scene: tuple[str, str, str], tmp_path: Path) -> None:
+    assert not ask(plate(tmp_path, *scene), tmp_path, "inertia-from-shape")
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        (INERTIAL.format(0.001, 0.004), FROM_FILE, ""),
+        (INERTIAL.format(0, 0), FROM_FILE, ""),
+        (INERTIAL.format(0.003, 0.006), "",
+         "p.changeDynamics(b, -1, mass=1, localInertiaDiagonal=[1e-3, 1e-3, 5e-3])"),
+    ],
+)  # fmt: skip
+def test_an_inertia_that_no_body_has(scene: tuple[str, str, str], tmp_path: Path) -> None:
+    assert one(plate(tmp_path, *scene), tmp_path, "impossible-inertia").level == "model"
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        (INERTIAL.format(0.001, 0.004), "", ""),  # of the file, and not used
+        (INERTIAL.format(0.001, 0.002), FROM_FILE, ""),  # flat
+        (INERTIAL.format(0, 0), FROM_FILE + ", useFixedBase=True", ""),
+    ],
+)
+def test_an_inertia_that_a_body_can_have(scene: tuple[str, str, str], tmp_path: Path) -> None:
+    assert not ask(plate(tmp_path, *scene), tmp_path, "impossible-inertia")
+
+
+@pytest.mark.parametrize("how", [", useMaximalCoordinates=True", ""])
+@pytest.mark.parametrize("mass", ["", "mass=1, "])
+def test_an_inertia_without_a_mass(how: str, mass: str, tmp_path: Path) -> None:
+    change = f"p.changeDynamics(b, -1, {mass}localInertiaDiagonal=[3e-3, 3e-3, 6e-3])"
+    scene = plate(tmp_path, INERTIAL.format(0.003, 0.006), how, change)
+    assert len(ask(scene, tmp_path, "inertia-without-mass")) == bool(how and not mass)
