@@ -141,6 +141,17 @@ def test_settings_of_somebodys_own_programs_make_no_library_talk(
     assert [one for one in done.stderr.splitlines() if not one.startswith(said)] == []
 
 
+@pytest.mark.parametrize("language", ["en", "ja"])
+def test_a_home_that_nothing_can_be_written_to_is_not_mentioned(
+    drop_process: Drop, monkeypatch: pytest.MonkeyPatch, language: str
+) -> None:
+    monkeypatch.setenv("HOME", "/proc")
+    monkeypatch.delenv("MPLCONFIGDIR", raising=False)
+    monkeypatch.setenv("DROP_LANG", language)
+    done = drop_process("run", "--duration", "0.1")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_a_reader_that_closes_the_pipe_is_not_an_error() -> None:
     command = f"{sys.executable} -m drop_physics analyze --help | head -1"
     done = subprocess.run(

@@ -1424,6 +1424,30 @@ def test_a_recording_ends_where_the_script_takes_the_pipe_and_says_so(
     assert len(states(bench.out)) == recorded.samples
 
 
+TAKES_PART = {
+    "over it": 'open(part, "wb").write(b"mine")',
+    "into it": 'file = open(part, "r+b")\nfile.seek(300)\nfile.write(b"mine")',
+    "instead": 'os.remove(part)\nopen(part, "wb").write(b"mine")',
+}
+
+
+@pytest.mark.parametrize("how", TAKES_PART)
+def test_a_script_that_writes_to_our_unfinished_file_is_one_line(bench: Bench, how: str) -> None:
+    text = "import os\np.stepSimulation()\npart = 'out.rrd.part'\nassert os.path.isfile(part)\n"
+    text += TAKES_PART[how] + "\nfor _ in range(300):\n    p.stepSimulation()\n"
+    done = bench.drop("record", "--out", "out.rrd", bench.script(scripts.WINDOW + text))
+    said = [one for one in done.stderr.splitlines() if not one.startswith(BANNER)]
+    assert (done.returncode, said) == (
+        1,
+        [
+            "drop: what was written for out.rrd does not verify; run it again, under another name "
+            "if something else writes to out.rrd.part"
+        ],
+    )
+    left = {path.name for path in bench.folder.iterdir()} - {"script.py", "show.py"}
+    assert left == ({"out.rrd.part"} if how == "instead" else set())  # which is the script's own
+
+
 def test_a_working_directory_that_is_gone_does_not_reach_the_script(bench: Bench) -> None:
     bench.folder.joinpath("mine.py").write_text("def push(p):\n    p.setGravity(0, 0, -1)\n")
     text = "import os, tempfile, mine\nfolder = tempfile.mkdtemp()\nos.chdir(folder)\n"

@@ -394,10 +394,28 @@ def test_workers_use_no_semaphore_that_outlives_a_kill(monkeypatch: pytest.Monke
         list(engines.in_processes(double, range(4), jobs=2))
 
 
+@pytest.mark.parametrize(("limit", "most"), [("NOFILE", 20), ("AS", 300 << 20), ("AS", 2 << 30)])
+def test_limits_too_small_for_our_libraries_are_one_line(
+    drop_process: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, most: int
+) -> None:
+    """Found before one of them aborts."""
+
+    def limited() -> None:
+        resource.setrlimit(getattr(resource, f"RLIMIT_{limit}"), (most, most))
+
+    for language in ("en", "ja"):
+        monkeypatch.setenv("DROP_LANG", language)
+        done = drop_process("sweep", "--out", "s", "--height", "1,2", preexec_fn=limited)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert len(done.stderr.splitlines()) == 1, done.stderr
+        assert f"ulimit -{'n' if limit == 'NOFILE' else 'v'} " in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("most", [10, 12, 14, 16, 20])
-def test_too_few_open_files_are_one_line(drop_process: Drop, most: int) -> None:
-    """No matter where they are used up; or they are enough."""
+@pytest.mark.parametrize("most", [64, 65])
+def test_open_files_are_enough_or_one_line(drop_process: Drop, most: int) -> None:
+    """No matter where they are used up."""
 
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
@@ -412,6 +430,21 @@ def test_too_few_open_files_are_one_line(drop_process: Drop, most: int) -> None:
     assert (done.returncode, done.stdout) == (1, "")
     assert len(done.stderr.splitlines()) == 1, done.stderr
     assert "Too many open files" in done.stderr
+
+
+def test_a_lack_of_memory_is_no_failure_of_a_scenario(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A row would keep it for good."""
+
+    def lacks(*_: object) -> None:
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(RunShard, "_fall", lacks)
+        with pytest.raises(MemoryError):
+            sweep(THREE, tmp_path, record=False, jobs=1)
+    assert sweep(THREE, tmp_path, record=False, jobs=1).failed == 0
 
 
 @pytest.mark.usefixtures("idle_workers")

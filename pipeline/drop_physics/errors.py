@@ -57,6 +57,9 @@ def check_signals() -> None:
         raise Stopped
 
 
+NO_MEMORY = Message("there is not enough memory; free some, or see: ulimit -v")
+
+
 class DropError(Exception):
     """Something failed; the message says what, and what to try.
 

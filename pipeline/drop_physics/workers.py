@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import importlib
+import logging
 import os
 import pickle
 import queue
@@ -30,6 +31,11 @@ and MuJoCo looks for no window library, which it would load from there."""
 
 LOUD = ("RUST_LOG", "MALLOC_CONF", "_RJEM_MALLOC_CONF", "POLARS_VERBOSE", "POLARS_PANIC_ON_ERR")
 """Variables of somebody's own programs, which libraries of ours would heed and print for."""
+
+LEAST_FILES = 64
+"""Files that may have to be open at once: a sweep on four cores needs half as many."""
+LEAST_ADDRESSES_KB = 3_000_000
+"""Address space in which every command is sure to begin; most of it is reserved and never used."""
 
 given: dict[str, str] = {}
 """The environment as the command was given it; empty if we are not a command."""
@@ -55,6 +61,41 @@ def users_environment() -> dict[str, str]:
             theirs.pop(name, None)
             theirs |= {} if before is None else {name: before}
     return theirs
+
+
+def check_limits() -> None:
+    """Make sure that our libraries can open files and map memory: where they cannot, some abort.
+
+    Raises
+    ------
+    DropError
+        If this process may have too few open files, or too little address space.
+    """
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    files, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if files != resource.RLIM_INFINITY and files < LEAST_FILES:
+        raise DropError(
+            "drop needs {least} open files, and {most} are allowed; raise that with: ulimit -n "
+            "{least}",
+            least=LEAST_FILES,
+            most=files,
+        )
+    memory, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if memory != resource.RLIM_INFINITY and memory < LEAST_ADDRESSES_KB * 1024:
+        raise DropError(
+            "drop needs {least} kB of address space, and {most} kB are allowed; raise that with: "
+            "ulimit -v {least}",
+            least=LEAST_ADDRESSES_KB,
+            most=memory // 1024,
+        )
+
+
+def silence() -> None:
+    """Let Matplotlib not say that it has no folder for its settings: then it uses another."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def our_environment() -> dict[str, str]:
@@ -209,6 +250,7 @@ def _send(item: object, sink: IO[bytes]) -> None:
 def _work() -> None:
     """Answer the questions from standard input until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    silence()
     gc.set_threshold(100_000)  # at 700, the default, it takes a fifth of the import time
     sink = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what C prints is not an answer

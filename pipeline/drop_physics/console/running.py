@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from drop_physics import workers
 from drop_physics.console.output import width
-from drop_physics.errors import DropError, Stopped, signals
+from drop_physics.errors import NO_MEMORY, DropError, Stopped, signals
 from drop_physics.messages import Message, joined
 
 if TYPE_CHECKING:
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import typer
 
 
+PANIC = "PanicException"
+"""An error of libraries that are written in Rust, which is no `Exception`."""
 COLLECTED_EVERY = 1_000_000
 """New objects that trigger the garbage collector: more than the imports create.
 
@@ -43,6 +45,7 @@ def main() -> None:
         raise Stopped
 
     def load() -> typer.Typer:
+        workers.check_limits()
         _open_closed_streams()
         _keep_standard_output()
         app: typer.Typer = importlib.import_module("drop_physics.cli").app
@@ -54,6 +57,7 @@ def main() -> None:
     for name in workers.LOUD:
         os.environ.pop(name, None)
     os.environ |= workers.SAFE
+    workers.silence()
     gc.set_threshold(COLLECTED_EVERY)
     try:
         code = run(load, signals)
@@ -86,7 +90,9 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
             return int(error.code or 0)  # completion ends like this; fish asks for the code
         return 141  # the reader has gone; Click and Rich turn that into an exit
-    except (Exception, Stopped) as error:
+    except BaseException as error:
+        if not isinstance(error, Exception | Stopped) and type(error).__name__ != PANIC:
+            raise
         if os.environ.get("DROP_DEBUG") == "1":
             raise
         # A signal that arrives inside a library may come out as that library's own error.
@@ -149,10 +155,14 @@ def _stopped(number: int) -> tuple[str, int]:
 
 def _verdict(error: BaseException) -> tuple[str, int]:
     """Return the message of an error, and the exit code."""
-    import typer
-
     if isinstance(error, DropError):
         return error.in_options, error.exit_code
+    if isinstance(error, MemoryError):
+        return NO_MEMORY, 1
+    if type(error).__name__ == PANIC:
+        return Message("a library has failed; is there enough memory? See: ulimit -a"), 1
+    import typer
+
     full = {
         errno.ENOSPC: Message("no space left"),
         errno.EFBIG: Message("the file is too large; see: ulimit -f"),

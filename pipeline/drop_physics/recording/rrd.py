@@ -208,9 +208,9 @@ def _chunk(message: memoryview, position: int) -> Chunk | None:
             )
             raise DamagedError(what)
         entity = _text(memoryview((batch.schema.metadata or {})[b"rerun:entity_path"]))
-    except DamagedError:
+    except (DamagedError, MemoryError):
         raise
-    except (pa.ArrowException, ArithmeticError, LookupError, MemoryError, OSError, StopIteration,
+    except (pa.ArrowException, ArithmeticError, LookupError, OSError, StopIteration,
             struct.error, TypeError, ValueError) as error:  # fmt: skip
         # The error may quote the file.
         reason = "".join(filter(str.isprintable, str(error).partition("\n")[0]))[:120]

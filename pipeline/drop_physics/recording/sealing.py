@@ -45,6 +45,7 @@ def unfinished(
     """
     check_target(path, force=force or ours)
     with output_errors(path), growing(path, force=force) as part:
+        ours_at = part.stat()
         try:
             if part != (first := part_of(path)):
                 note(
@@ -59,7 +60,9 @@ def unfinished(
                 yield part
         except BaseException as failure:
             with contextlib.suppress(OSError):  # its folder may be gone
-                if salvage and _holds_something(part):
+                if not os.path.samestat(part.stat(), ours_at):
+                    pass  # somebody else's: it has taken the name
+                elif salvage and _holds_something(part):
                     failure.add_note(Message("what had been recorded is in {part}", part=part))
                 else:
                     part.unlink()
@@ -136,7 +139,7 @@ def seal(
             _rerun("rrd", "route", part, blueprint, stdout=copy)
         # `verify` also exits 0 on an empty file, so its output and the row counts are checked.
         if "1 file verified" not in _rerun("rrd", "verify", whole):
-            raise _unverified(path)
+            raise _unverified(path, part)
         _check_end(whole, path)
         _check_rows(path, rows, _indexed(whole))
         onto_disk([whole])
@@ -144,13 +147,23 @@ def seal(
         part.unlink(missing_ok=True)
     except FileExistsError:  # created by another process in the meantime
         raise
+    except (RuntimeError, ValueError) as error:  # what Rerun finds in the file
+        whole.unlink(missing_ok=True)
+        if "os error" in str(error):
+            raise
+        raise _unverified(path, part) from error
     except BaseException:
         whole.unlink(missing_ok=True)
         raise
 
 
-def _unverified(path: Path) -> OutputError:
-    return OutputError("what was written for {path} does not verify; run it again", path=path)
+def _unverified(path: Path, part: Path) -> OutputError:
+    return OutputError(
+        "what was written for {path} does not verify; run it again, under another name if "
+        "something else writes to {part}",
+        path=path,
+        part=part,
+    )
 
 
 def _check_end(written: Path, path: Path) -> None:
@@ -178,7 +191,7 @@ def _read_back(written: Path, path: Path) -> Iterator[tuple[str, int]]:
         for chunk in rrd.chunks(written):
             yield f"/{chunk.entity}", chunk.batch.num_rows
     except rrd.DamagedError:
-        raise _unverified(path) from None
+        raise _unverified(path, written) from None
 
 
 def _indexed(written: Path) -> Iterator[tuple[str, int]]:

@@ -28,7 +28,7 @@ from typing import Any
 from drop_physics.engines.bullet.script import BlockListener, shared_block
 from drop_physics.engines.bullet.watching import ending, start
 from drop_physics.engines.bullet.watching.hooks import Stop
-from drop_physics.errors import DropError, OutputError, check_suffix
+from drop_physics.errors import NO_MEMORY, DropError, OutputError, check_suffix
 from drop_physics.files.outputs import check_target
 from drop_physics.recording import schema, writer
 from drop_physics.recording.about import about_script
@@ -165,6 +165,8 @@ if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the block handles it, ends, and is recorded
     try:
         answer = _record(json.loads(sys.argv[1]))
+    except MemoryError:
+        answer = {"error": NO_MEMORY}
     except DropError as failure:
         answer = {"error": "; ".join([failure.in_options, *getattr(failure, "__notes__", [])])}
     with contextlib.suppress(BrokenPipeError):  # the block's process was killed

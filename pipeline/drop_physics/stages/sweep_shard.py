@@ -111,7 +111,7 @@ class RunShard:
             scenario = Scenario(**values)
             path = self._recording(run) if self.recorded else None
             moment, end_m = self._fall(scenario, run, path)
-        except OutputError:
+        except (OutputError, MemoryError):  # which say nothing about this scenario
             raise
         except DropError as error:
             return row | {"error": str(error.in_options)}
