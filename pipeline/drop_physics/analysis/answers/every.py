@@ -10,6 +10,7 @@ from drop_physics.analysis.answers.deep_penetration import DeepPenetration
 from drop_physics.analysis.answers.default_motor import DefaultMotor
 from drop_physics.analysis.answers.energy_gained import EnergyGained
 from drop_physics.analysis.answers.inertia import Inertia
+from drop_physics.analysis.answers.joined import Joined
 from drop_physics.analysis.answers.no_restitution import NoRestitution
 from drop_physics.analysis.answers.off_target import OffTarget
 from drop_physics.analysis.answers.pushes import ForceOffCentre, PushLastedAStep
@@ -52,6 +53,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     ForceOffCentre,
     Inertia,
     TargetClamped,
+    Joined,
     # the whole
     NotFinite,
     Unstable,

@@ -1,0 +1,253 @@
+"""Constraints: whether they meet where they join, and whether they are strong enough."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
+from drop_physics.analysis.answers.arguments import LIVES, given, number
+from drop_physics.analysis.explained.joined import FIXED, POINT
+from drop_physics.analysis.explained.recording import Explained
+from drop_physics.laws.kinematics import kinematics
+from drop_physics.laws.rotations import matrix
+from drop_physics.laws.tree import BASE
+from drop_physics.messages import Message
+from drop_physics.seen.calls import Call, Meanings
+from drop_physics.seen.events import Body
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+ROLES = "parent", "child"
+DEFAULT_N_S = 500.0
+"""The largest impulse of a step where no call gives a force."""
+DEFAULT_TIMESTEP_S = 1 / 240
+TAIL = 10
+"""Steps in which something must stay as it is."""
+STILL_M_S = 1e-3
+APART = 0.05
+"""Of a body's size: frames that do not meet."""
+FULL = 1 - 1e-6
+
+
+@dataclass
+class _Joined:
+    """A constraint that closes all distance between its two points."""
+
+    call: Call
+    bodies: tuple[Body | None, Body | None]
+    """None is the world."""
+    links: tuple[int, int]
+    pivots_m: list[tuple[float, ...]]
+    """Of each link's centre of mass, in its axes; or of the world."""
+    impulse_n_s: float = DEFAULT_N_S
+    force_call: Call | None = None
+    changed: int = -1
+    """Steps before the last call that moved it."""
+    since: int = -1
+    """Steps before its limit was changed last."""
+    gap_m: float | None = None
+    """At its first step."""
+    first_pivots_m: list[list[tuple[float, ...]]] = field(default_factory=list)
+    """As it was created, and as it was at its first step."""
+    tail: Float64 = field(default_factory=lambda: np.empty((0, 2, 3)))
+    """Where its points were at the last samples."""
+    forces: Float64 = field(default_factory=lambda: np.empty((0, 3)))
+    last: int = -1
+    full: int = 0
+    timestep_s: float = DEFAULT_TIMESTEP_S
+
+
+class Joined(Answer):
+    """Follows the points that each constraint joins."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self._now: dict[tuple[int, int], _Joined] = {}
+        self._all: list[_Joined] = []
+        self._timestep_s: dict[int, float] = {}
+
+    def see(self, explained: Explained) -> None:
+        """Take calls, then the points' ways."""
+        self._told(explained)
+        for key, (steps, forces) in explained.piece.forces.items():
+            joined = self._now.get(key)
+            if joined is not None and len(steps):
+                self._follow(explained, joined, steps, forces)
+
+    def _told(self, explained: Explained) -> None:
+        calls = explained.piece.calls
+        made = [each for each in calls if each.function.startswith((*LIVES, "createConstraint"))]
+        meanings = Meanings(made, self.scene.seen.appearances)
+        for call in calls:
+            if call.raised:
+                continue
+            if call.function in ("setTimeStep", "setPhysicsEngineParameter"):
+                name = "timeStep" if call.function == "setTimeStep" else "fixedTimeStep"
+                if given(call, name):
+                    self._timestep_s[call.client] = number(call, name)
+                    for key, joined in self._now.items():
+                        if key[0] == call.client:
+                            joined.since, joined.full = call.at.step, 0
+            elif call.function == "createConstraint" and np.isfinite(call.result):
+                self._create(call, meanings)
+            elif call.function == "changeConstraint":
+                key = call.client, int(number(call, "userConstraintUniqueId", -1.0))
+                if key in self._now:
+                    self._change(call, self._now[key])
+
+    def _create(self, call: Call, meanings: Meanings) -> None:
+        key = call.client, int(call.result)
+        self._now.pop(key, None)
+        if int(number(call, "jointType", -1.0)) not in (FIXED, POINT):
+            return
+        ids = [int(number(call, f"{role}BodyUniqueId", -1.0)) for role in ROLES]
+        came = [None if each < 0 else meanings.body_at(call, each) for each in ids]
+        if any(each >= 0 and found is None for each, found in zip(ids, came, strict=True)):
+            return
+        links = [int(number(call, f"{role}LinkIndex", -1.0)) for role in ROLES]
+        pivots = [given(call, f"{role}FramePosition") or (0.0,) * 3 for role in ROLES]
+        parent, child = (None if each is None else each.body for each in came)
+        joined = _Joined(call, (parent, child), (links[0], links[1]), pivots, changed=call.at.step)
+        joined.first_pivots_m = [[*pivots]]
+        self._now[key] = joined
+        self._all.append(joined)
+
+    def _change(self, call: Call, joined: _Joined) -> None:
+        if force := given(call, "maxForce"):
+            timestep_s = self._timestep_s.get(call.client, DEFAULT_TIMESTEP_S)
+            impulse_n_s = force[0] * timestep_s
+            if impulse_n_s != joined.impulse_n_s:
+                joined.impulse_n_s, joined.force_call = impulse_n_s, call
+                joined.since, joined.full = call.at.step, 0
+        pivot = given(call, "jointChildPivot")
+        if len(pivot) == 3 and pivot != joined.pivots_m[1]:
+            joined.pivots_m = [joined.pivots_m[0], pivot]
+            joined.changed = call.at.step
+            if call.at.step == joined.call.at.step:
+                joined.first_pivots_m.append([*joined.pivots_m])
+
+    def _follow(self, explained: Explained, joined: _Joined, steps: Int64, forces: Float64) -> None:
+        if joined.gap_m is None and steps[0] == joined.call.at.step + 1:
+            gaps = []
+            for pivots in joined.first_pivots_m:
+                points = [self._point(explained, joined, side, steps[:1], pivots[side], after=False)
+                    for side in range(2)]  # fmt: skip
+                if points[0] is not None and points[1] is not None:
+                    gaps.append(float(np.linalg.norm(points[0] - points[1])))
+            joined.gap_m = min(gaps, default=0.0)
+        timestep_s = self._timestep_s.get(joined.call.client, DEFAULT_TIMESTEP_S)
+        joined.timestep_s, joined.last = timestep_s, int(steps[-1])
+        full = np.abs(forces[:, :3]).max(axis=1) >= joined.impulse_n_s / timestep_s * FULL
+        joined.full += int((full & (steps > joined.since)).sum())
+        tail = steps[-TAIL - 1 :]
+        points = [self._point(explained, joined, side, tail, joined.pivots_m[side], after=True)
+            for side in range(2)]  # fmt: skip
+        if points[0] is None or points[1] is None:
+            joined.tail = joined.tail[:0]
+            return
+        now = np.stack((points[0], points[1]), axis=1)
+        joined.tail = np.concatenate((joined.tail, now))[-TAIL - 1 :]
+        joined.forces = np.concatenate((joined.forces, forces[-TAIL:, :3]))[-TAIL:]
+
+    def _point(
+        self, explained: Explained, joined: _Joined, side: int, ends: Int64,
+        pivot_m: tuple[float, ...], *, after: bool,
+    ) -> Float64 | None:  # fmt: skip
+        """Return where a point is at samples, or at the beginning of the steps to them, (n, 3)."""
+        body, link = joined.bodies[side], joined.links[side]
+        if body is None:
+            return np.tile(pivot_m, (len(ends), 1))
+        judged = explained.bodies.get(body.number)
+        found: list[Float64] = []
+        for steps in judged.stretches if judged is not None else ():
+            rows = np.flatnonzero(np.isin(steps.steps, ends))
+            if len(rows) and link < steps.law.tree.links:
+                states = (steps.after if after else steps.before).at(rows)
+                found.append(kinematics(steps.law.tree, states).point_m(link, pivot_m))
+        if judged is None and link == BASE:  # it stands fast, where calls put it
+            puts = [each for each in self.scene.seen.puts if each.body.number == body.number]
+            bases = [each.base for each in puts if each.at.step < ends[-1]][-1:]
+            found = [np.tile(base[:3] + matrix(base[3:7].tolist()) @ pivot_m, (len(ends), 1))
+                for base in bases]  # fmt: skip
+        whole = np.concatenate(found) if found else np.empty((0, 3))
+        return whole if len(whole) == len(ends) else None
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield the constraints that do not meet, and those that give way."""
+        for each in self._all:
+            apart = _apart(each)
+            if apart is not None:
+                yield apart
+            weak = _weak(each)
+            if weak is not None:
+                yield weak
+
+
+def _names(joined: _Joined) -> tuple[str, str | None, str]:
+    """Return the body that is held, the other one, and what the other one is called."""
+    parent, child = joined.bodies
+    held = child or parent
+    other = None if parent is None or child is None else parent.label
+    return ("" if held is None else held.label), other, other or Message("the world")
+
+
+def _size_m(joined: _Joined) -> float:
+    """Return the size of the smaller body: the diagonal of its box."""
+    held = zip(joined.bodies, joined.links, strict=True)
+    sizes = [np.array(body.bounds_m[6 * (link + 1) : 6 * (link + 2)])
+        for body, link in held if body is not None]  # fmt: skip
+    diagonals = [float(np.linalg.norm(box[3:] - box[:3])) for box in sizes if len(box) == 6]
+    return min((each for each in diagonals if each > 0), default=np.inf)
+
+
+def _apart(joined: _Joined) -> Finding | None:
+    size_m = _size_m(joined)
+    if joined.gap_m is None or not joined.gap_m > APART * size_m:
+        return None
+    held, other, name = _names(joined)
+    message = Message(
+        "{body} is joined to {other} at points that are {gap:.3g} m apart, which the constraint "
+        "pulls together",
+        body=held, other=name, gap=joined.gap_m,
+    )  # fmt: skip
+    step = joined.call.at.step + 1
+    return Finding(
+        code="constraint-apart", level="asked", message=message, body=held, other=other,
+        advice=Message("give p.createConstraint the parentFramePosition and childFramePosition of "
+            "one and the same point"),
+        effect=Effect(joined.gap_m, "m"), share=joined.gap_m / size_m,
+        steps=Span(step, step, 1), site=site_of(joined.call),
+    )  # fmt: skip
+
+
+def _weak(joined: _Joined) -> Finding | None:
+    limit_n = joined.impulse_n_s / joined.timestep_s
+    if len(joined.tail) <= TAIL or joined.last - joined.changed <= TAIL:
+        return None
+    gaps = np.linalg.norm(joined.tail[:, 0] - joined.tail[:, 1], axis=1)
+    moved = np.linalg.norm(joined.tail[-1] - joined.tail[0], axis=1)
+    still = moved < STILL_M_S * TAIL * joined.timestep_s
+    strained = (np.abs(joined.forces).max(axis=1) >= limit_n * FULL).all()
+    # What one side drags lags with any force, and what is being pulled back needs time.
+    if not (strained and still.any() and gaps[-1] >= gaps[0] * FULL and gaps[-1] > 1e-6):
+        return None
+    held, other, name = _names(joined)
+    size_m = _size_m(joined)
+    message = Message(
+        "{body} is {gap:.3g} m from where its constraint to {other} wants it: that is at its limit "
+        "of {limit:.3g} N along an axis in {count:,} steps",
+        body=held, gap=float(gaps[-1]), other=name, limit=limit_n, count=joined.full,
+    )  # fmt: skip
+    first = joined.call.at.step + 1
+    return Finding(
+        code="weak-constraint", level="asked", message=message, body=held, other=other,
+        advice=Message("give it more: p.changeConstraint(…, maxForce=…)"),
+        effect=Effect(float(gaps[-1]), "m"),
+        share=float(gaps[-1]) / size_m if np.isfinite(size_m) else 0.0,
+        steps=Span(first, joined.last, joined.full), site=site_of(joined.force_call or joined.call),
+    )  # fmt: skip
