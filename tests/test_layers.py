@@ -87,7 +87,7 @@ def test_the_picture_shows_every_import_that_does_not_follow_from_others() -> No
     assert {(room, target) for room, to in drawn for target in to.split(" & ")} == arrows
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", [name for name in FILES if "answers" not in Path(name).parts])
 def test_the_architecture_names_every_file_in_its_room(name: str) -> None:
     path = Path(name)
     description, _ = SAID.get(room_of(*path.parts), ("", set()))
