@@ -15,6 +15,8 @@ Flags = NDArray[np.bool_]
 PLACES = ("load", "createMultiBody", "resetBasePosition", "resetJointState", "restoreState")
 """Functions, by the beginning of their names, that place bodies."""
 STEPS = 1 << 40
+NEAR = 3
+"""What calls move more often than every so many steps is animated."""
 
 
 class Placing:
@@ -41,9 +43,12 @@ class Placing:
                 told.append((call.at.step, site_of(call)))
 
     def placed(self, bodies: Int64, steps: Int64) -> Flags:
-        """Return whether each body was placed for a step, once: not in the step before, too."""
+        """Return whether each body was placed for a step, once: not in those around it, too."""
         keys = bodies * STEPS + steps
-        return np.isin(keys, self._every) & ~np.isin(keys - 1, self._every)
+        once = np.isin(keys, self._every)
+        for near in range(1, NEAR + 1):
+            once &= ~(np.isin(keys - near, self._every) | np.isin(keys + near, self._every))
+        return once
 
     def moved(self, bodies: Int64, steps: Int64) -> Flags:
         """Return whether each body was placed for a step."""

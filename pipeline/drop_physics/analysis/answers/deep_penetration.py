@@ -1,0 +1,213 @@
+"""`deep-penetration`: bodies overlap by a good part of the thinner one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.placing import Placing
+from drop_physics.analysis.contact_points import Pairs
+from drop_physics.analysis.explained.recording import Explained
+from drop_physics.messages import Message, joined
+
+Int64 = NDArray[np.int64]
+
+OVERLAP_M = 1e-3
+SHARE, MOST = 0.1, 0.5
+"""Of the thinner one's shortest edge: worth saying; and no physics any more if it stays."""
+GROWS = 10
+"""In fewer steps than this nothing presses it in."""
+RATIO = 10.0
+"""Of masses, beyond which it takes the solver many iterations."""
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Consecutive steps in which a pair overlaps."""
+
+    first: int
+    last: int
+    came_m: float
+    """How far they approached each other in the step before the first of them."""
+    began_m: float
+    """How deep it was then."""
+    placed: bool
+    """Whether a call had placed one of them for it."""
+    depth_m: float
+    deepest: int
+    links: tuple[int, int]
+    """Those that overlap most."""
+    carried: int
+    """In how many steps a call had placed one of them, without a velocity."""
+    presses: str
+    """What presses them together: `constraint`, `motor` or nothing."""
+
+    def then(self, more: Overlap) -> Overlap:
+        """Return both as one."""
+        deeper = more if more.depth_m > self.depth_m else self
+        return replace(
+            self, last=more.last, depth_m=deeper.depth_m, deepest=deeper.deepest,
+            links=deeper.links, presses=self.presses or more.presses,
+            carried=self.carried + more.carried,
+        )  # fmt: skip
+
+
+class DeepPenetration(Answer):
+    """The cause is named only where the sum or the calls show it."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self._placing = Placing(scene)
+        self._open: dict[tuple[int, int], Overlap] = {}
+        self._found: dict[tuple[int, int], Overlap] = {}
+        self._end: dict[int, int] = {}
+
+    def see(self, explained: Explained) -> None:
+        """Take a piece."""
+        self._placing.see(explained)
+        for number, judged in explained.bodies.items():
+            self._end[number] = int(judged.steps[-1])
+        pairs = self.scene.touches.pairs
+        deep = (pairs.depth_m > OVERLAP_M) & (pairs.body[:, 0] != pairs.body[:, 1])
+        for first, second in np.unique(pairs.body[deep], axis=0).tolist():
+            rows = np.flatnonzero(deep & (pairs.body == [first, second]).all(axis=1))
+            for part in np.split(rows, np.flatnonzero(np.diff(pairs.step[rows]) != 1) + 1):
+                self._take((first, second), self._overlap(pairs, part, explained))
+
+    def _overlap(self, pairs: Pairs, rows: NDArray[np.intp], explained: Explained) -> Overlap:
+        steps, bodies, points = pairs.step[rows], pairs.body[rows], pairs.points
+        moved = self._placing.moved(bodies, steps[:, None])
+        fastest = pairs.most(points.approach_m_s)[rows[0]]
+        at = rows[int(np.argmax(pairs.depth_m[rows]))]
+        its = np.flatnonzero(pairs.row == at)
+        point = its[int(np.argmin(points.distance_m[its]))]
+        still = ~points.began_m_s[pairs.starts[rows]].any(axis=2)
+        first, second = points.link[point].tolist()
+        return Overlap(
+            first=int(steps[0]), last=int(steps[-1]),
+            came_m=float(fastest * pairs.timestep_s[rows[0]]),
+            began_m=float(pairs.depth_m[rows[0]]),
+            placed=bool(moved[0].any()),
+            depth_m=float(pairs.depth_m[at]), deepest=int(pairs.step[at]),
+            links=(first, second),
+            carried=int((moved & still).any(axis=1).sum()),
+            presses=max(_presses(explained, each, steps) for each in bodies[0].tolist()),
+        )  # fmt: skip
+
+    def _take(self, both: tuple[int, int], overlap: Overlap) -> None:
+        last = self._open.get(both)
+        if last is not None and last.last + 1 == overlap.first:
+            overlap = last.then(overlap)
+        self._open[both] = overlap
+        found = self._found.get(both)
+        if found is None or found.first == overlap.first or overlap.depth_m > found.depth_m:
+            self._found[both] = overlap
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield the deepest overlap of each pair that had not been placed so."""
+        for (first, second), overlap in self._found.items():
+            if overlap.placed and overlap.carried <= 1:
+                continue  # `starts-in-contact`
+            thin_m = self._thinner_m((first, second), overlap.links)
+            if overlap.depth_m > SHARE * thin_m:
+                yield self._finding(first, second, overlap, thin_m)
+
+    def _finding(self, first: int, second: int, overlap: Overlap, thin_m: float) -> Finding:
+        moving = [each for each in (second, first) if each in self._end]
+        body = moving[0]
+        other = first if body == second else second
+        stays = overlap.last >= self._end[body]
+        share = overlap.depth_m / thin_m
+        cause, advice = self._cause(body, other, overlap)
+        message = Message(
+            "is {depth:.3g} mm inside {other} at {time:.4g} s, {share:.0%} of the thinner one",
+            depth=overlap.depth_m * 1e3, other=self.scene.body(other).label, share=share,
+            time=self.scene.times[self.scene.body(body).client].of(overlap.deepest - 1),
+        )  # fmt: skip
+        return Finding(
+            code="deep-penetration",
+            level="broken" if stays and share > MOST else "model",
+            message=message if cause is None else joined(": ", [message, cause]),
+            advice=advice,
+            body=self.scene.body(body).label,
+            other=self.scene.body(other).label,
+            effect=Effect(overlap.depth_m, "m"),
+            share=share,
+            steps=Span(overlap.first, overlap.last, overlap.last - overlap.first + 1),
+        )
+
+    def _cause(self, body: int, other: int, overlap: Overlap) -> tuple[str | None, str | None]:
+        """Return why, and what changes it; None where that is not sure."""
+        if overlap.carried > (overlap.last - overlap.first) / 2:
+            return (
+                Message("a call moves one of them in each step, and it has no velocity"),
+                Message("give it the velocity that it moves with: p.resetBaseVelocity(…)"),
+            )
+        if overlap.deepest == overlap.first and overlap.depth_m <= 1.05 * overlap.came_m:
+            return (
+                Message("they approach by {way:.3g} mm in one step", way=overlap.came_m * 1e3),
+                Message("use a shorter timestep: p.setTimeStep(…)"),
+            )
+        grows = overlap.deepest - overlap.first >= GROWS and overlap.depth_m > 2 * overlap.began_m
+        if grows and overlap.presses == "constraint":
+            return (
+                Message("a constraint presses them together, and the solver ends before it can "
+                    "tell which of both has to give"),
+                Message("give it less force: p.changeConstraint(…, maxForce=…)"),
+            )  # fmt: skip
+        if grows and overlap.presses == "motor":
+            return (
+                Message("motors press them together, and the solver ends before it can tell which "
+                    "of both has to give"),
+                Message("give the motors less force, or raise "
+                    "p.setPhysicsEngineParameter(numSolverIterations=500)"),
+            )  # fmt: skip
+        ratio = self._ratio(body, other)
+        client = self.scene.body(body).client
+        early = any(each.client == client and each.steps for each in self.scene.seen.solvers)
+        if ratio >= RATIO and early and overlap.deepest - overlap.first >= GROWS:
+            return (
+                Message("one is {ratio:.3g} times as heavy as the other, and the solver uses up "
+                    "its iterations", ratio=ratio),
+                Message("raise p.setPhysicsEngineParameter(numSolverIterations=500)"),
+            )  # fmt: skip
+        return None, None
+
+    def _thinner_m(self, bodies: tuple[int, int], links: tuple[int, int]) -> float:
+        """Return the shortest edge of what overlaps and can move."""
+        edges = []
+        for number, link in zip(bodies, links, strict=True):
+            boxes = np.reshape(self.scene.body(number).bounds_m, (-1, 2, 3))
+            if number in self._end and link + 1 < len(boxes):
+                edges.append(float((boxes[link + 1, 1] - boxes[link + 1, 0]).min()))
+        return max(min(edges, default=np.inf), 1e-9)
+
+    def _ratio(self, body: int, other: int) -> float:
+        """Return how much heavier one of two bodies without joints is; 0 with others."""
+        masses = []
+        for number in (body, other):
+            each = self.scene.body(number)
+            told = [d.reported["mass_kg"] for d in self.scene.seen.dynamics if d.body is each]
+            if len(each.links) != 1 or not told or not float(told[-1][0]) > 0:
+                return 0.0
+            masses.append(float(told[-1][0]))
+        return max(masses) / min(masses)
+
+
+def _presses(explained: Explained, body: int, steps: Int64) -> str:
+    """Return what acts against the contacts of a body in some steps."""
+    judged = explained.bodies.get(body)
+    for each in () if judged is None else judged.stretches:
+        at = np.flatnonzero(np.isin(each.steps, steps))
+        if not len(at) or not each.terms:
+            continue
+        contacts = each.terms["contacts"][at]
+        for term, name in (("constraints", "constraint"), ("motors", "motor")):
+            against = -np.minimum(each.terms[term][at] * contacts, 0.0).sum(axis=1)
+            if (against > 0.5 * (contacts**2).sum(axis=1)).any():
+                return name
+    return ""
