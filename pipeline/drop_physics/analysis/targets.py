@@ -44,6 +44,7 @@ class Stood:
     at_limit: Int64
     """In how many of these steps its motor was at its limit."""
     target: Float64
+    """Where PyBullet sends the joint: a target beyond its limits is moved to them."""
     gap: Float64
     """Position minus target at the last."""
     before: Float64
@@ -164,9 +165,9 @@ def _stood(
     left = (1 - kp) ** n
     with np.errstate(divide="ignore", invalid="ignore"):
         added = np.where(kp > 0, (1 - left) / kp, n) * timestep_s * rate
-    gap_law = left * (start - clipped) + added + clipped - target
+    gap_law = left * (start - clipped) + added
     sure = (kd == 1) & np.isnan(asked.max_velocity[rows, k]) & ~pd & driven.steps.covered
-    aim = np.where(pd, asked.pd_target[rows, k], target)
+    aim = np.where(pd, asked.pd_target[rows, k], clipped)
     aim = np.where(np.isfinite(target_of(driven)[rows, k]), aim, np.nan)
     return Stood(
         k=k,

@@ -1,4 +1,4 @@
-"""Why a joint that is at rest is not at its target: its limit, a stop, what holds it, its gains."""
+"""Why a joint that is at rest is not at its target: its limit, what holds it, its gains."""
 
 from __future__ import annotations
 
@@ -72,29 +72,12 @@ def cause_of(scene: Scene, driven: Driven, held: Holding, stood: Stood) -> Cause
     """Return why the target left its joint where it is; None if that is not sure."""
     row, k = int(stood.row[0]), stood.k
     gap = float(stood.gap[0])
-    unit = units_of(driven, k)
+    _, unit = units_of(driven, k)
     return (
-        _beyond(driven, row, k, unit[0])
-        or _too_weak(driven, held, stood, unit[1])
+        _too_weak(driven, held, stood, unit)
         or _held(scene, driven, held, row, k, math.copysign(1.0, gap))
         or _gains(driven, row, k, gap)
     )
-
-
-def _beyond(driven: Driven, row: int, k: int, unit: str) -> Cause | None:
-    """Return that its target lies beyond its stop, and it is there."""
-    lower, upper = float(driven.steps.law.lower[k]), float(driven.steps.law.upper[k])
-    target, reached = target_of(driven)[row, k], driven.after[row, k]
-    stop = lower if target < lower else upper
-    near = abs(reached - stop) < max(CLOSE * abs(reached - target), 1e-3)
-    if not (lower <= upper and (target < lower or target > upper) and near):
-        return None
-    template = (
-        "{what}: its lower limit is {stop}"
-        if target < lower
-        else "{what}: its upper limit is {stop}"
-    )
-    return Cause(template=template, values={"stop": place(stop, unit)}, advice=None)
 
 
 def _too_weak(driven: Driven, held: Holding, stood: Stood, unit: str) -> Cause | None:

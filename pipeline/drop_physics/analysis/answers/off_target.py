@@ -29,7 +29,6 @@ SMALL = 0.05
 LAWFUL = 0.1
 """A gap that differs by less than this share from what the motor's law leaves is the law's."""
 
-
 GIVE_MORE = Message("give it more force, or each target more steps")
 
 
@@ -170,9 +169,12 @@ class OffTarget(Answer):
         if abs(float(stood.gap[0])) < OFF[unit]:
             return []
         rate = f"{abs(float(stood.rate[0])):.2g} {unit}/s"
-        cause = Cause(
-            template=Message("{what}, still moving at {rate}"), values={"rate": rate}, advice=None
-        )
+        kp, template = float(stood.kp[0]), Message("{what}, still moving at {rate}")
+        if kp < SMALL and abs(float(stood.lawful[0] / stood.gap[0]) - 1) < LAWFUL:
+            template = Message(
+                "{what}: a positionGain of {kp:.3g} is the share of the gap that a step closes"
+            )
+        cause = Cause(template=template, values={"rate": rate, "kp": kp}, advice=None)
         return [replace(self._of(driven, stood, cause), last=True)]
 
     def _move(self, joint: _Joint, driven: Driven, stood: Stood) -> None:

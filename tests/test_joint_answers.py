@@ -1,0 +1,340 @@
+"""Validation: what is said of joints, where bare PyBullet shows that it is the answer.
+
+Each rule both ways: scenes of which it is the cause, since changing that one thing cures them, and
+scenes that look alike and of which it is not.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from asked import findings
+from drop_physics.analysis.answers.answer import Finding, Scene
+from drop_physics.analysis.answers.every import ranked
+from drop_physics.analysis.answers.off_target import OffTarget
+from drop_physics.analysis.explained.recording import Explanation
+from drop_physics.analysis.joints import JointTable
+from drop_physics.analysis.times import Times
+from drop_physics.analysis.touches import TouchTable
+from scenes import ORIGIN, record, site
+from test_joints import GRIP, KUKA, run
+
+DOWN = "p.setGravity(0, 0, -9.81)\n"
+ARM = """
+p.setGravity(0, 0, -9.81)
+k = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)
+def go(second, number, force=300, **how):
+    for j, q in enumerate([0, second, 0, -1.2, 0, 0.6, 0]):
+        p.setJointMotorControl2(k, j, p.POSITION_CONTROL, q, force=force, **how)
+    steps(number)
+"""
+BARE = 'k = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)\n'
+FLOOR = 'p.loadURDF("plane.urdf")\n'
+
+
+def said(code: str, scene: str, path: Path) -> list[Finding]:
+    """Return the findings of a code."""
+    return [each for each in findings(scene, path / "a.rrd") if each.code == code]
+
+
+def off_at_the_end(scene: str, joint: int, target: float, body: int = 0) -> float:
+    """Return how far a joint ends from a target in bare PyBullet."""
+    names = run(scene)
+    q: float = names["p"].getJointState(body, joint)[0]
+    names["p"].disconnect()
+    return q - target
+
+
+# -- off-target -----------------------------------------------------------------------------------
+
+WEAK = {
+    "sags onto the floor": (FLOOR + ARM + "go(0.8, 480, {force})\n", 30, 60, 1, 0.8, 1),
+    "sags to its stop": (ARM + "go(0.8, 1200, {force})\n", 30, 80, 1, 0.8, 0),
+    "panda": (
+        DOWN + 'k = p.loadURDF("franka_panda/panda.urdf", useFixedBase=True)\n'
+        "for j, q in enumerate([0, 0.9, 0, -1.2, 0, 1.5, 0]):\n"
+        "    p.resetJointState(k, j, q)\n"
+        "    p.setJointMotorControl2(k, j, p.POSITION_CONTROL, q, force={force})\n"
+        "steps(700)\n",
+        20, 100, 1, 0.9, 0,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WEAK)
+def test_a_motor_that_is_too_weak(name: str, tmp_path: Path) -> None:
+    scene, weak, strong, joint, target, body = WEAK[name]
+    (found,) = said("off-target", scene.format(force=weak), tmp_path)
+    off = off_at_the_end(scene.format(force=weak), joint, target, body)
+    assert found.level == "asked"
+    assert found.effect is not None
+    assert found.effect.value == pytest.approx(abs(off), rel=1e-9)
+    assert f"its motor is at its limit of {weak} N m" in found.message
+    assert found.advice is not None
+    assert abs(off_at_the_end(scene.format(force=strong), joint, target, body)) < 0.01
+    assert said("off-target", scene.format(force=strong), tmp_path) == []
+
+
+def test_the_words_of_a_weak_motor(tmp_path: Path) -> None:
+    (found,) = said("off-target", FLOOR + ARM + "go(0.8, 480, 30)\n", tmp_path)
+    assert found.message == (
+        "lbr_iiwa_joint_2 ends 0.54 rad off its target of 0.80 rad: its motor is at its limit of "
+        "30 N m in 480 of 480 steps; the target takes 41 N m, here it takes 46"
+    )
+    assert found.advice == "give it at least 46 N m: p.setJointMotorControl2(…, force=60)"
+    assert found.joint == "lbr_iiwa_joint_2"
+    assert found.site == site(7)
+    assert found.steps is not None
+    assert found.steps.count == 480
+
+
+HOLD = "for j, q in enumerate(pose):\n    p.resetJointState(k, j, q)\n"
+SUCTION = (
+    KUKA.replace("0.8, 0, -1.2, 0, 0.6", "1.0, 0, -0.8, 0, 0.5")
+    + HOLD
+    + """
+x = p.getLinkState(k, 6, computeForwardKinematics=True)[0]
+c = p.createMultiBody(12, p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.03] * 3), -1, x)
+p.setCollisionFilterGroupMask(c, -1, 0, 0)
+p.createConstraint(k, 6, c, -1, p.JOINT_POINT2POINT, [0] * 3, [0] * 3, [0] * 3)
+go({force})
+steps(1200)
+"""
+)
+CAUSES = {
+    "with a load": (SUCTION.format(force=87), "the target takes 143 N m", "force=200"),
+    "no gain": (ARM + "go(0.5, 480, positionGain=0)\n", "its positionGain is 0", None),
+    "a small gain": (ARM + "go(0.5, 960, positionGain=0.001)\n", "a positionGain of 0.001", None),
+    "a rate left": (
+        ARM + "go(0.3, 960, targetVelocity=0.5)\n", "its targetVelocity of 0.5 pushes it past",
+        "targetVelocity=0",
+    ),
+    "still moving": (ARM + "go(0.8, 240, 60)\n", "still moving at", None),
+    "a slow one": (ARM + "go(1, 480, maxVelocity=0.1)\n", "still moving at 0.1 rad/s", None),
+    "against the floor": (
+        FLOOR + ARM + "go(0.5, 400)\ngo(1.8, 960, 200)\n", "against 0_plane", None,
+    ),
+    "too weak for waypoints": (
+        ARM + "go(0, 240)\ngo(0.8, 20)\ngo(0, 480)\n",
+        "its motor is at its limit of 300 N m in 19 of the 20 steps", None,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CAUSES)
+def test_each_cause_is_told(name: str, tmp_path: Path) -> None:
+    scene, words, advice = CAUSES[name]
+    (found,) = said("off-target", scene, tmp_path)
+    assert found.level == "asked"
+    assert words in found.message
+    assert advice is None or advice in (found.advice or "")
+
+
+CURED = {
+    "with a load": (SUCTION.format(force=200), 1, 1.0),
+    "no gain": (ARM + "go(0.5, 480, positionGain=0.1)\n", 1, 0.5),
+    "a rate left": (ARM + "go(0.3, 960, targetVelocity=0)\n", 1, 0.3),
+    "still moving": (ARM + "go(0.8, 600, 60)\n", 1, 0.8),
+    "waypoints": (ARM + "go(0, 240)\ngo(0.8, 240)\ngo(0, 480)\n", 1, 0.0),
+    "beyond its limit, which target-clamped tells": (
+        ARM + "go(0, 240)\ngo(2.3, 240)\ngo(0, 480)\n", 1, 0.0,
+    ),
+    "torques with motors off": (
+        BARE + "for j in range(7):\n"
+        "    p.setJointMotorControl2(k, j, p.POSITION_CONTROL, 1, force=0)\nsteps(60)\n", 0, 0.0,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CURED)
+def test_what_is_at_its_target_is_not_told(name: str, tmp_path: Path) -> None:
+    scene, joint, target = CURED[name]
+    assert abs(off_at_the_end(scene, joint, target)) < 0.01
+    assert said("off-target", scene, tmp_path) == []
+
+
+@pytest.mark.parametrize("force", [10, 40])
+def test_a_grip_is_a_note(force: float, tmp_path: Path) -> None:
+    (found,) = said("off-target", GRIP.format(force=force), tmp_path)
+    assert found.level == "note"
+    assert f"it holds 2_cube_small with {force} N" in found.message
+    assert found.other == "2_cube_small"
+
+
+RAMP = (
+    ARM
+    + """
+for i in range({steps}):
+    p.setJointMotorControl2(k, 0, p.POSITION_CONTROL, 0.5 * (i // {every} + 1) * {every} / 240,
+        force=2000, {how})
+    p.stepSimulation()
+"""
+)
+
+
+@pytest.mark.parametrize(
+    ("every", "how", "left"), [(1, "", 0.9), (4, "", 0.66), (2, "positionGain=0.05", 0.9)]
+)
+def test_targets_that_move_are_followed_behind(
+    every: int, how: str, left: float, tmp_path: Path
+) -> None:
+    (found,) = said("off-target", RAMP.format(steps=480, every=every, how=how), tmp_path)
+    kp = 0.05 if how else 0.1
+    lag = (1 - kp) ** every / (1 - (1 - kp) ** every) * 0.5 * every / 240
+    assert found.level == "note"
+    assert found.effect is not None
+    assert found.effect.value == pytest.approx(lag, rel=0.02)
+    assert f"they change every {every} steps, and {left:.2g} of each change" in found.message
+
+
+def test_targets_that_are_kept_up_with_are_not_told(tmp_path: Path) -> None:
+    scene = RAMP.format(steps=480, every=1, how="targetVelocity=0.5")
+    assert said("off-target", scene, tmp_path) == []
+
+
+@pytest.mark.parametrize("steps", [7, 100])
+def test_pieces_say_the_same(steps: int, tmp_path: Path) -> None:
+    """Cut anywhere, a target that stands goes on, and one that ended is remembered."""
+    scene = FLOOR + ARM + "go(0.3, 100)\ngo(0.9, 203, 35)\ngo(0.8, 220, 30)\n"
+    seen = record(scene, tmp_path / "a.rrd").seen
+
+    def of(number: int) -> list[Finding]:
+        answers = Scene(
+            seen=seen, origin=ORIGIN, times={0: Times(seen, 0)}, joints=JointTable(seen),
+            touches=TouchTable(seen),
+        )  # fmt: skip
+        answer = OffTarget(answers)
+        for explained in Explanation(seen).pieces(number):
+            answers.joints.add(explained)
+            answer.see(explained)
+        return ranked(answer.findings())
+
+    whole, parts = of(0), of(steps)
+    assert len(whole) == 1
+    assert [str(each.message) for each in parts] == [str(each.message) for each in whole]
+    assert [each.steps for each in parts] == [each.steps for each in whole]
+
+
+# -- default-motor --------------------------------------------------------------------------------
+
+TORQUE = """
+for _ in range(240):
+    p.setJointMotorControl2(k, 1, p.TORQUE_CONTROL, force=20)
+    p.stepSimulation()
+"""
+HOME = """
+for j in range(7):
+    p.setJointMotorControl2(k, j, p.POSITION_CONTROL, 0.3, force=100)
+steps(240)
+"""
+OFF = "p.setJointMotorControl2(k, {joint}, p.VELOCITY_CONTROL, force=0)\n"
+POLE = DOWN + 'k = p.loadURDF("cartpole.urdf", useFixedBase=True)\np.resetJointState(k, 1, 0.5)\n'
+HIT = """
+shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.4, 0.02, 0.5],
+    collisionFramePosition=[0.4, 0, 0])
+k = p.createMultiBody(0, -1, -1, [0, 0, 1], linkMasses=[8], linkCollisionShapeIndices=[shape],
+    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0.4, 0, 0]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 0, 1]])
+ball = p.createMultiBody(5, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1), -1, [0.7, -0.5, 1])
+p.resetBaseVelocity(ball, [0, 3, 0])
+"""
+HELD = {
+    "torque": (BARE, TORQUE, 1, "the velocity motor that PyBullet gives every joint"),
+    "an old motor": (BARE + HOME, TORQUE, 1, "the motor set at scene.py:4 still acts"),
+    "husky": (
+        DOWN + FLOOR + 'k = p.loadURDF("husky/husky.urdf", [0, 0, 0.14])\n',
+        TORQUE.replace("k, 1,", "k, 2,"), 2, "does not follow the torques",
+    ),
+    "a pole": (POLE, "steps(240)\n", 1, "takes its weight, up to 0.24 N m"),
+    "a door": (HIT, "steps(240)\n", 0, "takes what touches it"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_a_motor_that_nobody_thought_of(name: str, tmp_path: Path) -> None:
+    scene, then, joint, words = HELD[name]
+    (found,) = said("default-motor", scene + then, tmp_path)
+    assert found.level == "asked"
+    assert words in found.message
+    off = scene + OFF.format(joint=joint) + then
+    body = 1 if "plane" in scene else 0
+    start = off_at_the_end(scene, joint, 0, body)
+    assert abs(off_at_the_end(off, joint, start, body)) > 0.05
+    assert abs(off_at_the_end(off, joint, start, body)) > 2 * abs(
+        off_at_the_end(scene + then, joint, start, body)
+    )
+    assert [each for each in said("default-motor", off, tmp_path) if each.level != "note"] == []
+
+
+QUIET = {
+    "gravity compensation": KUKA + HOLD + """
+for _ in range(240):
+    q = [p.getJointState(k, j)[0] for j in range(7)]
+    efforts = p.calculateInverseDynamics(k, q, [0.0] * 7, [0.0] * 7)
+    p.setJointMotorControlArray(k, range(7), p.TORQUE_CONTROL, forces=efforts)
+    p.stepSimulation()
+""",
+    "told to hold": KUKA + HOLD + """
+for i in range(300):
+    go(300)
+    if i > 100:
+        p.applyExternalForce(k, 6, [0, 0, -50], [0, 0, 0], p.LINK_FRAME)
+    p.stepSimulation()
+""",
+    "a motor and a torque": KUKA + HOLD + """
+for i in range(300):
+    go(300)
+    p.setJointMotorControl2(k, 1, p.TORQUE_CONTROL, force=-15)
+    p.stepSimulation()
+""",
+    "friction": BARE + "p.setJointMotorControl2(k, 1, p.VELOCITY_CONTROL, force=0.1)\n" + TORQUE,
+    "nothing to move it": BARE + "steps(240)\n",
+    "r2d2 stands": DOWN + FLOOR + 'p.loadURDF("r2d2.urdf", [0, 0, 0.5])\nsteps(240)\n',
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", QUIET)
+def test_a_motor_with_nothing_to_hold_is_not_told(name: str, tmp_path: Path) -> None:
+    assert said("default-motor", QUIET[name], tmp_path) == []
+
+
+# -- the limit is not the force that was given ----------------------------------------------------
+
+SUBSTEPS = "p.setPhysicsEngineParameter(numSubSteps={n})\n" + KUKA + "go({force})\nsteps(480)\n"
+
+
+@pytest.mark.parametrize(("n", "force"), [(4, 30), (2, 30), (8, 10)])
+def test_substeps_make_motors_stronger(n: int, force: float, tmp_path: Path) -> None:
+    (found,) = said("substeps-scale-motors", SUBSTEPS.format(n=n, force=force), tmp_path)
+    assert f"numSubSteps={n}" in found.message
+    assert found.effect is not None
+    assert force < found.effect.value + force <= n * force * (1 + 1e-9)
+    # A load that this force cannot hold is held.
+    weak = off_at_the_end(SUBSTEPS.format(n=1, force=force), 1, 0.8)
+    assert abs(weak) > 0.5
+    if n * force > 100:
+        assert abs(off_at_the_end(SUBSTEPS.format(n=n, force=force), 1, 0.8)) < 0.5 * abs(weak)
+
+
+def test_substeps_of_motors_with_force_to_spare_are_not_told(tmp_path: Path) -> None:
+    there = SUBSTEPS.replace("go({", HOLD + "go({")
+    assert said("substeps-scale-motors", there.format(n=4, force=300), tmp_path) == []
+    assert said("substeps-scale-motors", SUBSTEPS.format(n=1, force=30), tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("force", "timestep", "limit"), [(100, "1 / 60", "25"), (30, "1 / 1000", "125"),
+                                     (60, "1 / 120", "30")],
+)  # fmt: skip
+def test_a_timestep_set_after_a_motor(
+    force: float, timestep: str, limit: str, tmp_path: Path
+) -> None:
+    scene = KUKA + f"go({force})\np.setTimeStep({timestep})\nsteps(480)\n"
+    (found,) = said("timestep-after-motor", scene, tmp_path)
+    assert f"a motor of {limit} N m in place of the {force} N m" in found.message
+    before = KUKA + f"p.setTimeStep({timestep})\ngo({force})\nsteps(480)\n"
+    assert said("timestep-after-motor", before, tmp_path) == []
+    spare = KUKA + HOLD + "go(300)\np.setTimeStep(1 / 300)\nsteps(200)\n"
+    assert said("timestep-after-motor", spare, tmp_path) == []
