@@ -45,6 +45,8 @@ class _Held:
     """What the motor took of it."""
     most: float = 0.0
     """The largest effort of the motor."""
+    time_s: float = 0.0
+    """Of the steps in which anything acts."""
     limit: float = 0.0
     inertia: float = np.inf
     first: int = -1
@@ -105,6 +107,7 @@ class DefaultMotor(Answer):
         values: dict[str, object] = {
             "joint": held.name, "count": count, "most": effort(held.most, held.unit),
             "limit": effort(held.limit, held.unit), "share": min(held.taken / held.acting, 1.0),
+            "weight": effort(held.weight / max(held.time_s, 1e-300), held.unit),
             "site": "" if motor is None else site_of(motor),
         }  # fmt: skip
         if torque and held.own:
@@ -120,7 +123,7 @@ class DefaultMotor(Answer):
         elif held.weight > MOST * held.acting:
             template = Message(
                 "{joint} is held up by the velocity motor that PyBullet gives every joint: it "
-                "takes its weight, up to {most} of the {limit} that it may"
+                "takes its weight, {weight} on average"
             )
         else:
             template = Message(
@@ -165,6 +168,7 @@ def _count(held: _Held, driven: Driven, k: int, rows: NDArray[np.intp]) -> None:
     sign = np.sign(acting[real])
     held.acting += float(np.abs(acting[real]).sum())
     held.weight += float((terms["gravity"][real] * sign).sum())
+    held.time_s += float(steps.reported.timestep_s[rows][real].sum())
     held.hit += float((terms["contacts"][real] * sign).sum())
     held.taken += float(np.clip(-motor[real] * sign, 0, np.abs(acting[real])).sum())
     row = rows[-1]

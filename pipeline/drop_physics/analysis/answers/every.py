@@ -6,11 +6,17 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from drop_physics.analysis.answers.answer import Answer, Finding
+from drop_physics.analysis.answers.beyond_urdf import BeyondUrdf
 from drop_physics.analysis.answers.deep_penetration import DeepPenetration
 from drop_physics.analysis.answers.default_motor import DefaultMotor
+from drop_physics.analysis.answers.dragged_by_nothing import DraggedByNothing
 from drop_physics.analysis.answers.energy_gained import EnergyGained
+from drop_physics.analysis.answers.friction_pyramid import FrictionPyramid
 from drop_physics.analysis.answers.inertia import Inertia
 from drop_physics.analysis.answers.joined import Joined
+from drop_physics.analysis.answers.massless import Massless
+from drop_physics.analysis.answers.mimic_ignored import MimicIgnored
+from drop_physics.analysis.answers.motion import DefaultDamping, Teleported, TimestepTooLong
 from drop_physics.analysis.answers.no_restitution import NoRestitution
 from drop_physics.analysis.answers.off_target import OffTarget
 from drop_physics.analysis.answers.pushes import ForceOffCentre, PushLastedAStep
@@ -36,12 +42,16 @@ ANSWERS: tuple[type[Answer], ...] = (
     DefaultMotor,
     SubstepsScaleMotors,
     TimestepAfterMotor,
+    BeyondUrdf,
+    MimicIgnored,
     # contacts
     StartsInContact,
     Slides,
     NoRestitution,
     DeepPenetration,
     EnergyGained,
+    FrictionPyramid,
+    DraggedByNothing,
     # calls and files
     ScriptFailed,
     NotStepped,
@@ -54,6 +64,10 @@ ANSWERS: tuple[type[Answer], ...] = (
     Inertia,
     TargetClamped,
     Joined,
+    Massless,
+    TimestepTooLong,
+    DefaultDamping,
+    Teleported,
     # the whole
     NotFinite,
     Unstable,
