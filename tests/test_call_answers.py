@@ -621,3 +621,97 @@ def test_points_that_do_not_meet(scene: str, gap: float | None, met: str, tmp_pa
 )
 def test_points_that_need_not_meet(scene: str, tmp_path: Path) -> None:
     assert not ask(scene, tmp_path, "constraint-apart")
+
+
+# -- massless, timestep-too-long, default-damping, teleported -------------------------------------
+
+BOX = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1] * 3)
+b = p.createMultiBody({mass}baseCollisionShapeIndex=s, basePosition=[0, 0, 1])
+{more}
+steps(30)
+"""
+PUSH = "p.applyExternalForce(b, -1, [5, 0, 0], [0, 0, 0], p.LINK_FRAME)"
+ON_IT = "p.loadURDF('cube_small.urdf', [0, 0, 1.125])"
+
+
+@pytest.mark.parametrize(
+    ("more", "level"), [("", "note"), (PUSH, "asked"), (ON_IT + "\n" + PUSH, "asked")]
+)
+def test_a_body_that_was_given_no_mass(more: str, level: str, tmp_path: Path) -> None:
+    found = one(BOX.format(mass="", more=more), tmp_path, "massless")
+    assert (found.level, found.site) == (level, site(4))
+    for mass in ("baseMass=1, ", "baseMass=0, "):  # the latter is asked for
+        assert not ask(BOX.format(mass=mass, more=more), tmp_path, "massless")
+
+
+@pytest.mark.parametrize("more", [ON_IT, "p.setGravity(0, 0, 0)\np.removeBody(b)"])
+def test_a_body_that_needs_no_mass(more: str, tmp_path: Path) -> None:
+    assert not ask(BOX.format(mass="", more=more), tmp_path, "massless")
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        ("p.setTimeStep({})\n" + FLOOR + "c = p.loadURDF('cube_small.urdf', [0, 0, 9])\n"
+         "p.resetBaseVelocity(c, [0, 0, -20])\nsteps(3)"),
+        ("p.setTimeStep({})\n" + FLOOR + "c = p.loadURDF('sphere_small.urdf', [0, 0, 3])\n"
+         "p.resetBaseVelocity(c, [30, 0, 0])\nsteps(3)"),
+        ("p.setTimeStep({})\n" + AIR + KUKA + "steps(5)"),
+    ],
+)  # fmt: skip
+def test_a_step_that_is_too_long(scene: str, tmp_path: Path) -> None:
+    assert one(scene.format(0.1), tmp_path, "timestep-too-long").level == "model"
+    assert not ask(scene.format(1 / 960), tmp_path, "timestep-too-long")
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        AIR + CUBE + "steps(480)",
+        AIR + CUBE + "p.resetBaseVelocity(c, [3, 0, 9])\nsteps(240)",
+        CUBE + "p.resetBaseVelocity(c, [0, 0, 0], [0, 0, 9])\nsteps(240)",
+    ],
+)
+def test_damping_that_nobody_asked_for(scene: str, tmp_path: Path) -> None:
+    found = one(scene, tmp_path, "default-damping")
+    assert found.effect is not None
+    off = scene.replace(
+        "steps", "p.changeDynamics(c, -1, linearDamping=0, angularDamping=0)\nsteps"
+    )
+    assert not ask(off, tmp_path, "default-damping")
+    asked = scene.replace("steps", "p.changeDynamics(c, -1, linearDamping=0.04)\nsteps")
+    assert not ask(asked, tmp_path, "default-damping")
+
+
+JUMP = "p.resetBasePositionAndOrientation(c, [2, 0, 1], [0, 0, 0, 1])\n"
+
+
+@pytest.mark.parametrize(
+    ("scene", "times"),
+    [
+        (AIR + CUBE + "steps(20)\n" + JUMP + "steps(20)", 1),
+        (AIR + CUBE + ("steps(20)\n" + JUMP) * 3 + "steps(20)", 3),
+        (AIR + CUBE + "p.resetBaseVelocity(c, [1, 0, 0])\nsteps(7)\n" + JUMP + "steps(9)", 1),
+    ],
+)
+def test_a_body_that_is_put_elsewhere_in_motion(scene: str, times: int, tmp_path: Path) -> None:
+    found = one(scene, tmp_path, "teleported")
+    assert found.steps is not None
+    assert (found.level, found.steps.count) == ("note", times)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        AIR + CUBE + JUMP + "steps(20)",
+        CUBE + "steps(9)\n" + JUMP + "steps(9)",  # at rest
+        AIR + CUBE + "s = p.saveState()\nsteps(20)\np.restoreState(s)\nsteps(20)",
+        AIR + CUBE + "steps(20)\np.resetBaseVelocity(c, [0, 0, 0])\nsteps(20)",
+        AIR + CUBE + "steps(20)\np.resetSimulation()\n" + AIR + CUBE + JUMP + "steps(20)",
+    ],
+)
+def test_a_body_that_is_put_in_its_place(scene: str, tmp_path: Path) -> None:
+    assert not ask(scene, tmp_path, "teleported")
