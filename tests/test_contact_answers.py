@@ -414,3 +414,87 @@ steps(240)
 )  # fmt: skip
 def test_what_is_lifted_or_hit_gains_nothing_from_nowhere(scene: str, tmp_path: Path) -> None:
     assert not found(scene, tmp_path, "energy-gained")
+
+
+# -- friction-pyramid -----------------------------------------------------------------------------
+
+ALONG = (
+    BOX
+    + """
+import math
+p.setGravity(0, 0, -9.81)
+p.setPhysicsEngineParameter(enableConeFriction={cone})
+f = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
+p.changeDynamics(f, -1, lateralFriction=1)
+b = box(1, [0, 0, .03], (.1, .1, .03), mu={mu})
+steps(60)
+a = math.radians({degrees})
+p.resetBaseVelocity(b, [{v} * math.cos(a), {v} * math.sin(a), 0])
+steps(60)
+"""
+)
+
+
+@pytest.mark.parametrize(("degrees", "v", "mu"), [(20, 3, 0.5), (45, 2, 0.3), (120, 4, 0.4)])
+def test_friction_has_two_axes(degrees: float, v: float, mu: float, tmp_path: Path) -> None:
+    scene = ALONG.format(cone=0, degrees=degrees, v=v, mu=mu)
+    (one,) = found(scene, tmp_path, "friction-pyramid")
+    assert one.effect is not None
+    assert one.effect.value == pytest.approx(2**0.5, rel=1e-3)
+    assert in_pieces(scene, tmp_path, "friction-pyramid") == [one]
+    cone = ALONG.format(cone=1, degrees=degrees, v=v, mu=mu)
+    way, cured = (np.linalg.norm(bare(each)["where"][:2]) for each in (scene, cone))
+    assert cured > 1.03 * way
+    assert not found(cone, tmp_path, "friction-pyramid")
+
+
+def test_along_an_axis_it_is_the_same(tmp_path: Path) -> None:
+    assert not found(ALONG.format(cone=0, degrees=0, v=3, mu=0.5), tmp_path, "friction-pyramid")
+
+
+# -- dragged-by-nothing ---------------------------------------------------------------------------
+
+MOVED = (
+    BOX
+    + """
+p.setGravity(0, 0, -9.81)
+f = box(0, [0, 0, 0], (1, 1, .05), mu=1)
+b = box({mass}, [0, 0, .15], (.1, .1, .1))
+steps(60)
+for i in range(240):
+    p.resetBasePositionAndOrientation(f, [{way} * (i + 1) / 240, 0, 0], [0, 0, 0, 1])
+    {more}
+    p.stepSimulation()
+"""
+)
+
+
+@pytest.mark.parametrize(("way", "mass"), [(0.5, 1), (0.2, 3), (-0.7, 0.1)])
+def test_a_support_without_velocity_drags_nothing(way: float, mass: float, tmp_path: Path) -> None:
+    scene = MOVED.format(way=way, mass=mass, more="pass")
+    (one,) = found(scene, tmp_path, "dragged-by-nothing")
+    assert one.effect is not None
+    assert one.effect.value == pytest.approx(abs(way), rel=2e-2)
+    (other,) = in_pieces(scene, tmp_path, "dragged-by-nothing")
+    assert (other.message, other.steps) == (one.message, one.steps)
+    cured = MOVED.format(way=way, mass=mass, more=f"p.resetBaseVelocity(f, [{way}, 0, 0])")
+    assert abs(bare(scene)["where"][0]) < 0.01 * abs(way)
+    assert bare(cured)["where"][0] == pytest.approx(way, rel=0.2)
+    assert not found(cured, tmp_path, "dragged-by-nothing")
+
+
+def test_a_table_that_is_set_once_is_no_drag(tmp_path: Path) -> None:
+    scene = (
+        BOX
+        + """
+p.setGravity(0, 0, -9.81)
+f = box(0, [0, 0, 0], (1, 1, .05), mu=1)
+b = box(1, [0, 0, .15], (.1, .1, .1))
+for i in range(5):
+    steps(40)
+    p.resetBasePositionAndOrientation(f, [.1 * i, 0, 0], [0, 0, 0, 1])
+steps(40)
+"""
+    )
+    assert not found(scene, tmp_path, "dragged-by-nothing")
+    assert not found(TRAY.format(mu=0.8), tmp_path, "dragged-by-nothing")

@@ -114,7 +114,9 @@ class DeepPenetration(Answer):
                 continue  # `starts-in-contact`
             thin_m = self._thinner_m((first, second), overlap.links)
             if overlap.depth_m > SHARE * thin_m:
-                yield self._finding(first, second, overlap, thin_m)
+                finding = self._finding(first, second, overlap, thin_m)
+                if finding.advice is not None or overlap.depth_m > MOST * thin_m:
+                    yield finding  # without a cause, only what is no physics any more
 
     def _finding(self, first: int, second: int, overlap: Overlap, thin_m: float) -> Finding:
         moving = [each for each in (second, first) if each in self._end]
