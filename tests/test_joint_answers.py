@@ -442,3 +442,90 @@ for j in range(12):
 @pytest.mark.parametrize("then", [OBEYS, FALLS])
 def test_a_robot_within_its_limits_or_falling(then: str, tmp_path: Path) -> None:
     assert said("beyond-urdf", HAND.format(then=then), tmp_path) == []
+
+
+# -- gains, and targets that stay ----------------------------------------------------------------
+
+CART = """
+k = p.loadURDF("cartpole.urdf")
+p.setJointMotorControl2(k, 1, p.VELOCITY_CONTROL, force=0)
+for i in range(240):
+    p.setJointMotorControl2(k, 0, p.POSITION_CONTROL, 0.5, positionGain={kp}, velocityGain={kd},
+        force={force})
+    p.stepSimulation()
+"""
+
+
+@pytest.mark.parametrize(
+    ("kp", "kd", "force", "words"),
+    [
+        (30, 1, 5000, "each step makes the gap 29 times as large"),
+        (2.1, 1, 50000, "each step makes the gap 1.1 times as large"),
+        (1.8, 1, 1e6, "each step leaves 0.8 of the gap on the other side"),
+        (0.5, 0.1, 1e6, "a swing keeps 0.95 of its size"),
+    ],
+)
+def test_gains_that_shake(kp: float, kd: float, force: float, words: str, tmp_path: Path) -> None:
+    (found,) = said("motor-gain", CART.format(kp=kp, kd=kd, force=force), tmp_path)
+    assert words in found.message
+    cured = CART.format(kp=0.9, kd=1, force=force)
+    assert abs(off_at_the_end(cured, 0, 0.5)) < 1e-3
+    assert said("motor-gain", cured, tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        ARM + "p.resetJointState(k, 1, 1.5)\ngo(0, 900, 60, positionGain=0.02)\n",
+        CART.format(kp=0.1, kd=1, force=5),  # overshoots for want of force
+        CART.format(kp=1.8, kd=1, force=1e6).replace("0.5, pos", "0, pos"),  # nothing shakes
+    ],
+)
+def test_gains_that_do_not_shake(scene: str, tmp_path: Path) -> None:
+    assert said("motor-gain", scene, tmp_path) == []
+
+
+BACK = """
+def back(q, joints=range(7)):
+    for j in joints:
+        p.resetJointState(k, j, q)
+def all_to(q, number, force=300):
+    for j in range(7):
+        p.setJointMotorControl2(k, j, p.POSITION_CONTROL, q, force=force)
+    steps(number)
+"""
+LEFT = {
+    "reset": (BARE + BACK + "all_to(0.6, 240)\nback(0)\n", "all_to(0, 0)\n", 0.6, "asked"),
+    "restored": (
+        BARE + BACK + "s = p.saveState()\nall_to(0.8, 200)\np.restoreState(s)\n",
+        "all_to(0, 0)\n", 0.8, "asked",
+    ),
+    "kicked": (
+        BARE + BACK + "all_to(0, 100)\nback(0.3, [1])\n", "all_to(0.3, 0)\n", 0.3, "note",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LEFT)
+def test_targets_that_a_reset_leaves(name: str, tmp_path: Path) -> None:
+    scene, cure, off, level = LEFT[name]
+    (found,) = said("reset-leaves", scene + "steps(120)\n", tmp_path)
+    assert found.level == level
+    assert found.effect is not None
+    assert found.effect.value == pytest.approx(off, rel=1e-2)
+    again = scene + cure
+    start = off_at_the_end(again, 1, 0)
+    assert abs(off_at_the_end(again + "steps(120)\n", 1, start)) < 0.01
+    assert said("reset-leaves", again + "steps(120)\n", tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        BARE + BACK + "all_to(0.6, 240)\nback(0)\nall_to(0.6, 120)\n",  # given again
+        BARE + BACK + "for e in range(2):\n    back(0)\n    for i in range(60): all_to(0.6, 1)\n",
+        DOWN + BARE + BACK + "all_to(0, 60, 5)\nback(0.4, [1])\nsteps(240)\n",  # gravity did it
+    ],
+)
+def test_targets_that_are_meant(scene: str, tmp_path: Path) -> None:
+    assert said("reset-leaves", scene, tmp_path) == []

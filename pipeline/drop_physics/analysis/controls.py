@@ -62,6 +62,8 @@ class Commanded:
     """Number of the call's site; nan if no call set the motor."""
     began: Float64
     """The step at which the latest call with other numbers set the motor."""
+    told: Float64
+    """The step at which the latest call of all set the motor."""
     torque_since: Float64
     """The step of the first TORQUE_CONTROL since that of another mode; nan if there is none."""
     torque_site: Float64
@@ -209,12 +211,12 @@ class Controls:
         top = one("maxVelocity", 0.0)
         motor = np.array(
             [mode, where, rate, kp if mode == POSITION else 0.0, kd, 0.0, 0.0,
-             top if top > 0 else NONE, call.site.number, step]
+             top if top > 0 else NONE, call.site.number, step, step]
         )[:, None].repeat(width, axis=1)  # fmt: skip
         motor[5], motor[6] = force * timestep_s, force
         before = state[: len(MOTOR), place]
-        if np.array_equal(before[:-1], motor[:-1], equal_nan=True):
-            motor[-1] = before[-1]
+        if np.array_equal(before[:-2], motor[:-2], equal_nan=True):
+            motor[-2] = before[-2]
         state[: len(MOTOR), place] = motor
         state[TORQUE_AT : TORQUE_AT + 2, place] = NONE
 
@@ -232,7 +234,7 @@ def _fresh(body: Body, kept: Float64 | None) -> Float64:
     state[0], state[2:5] = DEFAULT, [[0.0], [0.0], [1.0]]
     impulses = [DEFAULT_IMPULSES.get(width, NONE) for width in widths]
     state[5] = np.repeat(impulses, widths) if widths else 0.0
-    state[9] = 0.0
+    state[9:11] = 0.0
     if kept is not None and kept.shape[1] == state.shape[1]:
         state[PD_AT:] = kept
     return state

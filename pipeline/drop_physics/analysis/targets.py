@@ -162,8 +162,8 @@ def _stood(
     clipped = np.clip(target, lower, upper) if lower <= upper else target
     n = driven.steps.steps[rows] - first + 1
     timestep_s = driven.steps.reported.timestep_s[rows]
-    left = (1 - kp) ** n
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        left = (1 - kp) ** n
         added = np.where(kp > 0, (1 - left) / kp, n) * timestep_s * rate
     gap_law = left * (start - clipped) + added
     sure = (kd == 1) & np.isnan(asked.max_velocity[rows, k]) & ~pd & driven.steps.covered
@@ -184,3 +184,20 @@ def _stood(
         rate=driven.rate[rows, k],
         resting=driven.resting[rows, k],
     )
+
+
+def rings_with(kp: Float64, kd: Float64) -> Flags:
+    """Return whether a root of z² - (2 - kp - kd) z + 1 - kd is negative, complex, or 1 or more."""
+    half, last = (2 - kp - kd) / 2, 1 - kd
+    inside = half**2 - last
+    with np.errstate(invalid="ignore"):
+        root = np.sqrt(inside)
+    low, high = half - root, half + root
+    with np.errstate(invalid="ignore"):
+        return np.asarray((kp > 0) & ((inside < -1e-12) | (low < -1e-9) | (high >= 1)))
+
+
+def grows_with(kp: Float64, kd: Float64) -> Flags:
+    """Return whether a root is of magnitude 1 or more: Jury's criterion of these roots."""
+    middle, last = kp + kd - 2, 1 - kd
+    return np.asarray((kp > 0) & ((np.abs(last) >= 1) & (kd > 0) | (1 - middle + last <= 0)))

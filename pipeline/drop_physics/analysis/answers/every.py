@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from drop_physics.analysis.answers.answer import Answer, Finding
+from drop_physics.analysis.answers.asleep import Asleep
 from drop_physics.analysis.answers.beyond_urdf import BeyondUrdf
 from drop_physics.analysis.answers.deep_penetration import DeepPenetration
 from drop_physics.analysis.answers.default_motor import DefaultMotor
@@ -16,10 +17,13 @@ from drop_physics.analysis.answers.inertia import Inertia
 from drop_physics.analysis.answers.joined import Joined
 from drop_physics.analysis.answers.massless import Massless
 from drop_physics.analysis.answers.mimic_ignored import MimicIgnored
+from drop_physics.analysis.answers.momentum import MomentumDrift
 from drop_physics.analysis.answers.motion import DefaultDamping, Teleported, TimestepTooLong
+from drop_physics.analysis.answers.motor_gain import MotorGain
 from drop_physics.analysis.answers.no_restitution import NoRestitution
 from drop_physics.analysis.answers.off_target import OffTarget
 from drop_physics.analysis.answers.pushes import ForceOffCentre, PushLastedAStep
+from drop_physics.analysis.answers.reset_leaves import ResetLeaves
 from drop_physics.analysis.answers.script_failed import ScriptFailed
 from drop_physics.analysis.answers.setup import (
     NoGravity,
@@ -42,6 +46,8 @@ ANSWERS: tuple[type[Answer], ...] = (
     DefaultMotor,
     SubstepsScaleMotors,
     TimestepAfterMotor,
+    MotorGain,
+    ResetLeaves,
     BeyondUrdf,
     MimicIgnored,
     # contacts
@@ -69,6 +75,8 @@ ANSWERS: tuple[type[Answer], ...] = (
     DefaultDamping,
     Teleported,
     # the whole
+    Asleep,
+    MomentumDrift,
     NotFinite,
     Unstable,
 )

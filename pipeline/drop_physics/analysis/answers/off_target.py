@@ -18,7 +18,7 @@ from drop_physics.analysis.answers.held_off import (
 )
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven
-from drop_physics.analysis.targets import Stood, Targets
+from drop_physics.analysis.targets import Stood, Targets, rings_with
 from drop_physics.messages import Message
 from drop_physics.seen.events import Body
 
@@ -166,7 +166,8 @@ class OffTarget(Answer):
             if joint.behind is not known and joint.behind is not None:
                 joint.behind = replace(joint.behind, last=True)
             return []
-        if abs(float(stood.gap[0])) < OFF[unit]:
+        shakes = bool(rings_with(stood.kp, driven.asked.kd[stood.row, stood.k])[0])
+        if abs(float(stood.gap[0])) < OFF[unit] or shakes:  # that is motor-gain's
             return []
         rate = f"{abs(float(stood.rate[0])):.2g} {unit}/s"
         kp, template = float(stood.kp[0]), Message("{what}, still moving at {rate}")
