@@ -161,3 +161,93 @@ def test_what_the_clamp_takes(scene: str, slower: str, unit: str, tmp_path: Path
 
 def test_what_rings_at_the_clamp_is_not_clamped(tmp_path: Path) -> None:
     assert not ask(AIR + KUKA + SINE.format(gain=0.1), tmp_path, "velocity-clamped")
+
+
+# -- asleep ---------------------------------------------------------------------------------------
+
+SLEEPER = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.2] * 3)
+low = p.createMultiBody(0, s, -1, [0, 0, 0.2])
+b = p.loadURDF("cube_small.urdf", [0, 0, 0.425]{flags})
+steps(600)
+{more}
+steps(60)
+"""
+
+
+@pytest.mark.parametrize(
+    "more",
+    ["p.removeBody(low)", "p.setGravity(3, 0, 9.81)",
+     "p.resetBasePositionAndOrientation(low, [5, 0, 0.2], [0, 0, 0, 1])"],
+)  # fmt: skip
+def test_a_body_that_sleeps_through_it(more: str, tmp_path: Path) -> None:
+    flags = ", flags=p.URDF_ENABLE_SLEEPING"
+    found = one(SLEEPER.format(flags=flags, more=more), tmp_path, "asleep")
+    assert found.level == "asked"
+    assert found.steps is not None
+    assert found.steps.count >= 59
+    # One that may not sleep falls.
+    assert not ask(SLEEPER.format(flags="", more=more), tmp_path, "asleep")
+
+
+def test_a_body_that_sleeps_where_it_lies(tmp_path: Path) -> None:
+    flags = ", flags=p.URDF_ENABLE_SLEEPING"
+    assert not ask(SLEEPER.format(flags=flags, more=""), tmp_path, "asleep")
+
+
+# -- momentum-drift -------------------------------------------------------------------------------
+
+TUMBLING = """
+p.setTimeStep(1 / {rate})
+b = p.createMultiBody(1, p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.15, 0.05, 0.02]))
+p.changeDynamics(b, -1, linearDamping=0, angularDamping=0)
+p.resetBaseVelocity(b, [0, 0, 0], {spin})
+steps({n})
+"""
+FLOATING = """
+import math
+k = p.loadURDF("{file}", [0, 0, 2])
+p.setTimeStep(1 / {rate})
+J = [j for j in range(p.getNumJoints(k)) if p.getJointInfo(k, j)[2] == 0]
+p.changeDynamics(k, -1, linearDamping=0, angularDamping=0)
+for j in J:
+    p.changeDynamics(k, j, jointDamping=0)
+for i in range(2 * {rate}):
+    t = i / {rate}
+    for n, j in enumerate(J):
+        where = 0.8 * math.sin(6 * t + n) * min(1, t)
+        p.setJointMotorControl2(k, j, p.POSITION_CONTROL, where, force={force},
+            positionGain=24 / {rate})
+    p.stepSimulation()
+"""
+
+
+@pytest.mark.parametrize(
+    ("scene", "unit"),
+    [
+        (TUMBLING.format(rate=240, spin="[0.05, 10, 0.05]", n=2400), "kg m²/s"),
+        (TUMBLING.format(rate=60, spin="[1, 5, 1]", n=600), "kg m²/s"),
+        (FLOATING.format(file="kuka_iiwa/model_free_base.urdf", rate=240, force=100), "kg m/s"),
+    ],
+)
+def test_momentum_that_nothing_gave(scene: str, unit: str, tmp_path: Path) -> None:
+    found = one(scene, tmp_path, "momentum-drift")
+    assert found.effect is not None
+    assert found.effect.unit == unit
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        TUMBLING.format(rate=240, spin="[0, 10, 0]", n=300),  # about one axis
+        AIR + CUBE + "steps(90)",
+        FLOOR + "p.loadURDF('cube_small.urdf', [0, 0, 0.3], [0.3, 0.2, 0.1, 0.9])\nsteps(240)",
+        "b = p.loadURDF('r2d2.urdf')\nfor i in range(60):\n"
+        "    p.applyExternalForce(b, -1, [50, 0, 0], [0, 0, 0.3], p.LINK_FRAME)\n"
+        "    p.stepSimulation()",
+    ],
+)
+def test_momentum_that_stays_or_was_given(scene: str, tmp_path: Path) -> None:
+    assert not ask(scene, tmp_path, "momentum-drift")

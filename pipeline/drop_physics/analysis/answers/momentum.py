@@ -1,0 +1,169 @@
+"""Momentum that changes with nothing outside that acts: the step's own error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.explained.judged import Judged
+from drop_physics.analysis.explained.recording import Explained
+from drop_physics.analysis.explained.steps import Steps
+from drop_physics.laws.columns import cross
+from drop_physics.laws.dynamics import angular_momenta
+from drop_physics.laws.kinematics import kinematics, motion
+from drop_physics.laws.tree import BASE
+from drop_physics.messages import Message
+from drop_physics.seen.events import Body
+
+Float64 = NDArray[np.float64]
+
+OUTSIDE = "contacts", "constraints", "rolling", "clamp"
+DRIFT = 0.02
+"""Of the largest momentum."""
+
+
+@dataclass
+class _Free:
+    """Steps in a row in which nothing outside acts."""
+
+    body: Body
+    first: int
+    last: int
+    mass_kg: float
+    turning: Float64
+    """Angular momentum about the centre of mass at the start, shape (3,)."""
+    undamped: bool
+    """Whether nothing damps its rotation."""
+    drift: Float64
+    """Linear momentum that the integrator gave it [kg m/s], shape (3,)."""
+    greatest: float = 0.0
+    """Mass × speed of the base, the greatest."""
+    after: Float64 | None = None
+    """Angular momentum at the end."""
+
+
+class MomentumDrift(Answer):
+    """Follows free bodies."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self._now: dict[int, _Free] = {}
+        self._found: dict[int, Finding] = {}
+
+    def see(self, explained: Explained) -> None:
+        """Follow the steps in which nothing outside acts."""
+        for number, judged in explained.bodies.items():
+            for steps in judged.stretches:
+                if steps.law.tree.fixed or not steps.terms:
+                    self._end(number)
+                    continue
+                free = _free(judged, steps)
+                edges = np.flatnonzero(np.diff(free.astype(np.int8), prepend=0, append=0))
+                if len(steps) and not free[0]:
+                    self._end(number)
+                for first, end in edges.reshape(-1, 2).tolist():
+                    self._add(number, judged.body, steps, first, end)
+                    if end < len(steps):
+                        self._end(number)
+
+    def _add(self, number: int, body: Body, steps: Steps, first: int, end: int) -> None:
+        known, began = self._now.get(number), int(steps.steps[first])
+        if known is not None and (known.last != began - 1 or steps.put[first]):
+            self._end(number)
+            known = None
+        turning = _turning(steps, first, end)
+        undamped = steps.law.angular_damping == 0 and not steps.law.joint_damping.any()
+        if known is None:
+            known = self._now[number] = _Free(body, began, began,
+                float(steps.law.tree.masses_kg.sum()), turning[0], undamped,
+                np.zeros(3))  # fmt: skip
+        known.last, known.after = int(steps.steps[end - 1]), turning[1]
+        known.undamped &= undamped
+        drift = steps.changes.momentum_kg_m_s["integrator"][first:end]
+        known.drift = known.drift + drift.sum(axis=0)
+        speed_m_s = np.linalg.norm(steps.after.velocity[first:end, 3:6], axis=1).max()
+        known.greatest = max(known.greatest, known.mass_kg * float(speed_m_s))
+
+    def _end(self, number: int) -> None:
+        known = self._now.pop(number, None)
+        if known is None:
+            return
+        finding = _finding(known)
+        if finding is not None:
+            worst = self._found.get(number)
+            if worst is None or finding.share > worst.share:
+                self._found[number] = finding
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield the worst of each body."""
+        for number in [*self._now]:
+            self._end(number)
+        yield from self._found.values()
+
+
+def _free(judged: Judged, steps: Steps) -> NDArray[np.bool_]:
+    """Return in which steps nothing outside acts, gravity apart."""
+    free = judged.explained[np.searchsorted(judged.steps, steps.steps)]
+    for name in OUTSIDE:
+        free &= ~steps.terms[name].any(axis=1)
+    pushed = np.zeros(len(steps), np.bool_)
+    pushed[steps.reported.applied.step] = True
+    pushed[1:] |= steps.put[1:]
+    return np.asarray(free & ~pushed)
+
+
+def _turning(steps: Steps, first: int, end: int) -> Float64:
+    """Return the angular momentum before and after some steps, shape (2, 3)."""
+    tree, found = steps.law.tree, []
+    for states, row in ((steps.before, first), (steps.after, end - 1)):
+        one = states.at(np.array([row]))
+        kin = kinematics(tree, one)
+        moved = motion(kin, one.velocity)
+        masses = tree.masses_kg / tree.masses_kg.sum()
+        parts = [(masses[link + 1], kin.centres[link + 1], moved.velocities[link + 1])
+            for link in range(BASE, tree.links)]  # fmt: skip
+        centre, velocity = (sum(part[0] * part[k] for part in parts) for k in (1, 2))
+        turning = sum(angular_momenta(kin, moved).values())
+        for mass, place, speed in parts:
+            arm = cross(place - centre, speed - velocity)
+            turning = turning + mass * tree.masses_kg.sum() * arm
+        found.append(np.broadcast_to(turning, (3, 1))[:, 0])
+    return np.array(found)
+
+
+def _finding(free: _Free) -> Finding | None:
+    count = free.last - free.first + 1
+    span = Span(free.first, free.last, count)
+    advice = Message("it halves with the timestep: p.setTimeStep(…)")
+    linear = float(np.linalg.norm(free.drift))
+    if linear > DRIFT * free.greatest > 0:
+        message = Message(
+            "{body} gains {drift:.3g} kg m/s in {count:,} steps in which nothing outside acts on "
+            "it: that is the error of the explicit step",
+            body=free.body.label, drift=linear, count=count,
+        )  # fmt: skip
+        return Finding(
+            code="momentum-drift", level="model", message=message, advice=advice,
+            body=free.body.label, effect=Effect(linear, "kg m/s"), share=linear / free.greatest,
+            steps=span,
+        )  # fmt: skip
+    if free.after is None or not free.undamped:
+        return None
+    before, after = (float(np.linalg.norm(each)) for each in (free.turning, free.after))
+    changed = float(np.linalg.norm(free.after - free.turning))
+    if not changed > DRIFT * max(before, after) > 0:
+        return None
+    message = Message(
+        "the angular momentum of {body} goes from {before:.4g} to {after:.4g} kg m²/s in {count:,} "
+        "steps in which nothing outside acts on it: that is the error of the explicit step",
+        body=free.body.label, before=before, after=after, count=count,
+    )  # fmt: skip
+    return Finding(
+        code="momentum-drift", level="model", message=message, advice=advice,
+        body=free.body.label, effect=Effect(changed, "kg m²/s"),
+        share=changed / max(before, after), steps=span,
+    )  # fmt: skip
