@@ -286,15 +286,16 @@ class _Sides:
                     if len(steps.sides.step):
                         its = np.searchsorted(judged.steps, steps.steps)
                         self._take(steps, judged.explained[its])
-            elif number in records:
-                for side in (0, 1):
-                    rows = np.flatnonzero(bodies[:, side] == number)
-                    if not len(rows):
-                        continue
-                    base = records[number].told(ends[rows])
-                    arm = self.at_m[rows, side] - base[:, :3]
-                    moved = base[:, 7:10] + np.cross(base[:, 10:13], arm)
-                    self.began_m_s[rows, side] = self.ended_m_s[rows, side] = moved
+            if number not in records:
+                continue
+            for side in (0, 1):  # what only calls move, while it has no mass
+                rows = np.flatnonzero((bodies[:, side] == number) & ~self.moves[:, side])
+                if not len(rows):
+                    continue
+                base = records[number].told(ends[rows])
+                arm = self.at_m[rows, side] - base[:, :3]
+                moved = base[:, 7:10] + np.cross(base[:, 10:13], arm)
+                self.began_m_s[rows, side] = self.ended_m_s[rows, side] = moved
 
     def _take(self, steps: Steps, explained: Flags) -> None:
         used, rows = np.unique(steps.reported.contacts.step, return_inverse=True)

@@ -17,7 +17,7 @@ from drop_physics.messages import Message, joined
 Int64 = NDArray[np.int64]
 
 OVERLAP_M = 1e-3
-SHARE, MOST = 0.1, 0.5
+SHARE, MOST = 0.2, 0.5
 """Of the thinner one's shortest edge: worth saying; and no physics any more if it stays."""
 GROWS = 10
 """In fewer steps than this nothing presses it in."""

@@ -45,9 +45,11 @@ class DraggedByNothing(Answer):
         """Take a piece."""
         self._placing.see(explained)
         pairs = self.scene.touches.pairs
-        for support in self._moves.keys() - explained.bodies.keys():
+        fixed = ~pairs.points.moves[pairs.starts]
+        for support in self._moves:
             for side in (0, 1):
-                rows = np.flatnonzero((pairs.body[:, side] == support) & (pairs.normal_n > 0))
+                its = (pairs.body[:, side] == support) & fixed[:, side] & ~fixed[:, 1 - side]
+                rows = np.flatnonzero(its & (pairs.normal_n > 0))
                 for other in np.unique(pairs.body[rows, 1 - side]).tolist():
                     self._add(pairs, rows[pairs.body[rows, 1 - side] == other], side)
 
