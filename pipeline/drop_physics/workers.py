@@ -8,6 +8,7 @@ module, leave nothing in shared memory, and end at once when their parent is gon
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import gc
 import importlib
 import logging
@@ -36,6 +37,12 @@ LEAST_FILES = 64
 """Files that may have to be open at once: a sweep on four cores needs half as many."""
 LEAST_ADDRESSES_KB = 3_000_000
 """Address space in which every command is sure to begin; most of it is reserved and never used."""
+
+PR_SET_PDEATHSIG = 1
+"""From Linux's `sys/prctl.h`."""
+
+stderr: int | None = None
+"""Standard error as the command was given it, where ours leads nowhere."""
 
 given: dict[str, str] = {}
 """The environment as the command was given it; empty if we are not a command."""
@@ -91,6 +98,21 @@ def check_limits() -> None:
             least=LEAST_ADDRESSES_KB,
             most=memory // 1024,
         )
+
+
+def has_little_memory() -> bool:
+    """Whether the address space of this process is limited."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return False
+    return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+
+
+def end_with_parent() -> None:
+    """Have the system end this process when its parent is killed."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def silence() -> None:

@@ -38,6 +38,8 @@ def main() -> None:
     The command line is imported after the handlers are set, so that a signal during the import
     also ends in one line.
     """
+    if workers.has_little_memory():
+        _supervise()
 
     def stop(number: int, _: object) -> None:
         signals.append(number)
@@ -103,6 +105,30 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
         with contextlib.suppress(OSError):
             say(line)
     return code if isinstance(code, int) else 0
+
+
+def _supervise() -> None:
+    """Go on in a child process, and say in one line if a library ends that for want of memory.
+
+    Libraries in C and Rust then print what they like, and abort: that is not shown.
+    """
+    child = os.fork()
+    if not child:
+        workers.end_with_parent()
+        if os.environ.get("DROP_DEBUG") != "1" and sys.stderr is not None:
+            workers.stderr = os.dup(2)
+            sys.stderr = os.fdopen(workers.stderr, "w", 1, encoding=sys.stderr.encoding)
+            _send_nowhere(2)
+        return
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to the child too
+    signal.signal(signal.SIGTERM, lambda number, _: os.kill(child, number))
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if -code in (signal.SIGABRT, signal.SIGSEGV, signal.SIGBUS, signal.SIGILL):
+        from drop_physics.console.output import error as say
+
+        say(NO_MEMORY)
+        code = 1
+    os._exit(code if code >= 0 else 128 - code)
 
 
 def _open_closed_streams() -> None:

@@ -20,6 +20,7 @@ from typing import IO
 
 from rich.filesize import decimal
 
+from drop_physics import workers
 from drop_physics.engines.bullet.watched import Decoder
 from drop_physics.engines.bullet.watching import pipe
 from drop_physics.errors import DropError, OutputError
@@ -244,7 +245,7 @@ class Script(Listener):
             self._process = subprocess.Popen(
                 [*command, *program.arguments],
                 stdout=stdout,
-                stderr=stderr,
+                stderr=workers.stderr if stderr is None else stderr,
                 pass_fds=(writing, self._block.fileno()),
                 env={
                     "MALLOC_PERTURB_": program.perturb,
