@@ -24,6 +24,8 @@ MOST_FINDINGS, MOST_BODIES, MOST_JOINTS = 6, 12, 8
 """That are listed without --verbose; all are in the JSON."""
 NUMBER = 3
 """Columns of a finding's number."""
+NAME = 8
+"""Columns that names take at least."""
 CELL, CONTROL, LONGEST_JOINT = 8, 10, 24
 """Columns of a joint's numbers, of how it is driven, and of its name."""
 
@@ -196,7 +198,7 @@ def _bodies(analysis: ScriptAnalysis, moving: list[BodyAnalysis]) -> list[str]:
     """Return a line per moving body: its mass, samples and energy; and what is unexplained."""
     lines = []
     shown = moving[:MOST_BODIES]
-    column = min(max((columns_of(body.label) for body in shown), default=0) + 2, 30)
+    column = min(max((columns_of(body.label) for body in shown), default=NAME) + 2, 30)
     for body in shown:
         lines += titled(body.label, _facts(body), column=column, style="bold")
         for run in body.unexplained:
