@@ -8,14 +8,14 @@ createJointMotors).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.seen.calls import Call, Meanings
+from drop_physics.seen.calls import BODY_NAMES, Call, Meanings
 from drop_physics.seen.events import Body, Site, order
 from drop_physics.seen.history import Piece, Seen
 
@@ -30,7 +30,8 @@ NONE = np.nan
 DEFAULT_IMPULSES = {1: 1.0, 3: 1000.0}
 """The largest of the motor that a joint begins with, by its degrees of freedom [N s or N m s]."""
 TIMESTEP_S = 1 / 240
-GAINS = {POSITION: (0.1, 1.0), VELOCITY: (0.1, 1.0), PD: (0.1, 1.0)}
+TIMESTEPS = {"setTimeStep": "timeStep", "setPhysicsEngineParameter": "fixedTimeStep"}
+"""Functions that set the timestep, and the argument."""
 FORCE = 100000.0
 """PyBullet's default."""
 ARGUMENTS = {
@@ -83,6 +84,10 @@ PD_AT = NAMES.index("pd")
 TORQUE_AT = NAMES.index("torque_since")
 
 
+Column = tuple[float, ...]
+"""What is asked of one rate, in the order of NAMES."""
+
+
 class Controls:
     """The commands of all bodies; calls come piece by piece."""
 
@@ -90,58 +95,69 @@ class Controls:
         self._appearances = seen.appearances
         self._timesteps: dict[int, float] = {}
         self._first = {each.client: each for each in reversed(seen.settings)}
-        self._now: dict[int, Float64] = {}
-        """By body, its state: shape (fields, joint_rates)."""
-        self._changes: dict[int, list[tuple[int, Float64]]] = {}
-        """By body, the states since steps of this piece."""
+        self._now: dict[int, list[Column]] = {}
+        """By body, what is asked of each of its rates."""
+        self._began: dict[int, list[Column]] = {}
+        """The same before the piece."""
+        self._changes: dict[int, list[tuple[int, int, Column]]] = {}
+        """By body, what this piece changes: since which step, of which rate."""
+        self._places: dict[int, list[slice]] = {}
         self.sites: dict[int, Site] = {}
         self._came = [each for each in seen.appearances if each.came]
 
     def take(self, piece: Piece) -> None:
         """Take the calls of a piece."""
         self._changes = {}
+        self._began = {number: [*columns] for number, columns in self._now.items()}
         came = [each for each in self._came if each.at.step < piece.end]
         self._came = self._came[len(came) :]
-        told = [*self._calls(piece)]
         events: list[tuple[tuple[int, int], Body, Call | None, float]] = [
             (order(each.at), each.body, None, 0.0) for each in came
         ]
-        events += told
+        events += self._calls(piece)
         for (step, _), body, call, timestep_s in sorted(events, key=lambda event: event[0]):
-            state = self._now.get(body.number)
-            if call is None or state is None:
-                kept = None if state is None else state[PD_AT:]
-                self._set(body, step, _fresh(body, kept))
+            if call is None or body.number not in self._now:
+                self._begin(body, step)
             if call is not None:
                 self._command(body, step, call, timestep_s)
 
     def of(self, body: Body, ends: Int64) -> Commanded:
         """Return what was asked in the steps to samples of the piece, shape (n,)."""
+        began = self._began.get(body.number) or self._now.get(body.number) or _fresh(body)
+        found = np.empty((len(NAMES), len(ends), len(began)))
+        found[:] = np.array(began).reshape(len(began), len(NAMES)).T[:, None]
         changes = self._changes.get(body.number, [])
-        began = self._now.get(body.number)
-        if not changes:
-            one = _fresh(body, None) if began is None else began
-            return Commanded(*np.broadcast_to(one[:, None], (len(one), len(ends), one.shape[1])))
-        which = np.searchsorted([step for step, _ in changes], ends - 1, side="right") - 1
-        states = np.array([state for _, state in changes])[np.maximum(which, 0)]
-        return Commanded(*np.moveaxis(states, 1, 0))
+        if changes:
+            steps, rates, columns = zip(*changes, strict=True)
+            told, which, numbers = np.array(steps), np.array(rates), np.array(columns)
+            for k in np.unique(which):
+                its = np.flatnonzero(which == k)
+                at = np.searchsorted(told[its], ends - 1, side="right") - 1
+                rows = np.flatnonzero(at >= 0)
+                found[:, rows, k] = numbers[its[at[rows]]].T
+        return Commanded(*found)
 
-    def _calls(self, piece: Piece) -> Iterator[tuple[tuple[int, int], Body, Call | None, float]]:
+    def _calls(self, piece: Piece) -> Iterator[tuple[tuple[int, int], Body, Call, float]]:
         """Yield the calls that command joints, with the timestep at each."""
-        timesteps = {}
-        for call in piece.calls:
-            timestep_s = self._timesteps.get(call.client, None) or self._began(piece, call.client)
-            name = {"setTimeStep": "timeStep", "setPhysicsEngineParameter": "fixedTimeStep"}.get(
-                call.function
-            )
-            if name in call.site.names and not call.raised:
-                timestep_s = call.values[name][0]
-            self._timesteps[call.client] = timesteps[call.at.call] = timestep_s
         meanings = Meanings(piece.calls, self._appearances)
-        for call, at, came in meanings.of_bodies("setJointMotorControl"):
-            yield order(at), came.body, call, timesteps[call.at.call]
+        for call in piece.calls:
+            timestep_s = self._timesteps.get(call.client)
+            if timestep_s is None:
+                timestep_s = self._timesteps[call.client] = self._initial(piece, call.client)
+            if call.raised:
+                continue
+            site = call.site
+            if site.function in TIMESTEPS and TIMESTEPS[site.function] in site.names:
+                place = site.names.index(TIMESTEPS[site.function])
+                self._timesteps[call.client] = call.numbers[place]
+            elif site.function.startswith("setJointMotorControl"):
+                name = next((name for name in BODY_NAMES if name in site.names), None)
+                number = -1 if name is None else int(call.numbers[site.names.index(name)])
+                came = None if number < 0 else meanings.body_at(call, number)
+                if came is not None:
+                    yield max(order(call.at), order(came.at)), came.body, call, timestep_s
 
-    def _began(self, piece: Piece, client: int) -> float:
+    def _initial(self, piece: Piece, client: int) -> float:
         """Return the timestep of a simulation before its first call."""
         first = self._first.get(client)
         if first is None:
@@ -155,70 +171,83 @@ class Controls:
                 return TIMESTEP_S
         return float(np.ravel(first.values["fixedTimeStep"])[0])
 
-    def _set(self, body: Body, step: int, state: Float64) -> None:
-        changes = self._changes.setdefault(body.number, [])
-        if not changes and body.number in self._now:
-            changes.append((-1, self._now[body.number]))
-        if changes and changes[-1][0] == step:
-            changes[-1] = step, state
-        else:
-            changes.append((step, state))
-        self._now[body.number] = state
+    def _begin(self, body: Body, step: int) -> None:
+        """Note a body that was just loaded; PD_CONTROL outlives what had its number before."""
+        before, fresh = self._now.get(body.number, []), _fresh(body)
+        if len(before) == len(fresh):
+            fresh = [new[:PD_AT] + old[PD_AT:] for new, old in zip(fresh, before, strict=True)]
+        self._now[body.number], self._places[body.number] = fresh, places_of(body)
+        told = self._changes.setdefault(body.number, [])
+        told += [(step, k, column) for k, column in enumerate(fresh)]
 
     def _command(self, body: Body, step: int, call: Call, timestep_s: float) -> None:
-        self.sites[call.site.number] = call.site
-        values, state = call.values, self._now[body.number].copy()
-        mode = int(values.get("controlMode", (-1.0,))[0])
-        joints = values.get("jointIndices", values.get("jointIndex", ()))
-        places = places_of(body)
+        site = call.site
+        self.sites[site.number] = site
+        if "jointIndex" in site.names and len({*site.names}) == len(site.names):
+            values = dict(zip(site.names, call.numbers, strict=True))
+            joint, mode = int(values["jointIndex"]), int(values.get("controlMode", -1.0))
+            told: dict[str, Numbers] = {
+                name: (values[name],) for name in ARGUMENTS if name in values
+            }
+            self._on(body, joint, mode, told, step, site, timestep_s)
+            return
+        numbers = call.values
+        mode = int(numbers.get("controlMode", (-1.0,))[0])
+        joints = numbers.get("jointIndices", numbers.get("jointIndex", ()))
         for number, joint in enumerate(map(int, joints)):
-            place = places[joint] if 0 <= joint < len(places) else slice(0, 0)
-            if place.stop > place.start:
-                self._on(state, place, mode, _numbers(values, number, len(joints)), step, call,
-                    timestep_s)  # fmt: skip
-        self._set(body, step, state)
+            told = _numbers(numbers, number, len(joints))
+            self._on(body, joint, mode, told, step, site, timestep_s)
 
     def _on(
-        self, state: Float64, place: slice, mode: int, told: dict[str, Numbers], step: int,
-        call: Call, timestep_s: float,
+        self, body: Body, joint: int, mode: int, told: Mapping[str, Numbers], step: int,
+        site: Site, timestep_s: float,
     ) -> None:  # fmt: skip
         """Change what is asked of one joint."""
-
-        def one(name: str, default: float) -> float:
-            numbers = told.get(name, ())
-            return numbers[0] if len(numbers) == 1 else default
-
+        places, columns = self._places[body.number], self._now[body.number]
+        place = places[joint] if 0 <= joint < len(places) else slice(0, 0)
         width = place.stop - place.start
         forces = told.get("force", ())
-        force = np.array(forces if len(forces) == width else [one("force", FORCE)] * width)
-        if mode == TORQUE:
-            since = state[TORQUE_AT, place]
-            state[TORQUE_AT, place] = np.where(np.isnan(since), step, since)
-            state[TORQUE_AT + 1, place] = call.site.number
-            return
-        if mode == PD:
-            state[PD_AT, place], state[PD_AT + 1, place] = 1.0, one("targetPosition", 0.0)
-            state[PD_AT + 2, place] = force
-            return
-        if mode not in (POSITION, VELOCITY):
-            return
-        kp, kd = (
-            one(name, gain)
-            for name, gain in zip(("positionGain", "velocityGain"), GAINS[mode], strict=True)
-        )
-        where = one("targetPosition", 0.0) if mode == POSITION and width == 1 else NONE
-        rate = one("targetVelocity", 0.0) if width == 1 else NONE
-        top = one("maxVelocity", 0.0)
-        motor = np.array(
-            [mode, where, rate, kp if mode == POSITION else 0.0, kd, 0.0, 0.0,
-             top if top > 0 else NONE, call.site.number, step, step]
-        )[:, None].repeat(width, axis=1)  # fmt: skip
-        motor[5], motor[6] = force * timestep_s, force
-        before = state[: len(MOTOR), place]
-        if np.array_equal(before[:-2], motor[:-2], equal_nan=True):
-            motor[-2] = before[-2]
-        state[: len(MOTOR), place] = motor
-        state[TORQUE_AT : TORQUE_AT + 2, place] = NONE
+        if len(forces) != width:
+            forces = (forces[0] if len(forces) == 1 else FORCE,) * width
+        for force, k in zip(forces, range(place.start, place.stop), strict=True):
+            column = _changed(columns[k], mode, told, force, width, step, site, timestep_s)
+            columns[k] = column
+            self._changes.setdefault(body.number, []).append((step, k, column))
+
+
+def _changed(
+    column: Column, mode: int, told: Mapping[str, Numbers], force: float, width: int, step: int,
+    site: Site, timestep_s: float,
+) -> Column:  # fmt: skip
+    """Return what is asked of a rate after a call."""
+
+    def one(name: str, default: float) -> float:
+        numbers = told.get(name, ())
+        return numbers[0] if len(numbers) == 1 else default
+
+    if mode == TORQUE:
+        since = column[TORQUE_AT]
+        since = step if since != since else since
+        return (*column[:TORQUE_AT], since, site.number, *column[PD_AT:])
+    if mode == PD:
+        return (*column[:PD_AT], 1.0, one("targetPosition", 0.0), force)
+    if mode not in (POSITION, VELOCITY):
+        return column
+    position, top = mode == POSITION, one("maxVelocity", 0.0)
+    motor = (
+        float(mode),
+        one("targetPosition", 0.0) if position and width == 1 else NONE,
+        one("targetVelocity", 0.0) if width == 1 else NONE,
+        one("positionGain", 0.1) if position else 0.0,
+        one("velocityGain", 1.0),
+        force * timestep_s,
+        force,
+        top if top > 0 else NONE,
+        site.number,
+    )
+    # nan, the same object, is in a tuple equal to itself.
+    began = column[len(motor)] if motor == column[: len(motor)] else step
+    return (*motor, began, step, NONE, NONE, *column[PD_AT:])
 
 
 def places_of(body: Body) -> list[slice]:
@@ -227,17 +256,14 @@ def places_of(body: Body) -> list[slice]:
     return [slice(first, end) for first, end in pairwise(ends)]
 
 
-def _fresh(body: Body, kept: Float64 | None) -> Float64:
-    """Return what is asked of the joints of a body that was just loaded."""
-    widths = [joint.widths[1] for joint in body.joints]
-    state = np.full((len(NAMES), sum(widths)), NONE)
-    state[0], state[2:5] = DEFAULT, [[0.0], [0.0], [1.0]]
-    impulses = [DEFAULT_IMPULSES.get(width, NONE) for width in widths]
-    state[5] = np.repeat(impulses, widths) if widths else 0.0
-    state[9:11] = 0.0
-    if kept is not None and kept.shape[1] == state.shape[1]:
-        state[PD_AT:] = kept
-    return state
+def _fresh(body: Body) -> list[Column]:
+    """Return what is asked of the rates of a body that was just loaded."""
+    none = (NONE,) * (len(NAMES) - len(MOTOR))
+    return [
+        (DEFAULT, NONE, 0.0, 0.0, 1.0, DEFAULT_IMPULSES.get(joint.widths[1], NONE),
+         NONE, NONE, NONE, 0.0, 0.0, *none)
+        for joint in body.joints for _ in range(joint.widths[1])
+    ]  # fmt: skip
 
 
 def _numbers(values: dict[str, Numbers], number: int, joints: int) -> dict[str, Numbers]:

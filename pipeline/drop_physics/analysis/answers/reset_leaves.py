@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,20 +106,27 @@ class ResetLeaves(Answer):
         came = np.append(joint.after, after[:-1])
         moved = steps.put & (np.abs(before - came) > OFF[units_of(driven, k)[0]])
         new = np.append(began[0] != joint.told, np.diff(began) != 0)
-        events = np.flatnonzero(moved | new | np.append(False, np.diff(told) != 0))
         if joint.watched is not None and told[0] != joint.watched.told:
             self._end(driven.body.number, joint)
-        for first, end in zip([0, *events], [*events, len(steps)], strict=True):
-            if first == end and first == 0:
-                continue
-            if first in events:
+        again = np.append(False, np.diff(told) != 0)
+        puts = np.flatnonzero(moved)
+        for first, end in pairwise([-1, *puts.tolist(), len(steps)]):
+            if first >= 0:
                 self._end(driven.body.number, joint)
-            if new[first]:
-                joint.told, joint.start = float(began[first]), float(before[first])
-            elif moved[first] and told[first] < steps.steps[first] - 1 and driven.limit[first, k]:
-                joint.watched = self._put(joint, driven, k, first, float(target[first]))
+                since = int(np.flatnonzero(new[: first + 1])[-1]) if new[: first + 1].any() else -1
+                if since >= 0:
+                    joint.start = float(before[since])
+                if told[first] < steps.steps[first] - 1 and driven.limit[first, k] > 0:
+                    joint.watched = self._put(joint, driven, k, first, float(target[first]))
             if joint.watched is not None:
-                _watch(joint.watched, driven, k, first, end)
+                first = max(first, 0)
+                given = np.flatnonzero(again[first + 1 : end])
+                until = end if not len(given) else first + 1 + int(given[0])
+                _watch(joint.watched, driven, k, first, until)
+                if until < end:
+                    self._end(driven.body.number, joint)
+        if new.any():
+            joint.told, joint.start = float(began[-1]), float(before[np.flatnonzero(new)[-1]])
         joint.after = float(after[-1])
 
     def _put(self, joint: _Joint, driven: Driven, k: int, row: int, target: float) -> _Put | None:
