@@ -715,3 +715,63 @@ def test_a_body_that_is_put_elsewhere_in_motion(scene: str, times: int, tmp_path
 )
 def test_a_body_that_is_put_in_its_place(scene: str, tmp_path: Path) -> None:
     assert not ask(scene, tmp_path, "teleported")
+
+
+# -- restore-differs ------------------------------------------------------------------------------
+
+BRANCHES = """
+{scene}
+steps({wait})
+s = p.saveState()
+steps(4 * {wait})
+{between}
+p.restoreState(s)
+steps(60)
+"""
+STACK = FLOOR + "for i in range(8): p.loadURDF('cube_small.urdf', [0.012 * i, 0, 0.025 + 0.05 * i])"
+SLIDING = FLOOR + (
+    "c = p.loadURDF('cube_small.urdf', [0, 0, 0.025])\np.resetBaseVelocity(c, [2, 0, 0])"
+)
+
+
+@pytest.mark.parametrize(
+    ("scene", "between", "why"),
+    [
+        (STACK, "", "contacts start from"),
+        (SLIDING, "p.changeDynamics(c, -1, lateralFriction=0.1)", "p.changeDynamics"),
+        (AIR + CUBE, "p.setGravity(0, 0, 0)", "p.setGravity"),
+        (SLIDING, "p.applyExternalForce(c, -1, [5, 0, 0], [0, 0, 0], p.LINK_FRAME)",
+         "p.applyExternalForce"),
+        (AIR + KUKA, "for j in range(7): p.setJointMotorControl2(k, j, p.POSITION_CONTROL, 0.5)",
+         "p.setJointMotorControl2"),
+    ],
+)  # fmt: skip
+def test_a_restored_state_that_runs_differently(
+    scene: str, between: str, why: str, tmp_path: Path
+) -> None:
+    wait = 120 if scene == STACK else 10
+    found = one(
+        BRANCHES.format(scene=scene, between=between, wait=wait), tmp_path, "restore-differs"
+    )
+    assert why in found.message
+    assert found.effect is not None
+    assert found.effect.value > 0
+
+
+SINE = "for j in range(7): p.setJointMotorControl2(k, j, p.POSITION_CONTROL, 0.1 * j)"
+
+
+@pytest.mark.parametrize(
+    ("scene", "between"),
+    [
+        (AIR + KUKA + SINE, ""),
+        (AIR + CUBE, ""),
+        # Other calls after it: another run was asked for.
+        (AIR + CUBE, "p.restoreState(s)\np.resetBaseVelocity(c, [1, 0, 0])\nsteps(60)"),
+    ],
+)
+def test_a_restored_state_that_runs_the_same(scene: str, between: str, tmp_path: Path) -> None:
+    wait = 10
+    assert not ask(
+        BRANCHES.format(scene=scene, between=between, wait=wait), tmp_path, "restore-differs"
+    )

@@ -24,6 +24,7 @@ from drop_physics.analysis.answers.no_restitution import NoRestitution
 from drop_physics.analysis.answers.off_target import OffTarget
 from drop_physics.analysis.answers.pushes import ForceOffCentre, PushLastedAStep
 from drop_physics.analysis.answers.reset_leaves import ResetLeaves
+from drop_physics.analysis.answers.restored import RestoreDiffers
 from drop_physics.analysis.answers.script_failed import ScriptFailed
 from drop_physics.analysis.answers.setup import (
     NoGravity,
@@ -74,6 +75,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     TimestepTooLong,
     DefaultDamping,
     Teleported,
+    RestoreDiffers,
     # the whole
     Asleep,
     MomentumDrift,
