@@ -120,6 +120,10 @@ for j in (9, 10):
 steps(300)
 """
 )
+HEIGHT = "z = []\nfor i in range(240):\n    p.stepSimulation()\n" + (
+    "    z.append(p.getBasePositionAndOrientation(b)[0][2])\n"
+)
+STACK = FLOOR + BOX + "for k in range(5):\n    b = box(1, [0, 0, .05 + .1 * k])\nsteps(60)"
 
 
 def bare(scene: str) -> dict[str, Any]:
