@@ -117,7 +117,7 @@ CAUSES = {
     ),
     "too weak for waypoints": (
         ARM + "go(0, 240)\ngo(0.8, 20)\ngo(0, 480)\n",
-        "its motor is at its limit of 300 N m in 19 of the 20 steps", None,
+        "its motor is at its limit of 300 N m in 19 of 20 steps", None,
     ),
 }  # fmt: skip
 

@@ -67,6 +67,8 @@ class _Joint:
     """Targets that did not."""
     steps: int = 0
     """For how long they stood."""
+    at_limit: int = 0
+    """In how many of these steps its motor was at its limit."""
     lag: Missed | None = None
     """The largest gap of these that the motor's law leaves."""
     behind: Missed | None = None
@@ -102,8 +104,8 @@ class OffTarget(Answer):
             body, ends = self.scene.body(number), []
             for joint in joints.values():
                 ends += self._last(joint)
-            ends += [each for joint in joints.values() for each in (joint.missed, joint.behind)
-                if each is not None]  # fmt: skip
+            for joint in joints.values():
+                ends += [each for each in (joint.missed, _counted(joint)) if each is not None]
             for level in ("asked", "note"):
                 found = [each for each in ends if each.cause.level == level]
                 if found:
@@ -182,6 +184,7 @@ class OffTarget(Answer):
         """Count targets that were replaced while their joint moved."""
         joint.moved += len(stood)
         joint.steps += int(stood.steps.sum())
+        joint.at_limit += int(stood.at_limit.sum())
         unit, unit_of_effort = units_of(driven, stood.k)
         gaps, off = np.abs(stood.gap), np.abs(stood.gap - stood.lawful)
         lawful = off <= np.maximum(LAWFUL * gaps, OFF[unit] * LAWFUL)
@@ -196,12 +199,11 @@ class OffTarget(Answer):
                 left = (1 - float(worst.kp[0])) ** int(worst.steps[0])
                 limit = float(driven.limit[worst.row[0], worst.k])
                 template = Message(
-                    "{what}: its motor is at its limit of {limit} in {count} of the {steps} steps "
-                    "for which that target stands"
+                    "{what}: while its targets change, its motor is at its limit of {limit} in "
+                    "{count} of {steps} steps"
                 )
                 values = {
                     "left": left, "limit": effort(limit, unit_of_effort),
-                    "count": int(worst.at_limit[0]), "steps": int(worst.steps[0]),
                 }  # fmt: skip
                 cause = Cause(template=template, values=values, advice=GIVE_MORE)
                 setattr(joint, name, self._of(driven, worst, cause))
@@ -219,6 +221,15 @@ def _worse(one: Missed | None, other: Missed | None) -> Missed | None:
     if one is None or other is None:
         return one or other
     return one if one.off > other.off else other
+
+
+def _counted(joint: _Joint) -> Missed | None:
+    """Return the target that a motor at its limit fell behind, with how often it was there."""
+    behind = joint.behind
+    if behind is None:
+        return None
+    counts = {"count": joint.at_limit, "steps": joint.steps}
+    return replace(behind, cause=replace(behind.cause, values=behind.cause.values | counts))
 
 
 def _share(body: Body, missed: Missed) -> float:
