@@ -36,7 +36,7 @@ def lines_of_bodies(analysis: ScriptAnalysis, *, verbose: bool = False) -> list[
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
     alone = len(analysis.bodies) < len(analysis.by_body)
-    lines = [_headline(analysis), *_findings(analysis.findings, verbose=verbose)]
+    lines = [*_headline(analysis), *_findings(analysis.findings, verbose=verbose)]
     lines += _joints(moving, analysis.findings, verbose=verbose or alone)
     lines += ["", *_bodies(analysis, moving)]
     for body in moving:
@@ -54,21 +54,24 @@ def lines_of_bodies(analysis: ScriptAnalysis, *, verbose: bool = False) -> list[
 # -- the verdict ----------------------------------------------------------------------------------
 
 
-def _headline(analysis: ScriptAnalysis) -> str:
+def _headline(analysis: ScriptAnalysis) -> list[str]:
     """Say what this is, how it ended, and how much of it is explained."""
     origin, there = analysis.origin, len(analysis.by_body)
     ended = ENDED.get(str(origin["ended"]), Message("never finished"))
     bodies: Message = counted(there, "body", "bodies")
     if len(analysis.bodies) != there:
         bodies = Message("{shown} of {bodies}", shown=len(analysis.bodies), bodies=bodies)
-    return localized(
-        "[bold]{script}[/] {ended}: {bodies}, {steps}, {explained}",
-        script=escape(str(origin["script"])),
+    words = Message(
+        "{script} {ended}: {bodies}, {steps}, {explained}",
+        script=str(origin["script"]),
         ended=ended,
         bodies=bodies,
         steps=counted(max(0, analysis.samples - 1), "step"),
         explained=_explained(analysis),
     )
+    first, *rest = map(escape, wrapped(translated(words), columns(), indent="  "))
+    name = escape(str(origin["script"]))
+    return [first.replace(name, f"[bold]{name}[/]", 1), *rest]
 
 
 def _explained(analysis: ScriptAnalysis) -> Message:
