@@ -115,6 +115,7 @@ def played(page: Path) -> dict[Path, bytes]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         shutil.copytree(ROOT / "recordings/golden", folder / "recordings/golden")
+        shutil.copytree(DOCS / "examples", folder / "docs/examples")
         (folder / "models").mkdir()
         (folder / "models/bracket.urdf").write_text(_BODY)
         (folder / "sim.py").write_text(_SCRIPT)
