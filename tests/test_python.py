@@ -48,6 +48,7 @@ def test_the_recording_of_a_block_is_one_like_any_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standard: Run
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    release_clients()
     with drop_physics.record("block.rrd"):
         p.connect(p.DIRECT)
         box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.1])
