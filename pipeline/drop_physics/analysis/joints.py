@@ -37,12 +37,15 @@ class JointRow:
     """One degree of freedom at the last sample; torques [N m] or [N] have the joint's sign."""
 
     name: str
+    """As in the body's file."""
     index: int
     """Of its link, as PyBullet counts joints."""
     axis: int | None
     """Of a spherical joint, 0 to 2; else None."""
     kind: str
+    """`revolute`, `prismatic` or `spherical`."""
     control: Control
+    """What drives it: the last call's mode; `default` is the motor that PyBullet gives it."""
     target: float | None
     """[rad] or [m]; of a velocity motor [rad/s] or [m/s]."""
     reached: float | None
@@ -56,8 +59,11 @@ class JointRow:
     needs: float | None
     """What holding the last pose takes; None where that is not defined."""
     needs_at_target: float | None
+    """The same where the joint is at its target."""
     at_force_limit_steps: int
+    """In how many steps its motor was at its limit."""
     at_stop_steps: int
+    """In how many steps one of its limits pushed it."""
 
 
 @dataclass(frozen=True, eq=False)

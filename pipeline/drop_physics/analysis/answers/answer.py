@@ -25,6 +25,7 @@ class Effect:
     """How much it is: a magnitude."""
 
     value: float
+    """Not negative."""
     unit: str
     """SI."""
 
@@ -34,7 +35,9 @@ class Span:
     """The steps that it covers."""
 
     first: int
+    """The first of them."""
     last: int
+    """The last of them."""
     count: int
     """Of these, how many it holds in."""
 
@@ -46,7 +49,11 @@ class Finding:
     code: str
     """A stable name, for scripts."""
     level: Level
+    """How grave it is, the gravest first: `broken` is no physics any more; `asked`: one thing was
+    asked, another happened; `model`: true to the engine, perhaps not to you; `repeat`: another run
+    may differ; `note`."""
     message: str
+    """What was seen, with numbers, and why."""
     advice: str | None = None
     """The call that changes it."""
     body: str | None = None
@@ -54,12 +61,15 @@ class Finding:
     bodies: int = 1
     """How many it stands for."""
     joint: str | None = None
+    """Name of the joint that it is about."""
     other: str | None = None
     """Label of the other body, in JSON `with`."""
     effect: Effect | None = None
+    """How much it is."""
     share: float = 0.0
     """The effect over what is normal for it: ranks findings of one level."""
     steps: Span | None = None
+    """The steps that it covers."""
     site: str | None = None
     """File and line of the call that caused it."""
 
