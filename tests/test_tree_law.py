@@ -65,6 +65,14 @@ UNLOADED = (
     "kuka_iiwa/model2.sdf", "kuka_iiwa/model_for_sdf.urdf",
 )  # fmt: skip
 """Robots of pybullet_data that PyBullet itself does not load: the first ends the process."""
+MODES = ("default", "off", "position", "velocity", "torque", "pd")
+DRIVEN = [(file, mode) for file in ROBOTS for mode in MODES]
+DRIVEN += [
+    pytest.param(file, MODES[(number + other) % len(MODES)], marks=pytest.mark.long)
+    for number, file in enumerate(MORE)
+    for other in (0, 3)
+]
+"""Robots, and how their joints are driven: the further ones in two ways each, by turns."""
 every = [*ROBOTS, *(pytest.param(file, marks=pytest.mark.long) for file in MORE)]
 A_FEW = ("kuka_iiwa/model.urdf", "mjcf/ant.xml")
 few = [
@@ -283,8 +291,7 @@ def test_free_motion_closes(file: str) -> None:
         closes(watched.sum())
 
 
-@pytest.mark.parametrize("mode", ["default", "off", "position", "velocity", "torque", "pd"])
-@pytest.mark.parametrize("file", every)
+@pytest.mark.parametrize(("file", "mode"), DRIVEN)
 def test_a_robot_on_a_floor_that_may_touch_itself_closes(file: str, mode: str) -> None:
     with engine(floor=True):
         flags = {"flags": p.URDF_USE_SELF_COLLISION} if file.endswith(".urdf") else {}
