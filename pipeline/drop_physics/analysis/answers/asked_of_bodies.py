@@ -18,6 +18,10 @@ class AskedOfBodies:
         self._sites: dict[int, str] = {}
         self.values: dict[int, float] = {}
         """By the number of a body: the greatest that a call set."""
+        self.since: dict[int, int] = {}
+        """After which step it was set first."""
+        self.changed: set[int] = set()
+        """Bodies of which calls set different values, one after the other."""
 
     def see(self, explained: Explained) -> None:
         """Take a piece."""
@@ -27,6 +31,9 @@ class AskedOfBodies:
             for name in self._names & values.keys():
                 self._sites[number] = site_of(call)
                 value = float(values[name][0])
+                self.since.setdefault(number, call.at.step)
+                if value != self.values.get(number, value):
+                    self.changed.add(number)
                 self.values[number] = max(self.values.get(number, value), value)
 
     def site(self, body: int) -> str | None:

@@ -99,6 +99,9 @@ class EnergyGained(Answer):
         for both in [*self._open]:
             self._close(both)
         for (first, second), (episode,) in self._found.items():
+            movers = [number for number in (first, second) if self.scene.body(number).moving]
+            if len(movers) != 1 or len(self.scene.touches.rows(movers[0])) > 1:
+                continue  # a third body may have given it
             asked = self._asked.values
             body, other = (second, first) if second in asked or first not in asked else (
                 first, second)  # fmt: skip

@@ -70,10 +70,15 @@ class Joined(Answer):
         self._now: dict[tuple[int, int], _Joined] = {}
         self._all: list[_Joined] = []
         self._timestep_s: dict[int, float] = {}
+        self._touched: dict[int, int] = {}
+        """By the number of a body, the last sample that a contact led to."""
 
     def see(self, explained: Explained) -> None:
         """Take calls, then the points' ways."""
         self._told(explained)
+        pairs = self.scene.touches.pairs
+        for step, bodies in zip(pairs.step.tolist(), pairs.body.tolist(), strict=True):
+            self._touched |= dict.fromkeys(bodies, step)
         for key, (steps, forces) in explained.piece.forces.items():
             joined = self._now.get(key)
             if joined is not None and len(steps):
@@ -183,9 +188,14 @@ class Joined(Answer):
             apart = _apart(each)
             if apart is not None:
                 yield apart
-            weak = _weak(each)
+            weak = None if self._leans(each) else _weak(each)
             if weak is not None:
                 yield weak
+
+    def _leans(self, joined: _Joined) -> bool:
+        """Whether something that one of its bodies touches may hold it off, at the end."""
+        numbers = [body.number for body in joined.bodies if body is not None]
+        return any(self._touched.get(number, -1) >= joined.last - TAIL for number in numbers)
 
 
 def _names(joined: _Joined) -> tuple[str, str | None, str]:

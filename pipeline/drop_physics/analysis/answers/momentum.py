@@ -15,7 +15,7 @@ from drop_physics.analysis.explained.steps import Steps
 from drop_physics.laws.columns import cross
 from drop_physics.laws.dynamics import angular_momenta
 from drop_physics.laws.kinematics import kinematics, motion
-from drop_physics.laws.tree import BASE
+from drop_physics.laws.tree import BASE, Tree
 from drop_physics.messages import Message
 from drop_physics.seen.events import Body
 
@@ -31,6 +31,7 @@ class _Free:
     """Steps in a row in which nothing outside acts."""
 
     body: Body
+    tree: Tree
     first: int
     last: int
     mass_kg: float
@@ -72,13 +73,15 @@ class MomentumDrift(Answer):
 
     def _add(self, number: int, body: Body, steps: Steps, first: int, end: int) -> None:
         known, began = self._now.get(number), int(steps.steps[first])
-        if known is not None and (known.last != began - 1 or steps.put[first]):
+        if known is not None and (
+            known.last != began - 1 or steps.put[first] or not _alike(known.tree, steps.law.tree)
+        ):
             self._end(number)
             known = None
         turning = _turning(steps, first, end)
         undamped = steps.law.angular_damping == 0 and not steps.law.joint_damping.any()
         if known is None:
-            known = self._now[number] = _Free(body, began, began,
+            known = self._now[number] = _Free(body, steps.law.tree, began, began,
                 float(steps.law.tree.masses_kg.sum()), turning[0], undamped,
                 np.zeros(3))  # fmt: skip
         known.last, known.after = int(steps.steps[end - 1]), turning[1]
@@ -103,6 +106,12 @@ class MomentumDrift(Answer):
         for number in [*self._now]:
             self._end(number)
         yield from self._found.values()
+
+
+def _alike(one: Tree, other: Tree) -> bool:
+    """Whether no call changed a mass or an inertia."""
+    return all(np.array_equal(getattr(one, name), getattr(other, name))
+        for name in ("masses_kg", "inertias_kg_m2"))  # fmt: skip
 
 
 def _free(judged: Judged, steps: Steps) -> NDArray[np.bool_]:

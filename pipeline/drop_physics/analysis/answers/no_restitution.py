@@ -62,6 +62,8 @@ class NoRestitution(Answer):
             asked = self._asked.values[body]
             if self._asked.values.get(other, 0.0) > 0 or asked <= 0:
                 continue  # both were given: a link has none, or it came later
+            if body in self._asked.changed or self._asked.since[body] >= met.step:
+                continue  # it may have been another when they met
             if met.rebound_m_s > SWALLOWED * asked * met.approach_m_s:
                 continue
             yield Finding(

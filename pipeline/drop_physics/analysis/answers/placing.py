@@ -29,6 +29,9 @@ class Placing:
         self._every = np.unique([number * STEPS + step for number, step in [*came, *moved]])
         self._came = np.unique([number * STEPS + step for number, step in came])
         self._sites: dict[tuple[int, int], list[tuple[int, str]]] = {}
+        self._restored: set[int] = set()
+        """Keys of bodies and steps that begin with a restored state: no call chose where."""
+        self._bodies = seen.bodies
 
     def see(self, explained: Explained) -> None:
         """Take a piece."""
@@ -36,6 +39,9 @@ class Placing:
         for call in explained.piece.calls:
             if call.raised or not call.function.startswith(PLACES):
                 continue
+            if call.function == "restoreState":
+                self._restored |= {body.number * STEPS + call.at.step + 1
+                    for body in self._bodies.values() if body.client == call.client}  # fmt: skip
             values = call.values
             (number,) = values.get("bodyUniqueId", (call.result,))
             if np.isfinite(number):
@@ -45,7 +51,7 @@ class Placing:
     def placed(self, bodies: Int64, steps: Int64) -> Flags:
         """Return whether each body was placed for a step, once: not in those around it, too."""
         keys = bodies * STEPS + steps
-        once = np.isin(keys, self._every)
+        once = np.isin(keys, self._every) & ~np.isin(keys, [*self._restored])
         for near in range(1, NEAR + 1):
             once &= ~(np.isin(keys - near, self._every) | np.isin(keys + near, self._every))
         return once

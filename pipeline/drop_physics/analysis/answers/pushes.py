@@ -61,7 +61,8 @@ class PushLastedAStep(Answer):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._pushes: dict[tuple[int, str], _Pushes] = {}
+        self._pushes: dict[tuple[int, str, tuple[float, ...]], _Pushes] = {}
+        """By body, function, and link or joints."""
         self._fastest_m_s: dict[int, float] = {}
 
     def see(self, explained: Explained) -> None:
@@ -70,7 +71,9 @@ class PushLastedAStep(Answer):
         for call, body in calls_of(explained.piece, self.scene.seen.appearances, *names):
             torque = number(call, "controlMode") == TORQUE_CONTROL
             if torque or call.function.startswith("applyExternal"):
-                key = body.number, "torque" if torque else call.function
+                where = given(call, "linkIndex") or given(call, "jointIndices")
+                where = tuple(where or given(call, "jointIndex"))
+                key = body.number, "torque" if torque else call.function, where
                 if key in self._pushes:
                     self._pushes[key].add(call.at.step)
                 elif size := _size(call):
@@ -82,9 +85,10 @@ class PushLastedAStep(Answer):
                     speed_m_s = np.linalg.norm(steps.after.velocity[:, 3:6], axis=1).max()
                     fastest = max(self._fastest_m_s.get(number_, 0.0), float(speed_m_s))
                     self._fastest_m_s[number_] = fastest
-                    key = number_, "applyExternalForce"
-                    if key in self._pushes and self._pushes[key].count == 1:
-                        _follow(self._pushes[key], steps)
+                    for (pushed, function, _), push in self._pushes.items():
+                        its = pushed == number_ and function == "applyExternalForce"
+                        if its and push.count == 1:
+                            _follow(push, steps)
 
     def findings(self) -> Iterator[Finding]:
         """Yield those that were to last."""
@@ -105,7 +109,7 @@ class PushLastedAStep(Answer):
         message = Message(
             "{body} is pushed with {size:.3g} {unit} in one step, step {step:,}: a force lasts one "
             "step",
-            body=push.body.label, size=push.size, unit=_unit(push.call), step=push.first + 1,
+            body=push.body.label, size=push.size, unit=_unit(push), step=push.first + 1,
         )  # fmt: skip
         return Finding(
             code="push-lasted-a-step", level="asked" if gone else "note", message=message,
@@ -122,8 +126,11 @@ def _size(call: Call) -> float:
     return float(np.abs([*given(call, "force"), *given(call, "forces")]).max(initial=0.0))
 
 
-def _unit(call: Call) -> str:
-    return "N" if call.function == "applyExternalForce" else "N m"
+def _unit(push: _Pushes) -> str:
+    joints = given(push.call, "jointIndex") or given(push.call, "jointIndices")
+    kinds = {push.body.joints[int(joint)].kind for joint in joints}
+    force = push.call.function == "applyExternalForce" or kinds == {"prismatic"}
+    return "N" if force else "N m"
 
 
 def _follow(push: _Pushes, steps: Steps) -> None:
@@ -203,7 +210,10 @@ class ForceOffCentre(Answer):
             if row < len(steps) and steps.steps[row] == call.at.step + 1]  # fmt: skip
         if not kept:
             return
-        kin = kinematics(steps.law.tree, steps.before.at(np.array([row for row, _ in kept])))
+        tree = steps.law.tree
+        if tree.fixed or not (tree.inertias_kg_m2 > 0).all():
+            return  # it may not be free to turn
+        kin = kinematics(tree, steps.before.at(np.array([row for row, _ in kept])))
         for k, (_, call) in enumerate(kept):
             link = int(number(call, "linkIndex", float(BASE)))
             if not BASE <= link < len(body.joints):

@@ -15,7 +15,7 @@ from drop_physics.messages import Message
 from drop_physics.seen.calls import Call
 
 SETS_TIMESTEP = ("setTimeStep", "setPhysicsEngineParameter")
-MOVES = ("setGravity", "setJointMotorControl", "applyExternal", "resetBaseVelocity",
+MOVES = ("setGravity", "setJointMotorControl", "applyExternal",
     "createConstraint")  # fmt: skip
 """Beginnings of functions that only have an effect in a step."""
 
@@ -43,9 +43,9 @@ class NotStepped(Answer):
             bodies = self.scene.seen.bodies.values()
             if samples == 1 and call and any(b.moving for b in bodies if b.client == client):
                 message = Message(
-                    "simulation {client} is never stepped, so p.{function} has no effect: time "
+                    "simulation {client} is never stepped, so nothing in it moves by itself: time "
                     "passes only in p.stepSimulation()",
-                    client=client, function=call.function,
+                    client=client,
                 )  # fmt: skip
                 yield Finding(
                     code="not-stepped", level="asked", message=message, site=site_of(call),
