@@ -109,7 +109,7 @@ def _too_weak(driven: Driven, held: Holding, stood: Stood, unit: str) -> Cause |
             "the target takes {there}, here it takes {here}"
         )
     force = float(driven.asked.force[row, k])
-    advice = Message(
+    advice = None if not math.isclose(force, limit) else Message(
         "give it at least {need}: p.setJointMotorControl2(…, force={force})",
         need=effort(need, unit), force=enough(need),
     )  # fmt: skip

@@ -76,7 +76,7 @@ class PushLastedAStep(Answer):
                 key = body.number, "torque" if torque else call.function, where
                 if key in self._pushes:
                     self._pushes[key].add(call.at.step)
-                elif size := _size(call):
+                elif np.isfinite(size := _size(call)) and size > 0:
                     step = call.at.step
                     self._pushes[key] = _Pushes(body, call, size, step, step)
         for number_, judged in explained.bodies.items():

@@ -49,6 +49,9 @@ class TargetClamped(Answer):
             if call.function == "changeDynamics":
                 self._change(call, body)
             elif int(number(call, "controlMode", -1.0)) == POSITION_CONTROL:
+                forces = given(call, "forces") or given(call, "force")
+                if forces and not any(forces):
+                    continue  # a motor without force has no target
                 joints = given(call, "jointIndices") or given(call, "jointIndex")
                 targets = given(call, "targetPositions") or given(call, "targetPosition")
                 for joint, target in zip(joints, targets, strict=False):

@@ -22,7 +22,7 @@ Int64 = NDArray[np.int64]
 
 OFTEN = 8
 """Changes of sign, from step to step, that are no chance."""
-SHARE, LEAST = 0.01, 1e-3
+SHARE, LEAST = 0.01, 1e-2
 """Of its greatest, and in rad/s or m/s: a slower rate is noise."""
 AXES = ("spin about x", "spin about y", "spin about z", "velocity along x", "velocity along y",
     "velocity along z")  # fmt: skip
@@ -237,7 +237,8 @@ def _unstable(known: _Rates, rows: Int64) -> Finding:
     message = Message(
         "{name}{more} changes its sign with every step, at up to {rate:.3g} {unit}, in {count:,} "
         "steps{why}",
-        name=name, more=more, rate=known.strongest[row], unit=unit, count=int(known.count[row]),
+        name=name, more=more, rate=known.strongest[row], unit=unit,
+        count=int(known.count[row]) + OFTEN - 1,
         why=_why(most, energy_j) if fed else "",
     )  # fmt: skip
     advice = ADVICE.get(most, Message("use a smaller timestep")) if fed else None
@@ -260,7 +261,7 @@ def _clamped(known: _Rates) -> Finding:
     row = int(np.argmax(known.clamped))
     joint, name, unit = _place(known, row)
     message = Message(
-        "{name} stays at {limit:g} {unit}, where PyBullet clamps every rate: in {count:,} steps it "
+        "{name} reaches {limit:g} {unit}, where PyBullet clamps every rate: in {count:,} steps it "
         "takes {taken:.3g} {of} away",
         name=name, limit=known.limit, unit=unit, count=int(known.clamped[row]),
         taken=known.taken[row], of="N m s" if unit == "rad/s" else "N s",
