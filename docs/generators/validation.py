@@ -277,8 +277,10 @@ is the damping's, which no smaller timestep makes smaller: the model is another 
 
 A step of PyBullet changes the momentum of a body's links by a sum of impulses:
 
-    M (u' - u) = gravity + bias + damping + joint damping + applied + motors
-                 + contacts + constraints + rolling + stops + clamp + remainder
+```
+M (u' - u) = gravity + bias + damping + joint damping + applied + motors
+             + contacts + constraints + rolling + stops + clamp + remainder
+```
 
 All is computed from the state before the step and what PyBullet reports after it
 (`laws/bullet_tree`). Stops, the velocity clamp behind the solver and friction against rolling and

@@ -47,7 +47,7 @@ def lines_of_bodies(analysis: ScriptAnalysis, *, verbose: bool = False) -> list[
         lines += contact_lines(moving)
     elif any(body.flights or body.contacts for body in moving):
         more = Message("flights, contacts and all else: --verbose, --body NAME, --at T, --json")
-        lines += ["", f"[dim]{escape(translated(more))}[/]"]
+        lines += ["", *(f"[dim]{escape(line)}[/]" for line in wrapped(translated(more), columns()))]
     return lines
 
 
