@@ -358,17 +358,6 @@ def image_chunk(step: int, timestep_s: float, png: bytes) -> Chunk:
     )
 
 
-def event_chunk(
-    entity: str, steps: Sequence[int], timestep_s: float, texts: Sequence[str]
-) -> Chunk:
-    """Return log lines, one per event."""
-    return Chunk.from_columns(
-        entity,
-        _times(np.array(steps), timestep_s),
-        rr.TextLog.columns(text=list(texts), level=["INFO"] * len(texts)),
-    )
-
-
 def _static(entity: str, columns: rr.ComponentColumnList) -> Chunk:
     return Chunk.from_columns(entity, [], columns)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -100,18 +101,18 @@ class Scene:
         return self.seen.bodies[number]
 
 
-class Answer:
+class Answer(ABC):
     """One question. It sees each piece of a recording once, in order, and then speaks."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
 
-    def see(self, explained: Explained) -> None:
+    def see(self, explained: Explained) -> None:  # noqa: B027
         """Take a piece; by default nothing of it is needed."""
 
+    @abstractmethod
     def findings(self) -> Iterator[Finding]:
         """Yield what is sure, after the last piece."""
-        raise NotImplementedError
 
 
 def site_of(where: Call | Site) -> str:
