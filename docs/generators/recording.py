@@ -119,6 +119,10 @@ SAMPLED = {
     f"{schema.JOINTS}/BODY/position": "[rad] or [m]: a named series per joint, a row per step",
     f"{schema.JOINTS}/BODY/velocity": "[rad/s] or [m/s]",
     f"{schema.JOINTS}/BODY/effort": "of the motors [N m] or [N]",
+    f"{schema.JOINTS}/BODY/{schema.TARGET}": "what calls ask for, a row when one changes it: "
+    "positions; beside them `velocity` and `torque`",
+    f"{schema.JOINTS}/BODY/{schema.LIMIT}": "likewise the largest effort of each motor; beside it "
+    "`mode` (0 velocity, 1 torque, 2 position, 3 PD), `kp` and `kd`",
     f"{schema.CONSTRAINTS}/CLIENT_ID": "the forces of a constraint [N] or [N m], a row per step",
     schema.CALLS: "a row per step with calls: lists of `site`, of all `numbers` one after the "
     "other, of `result`, and how many calls came `after` the first",

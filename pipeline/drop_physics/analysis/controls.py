@@ -8,38 +8,43 @@ createJointMotors).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.seen.calls import BODY_NAMES, Call, Meanings
+from drop_physics.seen.calls import (
+    ARGUMENTS,
+    BODY_NAMES,
+    FORCE,
+    MOTORS,
+    PD,
+    POSITION,
+    TORQUE,
+    VELOCITY,
+    Call,
+    Meanings,
+    of_joint,
+)
 from drop_physics.seen.events import Body, Site, order
 from drop_physics.seen.history import Piece, Seen
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-Numbers = tuple[float, ...]
+Told = Mapping[str, Sequence[float]]
+"""The numbers of each argument."""
 
-DEFAULT, VELOCITY, TORQUE, POSITION, PD = -1, 0, 1, 2, 3
-"""How a joint is driven: by the motor that it was loaded with, or `controlMode` of a call."""
+DEFAULT = -1
+"""How a joint is driven that has the motor that it was loaded with."""
 NONE = np.nan
 DEFAULT_IMPULSES = {1: 1.0, 3: 1000.0}
 """The largest of the motor that a joint begins with, by its degrees of freedom [N s or N m s]."""
 TIMESTEP_S = 1 / 240
 TIMESTEPS = {"setTimeStep": "timeStep", "setPhysicsEngineParameter": "fixedTimeStep"}
 """Functions that set the timestep, and the argument."""
-FORCE = 100000.0
-"""PyBullet's default."""
-ARGUMENTS = {
-    "targetPosition": "targetPositions", "targetVelocity": "targetVelocities", "force": "forces",
-    "positionGain": "positionGains", "velocityGain": "velocityGains",
-    "maxVelocity": "maxVelocities",
-}  # fmt: skip
-"""Arguments of a call for one joint, and of one for several."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +155,7 @@ class Controls:
             if site.function in TIMESTEPS and TIMESTEPS[site.function] in site.names:
                 place = site.names.index(TIMESTEPS[site.function])
                 self._timesteps[call.client] = call.numbers[place]
-            elif site.function.startswith("setJointMotorControl"):
+            elif site.function.startswith(MOTORS):
                 name = next((name for name in BODY_NAMES if name in site.names), None)
                 number = -1 if name is None else int(call.numbers[site.names.index(name)])
                 came = None if number < 0 else meanings.body_at(call, number)
@@ -186,20 +191,18 @@ class Controls:
         if "jointIndex" in site.names and len({*site.names}) == len(site.names):
             values = dict(zip(site.names, call.numbers, strict=True))
             joint, mode = int(values["jointIndex"]), int(values.get("controlMode", -1.0))
-            told: dict[str, Numbers] = {
-                name: (values[name],) for name in ARGUMENTS if name in values
-            }
+            told: Told = {name: (values[name],) for name in ARGUMENTS if name in values}
             self._on(body, joint, mode, told, step, site, timestep_s)
             return
         numbers = call.values
         mode = int(numbers.get("controlMode", (-1.0,))[0])
         joints = numbers.get("jointIndices", numbers.get("jointIndex", ()))
         for number, joint in enumerate(map(int, joints)):
-            told = _numbers(numbers, number, len(joints))
+            told = of_joint(numbers, number, len(joints))
             self._on(body, joint, mode, told, step, site, timestep_s)
 
     def _on(
-        self, body: Body, joint: int, mode: int, told: Mapping[str, Numbers], step: int,
+        self, body: Body, joint: int, mode: int, told: Told, step: int,
         site: Site, timestep_s: float,
     ) -> None:  # fmt: skip
         """Change what is asked of one joint."""
@@ -216,7 +219,7 @@ class Controls:
 
 
 def _changed(
-    column: Column, mode: int, told: Mapping[str, Numbers], force: float, width: int, step: int,
+    column: Column, mode: int, told: Told, force: float, width: int, step: int,
     site: Site, timestep_s: float,
 ) -> Column:  # fmt: skip
     """Return what is asked of a rate after a call."""
@@ -264,15 +267,3 @@ def _fresh(body: Body) -> list[Column]:
          NONE, NONE, NONE, 0.0, 0.0, *none)
         for joint in body.joints for _ in range(joint.widths[1])
     ]  # fmt: skip
-
-
-def _numbers(values: dict[str, Numbers], number: int, joints: int) -> dict[str, Numbers]:
-    """Return the arguments for one of several joints."""
-    found = {}
-    for name, plural in ARGUMENTS.items():
-        if name in values:
-            found[name] = values[name]
-        elif plural in values and joints:
-            width = max(len(values[plural]) // joints, 1)
-            found[name] = values[plural][number * width : (number + 1) * width]
-    return found

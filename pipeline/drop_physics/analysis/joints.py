@@ -9,11 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.controls import DEFAULT, POSITION, Commanded, Controls, places_of
+from drop_physics.analysis.controls import DEFAULT, Commanded, Controls, places_of
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.analysis.needs import Holding, Joins, holding
 from drop_physics.laws.tree import Tree
+from drop_physics.seen.calls import POSITION
 from drop_physics.seen.events import Body, Site
 from drop_physics.seen.history import Seen
 

@@ -191,8 +191,16 @@ def _measured(look: Look) -> Iterator[Panel]:
     corner = RIGHT_TOP if look.analyzed else None
     kinds = [
         [*_curves(look, schema.HEIGHT, heights, corner)],
-        [*_curves(look, schema.JOINTS, "Joint positions [rad, m]", RIGHT_TOP, of="/position")],
-        [*_curves(look, schema.JOINTS, "Motors [N m, N]", RIGHT_TOP, of="/effort")],
+        [
+            *_curves(
+                look,
+                schema.JOINTS,
+                "Joint positions [rad, m]",
+                RIGHT_TOP,
+                of=("/position", f"/{schema.TARGET}"),
+            )
+        ],
+        [*_curves(look, schema.JOINTS, "Motors [N m, N]", RIGHT_TOP, of=("/effort",))],
         [
             *_curves(look, schema.CONTACT_FORCES, "Contact forces [N]"),
             *_curves(look, schema.ENERGIES, "Energies [J]"),
@@ -220,7 +228,12 @@ def _explained(look: Look) -> Iterator[tuple[float, Panel]]:
 
 
 def _curves(
-    look: Look, origin: str, name: str, corner: Corner2D | None = None, *, of: str = ""
+    look: Look,
+    origin: str,
+    name: str,
+    corner: Corner2D | None = None,
+    *,
+    of: tuple[str, ...] = ("",),
 ) -> Iterator[rrb.View]:
     """Yield a view of the curves below an entity, if there are any; `of` ends their names."""
     shown = sorted(each for each in look.entities
@@ -231,7 +244,7 @@ def _curves(
     legend = rrb.PlotLegend(corner, visible=None if few else False)
     yield rrb.TimeSeriesView(
         origin=origin,
-        contents=[f"+ /{each}" for each in shown] if of else "$origin/**",
+        contents="$origin/**" if of == ("",) else [f"+ /{each}" for each in shown],
         name=name,
         plot_legend=legend if corner or not few else None,
     )

@@ -42,7 +42,7 @@ from drop_physics.recording.digest import (
     closing_digest,
     inputs_digest,
 )
-from drop_physics.recording.sampled import SERIES, Digests, RecordedSamples
+from drop_physics.recording.sampled import Digests, RecordedSamples, is_series
 from drop_physics.recording.told import Told
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Camera, Scenario
@@ -207,7 +207,7 @@ def contents(path: Path) -> Contents:
         elif entity == schema.CALLS:
             for calls in columns.calls(chunk, path):
                 sampled.add(chunk, calls.steps)
-        elif entity.startswith(SERIES):
+        elif is_series(entity):
             if (read := columns.series(chunk, path)) is not None:
                 sampled.add(chunk, read[0])
                 made.add_series(entity, *read)

@@ -26,6 +26,7 @@ from drop_physics.recording.digest import (
 from drop_physics.recording.drawing import Drawing
 from drop_physics.recording.falling import Falling
 from drop_physics.recording.gathering import Gathering
+from drop_physics.recording.joints import Commands, joint_names
 from drop_physics.recording.layout import Look, eye_around, series_of
 from drop_physics.recording.writer import Chunk, Times
 from drop_physics.seen.events import (
@@ -36,6 +37,7 @@ from drop_physics.seen.events import (
     Ending,
     Event,
     Image,
+    Raised,
     Samples,
     Site,
 )
@@ -83,6 +85,7 @@ class Recorder:
         self._calls: dict[int, CallsDigest] = {}
         self._pictures: dict[int, FrameDigest] = {}
         self._told_rows = ToldDigest()
+        self._commands = Commands()
         self._rows = Gathering(writer.texts_chunk, most=ROWS_TOGETHER)
         self._digests: dict[int, list[tuple[int, bytes]]] = {}
 
@@ -139,6 +142,7 @@ class Recorder:
                     self._on_frame(0, step, png)
                     yield from shown
         yield from self._rows.flush()
+        yield from self._commands.end()
         yield from self.drawing.flush()
         ended = ending()
         ended.notes += self.drawing.notes()
@@ -189,6 +193,9 @@ class Recorder:
             if event.body.number not in self.bodies:
                 yield from self._names_of_joints(event.body)
             self.bodies[event.body.number] = event.body
+            yield from self._commands.on_appearance(event)
+        if isinstance(event, Raised):
+            self._commands.on_raised(event)
         entity, at, values = told.row_of(event)
         text = told.packed(values)
         self._told_rows.update(entity, at.step, at.call, text)
@@ -229,6 +236,7 @@ class Recorder:
         self._states.update(states)
         if len(states):
             yield writer.rows_chunk(schema.STATES, states, at)
+        self._commands.on_samples(seen)
         yield from self.drawing.on_samples(seen)
 
     def _on_series(self, entity: str, at: Times, values: NDArray[np.float64]) -> Iterator[Chunk]:
@@ -269,6 +277,7 @@ class Recorder:
         widths = np.array([len(self._sites[site].names) for site in seen.sites.tolist()], np.int64)
         self._calls.setdefault(seen.client, CallsDigest()).update(seen, widths)
         yield writer.calls_chunk(seen, widths)
+        yield from self._commands.on_calls(seen, self._sites, widths)
         yield from self.drawing.on_calls(seen, self._sites, widths)
 
     # -- everything else --------------------------------------------------------------------------
@@ -294,15 +303,6 @@ def rows_of_bases(seen: Samples) -> Rows:
         for name, part in MOTION.items():
             rows[name][:, column] = seen.bases[number][:, part]
     return rows.reshape(-1)
-
-
-def joint_names(body: Body, what: str) -> list[str]:
-    """Return a name for each position, velocity or effort of a body's joints."""
-    place, names = schema.OF_JOINTS.index(what), list[str]()
-    for joint in body.joints:
-        width = joint.widths[place]
-        names += [joint.name] if width == 1 else [f"{joint.name} {axis}" for axis in "xyzw"[:width]]
-    return names
 
 
 def times_of(at: At) -> Times:

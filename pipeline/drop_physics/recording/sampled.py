@@ -22,8 +22,13 @@ from drop_physics.states import Joints
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-SERIES = (f"{schema.JOINTS}/", f"{schema.CONSTRAINTS}/")
-"""Beginnings of the entities with a series per joint, or of a constraint's forces."""
+
+def is_series(entity: str) -> bool:
+    """Whether an entity has a row per step: of a body's joints, or a constraint's forces."""
+    kind, _, what = entity.partition("/")
+    return kind == schema.CONSTRAINTS or (
+        kind == schema.JOINTS and what.rpartition("/")[2] in schema.OF_JOINTS
+    )
 
 
 @dataclass

@@ -96,6 +96,9 @@ JOINTS = "joints"
 """Below it each body's `position`, `velocity` and `effort`: a named series per joint, float64, a
 row per step."""
 OF_JOINTS = ("position", "velocity", "effort")
+TARGET, LIMIT = "target", "limit"
+"""Beside them, a row when a call changes one: targets, with target velocities and torques; largest
+forces of motors, with modes and gains."""
 CONSTRAINTS = "constraints"
 """Below it each constraint's forces, by the engine's id: a row per step."""
 

@@ -235,16 +235,25 @@ def times(at: Times) -> list[rr.TimeColumn]:
     return columns
 
 
-def scalars_chunk(entity: str, at: Times, values: Float64) -> Chunk:
-    """Return values, shape (n, k), as k series."""
+def scalars_chunk(
+    entity: str, at: Times, values: Float64, beside: Mapping[str, Float64] | None = None
+) -> Chunk:
+    """Return values, shape (n, k), as k series; beside them numbers that are not drawn."""
     count, width = values.shape
     columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).reshape(-1))
-    return Chunk.from_columns(entity, times(at), columns.partition([width] * count))
+    more = [_list_column(name, each, np.arange(count + 1)) for name, each in (beside or {}).items()]
+    return Chunk.from_columns(entity, times(at), [*columns.partition([width] * count), *more])
 
 
-def series_chunk(entity: str, names: Sequence[str]) -> Chunk:
-    """Return the names of an entity's series."""
-    return _static(entity, rr.SeriesLines.columns(names=list(names)).partition([len(names)]))
+def series_chunk(entity: str, names: Sequence[str], *, stepped: bool = False) -> Chunk:
+    """Return the names of an entity's series; `stepped` where a value lasts until the next."""
+    named = rr.SeriesLines.columns(names=list(names)).partition([len(names)])
+    if not stepped:
+        return _static(entity, named)
+    lines = rr.SeriesLines.columns(
+        widths=[CURVE_WIDTH / 2], interpolation_mode=[rr.components.InterpolationMode.StepAfter]
+    )
+    return Chunk.from_columns(entity, [], [*named, *lines])
 
 
 def calls_chunk(seen: Calls, widths: Steps) -> Chunk:

@@ -10,12 +10,27 @@ import bisect
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from drop_physics.seen.events import Appearance, At, Body, Calls, Raised, Site, order
+
+T = TypeVar("T")
 
 WORLD_FRAME = 2
 """The flag of `applyExternalForce`: its vectors are in the world's axes."""
 BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
+MOTORS = "setJointMotorControl"
+"""What the functions that command joints begin with."""
+VELOCITY, TORQUE, POSITION, PD = 0, 1, 2, 3
+"""How they drive a joint: `controlMode`."""
+FORCE = 100000.0
+"""PyBullet's default of a motor's limit [N m] or [N]."""
+ARGUMENTS = {
+    "targetPosition": "targetPositions", "targetVelocity": "targetVelocities", "force": "forces",
+    "positionGain": "positionGains", "velocityGain": "velocityGains",
+    "maxVelocity": "maxVelocities",
+}  # fmt: skip
+"""Arguments of a call for one joint, and of one for several."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +137,28 @@ def text_of(site: Site, numbers: Sequence[float]) -> str:
     return site.form.format(*texts)
 
 
+def of_joint(values: Mapping[str, Sequence[T]], number: int, joints: int) -> dict[str, Sequence[T]]:
+    """Return the arguments of a call of motors that are for one of several joints.
+
+    Parameters
+    ----------
+    values
+        What belongs to each argument: numbers, or their places in a row.
+    number
+        Which joint, among those of the call.
+    joints
+        How many the call has.
+    """
+    found: dict[str, Sequence[T]] = {}
+    for name, plural in ARGUMENTS.items():
+        if name in values:
+            found[name] = values[name]
+        elif plural in values and joints:
+            width = max(len(values[plural]) // joints, 1)
+            found[name] = values[plural][number * width : (number + 1) * width]
+    return found
+
+
 def calls_of(
     rows: Iterable[Calls], sites: Mapping[int, Site], raised: Iterable[Raised]
 ) -> list[Call]:
@@ -176,7 +213,7 @@ class Meanings:
     def motors(self) -> Iterator[Motor]:
         """Yield how joints are driven, whenever mode or force change."""
         last: dict[tuple[int, At, int], tuple[int, float]] = {}
-        for call, at, came in self.of_bodies("setJointMotorControl"):
+        for call, at, came in self.of_bodies(MOTORS):
             values = call.values
             joints = values.get("jointIndices", values.get("jointIndex", ()))
             forces = values.get("forces", values.get("force", ()))

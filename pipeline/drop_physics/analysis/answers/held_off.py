@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from drop_physics.analysis.answers.answer import Level, Scene
-from drop_physics.analysis.controls import POSITION
 from drop_physics.analysis.joints import Driven, target_of
 from drop_physics.analysis.needs import Holding
 from drop_physics.analysis.targets import Stood
 from drop_physics.laws.dynamics import mass_matrix
 from drop_physics.laws.kinematics import kinematics
 from drop_physics.messages import Message
+from drop_physics.seen.calls import POSITION
 
 FREE = ("gravity", "bias", "damping", "joint damping", "applied", "clamp")
 """Terms that act before the motors do."""

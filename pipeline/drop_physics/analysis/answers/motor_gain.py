@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
 from drop_physics.analysis.answers.held_off import distance, units_of
 from drop_physics.analysis.answers.off_target import OFF, name_of
-from drop_physics.analysis.controls import POSITION
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven, target_of
 from drop_physics.analysis.targets import grows_with, rings_with
 from drop_physics.messages import Message
+from drop_physics.seen.calls import POSITION
 
 Flags = NDArray[np.bool_]
 

@@ -1,0 +1,273 @@
+"""What calls ask of joints, to look at: a row whenever a target, a limit or a gain changes.
+
+Numbers are computed from `calls`, not from this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import accumulate, pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.recording import schema, writer
+from drop_physics.recording.writer import Chunk, Times
+from drop_physics.seen.calls import (
+    BODY_NAMES,
+    FORCE,
+    MOTORS,
+    PD,
+    POSITION,
+    TORQUE,
+    VELOCITY,
+    of_joint,
+)
+from drop_physics.seen.events import Appearance, At, Body, Calls, Raised, Samples, Site
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+TOGETHER = 1 << 13
+"""Commands that are held until they become rows."""
+ROWS = {
+    schema.TARGET: ("position", "velocity", "torque"),
+    schema.LIMIT: ("force", "mode", "kp", "kd"),
+}
+"""What each entity holds: its scalars, and what stands beside them."""
+NAMES = [name for names in ROWS.values() for name in names]
+
+
+def joint_names(body: Body, what: str) -> list[str]:
+    """Return a name for each position, velocity or effort of a body's joints."""
+    place, names = schema.OF_JOINTS.index(what), list[str]()
+    for joint in body.joints:
+        width = joint.widths[place]
+        names += [joint.name] if width == 1 else [f"{joint.name} {axis}" for axis in "xyzw"[:width]]
+    return names
+
+
+class Command(NamedTuple):
+    """What n calls from one place ask of a joint each."""
+
+    client: int
+    calls: Int64
+    """Their numbers, shape (n,)."""
+    steps: Int64
+    times_s: Float64
+    bodies: Int64
+    """The engine's ids."""
+    joints: Int64
+    values: Mapping[str, Float64]
+    """By argument, shape (n, k)."""
+
+    def only(self, which: NDArray[np.bool_]) -> Command:
+        """Return some of them."""
+        held = {name: values[which] for name, values in self.values.items()}
+        return Command(
+            self.client, self.calls[which], self.steps[which], self.times_s[which],
+            self.bodies[which], self.joints[which], held,
+        )  # fmt: skip
+
+
+class Commands:
+    """The commands of all bodies; events come in order."""
+
+    def __init__(self) -> None:
+        self._asked: dict[tuple[int, int], Asked] = {}
+        """By client and the engine's id."""
+        self._held: list[Command] = []
+        self._raised: set[int] = set()
+        self._last: dict[int, Times] = {}
+        """Of the last sample, by client."""
+
+    def on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
+        """Note a body that came or went."""
+        key = seen.body.client, seen.body.engine_id
+        if seen.came:
+            self._asked[key] = Asked(seen.body, seen.at)
+        elif not seen.there:
+            yield from self.flush()
+            if key in self._asked:
+                yield from self._end(key)
+
+    def on_samples(self, seen: Samples) -> None:
+        """Note how far a simulation is."""
+        self._last[seen.client] = Times(seen.steps[-1:], seen.times_s[-1:])
+
+    def on_calls(self, seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterator[Chunk]:
+        """Take calls; yield rows if there are enough of them."""
+        self._held += commands_of(seen, sites, widths)
+        if sum(len(each.calls) for each in self._held) >= TOGETHER:
+            yield from self.flush()
+
+    def on_raised(self, seen: Raised) -> None:
+        """Note a call that failed."""
+        self._raised.add(seen.at.call)
+
+    def end(self) -> Iterator[Chunk]:
+        """Yield what is left."""
+        yield from self.flush()
+        for key in [*self._asked]:
+            yield from self._end(key)
+
+    def _end(self, key: tuple[int, int]) -> Iterator[Chunk]:
+        asked = self._asked.pop(key)
+        if key[0] in self._last:
+            yield from asked.end(self._last[key[0]])
+
+    def flush(self) -> Iterator[Chunk]:
+        """Yield what is held, but for bodies that are not listed yet."""
+        held, self._held = self._held, []
+        found: dict[tuple[int, int], list[Cells]] = {}
+        for command in held:
+            raised = np.isin(command.calls, [*self._raised])
+            keys = np.stack((command.bodies, command.joints))[:, ~raised]
+            for number, joint in np.unique(keys, axis=1).T.tolist():
+                key = command.client, number
+                its = command.only(~raised & (command.bodies == number) & (command.joints == joint))
+                if key not in self._asked:
+                    self._held.append(its)
+                elif 0 <= joint < len(self._asked[key].places):
+                    found.setdefault(key, []).extend(self._asked[key].cells(joint, its))
+        self._raised.clear()
+        for key, cells in found.items():
+            yield from self._asked[key].chunks(cells)
+
+
+class Cells(NamedTuple):
+    """What n calls set in the columns of a body's rows."""
+
+    calls: Int64
+    steps: Int64
+    times_s: Float64
+    columns: slice
+    values: Float64
+    """Shape (n, columns)."""
+
+
+class Asked:
+    """What is asked of the joints of one body."""
+
+    def __init__(self, body: Body, at: At) -> None:
+        self._entity, self._at = f"{schema.JOINTS}/{body.label}", at
+        self._names = {
+            schema.TARGET: joint_names(body, "position"), schema.LIMIT: joint_names(body, "effort")
+        }  # fmt: skip
+        of = [_places(joint.widths[which] for joint in body.joints) for which in (0, 1)]
+        counts = [len(self._names[schema.TARGET if name == "position" else schema.LIMIT])
+                  for name in NAMES]  # fmt: skip
+        self._columns = dict(zip(NAMES, _places(counts), strict=True))
+        self.places = [
+            {name: _moved(each[name != "position"], its.start)
+             for name, its in self._columns.items()}
+            for each in zip(*of, strict=True)
+        ]  # fmt: skip
+        """Of each joint, the columns of everything that is asked of it."""
+        self._now = np.full(sum(counts), np.nan)
+        self._named = False
+
+    def cells(self, joint: int, asked: Command) -> Iterator[Cells]:
+        """Yield what calls set for a joint."""
+        places, mode = self.places[joint], asked.values["controlMode"][:, 0]
+        width = places["force"].stop - places["force"].start
+        if not width:
+            return
+
+        def of(argument: str, name: str, default: float) -> Float64:
+            columns = places[name].stop - places[name].start
+            values = asked.values.get(argument, np.full((len(mode), 1), default))
+            fits = values.shape[1] in (1, columns)
+            return np.broadcast_to(values if fits else np.nan, (len(mode), columns))
+
+        position, motor = mode == POSITION, np.isin(mode, (VELOCITY, POSITION, PD))
+        to, kp = of("targetPosition", "position", 0.0), of("positionGain", "kp", 0.1)
+        sets = {
+            "position": (motor, np.where((position | (mode == PD))[:, None], to, np.nan)),
+            "velocity": (motor, of("targetVelocity", "velocity", 0.0)),
+            "torque": (mode == TORQUE, of("force", "torque", FORCE)),
+            "force": (motor, of("force", "force", FORCE)),
+            "mode": (motor | (mode == TORQUE), np.tile(mode[:, None], width)),
+            "kp": (motor, np.where((mode == VELOCITY)[:, None], 0.0, kp)),
+            "kd": (motor, of("velocityGain", "kd", 1.0)),
+        }
+        for name, (which, values) in sets.items():
+            if which.any():
+                yield Cells(asked.calls[which], asked.steps[which], asked.times_s[which],
+                            places[name], values[which])  # fmt: skip
+
+    def chunks(self, cells: list[Cells]) -> Iterator[Chunk]:
+        """Yield the rows that change."""
+        if not self._named:
+            self._named = True
+            for what, names in self._names.items():
+                named = [f"{name} {what}" for name in names]
+                yield writer.series_chunk(f"{self._entity}/{what}", named, stepped=True)
+        # What was asked before a body was listed is dated to that moment.
+        told = [np.maximum(each.steps, self._at.step) for each in cells]
+        steps, first = np.unique(np.concatenate(told), return_index=True)
+        times_s = np.concatenate([each.times_s for each in cells])[first]
+        rows = np.full((len(steps) + 1, len(self._now)), np.nan)
+        by = np.full(rows.shape, -1)  # the call that set each number: the last in a step counts
+        rows[0], by[0] = self._now, 0
+        for at_step, (calls, _, _, columns, values) in zip(told, cells, strict=True):
+            row = np.searchsorted(steps, at_step) + 1
+            late = calls > by[row, columns.start]
+            rows[row[late], columns] = values[late]
+            by[row[late], columns] = calls[late, None]
+        last = np.maximum.accumulate(np.where(by < 0, 0, np.arange(len(rows))[:, None]), axis=0)
+        rows = np.take_along_axis(rows, last, axis=0)
+        same = (rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))
+        self._now = rows[-1]
+        for what, parts in ROWS.items():
+            its = slice(self._columns[parts[0]].start, self._columns[parts[-1]].stop)
+            new = np.flatnonzero(~same[:, its].all(axis=1))
+            if len(new):
+                at = Times(steps[new], np.maximum(times_s[new], self._at.time_s))
+                yield self._chunk(what, at, rows[new + 1])
+
+    def end(self, at: Times) -> Iterator[Chunk]:
+        """Yield what is asked at last, for a line up to there."""
+        if self._named:
+            for what in ROWS:
+                yield self._chunk(what, at, self._now[None])
+
+    def _chunk(self, what: str, at: Times, rows: Float64) -> Chunk:
+        parts = {name: rows[:, self._columns[name]] for name in ROWS[what]}
+        scalars = parts.pop(ROWS[what][0])
+        return writer.scalars_chunk(f"{self._entity}/{what}", at, scalars, parts)
+
+
+def commands_of(seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterator[Command]:
+    """Yield what calls ask of joints, a command per site and joint that it names."""
+    starts = np.cumsum(widths) - widths
+    for number in np.unique(seen.sites).tolist():
+        site = sites[number]
+        if not site.function.startswith(MOTORS):
+            continue
+        its = np.flatnonzero(seen.sites == number)
+        numbers = seen.numbers[starts[its, None] + np.arange(len(site.names))]
+        places: dict[str, list[int]] = {}
+        for place, name in enumerate(site.names):
+            places.setdefault(name, []).append(place)
+        body = next((places[name] for name in BODY_NAMES if name in places), None)
+        joints = places.get("jointIndices", places.get("jointIndex", []))
+        if body is None or "controlMode" not in places:
+            continue
+        for which, joint in enumerate(joints):
+            values = {"controlMode": places["controlMode"], **of_joint(places, which, len(joints))}
+            yield Command(
+                seen.client, seen.calls[its], seen.steps[its], seen.times_s[its],
+                numbers[:, body[0]].astype(np.int64), numbers[:, joint].astype(np.int64),
+                {name: numbers[:, columns] for name, columns in values.items()},
+            )  # fmt: skip
+
+
+def _places(counts: Iterable[int]) -> list[slice]:
+    """Return where each of several stretches lies, one after the other."""
+    return [slice(first, end) for first, end in pairwise(accumulate(counts, initial=0))]
+
+
+def _moved(place: slice, by: int) -> slice:
+    return slice(place.start + by, place.stop + by)
