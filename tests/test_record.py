@@ -1137,6 +1137,26 @@ def test_a_block_may_take_its_time(bench: Bench, steps: int, sleep: float) -> No
     assert len(states(bench.out)) == steps + 1
 
 
+def test_before_the_disk_is_full_a_block_is_left_and_its_recording_kept(bench: Bench) -> None:
+    recorder = bench.folder / "recorder"
+    recorder.write_text(
+        f"""#!{sys.executable}
+import runpy, shutil, sys
+usage = shutil.disk_usage
+shutil.disk_usage = lambda path: usage(path)._replace(free={writer.ROOM_BYTES + 1_000_000})
+sys.argv = sys.argv[3:]
+runpy.run_module(sys.argv[0], run_name="__main__")
+"""
+    )
+    recorder.chmod(0o755)
+    slow = SLOW.format(steps=10**6, sleep=0, more="sum(range(10_000))").replace("steps=1000, ", "")
+    done = bench.bare(bench.script(f"import sys\nsys.executable = {str(recorder)!r}\n" + slow))
+    ended, samples = done.stdout.split()
+    assert (ended, done.stderr.count("Error")) == ("disk", 0)
+    assert int(samples) > 1000
+    assert sorted(step for step, _ in states(bench.out)) == list(range(int(samples)))
+
+
 def test_a_block_whose_recorder_is_gone_ends_with_an_error(bench: Bench) -> None:
     kill = "i == 9 and started[0].kill()"
     script = SLOW.format(steps=10**6, sleep=0.01, more=kill).replace("steps=1000, ", "")

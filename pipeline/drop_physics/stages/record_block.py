@@ -155,6 +155,7 @@ def _record(request: dict[str, Any]) -> dict[str, Any]:
         recording_id=recording_id,
         blueprint=lambda: layout(recorder.look()),
         force=request["force"],
+        full=lambda: listener.stop("disk"),
     )
     recorded = recorded_of(recorder, listener.ending(), path, recording_id=recording_id, name=BLOCK)
     wall_s = time.perf_counter() - began

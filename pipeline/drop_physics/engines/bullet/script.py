@@ -129,11 +129,13 @@ class Listener(ABC):
         self._received = 0
         self._closed = False
         """Whether no process has the sending end of the pipe any more."""
+        self._left = False
+        """Whether nothing more is read."""
 
     def events(self) -> Iterator[Event]:
         """Yield the events, until the process has ended."""
         over = False
-        while True:
+        while not self._left:
             ready, _, _ = select.select([self._reading], [], [], TICK_S)
             if ready:
                 data = os.read(self._reading, 1 << 18)
@@ -147,10 +149,11 @@ class Listener(ABC):
             else:  # what it sent before that may have arrived since
                 over = self._is_over()
             self._tick()
-        while not self._is_over():
+        while not self._left and not self._is_over():
             self._tick()
             time.sleep(TICK_S / 10)
-        yield from self.decoder.feed(self._left_behind())
+        if not self._left:
+            yield from self.decoder.feed(self._left_behind())
         yield from self.decoder.rest()
 
     @abstractmethod
@@ -195,6 +198,12 @@ class BlockListener(Listener):
     def __init__(self, reading: int, block: int, *, process: int) -> None:
         super().__init__(reading, block)
         self._process = process
+
+    def stop(self, why: str) -> None:
+        """Read no further: the block is left at its next call."""
+        if not self._left:
+            self._left, self.decoder.stopped = True, why
+            os.close(self._reading)
 
     def _is_over(self) -> bool:
         return self._closed or self.decoder.ended is not None or os.getppid() != self._process

@@ -107,7 +107,7 @@ class Decoder:
         yield from self._solvers.values()
         if self._frames.broken:
             self._is_cut_off(Message("the script wrote into drop's pipe"))
-        elif self._frames.is_cut:
+        elif self._frames.is_cut and self.stopped != "disk":
             self._is_cut_off(Message("the rest is missing in drop's pipe"))
 
     def _is_cut_off(self, why: Message) -> None:
