@@ -13,10 +13,10 @@ import subprocess
 import tempfile
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from rich.filesize import decimal
 
@@ -67,6 +67,8 @@ class Program:
     begins_s: float | None = None
     """What its clock shows at first [s], if it is virtual."""
     perturb: str = PERTURB
+    variation: Mapping[str, Any] | None = None
+    """The arguments of a `watching.varied.Variation`, or None."""
 
 
 def _seeded(seed: int | None) -> dict[str, str]:
@@ -247,7 +249,7 @@ class Script(Listener):
             "pipe": writing, "block": self._block.fileno(), "module": program.is_module,
             "steps": program.steps, "duration_s": program.duration_s,
             "keep_sleeping": program.keep_sleeping, "seed": program.seed,
-            "begins_s": program.begins_s,
+            "begins_s": program.begins_s, "variation": program.variation,
         }  # fmt: skip
         command = [program.python, str(WATCHING), json.dumps(options), program.target]
         try:

@@ -9,10 +9,12 @@ import traceback
 from collections.abc import Callable
 from types import TracebackType
 
-from . import clock, draws, handlers, hooks
+from . import clock, draws, handlers, hooks, varied
 from .hooks import Stop, Watch
 
-WRAPPERS = (hooks.__file__, handlers.__file__, clock.__file__, draws.__file__)
+WRAPPERS = (
+    hooks.__file__, handlers.__file__, clock.__file__, draws.__file__, varied.__file__,
+)  # fmt: skip
 """The files whose functions stand before others: the script's tracebacks are without them."""
 PR_SET_PDEATHSIG, SIGKILL = 1, 9
 """From Linux's `sys/prctl.h` and `signal.h`."""

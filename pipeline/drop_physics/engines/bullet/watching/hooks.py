@@ -14,13 +14,15 @@ from threading import current_thread, get_ident
 from types import BuiltinFunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
+from .bodies import Body
 from .calls import Calls
 from .clock import CALL_S, Clock
 from .handlers import handler
 from .pipe import Pipe
 from .quiet import Window
 from .turns import Turn
-from .worlds import ASKED_EVERY, World
+from .varied import Variation
+from .worlds import ALL, ASKED_EVERY, World
 
 IDLE_S = 60.0
 """A script that sleeps or asks for input this long [s] without a step waits for a user who is not
@@ -100,12 +102,16 @@ class Watch:
         After how many steps to stop it, or None.
     duration_s
         After how much time on its clock [s] to stop it, or None.
+    variation
+        What differs from the script's own run, or None.
     """
 
     def __init__(
-        self, pipe: Pipe, clock: Clock, *, steps: int | None, duration_s: float | None
-    ) -> None:
-        self.pipe, self.clock = pipe, clock
+        self, pipe: Pipe, clock: Clock, *, steps: int | None, duration_s: float | None,
+        variation: Variation | None = None,
+    ) -> None:  # fmt: skip
+        self.pipe, self.clock, self._variation = pipe, clock, variation
+        World.varied = {} if variation is None else variation.engine
         self.on = True
         self.lock = Turn()
         self.calls = Calls(pipe)
@@ -143,7 +149,8 @@ class Watch:
         self.p = SimpleNamespace(**{**vars(module), **vars(self.p), **plain})
         self._modules.append((module, originals))
         for name, original in originals.items():
-            call = handler(self, name, original)
+            varied = self._variation and self._variation.of(self.p, name, original)
+            call = handler(self, name, varied or original)
             kind = type(TYPE, (Hook,), {**LOOKS, "__call__": staticmethod(call)})
             setattr(module, name, kind(original, self))
         self.pipe.note("pybullet", version=module.getAPIVersion(), file=module.__file__)
@@ -209,7 +216,34 @@ class Watch:
     # -- steps and time ---------------------------------------------------------------------------
 
     def step(self, world: World, original: Any, args: Any, kwargs: Any) -> Any:
-        """Make a step, and send what it changes."""
+        """Make a step of the script, which may be several of the engine, and count it."""
+        varied, client = self._variation, world.client
+        if varied is not None and varied.nudge(client, lambda: self._bodies(world)):
+            world.moved[ALL], world.touched = set(), True
+        result = self._step(world, original, args, kwargs)
+        if varied is not None:
+            for _ in range(varied.finer - 1):
+                varied.again(client, lambda *call: self.guarded(
+                    world, self.calls.tell, world.number, *call))  # fmt: skip
+                result = self._step(world, original, args, kwargs)
+            varied.stepped(client)
+        self._steps += 1
+        if get_ident() != self._thread:
+            self._threads.add(current_thread())
+        self.clock.step(world.time_s)
+        if self._steps == self._limit_steps:
+            self.stop("steps")
+        if self._limit_s is not None:
+            self._check_time()
+        self.pipe.tick()
+        return result
+
+    def _bodies(self, world: World) -> list[Body]:
+        self.guarded(world, world.sync)
+        return list(world.bodies.values())
+
+    def _step(self, world: World, original: Any, args: Any, kwargs: Any) -> Any:
+        """Make a step of the engine, and send what it changes."""
         asks = False
         try:
             if world.touched:
@@ -230,16 +264,6 @@ class Watch:
             world.after_step(result)
         except Exception as error:  # noqa: BLE001 - likewise
             self._lose(world, error)
-            return () if asks else result
-        self._steps += 1
-        if get_ident() != self._thread:
-            self._threads.add(current_thread())
-        self.clock.step(world.time_s)
-        if self._steps == self._limit_steps:
-            self.stop("steps")
-        if self._limit_s is not None:
-            self._check_time()
-        self.pipe.tick()
         return () if asks else result
 
     def set_real_time(self, world: World, *, on: bool) -> None:
@@ -262,9 +286,11 @@ class Watch:
                 world = self.worlds[client]
                 if world.stale_engine:
                     self.guarded(world, world.before_step)
+                finer = 1 if self._variation is None else self._variation.finer
                 while (
                     client in self.worlds
-                    and world.time_s + world.timestep_s - from_s <= self.clock.now_s() - since_s
+                    and world.time_s + finer * world.timestep_s - from_s
+                    <= self.clock.now_s() - since_s
                 ):
                     self.step(world, self.p.stepSimulation, (client,), {})
             self._check_time()

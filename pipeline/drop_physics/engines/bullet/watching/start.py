@@ -15,6 +15,7 @@ from .clock import Clock
 from .draws import Draws
 from .hooks import Watch
 from .pipe import Pipe
+from .varied import Variation
 
 
 def watch(
@@ -26,6 +27,7 @@ def watch(
     keep_sleeping: bool,
     seed: int | None,
     begins_s: float | None = None,
+    variation: dict[str, Any] | None = None,
 ) -> Watch:
     """Watch pybullet, as soon as it is imported.
 
@@ -41,12 +43,15 @@ def watch(
         Seed of all random numbers, or None.
     begins_s
         What a virtual clock shows at first [s]; None for the time of day.
+    variation
+        The arguments of a `Variation`; None for the script's own run.
     """
     started = Watch(
         Pipe(pipe, block),
         Clock(real=keep_sleeping, begins_s=begins_s),
         steps=steps,
         duration_s=duration_s,
+        variation=None if variation is None else Variation(**variation),
     )
     version = ".".join(map(str, sys.version_info[:3]))
     started.pipe.note(

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import struct
-from types import SimpleNamespace
+from collections.abc import Mapping
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 from . import pipe as protocol
@@ -48,6 +49,8 @@ class World:
     """In all simulations of this process."""
     search_path = ""
     """Where PyBullet looks for files besides; likewise."""
+    varied: Mapping[str, Any] = MappingProxyType({})
+    """Settings that the engine does not report, and has whatever calls give."""
 
     def __init__(
         self, pipe: Pipe, p: SimpleNamespace, *, client: int, number: int, method: str,
@@ -228,7 +231,8 @@ class World:
         if reported["fixedTimeStep"] != self.timestep_s:
             self._since, self._steps_since = self.time_s, 0
             self.timestep_s = reported["fixedTimeStep"]
-        now = {**reported, **{f"set_{name}": value for name, value in self.given.items()}}
+        now = {**reported, **{f"set_{name}": value
+            for name, value in {**self.given, **self.varied}.items()}}  # fmt: skip
         if now != self._engine:
             self._engine = now
             self._pipe.note("engine", world=self.number, step=self.step, time_s=self.time_s,
