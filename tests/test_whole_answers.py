@@ -9,7 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from scenes import site
+from scenes import analyze, record, site
+from scenes import found as of_code
 from test_call_answers import AIR, CUBE, FLOOR, KUKA, ask, one
 
 # -- not-finite -----------------------------------------------------------------------------------
@@ -251,3 +252,54 @@ def test_momentum_that_nothing_gave(scene: str, unit: str, tmp_path: Path) -> No
 )
 def test_momentum_that_stays_or_was_given(scene: str, tmp_path: Path) -> None:
     assert not ask(scene, tmp_path, "momentum-drift")
+
+
+@pytest.mark.parametrize(
+    ("set_up", "label", "call"),
+    [
+        (
+            "p.resetBaseVelocity(c, [1e200, 0, 0])\np.resetJointState(k, 2, float('inf'))",
+            "model",
+            2,
+        ),
+        (
+            "p.resetJointState(k, 2, float('inf'))\np.resetBaseVelocity(c, [1e200, 0, 0])",
+            "model",
+            1,
+        ),
+        ("p.resetBaseVelocity(c, [1e200, 0, 0])", "cube_small", None),
+    ],
+)
+def test_a_call_is_blamed_only_for_its_own_body(
+    set_up: str, label: str, call: int | None, tmp_path: Path
+) -> None:
+    scene = AIR + CUBE + KUKA
+    recording = record(scene + set_up + "\nsteps(5)", tmp_path / "overflow.rrd")
+    found = of_code(analyze(recording.seen), "not-finite")
+    assert (found.level, found.steps and found.steps.first) == ("broken", 1)
+    assert label in str(found.body)
+    assert found.site == (call and site(scene.count("\n") + call))
+
+
+@pytest.mark.parametrize("how", ["", ", useMaximalCoordinates=True"])
+@pytest.mark.parametrize(
+    "call",
+    [
+        "p.changeDynamics(b, -1, linearDamping=0, maxJointVelocity=1e308)\n"
+        "p.resetBaseVelocity(b, [1e200, 0, 0])",
+        "p.resetBasePositionAndOrientation(b, [0, 0, 1e100], [0, 0, 0, 1])",
+        "p.changeDynamics(b, -1, mass=float('inf'))",
+        "p.changeDynamics(b, -1, localInertiaDiagonal=[float('nan'), 1, 1])",
+        "p.setTimeStep(1e300)",
+        "k = p.loadURDF('kuka_iiwa/model.urdf')\np.resetJointState(k, 2, 0, float('inf'))",
+        "k = p.loadURDF('kuka_iiwa/model.urdf', useFixedBase=True)\n"
+        "p.setJointMotorControl2(k, 2, p.POSITION_CONTROL, 1, positionGain=float('inf'))",
+        "p.loadURDF('cube_small.urdf', globalScaling=1e300)",
+    ],
+)
+def test_numbers_that_overflow_warn_nobody(call: str, how: str, tmp_path: Path) -> None:
+    """Warnings are errors here, in recording and in analysis."""
+    scene = f"p.setGravity(0, 0, -9.81)\nb = p.loadURDF('cube_small.urdf', [0, 0, 1]{how})\n"
+    path = tmp_path / "overflow.rrd"
+    analysis = analyze(record(scene + "steps(3)\n" + call + "\nsteps(6)", path).seen)
+    assert not any("inf m " in str(each.message) for each in analysis.findings)

@@ -88,6 +88,7 @@ class Story:
         return table.sort("body", "step", maintain_order=True)
 
 
+@np.errstate(all="ignore")  # of states that are not finite: reported
 def findings_of(seen: Seen, origin: Mapping[str, Any]) -> list[Finding]:
     """Return what the answers find in a whole recording."""
     story = Story(seen, origin, whole=False)
@@ -96,7 +97,7 @@ def findings_of(seen: Seen, origin: Mapping[str, Any]) -> list[Finding]:
     return story.findings()
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of states that are not finite: reported
+@np.errstate(all="ignore")
 def script_analysis_of(
     seen: Seen,
     origin: Mapping[str, Any],

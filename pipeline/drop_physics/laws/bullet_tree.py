@@ -303,5 +303,7 @@ def massless(tree: Tree) -> bool:
     least = np.diagonal(matrix)
     if not tree.size or (least < EPSILON).any():
         return bool(tree.size)
+    if not np.isfinite(matrix).all():  # a mass or inertia that is no number
+        return False
     scaled = matrix / np.sqrt(np.outer(least, least))
     return bool(np.linalg.eigvalsh(scaled)[0] < tree.size * EPSILON)

@@ -49,6 +49,7 @@ Value = float | int | str | bool | Sequence[float]
 _SAVING = threading.Lock()
 
 
+@np.errstate(all="ignore")  # what is not finite, or too large for a picture, is recorded as it is
 def record(
     path: Path,
     chunks: Iterable[Chunk],

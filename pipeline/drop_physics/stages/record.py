@@ -20,6 +20,8 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from drop_physics.engines.bullet import script as running
 from drop_physics.engines.bullet.script import Program
 from drop_physics.errors import ScenarioError, check_suffix
@@ -262,6 +264,7 @@ def _named_later(note: Callable[[str], None]) -> Callable[[float, int], None]:
     return tell
 
 
+@np.errstate(all="ignore")
 def _again(
     program: Program,
     recorder: Recorder,

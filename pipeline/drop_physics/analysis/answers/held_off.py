@@ -58,7 +58,7 @@ def place(value: float, unit: str) -> str:
 
 def effort(value: float, unit: str) -> str:
     """Return a torque or force as text."""
-    return f"{abs(value):.0f} {unit}" if abs(value) >= 10 else f"{abs(value):.2g} {unit}"
+    return f"{abs(value):.0f} {unit}" if 10 <= abs(value) < 1e6 else f"{abs(value):.2g} {unit}"
 
 
 def enough(need: float) -> str:

@@ -166,7 +166,10 @@ class Inertia(Answer):
             used_kg_m2 = np.sort(tree.inertias_kg_m2[link + 1])
             # PyBullet does not scale an inertia that it takes from the file.
             unscaled = moments is not None and np.allclose(
-                np.linalg.eigvalsh(moments) / body.asked.scale**2, used_kg_m2, rtol=1e-6, atol=0
+                np.linalg.eigvalsh(moments) / np.square(body.asked.scale),
+                used_kg_m2,
+                rtol=1e-6,
+                atol=0,
             )
             if moments is not None and not told.inertia and not unscaled:
                 turned = kin.matrix(link)[0]
@@ -241,7 +244,9 @@ def _of_file(body: Body, link: int, told: FileLink) -> Float64 | None:
     if not told.mass_kg > 0 or len(told.inertia_kg_m2) != 6:
         return None
     xx, xy, xz, yy, yz, zz = told.inertia_kg_m2
-    moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) * body.asked.scale**2
+    moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) * np.square(body.asked.scale)
+    if not np.isfinite(moments).all():
+        return None
     low, middle, high = np.linalg.eigvalsh(moments)
     reach_m = max((_reach_m(each) for each in body.collisions if each.link == link), default=np.inf)
     # A link may be larger than what is touched of it, but not by much.

@@ -145,7 +145,7 @@ class TimestepTooLong(Answer):
                 if steps.law.tree.fixed or not 0 < thick_m < ENDLESS_M:
                     continue
                 way_m = np.linalg.norm(steps.after.velocity[:, 3:6], axis=1) * step_s
-                rows = np.flatnonzero(way_m > thick_m)
+                rows = np.flatnonzero((way_m > thick_m) & np.isfinite(way_m))
                 if len(rows):
                     _note(self._far, body, judged, steps, rows, step_s, way_m, thick_m)
 

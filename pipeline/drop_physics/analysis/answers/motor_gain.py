@@ -103,6 +103,7 @@ class MotorGain(Answer):
         free = ~driven.at_limit[:, k] | grows_with(driven.asked.kp, driven.asked.kd)[:, k]
         passed = rings & (before * after < 0) & free
         passed &= np.maximum(np.abs(before), np.abs(after)) > OFF[unit]
+        passed &= np.isfinite(driven.asked.kp[:, k] + driven.asked.kd[:, k])
         rows = np.flatnonzero(passed)
         if not len(rows):
             return

@@ -14,7 +14,7 @@ from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.laws.tree import Tree
 from drop_physics.messages import Message
-from drop_physics.seen.calls import Call
+from drop_physics.seen.calls import BODY_NAMES, Call
 from drop_physics.seen.events import Body
 
 Float64 = NDArray[np.float64]
@@ -44,32 +44,38 @@ class NotFinite(Answer):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._found: dict[int, tuple[int, Body, str, Call | None]] = {}
-        """By client: the first step, its body, the term that was first, the call."""
+        self._found: dict[int, tuple[int, str, Call | None]] = {}
+        """By body: the first step, the term that was first, the call."""
 
     def see(self, explained: Explained) -> None:
-        """Keep the first of each simulation."""
-        for judged in explained.bodies.values():
-            known = self._found.get(judged.body.client)
+        """Keep the first of each body."""
+        for number, judged in explained.bodies.items():
             for steps in judged.stretches:
+                if number in self._found:
+                    break
                 wrong = ~np.isfinite(steps.after.velocity).all(axis=1)
                 for name in ("position_m", "orientation", "joints"):
                     wrong |= ~np.isfinite(getattr(steps.after, name)).all(axis=1)
+                for impulses in steps.terms.values():  # too large for a sum
+                    wrong |= ~np.isfinite(impulses).all(axis=1)
                 rows = np.flatnonzero(wrong)
-                if len(rows) and (known is None or steps.steps[rows[0]] < known[0]):
-                    row = int(rows[0])
-                    step = int(steps.steps[row])
-                    terms = [
-                        n for n, each in steps.terms.items() if not np.isfinite(each[row]).all()
-                    ]
-                    term = terms[0] if len(terms) == 1 else ""
-                    call = _without_number(explained.piece.calls, judged.body.client, step)
-                    known = self._found[judged.body.client] = step, judged.body, term, call
-                    break
+                if not len(rows):
+                    continue
+                row = int(rows[0])
+                step = int(steps.steps[row])
+                terms = [n for n, each in steps.terms.items() if not np.isfinite(each[row]).all()]
+                call = _without_number(explained.piece.calls, judged.body, step)
+                self._found[number] = step, terms[0] if len(terms) == 1 else "", call
 
     def findings(self) -> Iterator[Finding]:
-        """Yield the first body of each simulation."""
-        for step, body, term, call in self._found.values():
+        """Yield the first body of each simulation, one that a call names before others."""
+        by_client: dict[int, list[int]] = {}
+        for number in self._found:
+            by_client.setdefault(self.scene.body(number).client, []).append(number)
+        for numbers in by_client.values():
+            first = min(numbers, key=lambda n: (self._found[n][0], self._found[n][2] is None))
+            step, term, call = self._found[first]
+            body = self.scene.body(first)
             why = Message(", first in the term {term}", term=term) if term else ""
             if call is not None:
                 why = Message(
@@ -82,18 +88,23 @@ class NotFinite(Answer):
             )  # fmt: skip
             yield Finding(
                 code="not-finite", level="broken", message=message, body=body.label, share=1.0,
-                steps=Span(step, step, 1), site=None if call is None else site_of(call),
+                bodies=len(numbers), steps=Span(step, step, 1),
+                site=None if call is None else site_of(call),
             )  # fmt: skip
 
 
-def _without_number(calls: list[Call], client: int, step: int) -> Call | None:
-    """Return the last call before a step that was given a number that is none."""
+def _without_number(calls: list[Call], body: Body, step: int) -> Call | None:
+    """Return the last call for a body, or for all, that was given a number that is none."""
     return next(
         (
             each
             for each in reversed(calls)
-            if each.client == client and each.at.step < step
+            if each.client == body.client and each.at.step < step
             if not np.isfinite(each.numbers).all()
+            if next(
+                (each.values[name][0] for name in BODY_NAMES if name in each.values), body.number
+            )
+            == body.number
         ),
         None,
     )
