@@ -23,6 +23,7 @@ import drop_physics.stages.record as stage
 import numpy as np
 import pyarrow as pa
 import pytest
+import scenes
 import scripts
 from command import drop_here, wait_for
 from drop_physics.engines.bullet.frames import Frames
@@ -632,6 +633,14 @@ def test_reading_the_clock_is_no_waiting(bench: Bench) -> None:
     text += "work()\nfor _ in range(3):\n    p.stepSimulation()\n    work()\n"
     recorded, _ = bench.record(bench.script(scripts.WINDOW + text), duration_s=2.0)
     assert (recorded.ended, recorded.samples) == ("finished", 4)
+
+
+def test_a_fixed_joint_that_is_commanded_is_no_motor(tmp_path: Path) -> None:
+    """It has no columns among its body's rows, where others may have no commands."""
+    scene = "r = p.loadURDF('r2d2.urdf')\nassert p.getJointInfo(r, 0)[2] == p.JOINT_FIXED\n"
+    call = "p.setJointMotorControl2(r, 0, p.POSITION_CONTROL, 0.5, force=65)\n"
+    seen = scenes.record(scene + call + "steps(3)", tmp_path / "fixed.rrd").seen
+    assert set(seen.samples.values()) == {4}
 
 
 def test_a_script_that_reads_the_clock_until_a_time_gets_there(bench: Bench) -> None:

@@ -133,7 +133,8 @@ class Commands:
                     found.setdefault(key, []).extend(self._asked[key].cells(joint, its))
         self._raised.clear()
         for key, cells in found.items():
-            yield from self._asked[key].chunks(cells)
+            if cells:  # a fixed joint has no motor
+                yield from self._asked[key].chunks(cells)
 
 
 class Cells(NamedTuple):
