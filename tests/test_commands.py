@@ -98,3 +98,19 @@ steps(5)
     last = [rows[-1]["Scalars:scalars"] for rows in by.values()][-1]
     assert last[4] == 2.0
     assert np.isnan(last[3])
+
+
+def test_a_body_set_to_where_it_is_leaves_no_row(tmp_path: Path) -> None:
+    scene = """
+b = p.createMultiBody(0, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1))
+for i in range(20):
+    p.resetBasePositionAndOrientation(b, [0.3 * i / 240, 0, 1], [0, 0, 0, 1])
+    p.resetBaseVelocity(b, [0.3, 0, 0], [0, 0, 0])
+    p.stepSimulation()
+"""
+    seen = scenes.record(scene, tmp_path / "run.rrd").seen
+    there = dict(zip(seen.bases["step"].to_list(), seen.bases["x_m"].to_list(), strict=True))
+    put = {each.at.step for each in seen.puts}
+    assert 0 < len(put) < 20
+    for step in range(2, 20):
+        assert (step in put) == (there[step] != 0.3 * step / 240)

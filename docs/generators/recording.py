@@ -109,7 +109,8 @@ HAPPENED = {
     "frames, shapes, collision shapes and hulls, what its file asks for",
     schema.DYNAMICS: "what the engine reports of a body's links: mass, inertia, friction …",
     schema.SETTINGS: "what the engine reports of itself: timestep, gravity, solver …",
-    schema.SET: "where a call placed a body between two steps",
+    schema.SET: "where a call placed a body between two steps, unless it was there already, to "
+    "the bit",
     schema.SITES: "a place in the script that calls the engine: function, file, line, the form of "
     "its arguments with `{}` for each number",
     schema.RAISED: "what a call raised",
