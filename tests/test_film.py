@@ -218,7 +218,7 @@ def test_what_cannot_be_shown_is_said_in_a_line(record: Record, tmp_path: Path, 
     with pytest.raises(RecordingError, match="has nothing to show"):
         render(record(NOTHING), out=tmp_path / "a.gif")
     assert not list(tmp_path.iterdir())
-    done = drop("render", str(path), "--out", "a.gif", "--plot", "a.png")
+    done = drop("render", str(path), "--out", "a.gif", "--caption")
     assert done.returncode != 0
     assert "which only a drop has" in done.stderr
 

@@ -188,7 +188,7 @@ SCRIPT_ANALYSIS = _object(
     script.ScriptAnalysis,
     {"kind", "recording", "layer", "partial", "origin", "engine", "samples", "explained", "bodies",
      "findings"},
-    table=None, by_body=None,
+    table=None, by_body=None, curves=None,
 )  # fmt: skip
 RENDERING = _object(Rendering, plot=Path | None, speed=None)
 ROW = Object(

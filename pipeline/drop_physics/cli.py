@@ -201,7 +201,7 @@ def render(
     """Make a gif of the recorded frames, and a plot of heights and errors.
 
     For a script's recording: a gif of the images it took; with --camera, or if it took none, of
-    the recorded poses.
+    the recorded poses; and a plot of what its findings are about.
     """
     from drop_physics.console.show_run import show_rendering
     from drop_physics.figures.playback import Animation

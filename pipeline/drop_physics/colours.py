@@ -45,3 +45,18 @@ SEGMENTS = {
     "unexplained": "#d55e00",
 }
 """The classes of a body's samples."""
+CAUSES = {
+    "motors": "#cc79a7",
+    "contacts": "#e69f00",
+    "rolling": "#b8860b",
+    "applied": "#009e73",
+    "constraints": "#0072b2",
+    "damping": "#56b4e9",
+    "joint damping": "#d55e00",
+    "stops": "#a0522d",
+    "set": "#b5a900",
+    "clamp": "#aa3377",
+    "integrator": "#8a8f98",
+    "remainder": "#ee6677",
+}
+"""What changes a body's energy, in the colours of their samples."""

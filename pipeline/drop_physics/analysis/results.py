@@ -10,6 +10,7 @@ from typing import Any, Literal
 import polars as pl
 
 from drop_physics.analysis.answers.answer import Finding
+from drop_physics.analysis.curves import CurveTable
 from drop_physics.analysis.general.flights import VectorTerms
 from drop_physics.analysis.general.jsonable import jsonable
 from drop_physics.analysis.joints import JointRow
@@ -226,6 +227,8 @@ class ScriptAnalysis(Shown, lines_of="drop_physics.console.show_analysis:analysi
     """How much of each body is explained, by number."""
     table: pl.DataFrame
     """A row per sample and body; of long recordings only what is shown, unless it was asked for."""
+    curves: CurveTable
+    """What plots and the viewer show of joints, friction and energy."""
     kind: Literal["script"] = "script"
     """Of a drop, the analysis is another (`Analysis`)."""
     recording: Path | None = None
@@ -237,7 +240,7 @@ class ScriptAnalysis(Shown, lines_of="drop_physics.console.show_analysis:analysi
 
     def as_json(self) -> dict[str, Any]:
         """Return the documented JSON object; what does not exist is null."""
-        hidden = ("table", "by_body")
+        hidden = ("table", "by_body", "curves")
         values = {name: value for name, value in vars(self).items() if name not in hidden}
         return dict(_renamed(jsonable(values)))
 

@@ -11,6 +11,7 @@ import polars as pl
 from drop_physics.analysis.answers.answer import Finding, Scene
 from drop_physics.analysis.answers.every import ANSWERS, ranked
 from drop_physics.analysis.bodies import BodyStory
+from drop_physics.analysis.curves import CurveTable
 from drop_physics.analysis.explained import recording
 from drop_physics.analysis.explained.recording import Explanation
 from drop_physics.analysis.joints import JointTable
@@ -59,6 +60,7 @@ class Story:
             joints=JointTable(seen),
             touches=TouchTable(seen),
         )
+        self.curves = CurveTable(seen, self.scene.times)
         self._answers = [question(self.scene) for question in ANSWERS]
         self._rows: list[pl.DataFrame] = []
         self._whole = whole
@@ -71,6 +73,7 @@ class Story:
         """Take a piece."""
         self.scene.joints.add(explained)
         self.scene.touches.add(explained)
+        self.curves.add(explained, self.scene.joints, self.scene.touches)
         for answer in self._answers:
             answer.see(explained)
         for number, judged in explained.bodies.items():
@@ -122,6 +125,7 @@ def script_analysis_of(
         findings=story.findings(),
         by_body=by_body,
         table=story.table,
+        curves=story.curves,
     )
 
 

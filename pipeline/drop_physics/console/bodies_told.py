@@ -102,9 +102,7 @@ def _findings(findings: list[Finding], *, verbose: bool) -> list[str]:
 
 
 def _finding(number: int, finding: Finding) -> list[str]:
-    text: str = finding.message
-    if finding.body is not None and finding.joint is None and finding.body not in text:
-        text = joined(": ", [finding.body, text])
+    text = finding.said
     if finding.bodies > 1:
         others = counted(finding.bodies - 1, "other body", "other bodies")
         text = Message("{text}; so do {others}", text=text, others=others)

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from drop_physics.analysis.drop.analysis import analysis_of
 from drop_physics.analysis.drop.results import Analysis
+from drop_physics.analysis.results import ScriptAnalysis
+from drop_physics.analysis.story import script_analysis_of
 from drop_physics.errors import RecordingError, ScenarioError, check_suffix
 from drop_physics.fields import fraction
 from drop_physics.figures.animation import MAX_FPS, check_animation, decoded, write_animation
@@ -64,7 +66,9 @@ def render(
     progress: Progress = lambda *_: None,
     assistant: Worker | None = None,
 ) -> Rendering:
-    """Make a gif of a recording's frames, and of a drop a plot of its heights and errors.
+    """Make a gif of a recording's frames, and a plot.
+
+    That of a drop shows heights and errors, that of a script what its findings are about.
 
     Parameters
     ----------
@@ -110,8 +114,6 @@ def render(
     if not of_drop:
         if animation.caption or animation.with_plot:
             raise ScenarioError("--caption and --with-plot need a theory, which only a drop has")
-        if plot is not None or dark:
-            raise ScenarioError("--plot and --dark need a theory, which only a drop has")
     elif view is not None or body is not None:
         raise ScenarioError(
             "--camera and --body are for recordings of scripts; a drop's frames are taken when it "
@@ -119,10 +121,9 @@ def render(
         )
     gif = path.with_suffix(".gif") if out is None else Path(out)
     plotted = path.with_suffix(".png") if plot is None else Path(plot)
-    written = [(gif, out, b"GIF8"), *([(plotted, plot, b"\x89PNG")] * of_drop)]
+    written = [(gif, out, b"GIF8"), (plotted, plot, b"\x89PNG")]
     check_animation(gif, animation.fps)
-    if of_drop:
-        check_suffix("--plot", plotted, (".png", ".svg"))
+    check_suffix("--plot", plotted, (".png", ".svg"))
     check_apart([target for target, *_ in written], inputs=[path])
     for target, named, beginning in written:
         check_target(target, force=force or named is None)
@@ -136,7 +137,12 @@ def render(
             read_back, gif, animation=animation, view=view, body=body, force=force,
             ours=out is None, report=report,
         )  # fmt: skip
-        return Rendering(gif=gif, frames=count, fps=played.fps, plot=None, speed=played.speed)
+        ended = read_back.ended or {}
+        told = script_analysis_of(read_back.seen, read_back.origin | {"ended": ended.get("ended"),
+            "error": ended.get("error")})  # fmt: skip
+        with written_whole(plotted, force=force, ours=plot is None) as file:
+            file.write(_story(told, plotted.suffix[1:], dark))
+        return Rendering(gif=gif, frames=count, fps=played.fps, plot=plotted, speed=played.speed)
     analysis = analysis_of(
         read_back.scenario, read_back.engine, read_back.states, read_back.contacts
     )
@@ -167,9 +173,18 @@ def render(
     )
 
 
-def plot_of(analysis: Analysis, *, dark: bool = False) -> bytes:
+def plot_of(analysis: Analysis | ScriptAnalysis, *, dark: bool = False) -> bytes:
     """Return the plot of an analysis as PNG, as `render` draws it."""
+    if isinstance(analysis, ScriptAnalysis):
+        return _story(analysis, "png", dark)
     return _plot(analysis.table, "png", _facts(Scenario(**analysis.scenario), analysis), dark)
+
+
+def _story(analysis: ScriptAnalysis, format: str, dark: bool) -> bytes:  # noqa: A002
+    from drop_physics.figures.story_plot import told_story  # loads matplotlib
+    from drop_physics.stages.telling import story_of
+
+    return told_story(story_of(analysis), format, dark=dark)
 
 
 def _plot(*drawing: Any) -> bytes:  # noqa: ANN401

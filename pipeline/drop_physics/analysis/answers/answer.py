@@ -11,6 +11,7 @@ from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import JointTable
 from drop_physics.analysis.times import Times
 from drop_physics.analysis.touches import TouchTable
+from drop_physics.messages import joined
 from drop_physics.seen.calls import Call
 from drop_physics.seen.events import Body, Site
 from drop_physics.seen.history import Seen
@@ -73,6 +74,13 @@ class Finding:
     """The steps that it covers."""
     site: str | None = None
     """File and line of the call that caused it."""
+
+    @property
+    def said(self) -> str:
+        """The message, which names what it is about."""
+        if self.body is None or self.joint is not None or self.body in self.message:
+            return self.message
+        return joined(": ", [self.body, self.message])
 
     @property
     def rank(self) -> tuple[int, float]:

@@ -1,0 +1,205 @@
+"""Plot what a script's bodies did: the verdict, and below it a few panels on one time axis."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from drop_physics.figures import style
+from drop_physics.figures.gif import MADE_BY_DROP
+from drop_physics.figures.style import Ink, Unit
+from drop_physics.messages import Message
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Float64 = NDArray[np.float64]
+
+WIDTH_IN, HEAD_IN, FOOT_IN = 8.0, 0.3, 0.55
+"""Of the figure; above and below its panels."""
+PANEL_IN, GAP_IN, LINE_IN = 1.55, 0.42, 0.24
+LEFT, RIGHT = 0.085, 0.79
+"""Ends of the panels, as shares of the width: right of them the curves' names are."""
+TITLE, LINE = 68, 98
+"""Characters that fit in a line of the title, and in one below it."""
+MOST_TITLE, MOST_LINES = 2, 5
+NAME = 21
+"""Characters of a curve's name that fit beside a panel."""
+APART = 0.135
+"""Least distance of two names, as a share of a panel's height."""
+USUAL, TALLER = 98.0, 3.0
+"""Peaks over TALLER times this percentile of a panel are cut off."""
+
+Look = Literal["line", "wide", "dashed"]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A named curve."""
+
+    name: str
+    times_s: Float64
+    """Shape (n,)."""
+    values: Float64
+    """Shape (n,); nan where there is a gap."""
+    colour: str
+    """As `#rrggbb`; empty for that of text."""
+    look: Look = "line"
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Curves of one unit; what finding they show, and when it holds."""
+
+    title: str
+    unit: str
+    curves: Sequence[Curve]
+    mark: str = ""
+    """Number of the finding that it shows."""
+    span_s: tuple[float, float] | None = None
+    """The time that the finding covers."""
+    zero: bool = False
+    """Whether the curves are read from zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class Story:
+    """What a plot tells."""
+
+    title: str
+    lines: Sequence[str]
+    """Below the title."""
+    panels: Sequence[Panel]
+
+
+def build_story(story: Story, ink: Ink) -> Figure:
+    """Return the figure of a story; its axes are labelled `panel 0` and so on."""
+    title = _wrapped([story.title], TITLE, MOST_TITLE)
+    lines = _wrapped(story.lines, LINE, MOST_LINES)
+    head_in = HEAD_IN + 1.2 * LINE_IN * len(title) + LINE_IN * 0.8 * len(lines) + GAP_IN
+    count = len(story.panels)
+    height_in = head_in + count * PANEL_IN + max(0, count - 1) * GAP_IN + FOOT_IN
+    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=150)
+    at = 1 - 0.6 * HEAD_IN / height_in
+    figure.text(0.02, at, "\n".join(title), size=14, weight="bold", va="top", linespacing=1.25)
+    at -= 1.3 * LINE_IN * len(title) / height_in + 0.06 / height_in
+    figure.text(0.02, at, "\n".join(lines), size=10, color=ink.faint, va="top", linespacing=1.3)
+    if not story.panels:
+        return figure
+    end_s = max((float(curve.times_s[-1]) for panel in story.panels for curve in panel.curves
+        if len(curve.times_s)), default=0.0)  # fmt: skip
+    time = style.unit_for(end_s, style.SECONDS, usual="s")
+    axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+    figure.subplots_adjust(
+        LEFT, FOOT_IN / height_in, RIGHT, 1 - head_in / height_in, hspace=GAP_IN / PANEL_IN
+    )
+    axes[-1].set_xlim(0, end_s * time.per_si or 1)
+    axes[-1].set_xlabel(style.words("time [{unit}]", unit=time.name))
+    for number, (each, panel) in enumerate(zip(axes, story.panels, strict=True)):
+        each.set_label(f"panel {number}")
+        _draw(each, panel, time, ink)
+    figure.align_ylabels(axes)
+    return figure
+
+
+def told_story(story: Story, format: str, *, dark: bool) -> bytes:  # noqa: A002
+    """Return the plot of a story as the bytes of a `png` or `svg` for a light or a dark page."""
+    stream, ink = io.BytesIO(), style.DARK if dark else style.LIGHT
+    with style.plain(ink):
+        figure = build_story(story, ink)
+        if format == "svg":
+            figure.savefig(stream, format="svg", metadata={"Date": None})
+        else:
+            made = {"Software": None, "Comment": MADE_BY_DROP.decode()}
+            figure.savefig(stream, format="png", metadata=made)
+    return stream.getvalue()
+
+
+def _wrapped(texts: Sequence[str], width: int, most: int) -> list[str]:
+    lines = [line for text in texts
+        for line in textwrap.wrap(style.words(text), width, break_on_hyphens=False)]  # fmt: skip
+    return [*lines[: most - 1], lines[most - 1] + " …"] if len(lines) > most else lines
+
+
+def _draw(axes: Axes, panel: Panel, time: Unit, ink: Ink) -> None:
+    mark = f"{panel.mark}  " if panel.mark else ""
+    axes.set_title(
+        f"{mark}{style.words(panel.title)} [{panel.unit}]", loc="left", size=11, pad=5,
+        color=ink.text,
+    )  # fmt: skip
+    if panel.span_s is not None:
+        first, last = (at * time.per_si for at in panel.span_s)
+        axes.axvspan(first, last, color=ink.faint, alpha=0.13, lw=0)
+    if panel.zero:
+        axes.axhline(0, color=ink.faint, lw=0.9, zorder=0.9)
+    for order, curve in enumerate(panel.curves):
+        thin = len(curve.times_s) > 1
+        axes.plot(
+            curve.times_s * time.per_si, curve.values,
+            color=curve.colour or ink.text,
+            lw={"line": 1.8, "wide": 5.0, "dashed": 1.5}[curve.look],
+            linestyle=style.DASHED if curve.look == "dashed" else "-",
+            marker=None if thin else "o", markersize=4,
+            solid_capstyle="butt", zorder=2 + 0.01 * order,
+        )  # fmt: skip
+    _limit(axes, panel, ink)
+    _name(axes, panel.curves, ink)
+
+
+def _limit(axes: Axes, panel: Panel, ink: Ink) -> None:
+    """Fit the panel to its curves; peaks far above all else are cut off, and this is said."""
+    values = np.concatenate([curve.values for curve in panel.curves])
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return
+    low, high = float(values.min()), float(values.max())
+    usual = [float(np.percentile(values, at)) for at in (100 - USUAL, USUAL)]
+    room = max(usual[1], 0.0) - min(usual[0], 0.0) or 1.0
+    cut = [end for end in (low, high) if abs(end) > TALLER * room]
+    bottom, top = (max(low, -1.5 * room), min(high, 1.5 * room)) if cut else (low, high)
+    if panel.zero:
+        bottom, top = min(bottom, 0.0), max(top, 0.0)
+    margin = 0.08 * ((top - bottom) or max(abs(top), 1e-3))
+    axes.set_ylim(bottom - margin * (bottom < 0 or not panel.zero), top + margin)
+    if cut:
+        most = max(cut, key=abs)
+        said = Message("peak of {peak:.3g} {unit} cut off", peak=most, unit=panel.unit)
+        axes.annotate(
+            style.words(said), (1, 1), xycoords="axes fraction", xytext=(0, 5),
+            textcoords="offset points", ha="right", va="bottom", size=9, color=ink.faint,
+        )  # fmt: skip
+
+
+def _name(axes: Axes, curves: Sequence[Curve], ink: Ink) -> None:
+    """Write the curves' names beside their ends, in their colours."""
+    bottom, top = axes.get_ylim()
+    ends = []
+    for curve in curves:
+        known = curve.values[np.isfinite(curve.values)]
+        if len(known):
+            end = (float(known[-1]) - bottom) / (top - bottom)
+            ends.append((min(max(end, 0.0), 1.0), curve))
+    ends.sort(key=lambda each: each[0])
+    for place, (_, curve) in zip(_spread([end for end, _ in ends]), ends, strict=True):
+        name = textwrap.shorten(style.words(curve.name), 2 * NAME, placeholder="…")
+        axes.annotate(
+            textwrap.fill(name, NAME), (1, place), xycoords="axes fraction", xytext=(6, 0),
+            textcoords="offset points", va="center", size=10, color=curve.colour or ink.text,
+            annotation_clip=False, linespacing=0.95,
+        )  # fmt: skip
+
+
+def _spread(ends: Sequence[float]) -> Iterator[float]:
+    """Yield ascending places near these, far enough apart to be read."""
+    places: list[float] = []
+    for end in ends:
+        places.append(max(end, places[-1] + APART) if places else end)
+    for number, place in enumerate(places):
+        yield min(place, 1.0 - APART * (len(places) - 1 - number))

@@ -1,0 +1,96 @@
+"""The plot of a script: its verdict as the title, its panels those of the findings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drop_physics.analysis.results import ScriptAnalysis
+from drop_physics.figures import style
+from drop_physics.figures.story_plot import Story, build_story, told_story
+from drop_physics.stages.telling import story_of
+from scenes import analyze, record
+
+ARM = """
+p.setGravity(0, 0, -9.81)
+arm = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)
+for joint, angle in enumerate([0, 0.8, 0, -1.2, 0, 0.5, 0]):
+    p.setJointMotorControl2(arm, joint, p.POSITION_CONTROL, angle, force={force})
+steps(480)
+"""
+BALL = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+ball = p.loadURDF("sphere2.urdf", [0, 0, 3], globalScaling=.4)
+steps(480)
+"""
+SLOPE = """
+p.setGravity(3, 0, -9)
+p.loadURDF("plane.urdf")
+shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.2, .2, .1])
+box = p.createMultiBody(2, shape, -1, [0, 0, .1])
+p.changeDynamics(box, -1, lateralFriction=0.2)
+steps(240)
+"""
+
+
+def told(scene: str, path: Path) -> tuple[ScriptAnalysis, Story]:
+    """Return a scene's analysis, and what its plot tells."""
+    analysis = analyze(record(scene, path / "scene.rrd").seen)
+    return analysis, story_of(analysis)
+
+
+def test_an_arm_too_weak_shows_its_joint_torque_and_limit(tmp_path: Path) -> None:
+    analysis, story = told(ARM.format(force=20), tmp_path)
+    joint = analysis.findings[0].joint
+    assert str(joint) in story.title
+    position, torque, *_ = story.panels
+    assert (position.mark, position.unit) == ("1", "rad")
+    reached, target = (curve.values for curve in position.curves)
+    (row,) = (row for row in analysis.bodies[0].joints if row.name == joint)
+    assert (reached[-1], target[-1]) == (row.reached, row.target)
+    limit = next(curve for curve in torque.curves if curve.name == "limit")
+    assert np.abs(torque.curves[0].values).max() == pytest.approx(20)
+    assert np.abs(limit.values[-1]) == pytest.approx(20)
+
+
+def test_what_slides_shows_the_friction_that_it_uses(tmp_path: Path) -> None:
+    analysis, story = told(SLOPE, tmp_path)
+    assert analysis.findings[0].code == "slides"
+    available, used = story.panels[0].curves
+    its = analysis.findings[0]
+    assert (its.body, its.other) == ("1_body", "0_plane") or its.other in story.panels[0].title
+    assert used.values[-1] == pytest.approx(available.values[-1], rel=1e-3)
+    assert available.values[-1] == pytest.approx(0.2 * 2 * 9, rel=0.02)  # μ m g
+
+
+def test_what_flies_shows_its_height_beside_free_fall(tmp_path: Path) -> None:
+    _, story = told(BALL, tmp_path)
+    (heights,) = (panel for panel in story.panels if "height" in panel.title)
+    fall, ball = heights.curves
+    known = np.isfinite(fall.values) & (fall.times_s < 0.5)
+    assert fall.values[known] == pytest.approx(3 - 9.81 * fall.times_s[known] ** 2 / 2, abs=1e-9)
+    assert ball.values[0] == 3
+
+
+@pytest.mark.parametrize("scene", [ARM.format(force=20), ARM.format(force=300), SLOPE, BALL])
+def test_energy_closes_and_every_text_is_inside_the_picture(scene: str, tmp_path: Path) -> None:
+    analysis, story = told(scene, tmp_path)
+    assert 1 <= len(story.panels) <= 4
+    for body in analysis.bodies:
+        its = analysis.curves.energy(body.id)
+        if its is not None and body.energy is not None:
+            given = sum(values for name, values in its.columns.items() if name != "whole")
+            assert given == pytest.approx(its.columns["whole"], abs=1e-9)
+            change_j = body.energy.end_j - body.energy.start_j
+            assert its.columns["whole"][-1] == pytest.approx(change_j, rel=1e-9, abs=1e-9)
+    with style.plain(style.LIGHT):
+        figure = build_story(story, style.LIGHT)
+        figure.canvas.draw()
+        boxes = [text.get_window_extent() for text in figure.texts]
+        boxes += [text.get_window_extent() for axes in figure.axes for text in axes.texts]
+    width, height = figure.canvas.get_width_height()
+    assert all(box.x0 >= 0 and box.x1 <= width for box in boxes)
+    assert all(box.y0 >= 0 and box.y1 <= height for box in boxes)
+    assert told_story(story, "png", dark=True) == told_story(story, "png", dark=True)
