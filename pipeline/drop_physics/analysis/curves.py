@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.contact_points import Pairs
-from drop_physics.analysis.controls import POSITION, VELOCITY
 from drop_physics.analysis.explained.causes import CAUSES
 from drop_physics.analysis.explained.judged import Judged
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven, JointTable, target_of
 from drop_physics.analysis.times import Times
 from drop_physics.analysis.touches import PRESSED, TouchTable
+from drop_physics.seen.calls import POSITION, VELOCITY
 from drop_physics.seen.history import Seen
 
 Float64 = NDArray[np.float64]
