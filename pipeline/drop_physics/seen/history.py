@@ -118,10 +118,10 @@ class Seen:
         """One row per contact point, in step order."""
         return self._whole.contacts
 
-    @property
+    @cached_property
     def calls(self) -> list[Call]:
         """Everything that the script did, in order."""
-        return self._whole.calls
+        return [call for piece in self.pieces() for call in piece.calls]
 
     @cached_property
     def _meanings(self) -> Meanings:
@@ -150,7 +150,11 @@ class Seen:
     @cached_property
     def parts(self) -> dict[tuple[int, int], pl.DataFrame]:
         """The states of each part that can move, by body and link."""
-        return self.parts_of(self._whole)
+        parts: dict[tuple[int, int], list[pl.DataFrame]] = {}
+        for piece in self.pieces():  # contacts of all steps would take four times as much
+            for part, states in self.parts_of(piece).items():
+                parts.setdefault(part, []).append(states)
+        return {part: pl.concat(parts[part]) for part in sorted(parts)}
 
     def parts_of(self, piece: Piece) -> dict[tuple[int, int], pl.DataFrame]:
         """Return the states of each part that can move in a piece, by body and link."""
