@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
 import pytest
+from conftest import Drop
 from drop_physics.errors import ScenarioError
 from drop_physics.stages.trust import Trust, trust, variations_of
 
@@ -97,3 +99,23 @@ steps(3000)
     assert found.growth is not None
     assert found.growth.lost_s is not None
     assert 0.5 < found.growth.rate_per_s < 8  # a few times sqrt(g / l) = 3.2 per second at most
+
+
+def test_the_command_tells_what_stands_and_fails_where_a_variation_ends_too_far(
+    tmp_path: Path, drop: Drop
+) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(f"{HEAD}b = p.loadURDF('cube.urdf', [0, 0, 9])\nprint(7)\nsteps(24)\n")
+    call = ["trust", "--jobs", "1", "--vary", "gravity=9,10"]
+    done = drop(*call, "--within", "0.01", "--json", "-o", tmp_path / "a", script)
+    assert done.returncode == 0
+    told = json.loads(done.stdout)
+    assert [each["name"] for each in told["variations"]] == ["gravity=9", "gravity=10"]
+    assert {*told["variations"][0]} >= {"name", "recording", "most", "end", "from_s"}
+    again = drop(*call, "--within", "0.001", "--force", "-o", tmp_path / "a", script)
+    assert again.returncode == 3
+    assert "gravity=9" in again.stdout
+    refused = drop(*call, "-o", tmp_path / "a", script)
+    assert refused.returncode == 1
+    assert "--force" in refused.stderr
+    assert drop("trust", "--vary", "gravity", script).returncode == 2

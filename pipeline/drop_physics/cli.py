@@ -474,6 +474,95 @@ def record(
 
 
 @app.command(
+    short_help="How far can a script's result be trusted?",
+    epilog="Example: drop trust --duration 10 my_script.py --its-own option",
+    context_settings={"allow_interspersed_args": False},
+)
+def trust(
+    program: Annotated[
+        list[str],
+        typer.Argument(metavar="SCRIPT.py …", help="The script to run, and its arguments."),
+    ],
+    *,
+    module: Annotated[
+        bool, typer.Option("-m", help="Run a module by its name, as python -m does.")
+    ] = False,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=V,…",
+            help="In place of the usual variations: values of a parameter of the engine, or "
+            "gravity [m/s2], or factors of friction or mass; repeatable.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Folder for the recordings. [default: recordings/SCRIPT-trust]",
+        ),
+    ] = None,
+    within: Annotated[
+        float | None,
+        typer.Option(
+            parser=a_number,
+            metavar="METRES",
+            help="Exit with 3 if a variation ends farther apart.",
+        ),
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option(parser=an_integer, metavar="N", help="Stop it after N steps.")
+    ] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            parser=a_number, metavar="SECONDS", help="Stop it after this simulated time [s]."
+        ),
+    ] = None,
+    seed: Annotated[
+        int,
+        typer.Option(parser=an_integer, metavar="N", help="Seed random and numpy.random with N."),
+    ] = 0,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            parser=an_integer, metavar="N", help="Worker processes; by default one per core."
+        ),
+    ] = None,
+    ray: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run on a Ray cluster: auto, local or its address."),
+    ] = None,
+    python: Annotated[
+        str | None,
+        typer.Option(metavar="PATH", help="The interpreter to run it with; 3.9 or later."),
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Run a PyBullet script again with variations, and tell what of its result stands.
+
+    Half and a quarter of the timestep, four times the solver's iterations, its residual threshold
+    at 0, everything moved by 1e-9 before the first step, and another random seed.
+    """
+    import sys
+
+    from drop_physics.console.show_trust import show_trust
+    from drop_physics.stages.trust import trust, varied_by
+
+    target, *arguments = program
+    folder = out or Path("recordings") / f"{Path(target).stem}-trust"
+    result = trust(
+        target, arguments, out=folder, vary=varied_by(vary), is_module=module, steps=steps,
+        duration_s=duration, seed=seed, python=python, jobs=jobs, ray=ray, force=force,
+        stdout=output.descriptor(sys.stderr),
+    )  # fmt: skip
+    raise typer.Exit(show_trust(result, as_json=json, within_m=within))
+
+
+@app.command(
     short_help="Describe a recording.",
     epilog="Example: drop info recordings/run.rrd",
 )

@@ -16,7 +16,7 @@ from drop_physics.analysis.apart import Apart, Converging, Growth, apart, conver
 from drop_physics.engines.bullet import script as running
 from drop_physics.engines.bullet.script import Program
 from drop_physics.errors import DropError, ScenarioError
-from drop_physics.files.outputs import make_folder
+from drop_physics.files.outputs import check_target, make_folder
 from drop_physics.recording import schema, writer
 from drop_physics.recording.about import about_script
 from drop_physics.recording.layout import layout
@@ -29,7 +29,6 @@ from drop_physics.workers import cores
 
 NUDGE = 1e-9
 """How far bodies and joints are moved before the first step [m, rad]."""
-BASE = "as it is"
 VARIATIONS: dict[str, dict[str, Any]] = {
     "timestep/2": {"finer": 2},
     "timestep/4": {"finer": 4},
@@ -80,7 +79,7 @@ class RunVariation:
         program = replace(self.program, variation=variation)
         if name == "seed":
             program = replace(program, seed=(program.seed or 0) + 1)
-        path = self.base.with_name(f"{name.replace('/', '_').replace('*', '_')}.rrd")
+        path = recording_of(self.base.parent, name)
         null = os.open(os.devnull, os.O_WRONLY)
         try:
             ending, _ = run_recorded(program, path, {"variation": name}, stdout=null, stderr=null)
@@ -91,6 +90,11 @@ class RunVariation:
         finer = variation.get("finer", 1)
         return Varied(name, path, apart(read(self.base).seen, read(path).seen, finer=finer),
             ending.how)  # fmt: skip
+
+
+def recording_of(folder: Path, name: str) -> Path:
+    """Return the recording of a variation."""
+    return folder / f"{name.replace('/', '_').replace('*', '_').replace(' ', '_')}.rrd"
 
 
 def trust(
@@ -106,6 +110,8 @@ def trust(
     python: str | None = None,
     jobs: int | None = None,
     ray: str | None = None,
+    force: bool = False,
+    stdout: int = 1,
 ) -> Trust:
     """Run a script as it is and with variations, and compare them.
 
@@ -114,7 +120,7 @@ def trust(
     target, arguments, is_module
         The script's path or a module's name, and its arguments.
     out
-        The folder for the recordings; those of the same names are replaced.
+        The folder for the recordings.
     vary
         Values by the name of a parameter of the engine, or `gravity` [m/s2], or `friction` or
         `mass`, which are factors: in place of the usual variations.
@@ -124,11 +130,17 @@ def trust(
         The interpreter that runs it; None for the current one.
     jobs, ray
         Processes on this machine, None for one per core; or a Ray cluster's address.
+    force
+        Whether existing recordings may be replaced.
+    stdout
+        File descriptor of the script's standard output, in its own run.
 
     Raises
     ------
     ScenarioError
         If a limit or a variation is out of range.
+    OutputError
+        If a recording exists or cannot be written.
     DropError
         If the interpreter cannot be started, or the script makes no step.
     """
@@ -141,7 +153,9 @@ def trust(
         seed=seed, begins_s=SEEDED_CLOCK_S,
     )  # fmt: skip
     base = folder / "base.rrd"
-    ending, made = run_recorded(program, base, {}, stdout=1)
+    for path in (base, *(recording_of(folder, name) for name in variations)):
+        check_target(path, force=force)
+    ending, made = run_recorded(program, base, {}, stdout=stdout)
     if not made:
         raise DropError("{script} makes no step: there is nothing to compare", script=target)
     most = made if ending.how in STOPPED else made + 1
@@ -170,6 +184,28 @@ def _converging(base: Path, varied: Mapping[str, Varied]) -> Converging | None:
     seen = read(base).seen
     ends = [apart(seen, seen), varied["timestep/2"].apart, varied["timestep/4"].apart]
     return converging((1.0, 0.5, 0.25), ends)
+
+
+def varied_by(texts: Sequence[str] | None) -> dict[str, list[float]] | None:
+    """Return values by name, of texts such as `mass=0.9,1.1`.
+
+    Raises
+    ------
+    ScenarioError
+        If one is something else.
+    """
+    if not texts:
+        return None
+    found: dict[str, list[float]] = {}
+    for text in texts:
+        name, _, values = text.partition("=")
+        try:
+            found.setdefault(name, []).extend(map(float, values.split(",")))
+        except ValueError:
+            raise ScenarioError(
+                "--vary must be NAME=V,… with numbers, got {text!r}", text=text
+            ) from None
+    return found
 
 
 def variations_of(vary: Mapping[str, Sequence[float]]) -> dict[str, dict[str, Any]]:
