@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.joints import Driven, target_of
+from drop_physics.analysis.controls import POSITION
+from drop_physics.analysis.joints import REST_STEPS, Driven, target_of
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -55,6 +56,9 @@ class Stood:
     rate: Float64
     """At the last."""
     resting: Flags
+    """Whether the joint came to rest while it stood."""
+    left: Flags
+    """Whether calls put the joint where it began, and gave the target before, not again."""
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -76,6 +80,8 @@ class _Open:
     position: float
     """When it was given."""
     at_limit: int
+    placed: bool
+    """Whether a call had put the joint there."""
 
 
 class Targets:
@@ -99,11 +105,14 @@ class Targets:
         keys[0] = target
         if len(self._tail) and steps.steps[0] != self._tail_step + 1:
             self._tail = self._tail[:0]
+        came = np.concatenate((self._tail[-1:].reshape(-1, target.shape[1]), driven.after[:-1]))
+        came = came if len(self._tail) else np.concatenate((driven.before[:1], came))
+        put = steps.put[:, None] & (driven.before != came)
         self._path = np.concatenate((self._tail.reshape(-1, target.shape[1]), driven.after))
         for k in range(target.shape[1]):
             if np.isnan(target[:, k]).all() and k not in self._open:
                 continue
-            ended, going = self._of(driven, k, keys[:, :, k], steps.steps)
+            ended, going = self._of(driven, k, keys[:, :, k], put[:, k])
             if len(ended):
                 yield ended, False
             if going is not None:
@@ -119,30 +128,35 @@ class Targets:
             settled[i] = len(path) == SETTLED_STEPS and np.ptp(path) < SETTLED
         return settled
 
-    def _of(self, driven: Driven, k: int, keys: Float64, ends: Int64) -> tuple[Stood, Stood | None]:
+    def _of(self, driven: Driven, k: int, keys: Float64, put: Flags) -> tuple[Stood, Stood | None]:
+        ends = driven.steps.steps
         new = np.ones(len(ends), np.bool_)
         same = (keys[:, 1:] == keys[:, :-1]) | (np.isnan(keys[:, 1:]) & np.isnan(keys[:, :-1]))
-        new[1:] = ~same.all(axis=0) | (np.diff(ends) != 1) | driven.steps.put[1:]
+        new[1:] = ~same.all(axis=0) | (np.diff(ends) != 1) | put[1:]
         held = self._open.pop(k, None)
-        if held is not None and held.last + 1 == ends[0] and not driven.steps.put[0]:
+        if held is not None and held.last + 1 == ends[0] and not put[0]:
             new[0] = not np.array_equal(held.key, keys[:, 0], equal_nan=True)
         begins = np.flatnonzero(new)
         rows = np.append(begins, len(ends))[1:] - 1
         position, total = driven.before[:, k], np.append(0, np.cumsum(driven.at_limit[:, k]))
         first, start = ends[begins], position[begins]
         counts = total[rows + 1] - total[begins]
+        placed = put[begins]
         if not new[0]:  # the one that stood goes on
             assert held is not None
             until = begins[0] - 1 if len(begins) else len(ends) - 1
             rows = np.append(until, rows) if len(begins) else np.array([until])
             first, start = np.append(held.first, first), np.append(held.position, start)
             counts = np.append(total[until + 1] + held.at_limit, counts)
-        found = _stood(driven, k, rows, first, start, counts)
+            placed = np.append(held.placed, placed)
+        left = placed & (driven.asked.told[rows, k] < first - 1)
+        found = _stood(driven, k, rows, first, start, counts, left)
         found = replace(found, resting=self._settled(found, len(ends)))
         if np.isfinite(found.target[-1]):
             self._open[k] = _Open(
-                keys[:, -1].copy(), int(first[-1]), int(ends[-1]), float(start[-1]), int(counts[-1])
-            )
+                keys[:, -1].copy(), int(first[-1]), int(ends[-1]), float(start[-1]),
+                int(counts[-1]), bool(placed[-1]),
+            )  # fmt: skip
         kept = np.isfinite(found.target)
         kept[-1] = False
         going = found.only(np.array([len(found) - 1])) if np.isfinite(found.target[-1]) else None
@@ -150,7 +164,7 @@ class Targets:
 
 
 def _stood(
-    driven: Driven, k: int, rows: Int64, first: Int64, start: Float64, counts: Int64
+    driven: Driven, k: int, rows: Int64, first: Int64, start: Float64, counts: Int64, left: Flags
 ) -> Stood:
     asked = driven.asked
     target, kp, kd, rate = (
@@ -163,9 +177,9 @@ def _stood(
     n = driven.steps.steps[rows] - first + 1
     timestep_s = driven.steps.reported.timestep_s[rows]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        left = (1 - kp) ** n
-        added = np.where(kp > 0, (1 - left) / kp, n) * timestep_s * rate
-    gap_law = left * (start - clipped) + added
+        remains = (1 - kp) ** n
+        added = np.where(kp > 0, (1 - remains) / kp, n) * timestep_s * rate
+    gap_law = remains * (start - clipped) + added
     sure = (kd == 1) & np.isnan(asked.max_velocity[rows, k]) & ~pd & driven.steps.covered
     aim = np.where(pd, asked.pd_target[rows, k], clipped)
     aim = np.where(np.isfinite(target_of(driven)[rows, k]), aim, np.nan)
@@ -182,7 +196,8 @@ def _stood(
         lawful=np.where(sure, gap_law, np.nan),
         kp=kp,
         rate=driven.rate[rows, k],
-        resting=driven.resting[rows, k],
+        resting=driven.resting[rows, k] & (n >= REST_STEPS),
+        left=left,
     )
 
 
@@ -195,6 +210,13 @@ def rings_with(kp: Float64, kd: Float64) -> Flags:
     low, high = half - root, half + root
     with np.errstate(invalid="ignore"):
         return np.asarray((kp > 0) & ((inside < -1e-12) | (low < -1e-9) | (high >= 1)))
+
+
+def flips(driven: Driven) -> Flags:
+    """Return where the gains of a motor turn its joint around with every step, (n, joint_rates)."""
+    kp, kd = driven.asked.kp, driven.asked.kd
+    rings = rings_with(kp, kd) & (driven.asked.mode == POSITION) & (driven.asked.pd != 1)
+    return np.asarray(rings & ((kp + kd > 2) | (kd > 1)))
 
 
 def grows_with(kp: Float64, kd: Float64) -> Flags:

@@ -162,6 +162,8 @@ class OffTarget(Answer):
             joint.missed = _worse(joint.missed, missed and replace(missed, last=True))
             return []
         unit, _ = units_of(driven, stood.k)
+        if stood.left[0] or (driven.resting[stood.row[0], stood.k] and not joint.moved):
+            return []  # reset-leaves', or too short a run to tell
         if joint.moved:
             known = joint.behind
             self._move(joint, driven, stood)
@@ -181,7 +183,8 @@ class OffTarget(Answer):
         return [replace(self._of(driven, stood, cause), last=True)]
 
     def _move(self, joint: _Joint, driven: Driven, stood: Stood) -> None:
-        """Count targets that were replaced while their joint moved."""
+        """Count targets that were replaced while their joint moved; not one left from before."""
+        stood = stood.only(np.flatnonzero(~stood.left))
         joint.moved += len(stood)
         joint.steps += int(stood.steps.sum())
         joint.at_limit += int(stood.at_limit.sum())

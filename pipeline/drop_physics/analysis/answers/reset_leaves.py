@@ -19,6 +19,9 @@ from drop_physics.messages import Message
 WATCHED = 240
 """For how many steps after it was put somewhere a joint is watched."""
 
+SAME = 1e-6
+"""Closer than that [rad] or [m] it is back: one that is put there with some noise is not."""
+
 
 @dataclass(kw_only=True)
 class _Put:
@@ -29,7 +32,7 @@ class _Put:
     position: float
     target: float
     back: bool
-    """Whether it was put back to where it was when that target was given."""
+    """Whether it was put back to where it was when that target was given, or its episode began."""
     told: float
     site: float
     first: int
@@ -52,6 +55,10 @@ class _Joint:
     """When its target was given."""
     start: float = np.nan
     """Where it was then."""
+    episode: int = 0
+    """The first step after it was last put somewhere."""
+    home: float = np.nan
+    """Where it was then."""
     watched: _Put | None = None
 
 
@@ -68,7 +75,7 @@ class ResetLeaves(Answer):
         for number in explained.bodies:
             for driven in self.scene.joints.latest.get(number, []):
                 joints, targets = self._joints.setdefault(number, {}), target_of(driven)
-                for k in np.flatnonzero(np.isfinite(targets).any(axis=0)).tolist():
+                for k in range(targets.shape[1]):
                     self._see(joints.setdefault(k, _Joint()), driven, k, targets[:, k])
 
     def findings(self) -> Iterator[Finding]:
@@ -110,6 +117,8 @@ class ResetLeaves(Answer):
             self._end(driven.body.number, joint)
         again = np.append(False, np.diff(told) != 0)
         puts = np.flatnonzero(moved)
+        if np.isnan(joint.home):
+            joint.home = float(before[0])
         for first, end in pairwise([-1, *puts.tolist(), len(steps)]):
             if first >= 0:
                 self._end(driven.body.number, joint)
@@ -118,6 +127,7 @@ class ResetLeaves(Answer):
                     joint.start = float(before[since])
                 if told[first] < steps.steps[first] - 1 and driven.limit[first, k] > 0:
                     joint.watched = self._put(joint, driven, k, first, float(target[first]))
+                joint.episode, joint.home = int(steps.steps[first]), float(before[first])
             if joint.watched is not None:
                 first = max(first, 0)
                 given = np.flatnonzero(again[first + 1 : end])
@@ -134,9 +144,11 @@ class ResetLeaves(Answer):
         position, first = float(driven.before[row, k]), int(driven.steps.steps[row])
         if not np.isfinite(target):
             return None
+        told = float(driven.asked.told[row, k])
+        homes = [joint.start, *([joint.home] if told >= joint.episode - 1 else [])]
         return _Put(
             joint=name_of(driven, k), unit=unit, position=position, target=target, first=first,
-            back=abs(position - joint.start) < OFF[unit], told=float(driven.asked.told[row, k]),
+            back=any(abs(position - home) < SAME for home in homes), told=told,
             site=float(driven.asked.site[row, k]), last=first, reached=position,
         )  # fmt: skip
 

@@ -12,6 +12,7 @@ from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene,
 from drop_physics.analysis.explained.judged import Judged
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
+from drop_physics.analysis.targets import flips
 from drop_physics.laws.tree import Tree
 from drop_physics.messages import Message
 from drop_physics.seen.calls import BODY_NAMES, Call
@@ -162,9 +163,18 @@ class Unstable(Answer):
                 known = self._rates.get(number)
                 if known is None or known.greatest.shape != (steps.law.tree.size,):
                     known = self._rates[number] = _Rates.of(judged.body, steps)
+                gained = self._gained(number, steps)
                 with np.errstate(invalid="ignore", over="ignore"):
-                    _ring(known, steps)
-                    _clamp(known, steps, judged)
+                    _ring(known, steps, ~gained)
+                    _clamp(known, steps, judged, ~gained)
+
+    def _gained(self, number: int, steps: Steps) -> NDArray[np.bool_]:
+        """Return the steps in which gains of a motor turn rates around: that is motor-gain's."""
+        found = np.zeros(len(steps), np.bool_)
+        for driven in self.scene.joints.latest.get(number, []):
+            if driven.steps is steps:
+                found |= (flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
+        return found
 
     def findings(self) -> Iterator[Finding]:
         """Yield the worst degree of freedom of each body."""
@@ -176,14 +186,14 @@ class Unstable(Answer):
                 yield _clamped(each)
 
 
-def _ring(known: _Rates, steps: Steps) -> None:
+def _ring(known: _Rates, steps: Steps, own: NDArray[np.bool_]) -> None:
     """Note runs of changes of sign, and the energy that each term puts in there."""
     before, after = steps.before.velocity, steps.after.velocity
     size = np.minimum(np.abs(before), np.abs(after))
     greatest = np.maximum.accumulate(np.abs(after), axis=0)
     greatest = np.maximum(greatest, known.greatest)
     turns = (before * after < 0) & (size > np.maximum(SHARE * greatest, LEAST))
-    turns &= ~steps.put[:, None]
+    turns &= (own & ~steps.put)[:, None]
     known.greatest, known.steps = greatest[-1], known.steps + len(steps)
     if not (turns.any() or known.run.any()):
         return
@@ -209,14 +219,14 @@ def _ring(known: _Rates, steps: Steps) -> None:
             sums[name] = sums.get(name, 0.0) + (factor * term).sum(axis=0)
 
 
-def _clamp(known: _Rates, steps: Steps, judged: Judged) -> None:
+def _clamp(known: _Rates, steps: Steps, judged: Judged, own: NDArray[np.bool_]) -> None:
     """Note what the clamp took, in steps that are explained."""
     taken = np.abs(steps.terms["clamp"])
     if not taken.any():
         return
     where = np.searchsorted(judged.steps, steps.steps)
     # What rounding leaves is none.
-    held = (taken > 1e-9 * steps.largest[:, None]) & judged.explained[where][:, None]
+    held = (taken > 1e-9 * steps.largest[:, None]) & (own & judged.explained[where])[:, None]
     taken, some = np.where(held, taken, 0.0), held.any(axis=0)
     known.clamped += held.sum(axis=0)
     known.taken = known.taken + taken.sum(axis=0)
