@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.controls import POSITION
 from drop_physics.analysis.joints import REST_STEPS, Driven, target_of
+from drop_physics.seen.calls import POSITION
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
