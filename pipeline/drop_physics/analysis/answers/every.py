@@ -39,6 +39,7 @@ from drop_physics.analysis.answers.substeps_scale_motors import SubstepsScaleMot
 from drop_physics.analysis.answers.targets import TargetClamped
 from drop_physics.analysis.answers.timestep_after_motor import TimestepAfterMotor
 from drop_physics.analysis.answers.unstable import NotFinite, Unstable
+from drop_physics.analysis.answers.wheel_slip import WheelSlip
 from drop_physics.messages import Message
 
 ANSWERS: tuple[type[Answer], ...] = (
@@ -51,6 +52,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     ResetLeaves,
     BeyondUrdf,
     MimicIgnored,
+    WheelSlip,
     # contacts
     StartsInContact,
     Slides,

@@ -1,0 +1,158 @@
+"""Validation: wheels that slip do so in bare PyBullet, by as much, and others are not said to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from asked import findings
+from contact_scenes import bare
+from drop_physics.analysis.answers.answer import Finding
+from drop_physics.analysis.story import Story
+from scenes import record
+
+HUSKY = """
+p.setGravity(0, 0, -9.81)
+plane = p.loadURDF("plane.urdf")
+b = p.loadURDF("husky/husky.urdf", [0, 0, .13])
+wheels, radius = [2, 3, 4, 5], .1651
+steps(60)
+for w in wheels:
+    p.changeDynamics(b, w, lateralFriction={mu})
+{before}
+for i in range({steps}):
+    speeds = {left}, {right}
+    for w in wheels:
+        p.setJointMotorControl2(b, w, p.VELOCITY_CONTROL, targetVelocity=speeds[w % 2], force=100)
+    {each}
+    p.stepSimulation()
+rolled = [p.getJointState(b, w)[0] * radius for w in wheels]
+"""
+RACECAR = """
+p.setGravity(0, 0, -9.81)
+plane = p.loadURDF("plane.urdf")
+p.changeDynamics(plane, -1, lateralFriction={mu})
+b = p.loadURDF("racecar/racecar.urdf", [0, 0, .1])
+wheels, radius = [2, 3, 5, 7], .05
+for i in range(480):
+    for w in wheels:
+        p.setJointMotorControl2(b, w, p.VELOCITY_CONTROL, targetVelocity={speed}, force=10)
+    for j in (4, 6):
+        p.setJointMotorControl2(b, j, p.POSITION_CONTROL, {steer})
+    p.stepSimulation()
+rolled = [p.getJointState(b, w)[0] * radius for w in wheels]
+"""
+CART = """
+import math
+p.setGravity(9.81 * math.sin({slope}), 0, -9.81 * math.cos({slope}))
+plane = p.createMultiBody(0, p.createCollisionShape(p.GEOM_BOX, halfExtents=[9, 9, .5]), -1,
+    [0, 0, -.5])
+p.changeDynamics(plane, -1, lateralFriction={mu})
+wheel = p.createCollisionShape({shape}, radius=.1, height=.2)
+wheels, radius = [0, 1, 2, 3], .1
+b = p.createMultiBody(
+    2, p.createCollisionShape(p.GEOM_BOX, halfExtents=[.2, .1, .05]), -1, [0, 0, {height}],
+    [0, 0, 0, 1], linkMasses=[.5] * 4, linkCollisionShapeIndices=[wheel] * 4,
+    linkVisualShapeIndices=[-1] * 4,
+    linkPositions=[[x, y, {hang}] for x in (-.15, .15) for y in (-.25, .25)],
+    linkOrientations=[[0, 0, 0, 1]] * 4, linkInertialFramePositions=[[0, 0, 0]] * 4,
+    linkInertialFrameOrientations=[[0, 0, 0, 1]] * 4, linkParentIndices=[0] * 4,
+    linkJointTypes=[p.JOINT_REVOLUTE] * 4, linkJointAxis=[{axis}] * 4)
+{before}
+for w in wheels:
+    p.changeDynamics(b, w, lateralFriction=1)
+for i in range(480):
+    for w in {driven}:
+        p.setJointMotorControl2(b, w, p.VELOCITY_CONTROL, targetVelocity={speed}, force=20)
+    {each}
+    p.stepSimulation()
+rolled = [p.getJointState(b, w)[0] * radius for w in wheels]
+"""
+LEVEL = {
+    "slope": 0, "mu": 0.8, "height": 0.1, "hang": 0, "axis": [0, 1, 0], "before": "",
+    "driven": "wheels", "shape": "p.GEOM_SPHERE", "speed": -8, "each": "pass",
+}  # fmt: skip
+HUSKY_AS_IT_IS = {
+    "mu": 1, "before": "", "steps": 420, "left": 6, "right": 6, "each": "pass",
+}  # fmt: skip
+WALL = (
+    "p.createMultiBody(0, p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, 2, 1]), -1, "
+    "[.8, 0, 1])"
+)
+LOAD = WALL.replace("(0,", "(400,", 1).replace("1])", "0.5])")
+TIED = "p.createConstraint(b, -1, -1, -1, p.JOINT_POINT2POINT, [0, 0, 0], [0, 0, 0], [0, 0, .13])"
+PLACED = "p.resetBasePositionAndOrientation(b, [i / 240, 0, .13], [0, 0, 0, 1])"
+THERE_AND_BACK = "6 * (-1) ** (i // 60)"
+
+
+def husky(**changed: object) -> str:
+    return HUSKY.format(**HUSKY_AS_IT_IS | changed)
+
+
+def cart(**changed: object) -> str:
+    return CART.format(**LEVEL | changed)
+
+
+SLIP = {
+    "husky on ice": (husky(mu=0.05), husky()),
+    "husky in a hurry": (husky(mu=0.2, left=20, right=20), husky(mu=2, left=20, right=20)),
+    "racecar on ice": (
+        RACECAR.format(mu=0.02, speed=20, steer=0), RACECAR.format(mu=2, speed=20, steer=0),
+    ),
+    "cart up a slope": (cart(slope=0.1, mu=0.12), cart(slope=0.1, mu=1)),
+}  # fmt: skip
+ROLL = {
+    "husky": husky(),
+    "racecar": RACECAR.format(mu=1, speed=10, steer=0),
+    "racecar in a curve": RACECAR.format(mu=1, speed=10, steer=0.4),
+    "cart": cart(),
+    "against a wall": husky(before=WALL),
+    "against a load": husky(before=LOAD),
+    "tied": husky(before=TIED),
+    "placed by calls": husky(each=PLACED),
+    "there and back": husky(left=THERE_AND_BACK, right=THERE_AND_BACK),
+    "in a hurry against a wall": husky(mu=0.2, left=20, right=20, before=WALL),
+    "brushes": cart(axis=[0, 0, 1], shape="p.GEOM_CYLINDER", mu=0.3),
+    "other wheels are held by their default motors": cart(driven="[0, 1]", mu=0.3),
+    "on its belly": cart(hang=0.06, height=0.05, mu=0.2),
+}
+
+
+def slips(scene: str, path: Path) -> list[Finding]:
+    return [each for each in findings(scene, path / "scene.rrd") if each.code == "wheel-slip"]
+
+
+@pytest.mark.parametrize("name", SLIP)
+def test_wheels_that_slip(name: str, tmp_path: Path) -> None:
+    scene, cured = SLIP[name]
+    (one,) = slips(scene, tmp_path)
+    assert (one.level, one.advice is None) == ("asked", False)
+    assert one.site is not None
+    assert one.site.startswith("scene.py:")
+    # How much of the way the wheels alone would have made.
+    before, after = bare(scene), bare(cured)
+    lost, kept = (
+        1 - np.linalg.norm(each["where"][:2]) / np.abs(each["rolled"]).mean()
+        for each in (before, after)
+    )
+    assert lost > 0.3
+    assert one.share == pytest.approx(lost, abs=0.1)
+    assert kept < 0.5 * lost
+    assert all(each.share < 0.6 * one.share for each in slips(cured, tmp_path))
+    story = Story(record(scene, tmp_path / "pieces.rrd").seen, {})
+    for piece in story.explanation.pieces(7):
+        story.see(piece)
+    (other,) = (each for each in story.findings() if each.code == "wheel-slip")
+    assert (other.message, other.steps) == (one.message, one.steps)
+
+
+def test_a_turn_on_the_spot_drags_wheels_sideways(tmp_path: Path) -> None:
+    (one,) = slips(husky(left=-5, right=5), tmp_path)
+    assert "sideways" in one.message
+    assert one.advice is None  # more friction does not help
+
+
+@pytest.mark.parametrize("name", ROLL)
+def test_wheels_that_roll_or_are_held(name: str, tmp_path: Path) -> None:
+    assert not slips(ROLL[name], tmp_path)
