@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.analysis.answers.asked_of_bodies import AskedOfBodies
 from drop_physics.analysis.contact_points import Points
-from drop_physics.analysis.controls import VELOCITY
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.analysis.joints import Driven
 from drop_physics.laws.kinematics import kinematics
 from drop_physics.laws.tree import BASE, Tree
 from drop_physics.messages import Message
+from drop_physics.seen.calls import VELOCITY
 
 Float64 = NDArray[np.float64]
 Rows = NDArray[np.intp]
