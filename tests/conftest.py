@@ -16,7 +16,7 @@ import polars as pl
 import pytest
 from command import drop_alone, drop_here
 from drop_physics import Analysis, Scenario, simulate
-from drop_physics.analysis.drop.analysis import analysis_of
+from drop_physics.analysis.drop.analysis import fall_analysis_of
 from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.viewer import binary
 from drop_physics.stages.run import Run, run
@@ -90,7 +90,9 @@ def judge(
 ) -> Analysis:
     """Analyze a recording that was read back, perhaps with other states."""
     mine = recording.states if states is None else states
-    return analysis_of(recording.scenario, recording.engine, mine, recording.contacts, at_s=at_s)
+    return fall_analysis_of(
+        recording.scenario, recording.engine, mine, recording.contacts, at_s=at_s
+    )
 
 
 def rerun_rrd(*arguments: object) -> str:

@@ -18,8 +18,8 @@ from typing import Any
 
 import pybullet as p
 from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.results import BodyAnalysis, ScriptAnalysis
-from drop_physics.analysis.story import script_analysis_of
+from drop_physics.analysis.results import Analysis, BodyAnalysis
+from drop_physics.analysis.story import analysis_of
 from drop_physics.engines.bullet.script import BlockListener
 from drop_physics.engines.bullet.watching import ending, pipe, start
 from drop_physics.recording import schema, writer
@@ -101,22 +101,22 @@ def _run(scene: str) -> None:
     exec(compile(textwrap.dedent(scene).lstrip("\n"), NAME, "exec"), names)
 
 
-def analyze(seen: Seen, **how: Any) -> ScriptAnalysis:
+def analyze(seen: Seen, **how: Any) -> Analysis:
     """Return what is said of a recording."""
-    return script_analysis_of(seen, {}, **how)
+    return analysis_of(seen, {}, **how)
 
 
-def body_of(analysis: ScriptAnalysis, number: int) -> BodyAnalysis:
+def body_of(analysis: Analysis, number: int) -> BodyAnalysis:
     """Return what is said of one body."""
     return next(one for one in analysis.bodies if one.id == number)
 
 
-def codes(analysis: ScriptAnalysis) -> list[str]:
+def codes(analysis: Analysis) -> list[str]:
     """Return the codes of all findings, in order."""
     return [one.code for one in analysis.findings]
 
 
-def found(analysis: ScriptAnalysis, code: str) -> Finding:
+def found(analysis: Analysis, code: str) -> Finding:
     """Return the one finding of a code."""
     (one,) = (one for one in analysis.findings if one.code == code)
     return one

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import Recorder, judge
-from drop_physics.analysis.drop.analysis import analysis_of
+from drop_physics.analysis.drop.analysis import fall_analysis_of
 from drop_physics.analysis.general.decomposition import decompose
 from drop_physics.analysis.general.mechanics import max_relative_drift, mechanics_of_part
 from drop_physics.laws.base import Motion
@@ -470,7 +470,7 @@ def test_a_body_rests_only_after_a_tenth_of_a_second(recorded: Recorder) -> None
             table.filter(pl.col("step") < samples)
             for table in (recording.states, recording.contacts)
         )
-        rest = analysis_of(scenario, recording.engine, states, contacts).rest
+        rest = fall_analysis_of(scenario, recording.engine, states, contacts).rest
         if rest is not None:
             lasts[samples] = samples - 1 - rest.settled_step
     assert min(lasts.values()) == 24

@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 from conftest import Drop, Recorder, judge
 from drop_physics import Analysis
-from drop_physics.analysis.drop.analysis import analysis_of
+from drop_physics.analysis.drop.analysis import fall_analysis_of
 from drop_physics.recording.reader import Recording
 from engine import ROUNDS_ONCE, shape, urdf_of
 
@@ -98,8 +98,8 @@ def test_what_contact_gave_is_momentum_and_energy(recorded: Recorder) -> None:
         held_m_s = up_m_s[:-1] - 9.81 * dt / 2 - up_m_s[1:]
         weighed_j += -weight_n * dt * float(held_m_s.sum())
     taken_j = sum(phase.kinetic_j for phase in analysis.contact_phases)
-    assert analysis.energy.contact_j is not None
-    assert taken_j + weighed_j == pytest.approx(analysis.energy.contact_j, abs=1e-12)
+    assert analysis.contact_j is not None
+    assert taken_j + weighed_j == pytest.approx(analysis.contact_j, abs=1e-12)
 
 
 # -- altered recordings ----------------------------------------------------------------------------
@@ -110,7 +110,7 @@ def altered(recording: Recording, step: int, column: str, by: float) -> Analysis
     states = recording.states.with_columns(
         pl.when(there).then(pl.col(column) + by).otherwise(pl.col(column)).alias(column)
     )
-    return analysis_of(recording.scenario, recording.engine, states, recording.contacts)
+    return fall_analysis_of(recording.scenario, recording.engine, states, recording.contacts)
 
 
 @pytest.mark.parametrize("step", [0, 60, 109, 400, 500, 720])
@@ -137,7 +137,7 @@ def test_an_altered_force_ends_what_is_explained(recorded: Recorder) -> None:
             "normal_force_n"
         )
     )  # fmt: skip
-    analysis = analysis_of(recording.scenario, recording.engine, recording.states, contacts)
+    analysis = fall_analysis_of(recording.scenario, recording.engine, recording.states, contacts)
     assert analysis.explained.until_s == pytest.approx((step - 1) / 240)
     assert analysis.segments.unexplained == 1
 

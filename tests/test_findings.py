@@ -8,7 +8,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 from conftest import Recorder, judge
-from drop_physics.analysis.drop.analysis import analysis_of
+from drop_physics.analysis.drop.analysis import fall_analysis_of
 from drop_physics.console.show_analysis import show_analysis
 from engine import MODES, box, shape, urdf_of
 
@@ -98,7 +98,7 @@ def test_an_altered_state_does_not_follow_the_law(
         pl.when(pl.col("step") == step).then(pl.col(column) + by).otherwise(pl.col(column))
         .alias(column)
     )  # fmt: skip
-    analysis = analysis_of(recording.scenario, recording.engine, altered, recording.contacts)
+    analysis = fall_analysis_of(recording.scenario, recording.engine, altered, recording.contacts)
     (message,) = [
         finding.message for finding in analysis.findings if finding.code == "law-mismatch"
     ]
@@ -111,7 +111,7 @@ def test_an_engine_with_another_law_is_noticed(recorded: Recorder) -> None:
     """A recording that claims the default damping, made with another."""
     other = recorded(linear_damping=0.05)
     named = recorded()
-    analysis = analysis_of(named.scenario, named.engine, other.states, other.contacts)
+    analysis = fall_analysis_of(named.scenario, named.engine, other.states, other.contacts)
     assert "law-mismatch" in [finding.code for finding in analysis.findings]
 
 

@@ -21,7 +21,7 @@ import scenes
 from altered import otherwise
 from command import drop_here
 from conftest import Drop, Recorder, judge, rerun_rrd
-from drop_physics.analysis.results import BodyAnalysis, ScriptAnalysis
+from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.console.show_analysis import show_analysis
 from drop_physics.recording.reader import Recording
 from drop_physics.seen.history import Seen
@@ -146,7 +146,7 @@ for i in range(20):
 }  # fmt: skip
 """Scenes of one body, the last that is loaded, and how many samples are what; all are explained."""
 
-Analyzed = Callable[[str], tuple[Recording, ScriptAnalysis]]
+Analyzed = Callable[[str], tuple[Recording, Analysis]]
 
 
 @pytest.fixture(scope="session")
@@ -154,7 +154,7 @@ def analyzed(tmp_path_factory: pytest.TempPathFactory) -> Analyzed:
     """Return a function from a scene to its recording and what is said of it, made once each."""
     folder, known = tmp_path_factory.mktemp("scenes"), dict[str, Any]()
 
-    def call(scene: str) -> tuple[Recording, ScriptAnalysis]:
+    def call(scene: str) -> tuple[Recording, Analysis]:
         if scene not in known:
             recording = scenes.record(scene, folder / f"{len(known)}.rrd")
             known[scene] = recording, analyze(recording.seen, at_s=(0.1,))
@@ -170,7 +170,7 @@ def steps_with_forces(seen: Seen, number: int) -> set[int]:
     return set(seen.contacts.filter(its, acts)["step"].to_list())
 
 
-def steps_that_are(analysis: ScriptAnalysis, number: int, segment: str) -> list[int]:
+def steps_that_are(analysis: Analysis, number: int, segment: str) -> list[int]:
     its = (pl.col("body") == number) & (pl.col("segment") == segment)
     return analysis.table.filter(its)["step"].to_list()
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drop_physics.analysis.results import ScriptAnalysis
+from drop_physics.analysis.results import Analysis
 from drop_physics.figures import style
 from drop_physics.figures.story_plot import Story, build_story, told_story
 from drop_physics.stages.telling import story_of
@@ -35,7 +35,7 @@ steps(240)
 """
 
 
-def told(scene: str, path: Path) -> tuple[ScriptAnalysis, Story]:
+def told(scene: str, path: Path) -> tuple[Analysis, Story]:
     """Return a scene's analysis, and what its plot tells."""
     analysis = analyze(record(scene, path / "scene.rrd").seen)
     return analysis, story_of(analysis)

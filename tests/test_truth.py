@@ -29,7 +29,7 @@ import oracle
 import pybullet as p
 import pytest
 from drop_physics import Scenario, analyze, simulate
-from drop_physics.analysis.drop.analysis import analysis_of
+from drop_physics.analysis.drop.analysis import fall_analysis_of
 from drop_physics.engines.bullet import probe
 from drop_physics.engines.bullet.world import World
 from drop_physics.errors import DropError, ScenarioError
@@ -1752,7 +1752,7 @@ def judge(scenario: Scenario) -> dict[str, Any]:
     """Return what `analyze` says of a drop, without a recording between the two."""
     with World(scenario) as world:
         states, contacts = tables_of(Batch.joined([*world.samples(BATCH)]))
-        return analysis_of(scenario, made_with(world), states, contacts).as_json()
+        return fall_analysis_of(scenario, made_with(world), states, contacts).as_json()
 
 
 def what_is_wrong(path: str, said: Said) -> str | None:

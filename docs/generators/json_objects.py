@@ -25,14 +25,12 @@ from drop_physics.analysis.comparison import Comparison
 from drop_physics.analysis.drop.convergence import Study
 from drop_physics.analysis.drop.results import (
     Airborne,
-    Analysis,
     Conservation,
-    Explained,
-    Finding,
+    DropAnalysis,
+    FallAnalysis,
     Impact,
     Moment,
     Rest,
-    SegmentCounts,
     Terms,
 )
 from drop_physics.analysis.general.flights import Flight, VectorTerms
@@ -70,8 +68,6 @@ CONTRACT: dict[type, set[str]] = {
     Conservation: {
         "energy_initial_j", "energy_max_rel_drift", "angular_momentum_max_rel_drift",
     },
-    Explained: {"samples", "of", "until_s", "why"},
-    Finding: {"code", "message"},
     Flight: {"first_step", "last_step", "start_s", "end_s", "error_m", "terms_m"},
     Impact: {
         "time_free_fall_s", "time_damped_s", "time_simulated_s", "step", "lowest_m", "lowest_step",
@@ -81,7 +77,6 @@ CONTRACT: dict[type, set[str]] = {
     Rendering: {"gif", "frames", "fps", "plot"},
     Rest: {"height_m", "expected_m", "error_m", "settled_step"},
     Scenario: {field.name for field in fields(Scenario)},
-    SegmentCounts: {field.name for field in fields(SegmentCounts)},
     Simulation: {"recording", "recording_id", "samples", "frames", "bytes", "wall_s"},
     Terms: {"timestep", "damping", "interaction", "rounding"},
     VectorTerms: {"timestep", "damping", "interaction", "rounding"},
@@ -179,16 +174,22 @@ def _sentences(phrases: Mapping[str, str]) -> dict[str, str]:
 # -- the commands ---------------------------------------------------------------------------------
 
 ANALYSIS = _object(
-    Analysis,
-    {"recording", "scenario", "engine", "at", "airborne", "impact", "rest", "conservation",
-     "findings", "segments", "flights", "explained"},
-    scenario=Scenario, table=None, contact_phases=None,
+    DropAnalysis,
+    {"kind", "recording", "layer", "partial", "origin", "samples", "explained", "bodies",
+     "scenario", "engine", "at", "airborne", "impact", "rest", "conservation", "findings",
+     "segments", "flights"},
+    scenario=Scenario, engine=EngineReport, origin=None, table=None, by_body=None,
+    contact_phases=None, contact_j=None, curves=None,
 )  # fmt: skip
+ANALYSIS = ANALYSIS._replace(
+    keys={"origin": (dict[str, Any], None), **ANALYSIS.keys},
+    descriptions=_descriptions(script.Analysis) | _descriptions(FallAnalysis),
+)
 SCRIPT_ANALYSIS = _object(
-    script.ScriptAnalysis,
+    script.Analysis,
     {"kind", "recording", "layer", "partial", "origin", "engine", "samples", "explained", "bodies",
      "findings"},
-    table=None, by_body=None, curves=None,
+    origin=dict[str, Any], engine=dict[str, Any], table=None, by_body=None, curves=None,
 )  # fmt: skip
 RENDERING = _object(Rendering, plot=Path | None, speed=None)
 ROW = Object(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import polars as pl
 
@@ -15,12 +15,17 @@ from drop_physics.analysis.general.flights import VectorTerms
 from drop_physics.analysis.general.jsonable import jsonable
 from drop_physics.analysis.joints import JointRow
 from drop_physics.analysis.touches import Touch
+from drop_physics.report import EngineReport
 from drop_physics.shown import Shown
 
 Vector = tuple[float, float, float]
 
 JSON_NAMES = {"other": "with"}
 """Names of fields that JSON has in place of Python's."""
+LINES = "drop_physics.console.show_analysis:analysis_lines"
+"""What prints an analysis."""
+HIDDEN = ("table", "by_body", "contact_phases", "contact_j", "curves")
+"""What JSON leaves out."""
 
 
 @dataclass(frozen=True)
@@ -207,14 +212,14 @@ class Explained:
     """Why that one is not."""
 
 
-@dataclass(frozen=True)
-class ScriptAnalysis(Shown, lines_of="drop_physics.console.show_analysis:analysis_lines"):
-    """Everything that the analysis of a script's recording found."""
+@dataclass(frozen=True, kw_only=True)
+class Analysis(Shown, lines_of=LINES):
+    """Everything that the analysis of a recording found."""
 
-    origin: dict[str, Any]
-    """The script, its arguments, and how it ended."""
-    engine: dict[str, Any]
-    """The last timestep, gravity … of the engine, by client."""
+    origin: dict[str, Any] | None
+    """The script, its arguments, and how it ended; None of a drop."""
+    engine: dict[str, Any] | EngineReport
+    """The last timestep, gravity … of the engine, by client; of a drop what the engine reported."""
     samples: int
     """Steps of the longest simulation, and one."""
     explained: Explained
@@ -227,10 +232,10 @@ class ScriptAnalysis(Shown, lines_of="drop_physics.console.show_analysis:analysi
     """How much of each body is explained, by number."""
     table: pl.DataFrame
     """A row per sample and body; of long recordings only what is shown, unless it was asked for."""
-    curves: CurveTable
-    """What plots and the viewer show of joints, friction and energy."""
-    kind: Literal["script"] = "script"
-    """Of a drop, the analysis is another (`Analysis`)."""
+    curves: CurveTable | None = None
+    """What plots and the viewer show of joints, friction and energy; None where there is no sum."""
+    kind: Literal["drop", "script"] = "script"
+    """Whose recording it is; the analysis of a drop has more (`DropAnalysis`)."""
     recording: Path | None = None
     """The recording that was analyzed."""
     layer: Path | None = None
@@ -240,11 +245,10 @@ class ScriptAnalysis(Shown, lines_of="drop_physics.console.show_analysis:analysi
 
     def as_json(self) -> dict[str, Any]:
         """Return the documented JSON object; what does not exist is null."""
-        hidden = ("table", "by_body", "curves")
-        values = {name: value for name, value in vars(self).items() if name not in hidden}
+        values = {name: value for name, value in vars(self).items() if name not in HIDDEN}
         return dict(_renamed(jsonable(values)))
 
-    def of_body(self, number: int) -> ScriptAnalysis:
+    def of_body(self, number: int) -> Self:
         """Return the analysis of one body, with its findings."""
         (body,) = (body for body in self.bodies if body.id == number)
         findings = [finding for finding in self.findings if finding.body in (None, body.label)]

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from drop_physics.analysis.answers.answer import Finding, Scene
+from drop_physics.analysis.answers.answer import Answer, Finding, Scene
 from drop_physics.analysis.answers.every import ANSWERS, ranked
 from drop_physics.analysis.bodies import BodyStory
 from drop_physics.analysis.curves import CurveTable
 from drop_physics.analysis.explained import recording
 from drop_physics.analysis.explained.recording import Explanation
 from drop_physics.analysis.joints import JointTable
-from drop_physics.analysis.results import Explained, ScriptAnalysis
+from drop_physics.analysis.results import Analysis, Explained
 from drop_physics.analysis.rows import COLUMNS, shown
 from drop_physics.analysis.times import Times
 from drop_physics.analysis.touches import TouchTable
@@ -40,6 +40,8 @@ class Story:
         Times [s] whose steps are reported as sums.
     whole
         Whether to keep all rows of the table.
+    answers
+        The questions to answer.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class Story:
         at_s: Sequence[float] = (),
         sums_at_s: Sequence[float] = (),
         whole: bool = True,
+        answers: Sequence[type[Answer]] = ANSWERS,
     ) -> None:
         clients = {each.client for each in seen.settings}
         self.explanation = Explanation(seen)
@@ -61,7 +64,7 @@ class Story:
             touches=TouchTable(seen),
         )
         self.curves = CurveTable(seen, self.scene.times)
-        self._answers = [question(self.scene) for question in ANSWERS]
+        self._answers = [question(self.scene) for question in answers]
         self._rows: list[pl.DataFrame] = []
         self._whole = whole
         self.bodies = {
@@ -101,22 +104,26 @@ def findings_of(seen: Seen, origin: Mapping[str, Any]) -> list[Finding]:
 
 
 @np.errstate(all="ignore")
-def script_analysis_of(
+def analysis_of(
     seen: Seen,
     origin: Mapping[str, Any],
     *,
     at_s: Sequence[float] = (),
     sums_at_s: Sequence[float] = (),
     whole: bool = False,
-) -> ScriptAnalysis:
-    """Analyze a script's recording; the parameters are those of `Story`."""
+    answers: Sequence[type[Answer]] = ANSWERS,
+) -> Analysis:
+    """Analyze a recording; the parameters are those of `Story`."""
     samples = sum(seen.samples.values()) * max(1, len(seen.bodies))
-    story = Story(seen, origin, at_s=at_s, sums_at_s=sums_at_s, whole=whole or samples <= WHOLE)
+    story = Story(
+        seen, origin, at_s=at_s, sums_at_s=sums_at_s, whole=whole or samples <= WHOLE,
+        answers=answers,
+    )  # fmt: skip
     for explained in story.explanation.pieces():
         story.see(explained)
     totals = story.explanation.totals
     by_body = {number: body.explained(totals.get(number)) for number, body in story.bodies.items()}
-    return ScriptAnalysis(
+    return Analysis(
         origin=dict(origin),
         engine=_engine(seen),
         samples=max(seen.samples.values(), default=0),

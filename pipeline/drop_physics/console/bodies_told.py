@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
+from drop_physics.console.findings_told import finding_lines
 from drop_physics.console.flights_told import contact_lines, flight_lines
 from drop_physics.console.output import columns_of, counted, cut, left, right, titled, wrapped
 from drop_physics.console.output import width as columns
@@ -18,30 +19,28 @@ from drop_physics.messages import Message, joined, localized, translated
 if TYPE_CHECKING:
     from drop_physics.analysis.answers.answer import Finding
     from drop_physics.analysis.joints import JointRow
-    from drop_physics.analysis.results import BodyAnalysis, ScriptAnalysis, StepSum
+    from drop_physics.analysis.results import Analysis, BodyAnalysis, StepSum
 
-MOST_FINDINGS, MOST_BODIES, MOST_JOINTS = 6, 12, 8
+MOST_BODIES, MOST_JOINTS = 12, 8
 """That are listed without --verbose; all are in the JSON."""
-NUMBER = 3
-"""Columns of a finding's number."""
 NAME = 8
 """Columns that names take at least."""
 CELL, CONTROL, LONGEST_JOINT = 8, 10, 24
 """Columns of a joint's numbers, of how it is driven, and of its name."""
 
 
-def lines_of_bodies(analysis: ScriptAnalysis, *, verbose: bool = False) -> list[str]:
+def lines_of_bodies(analysis: Analysis, *, verbose: bool = False) -> list[str]:
     """Tell what the bodies of a script did."""
     moving = [
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
     alone = len(analysis.bodies) < len(analysis.by_body)
-    lines = [*_headline(analysis), *_findings(analysis.findings, verbose=verbose)]
+    lines = [*_headline(analysis), *finding_lines(analysis.findings, verbose=verbose)]
     lines += _joints(moving, analysis.findings, verbose=verbose or alone)
     lines += ["", *_bodies(analysis, moving)]
     for body in moving:
         for each in body.at:
-            lines += ["", *_sum(body, each)]
+            lines += ["", *sum_lines(body, each)]
     if verbose or alone:
         lines += flight_lines(moving)
         lines += contact_lines(moving)
@@ -54,9 +53,9 @@ def lines_of_bodies(analysis: ScriptAnalysis, *, verbose: bool = False) -> list[
 # -- the verdict ----------------------------------------------------------------------------------
 
 
-def _headline(analysis: ScriptAnalysis) -> list[str]:
+def _headline(analysis: Analysis) -> list[str]:
     """Say what this is, how it ended, and how much of it is explained."""
-    origin, there = analysis.origin, len(analysis.by_body)
+    origin, there = analysis.origin or {}, len(analysis.by_body)
     ended = ENDED.get(str(origin["ended"]), Message("never finished"))
     bodies: Message = counted(there, "body", "bodies")
     if len(analysis.bodies) != there:
@@ -74,7 +73,7 @@ def _headline(analysis: ScriptAnalysis) -> list[str]:
     return [first.replace(name, f"[bold]{name}[/]", 1), *rest]
 
 
-def _explained(analysis: ScriptAnalysis) -> Message:
+def _explained(analysis: Analysis) -> Message:
     explained = analysis.explained
     if not explained.of:
         return Message("nothing moved")
@@ -86,36 +85,6 @@ def _explained(analysis: ScriptAnalysis) -> Message:
         time=explained.until_s or 0.0,
         why=str(explained.why),
     )
-
-
-def _findings(findings: list[Finding], *, verbose: bool) -> list[str]:
-    """Return the findings with their numbers, each with what changes it and where."""
-    lines: list[str] = []
-    shown = findings if verbose else findings[:MOST_FINDINGS]
-    for number, each in enumerate(shown, 1):
-        lines += ["", *_finding(number, each)]
-    hidden = len(findings) - len(shown)
-    if hidden:
-        more = Message("and {findings}: --verbose", findings=counted(hidden, "finding"))
-        lines += ["", f"[dim]{' ' * NUMBER}{escape(translated(more))}[/]"]
-    return lines
-
-
-def _finding(number: int, finding: Finding) -> list[str]:
-    text = finding.said
-    if finding.bodies > 1:
-        others = counted(finding.bodies - 1, "other body", "other bodies")
-        text = Message("{text}; so do {others}", text=text, others=others)
-    code = f"[dim]{finding.code}[/]"
-    style = "bold red" if finding.level == "broken" else "bold"
-    first, *rest = wrapped(translated(text), columns() - NUMBER)
-    lines = [f"[{style}]{left(str(number), NUMBER)}[/][{style}]{escape(first)}[/]"]
-    lines += [f"{' ' * NUMBER}{escape(line)}" for line in rest]
-    if finding.advice is not None:
-        advice = wrapped(translated(finding.advice), columns() - NUMBER)
-        lines += [f"{' ' * NUMBER}[green]{escape(line)}[/]" for line in advice]
-    where = f"  {escape(finding.site)}" if finding.site else ""
-    return [*lines, f"{' ' * NUMBER}{code}[cyan]{where}[/]"]
 
 
 # -- joints ---------------------------------------------------------------------------------------
@@ -195,7 +164,7 @@ CELLS: Sequence[Cell] = (
 # -- bodies ---------------------------------------------------------------------------------------
 
 
-def _bodies(analysis: ScriptAnalysis, moving: list[BodyAnalysis]) -> list[str]:
+def _bodies(analysis: Analysis, moving: list[BodyAnalysis]) -> list[str]:
     """Return a line per moving body: its mass, samples and energy; and what is unexplained."""
     lines = []
     shown = moving[:MOST_BODIES]
@@ -242,7 +211,7 @@ def _facts(body: BodyAnalysis) -> Message:
     return joined("; ", [facts, changes + (f" ({', '.join(named)})" if named else "")])
 
 
-def _sum(body: BodyAnalysis, each: StepSum) -> list[str]:
+def sum_lines(body: BodyAnalysis, each: StepSum) -> list[str]:
     """Return a step as its sum: a row per term, a column per degree of freedom."""
     title = localized(
         "[bold]{body}[/] at {time:.4g} s, step {step}: {segment}",

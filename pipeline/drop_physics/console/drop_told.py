@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
+from drop_physics.console.bodies_told import sum_lines
+from drop_physics.console.findings_told import finding_lines
 from drop_physics.console.output import (
     beside,
     columns_of,
     counted,
-    finding,
     left,
     listed,
     millimetres,
@@ -24,6 +24,7 @@ from drop_physics.console.output import (
     wrapped,
 )
 from drop_physics.console.words import (
+    CAUSES,
     CONTACTS,
     EXPLAINED,
     FLIGHTS,
@@ -37,10 +38,10 @@ from drop_physics.messages import Message, joined, localized, translated
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.drop.results import Analysis, Bounce, Coverage, Moment, Rest
+    from drop_physics.analysis.drop.results import Bounce, Coverage, DropAnalysis, Moment, Rest
 
 
-def lines_of_drop(analysis: Analysis) -> list[str]:
+def lines_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> list[str]:
     """Tell a drop from its release to its rest, in lines as wide as the terminal."""
     scenario = analysis.scenario
     last = analysis.table.row(-1, named=True)
@@ -58,18 +59,20 @@ def lines_of_drop(analysis: Analysis) -> list[str]:
     ]
     for moment in analysis.at:
         lines += ["", *_moment(moment, scenario)]
-    if analysis.coverage.samples < analysis.coverage.of:
-        lines += ["", *_titled(Message("Covered"), _covered(analysis.coverage))]
     lines += ["", *_impact(analysis), *_bounces(analysis), *_rest(analysis), *_energy(analysis)]
-    lines += ["", *_explained(analysis), *_flights(analysis), *_contacts(analysis)]
-    if analysis.findings:
-        lines.append("")
-    for each in analysis.findings:
-        lines += finding(each.code, each.message, column=_TITLE)
-    return lines
+    if analysis.explained.why is not None or verbose:
+        lines += _explained(analysis)
+    if verbose:
+        if analysis.coverage.samples < analysis.coverage.of:
+            lines += _titled(Message("Covered"), _covered(analysis.coverage))
+        lines += ["", *_flights(analysis), *_contacts(analysis)]
+        for body_told in analysis.bodies:
+            for each in body_told.at:
+                lines += ["", *sum_lines(body_told, each)]
+    return [*lines, *finding_lines(analysis.findings, verbose=verbose, most=MOST_FINDINGS)]
 
 
-def _dropped(analysis: Analysis, body: str) -> Message:
+def _dropped(analysis: DropAnalysis, body: str) -> Message:
     """Say what was dropped, from where, in which engine; PyBullet is not named."""
     scenario = analysis.scenario
     values = {
@@ -112,16 +115,15 @@ def _titled(title: str, words: str) -> list[str]:
 
 
 def _moment(moment: Moment, scenario: dict[str, Any]) -> list[str]:
-    heights = (
-        (localized("simulated"), decimals(moment.simulated_m, 4)),
-        (localized("free fall"), decimals(moment.free_fall_m, 4)),
-        (localized("difference"), decimals(moment.error_m, 4, "+")),
+    heights = localized(
+        "simulated {simulated} m, free fall {free_fall} m, difference {difference} m",
+        simulated=decimals(moment.simulated_m, 4),
+        free_fall=decimals(moment.free_fall_m, 4),
+        difference=decimals(moment.error_m, 4, "+"),
     )
-    column = max(14, *(columns_of(name) for name, _ in heights))
-    lines = [
-        localized("[bold]At {time:.4g} s[/] (step {step})", time=moment.time_s, step=moment.step),
-        *(f"  {left(name, column)} {height:>10} m" for name, height in heights),
-    ]
+    at = localized("At {time:.4g} s (step {step})", time=moment.time_s, step=moment.step)
+    first, *others = map(escape, wrapped(f"{at}: {heights}", width(), indent="  "))
+    lines = [first.replace(escape(at), f"[bold]{escape(at)}[/]", 1), *others]
     terms = moment.terms_m
     if terms is None:
         return [
@@ -140,13 +142,11 @@ def _moment(moment: Moment, scenario: dict[str, Any]) -> list[str]:
         why["rounding"] = Message("single precision")
     return [
         *lines,
-        "",
         *(
             line
             for name, reason in why.items()
             for line in _term(name, getattr(terms, name), reason)
         ),
-        f"  {'':<12} {'─' * 13}",
         f"  {left(translated(TERMS['total']), 12)} [bold]{millimetres(moment.error_m)}[/]",
     ]
 
@@ -169,7 +169,7 @@ def _term(name: str, value_m: float, reason: str) -> list[str]:
     ]
 
 
-def _impact(analysis: Analysis) -> list[str]:
+def _impact(analysis: DropAnalysis) -> list[str]:
     impact = analysis.impact
     if impact is None:
         return _titled(Message("Impact"), _no_impact(analysis))
@@ -177,7 +177,7 @@ def _impact(analysis: Analysis) -> list[str]:
     step_mm = impact.speed_m_s * analysis.scenario["timestep_s"] * 1e3
     step_mm /= analysis.scenario["substeps"] or 1
     arrives = Message(
-        "arrives at {speed} m/s, {step_mm} mm a step; first contact at step {step}",
+        "at {speed} m/s, {step_mm} mm a step; first contact at step {step}",
         speed=decimals(impact.speed_m_s, 3),
         step_mm=decimals(step_mm, 1),
         step=impact.step,
@@ -194,7 +194,7 @@ def _impact(analysis: Analysis) -> list[str]:
     return [*_titled(Message("Impact"), predicted or unknown), *_titled("", arrives)]
 
 
-def _no_impact(analysis: Analysis) -> Message:
+def _no_impact(analysis: DropAnalysis) -> Message:
     landing = analysis.landing
     words = Message("none in {time:.4g} s", time=analysis.table["time_s"][-1])
     if "contact" in analysis.table["phase"]:
@@ -226,7 +226,7 @@ def _times(simulated_s: float | None, free_s: float | None, damped_s: float | No
     )
 
 
-def _bounces(analysis: Analysis) -> list[str]:
+def _bounces(analysis: DropAnalysis) -> list[str]:
     explained = [bounce for bounce in analysis.bounces if bounce.effective_restitution is not None]
     lines = []
     if analysis.impact and analysis.engine.pair_restitution and (analysis.engine.substeps or 1) > 1:
@@ -246,7 +246,7 @@ def _bounces(analysis: Analysis) -> list[str]:
     return lines
 
 
-def _tumbles(analysis: Analysis, step: int, bounces: Sequence[Bounce]) -> Message:
+def _tumbles(analysis: DropAnalysis, step: int, bounces: Sequence[Bounce]) -> Message:
     time_s = analysis.table["time_s"][step]
     words = Message(
         "from t = {time:.4g} s (step {step}) on: measured, not predicted", time=time_s, step=step
@@ -262,7 +262,7 @@ def _tumbles(analysis: Analysis, step: int, bounces: Sequence[Bounce]) -> Messag
     return joined("; ", [words, up_to])
 
 
-def _bounce(analysis: Analysis, bounce: Bounce) -> Message:
+def _bounce(analysis: DropAnalysis, bounce: Bounce) -> Message:
     apex = _positive_mm(bounce.apex_m)
     body, floor = analysis.engine.restitution, analysis.engine.floor_restitution
     if bounce.predicted_apex_m is None:
@@ -298,7 +298,7 @@ def _positive_mm(length_m: float) -> str:
     return decimals(round(length_m * 1e3, 1) + 0.0, 1)
 
 
-def _rest(analysis: Analysis) -> list[str]:
+def _rest(analysis: DropAnalysis) -> list[str]:
     rest = analysis.rest
     if rest is None:
         return []
@@ -338,7 +338,7 @@ def _off(rest: Rest, modulus_pa: float | None) -> Message:
     else:
         terms = rest.terms_m
         why = Message(
-            "{slop} slop, {solver} solver stopped early, {settling} not yet settled",
+            "{slop} slop, {solver} early stop, {settling} settling",
             slop=_micrometres(terms.slop),
             solver=_micrometres(terms.solver),
             settling=_micrometres(terms.settling),
@@ -350,17 +350,11 @@ def _micrometres(length_m: float) -> str:
     return decimals(round(length_m * 1e6, 2) + 0.0, 2, "+")
 
 
-def _energy(analysis: Analysis) -> list[str]:
-    energy = analysis.energy
-    lost = (
-        (Message("damping"), energy.damping_j),
-        (Message("integrator"), energy.integrator_j),
-        (Message("velocity limit"), energy.clamp_j),
-        (Message("rotation"), energy.rotation_j),
-        (Message("angular damping in contact"), energy.spin_damping_j),
-        (Message("contact"), energy.contact_j),
-    )
-    scale = max(abs(energy.initial_j), abs(energy.final_j))
+def _energy(analysis: DropAnalysis) -> list[str]:
+    energy = analysis.bodies[0].energy
+    if energy is None:
+        return []
+    scale = max(abs(energy.start_j), abs(energy.end_j))
 
     def joules(j: float, sign: str = "") -> str:
         if scale >= LARGE:
@@ -369,22 +363,22 @@ def _energy(analysis: Analysis) -> list[str]:
 
     # Less than a millionth of the whole is rounding, not a cause.
     causes = [
-        Message("{joules} {cause}", joules=joules(j, "+"), cause=cause)
-        for cause, j in lost
-        if j and abs(j) > 1e-6 * scale
+        Message("{joules} {cause}", joules=joules(j, "+"), cause=CAUSES[cause])
+        for cause, j in energy.by_cause_j.items()
+        if abs(j) > 1e-6 * scale
     ]
     sum_up = Message(
-        "{initial} J at release, {final} J at the end",
-        initial=joules(energy.initial_j),
-        final=joules(energy.final_j),
+        "{initial} → {final} J",
+        initial=joules(energy.start_j),
+        final=joules(energy.end_j),
     )
     words = joined(": ", [sum_up, joined(", ", causes)]) if causes else sum_up
     return _titled(Message("Energy"), words)
 
 
-def _explained(analysis: Analysis) -> list[str]:
+def _explained(analysis: DropAnalysis) -> list[str]:
     explained = analysis.explained
-    kinds = kinds_of_samples(asdict(analysis.segments))
+    kinds = kinds_of_samples(analysis.segments)
     if explained.why is None:
         words = Message("all {of:,} samples, step by step: {kinds}", of=explained.of, kinds=kinds)
     else:
@@ -398,7 +392,7 @@ def _explained(analysis: Analysis) -> list[str]:
     return _titled(EXPLAINED, words)
 
 
-def _flights(analysis: Analysis) -> list[str]:
+def _flights(analysis: DropAnalysis) -> list[str]:
     """Return a table of how far off free fall each flight ends, counted from its first sample."""
     rows = [
         (
@@ -411,7 +405,7 @@ def _flights(analysis: Analysis) -> list[str]:
     return _listed(FLIGHTS, (f"{span()}   ", errors_by_axis()), rows, more)
 
 
-def _contacts(analysis: Analysis) -> list[str]:
+def _contacts(analysis: DropAnalysis) -> list[str]:
     """Return a table of the impulse and energy of each contact."""
     phases, dt = analysis.contact_phases, analysis.scenario["timestep_s"]
     rows = [
@@ -441,5 +435,7 @@ def _listed(
 _TITLE = 12
 """Columns that a title takes."""
 _FILE = 17
-_MOST_BOUNCES = 5
+_MOST_BOUNCES = 3
+MOST_FINDINGS = 2
+"""That are listed without --verbose."""
 _MOST_FLIGHTS = 5

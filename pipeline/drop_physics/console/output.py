@@ -13,7 +13,7 @@ from typing import Any, TextIO
 
 from drop_physics.fields import counted as counted
 from drop_physics.fields import decimals
-from drop_physics.messages import Message, translated
+from drop_physics.messages import translated
 
 WIDTH = 80
 """Width of a line in a pipe, unless a name in it is longer."""
@@ -172,13 +172,6 @@ def pasteable(title: str, command: str, *, column: int, style: str = "") -> list
     heads = [f"[{style}]{head}[/]" if style else head, *[" " * column] * (len(lines) - 1)]
     ends = [*[" \\"] * (len(lines) - 1), ""]  # after `escape`, which doubles a backslash at an end
     return [a + escape(b) + c for a, b, c in zip(heads, lines, ends, strict=True)]
-
-
-def finding(code: str, message: str, *, column: int) -> list[str]:
-    """Return a finding with Rich's markup, its code highlighted."""
-    words = Message("{code}: {message}", code=code, message=message)
-    first, *others = titled(Message("Finding"), words, column=column, style="bold")
-    return [first.replace(code, f"[yellow]{code}[/]", 1), *others]
 
 
 def listed(title: str, pairs: Sequence[tuple[str, str]], *, column: int) -> list[str]:

@@ -8,13 +8,10 @@ from drop_physics.console.output import note, print_json, print_lines
 from drop_physics.console.words import unfinished
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.drop.results import Analysis
-    from drop_physics.analysis.results import ScriptAnalysis
+    from drop_physics.analysis.results import Analysis
 
 
-def show_analysis(
-    analysis: Analysis | ScriptAnalysis, *, as_json: bool, verbose: bool = False
-) -> None:
+def show_analysis(analysis: Analysis, *, as_json: bool, verbose: bool = False) -> None:
     """Print what `analyze` found."""
     if analysis.partial:
         note(unfinished(analysis.recording, _samples(analysis)))
@@ -24,20 +21,16 @@ def show_analysis(
         print_lines(*analysis_lines(analysis, verbose=verbose))
 
 
-def analysis_lines(analysis: Analysis | ScriptAnalysis, *, verbose: bool = False) -> list[str]:
+def analysis_lines(analysis: Analysis, *, verbose: bool = False) -> list[str]:
     """Tell what happened, in lines as wide as the terminal."""
-    from drop_physics.analysis.drop.results import Analysis
+    from drop_physics.analysis.drop.results import DropAnalysis
     from drop_physics.console.bodies_told import lines_of_bodies
     from drop_physics.console.drop_told import lines_of_drop
 
-    if isinstance(analysis, Analysis):
-        return lines_of_drop(analysis)
+    if isinstance(analysis, DropAnalysis):
+        return lines_of_drop(analysis, verbose=verbose)
     return lines_of_bodies(analysis, verbose=verbose)
 
 
-def _samples(analysis: Analysis | ScriptAnalysis) -> int:
-    from drop_physics.analysis.results import ScriptAnalysis
-
-    if isinstance(analysis, ScriptAnalysis):
-        return sum(sum(body.segments.values()) for body in analysis.bodies)
-    return len(analysis.table)
+def _samples(analysis: Analysis) -> int:
+    return sum(sum(body.segments.values()) for body in analysis.bodies if body.links)

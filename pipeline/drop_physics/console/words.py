@@ -25,11 +25,25 @@ SEGMENTS = {
     "constrained": Message("constrained"),
     "pushed": Message("pushed"),
     "set": Message("set"),
-    "jointed": Message("jointed"),
     "still": Message("still"),
     "unexplained": Message("unexplained"),
 }
 """The kinds of samples."""
+CAUSES = {
+    "damping": Message("damping"),
+    "joint damping": Message("joint damping"),
+    "motors": Message("motors"),
+    "applied": Message("applied"),
+    "contacts": Message("contact"),
+    "rolling": Message("rolling friction"),
+    "constraints": Message("constraints"),
+    "stops": Message("stops"),
+    "set": Message("set"),
+    "clamp": Message("velocity limit"),
+    "integrator": Message("integrator"),
+    "remainder": Message("remainder"),
+}
+"""What changes an energy."""
 
 
 def kinds_of_samples(counts: Mapping[str, int]) -> Message:

@@ -201,6 +201,11 @@ class Appearance:
     """Whether its simulation had sampled this step before the body was added."""
 
 
+GIVEN = {"linear_damping": "linearDamping", "angular_damping": "angularDamping"}
+"""What the Dynamics of a drop's body also hold: what it was given, and no engine reports, by the
+argument that gives it."""
+
+
 @dataclass(frozen=True)
 class Dynamics:
     """What the engine reports about a body."""

@@ -7,10 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drop_physics.analysis.drop.analysis import analysis_of
-from drop_physics.analysis.drop.results import Analysis
-from drop_physics.analysis.results import ScriptAnalysis
-from drop_physics.analysis.story import script_analysis_of
+from drop_physics.analysis.drop.story import drop_analysis_of
+from drop_physics.analysis.results import Analysis
+from drop_physics.analysis.story import analysis_of
 from drop_physics.analysis.times import Times
 from drop_physics.errors import ScenarioError, check_suffix
 from drop_physics.files.outputs import check_apart, check_target, refused
@@ -41,7 +40,7 @@ def analyze(
     table: Path | str | None = None,
     force: bool = False,
     progress: Progress = lambda *_: None,
-) -> Analysis | ScriptAnalysis:
+) -> Analysis:
     """Analyze a recording, and write the layer that shows the analysis beside it.
 
     Parameters
@@ -73,15 +72,15 @@ def analyze(
     """
     path = Path(recording)
     layer, tables = outputs_of(path, out, table, force=force)
-    if not is_script(path) and body is not None:
+    if body is not None and not is_script(path):
         raise ScenarioError("--body is for recordings of scripts; a drop has only one body")
     progress(ANALYZING, 0, _PARTS)
     read_back = read(path)
     progress(ANALYZING, 1, _PARTS)
-    analysis: Analysis | ScriptAnalysis
+    analysis: Analysis
     if read_back.drop is not None:
-        analysis = analysis_of(
-            read_back.scenario, read_back.engine, read_back.states, read_back.contacts, at_s=at_s
+        analysis = drop_analysis_of(
+            read_back.scenario, read_back.engine, read_back.seen, read_back.states, at_s=at_s
         )
     else:
         analysis = _of_script(read_back, at_s, whole=bool(tables))
@@ -93,16 +92,16 @@ def analyze(
     for file in tables:
         write_table(file, analysis.table, force=force)
     progress(ANALYZING, _PARTS, _PARTS)
-    if isinstance(analysis, ScriptAnalysis) and body is not None:
+    if body is not None:
         analysis = analysis.of_body(body_named(read_back.seen.bodies.values(), body).number)
     return replace(analysis, recording=path, layer=layer, partial=read_back.partial)
 
 
-def _of_script(read_back: Recording, at_s: Sequence[float], *, whole: bool) -> ScriptAnalysis:
+def _of_script(read_back: Recording, at_s: Sequence[float], *, whole: bool) -> Analysis:
     ended = read_back.ended or {}
     origin = read_back.origin | {name: ended.get(name) for name in ("ended", "error")}
     _check_times(at_s, read_back.seen)
-    return script_analysis_of(
+    return analysis_of(
         read_back.seen, origin, at_s=at_s or DEFAULT_AT_S, sums_at_s=at_s, whole=whole
     )
 

@@ -8,21 +8,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
-from drop_physics.analysis.answers import answer
-from drop_physics.analysis.drop.results import Analysis, Finding, Moment
-from drop_physics.analysis.results import ScriptAnalysis
+from drop_physics.analysis.answers.answer import Finding
+from drop_physics.analysis.drop.results import DropAnalysis, Moment
+from drop_physics.analysis.results import Analysis
 from drop_physics.fields import decimals
 
 
-def events(analysis: Analysis | ScriptAnalysis) -> list[tuple[int, float, str]]:
+def events(analysis: Analysis) -> list[tuple[int, float, str]]:
     """Return what happened when, in order: step, time [s] and a line each."""
-    if isinstance(analysis, ScriptAnalysis):
+    if not isinstance(analysis, DropAnalysis):
         return sorted(_of_bodies(analysis))
     timestep_s = analysis.scenario["timestep_s"]
     return [(step, step * timestep_s, line) for step, line in _of_drop(analysis)]
 
 
-def _of_bodies(analysis: ScriptAnalysis) -> Iterator[tuple[int, float, str]]:
+def _of_bodies(analysis: Analysis) -> Iterator[tuple[int, float, str]]:
     times_s = dict(analysis.table.select("step", "time_s").unique().iter_rows())
     for finding in analysis.findings:
         step = None if finding.steps is None else finding.steps.first
@@ -34,7 +34,7 @@ def _of_bodies(analysis: ScriptAnalysis) -> Iterator[tuple[int, float, str]]:
             yield contact.first_step, contact.start_s, f"{body.label} meets {others}"
 
 
-def _of_drop(analysis: Analysis) -> list[tuple[int, str]]:
+def _of_drop(analysis: DropAnalysis) -> list[tuple[int, str]]:
     """Return release, error breakdowns, impact, rest."""
     height_m = analysis.table["simulated_m"][0]
     lines = [(0, f"release at {height_m:g} m")]
@@ -78,19 +78,19 @@ def _millimetres(value_m: float) -> str:
     return f"{value:+.4f}" if value == 0 or abs(value) >= 5e-5 else f"{value:+.1e}"
 
 
-def findings_markdown(analysis: Analysis | ScriptAnalysis) -> str:
+def findings_markdown(analysis: Analysis) -> str:
     """Return the analysis as Markdown."""
-    first = _explained(analysis) if isinstance(analysis, ScriptAnalysis) else _moments(analysis)
+    first = _moments(analysis) if isinstance(analysis, DropAnalysis) else _explained(analysis)
     return "\n".join([*first, *_listed(analysis.findings)])
 
 
-def _explained(analysis: ScriptAnalysis) -> Iterator[str]:
+def _explained(analysis: Analysis) -> Iterator[str]:
     explained = analysis.explained
     yield f"{explained.samples:,} of {explained.of:,} samples are explained, step by step."
     yield ""
 
 
-def _moments(analysis: Analysis) -> Iterator[str]:
+def _moments(analysis: DropAnalysis) -> Iterator[str]:
     for moment in analysis.at:
         if moment.terms_m is None:
             continue
@@ -104,15 +104,15 @@ def _moments(analysis: Analysis) -> Iterator[str]:
         yield ""
 
 
-def _listed(findings: Sequence[Finding | answer.Finding]) -> Iterator[str]:
+def _listed(findings: Sequence[Finding]) -> Iterator[str]:
     """Yield the lines of the chapter on findings."""
     yield "## Findings"
     yield ""
     if not findings:
         yield "None: nothing in this recording needs a second look."
     for finding in findings:
-        about = getattr(finding, "body", None)
-        yield f"- **{finding.code}**{f' ({about})' if about else ''}: {finding.message}"
-        if isinstance(finding, answer.Finding) and finding.advice:
+        about = f" ({finding.body})" if finding.body else ""
+        yield f"- **{finding.code}**{about}: {finding.message}"
+        if finding.advice:
             yield f"  *{finding.advice}*"
         yield ""

@@ -121,7 +121,7 @@ def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event
     frames = world.inertial_frames if isinstance(world, World) else ORIGIN
     yield Dynamics(
         at, body,
-        {
+        (world.dynamics() if isinstance(world, World) else {}) | {
             "mass_kg": np.array(engine.link_masses_kg),
             "inertia_kg_m2": np.reshape(engine.link_inertias_kg_m2, (-1, 3)),
             "inertial_position_m": frames[:, :3], "inertial_orientation": frames[:, 3:],
@@ -132,6 +132,8 @@ def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event
         floor = Body(FLOOR, FLOOR_LABEL, "plane.urdf", FLOOR, 0, ("base",), (), (), soft=False,
             shapes=(plane,))  # fmt: skip
         yield Appearance(at, floor, there=True, came=True)
+        if isinstance(world, World):
+            yield Dynamics(at, floor, world.dynamics(FLOOR))
 
 
 def samples_of(batch: Batch, timestep_s: float) -> Samples:

@@ -9,10 +9,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drop_physics.analysis.drop.analysis import analysis_of
-from drop_physics.analysis.drop.results import Analysis
-from drop_physics.analysis.results import ScriptAnalysis
-from drop_physics.analysis.story import script_analysis_of
+from drop_physics.analysis.drop.analysis import fall_analysis_of
+from drop_physics.analysis.drop.results import FallAnalysis
+from drop_physics.analysis.results import Analysis
+from drop_physics.analysis.story import analysis_of
 from drop_physics.errors import RecordingError, ScenarioError, check_suffix
 from drop_physics.fields import fraction
 from drop_physics.figures.animation import MAX_FPS, check_animation, decoded, write_animation
@@ -138,12 +138,12 @@ def render(
             ours=out is None, report=report,
         )  # fmt: skip
         ended = read_back.ended or {}
-        told = script_analysis_of(read_back.seen, read_back.origin | {"ended": ended.get("ended"),
+        told = analysis_of(read_back.seen, read_back.origin | {"ended": ended.get("ended"),
             "error": ended.get("error")})  # fmt: skip
         with written_whole(plotted, force=force, ours=plot is None) as file:
             file.write(_story(told, plotted.suffix[1:], dark))
         return Rendering(gif=gif, frames=count, fps=played.fps, plot=plotted, speed=played.speed)
-    analysis = analysis_of(
+    analysis = fall_analysis_of(
         read_back.scenario, read_back.engine, read_back.states, read_back.contacts
     )
     drawing = (analysis.table, plotted.suffix[1:], _facts(read_back.scenario, analysis), dark)
@@ -173,14 +173,14 @@ def render(
     )
 
 
-def plot_of(analysis: Analysis | ScriptAnalysis, *, dark: bool = False) -> bytes:
+def plot_of(analysis: Analysis | FallAnalysis, *, dark: bool = False) -> bytes:
     """Return the plot of an analysis as PNG, as `render` draws it."""
-    if isinstance(analysis, ScriptAnalysis):
+    if not isinstance(analysis, FallAnalysis):
         return _story(analysis, "png", dark)
     return _plot(analysis.table, "png", _facts(Scenario(**analysis.scenario), analysis), dark)
 
 
-def _story(analysis: ScriptAnalysis, format: str, dark: bool) -> bytes:  # noqa: A002
+def _story(analysis: Analysis, format: str, dark: bool) -> bytes:  # noqa: A002
     from drop_physics.figures.story_plot import told_story  # loads matplotlib
     from drop_physics.stages.telling import story_of
 
@@ -202,7 +202,7 @@ def _refused(path: Path) -> Iterator[None]:
         raise damaged(path, error.args[0]) from None
 
 
-def _facts(scenario: Scenario, analysis: Analysis) -> Facts:
+def _facts(scenario: Scenario, analysis: FallAnalysis) -> Facts:
     standard, own = asdict(Scenario()), asdict(scenario)
     shown = {"linear_damping": scenario.linear_damping}
     shown |= {name: value for name, value in own.items() if value != standard[name]}
@@ -242,7 +242,7 @@ def _pictures(
     recorded: Sequence[tuple[int, bytes]],
     played: Playback,
     animation: Animation,
-    analysis: Analysis,
+    analysis: FallAnalysis,
     dark: bool,
     report: Callable[[int, int], None],
 ) -> Iterator[Image.Image]:

@@ -14,7 +14,7 @@ from drop_physics.shown import Shown
 from drop_physics.workers import Worker
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.drop.results import Analysis
+    from drop_physics.analysis.drop.results import DropAnalysis
     from drop_physics.recording.falling import Progress
     from drop_physics.stages.render import Rendering
     from drop_physics.stages.simulate import Simulation
@@ -28,7 +28,7 @@ class Run(Shown, lines_of="drop_physics.console.show_run:run_lines"):
     """The results of the three stages."""
 
     simulation: Simulation
-    analysis: Analysis
+    analysis: DropAnalysis
     rendering: Rendering
 
 
@@ -60,7 +60,7 @@ def run(
         if camera is not None:
             assistant.ask("drop_physics.engines.bullet.camera_frames:draw_ahead", scenario, camera)
         assistant.load("drop_physics.figures.plot", "polars")
-        from drop_physics.analysis.drop.results import Analysis
+        from drop_physics.analysis.drop.results import DropAnalysis
         from drop_physics.stages.analyze import analyze
         from drop_physics.stages.render import render
         from drop_physics.stages.simulate import simulate
@@ -72,5 +72,5 @@ def run(
         rendering = render(
             path, animation=animation, dark=dark, progress=progress, assistant=assistant
         )
-    assert isinstance(analysis, Analysis)  # of a drop
+    assert isinstance(analysis, DropAnalysis)  # of a drop
     return Run(simulation, analysis, rendering)

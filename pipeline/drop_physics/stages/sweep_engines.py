@@ -15,9 +15,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.analysis.drop.analysis import analysis_of
+from drop_physics.analysis.drop.analysis import fall_analysis_of
 from drop_physics.analysis.drop.convergence import ROUNDED
-from drop_physics.analysis.drop.results import Analysis, Rest
+from drop_physics.analysis.drop.results import FallAnalysis, Rest
 from drop_physics.engines.worlds import Worlds
 from drop_physics.laws.lookup import law_for
 from drop_physics.messages import Message
@@ -113,7 +113,7 @@ def _order(plan: Plan, fall: Fall, falls: list[Fall]) -> float | None:
 def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> Fall:
     world = worlds.world_of(scenario)
     states, contacts = tables_of(Batch.joined(world.samples(BATCH)))
-    analysis = analysis_of(scenario, made_with(world), states, contacts)
+    analysis = fall_analysis_of(scenario, made_with(world), states, contacts)
     impact, rest = analysis.impact, analysis.rest
     of_engine = EngineRun(
         run=run,
@@ -123,7 +123,7 @@ def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> Fall:
         penetration_m=None if impact is None else impact.penetration_m,
         rest_error_m=None if rest is None else rest.error_m,
         rest_cause=None if rest is None else _cause(rest, analysis),
-        contact_j=None if impact is None else analysis.energy.contact_j,
+        contact_j=None if impact is None else analysis.contact_j,
         energy_drift=analysis.conservation.energy_max_rel_drift,
         angular_momentum_drift=analysis.conservation.angular_momentum_max_rel_drift,
         step_us=min(_timed(worlds, scenario)),
@@ -135,7 +135,7 @@ def _dropped(worlds: Worlds, run: int, scenario: Scenario) -> Fall:
     return Fall(of_engine, analysis.table["simulated_m"].to_numpy(), floor_m, lost)
 
 
-def _cause(rest: Rest, analysis: Analysis) -> str | None:
+def _cause(rest: Rest, analysis: FallAnalysis) -> str | None:
     if rest.terms_m is not None:
         return Message("slop, solver")
     if rest.sinks_m is not None:

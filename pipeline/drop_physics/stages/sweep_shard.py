@@ -189,11 +189,11 @@ class RunShard:
         return Batch.joined(seen)
 
     def _analyzed_recording(self, path: Path) -> Moment:
-        from drop_physics.analysis.drop.analysis import analysis_of
+        from drop_physics.analysis.drop.analysis import fall_analysis_of
         from drop_physics.recording.reader import read
 
         recording = read(path)
-        return analysis_of(
+        return fall_analysis_of(
             recording.scenario,
             recording.engine,
             recording.states,
@@ -202,12 +202,12 @@ class RunShard:
         ).at[0]
 
     def _analyzed(self, world: LastingWorld | OtherWorld, fall: Batch) -> Moment:
-        from drop_physics.analysis.drop.analysis import analysis_of
+        from drop_physics.analysis.drop.analysis import fall_analysis_of
         from drop_physics.recording.rows import tables_of
         from drop_physics.stages.recorded import made_with
 
         engine, (states, contacts) = made_with(world), tables_of(fall)
-        return analysis_of(world.scenario, engine, states, contacts, at_s=[self.at_s]).at[0]
+        return fall_analysis_of(world.scenario, engine, states, contacts, at_s=[self.at_s]).at[0]
 
 
 def _in_the_air(scenario: Scenario, engine: EngineReport, fall: Batch, step: int) -> Moment | None:

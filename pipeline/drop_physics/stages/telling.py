@@ -13,7 +13,7 @@ from drop_physics import colours
 from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.curves import FORCES, Curves
 from drop_physics.analysis.joints import JointRow
-from drop_physics.analysis.results import BodyAnalysis, ScriptAnalysis
+from drop_physics.analysis.results import BodyAnalysis, Analysis
 from drop_physics.figures.story_plot import Curve, Look, Panel, Story
 from drop_physics.messages import Message
 
@@ -30,13 +30,13 @@ FAR = 3.0
 """A limit over so many times the largest torque is not drawn."""
 
 
-def story_of(analysis: ScriptAnalysis) -> Story:
+def story_of(analysis: Analysis) -> Story:
     """Return what the plot of a script tells."""
     title, *lines = _verdict(analysis)
     return Story(title, lines, [*_panels(analysis)][:MOST_PANELS])
 
 
-def _verdict(analysis: ScriptAnalysis) -> Iterator[str]:
+def _verdict(analysis: Analysis) -> Iterator[str]:
     explained, script = analysis.explained, str(analysis.origin.get("script") or "")
     if not analysis.findings:
         yield Message("{script}: nothing needs a second look", script=script)
@@ -60,7 +60,7 @@ def _verdict(analysis: ScriptAnalysis) -> Iterator[str]:
 # -- which panels ---------------------------------------------------------------------------------
 
 
-def _panels(analysis: ScriptAnalysis) -> Iterator[Panel]:
+def _panels(analysis: Analysis) -> Iterator[Panel]:
     """Yield what the findings are about, the gravest first, then energy and flights."""
     told = _Told(analysis)
     for number, finding in enumerate(analysis.findings, 1):
@@ -71,7 +71,7 @@ def _panels(analysis: ScriptAnalysis) -> Iterator[Panel]:
 class _Told:
     """Makes each kind of panel once."""
 
-    def __init__(self, analysis: ScriptAnalysis) -> None:
+    def __init__(self, analysis: Analysis) -> None:
         self._analysis = analysis
         self._bodies = {body.label: body for body in analysis.bodies}
         self._done: set[str] = set()

@@ -10,8 +10,9 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.drop.case import Case, case_of
-from drop_physics.analysis.drop.energy import ledger
-from drop_physics.analysis.drop.findings import Evidence, findings
+from drop_physics.analysis.drop.energy import contact_energy_j
+from drop_physics.analysis.drop.evidence import Evidence
+from drop_physics.analysis.drop.findings import findings
 from drop_physics.analysis.drop.landing import (
     find_bounces,
     find_contact,
@@ -33,13 +34,13 @@ from drop_physics.analysis.drop.phases import Phases, phases_of, touching
 from drop_physics.analysis.drop.posture import tumbled_step, tumbles
 from drop_physics.analysis.drop.results import (
     Airborne,
-    Analysis,
     Conservation,
     Coverage,
+    FallAnalysis,
     Moment,
-    SegmentCounts,
     Terms,
 )
+from drop_physics.analysis.explained.judged import SEGMENTS
 from drop_physics.analysis.general.decomposition import TERMS, Decomposition
 from drop_physics.analysis.general.flights import decomposed
 from drop_physics.analysis.general.mechanics import Mechanics, max_relative_drift, mechanics
@@ -50,14 +51,14 @@ from drop_physics.scenario import Scenario
 Float64 = NDArray[np.float64]
 
 
-def analysis_of(
+def fall_analysis_of(
     scenario: Scenario,
     engine: EngineReport,
     states: pl.DataFrame,
     contacts: pl.DataFrame,
     *,
     at_s: Sequence[float] = (),
-) -> Analysis:
+) -> FallAnalysis:
     """Analyze the samples of a fall.
 
     Parameters
@@ -113,7 +114,8 @@ def analysis_of(
         rest=rest,
         law=law,
     )
-    return Analysis(
+    counts = dict[str, int](case.segments.counts().items())
+    return FallAnalysis(
         scenario=asdict(scenario),
         engine=engine,
         at=at,
@@ -127,8 +129,8 @@ def analysis_of(
         bounces=bounces,
         rest=rest,
         conservation=_conservation(case, energies, phases.airborne),
-        energy=ledger(case, energies, airborne=phases.airborne),
-        segments=SegmentCounts(**case.segments.counts()),
+        contact_j=contact_energy_j(case, energies, airborne=phases.airborne),
+        segments={kind: counts.get(kind, 0) for kind in SEGMENTS},
         flights=flights,
         explained=explained_of(case, mismatch),
         contact_phases=contact_phases(case),

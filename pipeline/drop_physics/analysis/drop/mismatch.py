@@ -8,8 +8,9 @@ import numpy as np
 
 from drop_physics.analysis.drop.case import Case
 from drop_physics.analysis.drop.phases import Phases
-from drop_physics.analysis.drop.results import ContactPhase, Coverage, Explained
+from drop_physics.analysis.drop.results import ContactPhase, Coverage
 from drop_physics.analysis.general.segments import CONTACT
+from drop_physics.analysis.results import Explained
 from drop_physics.fields import counted
 from drop_physics.messages import Message
 from drop_physics.scenario import Engine
@@ -163,12 +164,13 @@ def explained_of(case: Case, mismatch: Mismatch | None) -> Explained:
     segments, of = case.segments, len(case.samples)
     samples, step = int(segments.explained.sum()), segments.first_unexplained
     if step is None:
-        return Explained(samples, of, (of - 1) * case.timestep_s, None)
+        return Explained(samples, of, 0.0, (of - 1) * case.timestep_s, None)
     why = None if mismatch is not None else _unknown(case, step) or _uncovered(case, step)
     unlike = Message("the state is not what the engine computes from the sample before")
     return Explained(
         samples,
         of,
+        0.0,
         (step - 1) * case.timestep_s if step else None,
         Message("at sample {step} {why}", step=step, why=why or unlike),
     )

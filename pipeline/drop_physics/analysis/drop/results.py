@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import polars as pl
 
-from drop_physics.analysis.drop.energy import EnergyLedger
+from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.drop.phases import Phase
 from drop_physics.analysis.general.flights import Flight
-from drop_physics.analysis.general.jsonable import jsonable
+from drop_physics.analysis.results import LINES, Analysis, Explained
 from drop_physics.report import EngineReport
-from drop_physics.shown import Shown
 
 
 @dataclass(frozen=True)
@@ -179,16 +177,6 @@ class Rest:
 
 
 @dataclass(frozen=True)
-class Finding:
-    """A mistake or surprise that a recording reveals: what was seen, why, and what changes it."""
-
-    code: str
-    """A stable name, for scripts."""
-    message: str
-    """What was seen, why, and the call or option that changes it."""
-
-
-@dataclass(frozen=True)
 class Conservation:
     """How well energy and angular momentum are conserved before the first contact."""
 
@@ -198,40 +186,6 @@ class Conservation:
     """Largest change of the energy, over its initial value; None where that is 0."""
     angular_momentum_max_rel_drift: float | None
     """The same for the angular momentum about the centre of mass."""
-
-
-@dataclass(frozen=True)
-class SegmentCounts:
-    """Number of samples of each kind, which is that of the step that led to the sample."""
-
-    flight: int
-    """Position and velocities follow the law, and nothing touches."""
-    contact: int
-    """They follow from the law and the reported contact forces, to 1e-12 of what is added up."""
-    pushed: int
-    """The same with recorded external forces; a drop has none."""
-    set: int
-    """Put there by a call: the release."""
-    jointed: int
-    """Of a body with joints, which the laws here do not cover."""
-    still: int
-    """Nothing changes, since no step was taken."""
-    unexplained: int
-    """Not explained: see `explained.why`."""
-
-
-@dataclass(frozen=True)
-class Explained:
-    """How much of the recording is explained, step by step, also while the body tumbles."""
-
-    samples: int
-    """Number of explained samples, anywhere in the recording."""
-    of: int
-    """Number of all samples."""
-    until_s: float | None
-    """Time of the last sample before the first unexplained one; None if that is the release."""
-    why: str | None
-    """Why that one is unexplained; None where all are explained."""
 
 
 @dataclass(frozen=True)
@@ -247,13 +201,12 @@ class ContactPhase:
     largest_force_n: float
     """The largest force of a step, of all its contact points together."""
     kinetic_j: float
-    """Kinetic energy that contact gave to the body, or took. The ledger's contact is that and what
-    Euler's step loses to the weight of a body that does not fall freely."""
+    """Kinetic energy that contact gave to the body, or took."""
 
 
-@dataclass(frozen=True)
-class Analysis(Shown, lines_of="drop_physics.console.show_analysis:analysis_lines"):
-    """Everything that the analysis of a recording found."""
+@dataclass(frozen=True, kw_only=True)
+class FallAnalysis:
+    """What a scenario adds to a recording: the fall against its theory, landing and rest."""
 
     scenario: dict[str, Any]
     """What was dropped, and how: the options, by field."""
@@ -284,10 +237,10 @@ class Analysis(Shown, lines_of="drop_physics.console.show_analysis:analysis_line
     """Where the body comes to lie; None where it does not."""
     conservation: Conservation
     """What is conserved until the first contact."""
-    energy: EnergyLedger
-    """Where the energy went."""
-    segments: SegmentCounts
-    """Number of samples of each kind."""
+    contact_j: float | None
+    """Energy that contact gave to the body; None without a law. Not in the JSON."""
+    segments: dict[str, int]
+    """Number of samples by kind, as in `bodies`."""
     flights: list[Flight]
     """Each flight as a drop of its own: the fall, and one after each bounce."""
     explained: Explained
@@ -298,15 +251,8 @@ class Analysis(Shown, lines_of="drop_physics.console.show_analysis:analysis_line
     """The mistakes and surprises that the recording reveals."""
     table: pl.DataFrame
     """One row per sample: step, time, phase, heights, error and terms, energies."""
-    recording: Path | None = None
-    """The recording that was analyzed; None if it is not a file."""
-    layer: Path | None = None
-    """The layer that shows the analysis; None if it is not a file."""
-    partial: bool = False
-    """Whether the recording was never finished, so that only its beginning was analyzed."""
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the documented JSON object; what does not exist is null."""
-        left_out = ("table", "contact_phases")
-        values = {name: value for name, value in vars(self).items() if name not in left_out}
-        return {name: jsonable(value) for name, value in values.items()}
+
+@dataclass(frozen=True, kw_only=True)
+class DropAnalysis(FallAnalysis, Analysis, lines_of=LINES):
+    """Everything that the analysis of a drop's recording found."""

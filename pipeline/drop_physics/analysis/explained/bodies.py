@@ -16,7 +16,7 @@ from drop_physics.laws.lookup import RIGID
 from drop_physics.laws.tree import Tree
 from drop_physics.seen import events
 from drop_physics.seen.calls import Given
-from drop_physics.seen.events import Appearance, Body, Dynamics, Put, order
+from drop_physics.seen.events import GIVEN, Appearance, Body, Dynamics, Put, order
 from drop_physics.seen.history import Seen
 from drop_physics.seen.poses import inertial_frames, tree_of
 
@@ -160,6 +160,9 @@ class Epochs:
             latest = next(each for each in record.dynamics if order(each.at) >= came)
         reported = latest.reported
         calls = [each for each in record.given[: given + 1] if order(each.at) >= came]
+        if known_from_start := {name: float(reported[key][0]) for key, name in GIVEN.items()
+                if key in reported}:  # fmt: skip
+            calls.insert(0, Given(latest.at, record.body, known_from_start))
         law = law_of(record.body, reported, calls)
         settings = Settings(
             substeps=substeps,

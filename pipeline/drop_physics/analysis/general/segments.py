@@ -8,7 +8,7 @@ contacts between them. Not covered, so `unexplained`: contact in a timestep of s
 which PyBullet reports only the last; rolling and spinning friction, which it does not report, or,
 without cone friction, in place of sliding friction; and the first step of a btRigidBody that
 touches something after it was turned or given another mass, since it is pushed with the inertia it
-was loaded with. Not covered, so `jointed`: bodies with joints.
+was loaded with. Bodies with joints are not covered at all.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from drop_physics.laws.vectors import any_of, largest, lengths
 
 Float64 = NDArray[np.float64]
 
-Segment = Literal["flight", "contact", "pushed", "set", "jointed", "still", "unexplained"]
+Segment = Literal["flight", "contact", "pushed", "set", "still", "unexplained"]
 SEGMENTS: tuple[Segment, ...] = get_args(Segment)
-FLIGHT, CONTACT, PUSHED, SET, JOINTED, STILL, UNEXPLAINED = range(len(SEGMENTS))
+FLIGHT, CONTACT, PUSHED, SET, STILL, UNEXPLAINED = range(len(SEGMENTS))
 EXPLAINED = (FLIGHT, CONTACT, PUSHED, SET, STILL)
 
 
@@ -280,7 +280,7 @@ def still_segments(motion: Motion) -> Segments:
 
 def jointed_segments(samples: int) -> Segments:
     """Return the segments of a body with joints, of which only the release is explained."""
-    code = np.full(samples, JOINTED, np.int8)
+    code = np.full(samples, UNEXPLAINED, np.int8)
     code[0] = SET
     held, moved = np.zeros(samples, dtype=bool), np.ones(samples, dtype=bool)
     return Segments(code, np.zeros(samples), None, held, moved)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engines.bullet.c_output import c_output_moved_aside
+from drop_physics.engines.bullet.described import JOINT_KINDS, reported_of
 from drop_physics.engines.bullet.engine import data_folder, find_body, p
 from drop_physics.engines.bullet.touching import ROUNDING_M, touching_height
 from drop_physics.engines.session import Shape
@@ -28,17 +29,15 @@ from drop_physics.kinds import Quaternion
 from drop_physics.laws.tree import Tree
 from drop_physics.report import LARGEST, EngineReport
 from drop_physics.scenario import Coordinates, Scenario
-from drop_physics.seen.events import Joint
+from drop_physics.seen.events import GIVEN, Joint
 from drop_physics.seen.poses import MOTION, links_of, rows_of, tree_of
-from drop_physics.states import BASE, CONTACT, STATE, Batch, Int64, Joints, Rows
+from drop_physics.states import BASE, BODY, CONTACT, FLOOR, STATE, Batch, Int64, Joints, Rows
 
 Float64 = NDArray[np.float64]
 
 FAR_M = 1e3
 """A height from which no body reaches the floor."""
 
-JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
-"""Kinds of joint, as in `getJointInfo`."""
 SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
 """pybullet's GEOM_ constants."""
 
@@ -282,6 +281,20 @@ class World:
             floor_restitution=floor and floor[5],
             pybullet_api=p.getAPIVersion(),
         )
+
+    def dynamics(self, number: int = BODY) -> dict[str, Float64]:
+        """Return what the engine reports of base and links, and the damping that it was given."""
+        floor = number == FLOOR
+        body, links = (self._floor, []) if floor else (self._body, self._links)
+        reported = reported_of([self._dynamics(body, link) for link in (BASE, *links)])
+        if floor:
+            return reported
+        given = (self.scenario.linear_damping, self.scenario.angular_damping)
+        return reported | {
+            name: np.array([value])
+            for name, value in zip(GIVEN, given, strict=True)
+            if value is not None
+        }
 
     def shapes(self) -> tuple[Shape, ...]:
         """Return the base's collision shapes."""
