@@ -15,8 +15,11 @@ import drop_physics
 import polars as pl
 import pytest
 from command import drop_alone, drop_here
-from drop_physics import Analysis, Scenario, simulate
+from drop_physics import DropAnalysis, Scenario, simulate
+from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.drop.analysis import fall_analysis_of
+from drop_physics.analysis.drop.results import FallAnalysis
+from drop_physics.analysis.drop.story import drop_analysis_of
 from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.viewer import binary
 from drop_physics.stages.run import Run, run
@@ -87,12 +90,23 @@ def judge(
     states: pl.DataFrame | None = None,
     *,
     at_s: Sequence[float] = (),
-) -> Analysis:
-    """Analyze a recording that was read back, perhaps with other states."""
+) -> FallAnalysis:
+    """Analyze the fall of a recording that was read back, perhaps with other states."""
     mine = recording.states if states is None else states
     return fall_analysis_of(
         recording.scenario, recording.engine, mine, recording.contacts, at_s=at_s
     )
+
+
+def whole(recording: Recording, *, at_s: Sequence[float] = ()) -> DropAnalysis:
+    """Analyze a drop that was read back, as `analyze` does."""
+    scenario, engine = recording.scenario, recording.engine
+    return drop_analysis_of(scenario, engine, recording.seen, recording.states, at_s=at_s)
+
+
+def said(finding: Finding) -> str:
+    """Return a finding as one text."""
+    return f"{finding.message}: {finding.advice or ''}"
 
 
 def rerun_rrd(*arguments: object) -> str:

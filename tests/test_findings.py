@@ -7,7 +7,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from conftest import Recorder, judge
+from conftest import Recorder, judge, said, whole
 from drop_physics.analysis.drop.analysis import fall_analysis_of
 from drop_physics.console.show_analysis import show_analysis
 from engine import MODES, box, shape, urdf_of
@@ -28,7 +28,7 @@ CASES: dict[str, tuple[dict[str, object], str, dict[str, object]]] = {
         {"coordinates": "maximal", "linear_damping": 0.0},
     ),
     "velocity-clamped": (FAST, "reaches 100", {**FAST, "coordinates": "maximal"}),
-    "refining-hurts": ({}, "1/341 s", {"linear_damping": 0.0}),
+    "refining-hurts": ({"linear_damping": 0.04}, "1/341 s", {"linear_damping": 0.0}),
     "deep-penetration": ({}, "8.8 mm", {"timestep_s": 1 / 960}),
     "rest-below-expected": ({}, "11.98 µm", {"duration_s": 0.3}),
     "restitution-inflated": (
@@ -54,7 +54,6 @@ CASES: dict[str, tuple[dict[str, object], str, dict[str, object]]] = {
     ),
     "starts-in-contact": ({"height_m": 0.01}, "15 mm inside", {"height_m": 0.0251}),
     "tunnelled": ({"timestep_s": 1.0}, "-8.8100 m", {"timestep_s": 1 / 60}),
-    "joints-not-explained": ({"body": "r2d2.urdf", "duration_s": 0.1}, "15 joints", {}),
     "still-airborne": ({"gravity_m_s2": -1.62}, "0.2057 m", {}),
 }
 
@@ -62,7 +61,7 @@ CASES: dict[str, tuple[dict[str, object], str, dict[str, object]]] = {
 @pytest.mark.parametrize("code", CASES)
 def test_a_finding_names_its_number_and_what_changes_it(recorded: Recorder, code: str) -> None:
     provoking, number, _ = CASES[code]
-    messages = {finding.code: finding.message for finding in judge(recorded(**provoking)).findings}
+    messages = {finding.code: said(finding) for finding in judge(recorded(**provoking)).findings}
     assert code in messages
     assert number in messages[code]
     assert re.search(r"--[a-z]|p\.[a-zA-Z]+", messages[code])
@@ -99,9 +98,7 @@ def test_an_altered_state_does_not_follow_the_law(
         .alias(column)
     )  # fmt: skip
     analysis = fall_analysis_of(recording.scenario, recording.engine, altered, recording.contacts)
-    (message,) = [
-        finding.message for finding in analysis.findings if finding.code == "law-mismatch"
-    ]
+    (message,) = [said(finding) for finding in analysis.findings if finding.code == "law-mismatch"]
     assert f"sample {step} " in message
     assert analysis.coverage.samples == step
     assert "law-mismatch" not in [finding.code for finding in judge(recording).findings]
@@ -130,11 +127,11 @@ def test_as_short_a_step_as_is_advised_lets_a_body_sink_less(
     """Where in a step it lands is chance: a step that is only a little shorter may be worse."""
     drop = {"body": body, "height_m": height_m, "duration_s": 0.6}
     (message,) = (
-        finding.message
+        said(finding)
         for finding in judge(recorded(**drop, timestep_s=1 / 60)).findings
         if finding.code == "deep-penetration"
     )
-    times = re.search(r"make the step (\d+) times shorter", message)
+    times = re.search(r"shorten the step (\d+) times", message)
     assert times is not None
     short = judge(recorded(**drop, timestep_s=1 / 60 / int(times[1])))
     assert "deep-penetration" not in [finding.code for finding in short.findings]
@@ -171,7 +168,7 @@ def test_a_contact_that_is_a_spring_is_not_explained_by_the_solver(
     assert analysis.rest.terms_m is None
     assert analysis.contact is None
     assert not any(bounce.effective_restitution for bounce in analysis.bounces)
-    by_code = {finding.code: finding.message for finding in analysis.findings}
+    by_code = {finding.code: said(finding) for finding in analysis.findings}
     assert "spring of 300 N/m" in by_code["rest-below-expected"]
     assert "leaves a slop of 10 µm" in by_code["rest-below-expected"]
     assert "restitution-inflated" not in by_code
@@ -187,9 +184,9 @@ def test_a_body_that_contact_turns_within_a_step_landed_flat(
     analysis = judge(
         recorded(body=body, velocity_m_s=(0.0, 0.0, 1.0), restitution=0.8, timestep_s=1 / 37)
     )
-    (message,) = (finding.message for finding in analysis.findings if finding.code == "tumbled")
+    (message,) = (said(finding) for finding in analysis.findings if finding.code == "tumbled")
     assert "in the step that touches the floor" in message
-    assert message.endswith("not predicted")
+    assert message.endswith("not predicted: ")
 
 
 def test_what_was_dropped_flat_is_not_advised_to_be(recorded: Recorder) -> None:
@@ -200,7 +197,7 @@ def test_what_was_dropped_flat_is_not_advised_to_be(recorded: Recorder) -> None:
         ({"orientation": (20.0, 0.0, 0.0), "duration_s": 1.0, "body": "duck_vhacd.urdf"}, False),
     ):
         findings = judge(recorded(**how)).findings
-        (message,) = (finding.message for finding in findings if finding.code == "tumbled")
+        (message,) = (said(finding) for finding in findings if finding.code == "tumbled")
         assert ("drop it flat" in message) == advised
 
 
@@ -210,7 +207,7 @@ def test_more_iterations_remove_what_few_leave(recorded: Recorder, residual: flo
     few = judge(recorded(**drop, duration_s=3.0, solver_iterations=5, solver_residual=residual))
     many = judge(recorded(**drop, duration_s=3.0, solver_iterations=500, solver_residual=0.0))
     (message,) = (
-        finding.message for finding in few.findings if finding.code == "rest-below-expected"
+        said(finding) for finding in few.findings if finding.code == "rest-below-expected"
     )
     assert "--solver-iterations remove" in message
     assert few.rest is not None
@@ -230,11 +227,11 @@ def test_where_50_iterations_are_not_enough_the_residual_is_not_all(
         for each in ({"solver_residual": None}, {"solver_iterations": 500})
     )
     (message,) = (
-        finding.message for finding in standard.findings if finding.code == "rest-below-expected"
+        said(finding) for finding in standard.findings if finding.code == "rest-below-expected"
     )
     assert "--solver-residual 0 and more than 50 --solver-iterations remove" in message
     (still,) = (
-        finding.message
+        said(finding)
         for finding in judge(recorded(**drop)).findings
         if finding.code == "rest-below-expected"
     )
@@ -247,7 +244,7 @@ def test_a_correction_that_a_body_needs_is_not_advised_against(recorded: Recorde
     """Without it this body stays in the floor, with a restitution of 0.03, in so long a step."""
     deep = {"timestep_s": 1 / 37, "duration_s": 480 / 37, "height_m": 0.44962217655126757,
             "restitution": 0.5, "velocity_m_s": (0.0, 0.0, 2.0), "gravity_m_s2": -30.0}  # fmt: skip
-    messages = {finding.code: finding.message for finding in judge(recorded(**deep)).findings}
+    messages = {finding.code: said(finding) for finding in judge(recorded(**deep)).findings}
     assert (
         "--contact-erp 0, and shorten the step with --timestep" in messages["restitution-inflated"]
     )
@@ -266,7 +263,7 @@ def test_a_correction_adds_as_much_in_shorter_steps(recorded: Recorder) -> None:
     for rate in (240, 480):
         analysis = judge(recorded(**drop, timestep_s=1 / rate))
         (message,) = (
-            each.message for each in analysis.findings if each.code == "restitution-inflated"
+            said(each) for each in analysis.findings if each.code == "restitution-inflated"
         )
         assert message.endswith("i.e. --contact-erp 0")
         added.append(analysis.bounces[0].correction_m_s)
@@ -279,8 +276,7 @@ def test_an_unknown_landing_is_not_reported(recorded: Recorder) -> None:
     """It moves at the limit of 100 m/s, and passes the floor's edge."""
     fast = {"height_m": 10.0, "linear_damping": 0.0, "velocity_m_s": (150.0, 0.0, 0.0)}
     messages = {
-        finding.code: finding.message
-        for finding in judge(recorded(**fast, duration_s=0.5)).findings
+        finding.code: said(finding) for finding in judge(recorded(**fast, duration_s=0.5)).findings
     }
     assert "before the impact" not in messages["still-airborne"]
     later = {finding.code for finding in judge(recorded(**fast, duration_s=3.0)).findings}
@@ -305,7 +301,7 @@ def test_a_contact_of_several_substeps_and_joints_is_not_denied(
 ) -> None:
     recording = recorded(body="r2d2.urdf", substeps=2, height_m=0.6)
     assert len(recording.contacts)
-    analysis = judge(recording)
+    analysis = whole(recording)
     assert analysis.impact is None
     show_analysis(analysis, as_json=False)
     assert "Impact      time unknown" in capsys.readouterr().out
@@ -321,6 +317,6 @@ def test_a_body_that_passes_the_floor_in_each_step_is_not_still_airborne(
     assert len(recording.contacts) == 0
     assert heights_m[1:4].tolist() == pytest.approx([-980, 20, -980], abs=1e-6)
     assert heights_m[-1] > 0
-    codes = {finding.code: finding.message for finding in judge(recording).findings}
+    codes = {finding.code: said(finding) for finding in judge(recording).findings}
     assert "still-airborne" not in codes
     assert "shorten the step" in codes["tunnelled"]

@@ -1,0 +1,55 @@
+"""A drop as it is analyzed, without a file between simulation and analysis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import polars as pl
+from drop_physics.analysis.drop.results import DropAnalysis
+from drop_physics.analysis.drop.story import drop_analysis_of
+from drop_physics.engines.bullet.world import World
+from drop_physics.recording.rows import tables_of
+from drop_physics.seen.events import Appearance, Body, Dynamics, Settings
+from drop_physics.seen.history import Piece, Seen
+from drop_physics.stages.recorded import BATCH, bodies_of, made_with
+from drop_physics.states import BASE, BODY, Batch, Joints
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Samples of one simulation, in memory."""
+
+    states: pl.DataFrame
+    contacts: pl.DataFrame
+    joints: Joints | None
+    first: int = 0
+
+    @property
+    def last(self) -> int:
+        """The last step."""
+        return int(self.states["step"].max())  # type: ignore[arg-type]
+
+    def piece(self, first: int, end: int) -> Piece:
+        """Return what was sampled of some steps."""
+        its = (pl.col("step") >= first) & (pl.col("step") < end)
+        bases = self.states.filter(its & (pl.col("link") == BASE)).drop("link")
+        joints = {} if self.joints is None else {BODY: self.joints.at(slice(first, end))}
+        return Piece(first, end, bases, joints, {}, self.contacts.filter(its), [])
+
+
+def analysis_of_world(world: World) -> DropAnalysis:
+    """Drop the body of a world, and analyze that."""
+    batch, engine = Batch.joined([*world.samples(BATCH)]), made_with(world)
+    states, contacts = tables_of(batch)
+    events = [*bodies_of(world, engine)]
+    appearances = [each for each in events if isinstance(each, Appearance)]
+    bodies: dict[int, Body] = {each.body.number: each.body for each in appearances}
+    seen = Seen(
+        bodies=bodies,
+        appearances=appearances,
+        dynamics=[each for each in events if isinstance(each, Dynamics)],
+        settings=[each for each in events if isinstance(each, Settings)],
+        solvers=[], puts=[], samples={}, sampled=Sampled(states, contacts, batch.joints),
+        real_time=False, unseeded=(), machine=engine.machine or "",
+    )  # fmt: skip
+    return drop_analysis_of(world.scenario, engine, seen, states)
