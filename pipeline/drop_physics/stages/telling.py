@@ -13,7 +13,7 @@ from drop_physics import colours
 from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.curves import FORCES, Curves
 from drop_physics.analysis.joints import JointRow
-from drop_physics.analysis.results import BodyAnalysis, Analysis
+from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.figures.story_plot import Curve, Look, Panel, Story
 from drop_physics.messages import Message
 
@@ -37,7 +37,7 @@ def story_of(analysis: Analysis) -> Story:
 
 
 def _verdict(analysis: Analysis) -> Iterator[str]:
-    explained, script = analysis.explained, str(analysis.origin.get("script") or "")
+    explained, script = analysis.explained, str((analysis.origin or {}).get("script") or "")
     if not analysis.findings:
         yield Message("{script}: nothing needs a second look", script=script)
     for finding in analysis.findings[:1]:
@@ -73,6 +73,8 @@ class _Told:
 
     def __init__(self, analysis: Analysis) -> None:
         self._analysis = analysis
+        assert analysis.curves is not None  # of a script
+        self._curves = analysis.curves
         self._bodies = {body.label: body for body in analysis.bodies}
         self._done: set[str] = set()
 
@@ -119,7 +121,7 @@ class _Told:
     # -- what is in them --------------------------------------------------------------------------
 
     def _joint(self, body: BodyAnalysis, row: JointRow) -> Iterator[Panel]:
-        curves = self._analysis.curves.joints(body.id)
+        curves = self._curves.joints(body.id)
         k = body.joints.index(row)
         if curves is None:
             return
@@ -148,7 +150,7 @@ class _Told:
         yield Panel(title, force, [drawn, *limits], zero=True)
 
     def _friction(self, body: BodyAnalysis, other: BodyAnalysis) -> Iterator[Panel]:
-        its = self._analysis.curves.friction(body.id, other.id)
+        its = self._curves.friction(body.id, other.id)
         if its is None or len(its.steps) < 2:
             return
         title = Message("friction between {body} and {other}", body=body.label, other=other.label)
@@ -158,7 +160,7 @@ class _Told:
         ], zero=True)  # fmt: skip
 
     def _energy(self, body: BodyAnalysis) -> Iterator[Panel]:
-        its = self._analysis.curves.energy(body.id)
+        its = self._curves.energy(body.id)
         if its is None:
             return
         sizes = {name: float(np.nanmax(np.abs(its.columns[name]), initial=0.0)) for name in FORCES}
@@ -188,7 +190,7 @@ class _Told:
     ) -> Curve:  # fmt: skip
         steps, values = its.steps, its.columns[column]
         gaps = np.flatnonzero(np.diff(steps) > 1.5 * np.diff(steps).min(initial=len(steps))) + 1
-        times_s = self._analysis.curves.times_s(body.id, steps)
+        times_s = self._curves.times_s(body.id, steps)
         look: Look = "dashed" if dashed else "wide" if wide else "line"
         return Curve(
             name, np.insert(times_s, gaps, times_s[gaps]), np.insert(values, gaps, np.nan), colour,
@@ -200,7 +202,7 @@ class _Told:
         if steps is None or steps.last - steps.first > WHOLE * self._analysis.samples:
             return None
         ends = np.array([steps.first, steps.last])
-        first_s, last_s = self._analysis.curves.times_s(body.id, ends).tolist()
+        first_s, last_s = self._curves.times_s(body.id, ends).tolist()
         return first_s, last_s
 
 
