@@ -46,7 +46,7 @@ from drop_physics.recording.sampled import Digests, RecordedSamples, is_series
 from drop_physics.recording.told import Told
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Camera, Scenario
-from drop_physics.seen.events import At, Joint, order
+from drop_physics.seen.events import At, Dynamics, Joint, order
 from drop_physics.seen.history import Seen, joined
 
 Float64 = NDArray[np.float64]
@@ -314,6 +314,8 @@ def _check_drop(recording: Recording) -> None:
     check_engine(engine, scenario, path)
     check_settings(engine, scenario, path)
     samples, due, first = 0, scenario.steps + 1, None
+    if scenario.engine == "bullet" and not all(map(_reported, recording.seen.dynamics)):
+        raise damaged(path, Message("its bodies and calls are not in drop's format"))
     for piece in recording.seen.pieces():
         states = by_step(joined(recording.seen.parts_of(piece)))
         if len(states):
@@ -337,6 +339,11 @@ def _check_drop(recording: Recording) -> None:
             count=samples,
         )
         raise damaged(path, what)
+
+
+def _reported(dynamics: Dynamics) -> bool:
+    """Whether a body's dynamics are all that PyBullet reports."""
+    return {"mass_kg", "rolling_friction", "kind"} <= dynamics.reported.keys()
 
 
 def recording_id(path: Path) -> str:
