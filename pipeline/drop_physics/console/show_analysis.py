@@ -33,4 +33,6 @@ def analysis_lines(analysis: Analysis, *, verbose: bool = False) -> list[str]:
 
 
 def _samples(analysis: Analysis) -> int:
-    return sum(sum(body.segments.values()) for body in analysis.bodies if body.links)
+    if analysis.kind == "drop":  # whose floor has no samples of its own
+        return analysis.samples
+    return sum(sum(body.segments.values()) for body in analysis.bodies)

@@ -72,7 +72,7 @@ def analyze(
     """
     path = Path(recording)
     layer, tables = outputs_of(path, out, table, force=force)
-    if body is not None and not is_script(path):
+    if not is_script(path) and body is not None:
         raise ScenarioError("--body is for recordings of scripts; a drop has only one body")
     progress(ANALYZING, 0, _PARTS)
     read_back = read(path)
