@@ -891,9 +891,8 @@ def test_a_killed_recorder_takes_the_script_with_it_and_leaves_what_was_written(
     pid = int(bench.folder.joinpath("there").read_text())
     wait_for(lambda: not _runs(pid), "the script outlives the recorder")
     assert not bench.out.exists()
-    part = bench.folder / "out.rrd.part"
-    found = states(part)
-    assert len(found) > 1000
+    # Rerun's reader refuses a file that ends within a message; ours takes what is whole.
+    assert len(read(bench.folder / "out.rrd.part").seen.bases) > 1000
 
 
 def _runs(pid: int) -> bool:
