@@ -66,6 +66,22 @@ Caption = Annotated[
     bool, typer.Option("--caption", help="Write time, height and error below each frame.")
 ]
 Dark = Annotated[bool, typer.Option("--dark", help="Draw plots for a dark page.")]
+Ray = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Run on a Ray cluster: auto, local or its address."),
+]
+Python = Annotated[
+    str | None,
+    typer.Option(metavar="PATH", help="The interpreter to run it with; 3.9 or later."),
+]
+Steps = Annotated[
+    int | None,
+    typer.Option(parser=an_integer, metavar="N", help="Stop it after N steps."),
+]
+Duration = Annotated[
+    float | None,
+    typer.Option(parser=a_number, metavar="SECONDS", help="Stop it after this simulated time [s]."),
+]
 WithPlot = Annotated[
     bool, typer.Option("--with-plot", help="Plot heights and error beside the frames.")
 ]
@@ -341,10 +357,7 @@ def sweep(
             help="Worker processes; by default one per core where that pays off.",
         ),
     ] = None,
-    ray: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Run on a Ray cluster: auto, local or its address."),
-    ] = None,
+    ray: Ray = None,
     no_record: Annotated[
         bool, typer.Option("--no-record", help="Keep the numbers, but no recordings.")
     ] = False,
@@ -416,18 +429,8 @@ def record(
             help="The recording to write. [default: recordings/SCRIPT.rrd, numbered]",
         ),
     ] = None,
-    steps: Annotated[
-        int | None,
-        typer.Option(parser=an_integer, metavar="N", help="Stop it after N steps."),
-    ] = None,
-    duration: Annotated[
-        float | None,
-        typer.Option(
-            parser=a_number,
-            metavar="SECONDS",
-            help="Stop it after this simulated time [s].",
-        ),
-    ] = None,
+    steps: Steps = None,
+    duration: Duration = None,
     seed: Annotated[
         int | None,
         typer.Option(parser=an_integer, metavar="N", help="Seed random and numpy.random with N."),
@@ -435,10 +438,7 @@ def record(
     twice: Annotated[
         bool, typer.Option("--twice", help="Run it again, and report the first step that differs.")
     ] = False,
-    python: Annotated[
-        str | None,
-        typer.Option(metavar="PATH", help="The interpreter to run it with; 3.9 or later."),
-    ] = None,
+    python: Python = None,
     keep_sleeping: Annotated[
         bool,
         typer.Option(
@@ -512,15 +512,8 @@ def trust(
             help="Exit with 3 if a variation ends farther apart.",
         ),
     ] = None,
-    steps: Annotated[
-        int | None, typer.Option(parser=an_integer, metavar="N", help="Stop it after N steps.")
-    ] = None,
-    duration: Annotated[
-        float | None,
-        typer.Option(
-            parser=a_number, metavar="SECONDS", help="Stop it after this simulated time [s]."
-        ),
-    ] = None,
+    steps: Steps = None,
+    duration: Duration = None,
     seed: Annotated[
         int,
         typer.Option(parser=an_integer, metavar="N", help="Seed random and numpy.random with N."),
@@ -531,14 +524,8 @@ def trust(
             parser=an_integer, metavar="N", help="Worker processes; by default one per core."
         ),
     ] = None,
-    ray: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Run on a Ray cluster: auto, local or its address."),
-    ] = None,
-    python: Annotated[
-        str | None,
-        typer.Option(metavar="PATH", help="The interpreter to run it with; 3.9 or later."),
-    ] = None,
+    ray: Ray = None,
+    python: Python = None,
     force: Force = False,
     json: Json = False,
 ) -> None:

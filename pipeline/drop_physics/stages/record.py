@@ -155,30 +155,16 @@ def record_script(
     with _target(target, out, force=force) as path:
         if not is_module:
             check_apart([path], inputs=[Path(target)])
-        endings: list[Ending] = []
         endless = steps is None and duration_s is None
         tell = progress or (_named_later(note) if endless else _silent)
         with (
             running.Script(program, stdout=stdout, tell=tell) as process,
             _interrupts(process.interrupt),
         ):
-
-            def ending() -> Ending:
-                endings.append(process.ending())
-                return endings[-1]
-
-            writer.record(
-                path,
-                recorder.chunks(
-                    process.events(), ending, lambda ended: about_script(origin, recorder, ended)
-                ),
-                recording_id=recording_id,
-                blueprint=lambda: layout(recorder.look()),
-                force=force,
-                note=note,
+            ended = written(
+                process, recorder, path, recording_id=recording_id, force=force, note=note,
                 full=lambda: process.stop("disk"),
-            )
-    (ended,) = endings
+            )  # fmt: skip
     if not recorder.samples and not process.decoder.cut_off:
         nothing = Message(
             "nothing was simulated: the script did not connect to PyBullet, or loaded nothing"
@@ -218,6 +204,31 @@ def record_script(
     return replace(
         recorded, wall_s=time.perf_counter() - began, twice=compared, first_difference=again
     )
+
+
+def written(
+    process: running.Script,
+    recorder: Recorder,
+    path: Path,
+    *,
+    recording_id: str,
+    **how: Any,  # noqa: ANN401 - as `writer.record` takes it
+) -> Ending:
+    """Write what a running script does, and return how it ended."""
+    endings: list[Ending] = []
+
+    def ending() -> Ending:
+        endings.append(process.ending())
+        return endings[-1]
+
+    origin = recorder.inputs[schema.ORIGIN_PROPERTY]
+    chunks = recorder.chunks(
+        process.events(), ending, lambda ended: about_script(origin, recorder, ended)
+    )
+    writer.record(
+        path, chunks, recording_id=recording_id, blueprint=lambda: layout(recorder.look()), **how
+    )
+    return endings[0]
 
 
 def recorded_of(

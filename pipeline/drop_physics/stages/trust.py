@@ -17,13 +17,11 @@ from drop_physics.engines.bullet import script as running
 from drop_physics.engines.bullet.script import Program
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.files.outputs import check_target, make_folder
-from drop_physics.recording import schema, writer
-from drop_physics.recording.about import about_script
-from drop_physics.recording.layout import layout
+from drop_physics.recording import schema
 from drop_physics.recording.reader import read
 from drop_physics.recording.recorder import Recorder
 from drop_physics.seen.events import Ending
-from drop_physics.stages.record import SEEDED_CLOCK_S, STOPPED, checked_limits
+from drop_physics.stages.record import SEEDED_CLOCK_S, STOPPED, checked_limits, written
 from drop_physics.sweeping import engines
 from drop_physics.workers import cores
 
@@ -240,20 +238,7 @@ def run_recorded(
         "drop_version": metadata.version("drop-physics"),
         **more,
     }
-    recorder, endings = Recorder({schema.ORIGIN_PROPERTY: origin}), []
+    recorder = Recorder({schema.ORIGIN_PROPERTY: origin})
     with running.Script(program, stdout=stdout, stderr=stderr) as process:
-
-        def ending() -> Ending:
-            endings.append(process.ending())
-            return endings[-1]
-
-        writer.record(
-            path,
-            recorder.chunks(
-                process.events(), ending, lambda ended: about_script(origin, recorder, ended)
-            ),
-            recording_id=uuid.uuid4().hex,
-            blueprint=lambda: layout(recorder.look()),
-            force=True,
-        )
-    return endings[0], process.decoder.steps
+        ended = written(process, recorder, path, recording_id=uuid.uuid4().hex, force=True)
+    return ended, process.decoder.steps
