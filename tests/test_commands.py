@@ -17,7 +17,7 @@ def rows(scene: str, path: Path, name: str) -> dict[int, dict[str, list[float]]]
     found = {}
     for chunk in rrd.chunks(path):
         if chunk.entity.endswith(f"/{name}") and "sim_step" in chunk.batch.schema.names:
-            for row in chunk.batch.to_pylist():
+            for row in chunk.batch.drop_columns(["sim_time"]).to_pylist():
                 found[row["sim_step"]] = row
     return found
 
@@ -94,7 +94,9 @@ steps(5)
     by: dict[str, list[dict[str, list[float]]]] = {}
     for chunk in rrd.chunks(tmp_path / "run.rrd"):
         if chunk.entity.endswith("/target") and "sim_step" in chunk.batch.schema.names:
-            by.setdefault(chunk.entity, []).extend(chunk.batch.to_pylist())
+            by.setdefault(chunk.entity, []).extend(
+                chunk.batch.drop_columns(["sim_time"]).to_pylist()
+            )
     last = [rows[-1]["Scalars:scalars"] for rows in by.values()][-1]
     assert last[4] == 2.0
     assert np.isnan(last[3])
