@@ -216,22 +216,27 @@ def test_a_film_without_pyav_says_what_to_install(monkeypatch: pytest.MonkeyPatc
 
 def test_the_caption_says_time_height_and_error() -> None:
     assert caption(0.3, 0.55672969, -0.0018203) == "t 0.300 s  height 0.5567 m  error  −1.820 mm"
+    assert caption(1, 0.025, 0.0089, ended=True).endswith("m  last error  +8.900 mm")
 
 
 def test_caption_and_plot_are_those_of_the_step_that_is_shown(
     standard: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """After the last error that the plot explains, the caption keeps it."""
     captioned: list[tuple[float, ...]] = []
-    monkeypatch.setattr(
-        composition, "caption", lambda *values: captioned.append(values) or caption(*values)
-    )
+
+    def noted(*values: float, ended: bool) -> str:
+        captioned.append((*values, ended))
+        return caption(*values, ended=ended)
+
+    monkeypatch.setattr(composition, "caption", noted)
     table, picture = standard.analysis.table, Image.new("RGB", (240, 180), "white")
     both = composition.Composition(table, picture.size, with_plot=True)
     plot = GrowingPlot(table, picture.size, dark=False)
-    for step in (0, 72, 240):
+    for step in (0, 72, 107, 108, 240):
         whole = both.composed(picture, step)
-        row = table.row(step, named=True)
-        assert captioned.pop() == (row["time_s"], row["simulated_m"], row["error_m"])
+        row, error_m = table.row(step, named=True), table["error_m"][min(step, 107)]
+        assert captioned.pop() == (row["time_s"], row["simulated_m"], error_m, step > 107)
         beside = np.asarray(whole)[:180, 240:]
         assert np.array_equal(beside, np.asarray(plot.at(row["time_s"])))
 

@@ -287,6 +287,37 @@ p.stepSimulation()
 """
 
 
+LEAVES = (
+    FALLS + "p.resetBaseVelocity(body, [6, 0, 3])\nfor step in range(240): p.stepSimulation()\n"
+)
+
+
+def test_what_leaves_is_followed(record: Record, tmp_path: Path) -> None:
+    render(record(LEAVES), out=tmp_path / "leaves.gif")
+    shown = [redness(picture) for picture in pictures(tmp_path / "leaves.gif")]
+    assert min(map(len, shown)) > 1000
+    middles = np.array([red.mean(axis=0) for red in shown])
+    assert (np.abs(middles - (180, 240)) < (150, 200)).all()
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_a_film_has_a_floor_of_tiles_edges_and_a_clock(
+    record: Record, tmp_path: Path, dark: bool
+) -> None:
+    render(record(FALLS), out=tmp_path / "film.gif", dark=dark)
+    first, last = (pictures(tmp_path / "film.gif")[place].astype(int) for place in (0, -1))
+    floor = np.sort(last[300:, 300:].reshape(-1, 3).mean(axis=1))
+    assert floor[-1] - floor[0] > 8
+    assert np.ptp(np.unique(np.round(floor, 1))) < 60  # two greys, little apart
+    assert (first[-40:, :120] != last[-40:, :120]).any()
+    red = redness(last)
+    top, left = red.min(axis=0) - 2
+    around = last[top : top + 3, left : left + 80].min()
+    assert around < (20 if dark else 90)  # an edge, darker than box, tiles and page
+    shades = {tuple(last[row, column]) for row, column in red.tolist()}
+    assert len(shades) >= 3  # of top and two sides
+
+
 def test_a_btrigidbody_is_drawn_round_its_centre_of_mass(record: Record, tmp_path: Path) -> None:
     """PyBullet does not report where that is in its frame; a btMultiBody of the same is alike."""
     shown = []

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import functools
 
 import matplotlib
 import numpy as np
+import polars as pl
 from PIL import Image, ImageDraw, ImageFont
 
 from drop_physics.figures import style
+from drop_physics.figures.error_panel import COLUMNS
 from drop_physics.figures.growing_plot import GrowingPlot
-
-if TYPE_CHECKING:
-    import polars as pl
+from drop_physics.figures.style import Ink
 
 GREYS = 8
 """Shades of a caption's edges: with few colours a gif stays exact."""
@@ -39,19 +39,21 @@ class Composition:
         self._columns = {
             name: table[name].to_numpy() for name in ("time_s", "simulated_m", "error_m")
         }
+        explained = np.flatnonzero(table.select(pl.all_horizontal(pl.col(COLUMNS).is_not_null())))
+        self._last = int(explained[-1]) if len(explained) else 0
+        """The last sample whose error the plot explains."""
         self._ink = style.DARK if dark else style.LIGHT
         width, height = size_px
         self._plot = GrowingPlot(table, size_px, dark=dark) if with_plot else None
-        self._letters = max(9, min(round(width / 28), round(height / 18)))
-        self._font = ImageFont.truetype(
-            f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSansMono.ttf", self._letters
-        )
+        self._letters = max(9, min(round(width / 31), round(height / 18)))
+        self._font = _font(self._letters)
         self._size = (width * (2 if with_plot else 1), height + 2 * self._letters)
 
     def composed(self, picture: Image.Image, step: int) -> Image.Image:
         """Return a camera's picture of a step, with its caption and plot."""
         step = min(step, len(self._columns["time_s"]) - 1)
-        time_s, height_m, error_m = (float(column[step]) for column in self._columns.values())
+        time_s, height_m, _ = (float(column[step]) for column in self._columns.values())
+        error_m = float(self._columns["error_m"][min(step, self._last)])
         whole = Image.new("RGB", self._size, self._ink.page)
         whole.paste(picture)
         if self._plot is not None:
@@ -59,7 +61,7 @@ class Composition:
         shade = Image.new("L", (self._size[0], 2 * self._letters))
         ImageDraw.Draw(shade).text(
             (self._letters // 2, self._letters),
-            caption(time_s, height_m, error_m),
+            caption(time_s, height_m, error_m, ended=step > self._last),
             font=self._font,
             fill=255,
             anchor="lm",
@@ -70,8 +72,34 @@ class Composition:
         return whole
 
 
-def caption(time_s: float, height_m: float, error_m: float) -> str:
-    """Return the caption of a moment; in all captions of a drop the digits line up."""
+def with_clock(picture: Image.Image, time_s: float, ink: Ink) -> Image.Image:
+    """Return a picture with the time in its lower left corner."""
+    letters = max(9, picture.height // 24)
+    drawn, text, at = (
+        ImageDraw.Draw(picture),
+        f"t {time_s:.2f} s",
+        (letters, picture.height - letters),
+    )
+    drawn.fontmode = "1"  # a gif has few colours
+    left, top, right, bottom = drawn.textbbox(at, text, font=_font(letters), anchor="ls")
+    room = letters // 2
+    drawn.rectangle((left - room, top - room, right + room, bottom + room), fill=ink.page)
+    drawn.text(at, text, font=_font(letters), fill=ink.text, anchor="ls")
+    return picture
+
+
+@functools.cache
+def _font(letters: int) -> ImageFont.FreeTypeFont:
+    path = f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSansMono.ttf"
+    return ImageFont.truetype(path, letters)
+
+
+def caption(time_s: float, height_m: float, error_m: float, *, ended: bool = False) -> str:
+    """Return the caption of a moment; in all captions of a drop the digits line up.
+
+    `ended` if the error is the last that the plot explains.
+    """
     height = f"{round(height_m, 4) + 0.0:.4f}"
     error = f"{round(error_m * 1e3, 3) + 0.0:+.3f}"
-    return f"t {time_s:.3f} s  height {height} m  error {error:>7} mm".replace("-", "−")
+    what = "last error" if ended else "error"
+    return f"t {time_s:.3f} s  height {height} m  {what} {error:>7} mm".replace("-", "−")

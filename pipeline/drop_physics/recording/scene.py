@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import bisect
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
 import numpy as np
@@ -20,41 +19,47 @@ from drop_physics.recording.contents import chunks_of, closing_of, gather
 from drop_physics.recording.digest import FrameDigest
 from drop_physics.recording.drawing import part_path
 from drop_physics.recording.rrd import Chunk
-from drop_physics.seen.events import Body, Model, Pose
+from drop_physics.seen.events import Body, Model
 from drop_physics.seen.history import Seen
 
+Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
 
-@dataclass
+
+@dataclass(frozen=True, eq=False)
 class Part:
     """A link that is drawn, as it looks for a time, and its poses."""
 
     number: int
     """The body's."""
-    models: tuple[Model, ...] = ()
-    times_s: list[float] = field(default_factory=list)
-    poses: list[Pose | None] = field(default_factory=list)
-    """None where its body is gone or looks different, or a number is not finite."""
+    models: tuple[Model, ...]
+    radius_m: float
+    """Of a ball around it; infinite of a plane."""
+    times_s: Float64
+    """Ascending, shape (n,)."""
+    poses: Float32
+    """Position and orientation, shape (n, 7); nan where its body is gone or looks different."""
 
-    def at(self, time_s: float) -> Pose | None:
-        """Return its pose at a time; None where it does not exist."""
-        row = bisect.bisect_right(self.times_s, time_s + 1e-9) - 1
-        return self.poses[row] if row >= 0 else None
+    def at(self, times_s: Float64) -> Float64:
+        """Return its poses at times, shape (n, 7); nan where it does not exist."""
+        rows = np.searchsorted(self.times_s, times_s + 1e-9, side="right") - 1
+        found = np.full((len(times_s), 7), np.nan)
+        found[rows >= 0] = self.poses[rows[rows >= 0]]
+        return found
 
     def in_looks(self, looks: Sequence[tuple[float, tuple[Model, ...]]]) -> Iterator[Part]:
         """Yield the same link once for each look, drawn while it looks like that.
 
         `looks` are in order, each with the time at which it begins [s]; none while it is gone.
         """
-        starts_s = [start_s for start_s, _ in looks]
-        times_s = sorted({*self.times_s, *starts_s})
-        poses = [self.at(time_s) for time_s in times_s]
-        rows = [max(bisect.bisect_right(starts_s, time_s) - 1, 0) for time_s in times_s]
+        starts_s = np.array([start_s for start_s, _ in looks])
+        times_s = np.unique(np.concatenate([self.times_s, starts_s]))
+        poses = self.at(times_s).astype(np.float32)
+        rows = np.clip(np.searchsorted(starts_s, times_s, side="right") - 1, 0, None)
         for models in dict.fromkeys(models for _, models in looks):
-            seen = [
-                pose if looks[row][1] == models else None
-                for pose, row in zip(poses, rows, strict=True)
-            ]
-            yield Part(self.number, models, times_s, seen)
+            looks_so = np.array([each == models for _, each in looks])[rows, None]
+            its = np.where(looks_so, poses, np.float32(np.nan))
+            yield replace(self, models=models, times_s=times_s, poses=its)
 
 
 def parts_of(path: Path, seen: Seen) -> list[Part]:
@@ -65,15 +70,13 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
     RecordingError
         If the recording is damaged.
     """
-    parts = {
-        part_path(body, link): Part(body.number)
-        for body in seen.bodies.values()
-        for link in range(-1, len(body.links) - 1)
-    }
+    links = {part_path(body, link): (body, link) for body in seen.bodies.values()
+        for link in range(-1, len(body.links) - 1)}  # fmt: skip
+    poses: dict[str, list[tuple[Float64, Float32]]] = {}
     meshes: dict[str, bytes] = {}
     for chunk in chunks_of(path):
-        if chunk.entity in parts:
-            _add_poses(parts[chunk.entity], chunk, path)
+        if chunk.entity in links:
+            poses.setdefault(chunk.entity, []).extend(_poses(chunk, path))
         elif chunk.batch.schema.get_field_index("Asset3D:blob") >= 0:
             meshes[chunk.entity] = _blob(chunk, path)
     looks: dict[str, list[tuple[float, tuple[Model, ...]]]] = {}
@@ -82,10 +85,26 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
             models = _models(appearance.body, link, meshes) if appearance.there else ()
             its = looks.setdefault(part_path(appearance.body, link), [])
             its.append((appearance.at.time_s, models))
-    drawn = (
-        each for entity, part in parts.items() for each in part.in_looks(looks.get(entity, ()))
-    )
-    return [part for part in drawn if part.models and part.times_s]
+    found: list[Part] = []
+    for entity, (body, link) in links.items():
+        if read := poses.get(entity):
+            times_s = np.concatenate([times_s for times_s, _ in read])
+            order = np.argsort(times_s, kind="stable")
+            rows = np.concatenate([rows for _, rows in read])[order]
+            part = Part(body.number, (), _radius_m(body, link), times_s[order], rows)
+            found += part.in_looks(looks.get(entity, ()))
+    return [part for part in found if part.models]
+
+
+def _radius_m(body: Body, link: int) -> float:
+    """Return the radius of a ball around a link [m]."""
+    if any(shape.kind == "plane" and shape.link == link for shape in body.shapes):
+        return np.inf
+    box = np.array(body.bounds_m[6 * (link + 1) : 6 * (link + 2)])
+    if len(box):
+        return float(np.linalg.norm(box[3:] - box[:3])) / 2
+    sizes = [shape.size_m for shape in body.shapes if shape.link == link and shape.kind != "mesh"]
+    return max((float(np.linalg.norm(size_m)) / 2 for size_m in sizes), default=0.0)
 
 
 def _models(body: Body, link: int, meshes: Mapping[str, bytes]) -> tuple[Model, ...]:
@@ -112,7 +131,7 @@ def frames_of_cameras(path: Path) -> dict[int, list[tuple[int, float, bytes]]]:
     for chunk in chunks_of(path):
         camera = _CAMERA.fullmatch(chunk.entity)
         if camera is not None:
-            images = zip(columns.images(chunk, path), _times_s(chunk), strict=False)
+            images = zip(columns.images(chunk, path), _times_s(chunk).tolist(), strict=False)
             taken = [(step, time_s, png) for (step, png), time_s in images]
             frames.setdefault(int(camera[1]), []).extend(taken)
         elif chunk.entity.startswith("__properties/"):
@@ -133,36 +152,31 @@ def frames_of_cameras(path: Path) -> dict[int, list[tuple[int, float, bytes]]]:
 _CAMERA = re.compile(r"camera/(\d{1,9})/image")
 
 
-def _add_poses(part: Part, chunk: Chunk, path: Path) -> None:
+def _poses(chunk: Chunk, path: Path) -> Iterator[tuple[Float64, Float32]]:
+    """Yield times and poses, where a chunk has any; nan where a number is not finite."""
     names = "Transform3D:translation", "Transform3D:quaternion"
-    if any(chunk.batch.schema.get_field_index(name) < 0 for name in names):
-        return
-    positions, orientations = (
-        _numbers(chunk, name, width, path) for name, width in zip(names, (3, 4), strict=True)
-    )
-    for time_s, position, orientation in zip(
-        _times_s(chunk), positions.tolist(), orientations.tolist(), strict=True
-    ):
-        row = bisect.bisect_right(part.times_s, time_s)
-        part.times_s.insert(row, time_s)
-        is_there = np.isfinite([*position, *orientation]).all()
-        part.poses.insert(row, (tuple(position), tuple(orientation)) if is_there else None)
+    if all(chunk.batch.schema.get_field_index(name) >= 0 for name in names):
+        poses = np.hstack([_numbers(chunk, name, width, path)
+            for name, width in zip(names, (3, 4), strict=True)])  # fmt: skip
+        poses[~np.isfinite(poses).all(axis=1)] = np.nan
+        yield _times_s(chunk), poses
 
 
-def _times_s(chunk: Chunk) -> list[float]:
+def _times_s(chunk: Chunk) -> Float64:
     index = chunk.batch.schema.get_field_index(schema.TIME_TIMELINE)
     if index < 0:
-        return [0.0] * chunk.batch.num_rows
+        return np.zeros(chunk.batch.num_rows)
     times = chunk.batch.column(index).cast(pa.int64()).to_numpy(zero_copy_only=False)
-    return [float(value) for value in times / 1e9]
+    return np.asarray(times / 1e9, np.float64)
 
 
-def _numbers(chunk: Chunk, name: str, width: int, path: Path) -> NDArray[np.float64]:
-    values = chunk.batch.column(chunk.batch.schema.get_field_index(name)).to_pylist()
-    numbers = np.array([row[0] for row in values], dtype=np.float64)
-    if numbers.shape != (len(values), width):
-        raise damaged(path, wrong_count(chunk.entity, width, name))
-    return numbers
+def _numbers(chunk: Chunk, name: str, width: int, path: Path) -> Float32:
+    column = chunk.batch.column(chunk.batch.schema.get_field_index(name))
+    try:
+        flat = column.flatten().flatten().to_numpy(zero_copy_only=False)
+        return np.asarray(flat, np.float32).reshape(chunk.batch.num_rows, width)
+    except (AttributeError, ValueError):
+        raise damaged(path, wrong_count(chunk.entity, width, name)) from None
 
 
 def _blob(chunk: Chunk, path: Path) -> bytes:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.analysis.times import Times
 from drop_physics.errors import DropError, RecordingError
 from drop_physics.figures.animation import MAX_FPS, decoded, write_animation
 from drop_physics.figures.playback import Animation, Playback, playback
@@ -20,11 +19,12 @@ from drop_physics.recording.reader import Recording
 from drop_physics.recording.scene import Part, frames_of_cameras, parts_of
 from drop_physics.scenario import STANDARD_CAMERA, Camera, View
 from drop_physics.seen.history import Seen, body_named
-from drop_physics.states import STATE
 from drop_physics.workers import Worker, WorkerDiedError
 
 if TYPE_CHECKING:
     from PIL import Image
+
+Float64 = NDArray[np.float64]
 
 DRAWN_PER_S = 20.0
 """Pictures drawn from poses per second of simulated time."""
@@ -34,7 +34,28 @@ SHARE_OF_HEIGHT = 1 / 4
 """Share of a picture's height that a body takes up in a close view."""
 FAR_M = 10.0
 """Bodies farther than this from the middle may be out of view."""
-LEAST_REACH_M = 0.5
+LEAST_M = 0.1
+"""The nearest that a camera goes."""
+ROOM = 1.06
+"""Times as far away as it must be to see all."""
+LEAVES, FOLLOWED = 4.5, 2.0
+"""A camera that would be so many times farther away to see the whole way follows what moves, so
+many times farther away than it must."""
+SMOOTH = 10
+"""Pictures over which the way of a camera is evened."""
+TILES = {False: ("#e4e7eb", "#cdd2d9"), True: ("#2a2f36", "#363c45")}
+"""Of the floor, on a light and on a dark page."""
+
+
+def _axes() -> Float64:
+    """Return where right, up and back are for the standard camera."""
+    yaw, pitch = (math.radians(a) for a in (STANDARD_CAMERA.yaw_deg, STANDARD_CAMERA.pitch_deg))
+    right = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    back = np.array([math.sin(yaw), -math.cos(yaw), -math.tan(pitch)]) * math.cos(pitch)
+    return np.stack([right, np.cross(back, right), back])
+
+
+AXES = _axes()
 
 
 def film(
@@ -44,6 +65,7 @@ def film(
     animation: Animation,
     view: View | None,
     body: str | None,
+    dark: bool,
     force: bool,
     ours: bool,
     report: Callable[[int, int], None],
@@ -64,6 +86,8 @@ def film(
         took, or if it took none, `standard`.
     body
         The body for `close` and `follow`, by name or number; None for the one that moves farthest.
+    dark
+        Whether what is drawn is for a dark page.
     force, ours
         As for `written_whole`.
     report
@@ -95,8 +119,10 @@ def film(
         times_s = _drawn_at(parts)
         interval_s = times_s[1] - times_s[0] if len(times_s) > 1 else 1 / DRAWN_PER_S
         played = playback(animation, len(times_s), interval_s, most_fps=most_fps)
-        shown_s = [times_s[number] for number in played.frames]
-        pictures = _drawn(parts, shown_s, _cameras(held.seen, view or "standard", body, shown_s))
+        shown_s = np.array(times_s)[played.frames]
+        poses = np.stack([part.at(shown_s) for part in parts], axis=1)
+        cameras = _cameras(held.seen, parts, poses, view or "standard", body)
+        pictures = _drawn(parts, poses, shown_s, cameras, dark)
     with written_whole(gif, force=force, ours=ours) as file:
         reported = _reported(pictures, len(played.frames), report)
         count = write_animation(reported, file, suffix=gif.suffix, fps=played.fps)
@@ -105,75 +131,86 @@ def film(
 
 def _drawn_at(parts: Sequence[Part]) -> list[float]:
     """Return the times at which pictures are drawn: evenly spaced, at most `MOST_DRAWN`."""
-    last_s = max(part.times_s[-1] for part in parts)
+    last_s = max(float(part.times_s[-1]) for part in parts)
     count = int(last_s * DRAWN_PER_S + 1e-9) + 1
     every = -(-count // MOST_DRAWN)
     return [number * every / DRAWN_PER_S for number in range(-(-count // every))]
 
 
-def _cameras(seen: Seen, view: View, body: str | None, times_s: Sequence[float]) -> list[Camera]:
-    """Return the camera of each picture."""
-    number = _body_of(seen, body)
-    # What steps move is sampled; what only calls move, they put somewhere.
-    puts = [
-        seen.placed(put) for record in seen.by_body.values() if record.moves for put in record.puts
-    ]
-    put = np.concatenate([np.empty(0, STATE), *puts])
-    positions_m = np.concatenate(
-        [seen.states.select("x_m", "y_m", "z_m").to_numpy(), put["position_m"]]
-    )
-    radii_m = {each: _radius_m(body.bounds_m) for each, body in seen.bodies.items()}
-    moved = [*seen.states["body"].to_list(), *put["body"].tolist()]
-    round_m = np.array([radii_m.get(each, 0.0) for each in moved])
-    low_m, high_m = _near(positions_m, round_m)
+def _cameras(
+    seen: Seen, parts: Sequence[Part], poses: Float64, view: View, body: str | None
+) -> list[Camera]:
+    """Return the camera of each picture; `poses` has shape (pictures, parts, 7)."""
+    numbers = np.array([part.number for part in parts])
+    number = _body_of(seen, numbers, poses, body)
     if view == "standard" or number is None:
-        reach_m = max(LEAST_REACH_M, float(np.linalg.norm(high_m - low_m)) / 2)
-        centre_m = (low_m + high_m) / 2
-        return [_looking(centre_m, 2 * reach_m, view)] * len(times_s)
-    its = seen.states.filter(pl.col("body") == number)
-    first = its.filter(pl.col("link") == its["link"].min()).sort("step")
-    first = first.filter(pl.all_horizontal(pl.col("x_m", "y_m", "z_m").is_finite()))
-    if first.is_empty():
+        targets_m, distance_m = _framed(parts, numbers, poses)
+        return [_looking(target_m, distance_m, view) for target_m in targets_m]
+    its = poses[:, numbers == number, :3]
+    finite = np.isfinite(its).all(axis=2)
+    if not finite.any():
         raise RecordingError(
             "no position of {body} is finite: the camera cannot be aimed at it; try --camera "
             "standard",
             body=seen.bodies[number].label,
         )
-    way_m = first.select("x_m", "y_m", "z_m").to_numpy()
-    times = Times(seen, seen.bodies[number].client)
-    at_s = np.array([times.of(step) for step in first["step"].to_list()])
+    first = int(finite.any(axis=0).argmax())
+    way_m = _held(its[:, first : first + 1])[:, 0]
     edges = np.reshape(seen.bodies[number].bounds_m, (-1, 6))
     extent_m = float(np.linalg.norm(edges[:, 3:].max(axis=0) - edges[:, :3].min(axis=0)))
     share = SHARE_OF_HEIGHT * STANDARD_CAMERA.size_px[1]
     distance_m = STANDARD_CAMERA.focal_length_px * extent_m / share
-    rows = np.clip(np.searchsorted(at_s, np.array(times_s) + 1e-9, side="right") - 1, 0, None)
-    targets_m = way_m[rows] if view == "follow" else np.repeat(way_m[-1:], len(times_s), axis=0)
+    targets_m = way_m if view == "follow" else np.repeat(way_m[-1:], len(way_m), axis=0)
     return [_looking(target_m, distance_m, view) for target_m in targets_m]
 
 
-def _near(
-    positions_m: NDArray[np.float64], round_m: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return low and high corners of a box around bodies at positions, (n, 3), without far ones.
+def _framed(
+    parts: Sequence[Part], numbers: NDArray[np.int64], poses: Float64
+) -> tuple[Float64, float]:
+    """Return what a standard camera looks at in each picture, shape (n, 3), and from how far.
 
-    `round_m` is the radius around each position, shape (n,).
+    It stands still, or follows what leaves.
     """
-    finite = np.isfinite(positions_m).all(axis=1)
-    positions_m, around_m = positions_m[finite], round_m[finite, None]
-    if not len(positions_m):
-        return np.zeros(3), np.zeros(3)
-    away_m = np.abs(positions_m - np.median(positions_m, axis=0)).max(axis=1)
+    radii_m = np.array([part.radius_m for part in parts])
+    moves = (np.fmax.reduce(poses) - np.fmin.reduce(poses) > 1e-4).any(axis=1)
+    shown = np.isin(numbers, numbers[moves]) & (radii_m < FAR_M)
+    if not shown.any():
+        shown = radii_m < FAR_M if (radii_m < FAR_M).any() else radii_m > 0
+    places_m, around_m = _held(poses[:, shown, :3]), np.minimum(radii_m[shown], FAR_M)[:, None]
+    away_m = np.abs(places_m - np.nanmedian(places_m, axis=1, keepdims=True)).max(axis=2)
     # Between two distant groups nothing is near the median.
-    near = away_m <= max(FAR_M, away_m.min())
-    low_m, high_m = positions_m - around_m, positions_m + around_m
-    return low_m[near].min(axis=0), high_m[near].max(axis=0)
+    far = away_m > np.maximum(FAR_M, np.nanmin(away_m, axis=1, keepdims=True))
+    places_m = np.where(far[..., None], np.nan, places_m)
+    seen_m = places_m @ AXES.T
+    low_m = np.nanmin(seen_m - around_m, axis=1)
+    high_m = np.nanmax(seen_m + around_m, axis=1)
+    whole_m = (low_m.min(axis=0) + high_m.max(axis=0)) / 2
+    far_m = _distance_m(seen_m - whole_m, around_m)
+    middles_m = (low_m + high_m) / 2
+    near_m = _distance_m(seen_m - middles_m[:, None], around_m)
+    if far_m <= LEAVES * near_m:
+        return np.tile(whole_m @ AXES, (len(poses), 1)), far_m
+    padded_m = np.pad(middles_m, ((SMOOTH, SMOOTH), (0, 0)), mode="edge")
+    window = np.lib.stride_tricks.sliding_window_view(padded_m, 2 * SMOOTH + 1, axis=0)
+    evened_m = window.mean(axis=2)
+    least_m = _distance_m(seen_m - evened_m[:, None], around_m)
+    return evened_m @ AXES, max(least_m, FOLLOWED * near_m)
 
 
-def _radius_m(bounds_m: Sequence[float]) -> float:
-    """Return the radius of a body's largest part [m]; 0 for a body without bounds."""
-    edges_m = np.reshape(bounds_m, (-1, 6))
-    radius_m = float((edges_m[:, 3:] - edges_m[:, :3]).max(initial=0.0)) / 2
-    return radius_m if radius_m < FAR_M else 0.0  # as wide as a floor, which is never seen whole
+def _distance_m(places_m: Float64, around_m: Float64) -> float:
+    """Return from how far the standard camera sees places, in its axes, with what is around."""
+    half = math.tan(math.radians(STANDARD_CAMERA.vertical_fov_deg) / 2)
+    width, height = STANDARD_CAMERA.size_px
+    spread_m = (np.abs(places_m[..., :2]) + around_m) / [half * width / height, half]
+    return ROOM * float(np.nanmax(spread_m + places_m[..., 2:], initial=LEAST_M))
+
+
+def _held(places_m: Float64) -> Float64:
+    """Return places, shape (pictures, parts, 3); where none is, those before."""
+    there = np.any(np.isfinite(places_m[..., 0]), axis=1)
+    if not there.any():
+        return np.zeros_like(places_m)
+    return places_m[np.maximum.accumulate(np.where(there, np.arange(len(there)), there.argmax()))]
 
 
 def _looking(target_m: NDArray[np.float64], distance_m: float, view: View) -> Camera:
@@ -188,37 +225,53 @@ def _looking(target_m: NDArray[np.float64], distance_m: float, view: View) -> Ca
     )
 
 
-def _body_of(seen: Seen, which: str | None) -> int | None:
+def _body_of(
+    seen: Seen, numbers: NDArray[np.int64], poses: Float64, which: str | None
+) -> int | None:
     """Return the number of the given body, or of the one that moves farthest."""
-    if which is not None:
-        return body_named(seen.bodies.values(), which).number
-    moved = seen.states.group_by("body").agg(
-        *((pl.col(name).max() - pl.col(name).min()).alias(name) for name in ("x_m", "y_m", "z_m"))
-    )
-    if moved.is_empty():
-        return None
-    way_m = np.linalg.norm(moved.select("x_m", "y_m", "z_m").to_numpy(), axis=1)
-    return int(moved["body"][int(np.argmax(np.where(way_m < FAR_M, way_m, 0.0)))])
+    if which is None:
+        reach_m = np.fmax.reduce(poses) - np.fmin.reduce(poses)
+        way_m = np.linalg.norm(reach_m[:, :3], axis=1)
+        way_m = np.where(way_m < FAR_M, way_m, 0.0)
+        return int(numbers[way_m.argmax()]) if way_m.any() else None
+    body = body_named(seen.bodies.values(), which)
+    if body.number not in numbers:
+        raise RecordingError(
+            "{body} has no shape that drop draws: the camera cannot be aimed at it; try --camera "
+            "standard",
+            body=body.label,
+        )
+    return body.number
 
 
 def _drawn(
-    parts: Sequence[Part], times_s: Sequence[float], cameras: Sequence[Camera]
+    parts: Sequence[Part],
+    poses: Float64,
+    times_s: Float64,
+    cameras: Sequence[Camera],
+    dark: bool,
 ) -> Iterator[Image.Image]:
     from PIL import Image
 
-    poses = [[part.at(time_s) for part in parts] for time_s in times_s]
+    from drop_physics.figures.composition import with_clock  # loads matplotlib
+    from drop_physics.figures.style import DARK, LIGHT
+
+    ink = DARK if dark else LIGHT
+    page = tuple(bytes.fromhex(ink.page.removeprefix("#")))
     with Worker() as worker:
         models = [part.models for part in parts]
-        worker.ask("drop_physics.engines.bullet.scene_pictures:drawn", models, poses, cameras)
-        for _ in times_s:
+        asked = models, poses, cameras, page, TILES[dark]
+        worker.ask("drop_physics.engines.bullet.scene_pictures:drawn", *asked)
+        for time_s in times_s.tolist():
             try:
-                yield Image.fromarray(worker.answer())
+                picture = Image.fromarray(worker.answer())
             except WorkerDiedError as died:
                 raise DropError(
                     "drawing the recorded shapes ended with {how}: a mesh is more than Bullet's "
                     "renderer can take; without --camera the images that the script took are shown",
                     how=died.how,
                 ) from None
+            yield with_clock(picture, time_s, ink)
 
 
 def _reported(

@@ -134,8 +134,8 @@ def render(
     read_back = read(path)
     if not of_drop:
         count, played = film(
-            read_back, gif, animation=animation, view=view, body=body, force=force,
-            ours=out is None, report=report,
+            read_back, gif, animation=animation, view=view, body=body, dark=dark,
+            force=force, ours=out is None, report=report,
         )  # fmt: skip
         ended = read_back.ended or {}
         told = analysis_of(read_back.seen, read_back.origin | {"ended": ended.get("ended"),

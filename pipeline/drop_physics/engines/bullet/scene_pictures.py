@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from drop_physics.engines.bullet.c_output import c_output_moved_aside
 from drop_physics.engines.bullet.engine import p
@@ -19,17 +20,24 @@ from drop_physics.engines.bullet.visible_world import view_matrix
 from drop_physics.scenario import Camera
 from drop_physics.seen.events import Model, Pose
 
-PLANE_M = 20.0
-"""How wide an infinite plane is drawn."""
-PLANE_RGBA = (0.54, 0.58, 0.63, 1.0)
+SQUARES, SQUARE = 256, 1 / 8
+"""Squares along the side of an infinite plane; about the side of one in distances of the camera."""
+LIGHT = (0.5, -1.2, 2.0)
+"""Where it comes from: no two faces of a box have one shade."""
+BEND = 0.02
+"""Where nearness bends by more of itself between pixels, there is an edge: a flat face has none."""
+EDGE = 0.35
+"""Share of its colour that an edge keeps."""
 DRAWN_MESHES = (".obj", ".stl", ".dae")
 NOWHERE = (0.0, 0.0, -1e4)
 
 
 def drawn(
     parts: Sequence[Sequence[Model]],
-    poses: Sequence[Sequence[Pose | None]],
+    poses: NDArray[np.float64],
     cameras: Sequence[Camera],
+    page: tuple[int, int, int],
+    tiles: tuple[str, str],
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield pictures, RGB of shape (height, width, 3).
 
@@ -38,86 +46,141 @@ def drawn(
     parts
         The shapes of each part.
     poses
-        For each picture, the pose of each part; None if it is absent.
+        Of each part in each picture, shape (pictures, parts, 7); nan if it is absent.
     cameras
         One for each picture.
+    page
+        The colour of where there is nothing.
+    tiles
+        The two colours of an infinite plane, `#rrggbb`.
     """
     client = p.connect(p.DIRECT)
     try:
-        with tempfile.TemporaryDirectory() as folder, c_output_moved_aside():
-            bodies = [
-                [
-                    body
-                    for model in models
-                    if (body := _body(model, Path(folder), client)) is not None
-                ]
-                for models in parts
-            ]
-        shown: list[Pose | None] = [None] * len(parts)
-        for placement, camera in zip(poses, cameras, strict=True):
-            for number, pose in enumerate(placement):
-                if pose != shown[number]:
-                    for placed in bodies[number]:
-                        _place(*placed, pose, client)
-                    shown[number] = pose
-            yield _picture(camera, client)
+        square_m = 2.0 ** np.round(np.log2(SQUARE * cameras[0].distance_m))
+        with tempfile.TemporaryDirectory() as name, c_output_moved_aside():
+            shapes = _Shapes(client, Path(name), float(square_m), tiles)
+            bodies = [[body for model in models if (body := shapes.body(model)) is not None]
+                for models in parts]  # fmt: skip
+            for placed, camera in zip(poses, cameras, strict=True):
+                for number, pose in enumerate(placed):
+                    for body in bodies[number]:
+                        shapes.place(body, pose, camera)
+                yield _picture(camera, client, shapes.floors, page)
     finally:
         p.disconnect(client)
 
 
 Placed = tuple[int, Pose]
-
-
-def _body(model: Model, folder: Path, client: int) -> Placed | None:
-    """Return a body that looks like a shape, and its pose on its part; None if not drawable."""
-    shape, a, b = model.shape, *(*model.shape.size_m, 0.0, 0.0)[:2]
-    rgba = PLANE_RGBA if shape.kind == "plane" else shape.rgba
-    look: dict[str, object]
-    if shape.kind in ("box", "plane"):
-        half = [PLANE_M / 2, PLANE_M / 2, 0.005]
-        if shape.kind == "box":
-            half = [side / 2 for side in shape.size_m]
-        look = {"shapeType": p.GEOM_BOX, "halfExtents": half}
-    elif shape.kind == "sphere":
-        look = {"shapeType": p.GEOM_SPHERE, "radius": a}
-    elif shape.kind in ("cylinder", "capsule"):
-        kind = p.GEOM_CYLINDER if shape.kind == "cylinder" else p.GEOM_CAPSULE
-        look = {"shapeType": kind, "length": a, "radius": b}
-    elif model.mesh and model.suffix in DRAWN_MESHES:
-        file = Path(tempfile.mkstemp(model.suffix, dir=folder)[1])
-        file.write_bytes(model.mesh)
-        look = {"shapeType": p.GEOM_MESH, "fileName": str(file), "meshScale": shape.size_m}
-    else:
-        return None
-    with contextlib.suppress(p.error):
-        visual = p.createVisualShape(rgbaColor=rgba, physicsClientId=client, **look)
-        body = p.createMultiBody(0, -1, visual, NOWHERE, physicsClientId=client)
-        position = shape.position_m
-        if shape.kind == "plane":  # its upper side is where the plane is
-            position, _ = p.multiplyTransforms(position, shape.orientation, (0, 0, -0.005), NO_TURN)
-        return body, (tuple(position), tuple(shape.orientation))
-    return None
-
-
+"""A body, and its pose on its part."""
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
 
 
-def _place(body: int, offset: Pose, pose: Pose | None, client: int) -> None:
-    place = (NOWHERE, NO_TURN) if pose is None else p.multiplyTransforms(*pose, *offset)
-    p.resetBasePositionAndOrientation(body, *place, physicsClientId=client)
+class _Shapes:
+    """Bodies of one simulation that only look like something."""
+
+    def __init__(self, client: int, folder: Path, square_m: float, tiles: tuple[str, str]) -> None:
+        self._client, self._folder, self._square_m = client, folder, square_m
+        self._tiles = tiles
+        self.floors: set[int] = set()
+
+    def body(self, model: Model) -> Placed | None:
+        """Return a body that looks like a shape; None if it cannot be drawn."""
+        shape, a, b = model.shape, *(*model.shape.size_m, 0.0, 0.0)[:2]
+        look: dict[str, object]
+        if shape.kind == "plane":
+            return self._floor(), (tuple(shape.position_m), tuple(shape.orientation))
+        if shape.kind == "box":
+            half = [side / 2 for side in shape.size_m]
+            look = {"shapeType": p.GEOM_BOX, "halfExtents": half}
+        elif shape.kind == "sphere":
+            look = {"shapeType": p.GEOM_SPHERE, "radius": a}
+        elif shape.kind in ("cylinder", "capsule"):
+            kind = p.GEOM_CYLINDER if shape.kind == "cylinder" else p.GEOM_CAPSULE
+            look = {"shapeType": kind, "length": a, "radius": b}
+        elif model.mesh and model.suffix in DRAWN_MESHES:
+            file = Path(tempfile.mkstemp(model.suffix, dir=self._folder)[1])
+            file.write_bytes(model.mesh)
+            look = {"shapeType": p.GEOM_MESH, "fileName": str(file), "meshScale": shape.size_m}
+        else:
+            return None
+        with contextlib.suppress(p.error):
+            return self._looking(shape.rgba, look), (
+                tuple(shape.position_m), tuple(shape.orientation),
+            )  # fmt: skip
+        return None
+
+    def _looking(self, rgba: Sequence[float], look: dict[str, object]) -> int:
+        visual = p.createVisualShape(rgbaColor=rgba, physicsClientId=self._client, **look)
+        made: int = p.createMultiBody(0, -1, visual, NOWHERE, physicsClientId=self._client)
+        return made
+
+    def _floor(self) -> int:
+        """Return a checkerboard."""
+        half_m, mesh, board = SQUARES * self._square_m / 2, *(
+            self._folder / name for name in ("floor.obj", "floor.png"))  # fmt: skip
+        corners = [(x, y) for x in (-1, 1) for y in (-1, 1)]
+        lines = [f"v {x * half_m} {y * half_m} 0" for x, y in corners]
+        lines += [f"vt {(x + 1) * SQUARES / 4} {(y + 1) * SQUARES / 4}" for x, y in corners]
+        mesh.write_text(
+            "\n".join([*lines, "vn 0 0 1", "f 1/1/1 3/3/1 4/4/1", "f 1/1/1 4/4/1 2/2/1"])
+        )
+        tiles = Image.new("RGB", (64, 64), self._tiles[0])
+        for corner in ((0, 0), (32, 32)):
+            tiles.paste(self._tiles[1], (*corner, corner[0] + 32, corner[1] + 32))
+        tiles.save(board)
+        body = self._looking((1, 1, 1, 1), {"shapeType": p.GEOM_MESH, "fileName": str(mesh)})
+        texture = p.loadTexture(str(board), physicsClientId=self._client)
+        p.changeVisualShape(body, -1, textureUniqueId=texture, physicsClientId=self._client)
+        self.floors.add(body)
+        return body
+
+    def place(self, placed: Placed, pose: NDArray[np.float64], camera: Camera) -> None:
+        """Put a body where its part is; a floor also under the camera."""
+        (body, offset), place = placed, (NOWHERE, NO_TURN)
+        if not np.isnan(pose).any():
+            place = p.multiplyTransforms(pose[:3].tolist(), pose[3:].tolist(), *offset)
+            if body in self.floors:
+                seen = p.multiplyTransforms(
+                    *p.invertTransform(*place), camera.target_m, NO_TURN
+                )[0]  # fmt: skip
+                period_m = 2 * self._square_m
+                moved = [period_m * round(x / period_m) for x in seen[:2]]
+                place = p.multiplyTransforms(*place, (*moved, 0.0), NO_TURN)
+        p.resetBasePositionAndOrientation(body, *place, physicsClientId=self._client)
 
 
-def _picture(camera: Camera, client: int) -> NDArray[np.uint8]:
+def _picture(
+    camera: Camera, client: int, floors: set[int], page: tuple[int, int, int]
+) -> NDArray[np.uint8]:
     width, height = camera.size_px
-    _, _, rgba, _, _ = p.getCameraImage(
+    _, _, rgba, depth, bodies = p.getCameraImage(
         width,
         height,
         viewMatrix=view_matrix(camera),
         projectionMatrix=p.computeProjectionMatrixFOV(
             camera.vertical_fov_deg, width / height, camera.near_m, camera.far_m
         ),
+        lightDirection=LIGHT,
         renderer=p.ER_TINY_RENDERER,
         physicsClientId=client,
     )
-    pixels = np.asarray(rgba, dtype=np.uint8).reshape(height, width, 4)
-    return np.ascontiguousarray(pixels[:, :, :3])
+    pixels = np.array(rgba, dtype=np.uint8).reshape(height, width, 4)[:, :, :3]
+    numbers = np.reshape(bodies, (height, width))
+    near_m, far_m = camera.near_m, camera.far_m
+    nearness = far_m - (far_m - near_m) * np.reshape(depth, (height, width)).astype(np.float64)
+    pixels[numbers < 0] = page
+    shown = (numbers >= 0) & ~np.isin(numbers, [*floors])
+    edges = _edges(np.where(shown, numbers, -1), nearness) & shown
+    pixels[edges] = (pixels[edges] * EDGE).astype(np.uint8)
+    return pixels
+
+
+def _edges(numbers: NDArray[np.int64], nearness: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return where bodies and faces end; `nearness` is 1 over the distance, to a factor."""
+    edges = np.zeros(numbers.shape, np.bool_)
+    for each, near, marks in ((numbers, nearness, edges), (numbers.T, nearness.T, edges.T)):
+        ends = each[1:] != each[:-1]
+        marks[1:] |= ends
+        marks[:-1] |= ends
+        marks[1:-1] |= np.abs(np.diff(near, 2, axis=0)) > BEND * near[1:-1]
+    return edges
