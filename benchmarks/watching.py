@@ -10,7 +10,9 @@ import os
 import statistics
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from drop_physics.engines.bullet.script import Program, Script
@@ -24,34 +26,94 @@ p.connect(p.DIRECT)
 p.setAdditionalSearchPath(pybullet_data.getDataPath())
 p.setGravity(0, 0, -9.81)
 {load}
-def run(n):
+bodies = [p.getBodyUniqueId(index) for index in range(p.getNumBodies())]
+movable = [[j for j in range(p.getNumJoints(each)) if p.getJointInfo(each, j)[2] != 4]
+           for each in bodies]
+free = [each for each in bodies if p.getDynamicsInfo(each, -1)[0]]
+jointed = [(each, joints) for each, joints in zip(bodies, movable) if joints]
+log = []
+def run(n, logs):
     for i in range(n):
-        {call}
+{call}
         p.stepSimulation()
-run({steps} // 10)
+        if logs:
+            poses = [(p.getBasePositionAndOrientation(each), p.getBaseVelocity(each))
+                     for each in free]
+            joints = [p.getJointStates(each, its) for each, its in jointed]
+            log.append((poses, joints, p.getContactPoints()))
+run({steps} // 10, False)
 began = time.thread_time()
-run({steps})
+run({steps}, "log" in sys.argv)
 print((time.thread_time() - began) / {steps} * 1e6)
 """
 PLANE = 'p.loadURDF("plane.urdf")\n'
 KUKA = 'b = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)'
+LAIKAGO = PLANE + 'p.loadURDF("laikago/laikago.urdf", [0, 0, 0.6])'
 BOXES = """for number in range(100):
     p.loadURDF("cube_small.urdf", [0.2 * (number % 10), 0.2 * (number // 10), 0.025])"""
 BOX = 'b = p.loadURDF("cube_small.urdf", [0, 0, 0.03])'
 FREE = 'b = p.loadURDF("cube_small.urdf", [0, 0, 1])'
+MOTORS = """for j in range(7):
+    p.setJointMotorControl2(b, j, p.POSITION_CONTROL, targetPosition=0.3 + 1e-4 * (i % 9) * j,
+                            force=200)"""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A script, and how much longer its steps may take."""
+
+    load: str
+    call: str
+    """What is called before every step."""
+    steps: int
+    goal: float
+    """Times the bare step; for one box µs more."""
+    goal_logged: float | None = 1.0
+    """Times the step with a logger written by hand."""
+
+
 SCENES = {
-    "kuka": (KUKA, "pass", 20_000, 1.35),
-    "laikago": (PLANE + 'p.loadURDF("laikago/laikago.urdf", [0, 0, 0.6])', "pass", 3_000, 1.15),
-    "100 boxes at rest": (PLANE + BOXES, "pass", 500, 2.3),
-    "kuka, commanded by 7 calls": (
-        KUKA,
-        "for j in range(7): p.setJointMotorControl2(b, j, p.POSITION_CONTROL, "
-        "targetPosition=0.3 + 1e-4 * (i % 9) * j, force=200)",
-        10_000, 1.8,
+    "one box": Scene(PLANE + BOX, "pass", 40_000, 12),
+    "kuka": Scene(KUKA, "pass", 20_000, 1.35),
+    "laikago": Scene(LAIKAGO, "pass", 3_000, 1.15),
+    "100 boxes at rest": Scene(PLANE + BOXES, "pass", 500, 2.3),
+    "kuka, commanded by 7 calls": Scene(KUKA, MOTORS, 10_000, 1.8, 1.15),
+    "a walker, 20 motors commanded": Scene(
+        PLANE
+        + """b = p.loadURDF("quadruped/minitaur.urdf", [0, 0, 0.3])
+hinges = [j for j in range(p.getNumJoints(b)) if p.getJointInfo(b, j)[2] == 0]
+hinges += hinges[:20 - len(hinges)]""",
+        """for j in hinges[:20]:
+    p.setJointMotorControl2(b, j, p.TORQUE_CONTROL, force=1e-3 * (i % 9))
+p.getBasePositionAndOrientation(b), p.getBaseVelocity(b), p.getJointStates(b, hinges)""",
+        3_000,
+        1.8,
+        None,
     ),
-}  # fmt: skip
-"""What is loaded, what is called before every step, steps, and how many times as long it may take.
-"""
+    "four drones": Scene(
+        PLANE + """drones = [p.loadURDF("cube_small.urdf", [k, 0, 9]) for k in range(4)]""",
+        """for b in drones:
+    for rotor in range(4):
+        p.applyExternalForce(b, -1, [0, 0, 1.2 + 1e-3 * (i % 9)], [0.1, 0, 0], p.LINK_FRAME)
+    p.applyExternalTorque(b, -1, [0, 0, 1e-3], p.LINK_FRAME)
+    p.getBasePositionAndOrientation(b), p.getBaseVelocity(b)""",
+        10_000,
+        1.6,
+        None,
+    ),
+    "a reaching arm": Scene(
+        KUKA,
+        """at = [0.5, 0.1 * (i % 9) / 9, 0.5]
+p.setJointMotorControlArray(b, range(7), p.POSITION_CONTROL,
+    targetPositions=p.calculateInverseKinematics(b, 6, at))
+p.getLinkState(b, 6), p.getJointStates(b, range(7))""",
+        5_000,
+        1.3,
+        None,
+    ),
+}
+READING = """for j in range(7):
+    p.getJointState(b, j), p.getLinkState(b, j)"""
 CALLS = {
     "a push": (FREE, "p.applyExternalForce(b, -1, [0.1, 0, i * 1e-9], [0, 0, 0], 2)"),
     "a reset of pose": (
@@ -69,41 +131,57 @@ CALLS = {
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare steps within a process."""
     pairs, share = (3, 10) if quick else (5, 1)
-    ours, theirs = _pairs(folder, PLANE + BOX, "pass", 40_000 // share, pairs)
-    more = [mine - other for mine, other in zip(ours, theirs, strict=True)]
-    yield Measured("watching one box: more per step", "the bare script", more, 12, unit="µs",
-        detail=_over(ours, theirs))  # fmt: skip
-    for name, (load, call, steps, goal) in SCENES.items():
-        ours, theirs = _pairs(folder, load, call, steps // share, pairs)
-        ratios = [mine / other for mine, other in zip(ours, theirs, strict=True)]
-        yield Measured(f"watching {name}, per step", "the bare script", ratios, goal,
-            detail=_over(ours, theirs))  # fmt: skip
+    for name, scene in SCENES.items():
+        steps = scene.steps // share
+        ours, theirs, logged = _runs(folder, scene.load, scene.call, steps, pairs)
+        if name == "one box":
+            more = [mine - other for mine, other in zip(ours, theirs, strict=True)]
+            yield Measured(f"watching {name}: more per step", "the bare script", more, scene.goal,
+                unit="µs", detail=_over(ours, theirs))  # fmt: skip
+        else:
+            ratios = [mine / other for mine, other in zip(ours, theirs, strict=True)]
+            yield Measured(f"watching {name}, per step", "the bare script", ratios, scene.goal,
+                detail=_over(ours, theirs))  # fmt: skip
+        if scene.goal_logged is not None:
+            ratios = [mine / other for mine, other in zip(ours, logged, strict=True)]
+            yield Measured(f"watching {name}, per step", "a logger written by hand", ratios,
+                scene.goal_logged, detail=_over(ours, logged))  # fmt: skip
     for name, (load, call) in CALLS.items():
-        more = []
-        for _ in range(pairs):
-            (with_call,), (bare_with,) = _pairs(folder, load, call, 20_000 // share, 1)
-            (without,), (bare_without,) = _pairs(folder, load, "pass", 20_000 // share, 1)
-            more.append(with_call - without - (bare_with - bare_without))
-        yield Measured(f"watching {name} every step: more per call", "the bare call", more, 5,
-            unit="µs", detail=f"the call takes {bare_with - bare_without:.3g} µs")  # fmt: skip
+        calls = [_of_call(folder, load, call, 20_000 // share) for _ in range(pairs)]
+        yield Measured(f"watching {name} every step: more per call", "the bare call",
+            [mine - other for mine, other in calls], 5, unit="µs",
+            detail=f"the call takes {calls[-1][1]:.3g} µs")  # fmt: skip
+    calls = [_of_call(folder, KUKA, READING, 10_000 // share) for _ in range(pairs)]
+    yield Measured("watching 14 reading calls a step", "the bare calls",
+        [mine / other for mine, other in calls], 1.1)  # fmt: skip
 
 
-def _pairs(
-    folder: Path, load: str, call: str, steps: int, pairs: int
-) -> tuple[list[float], list[float]]:
-    """Return the time of a step [µs], watched and not, of each pair of runs."""
+def _of_call(folder: Path, load: str, call: str, steps: int) -> tuple[float, float]:
+    """Return what calls add to a step [µs], watched and bare."""
+    (with_call,), (bare_with,), _ = _runs(folder, load, call, steps, 1)
+    (without,), (bare_without,), _ = _runs(folder, load, "pass", steps, 1)
+    return with_call - without, bare_with - bare_without
+
+
+def _runs(
+    folder: Path, load: str, call: str, steps: int, runs: int
+) -> tuple[list[float], list[float], list[float]]:
+    """Return the time of a step [µs] of each run: watched, bare, and with a logger by hand."""
     path = folder / "scene.py"
+    call = textwrap.indent(call, "        ")
     path.write_text(SCRIPT.format(load=load, call=call, steps=steps), encoding="utf-8")
-    runs = [(_watched(path), _bare(path)) for _ in range(pairs)]
-    return [mine for mine, _ in runs], [other for _, other in runs]
+    each = [(_watched(path), _bare(path), _bare(path, "log")) for _ in range(runs)]
+    ours, theirs, logged = zip(*each, strict=True)
+    return [*ours], [*theirs], [*logged]
 
 
 def _over(ours: list[float], theirs: list[float]) -> str:
     return f"{statistics.median(ours):.3g} over {statistics.median(theirs):.3g} µs"
 
 
-def _bare(path: Path) -> float:
-    done = subprocess.run([sys.executable, path], capture_output=True, text=True, check=True)
+def _bare(path: Path, *words: str) -> float:
+    command = [sys.executable, path, *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
     return float(done.stdout.split()[-1])
 
 
