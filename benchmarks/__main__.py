@@ -10,8 +10,8 @@ from pathlib import Path
 
 from benchmarks.harness import HEAD, ROOT, machine
 
-SCRIPTS = ("run", "steps", "memory", "size", "frames", "analyze", "arm", "start", "gif", "egl", "sweep",
-           "record", "watching", "tree", "growth")  # fmt: skip
+SCRIPTS = ("run", "steps", "memory", "size", "frames", "analyze", "arm", "start", "gif", "egl",
+           "sweep", "record", "watching", "tree", "growth")  # fmt: skip
 
 
 def main() -> None:

@@ -1,0 +1,121 @@
+"""How the cost of `drop record` and `drop analyze` grows: with steps, bodies, degrees of freedom.
+
+`python -m benchmarks.growth PICTURE.png` draws it.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+from benchmarks.harness import DROP, HEAD, Measured, Ran, machine, process
+
+SCENE = """
+import sys
+import pybullet as p, pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+{load}
+for _ in range(int(sys.argv[1])):
+    p.stepSimulation()
+"""
+BOXES = """for number in range({count}):
+    p.loadURDF("cube_small.urdf", [0.2 * (number % 10), 0.2 * (number // 10), 0.025])"""
+ROBOTS = {
+    7: 'p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)',
+    18: 'p.loadURDF("laikago/laikago_toes_zup_lores.urdf", [0, 0, 0.5])',
+    34: 'p.loadURDF("humanoid/humanoid.urdf", [0, 0, 1.2])',
+}
+"""Degrees of freedom, and what is loaded."""
+MOST = 1_000_000
+"""Steps, and body-steps."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A script of so many steps."""
+
+    what: str
+    """What grows: `steps`, `bodies` or `dofs`."""
+    size: int
+    steps: int
+    load: str
+
+    @property
+    def name(self) -> str:
+        """What is shown of it."""
+        sized = {"steps": "one box at rest", "bodies": f"boxes at rest: {self.size}",
+                 "dofs": f"degrees of freedom: {self.size}"}  # fmt: skip
+        return f"{sized[self.what]}, {self.steps:,} steps"
+
+
+def cases(*, quick: bool) -> Iterator[Case]:
+    """Yield what is measured."""
+    counts = [1_000, 10_000, 100_000, 1_000_000][: 2 if quick else 4]
+    for steps in counts:
+        yield Case("steps", steps, steps, BOXES.format(count=1))
+    for count in (1, 10, 100):
+        yield Case("bodies", count, counts[1] // (10 if quick else 1), BOXES.format(count=count))
+    for dofs, load in ROBOTS.items():
+        yield Case("dofs", dofs, counts[1] // (10 if quick else 1), load)
+
+
+def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
+    """Time whole processes, and their memory."""
+    for case, *both in measured(folder, quick=quick):
+        yield from rows(case, *both)
+
+
+def rows(case: Case, recorded: Ran, analyzed: Ran) -> Iterator[Measured]:
+    """Yield the rows of a table."""
+    for verb, ran in (("record", recorded), ("analyze", analyzed)):
+        yield Measured(
+            f"`drop {verb}`, {case.name}", "", [ran.wall_s / case.steps * 1e6], unit="µs a step",
+            detail=f"{ran.wall_s:.2f} s, {ran.peak_mb:.0f} MB",
+        )  # fmt: skip
+
+
+def measured(folder: Path, *, quick: bool) -> Iterator[tuple[Case, Ran, Ran]]:
+    """Yield each case with what recording and analyzing it took."""
+    for case in cases(quick=quick):
+        (folder / "scene.py").write_text(SCENE.format(load=case.load), encoding="utf-8")
+        recorded = process(*DROP, "record", "--force", "--duration", "1e9", "--out", "run.rrd",
+                           "scene.py", case.steps, folder=folder)  # fmt: skip
+        yield case, recorded, process(*DROP, "analyze", "--force", "run.rrd", folder=folder)
+
+
+def draw(path: Path, *, quick: bool) -> None:
+    """Measure, print the table, and draw seconds over steps, bodies and degrees of freedom."""
+    found: dict[str, list[tuple[Case, float, float]]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for case, recorded, analyzed in measured(Path(folder), quick=quick):
+            found.setdefault(case.what, []).append((case, recorded.wall_s, analyzed.wall_s))
+            for row in rows(case, recorded, analyzed):
+                print(row.row(), flush=True)
+    labels = {"steps": "steps of one box at rest", "bodies": "boxes at rest, 10,000 steps",
+              "dofs": "degrees of freedom, 10,000 steps"}  # fmt: skip
+    figure, panels = plt.subplots(1, 3, figsize=(10, 3.2), layout="constrained")
+    for panel, (what, its) in zip(panels, found.items(), strict=True):
+        sizes = [case.size for case, _, _ in its]
+        panel.plot(sizes, [recorded for _, recorded, _ in its], "o-", label="drop record")
+        panel.plot(sizes, [analyzed for _, _, analyzed in its], "s-", label="drop analyze")
+        if what != "dofs":
+            panel.set_xscale("log")
+            panel.set_yscale("log")
+        panel.set_xlabel(labels[what])
+        panel.grid(alpha=0.3)
+    panels[0].set_ylabel("seconds, start included")
+    panels[0].legend(frameon=False)
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    print(machine(), HEAD, sep="\n\n")
+    draw(Path(sys.argv[1]), quick="--quick" in sys.argv)
