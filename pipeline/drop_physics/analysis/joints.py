@@ -138,6 +138,10 @@ class JointTable:
         for number, found in self.latest.items():
             self._end(self._tracks[number], found[-1])
 
+    def forget(self) -> None:
+        """Free the latest piece."""
+        self._explained, self.latest = None, {}
+
     def site(self, number: float) -> Site | None:
         """Return a call's site by its number in a `Commanded`."""
         return None if np.isnan(number) else self._controls.sites.get(int(number))

@@ -23,7 +23,7 @@ COLUMNS = {
 """An error is that of the flight with the sample, else null; the remainder is that of the step that
 led to it, over its largest term."""
 SHOWN_PER_S = 60.0
-"""Rows of a body that are kept where not all are."""
+"""Rows of a body that are kept at most where not all are."""
 
 
 def rows_of(
@@ -62,9 +62,11 @@ def rows_of(
     return pl.DataFrame(named, schema=COLUMNS, nan_to_null=True)
 
 
-def shown(rows: pl.DataFrame) -> pl.DataFrame:
-    """Return the rows of a body that a curve or a state shows: 60 per second, and each change."""
-    due = (pl.col("time_s") * SHOWN_PER_S + 1e-9).floor()
+def shown(rows: pl.DataFrame, *, per_s: float) -> pl.DataFrame:
+    """Return the rows of a body that a curve or a state shows: so many a second, and changes."""
+    if np.isinf(per_s):
+        return rows
+    due = (pl.col("time_s") * per_s + 1e-9).floor()
     flies = pl.col("error_z_m").is_not_null()
     segment = pl.col("segment")
     kept = due != due.shift(1, fill_value=-1)

@@ -16,13 +16,13 @@ from drop_physics.analysis.explained import recording
 from drop_physics.analysis.explained.recording import Explanation
 from drop_physics.analysis.joints import JointTable
 from drop_physics.analysis.results import Analysis, Explained
-from drop_physics.analysis.rows import COLUMNS, shown
+from drop_physics.analysis.rows import COLUMNS, SHOWN_PER_S, shown
 from drop_physics.analysis.times import Times
 from drop_physics.analysis.touches import TouchTable
 from drop_physics.seen.history import Seen
 
-WHOLE = 1 << 20
-"""Rows that a table has without being asked for."""
+WHOLE = 1 << 17
+"""Rows that a table has at most, but for changes of segment, without being asked for."""
 
 
 class Story:
@@ -66,7 +66,10 @@ class Story:
         self.curves = CurveTable(seen, self.scene.times)
         self._answers = [question(self.scene) for question in answers]
         self._rows: list[pl.DataFrame] = []
-        self._whole = whole
+        ends_s = [self.scene.times[body.client].of(seen.samples.get(body.client, 1) - 1)
+            for body in seen.bodies.values()]  # fmt: skip
+        together_s = max(sum(abs(end_s) for end_s in ends_s), 1.0)
+        self._shown_per_s = np.inf if whole else min(SHOWN_PER_S, WHOLE / together_s)
         self.bodies = {
             number: BodyStory(self.scene, body, at_s=at_s, sums_at_s=sums_at_s)
             for number, body in sorted(seen.bodies.items())
@@ -81,7 +84,14 @@ class Story:
             answer.see(explained)
         for number, judged in explained.bodies.items():
             rows = self.bodies[number].add(judged, explained.chains[number])
-            self._rows.append(rows if self._whole else shown(rows))
+            self._rows.append(shown(rows, per_s=self._shown_per_s))
+        self.scene.joints.forget()
+        self.scene.touches.forget()
+
+    def see_all(self) -> None:
+        """Take all pieces; each is freed before the next is made."""
+        for _ in map(self.see, self.explanation.pieces()):
+            pass
 
     def findings(self) -> list[Finding]:
         """Return what the answers found, the gravest first, after the last piece."""
@@ -98,8 +108,7 @@ class Story:
 def findings_of(seen: Seen, origin: Mapping[str, Any]) -> list[Finding]:
     """Return what the answers find in a whole recording."""
     story = Story(seen, origin, whole=False)
-    for explained in story.explanation.pieces():
-        story.see(explained)
+    story.see_all()
     return story.findings()
 
 
@@ -119,8 +128,7 @@ def analysis_of(
         seen, origin, at_s=at_s, sums_at_s=sums_at_s, whole=whole or samples <= WHOLE,
         answers=answers,
     )  # fmt: skip
-    for explained in story.explanation.pieces():
-        story.see(explained)
+    story.see_all()
     totals = story.explanation.totals
     by_body = {number: body.explained(totals.get(number)) for number, body in story.bodies.items()}
     return Analysis(

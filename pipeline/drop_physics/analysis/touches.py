@@ -80,7 +80,11 @@ class TouchTable:
         self._totals: dict[tuple[int, int], _Total] = {}
         """By the numbers of a body and of the other."""
         self.pairs: Pairs
-        """The contact points of the last piece."""
+        """The contact points of the latest piece, until that is forgotten."""
+
+    def forget(self) -> None:
+        """Free the latest piece."""
+        del self.pairs
 
     def add(self, explained: Explained) -> None:
         """Take a piece."""

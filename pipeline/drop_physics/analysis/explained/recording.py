@@ -71,8 +71,8 @@ class Explanation:
         freedoms = sum(6 * body.base_moves + sum(joint.widths[1] for joint in body.joints)
             for body in bodies)  # fmt: skip
         steps = steps or min(MOST_STEPS, max(LEAST_STEPS, NUMBERS // max(freedoms, 1)))
-        for piece in self._seen.pieces(steps):
-            yield self._explained(piece)
+        # `map` keeps no piece while the next is read.
+        yield from map(self._explained, self._seen.pieces(steps))
 
     def _explained(self, piece: Piece) -> Explained:
         pushes = self._pushes = self._told(piece)
@@ -101,7 +101,7 @@ class Explanation:
             soft = record.body.client in self._soft
             bodies[number] = judged(record.body, sampled, stretches, soft_there=soft)
             self.totals.setdefault(number, Totals(record.body)).add(bodies[number])
-            self._lasts[number] = chain.at(slice(-2, None))
+            self._lasts[number] = chain.at(np.arange(len(chain))[-2:])  # a copy
         return Explained(piece, bodies, {number: chain for number, (chain, _) in chains.items()})
 
     def _chained(self, piece: Piece) -> dict[int, tuple[Chain, int]]:
