@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -198,6 +198,16 @@ class Pairs:
     def explained(self) -> Flags:
         """Whether the steps of both bodies are explained, shape (m, 2)."""
         return self.points.explained[self.starts]
+
+    def by_pair(self, which: Flags | None = None) -> Iterator[tuple[int, int, Int64]]:
+        """Yield the numbers of each pair, the lower first, and its rows, or those of `which`."""
+        rows = np.arange(len(self.starts)) if which is None else np.flatnonzero(which)
+        keys = self.body[rows] @ [self.body.max(initial=0) + 1, 1]
+        order = np.argsort(keys, kind="stable")
+        firsts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+        for its in np.split(rows[order], firsts[1:]) if len(rows) else ():
+            first, second = self.body[its[0]].tolist()
+            yield first, second, its
 
     def summed(self, values: Float64) -> Float64:
         """Return the sums of a number of each point, shape (m, …)."""

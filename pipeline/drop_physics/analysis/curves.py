@@ -127,9 +127,7 @@ class CurveTable:
             self._keep(("energy", number, -1), steps.steps, columns)
 
     def _friction(self, pairs: Pairs) -> None:
-        for first, second in np.unique(pairs.body, axis=0).tolist():
-            rows = np.flatnonzero((pairs.body == [first, second]).all(axis=1))
-            rows = rows[pairs.normal_n[rows] > PRESSED]
+        for first, second, rows in pairs.by_pair(pairs.normal_n > PRESSED):
             columns = {
                 "used": np.linalg.norm(pairs.tangential_n[rows], axis=1),
                 "available": pairs.available_n[rows],

@@ -89,11 +89,17 @@ class TouchTable:
     def add(self, explained: Explained) -> None:
         """Take a piece."""
         pairs = self.pairs = pairs_of(explained, self._records)
-        for first, second in np.unique(pairs.body, axis=0).tolist():
-            rows = np.flatnonzero((pairs.body == [first, second]).all(axis=1))
+        pressed, friction = pairs.points.normal_n > PRESSED, pairs.points.friction
+        least = -pairs.most(np.where(pressed, -friction, -np.inf))
+        greatest = pairs.most(np.where(pressed, friction, -np.inf))
+        for first, second, rows in pairs.by_pair():
             for side, number in enumerate(dict.fromkeys((first, second))):
                 total = self._totals.setdefault((number, second if side == 0 else first), _Total())
                 _count(total, pairs, rows, side)
+                low, high = total.coefficients
+                total.coefficients = (
+                    float(least[rows].min(initial=low)), float(greatest[rows].max(initial=high))
+                )  # fmt: skip
                 if number in explained.bodies and first != second:
                     _needs(total, pairs, rows, side, explained.bodies[number])
 
@@ -137,14 +143,6 @@ def _count(total: _Total, pairs: Pairs, rows: NDArray[np.intp], side: int) -> No
     given = pairs.energy_j[rows].sum(axis=0)
     total.energy_j += float(given.sum() if itself else given[side])
     total.energy_of_pair_j += float(given.sum())
-    points = pairs.points
-    pressed = np.isin(pairs.row, acts) & (points.normal_n > PRESSED)
-    coefficients = points.friction[pressed]
-    low, high = total.coefficients
-    total.coefficients = (
-        min(low, float(coefficients.min(initial=np.inf))),
-        max(high, float(coefficients.max(initial=-np.inf))),
-    )
     acts = acts[pairs.available_n[acts] > PRESSED]
     shares = np.linalg.norm(pairs.tangential_n[acts], axis=1) / pairs.available_n[acts]
     total.used = max(total.used, float(shares.max(initial=-1.0)))
