@@ -107,6 +107,8 @@ CLOSING = {
 HAPPENED = {
     schema.BODIES: "a body came, went, or looks different: its links, joints with axes, limits and "
     "frames, shapes, collision shapes and hulls, what its file asks for",
+    schema.SURFACES: "a body came with a mesh that is held as its convex hull and is hollow: the "
+    "surface of its file",
     schema.DYNAMICS: "what the engine reports of a body's links: mass, inertia, friction …",
     schema.SETTINGS: "what the engine reports of itself: timestep, gravity, solver …",
     schema.SET: "where a call placed a body between two steps, unless it was there already, to "

@@ -25,12 +25,14 @@ from drop_physics.seen.events import (
     At,
     Body,
     Calls,
+    Collision,
     Dynamics,
     Image,
     Put,
     Raised,
     Samples,
     Settings,
+    Shape,
     Site,
 )
 from drop_physics.seen.poses import inertial_frames, links_of, tree_of
@@ -130,9 +132,19 @@ class Drawing:
             # Of rows at the same time the last counts, so its last pose must come before this.
             yield from self._poses.flush()
             yield pictures.cleared(f"{schema.WORLD}/{body.label}", at)
+            if body.collisions:
+                yield pictures.cleared(f"{schema.COLLISIONS}/{body.label}", at)
             self._drawn.pop(body.number, None)
             self._shown_at.pop(body.number, None)
-        elif self._drawn.get(body.number) != body.shapes:
+            return
+        if body.number not in self._drawn:
+            for number, touched in enumerate(body.collisions):
+                if any(_looks_alike(shape, touched) for shape in body.shapes):
+                    continue
+                link = part_path(body, touched.link)
+                entity = f"{schema.COLLISIONS}{link.removeprefix(schema.WORLD)}/{number}"
+                yield from pictures.collision(entity, at, link, touched)
+        if self._drawn.get(body.number) != body.shapes:
             self._drawn[body.number] = body.shapes
             counts: dict[int, int] = {}
             for shape in body.shapes:
@@ -293,6 +305,16 @@ def energy_j(
     potential_j = -mass_kg * (base[:, :3] @ gravity_m_s2)
     total: Float64 = moving_j + turning_j + potential_j
     return total
+
+
+def _looks_alike(shape: Shape, touched: Collision) -> bool:
+    """Whether what is touched is what is drawn."""
+    if (shape.link, shape.kind) != (touched.link, touched.kind) or shape.kind == "mesh":
+        return False
+    return all(
+        np.allclose(getattr(shape, name), getattr(touched, name), atol=1e-6)
+        for name in ("size_m", "position_m", "orientation")
+    )
 
 
 def part_path(body: Body, link: int) -> str:

@@ -6,6 +6,7 @@ It carries the recording's own id, so that the viewer shows both files as one re
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,7 @@ def write_layer(
     samples: pl.DataFrame,
     events: Sequence[tuple[int, float, str]],
     findings: str,
+    touched: frozenset[str] = frozenset(),
     force: bool,
     ours: bool,
 ) -> None:
@@ -90,6 +92,8 @@ def write_layer(
         What happened: step, time [s] and a line each, in order.
     findings
         The findings, as Markdown.
+    touched
+        Labels of bodies whose collision shapes are shown.
     force, ours
         As for `files.replaced`.
 
@@ -112,7 +116,7 @@ def write_layer(
         path,
         chunks,
         recording_id=recording.recording_id,
-        blueprint=layout(_look(recording, shown, samples)),
+        blueprint=layout(replace(_look(recording, shown, samples), touched=touched)),
         force=force,
         ours=ours,
         salvage=False,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -51,6 +51,8 @@ class Look:
     """How many curves an entity has, where it is not one."""
     cameras: Mapping[str, str] = field(default_factory=dict)
     """Names of pictures, by entity."""
+    touched: frozenset[str] = frozenset()
+    """Labels of bodies whose collision shapes are shown."""
     timeline: str = schema.TIME_TIMELINE
     speed: float = 1.0
 
@@ -161,13 +163,21 @@ def _world(look: Look) -> rrb.Spatial3DView:
         )
         for timeline in (schema.TIME_TIMELINE, schema.STEP_TIMELINE)
     ]
-    trail = rrb.VisibleTimeRanges(until_now)
+    overrides: dict[Any, Any] = {}
+    if schema.TRAIL in look.entities:
+        overrides[schema.TRAIL] = rrb.VisibleTimeRanges(until_now)
+    touched = any(each.startswith(f"{schema.COLLISIONS}/") for each in look.entities)
+    if touched:
+        overrides[schema.COLLISIONS] = rrb.EntityBehavior(visible=False)
+    for label in look.touched:
+        overrides[f"{schema.COLLISIONS}/{label}"] = rrb.EntityBehavior(visible=True)
     return rrb.Spatial3DView(
         origin=schema.WORLD,
         name="World",
         eye_controls=controls,
         line_grid=rrb.LineGrid3D(visible=False),
-        overrides={schema.TRAIL: trail} if schema.TRAIL in look.entities else None,
+        contents=["$origin/**", f"/{schema.COLLISIONS}/**"] if touched else "$origin/**",
+        overrides=overrides or None,
     )
 
 

@@ -6,20 +6,25 @@ import functools
 import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import Chunk
+from scipy.spatial import ConvexHull, QhullError
 
 from drop_physics.recording import schema
 from drop_physics.recording.writer import Times, times
-from drop_physics.seen.events import Image, Shape
+from drop_physics.seen.events import Collision, Image, Shape
 
 Float64 = NDArray[np.float64]
 
 PLANE_M, PLANE_COLOUR = 20.0, 0x8A93A0FF
 """Width and grey of an infinite plane: white hides what stands on it."""
+COLLISION_COLOUR = 0xFF8C00FF
+BEYOND_M = 1e-3
+"""By which a hull is drawn larger, lest it flicker where the mesh lies in it: its margin."""
 MESH_SUFFIXES = (".obj", ".stl", ".dae", ".gltf", ".glb")
 LARGEST_MESH_BYTES = 1 << 26
 
@@ -76,6 +81,64 @@ def shape(entity: str, at: Times, seen: Shape) -> Iterator[Chunk]:
         translation=[_moved(seen, offset)], quaternion=[seen.orientation], scale=scale
     )
     yield Chunk.from_columns(entity, times(at), [*drawn, *placed])
+
+
+def collision(entity: str, at: Times, link: str, seen: Collision) -> Iterator[Chunk]:
+    """Yield what is touched of a link, if it can be drawn: in the frame of the entity `link`."""
+    a, b, *_ = (*seen.size_m, 0.0, 0.0)
+    see_through = [rr.components.FillMode.TransparentFillMajorWireframe]
+    where: dict[str, Any] = {
+        "centers": [seen.position_m],
+        "colors": [COLLISION_COLOUR],
+        "fill_mode": see_through,
+    }
+    if max(seen.size_m, default=0.0) > PLANE_M:
+        return  # a floor, which would hide all else
+    turned = where | {"quaternions": [seen.orientation]}
+    if seen.kind == "box":
+        half = [[side / 2 for side in seen.size_m]]
+        drawn = rr.Boxes3D.columns(half_sizes=half, **turned)
+    elif seen.kind == "sphere":
+        drawn = rr.Ellipsoids3D.columns(half_sizes=[[a, a, a]], **where)
+    elif seen.kind == "cylinder":
+        drawn = rr.Cylinders3D.columns(lengths=[a], radii=[b], **turned)
+    elif seen.kind == "mesh" and (hull := hull_of(seen)) is not None:
+        corners_m, triangles, normals = hull
+        drawn = rr.Mesh3D.columns(
+            vertex_positions=corners_m,
+            vertex_normals=normals,
+        ).partition([len(corners_m)])
+        count = [len(triangles)]
+        drawn = rr.ComponentColumnList(
+            [
+                *drawn,
+                *rr.Mesh3D.columns(triangle_indices=triangles).partition(count),
+                *rr.Mesh3D.columns(albedo_factor=[COLLISION_COLOUR]),
+            ]
+        )
+    else:
+        return
+    frame = rr.CoordinateFrame.columns(frame=[f"tf#/{link}"])
+    yield Chunk.from_columns(entity, times(at), [*drawn, *frame])
+
+
+def hull_of(seen: Collision) -> tuple[Float64, NDArray[np.uint32], Float64] | None:
+    """Return the corners of a hull, each triangle's own, the triangles, and corners' normals.
+
+    None where the corners are not those of one hull: a file may have several parts.
+    """
+    corners_m = np.reshape(seen.hull_m, (-1, 3))
+    try:
+        hull = ConvexHull(corners_m)
+    except (QhullError, ValueError):
+        return None
+    if len(hull.vertices) < len(corners_m):
+        return None
+    outwards = np.repeat(hull.equations[:, :3], 3, axis=0)
+    ways = corners_m - corners_m.mean(axis=0)
+    corners_m = corners_m + BEYOND_M * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    triangles = np.arange(3 * len(hull.simplices), dtype=np.uint32).reshape(-1, 3)
+    return corners_m[hull.simplices.ravel()], triangles, outwards
 
 
 def _moved(shape: Shape, offset: Sequence[float]) -> list[float]:

@@ -252,6 +252,7 @@ def _seen(told: Told, sampled: RecordedSamples, closing: Properties) -> Seen:
     return Seen(
         bodies=bodies,
         appearances=appearances,
+        surfaces=saying.surfaces(told),
         dynamics=saying.dynamics(told, bodies),
         settings=saying.settings(told),
         solvers=saying.solvers(told),

@@ -76,6 +76,8 @@ TABLES = {table.entity: table for table in (STATES, CONTACTS)}
 
 BODIES = "bodies"
 """A row whenever a body appears, disappears or looks different: what it is."""
+SURFACES = "surfaces"
+"""A row per mesh that is held as its convex hull, where it is hollow: the surface of its file."""
 SET = "set"
 """A row per body that calls have moved: its state before the next step."""
 DYNAMICS = "dynamics"
@@ -104,7 +106,7 @@ CONSTRAINTS = "constraints"
 
 JSON = "json"
 """The column of their rows."""
-TOLD = (BODIES, SET, DYNAMICS, SETTINGS, SOLVER, SITES, RAISED)
+TOLD = (BODIES, SURFACES, SET, DYNAMICS, SETTINGS, SOLVER, SITES, RAISED)
 """Entities with rows of JSON, covered by one digest."""
 
 HAPPENED = (STATES.entity, CONTACTS.entity, f"{JOINTS}/", SET, CALLS, "camera/")
@@ -121,6 +123,8 @@ TRAIL = "world/trail"
 """Where the body was, at about forty points."""
 ABOUT = "about"
 
+COLLISIONS = "collisions"
+"""Below it what is touched of each link; hidden, but of a body that a finding says it of."""
 POSE_RESOLUTION = 1e-4
 """A box that moved by less [m], or whose quaternion changed by less, looks the same."""
 HEIGHT_RESOLUTION_M = 1e-9

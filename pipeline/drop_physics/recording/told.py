@@ -31,6 +31,7 @@ from drop_physics.seen.events import (
     Shape,
     Site,
     Solver,
+    Surface,
 )
 from drop_physics.states import Joints
 
@@ -38,7 +39,7 @@ Values = dict[str, Any]
 Row = tuple[At, Values]
 Told = Mapping[str, list[Row]]
 """By entity, its rows in the order of steps and calls."""
-Event = Appearance | Dynamics | Settings | Site | Raised | Solver | Put
+Event = Appearance | Surface | Dynamics | Settings | Site | Raised | Solver | Put
 
 
 def row_of(event: Event) -> tuple[str, At, Values]:
@@ -47,6 +48,10 @@ def row_of(event: Event) -> tuple[str, At, Values]:
         case Appearance(at, body):
             values = {"there": event.there, "came": event.came, "sampled": event.sampled}
             return schema.BODIES, at, values | {"body": _plain_body(body)}
+        case Surface(at):
+            held = {"body": event.body, "shape": event.shape, "triangles": event.triangles.tolist()}
+            # To a micrometre: as text, numbers are as long as they are exact.
+            return schema.SURFACES, at, held | {"corners_m": event.corners_m.round(6).tolist()}
         case Dynamics(at, body, reported):
             held = {name: numbers.tolist() for name, numbers in reported.items()}
             return schema.DYNAMICS, at, {"body": body.number, "reported": held}
@@ -95,6 +100,18 @@ def appearances(told: Told) -> list[Appearance]:
 def bodies_of(appearances: Iterable[Appearance]) -> dict[int, Body]:
     """Return the bodies by number, each as last seen."""
     return {appearance.body.number: appearance.body for appearance in appearances}
+
+
+def surfaces(told: Told) -> list[Surface]:
+    """Return the surfaces of hollow meshes."""
+    return [
+        Surface(
+            at, values["body"], values["shape"],
+            np.array(values["corners_m"], np.float64).reshape(-1, 3),
+            np.array(values["triangles"], np.int64).reshape(-1, 3),
+        )
+        for at, values in told[schema.SURFACES]
+    ]  # fmt: skip
 
 
 def dynamics(told: Told, bodies: Mapping[int, Body]) -> list[Dynamics]:

@@ -216,6 +216,21 @@ class Dynamics:
     """Of base and links, shape (links + 1,) or (links + 1, k)."""
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The surface of a mesh that the engine holds as its convex hull, where it is hollow."""
+
+    at: At
+    body: int
+    """Its number."""
+    shape: int
+    """Which of its collisions it is."""
+    corners_m: Float64
+    """In the axes of the link's inertia, shape (n, 3)."""
+    triangles: Int64
+    """Which corners each has, shape (m, 3)."""
+
+
 @dataclass(frozen=True)
 class Settings:
     """What the engine reports about itself, and settings it was given but never reports."""
@@ -342,7 +357,8 @@ class Samples:
 
 
 Event = (
-    Appearance | Dynamics | Settings | Site | Calls | Raised | Solver | Put | Image | Samples
+    Appearance | Surface | Dynamics | Settings | Site | Calls | Raised | Solver | Put | Image
+    | Samples
 )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from drop_physics.seen.events import (
     Put,
     Settings,
     Solver,
+    Surface,
 )
 from drop_physics.seen.poses import (
     COLUMNS,
@@ -79,6 +80,8 @@ class Seen:
     bodies: Mapping[int, Body]
     """By number, each as last seen."""
     appearances: list[Appearance]
+    surfaces: list[Surface]
+    """Of meshes that are held as their hulls, where they are hollow."""
     dynamics: list[Dynamics]
     settings: list[Settings]
     solvers: list[Solver]

@@ -87,7 +87,8 @@ def analyze(
     progress(ANALYZING, 2, _PARTS)
     write_layer(
         layer, read_back, samples=analysis.table, events=events(analysis),
-        findings=findings_markdown(analysis), force=force, ours=out is None,
+        findings=findings_markdown(analysis), touched=_hulls(analysis), force=force,
+        ours=out is None,
     )  # fmt: skip
     for file in tables:
         write_table(file, analysis.table, force=force)
@@ -95,6 +96,12 @@ def analyze(
     if body is not None:
         analysis = analysis.of_body(body_named(read_back.seen.bodies.values(), body).number)
     return replace(analysis, recording=path, layer=layer, partial=read_back.partial)
+
+
+def _hulls(analysis: Analysis) -> frozenset[str]:
+    """Return the bodies of which it has to be seen what is touched."""
+    found = (each.body for each in analysis.findings if each.code == "collides-as-hull")
+    return frozenset(label for label in found if label is not None)
 
 
 def _of_script(read_back: Recording, at_s: Sequence[float], *, whole: bool) -> Analysis:

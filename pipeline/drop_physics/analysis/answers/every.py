@@ -8,6 +8,7 @@ from dataclasses import replace
 from drop_physics.analysis.answers.answer import Answer, Finding
 from drop_physics.analysis.answers.asleep import Asleep
 from drop_physics.analysis.answers.beyond_urdf import BeyondUrdf
+from drop_physics.analysis.answers.collides_as_hull import CollidesAsHull
 from drop_physics.analysis.answers.deep_penetration import DeepPenetration
 from drop_physics.analysis.answers.default_motor import DefaultMotor
 from drop_physics.analysis.answers.dragged_by_nothing import DraggedByNothing
@@ -61,6 +62,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     EnergyGained,
     FrictionPyramid,
     DraggedByNothing,
+    CollidesAsHull,
     # calls and files
     ScriptFailed,
     NotStepped,

@@ -22,6 +22,7 @@ from drop_physics.engines.bullet.described import (
 )
 from drop_physics.engines.bullet.frames import Frames, StreamError
 from drop_physics.engines.bullet.gathered import Known, World
+from drop_physics.engines.bullet.surfaces import surfaces_of
 from drop_physics.engines.bullet.watching import pipe
 from drop_physics.fields import counted
 from drop_physics.messages import Message
@@ -213,6 +214,7 @@ class Decoder:
         self._bodies[body] = its.ids[note["id"]] = known
         at = self._at(its)
         yield Appearance(at, known.body, there=True, came=True, sampled=its.sampled)
+        yield from surfaces_of(at, known.body)
         if not known.body.soft:
             yield Dynamics(at, known.body, reported_of(dynamics))
 

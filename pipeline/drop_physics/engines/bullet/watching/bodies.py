@@ -45,6 +45,9 @@ class Loaded:
         whose ends are given (`fromto`)."""
         self.hulls = False
         """Whether all its meshes are held as convex hulls; if not, PyBullet prints when asked."""
+        self.meshes: dict[int, tuple[str, list[float]]] = {}
+        """By link, file and scale of its mesh, where a call gave them: `getCollisionShapeData` has
+        neither then."""
         self.hides_links = False
         """Whether it became a btRigidBody with several links, of which only the base is reported.
         """
@@ -141,7 +144,7 @@ class Body:
             "file_links": asked.get("links", []), "mimics": asked.get("mimics", []),
             "bounds": self.bounds(), "joints": plain(self.joint_infos),
             "joint_widths": self.widths, "visual": self.looks(search_path),
-            "collisions": self.collisions(),
+            "collisions": self.collisions(search_path),
         }  # fmt: skip
 
     def bounds(self) -> list[float]:
@@ -185,7 +188,7 @@ class Body:
             shape[FILE] = path_of(shape[FILE], search_path) or shape[FILE]
         return shapes
 
-    def collisions(self) -> list[Any]:
+    def collisions(self, search_path: str) -> list[Any]:
         """Return what is touched of each link: what `getCollisionShapeData` lists, and hulls."""
         if self.soft or self.dynamics[0][10] == RIGID:  # PyBullet prints that it has none
             return []
@@ -198,7 +201,8 @@ class Body:
                 hull: list[float] = []
                 if kind == MESH and self.loaded.hulls:
                     hull = self._hull(link, at if len(shapes) > 1 else -1)
-                file = plain(file).rpartition("/")[2]
+                    file, size = self.loaded.meshes.get(link, (plain(file), size))
+                file = path_of(plain(file), search_path) or plain(file)
                 found.append([link, kind, plain(size), file, position, orientation, hull])
         return found
 

@@ -92,9 +92,10 @@ def after_change(world: World, name: str, arguments: dict[str, Any], result: Any
         world.may_sleep |= bool(arguments.keys() & {"activationState", "sleepThreshold"})
     if name in RECOLOURS and body is not None:
         world.recoloured.add(body)
-    if name in SHAPES and isinstance(result, int):
-        is_hull = not arguments.get("indices") and not _any(arguments.get("flags"))
-        world.hulls[result] = is_hull
+    is_hull = not arguments.get("indices") and not _any(arguments.get("flags"))
+    if name in SHAPES and isinstance(result, int) and is_hull:
+        file, scale = arguments.get("fileName"), vector(arguments.get("meshScale"))
+        world.hulls[result] = file if type(file) is str else "", scale or [1.0] * 3
     if name in SETS_ENGINE:
         _set_engine(world, name, arguments)
 
@@ -129,7 +130,12 @@ def _loaded(name: str, arguments: dict[str, Any], world: World) -> Loaded:
     if name == "createMultiBody":
         shapes = [number(arguments.get("baseCollisionShapeIndex", -1)) or 0]
         shapes += map(int, vector(arguments.get("linkCollisionShapeIndices")) or [])
-        loaded.hulls = all(shape < 0 or world.hulls.get(shape, False) for shape in shapes)
+        loaded.hulls = all(shape < 0 or shape in world.hulls for shape in shapes)
+        loaded.meshes = {
+            link: world.hulls[shape]
+            for link, shape in enumerate(shapes, -1)
+            if shape in world.hulls
+        }
     file = arguments.get(ARGUMENTS[name][0]) if name.startswith("load") else ""
     if type(file) is not str:
         return loaded

@@ -67,8 +67,9 @@ class World:
         """Bodies that a call has created: their ids may have been others' before."""
         self.loaded: dict[int, Loaded] = {}
         """What the calls that created bodies say of them."""
-        self.hulls: dict[int, bool] = {}
-        """Whether collision shapes that calls created are hulls where they are meshes."""
+        self.hulls: dict[int, tuple[str, list[float]]] = {}
+        """Collision shapes that calls created and that are hulls where they are meshes, with file
+        and scale of these."""
         self.added: dict[int, list[Any]] = {}
         """What was reported of bodies whose mass a call changed before they were first listed."""
         self.moved: dict[int | None, set[Any]] = {}
