@@ -107,6 +107,17 @@ def test_what_record_prints_is_what_the_schema_says(tmp_path: Path) -> None:
     Draft202012Validator(strict(schema_of("record"))).validate(json.loads(done.stdout))
 
 
+def test_what_trust_prints_is_what_the_schema_says(tmp_path: Path) -> None:
+    tmp_path.joinpath("script.py").write_text(
+        "import pybullet as p\np.connect(p.DIRECT)\np.setGravity(0, 0, -10)\n"
+        "b = p.createMultiBody(1, basePosition=[0, 0, 9])\n"
+        "for _ in range(9): p.stepSimulation()\n"
+    )
+    call = [sys.executable, "-m", "drop_physics", "trust", "--json", "--jobs", "1", "script.py"]
+    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=True)
+    Draft202012Validator(strict(schema_of("trust"))).validate(json.loads(done.stdout))
+
+
 def test_what_analyze_prints_of_a_script_is_what_the_schema_says(
     printed: Any, tmp_path: Path
 ) -> None:

@@ -18,6 +18,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hint
 
 import polars as pl
 from drop_physics.analysis import results as script
+from drop_physics.analysis import apart
 from drop_physics.analysis.answers import answer
 from drop_physics.analysis.checking.calls import OtherCall
 from drop_physics.analysis.checking.difference import Difference, Largest, Setting
@@ -279,6 +280,40 @@ RECORD = Object(
     frozenset({"recording", "recording_id", "script", "ended", "samples", "bodies", "frames",
                "bytes", "wall_s"}),
 )  # fmt: skip
+DISTANCE = _object(apart.Distance, {"value", "unit", "body", "joint", "time_s"}, value=float | None,
+                   unit=Literal["m", "rad"])  # fmt: skip
+VARIATION = Object(
+    {"name": str, "recording": Path,
+     "ended": Literal["finished", "steps", "duration", "idle", "disk", "failed"],
+     "error": str | None, "steps": int, "most": [DISTANCE], "end": [DISTANCE],
+     "from_s": float | None, "term": str | None},
+    {"name": "`timestep/2`, `timestep/4`, `iterations*4`, `residual 0`, `nudge`, `seed`, or NAME=V.",
+     "recording": "Its recording.", "ended": "How it ended, as of `drop record`.",
+     "error": "The error that the script failed with.",
+     "steps": "How many steps the script made: with timestep/K, each is K of the engine.",
+     "most": "The farthest from the script's own run at any time, for each unit.",
+     "end": "The farthest at the end.",
+     "from_s": "When first more than 1e-6 m or rad apart; null if never.",
+     "term": "The term of the sum that has done most of it by then: gravity, bias, damping, joint "
+     "damping, applied, motors, contacts, rolling, constraints, stops, clamp; integrator, where "
+     "it is how a step moves at its velocity; set, where calls put it elsewhere; null where "
+     "nothing is apart, it is not explained, or no single one."},
+    frozenset({"name", "recording", "most", "end", "from_s", "term"}),
+)  # fmt: skip
+STANDING = _object(apart.Standing, set(), end=float | None, most=float | None, moved=float | None)
+TRUST = Object(
+    {"script": str, "recording": Path, "variations": [VARIATION],
+     "standing": [STANDING], "growth": apart.Growth | None,
+     "converging": list[apart.Converging], "findings": list[answer.Finding]},
+    {"script": "The script, or the module.", "recording": "The recording of its own run.",
+     "variations": "The runs with variations.",
+     "standing": "What stands of each position that matters, the least first.",
+     "growth": "How the displacement of `nudge` grows; null where it does not, a hundredfold.",
+     "converging": "Each end position that depends on the timestep, the one that depends most "
+     "first; empty without three timesteps of one ratio.",
+     "findings": "The same as sentences."},
+    frozenset({"script", "recording", "variations", "findings"}),
+)  # fmt: skip
 VIEW = Object(
     {"recordings": list[Path], "layers": list[Path], "golden": Path | None,
      "same": bool | None, "first_difference": int | None, "command": list[str], "url": str,
@@ -303,6 +338,7 @@ COMMANDS: dict[str, Object] = {
     "check": CHECK,
     "sweep": SWEEP,
     "record": RECORD,
+    "trust": TRUST,
     "info": _object(Info, {"recording", "recording_id", "kind", "complete", "samples", "bodies",
                            "frames", "bytes"}),
     "view": VIEW,

@@ -479,6 +479,7 @@ def record(
     context_settings={"allow_interspersed_args": False},
 )
 def trust(
+    context: typer.Context,
     program: Annotated[
         list[str],
         typer.Argument(metavar="SCRIPT.py …", help="The script to run, and its arguments."),
@@ -491,8 +492,9 @@ def trust(
         list[str] | None,
         typer.Option(
             metavar="NAME=V,…",
-            help="In place of the usual variations: values of a parameter of the engine, or "
-            "gravity [m/s2], or factors of friction or mass; repeatable.",
+            help="In place of the usual variations: values of a parameter of the engine, of "
+            "gravity [m/s2], or factors of friction or mass; timestep/8, iterations*2, nudge, "
+            "seed; repeatable.",
         ),
     ] = None,
     out: Annotated[
@@ -505,11 +507,11 @@ def trust(
         ),
     ] = None,
     within: Annotated[
-        float | None,
+        str | None,
         typer.Option(
-            parser=a_number,
-            metavar="METRES",
-            help="Exit with 3 if a variation ends farther apart.",
+            metavar="LENGTH",
+            help="Exit with 3 if a variation ends farther apart: 1mm, 0.5deg, or both with a "
+            "comma; without a unit, metres.",
         ),
     ] = None,
     steps: Steps = None,
@@ -536,17 +538,22 @@ def trust(
     """
     import sys
 
+    from drop_physics.console.progress import sweep_progress
+    from drop_physics.console.show_record import note_ours
     from drop_physics.console.show_trust import show_trust
-    from drop_physics.stages.trust import trust, varied_by
+    from drop_physics.stages.trust import trust
+    from drop_physics.stages.variations import lengths_of
 
     target, *arguments = program
-    folder = out or Path("recordings") / f"{Path(target).stem}-trust"
-    result = trust(
-        target, arguments, out=folder, vary=varied_by(vary), is_module=module, steps=steps,
-        duration_s=duration, seed=seed, python=python, jobs=jobs, ray=ray, force=force,
-        stdout=output.descriptor(sys.stderr),
-    )  # fmt: skip
-    raise typer.Exit(show_trust(result, as_json=json, within_m=within))
+    lengths = lengths_of(within)
+    note_ours(target, arguments, [name for one in context.command.params for name in one.opts])
+    with sweep_progress() as report:
+        result = trust(
+            target, arguments, out=out, vary=vary, is_module=module, steps=steps,
+            duration_s=duration, seed=seed, python=python, jobs=jobs, ray=ray, force=force,
+            stdout=output.descriptor(sys.stderr), progress=report,
+        )  # fmt: skip
+    raise typer.Exit(show_trust(result, as_json=json, within=lengths))
 
 
 @app.command(

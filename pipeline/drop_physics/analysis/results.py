@@ -246,7 +246,7 @@ class Analysis(Shown, lines_of=LINES):
     def as_json(self) -> dict[str, Any]:
         """Return the documented JSON object; what does not exist is null."""
         values = {name: value for name, value in vars(self).items() if name not in HIDDEN}
-        return dict(_renamed(jsonable(values)))
+        return dict(renamed(jsonable(values)))
 
     def of_body(self, number: int) -> Self:
         """Return the analysis of one body, with its findings."""
@@ -256,8 +256,8 @@ class Analysis(Shown, lines_of=LINES):
         return replace(self, bodies=[body], findings=findings, explained=explained)
 
 
-def _renamed(value: Any) -> Any:  # noqa: ANN401
+def renamed(value: Any) -> Any:  # noqa: ANN401
     """Return a JSON value with the names that it has in JSON."""
     if isinstance(value, dict):
-        return {JSON_NAMES.get(name, name): _renamed(item) for name, item in value.items()}
-    return [*map(_renamed, value)] if isinstance(value, list) else value
+        return {JSON_NAMES.get(name, name): renamed(item) for name, item in value.items()}
+    return [*map(renamed, value)] if isinstance(value, list) else value

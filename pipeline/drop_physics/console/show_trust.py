@@ -2,82 +2,188 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from drop_physics.console.output import print_json, print_lines
-from drop_physics.messages import Message
+from rich.markup import escape
+
+from drop_physics.analysis.general.jsonable import jsonable
+from drop_physics.analysis.results import renamed
+from drop_physics.console.output import (
+    columns_of,
+    counted,
+    left,
+    made,
+    print_json,
+    print_lines,
+    width,
+    wrapped,
+)
+from drop_physics.messages import Message, translated
+from drop_physics.stages.trust_findings import BY_STEP, TERMS, part_of, readable
 
 if TYPE_CHECKING:
+    from drop_physics.analysis.answers.answer import Finding
+    from drop_physics.analysis.apart import Distance, Standing
     from drop_physics.stages.trust import Trust, Varied
 
+MOST_PARTS = 6
+"""Positions that are listed; all are in the JSON."""
+APART = 3
+"""The exit code where a variation ends farther apart than it may."""
+NONE = "–"
 
-def show_trust(trust: Trust, *, as_json: bool, within_m: float | None) -> int:
+
+def show_trust(
+    trust: Trust, *, as_json: bool, within: Mapping[str, float], outputs: Sequence[str] = ()
+) -> int:
     """Print what stands, and return the exit code: 3 if a variation ends farther apart."""
     if as_json:
-        print_json(
-            {
-                "script": trust.script,
-                "recording": str(trust.recording),
-                "variations": [
-                    {
-                        "name": each.name,
-                        "recording": str(each.recording),
-                        "ended": each.ended,
-                        "most": [asdict(one) for one in each.apart.most],
-                        "end": [asdict(one) for one in each.apart.end],
-                        "from_s": each.apart.from_s,
-                    }
-                    for each in trust.variations
-                ],
-                "growth": trust.growth and asdict(trust.growth),
-                "converging": trust.converging and asdict(trust.converging),
-            }
-        )
+        print_json(json_of(trust))
     else:
-        print_lines(*trust_lines(trust))
-    ends = [one.value for each in trust.variations for one in each.apart.end if one.unit == "m"]
-    return 3 if within_m is not None and not all(value <= within_m for value in ends) else 0
+        print_lines(*trust_lines(trust), *(made(Message("written"), each, column=11)[0]
+            for each in outputs))  # fmt: skip
+    return 0 if trust.ends_within(within) else APART
+
+
+# -- as JSON --------------------------------------------------------------------------------------
+
+
+def json_of(trust: Trust) -> dict[str, Any]:
+    """Return what `--json` prints."""
+    return dict(jsonable({
+        "script": trust.script,
+        "recording": trust.recording,
+        "variations": [
+            {
+                "name": each.name, "recording": each.recording, "ended": each.made.ended,
+                "error": each.made.error or None, "steps": each.made.steps,
+                "most": [asdict(one) for one in each.apart.most],
+                "end": [asdict(one) for one in each.apart.end],
+                "from_s": each.apart.from_s, "term": each.term,
+            }
+            for each in trust.variations
+        ],
+        "standing": [asdict(each) for each in trust.standing],
+        "growth": trust.growth and asdict(trust.growth),
+        "converging": [asdict(each) for each in trust.converging],
+        "findings": renamed(jsonable(trust.findings)),
+    }))  # fmt: skip
+
+
+# -- as lines -------------------------------------------------------------------------------------
 
 
 def trust_lines(trust: Trust) -> list[str]:
     """Return what the terminal prints."""
-    lines = [Message("{script}: how far apart its variations end", script=trust.script), ""]
+    lines = [*wrapped(translated(_verdict(trust)), width()), "", *_table(_variations(trust))]
+    stands = trust.standing[:MOST_PARTS]
+    if stands:
+        lines += ["", *_table([_head(), *map(_stands, stands)])]
+        if len(trust.standing) > len(stands):
+            more = Message("and {more} that stand better: --json",
+                more=counted(len(trust.standing) - len(stands), "position"))  # fmt: skip
+            lines.append(f"[dim]{escape(translated(more))}[/]")
+    sentences = [*_sentences(trust)]
+    if sentences:
+        lines.append("")
+    for each in sentences:
+        lines += [escape(line) for line in wrapped(translated(each), width())]
+    return [*lines, "", *made(Message("recordings"), trust.recording.parent, column=12)]
+
+
+def _verdict(trust: Trust) -> Message:
+    depends = [each.name for each in trust.variations if each.apart.first is not None]
+    stands = [each.name for each in trust.variations if each.apart.first is None]
+    script, steps = trust.script, counted(trust.made.steps, "step")
+    if not depends:
+        return Message("{script}, {steps}: stands; no variation ever comes 1 µm or 1 µrad apart",
+            script=script, steps=steps)  # fmt: skip
+    if not stands:
+        return Message("{script}, {steps}: depends on {depends}", script=script, steps=steps,
+            depends=", ".join(depends))  # fmt: skip
+    return Message("{script}, {steps}: depends on {depends}; hardly on {stands}", script=script,
+        steps=steps, depends=", ".join(depends), stands=", ".join(stands))  # fmt: skip
+
+
+def _variations(trust: Trust) -> Iterator[list[str]]:
+    yield ["", "ends apart", "", "at worst", "", "apart from", "first by"]
     for each in trust.variations:
-        lines += _lines_of(each)
-    grown, found = trust.growth, trust.converging
-    if grown is not None:
-        lines.append(
-            Message("a displacement of 1e-9 grows e-fold in {time:.3g} s",
-                time=1 / grown.rate_per_s)
-        )  # fmt: skip
-        if grown.lost_s is not None:
-            lines.append(
-                Message("beyond {time:.3g} s the outcome is one of many", time=grown.lost_s)
-            )
-    if found is not None:
-        part = f"{found.body} {found.joint or 'xyz'[found.component]}"
-        lines.append(
-            Message("{part} does not converge with the timestep", part=part)
-            if found.order is None
-            else Message(
-                "{part} converges with the timestep, order {order:.2f}, to {value:.6g} ± {off:.1g}",
-                part=part, order=found.order, value=found.extrapolated, off=found.uncertainty,
-            )
-        )  # fmt: skip
-    return lines
+        yield [each.name, *_distances(each, trust)]
 
 
-def _lines_of(varied: Varied) -> Iterator[str]:
-    ends = [
-        f"{one.value:.3g} {one.unit} ({one.body}{' ' + one.joint if one.joint else ''})"
-        for one in varied.apart.end
-        if one.value
-    ]
-    if not ends:
-        yield f"{varied.name:14}0"
-    else:
-        from_s = varied.apart.from_s
-        since = "" if from_s is None else Message(", from {time:.4g} s on", time=from_s)
-        yield f"{varied.name:14}{', '.join(ends)}{since}"
+def _distances(each: Varied, trust: Trust) -> list[str]:
+    if each.made.ended == "failed" and trust.made.ended != "failed":
+        return [translated(Message("fails")), each.made.error[:40], "", "", "", ""]
+    first = each.apart.first
+    end, most = (_farthest(found) for found in (each.apart.end, each.apart.most))
+    since = NONE if first is None else f"{first.from_s:.4g} s"
+    term = NONE if each.term is None else translated(TERMS[each.term])
+    return [*end, *most, since, term]
+
+
+def _farthest(found: Sequence[Distance]) -> tuple[str, str]:
+    """Return the farthest of several units, and what it is of."""
+    if not any(each.value for each in found):
+        return "0", ""
+    worst = max(found, key=lambda each: each.value)
+    part = part_of(worst.body, worst.joint, worst.unit)
+    return readable(worst.value, worst.unit), translated(part)
+
+
+def _head() -> list[str]:
+    return ["", "moves", "ends stand to", "by", "worst", "by"]
+
+
+def _stands(each: Standing) -> list[str]:
+    return [
+        translated(part_of(each.body, each.joint, each.unit)), readable(each.moved, each.unit),
+        _digits(each.end_digits, each.end, each.unit), each.end_by or "",
+        _digits(each.most_digits, each.most, each.unit), each.most_by or "",
+    ]  # fmt: skip
+
+
+def _digits(digits: int | None, off: float, unit: str) -> str:
+    if digits is None:
+        return translated(Message("all digits"))
+    return translated(Message("{digits}, ± {off}", digits=counted(digits, "digit"),
+        off=readable(off, unit)))  # fmt: skip
+
+
+HEADS = {
+    "": "", "ends apart": Message("ends apart"), "at worst": Message("at worst"),
+    "apart from": Message("apart from"), "first by": Message("first by"),
+    "moves": Message("moves"), "ends stand to": Message("its end stands to"),
+    "by": Message("but for"), "worst": Message("at worst"),
+}  # fmt: skip
+
+
+def _table(rows: Sequence[Sequence[str]] | Iterator[list[str]]) -> list[str]:
+    head, *rest = rows
+    cells = [[translated(HEADS[each]) for each in head], *rest]
+    wide = [max(map(columns_of, column)) for column in zip(*cells, strict=True)]
+    lines = ["  ".join(left(cell, size) for cell, size in zip(row, wide, strict=True)).rstrip()
+        for row in cells]  # fmt: skip
+    return [f"[dim]{escape(lines[0])}[/]", *map(escape, lines[1:])]
+
+
+def _sentences(trust: Trust) -> Iterator[str]:
+    """Yield what no table says: the terms in words, growth, convergence, ends of runs."""
+    terms = dict.fromkeys(each.term or "" for each in trust.variations if "/" in each.name)
+    for term in terms:
+        if term in BY_STEP:
+            yield BY_STEP[term]
+    codes: dict[str, list[Finding]] = {}
+    for finding in trust.findings:
+        codes.setdefault(finding.code, []).append(finding)
+    for code in ("variation-failed", "ends-earlier", "grows", "one-of-many"):
+        yield from (each.message for each in codes.get(code, ()))
+    for each in trust.converging[:1]:
+        code = "converges" if each.order is not None else "does-not-converge"
+        yield codes[code][0].message
+    others = len(trust.converging) - 1
+    if others > 0:
+        converge = sum(each.order is not None for each in trust.converging[1:])
+        yield Message("of {others} that depend on it less, {converge} converge",
+            others=counted(others, "position"), converge=converge)  # fmt: skip

@@ -132,7 +132,7 @@ def record_script(
         If the interpreter cannot be started.
     """
     began = time.perf_counter()
-    digest, arguments = _digest(target, is_module), _texts(arguments)
+    digest, arguments = digest_of_script(target, is_module), _texts(arguments)
     steps, duration_s, seed = checked_limits(steps, duration_s, seed)
     interpreter = python or sys.executable
     # A script may compute with the time of day: a second run must see the same.
@@ -368,7 +368,7 @@ def _integer(option: str, value: object) -> int | None:
         ) from None  # fmt: skip
 
 
-def _digest(target: str, is_module: bool) -> str | None:
+def digest_of_script(target: str, is_module: bool) -> str | None:
     """Return the digest of a script's text; None for a module, which is not looked up here."""
     if is_module:
         return None

@@ -240,6 +240,7 @@ class Script(Listener):
         self._block = shared_block()
         reading, writing = wide_pipe()
         super().__init__(reading, self._block.fileno())
+        self.decoder = Decoder((program.variation or {}).get("finer", 1))
         self._interrupted_at: float | None = None
         self._interrupts = 0
         self._why = "interrupted"

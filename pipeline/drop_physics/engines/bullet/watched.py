@@ -42,15 +42,26 @@ from drop_physics.seen.events import (
 
 Float64 = NDArray[np.float64]
 
+TIMESTEPS = ("timeStep", "fixedTimeStep")
+"""Arguments of `setTimeStep` and `setPhysicsEngineParameter`."""
+
 
 class Decoder:
     """Interprets a stream of frames as events, in order.
 
     Samples and calls are gathered: they are yielded when there are enough of them, or before
     something else is told of their simulation. Only a `Put` does not wait for calls before it.
+
+    Parameters
+    ----------
+    finer
+        Steps of the engine for each of the script's: what it sets as timestep is divided by that.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, finer: int = 1) -> None:
+        self._finer = finer
+        self._timesteps: dict[int, int] = {}
+        """By site, which of its numbers is a timestep that is divided."""
         self.calls = 0
         self.samples = 0
         self.python: dict[str, Any] = {}
@@ -139,6 +150,11 @@ class Decoder:
         number, site = pipe.CALL_HEAD.unpack_from(payload)
         self.calls += 1
         self._caller = self._worlds[number]
+        if site in self._timesteps:
+            head, numbers = payload[: pipe.CALL_HEAD.size], payload[pipe.CALL_HEAD.size :]
+            values = np.frombuffer(numbers).copy()
+            values[self._timesteps[site]] /= self._finer
+            payload = head + values.tobytes()
         self._caller.add_call(self.calls, site, payload)
 
     def _put(self, payload: bytes) -> Put:
@@ -167,6 +183,10 @@ class Decoder:
         yield from ()
 
     def _on_site(self, names: list[str], whole: list[bool], **note: Any) -> Iterator[Event]:  # noqa: ANN401
+        at = next((names.index(name) for name in TIMESTEPS if name in names), None)
+        if self._finer > 1 and at is not None:
+            self._timesteps[note["number"]] = at
+            whole = [each and number != at for number, each in enumerate(whole)]
         yield Site(names=tuple(names), whole=tuple(whole), **note)
 
     def _on_raised(self, error: str) -> Iterator[Event]:

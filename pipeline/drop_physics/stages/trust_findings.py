@@ -1,0 +1,178 @@
+"""What variations of a script show, as sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from drop_physics.analysis.answers.answer import Effect, Finding, Level
+from drop_physics.analysis.apart import Converging, Growth, Standing
+from drop_physics.messages import Message
+
+if TYPE_CHECKING:
+    from drop_physics.stages.trust import Made, Varied
+
+TERMS = {
+    "gravity": Message("gravity"), "bias": Message("Coriolis and gyroscopic forces"),
+    "damping": Message("damping"), "joint damping": Message("joint damping"),
+    "applied": Message("the script's forces and torques"), "motors": Message("motors"),
+    "contacts": Message("contacts"), "rolling": Message("rolling friction"),
+    "constraints": Message("constraints"), "stops": Message("joint limits"),
+    "clamp": Message("the velocity limit"), "integrator": Message("integration"),
+    "set": Message("the script's calls"),
+}  # fmt: skip
+BY_STEP = {
+    "motors": Message(
+        "position and velocity motors close a share of the gap per step, not per second"
+    ),
+    "contacts": Message(
+        "contacts begin at a step, and push overlap out by a share per step, not per second"
+    ),
+    "constraints": Message("constraints close a share of the gap per step, not per second"),
+    "integrator": Message(
+        "a step moves with the velocity that it ends with: that is off by half a step's change"
+    ),
+}
+"""Why a term depends on the timestep."""
+REPEATS = ("nudge", "seed")
+"""Variations that another run may have of itself."""
+SMALL = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+
+
+def readable(value: float, unit: str) -> str:
+    """Return a distance with three digits: 3.12 mm, 0.00123 rad."""
+    if not math.isfinite(value):
+        return Message("no number")
+    if not value:
+        return f"0 {unit}"
+    if unit != "m":
+        return f"{value:.3g} {unit}"
+    size, prefix = next((each for each in SMALL if value >= each[0] * 0.9995), SMALL[-1])
+    number = f"{value / size:.3g}"
+    return f"{float(number):g} {prefix}m"
+
+
+def part_of(body: str, joint: str | None, unit: str = "m") -> str:
+    """Return what a position is of."""
+    if joint is not None:
+        return f"{body} {joint}"
+    return body if unit == "m" else Message("{body}, orientation", body=body)
+
+
+def findings_of(
+    varied: Mapping[str, Varied],
+    stands: list[Standing],
+    grown: Growth | None,
+    found: list[Converging],
+    base: Made,
+) -> list[Finding]:
+    """Return what was found, the gravest first."""
+    moved = {(each.body, each.joint, each.unit): each.moved for each in stands}
+    every = [*_ending(varied, base), *_apart(varied, moved)]
+    if grown is not None:
+        every.append(_grows(grown))
+    every += _converges(found)
+    return sorted(every, key=lambda each: each.rank)
+
+
+def _ending(varied: Mapping[str, Varied], base: Made) -> Iterator[Finding]:
+    """Yield variations that end by themselves where the script did not, or fail."""
+    for name, each in varied.items():
+        if each.made.ended == "failed" != base.ended:
+            yield Finding(
+                code="variation-failed", level="broken",
+                message=Message("with {name} the script fails: {error}", name=name,
+                    error=each.made.error),
+            )  # fmt: skip
+        elif each.made.steps < base.steps:
+            yield Finding(
+                code="ends-earlier", level="model",
+                message=Message("with {name} the script ends after {steps} of {all} steps",
+                    name=name, steps=each.made.steps, all=base.steps),
+            )  # fmt: skip
+
+
+def _apart(
+    varied: Mapping[str, Varied], moved: Mapping[tuple[str, str | None, str], float]
+) -> Iterator[Finding]:
+    for name, each in varied.items():
+        first = each.apart.first
+        if first is None:
+            continue
+        level: Level = "repeat" if name.partition("=")[0] in REPEATS else "model"
+        for worst in each.apart.most:
+            track = next(one for one in each.apart.tracks if (one.body, one.joint, one.unit)
+                == (worst.body, worst.joint, worst.unit))  # fmt: skip
+            if track.from_step is None:
+                continue
+            by = Message(", first by {term}", term=TERMS[each.term]) if each.term else ""
+            part = part_of(worst.body, worst.joint, worst.unit)
+            reach = moved.get((track.body, track.joint, track.unit), 0.0)
+            yield Finding(
+                code=f"depends-on-{_kind(name)}", level=level,
+                message=Message(
+                    "{name}: {part} ends {end} away, at worst {most} at {time:.4g} s; runs are "
+                    "apart from {from_s:.4g} s on{by}",
+                    name=name, part=part, end=readable(track.end, track.unit),
+                    most=readable(track.most, track.unit), time=track.most_s,
+                    from_s=first.from_s, by=by,
+                ),
+                advice=_advice(name, each.term), body=track.body, joint=track.joint,
+                effect=Effect(track.end, track.unit),
+                share=min(track.end / reach, 1e300) if reach else 1.0,
+            )  # fmt: skip
+
+
+def _kind(name: str) -> str:
+    kind = name.partition("=")[0].partition("/")[0].partition("*")[0].partition(" ")[0]
+    return kind if kind in ("timestep", "iterations", "residual", *REPEATS) else "parameter"
+
+
+def _advice(name: str, term: str | None) -> str | None:
+    return BY_STEP.get(term or "") if _kind(name) == "timestep" else None
+
+
+def _grows(grown: Growth) -> Finding:
+    if grown.rate_per_s is not None:
+        message = Message(
+            "a displacement of {start} grows e-fold in {time:.3g} s",
+            start=readable(grown.start, "m"), time=1 / grown.rate_per_s,
+        )  # fmt: skip
+    else:
+        message = Message(
+            "a displacement of {start} grows to {most}", start=readable(grown.start, "m"),
+            most=readable(grown.most, grown.unit),
+        )  # fmt: skip
+    if grown.lost_s is None:
+        return Finding(code="grows", level="note", message=message)
+    lost = Message("{grows}: beyond {time:.3g} s the outcome is one of many",
+        grows=message, time=grown.lost_s)  # fmt: skip
+    return Finding(code="one-of-many", level="repeat", message=lost)
+
+
+def _converges(found: list[Converging]) -> Iterator[Finding]:
+    for each in found:
+        part = part_of(each.body, each.joint) + (f" {each.axis}" if each.axis else "")
+        if each.order is None:
+            yield Finding(
+                code="does-not-converge", level="model",
+                message=Message(
+                    "{part} does not converge with the timestep: it ends at {coarse:.6g}, "
+                    "{middle:.6g} and {fine:.6g} {unit}",
+                    part=part, coarse=each.ends[0], middle=each.ends[1], fine=each.ends[2],
+                    unit=each.unit,
+                ),
+                body=each.body, joint=each.joint,
+            )  # fmt: skip
+        else:
+            yield Finding(
+                code="converges", level="note",
+                message=Message(
+                    "{part} converges with the timestep at order {order:.2f} to {value} ± {off} "
+                    "{unit}",
+                    part=part, order=each.order, unit=each.unit,
+                    value=f"{each.extrapolated:.7g}", off=f"{each.uncertainty:.1g}",
+                ),
+                body=each.body, joint=each.joint,
+            )  # fmt: skip
