@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from drop_physics.analysis.results import Analysis
 from drop_physics.figures import style
-from drop_physics.figures.story_plot import Story, build_story, told_story
+from drop_physics.figures.story import Story
+from drop_physics.figures.story_plot import build_story, told_story
 from drop_physics.stages.telling import story_of
 from scenes import analyze, record
 

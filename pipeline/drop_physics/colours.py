@@ -60,3 +60,5 @@ CAUSES = {
     "remainder": "#ee6677",
 }
 """What changes a body's energy, in the colours of their samples."""
+JOINTS = ("#d55e00", "#56b4e9", "#009e73", "#cc79a7", "#e69f00", "#8f5fd0")
+"""Of joints side by side."""

@@ -5,22 +5,19 @@ from __future__ import annotations
 import io
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from drop_physics.figures import style
 from drop_physics.figures.gif import MADE_BY_DROP
+from drop_physics.figures.story import Curve, Panel, Story
 from drop_physics.figures.style import Ink, Unit
 from drop_physics.messages import Message
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Float64 = NDArray[np.float64]
 
 WIDTH_IN, HEAD_IN, FOOT_IN = 8.0, 0.3, 0.55
 """Of the figure; above and below its panels."""
@@ -36,47 +33,6 @@ APART = 0.135
 """Least distance of two names, as a share of a panel's height."""
 USUAL, TALLER = 98.0, 3.0
 """Peaks over TALLER times this percentile of a panel are cut off."""
-
-Look = Literal["line", "wide", "dashed"]
-
-
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """A named curve."""
-
-    name: str
-    times_s: Float64
-    """Shape (n,)."""
-    values: Float64
-    """Shape (n,); nan where there is a gap."""
-    colour: str
-    """As `#rrggbb`; empty for that of text."""
-    look: Look = "line"
-
-
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """Curves of one unit; what finding they show, and when it holds."""
-
-    title: str
-    unit: str
-    curves: Sequence[Curve]
-    mark: str = ""
-    """Number of the finding that it shows."""
-    span_s: tuple[float, float] | None = None
-    """The time that the finding covers."""
-    zero: bool = False
-    """Whether the curves are read from zero."""
-
-
-@dataclass(frozen=True, eq=False)
-class Story:
-    """What a plot tells."""
-
-    title: str
-    lines: Sequence[str]
-    """Below the title."""
-    panels: Sequence[Panel]
 
 
 def build_story(story: Story, ink: Ink) -> Figure:

@@ -41,6 +41,11 @@ Float64 = NDArray[np.float64]
 
 POSES_TOGETHER, IMAGES_TOGETHER, LINES_TOGETHER = 1 << 16, 32, 1024
 """Rows that are held until they become chunks."""
+MOST_TRAILS, TRAIL_PER_S, TRAIL_M = 6, 20, 1e-3
+"""Bodies whose way is drawn; its points per second, and how far apart they are at least."""
+ARROW = 1 / 3
+"""Length of the heaviest body's weight as an arrow, of the diagonal of its box; twice as long at
+most."""
 FARTHEST_M = 10.0
 """The viewer's eye ignores what is farther than this from where it started."""
 SHOWN_PER_S = 60
@@ -68,6 +73,10 @@ class Drawing:
         self._gravity: dict[int, Float64] = {}
         self._poses = Gathering(pictures.poses, most=POSES_TOGETHER)
         self._curves = Gathering(pictures.curves, most=POSES_TOGETHER)
+        self._trails = Gathering(pictures.trail, most=POSES_TOGETHER)
+        self._ways: dict[int, tuple[int, Float64]] = {}
+        """The last point of each, by number: when, and where."""
+        self._touching = False
         self._images = Gathering(pictures.images, most=IMAGES_TOGETHER)
         self._log = Gathering(pictures.log, most=LINES_TOGETHER)
         self._lenses: dict[int, object] = {}
@@ -84,7 +93,7 @@ class Drawing:
 
     def flush(self) -> Iterator[Chunk]:
         """Yield everything that is held."""
-        for gathered in (self._log, self._poses, self._curves, self._images):
+        for gathered in (self._log, self._poses, self._trails, self._curves, self._images):
             yield from gathered.flush()
 
     def notes(self) -> Iterator[Message]:
@@ -188,11 +197,14 @@ class Drawing:
                 entity = part_path(body, column - 1)
                 yield from self._poses.add(entity, at, parts[:, column, :7])
             self._reach(parts[..., :3].reshape(-1, 3))
+            if not self._of_drop and len(self._bodies) <= MOST_TRAILS + 1:
+                yield from self._trail(body, at, parts[:, _end_of(body), :3])
             if not body.joints and not self._of_drop:
                 yield from self._heights(body, at, drawn)
                 yield from self._energy(body, seen.client, at, drawn)
         if not self._of_drop:
             yield from self._forces(seen)
+            yield from self._points(seen)
 
     def _reach(self, positions_m: Float64) -> None:
         """Extend the box by positions, shape (n, 3), except of what has flown off."""
@@ -205,6 +217,64 @@ class Drawing:
         if len(near_m):
             self.low_m = np.minimum(self.low_m, near_m.min(axis=0))
             self.high_m = np.maximum(self.high_m, near_m.max(axis=0))
+
+    def _trail(self, body: Body, at: Times, places_m: Float64) -> Iterator[Chunk]:
+        """Yield where a body's base was, or the end of the chain of one that stands fast."""
+        entity = f"{schema.WORLD}/{body.label}/trail"
+        if body.number not in self._ways:
+            yield pictures.trail_style(entity)
+        last, there_m = self._ways.get(body.number, (-1, np.full(3, np.inf)))
+        due = np.floor(at.times_s * TRAIL_PER_S + 1e-9).astype(np.int64)
+        shown = np.flatnonzero(np.diff(due, prepend=last) > 0)
+        before_m = np.vstack([there_m, places_m[shown]])[:-1]
+        shown = shown[~(np.abs(places_m[shown] - before_m).max(axis=1) < TRAIL_M)]
+        if len(shown):
+            self._ways[body.number] = int(due[shown[-1]]), places_m[shown[-1]]
+            calls = None if at.calls is None else at.calls[shown]
+            its = Times(at.steps[shown], at.times_s[shown], calls)
+            yield from self._trails.add(entity, its, places_m[shown])
+
+    def _points(self, seen: Samples) -> Iterator[Chunk]:
+        """Yield contact points, and the forces there as arrows."""
+        due = np.diff(np.floor(seen.times_s * SHOWN_PER_S + 1e-9), prepend=-1.0) > 0
+        due[-1] = True
+        points = seen.contacts
+        points = points[due[np.searchsorted(seen.steps, points["step"])]]
+        if len(points) and not self._touching:
+            yield pictures.contact_style(schema.CONTACT_POINTS)
+        if len(points) or self._touching:
+            moves = np.array([each.number for each in self._bodies.values() if each.base_moves or
+                each.moving], np.int64)  # fmt: skip
+            on_a = np.isin(points["body_a"], moves)
+            forces_n = points["normal_force_n"][:, None] * points["normal"]
+            for name in ("friction_1", "friction_2"):
+                forces_n = forces_n + points[f"{name}_n"][:, None] * points[f"{name}_direction"]
+            forces_n = np.where(on_a[:, None], forces_n, -forces_n)
+            places_m = np.where(on_a[:, None], points["position_a_m"], points["position_b_m"])
+            longest_m, m_per_n = self._arrows(seen.client)
+            arrows_m = forces_n * m_per_n
+            lengths_m = np.linalg.norm(arrows_m, axis=1, keepdims=True)
+            arrows_m *= np.minimum(1.0, longest_m / np.maximum(lengths_m, longest_m))
+            at = Times(seen.steps[due], seen.times_s[due], np.full(due.sum(), seen.call))
+            counts = np.diff(np.searchsorted(points["step"], [*at.steps, at.steps[-1] + 1]))
+            yield pictures.contact_points(schema.CONTACT_POINTS, at, places_m, arrows_m, counts)
+            self._touching = True
+
+    def _arrows(self, client: int) -> tuple[float, float]:
+        """Return the longest arrow [m], and meters per newton."""
+        masses_kg = {
+            number: float(np.nansum(self._masses[number]["mass_kg"]))
+            for number, body in self._bodies.items()
+            if body.moving and number in self._masses
+        }
+        heaviest = max(masses_kg, key=lambda number: masses_kg[number], default=None)
+        gravity = float(np.linalg.norm(self._gravity.get(client, np.zeros(3)))) or 9.81
+        if heaviest is None or not masses_kg[heaviest]:
+            return 1.0, 1.0
+        boxes_m = np.reshape(self._bodies[heaviest].bounds_m, (-1, 6))
+        size_m = ARROW * float(np.linalg.norm(boxes_m[:, 3:].max(axis=0, initial=0.1) -
+            boxes_m[:, :3].min(axis=0, initial=-0.1)))  # fmt: skip
+        return 2 * size_m, size_m / (masses_kg[heaviest] * gravity)
 
     def _heights(self, body: Body, at: Times, base: Float64) -> Iterator[Chunk]:
         entity = f"{schema.HEIGHT}/{body.label}"
@@ -325,6 +395,14 @@ def part_path(body: Body, link: int) -> str:
         for letter in name
     )
     return f"{schema.WORLD}/{body.label}/{plain}"
+
+
+def _end_of(body: Body) -> int:
+    """Return whose way is drawn: 0 for the base; of one that stands fast, the end of its chain."""
+    depths = [0]
+    for joint in body.joints:
+        depths.append(depths[joint.parent + 1] + 1)
+    return 0 if body.base_moves else int(np.argmax(depths))
 
 
 def _at(at: At) -> Times:

@@ -6,8 +6,9 @@ It carries the recording's own id, so that the viewer shows both files as one re
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -18,10 +19,13 @@ from rerun.chunk import Chunk
 from drop_physics import colours
 from drop_physics.errors import RecordingError
 from drop_physics.recording import pictures, schema, writer
-from drop_physics.recording.drawing import FARTHEST_M, SHOWN_PER_S
+from drop_physics.recording.drawing import SHOWN_PER_S
 from drop_physics.recording.layout import Look, eye_around, layout, look_of_drop, series_of
 from drop_physics.recording.reader import Recording, entities
+from drop_physics.recording.scene import parts_of, reach_of
 from drop_physics.recording.writer import Times
+
+Float64 = NDArray[np.float64]
 
 ERROR_CURVES = {
     "error_m": ("total", colours.TOTAL_IN_VIEWER),
@@ -48,9 +52,33 @@ DUE = _SHOWN.shift(1, fill_value=-1) != _SHOWN
 
 _TOP = {
     schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.ENERGIES, schema.EVENTS, schema.FINDINGS,
-    schema.SEGMENTS,
+    schema.SEGMENTS, schema.PANELS,
 }  # fmt: skip
 """First parts of a layer's entity paths."""
+
+
+class Line(NamedTuple):
+    """A curve of a panel."""
+
+    name: str
+    colour: str
+    """As `#rrggbb`."""
+    width: float
+    steps: NDArray[np.int64]
+    """Shape (n,), as are the next two."""
+    times_s: Float64
+    values: Float64
+
+
+class Shown(NamedTuple):
+    """What is shown of a script."""
+
+    panels: Sequence[tuple[str, Sequence[Line]]] = ()
+    """Their titles and curves, the first first."""
+    bodies: Sequence[str] = ()
+    """Labels of those that matter, in this order."""
+    touched: frozenset[str] = frozenset()
+    """Labels of bodies whose collision shapes are shown."""
 
 
 def layer_of(recording: Path) -> Path:
@@ -73,7 +101,7 @@ def write_layer(
     samples: pl.DataFrame,
     events: Sequence[tuple[int, float, str]],
     findings: str,
-    touched: frozenset[str] = frozenset(),
+    look: Shown,
     force: bool,
     ours: bool,
 ) -> None:
@@ -92,8 +120,8 @@ def write_layer(
         What happened: step, time [s] and a line each, in order.
     findings
         The findings, as Markdown.
-    touched
-        Labels of bodies whose collision shapes are shown.
+    look
+        What is shown of a script.
     force, ours
         As for `files.replaced`.
 
@@ -105,7 +133,7 @@ def write_layer(
     if recording.drop is not None:
         chunks = [*_of_drop(recording.scenario.timestep_s, samples)]
     else:
-        chunks = [*_of_bodies(samples, recording.entities)]
+        chunks = [*_of_bodies(samples, recording.entities, look.bodies), *_of_panels(look)]
     if events:
         steps, times_s, lines = zip(*events, strict=True)
         at = Times(np.array(steps, np.int64), np.array(times_s))
@@ -116,35 +144,27 @@ def write_layer(
         path,
         chunks,
         recording_id=recording.recording_id,
-        blueprint=layout(replace(_look(recording, shown, samples), touched=touched)),
+        blueprint=layout(_look(recording, shown, look)),
         force=force,
         ours=ours,
         salvage=False,
     )
 
 
-def _look(recording: Recording, shown: frozenset[str], samples: pl.DataFrame) -> Look:
+def _look(recording: Recording, entities: frozenset[str], shown: Shown) -> Look:
     if recording.drop is not None:
         camera = recording.camera
-        return look_of_drop(recording.scenario.height_m, camera.view if camera else None, shown)
-    errors = {entity: 3 for entity in shown if entity.startswith(f"{schema.ERROR_MM}/")}
-    joints = series_of(recording.seen.bodies.values())
-    return Look(eye_around(*_near(recording, samples)), shown, series=joints | errors)
-
-
-def _near(
-    recording: Recording, samples: pl.DataFrame
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the corners of a box around where bodies were, without what has flown off."""
-    moving = [body for body in recording.seen.bodies.values() if body.moving]
-    corners_m = np.concatenate([np.zeros(0), *(body.bounds_m for body in moving)]).reshape(-1, 3)
-    positions_m = np.vstack([samples.select("x_m", "y_m", "z_m").to_numpy(), corners_m])
-    positions_m = positions_m[np.isfinite(positions_m).all(axis=1)]
-    if not len(positions_m):
-        return np.zeros(3), np.zeros(3)
-    away_m = np.abs(positions_m - np.median(positions_m, axis=0)).max(axis=1)
-    near_m = positions_m[away_m <= max(FARTHEST_M, away_m.min())]
-    return near_m.min(axis=0), near_m.max(axis=0)
+        return look_of_drop(recording.scenario.height_m, camera.view if camera else None, entities)
+    errors = {entity: 3 for entity in entities if entity.startswith(f"{schema.ERROR_MM}/")}
+    return Look(
+        eye_around(*reach_of(parts_of(recording.path, recording.seen))),
+        entities,
+        series=series_of(recording.seen.bodies.values()) | errors,
+        order={f"{schema.SEGMENTS}/{label}": at - len(shown.bodies)
+               for at, label in enumerate(shown.bodies)},
+        panels=[title for title, _ in shown.panels],
+        touched=shown.touched,
+    )  # fmt: skip
 
 
 # -- of a drop: the terms of its error, and its energies ------------------------------------------
@@ -175,9 +195,12 @@ def _of_drop(timestep_s: float, samples: pl.DataFrame) -> Iterator[Chunk]:
 # -- of a script's bodies: kinds of samples, energies of those with links, errors of flights ------
 
 
-def _of_bodies(samples: pl.DataFrame, recorded: frozenset[str]) -> Iterator[Chunk]:
+def _of_bodies(
+    samples: pl.DataFrame, recorded: frozenset[str], first: Sequence[str]
+) -> Iterator[Chunk]:
     bodies = samples.partition_by("label", maintain_order=True)
-    for body in bodies[:MOST_STATES]:
+    order = {label: at - len(first) for at, label in enumerate(first)}
+    for body in sorted(bodies, key=lambda body: order.get(body["label"][0], 0))[:MOST_STATES]:
         yield from _states(body)
     for body in bodies:
         label = body["label"][0]
@@ -190,6 +213,22 @@ def _of_bodies(samples: pl.DataFrame, recorded: frozenset[str]) -> Iterator[Chun
             yield pictures.curves(energies, _times(shown), [shown["energy_j"].to_numpy()[:, None]])
         if body["error_z_m"].count():
             yield from _errors(body, f"{schema.ERROR_MM}/{label}")
+
+
+def _of_panels(shown: Shown) -> Iterator[Chunk]:
+    """Yield curves; those over the same samples are series of one entity."""
+    for number, (_, drawn) in enumerate(shown.panels):
+        together = groupby(drawn, key=lambda line: line.steps.tobytes())
+        for part, (_, group) in enumerate(together):
+            lines, entity = [*group], f"{schema.PANELS}/{number}/{part}"
+            named = rr.SeriesLines.columns(
+                names=[line.name for line in lines],
+                colors=np.array([writer.rgba(line.colour) for line in lines], np.uint32),
+                widths=[line.width for line in lines],
+            )
+            yield Chunk.from_columns(entity, [], named.partition([len(lines)]))
+            values = np.stack([line.values for line in lines], axis=1)
+            yield pictures.curves(entity, Times(lines[0].steps, lines[0].times_s), [values])
 
 
 def _errors(body: pl.DataFrame, entity: str) -> Iterator[Chunk]:

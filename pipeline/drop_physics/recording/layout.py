@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -21,10 +22,14 @@ SLOW_MOTION = 0.25
 MOST_CAMERAS = 4
 MOST_NAMES = 8
 """Above this, the curves' names would hide them."""
-LEAST_REACH_M = 0.5
+LEAST_REACH_M = 0.1
+ASPECT, HALF_VIEW, ROOM = 0.9, 0.52, 1.1
+"""Of the view of the world: width over height, tangent of half of its angle; some room."""
+MOST_ROWS, MOST_STATES = 2, 6
+"""Panels below each other; bodies whose states are shown at once."""
 RIGHT_TOP = Corner2D.RightTop
 EYE = np.array([1.6, -1.6, 1.0])
-"""Position of the eye from the centre of all motion, in units of its reach."""
+"""Where the eye is from the centre of all motion."""
 
 
 class Eye(NamedTuple):
@@ -53,6 +58,10 @@ class Look:
     """Names of pictures, by entity."""
     touched: frozenset[str] = frozenset()
     """Labels of bodies whose collision shapes are shown."""
+    order: Mapping[str, int] = field(default_factory=dict)
+    """Where an entity stands among others of its kind."""
+    panels: Sequence[str] = ()
+    """Titles of a script's panels."""
     timeline: str = schema.TIME_TIMELINE
     speed: float = 1.0
 
@@ -86,8 +95,14 @@ def look_of_drop(height_m: float, camera: View | None, entities: Iterable[str] =
 def eye_around(low_m: NDArray[np.float64], high_m: NDArray[np.float64]) -> Eye:
     """Return where to look from, for the box between two corners to fill the view."""
     centre = (low_m + high_m) / 2
-    reach = max(LEAST_REACH_M, float(np.linalg.norm(high_m - low_m)) / 2)
-    return Eye(tuple((centre + reach * EYE).tolist()), tuple(centre.tolist()))
+    half = np.maximum((high_m - low_m) / 2, LEAST_REACH_M)
+    back = EYE / np.linalg.norm(EYE)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    corners = half * np.array([*itertools.product((-1, 1), repeat=3)])
+    across, up, near = (corners @ axis for axis in (right, np.cross(back, right), back))
+    distance = (np.maximum(np.abs(across) / ASPECT, np.abs(up)) / HALF_VIEW + near).max()
+    return Eye(tuple((centre + ROOM * distance * back).tolist()), tuple(centre.tolist()))
 
 
 def series_of(bodies: Iterable[Body]) -> dict[str, int]:
@@ -101,6 +116,8 @@ def series_of(bodies: Iterable[Body]) -> dict[str, int]:
 
 def layout(look: Look) -> rrb.Blueprint:
     """Return the layout: the scene and its pictures, curves, texts; nothing empty."""
+    if look.analyzed and schema.HEIGHT_SIMULATED not in look.entities:
+        return _framed(_of_script(look), look)
     seen, curves = [_world(look), *_pictures(look)], [*_measured(look)]
     left = _rows(seen, shares=[4, 3])
     about = rrb.TextDocumentView(origin=schema.ABOUT, name="About")
@@ -118,6 +135,31 @@ def layout(look: Look) -> rrb.Blueprint:
             whole = rrb.Horizontal(left, right)
     else:
         whole = rrb.Horizontal(left, _rows([*curves, texts]))
+    return _framed(whole, look)
+
+
+def _of_script(look: Look) -> Panel:
+    """Return the scene with what bodies do, the panels of the analysis, and texts."""
+    states = [panel for _, panel in _states(look)]
+    left = _rows([_world(look), *_pictures(look), *states],
+        shares=[5, *(3 for _ in _pictures(look)), *(_share(look) for _ in states)])  # fmt: skip
+    panels = [
+        rrb.TimeSeriesView(origin=f"{schema.PANELS}/{number}", name=title,
+                           plot_legend=rrb.PlotLegend(RIGHT_TOP))
+        for number, title in enumerate(look.panels)
+    ]  # fmt: skip
+    more = [*panels[MOST_ROWS:], *(view for views in _kinds(look) for view in views)]
+    middle = [*panels[:MOST_ROWS], *([_tabs(more)] if more else [])]
+    about = rrb.TextDocumentView(origin=schema.ABOUT, name="About")
+    texts = _tabs([*_log(look, schema.LOG, "Calls"), about])
+    findings = rrb.TextDocumentView(origin=schema.FINDINGS, name="Findings")
+    said = [findings, *_log(look, schema.EVENTS, "Events"), texts]
+    right = _rows(said, shares=[5, 4, 2][: len(said)])
+    columns = [left, *([_rows(middle)] if middle else []), right]
+    return rrb.Horizontal(*columns, column_shares=[4, 4, 3] if middle else [4, 3])
+
+
+def _framed(whole: Panel, look: Look) -> rrb.Blueprint:
     return _Small(
         whole,
         # A layout cannot set where the time cursor starts. Alone, the recording is played; with
@@ -164,8 +206,9 @@ def _world(look: Look) -> rrb.Spatial3DView:
         for timeline in (schema.TIME_TIMELINE, schema.STEP_TIMELINE)
     ]
     overrides: dict[Any, Any] = {}
-    if schema.TRAIL in look.entities:
-        overrides[schema.TRAIL] = rrb.VisibleTimeRanges(until_now)
+    for trail in look.entities:
+        if trail.endswith("/trail"):
+            overrides[trail] = rrb.VisibleTimeRanges(until_now)
     touched = any(each.startswith(f"{schema.COLLISIONS}/") for each in look.entities)
     if touched:
         overrides[schema.COLLISIONS] = rrb.EntityBehavior(visible=False)
@@ -196,10 +239,20 @@ def _pictures(look: Look) -> Iterator[Panel]:
 
 def _measured(look: Look) -> Iterator[Panel]:
     """Yield the curves that the recording itself has; beside an analysis all in one place."""
+    kinds = _kinds(look)
+    if look.analyzed:
+        kinds = [[view for views in kinds for view in views]]
+    for views in kinds:
+        if views:
+            yield _tabs(views)
+
+
+def _kinds(look: Look) -> list[list[rrb.View]]:
+    """Return views of what the recording itself has, by kind."""
     of_drop = schema.HEIGHT_SIMULATED in look.entities
     heights = "Height of the centre [m]" if of_drop else "Heights of free bodies [m]"
     corner = RIGHT_TOP if look.analyzed else None
-    kinds = [
+    return [
         [*_curves(look, schema.HEIGHT, heights, corner)],
         [
             *_curves(
@@ -216,25 +269,34 @@ def _measured(look: Look) -> Iterator[Panel]:
             *_curves(look, schema.ENERGIES, "Energies [J]"),
         ],
     ]
-    if look.analyzed:
-        kinds = [[view for views in kinds for view in views]]
-    for views in kinds:
-        if views:
-            yield _tabs(views)
 
 
 def _explained(look: Look) -> Iterator[tuple[float, Panel]]:
     """Yield what the analysis adds, with its share: kinds of samples, errors, energies."""
-    bodies = sum(each.startswith(f"{schema.SEGMENTS}/") for each in look.entities)
-    if bodies:
-        states = rrb.StateTimelineView(origin=schema.SEGMENTS, name="What each body does")
-        yield min(3.0, 0.8 + 0.5 * bodies), states
+    yield from _states(look)
     # Errors start at zero, lower left, and grow.
     corner = Corner2D.LeftTop
     for view in _curves(look, schema.ERROR_MM, "Simulated minus free fall [mm]", corner):
         yield 4.0, view
     for view in _curves(look, schema.ENERGY, "Energy [J]", RIGHT_TOP):
         yield 3.0, view
+
+
+def _states(look: Look) -> Iterator[tuple[float, Panel]]:
+    shown = [each for each in look.entities if each.startswith(f"{schema.SEGMENTS}/")]
+    if shown:
+        first = sorted(shown, key=lambda each: look.order.get(each, 0))[:MOST_STATES]
+        contents = "$origin/**" if len(first) == len(shown) else [f"+ /{each}" for each in first]
+        name = "What each body does"
+        yield (
+            _share(look),
+            rrb.StateTimelineView(origin=schema.SEGMENTS, name=name, contents=contents),
+        )
+
+
+def _share(look: Look) -> float:
+    bodies = sum(each.startswith(f"{schema.SEGMENTS}/") for each in look.entities)
+    return 0.8 + 0.5 * min(bodies, MOST_STATES)
 
 
 def _curves(

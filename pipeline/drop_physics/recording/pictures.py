@@ -27,6 +27,9 @@ BEYOND_M = 1e-3
 """By which a hull is drawn larger, lest it flicker where the mesh lies in it: its margin."""
 MESH_SUFFIXES = (".obj", ".stl", ".dae", ".gltf", ".glb")
 LARGEST_MESH_BYTES = 1 << 26
+TRAIL_RADIUS, TRAIL_COLOUR = -1.5, 0x56B4E9FF
+"""Negative: in screen points, whatever the distance."""
+CONTACT_COLOUR = 0xE69F00FF
 
 
 def scene() -> Iterator[Chunk]:
@@ -42,6 +45,37 @@ def poses(entity: str, at: Times, parts: Sequence[Float64]) -> Chunk:
         entity,
         times(at),
         rr.Transform3D.columns(translation=rows[:, :3], quaternion=rows[:, 3:]),
+    )
+
+
+def trail(entity: str, at: Times, places: Sequence[Float64]) -> Chunk:
+    """Return points of a body's way [m], shape (n, 3), as a stroboscope shows them."""
+    return Chunk.from_columns(
+        entity, times(at), rr.Points3D.columns(positions=np.concatenate(places))
+    )
+
+
+def trail_style(entity: str) -> Chunk:
+    """Return how the points of a way look."""
+    look = rr.Points3D.columns(radii=[TRAIL_RADIUS], colors=np.array([TRAIL_COLOUR], np.uint32))
+    return Chunk.from_columns(entity, [], look)
+
+
+def contact_points(
+    entity: str, at: Times, places_m: Float64, arrows_m: Float64, counts: NDArray[np.int64]
+) -> Chunk:
+    """Return contact points and arrows from them, shape (points, 3), `counts` of them per row."""
+    points = rr.Points3D.columns(positions=places_m).partition(counts)
+    arrows = rr.Arrows3D.columns(origins=places_m, vectors=arrows_m).partition(counts)
+    return Chunk.from_columns(entity, times(at), [*points, *arrows])
+
+
+def contact_style(entity: str) -> Chunk:
+    """Return how contact points look."""
+    colour = np.array([CONTACT_COLOUR], np.uint32)
+    points = rr.Points3D.columns(radii=[-3.0], colors=colour)
+    return Chunk.from_columns(
+        entity, [], [*points, *rr.Arrows3D.columns(radii=[-1.5], colors=colour)]
     )
 
 

@@ -17,7 +17,7 @@ from drop_physics.recording.checks import damaged, wrong_count
 from drop_physics.recording.columns import Properties
 from drop_physics.recording.contents import chunks_of, closing_of, gather
 from drop_physics.recording.digest import FrameDigest
-from drop_physics.recording.drawing import part_path
+from drop_physics.recording.drawing import FARTHEST_M, part_path
 from drop_physics.recording.rrd import Chunk
 from drop_physics.seen.events import Body, Model
 from drop_physics.seen.history import Seen
@@ -94,6 +94,22 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
             part = Part(body.number, (), _radius_m(body, link), times_s[order], rows)
             found += part.in_looks(looks.get(entity, ()))
     return [part for part in found if part.models]
+
+
+def reach_of(parts: Sequence[Part]) -> tuple[Float64, Float64]:
+    """Return the corners of a box in which bodies move, without what flies off."""
+    boxes = [(part, np.fmin.reduce(part.poses), np.fmax.reduce(part.poses)) for part in parts]
+    moves = {part.number for part, low, high in boxes if (high - low > 1e-4).any()}
+    shown = [(part.radius_m, low[:3], high[:3]) for part, low, high in boxes
+        if part.radius_m < FARTHEST_M and np.isfinite(low[:3]).all()
+        and (part.number in moves or not moves)]  # fmt: skip
+    if not shown:
+        return np.zeros(3), np.zeros(3)
+    radii_m, lows_m, highs_m = (np.array(each, np.float64) for each in zip(*shown, strict=True))
+    middle_m = np.median(lows_m, axis=0)
+    lows_m, highs_m = (each.clip(middle_m - FARTHEST_M, middle_m + FARTHEST_M)
+        for each in (lows_m - radii_m[:, None], highs_m + radii_m[:, None]))  # fmt: skip
+    return lows_m.min(axis=0), highs_m.max(axis=0)
 
 
 def _radius_m(body: Body, link: int) -> float:

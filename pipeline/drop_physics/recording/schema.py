@@ -130,6 +130,8 @@ POSE_RESOLUTION = 1e-4
 HEIGHT_RESOLUTION_M = 1e-9
 """A height curve that stays within this [m] is level."""
 
+CONTACT_POINTS = "world/contacts"
+"""Contact points, and the forces there as arrows; of a script, thinned."""
 CONTACT_FORCES = "contact_forces"
 ENERGIES = "energies"
 """Curves of a script's recording, thinned; the numbers are those of `contacts`, and of `state` with
@@ -170,5 +172,7 @@ ENERGY_RESOLUTION = 1e-10
 """An energy curve that stays within this share of the largest energy is level."""
 SEGMENTS = "segments"
 """Of a script's bodies: the kind of each sample, as states."""
+PANELS = "panels"
+"""Of a script: curves of joints, friction and energy by cause, as its plot has them."""
 EVENTS = "events"
 FINDINGS = "findings"

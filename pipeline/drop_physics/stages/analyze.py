@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drop_physics import colours
 from drop_physics.analysis.drop.story import drop_analysis_of
 from drop_physics.analysis.results import Analysis
 from drop_physics.analysis.story import analysis_of
@@ -16,10 +17,12 @@ from drop_physics.files.outputs import check_apart, check_target, refused
 from drop_physics.files.table import check_table, write_table
 from drop_physics.messages import Message
 from drop_physics.recording.contents import is_script
-from drop_physics.recording.layer import is_layer, layer_of, write_layer
+from drop_physics.recording.layer import Line, is_layer, layer_of, write_layer
+from drop_physics.recording.layer import Shown as LayerShown
 from drop_physics.recording.reader import Recording, read
 from drop_physics.seen.history import Seen, body_named
 from drop_physics.stages.narrative import events, findings_markdown
+from drop_physics.stages.telling import viewed
 
 if TYPE_CHECKING:
     from drop_physics.recording.falling import Progress  # its module loads Rerun
@@ -87,8 +90,8 @@ def analyze(
     progress(ANALYZING, 2, _PARTS)
     write_layer(
         layer, read_back, samples=analysis.table, events=events(analysis),
-        findings=findings_markdown(analysis), touched=_hulls(analysis), force=force,
-        ours=out is None,
+        findings=findings_markdown(analysis), look=_shown(analysis, read_back.seen),
+        force=force, ours=out is None,
     )  # fmt: skip
     for file in tables:
         write_table(file, analysis.table, force=force)
@@ -111,6 +114,21 @@ def _of_script(read_back: Recording, at_s: Sequence[float], *, whole: bool) -> A
     return analysis_of(
         read_back.seen, origin, at_s=at_s or DEFAULT_AT_S, sums_at_s=at_s, whole=whole
     )
+
+
+def _shown(analysis: Analysis, seen: Seen) -> LayerShown:
+    """Return what the viewer shows of a script; it knows no dashes."""
+    if analysis.kind == "drop":
+        return LayerShown()
+    widths = {"line": 2.0, "wide": 4.0, "dashed": 1.0}
+    panels, bodies = viewed(analysis, seen.bodies)
+    lines = [
+        [Line(str(each.name), each.colour or colours.TOTAL_IN_VIEWER, widths[each.look], each.steps,
+              each.times_s, each.values) for each in panel.curves if len(each.steps)]
+        for panel in panels
+    ]  # fmt: skip
+    titles = [f"{panel.title} [{panel.unit}]" for panel in panels]
+    return LayerShown([*zip(titles, lines, strict=True)], bodies, _hulls(analysis))
 
 
 def outputs_of(

@@ -5,6 +5,7 @@ It is recorded, and so always in English.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
@@ -12,6 +13,9 @@ from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.drop.results import DropAnalysis, Moment
 from drop_physics.analysis.results import Analysis
 from drop_physics.fields import decimals
+
+WIDTH = 44
+"""Characters of a line in the viewer's list of events."""
 
 
 def events(analysis: Analysis) -> list[tuple[int, float, str]]:
@@ -27,11 +31,13 @@ def _of_bodies(analysis: Analysis) -> Iterator[tuple[int, float, str]]:
     for finding in analysis.findings:
         step = None if finding.steps is None else finding.steps.first
         if step is not None and step in times_s:
-            yield step, times_s[step], f"{finding.code}: {finding.message}"
+            about = finding.joint or finding.body
+            yield step, times_s[step], f"{finding.code}: {about}" if about else finding.code
     for body in analysis.bodies:
         for contact in body.contacts:
             others = ", ".join(sorted({partner.body for partner in contact.by}))
-            yield contact.first_step, contact.start_s, f"{body.label} meets {others}"
+            line = textwrap.shorten(f"{body.label} meets {others}", WIDTH, placeholder=" …")
+            yield contact.first_step, contact.start_s, line
 
 
 def _of_drop(analysis: DropAnalysis) -> list[tuple[int, str]]:

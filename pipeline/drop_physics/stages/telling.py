@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +14,9 @@ from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.curves import FORCES, Curves
 from drop_physics.analysis.joints import JointRow
 from drop_physics.analysis.results import Analysis, BodyAnalysis
-from drop_physics.figures.story_plot import Curve, Look, Panel, Story
+from drop_physics.figures.story import Curve, Look, Panel, Story
 from drop_physics.messages import Message
+from drop_physics.seen.events import Body
 
 Float64 = NDArray[np.float64]
 
@@ -26,8 +27,14 @@ FLIES = 0.1
 """A body flies if a flight is at least this share of its samples."""
 WHOLE = 0.9
 """A finding that covers more of the time than this is not marked."""
-FAR = 3.0
-"""A limit over so many times the largest torque is not drawn."""
+MOST_JOINTS, MOST_BODIES = 4, 3
+"""Joints, and bodies whose energy is shown, in the viewer."""
+JOINT = 24
+"""Characters of a joint's name that fit in the viewer's legends."""
+NEAR = 0.02
+"""A joint that came closer to a limit, as a share of its range, is shown with it."""
+FAR, REACHED = 3.0, 1.05
+"""A limit over so many times the largest torque is not drawn; of joints side by side, so many."""
 
 
 def story_of(analysis: Analysis) -> Story:
@@ -57,6 +64,21 @@ def _verdict(analysis: Analysis) -> Iterator[str]:
     )  # fmt: skip
 
 
+def viewed(analysis: Analysis, bodies: Mapping[int, Body]) -> tuple[list[Panel], list[str]]:
+    """Return the panels of the viewer (joints, friction, flights, energy), and which bodies matter.
+
+    These are labels, in order.
+    """
+    told = _Told(analysis)
+    panels = [*told.driven(bodies)]
+    for finding in analysis.findings:
+        if finding.joint is None:
+            panels += told.of(finding, "")
+    for body in told.about[:MOST_BODIES]:
+        panels += told.energy(body)
+    return panels, [body.label for body in told.about]
+
+
 # -- which panels ---------------------------------------------------------------------------------
 
 
@@ -77,6 +99,13 @@ class _Told:
         self._curves = analysis.curves
         self._bodies = {body.label: body for body in analysis.bodies}
         self._done: set[str] = set()
+        found = [self._bodies[each.body] for each in analysis.findings if each.body in self._bodies]
+        moves = {body.label: sum(body.segments.values()) - body.segments["still"]
+            for body in analysis.bodies}  # fmt: skip
+        moving = sorted(analysis.bodies, key=lambda body: -moves[body.label])
+        moving = [body for body in moving if moves[body.label]]
+        self.about = [*{body.label: body for body in (*found, *moving)}.values()]
+        """The bodies that findings are about, the gravest first, and those that move."""
 
     def of(self, finding: Finding, mark: str) -> Iterator[Panel]:
         """Yield the panels that show what a finding says."""
@@ -84,7 +113,7 @@ class _Told:
         if body is None:
             return
         panels: list[Panel] = []
-        if finding.joint is not None and self._is_new("joint"):
+        if finding.joint is not None and finding.steps is not None and self._is_new("joint"):
             row = next((row for row in body.joints if row.name == finding.joint), None)
             panels = [] if row is None else [*self._joint(body, row)]
         elif finding.other in self._bodies and self._is_new("friction"):
@@ -96,20 +125,14 @@ class _Told:
 
     def rest(self) -> Iterator[Panel]:
         """Yield what is worth a look in any case, of the body that the findings are about."""
-        bodies = [*self._bodies.values()]
-        about = [self._bodies[each.body] for each in self._analysis.findings
-            if each.body in self._bodies]  # fmt: skip
-        moving = sorted(bodies, key=lambda each: each.segments["still"] - sum(
-            each.segments.values()))  # fmt: skip
-        about += [body for body in moving if body.segments["still"] < sum(body.segments.values())]
-        for body in about:
+        for body in self.about:
             rows = [row for row in body.joints if row.off is not None]
             if rows and self._is_new("joint"):
                 yield from self._joint(body, max(rows, key=lambda row: abs(row.off or 0.0)))
             if _flies(body) and self._is_new("heights"):
                 yield from self._heights(body)
             if body.energy is not None and "energy" not in self._done:
-                panels = [*self._energy(body)]
+                panels = [*self.energy(body)]
                 self._done |= {"energy"} if panels else set()
                 yield from panels
 
@@ -117,6 +140,48 @@ class _Told:
         new = kind not in self._done
         self._done.add(kind)
         return new
+
+    # -- joints side by side, for the viewer ------------------------------------------------------
+
+    def driven(self, bodies: Mapping[int, Body]) -> Iterator[Panel]:
+        """Yield positions, rates, torques of joints with findings, or farthest off their targets.
+
+        At most `MOST_JOINTS` of all bodies.
+        """
+        named = [(each.body, each.joint) for each in self._analysis.findings if each.steps]
+        found = [(named.index((body.label, row.name)) if (body.label, row.name) in named else
+            len(named), -abs(row.off or 0.0), body, place)
+            for body in self.about for place, row in enumerate(body.joints)]  # fmt: skip
+        shown = sorted(found, key=lambda each: each[:2])[:MOST_JOINTS]
+        several = len({body.id for *_, body, _ in shown}) > 1
+        lines: dict[str, list[Curve]] = {"position": [], "rate": [], "torque": []}
+        units: dict[str, dict[str, None]] = {what: {} for what in lines}
+        for (*_, body, place), colour in zip(shown, colours.JOINTS, strict=False):
+            curves, row = self._curves.joints(body.id), body.joints[place]
+            if curves is None:
+                continue
+            its = Curves(curves.steps, {what: each[:, place]
+                for what, each in curves.columns.items()})  # fmt: skip
+            name = row.name if len(row.name) <= JOINT else f"{row.name[: JOINT - 1]}…"
+            name = f"{body.id} {name}" if several else name
+            what = "rate" if row.control == "velocity" else "position"
+            kinds = {what: ["target" if what == "position" else "target_rate"], "torque": []}
+            if what == "position":
+                kinds[what] += _stops(its, bodies[body.id], row)
+            kinds["torque"] += _limits(its, REACHED)
+            for which, others in kinds.items():
+                lines[which].append(self._curve(body, its, which, name, colour))
+                for each in others:
+                    said = f"{name} {each.strip('-').split('_')[0]}"
+                    if np.isfinite(its.columns[each]).any():
+                        lines[which].append(self._curve(body, its, each, said, colour, dashed=True))
+            length, force = ("m", "N") if row.kind == "prismatic" else ("rad", "N m")
+            units[what][length if what == "position" else f"{length}/s"] = None
+            units["torque"][force] = None
+        titles = {"position": "Joint positions", "rate": "Joint rates", "torque": "Motors"}
+        for what, title in titles.items():
+            if lines[what]:
+                yield Panel(title, ", ".join(units[what]), lines[what])
 
     # -- what is in them --------------------------------------------------------------------------
 
@@ -137,14 +202,8 @@ class _Told:
             self._curve(body, its, asked, Message("target"), "", dashed=True),
         ])  # fmt: skip
         force = "N" if row.kind == "prismatic" else "N m"
-        torque = its.columns["torque"]
-        most = float(np.nanmax(np.abs(torque), initial=0.0))
-        limits = []
-        if np.nanmin(its.columns["limit"], initial=np.inf) <= FAR * most:
-            its.columns["lower"] = -its.columns["limit"]
-            sides = [("limit", torque.max() > 0.5 * most), ("lower", torque.min() < -0.5 * most)]
-            limits = [self._curve(body, its, side, Message("limit"), colours.TIMESTEP, dashed=True)
-                for side, near in sides if near]  # fmt: skip
+        limits = [self._curve(body, its, side, Message("limit"), colours.TIMESTEP, dashed=True)
+            for side in _limits(its)]  # fmt: skip
         title = Message("{joint}: torque of its motor", joint=row.name)
         drawn = self._curve(body, its, "torque", Message("torque"), colours.ROUNDING)
         yield Panel(title, force, [drawn, *limits], zero=True)
@@ -159,7 +218,8 @@ class _Told:
             self._curve(body, its, "used", Message("used"), colours.INTERACTION),
         ], zero=True)  # fmt: skip
 
-    def _energy(self, body: BodyAnalysis) -> Iterator[Panel]:
+    def energy(self, body: BodyAnalysis) -> Iterator[Panel]:
+        """Yield what changed a body's energy."""
         its = self._curves.energy(body.id)
         if its is None:
             return
@@ -177,11 +237,12 @@ class _Told:
     def _heights(self, body: BodyAnalysis) -> Iterator[Panel]:
         rows = self._analysis.table.filter(pl.col("body") == body.id)
         times_s, z_m = rows["time_s"].to_numpy(), rows["z_m"].to_numpy()
+        steps = rows["step"].to_numpy()
         fall_m = z_m - rows["error_z_m"].fill_null(np.nan).to_numpy()
         title = Message("height of {body}", body=body.label)
         yield Panel(title, "m", [
-            Curve(Message("free fall"), times_s, fall_m, colours.FREE_FALL, "wide"),
-            Curve(Message("simulated"), times_s, z_m, colours.SIMULATED),
+            Curve(Message("free fall"), times_s, fall_m, colours.FREE_FALL, "wide", steps),
+            Curve(Message("simulated"), times_s, z_m, colours.SIMULATED, steps=steps),
         ])  # fmt: skip
 
     def _curve(
@@ -194,7 +255,7 @@ class _Told:
         look: Look = "dashed" if dashed else "wide" if wide else "line"
         return Curve(
             name, np.insert(times_s, gaps, times_s[gaps]), np.insert(values, gaps, np.nan), colour,
-            look,
+            look, np.insert(steps, gaps, steps[gaps]),
         )  # fmt: skip
 
     def _span_s(self, finding: Finding, body: BodyAnalysis) -> tuple[float, float] | None:
@@ -204,6 +265,31 @@ class _Told:
         ends = np.array([steps.first, steps.last])
         first_s, last_s = self._curves.times_s(body.id, ends).tolist()
         return first_s, last_s
+
+
+def _limits(its: Curves, far: float = FAR) -> list[str]:
+    """Return the limits that a torque comes near, of which the lower one is added."""
+    torque, limit = its.columns["torque"], its.columns["limit"]
+    most = float(np.nanmax(np.abs(torque), initial=0.0))
+    if np.nanmin(limit, initial=np.inf) > far * most:
+        return []
+    its.columns["-limit"] = -limit
+    sides = [("limit", torque.max() > 0.5 * most), ("-limit", torque.min() < -0.5 * most)]
+    return [side for side, near in sides if near]
+
+
+def _stops(its: Curves, body: Body, row: JointRow) -> list[str]:
+    """Return the ends of its range that a joint comes near, which are added."""
+    low, high = body.joints[row.index].limits
+    at = its.columns["position"]
+    its.columns.update(lowest=np.full(at.shape, low), highest=np.full(at.shape, high))
+    room = NEAR * (high - low)
+    near = [
+        np.nanmin(at, initial=np.inf) < low + room,
+        np.nanmax(at, initial=-np.inf) > high - room,
+    ]
+    return [name for name, is_near in zip(("lowest", "highest"), near, strict=True)
+        if is_near and low < high]  # fmt: skip
 
 
 def _flies(body: BodyAnalysis) -> bool:

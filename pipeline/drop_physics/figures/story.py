@@ -1,0 +1,56 @@
+"""What a plot tells, or a column of the viewer: panels of curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+Look = Literal["line", "wide", "dashed"]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A named curve."""
+
+    name: str
+    times_s: Float64
+    """Shape (n,)."""
+    values: Float64
+    """Shape (n,); nan where there is a gap."""
+    colour: str
+    """As `#rrggbb`; empty for that of text."""
+    look: Look = "line"
+    steps: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
+    """Of the values, shape (n,); empty where only times are known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Curves of one unit; what finding they show, and when it holds."""
+
+    title: str
+    unit: str
+    curves: Sequence[Curve]
+    mark: str = ""
+    """Number of the finding that it shows."""
+    span_s: tuple[float, float] | None = None
+    """The time that the finding covers."""
+    zero: bool = False
+    """Whether the curves are read from zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class Story:
+    """What a plot tells."""
+
+    title: str
+    lines: Sequence[str]
+    """Below the title."""
+    panels: Sequence[Panel]
