@@ -122,8 +122,8 @@ class DefaultMotor(Answer):
             )
         elif held.weight > MOST * held.acting:
             template = Message(
-                "{joint} is held up by the velocity motor that PyBullet gives every joint: it "
-                "takes its weight, {weight} on average"
+                "{joint} is held by the velocity motor that PyBullet gives every joint: it takes "
+                "{share:.0%} of its weight, {weight} on average"
             )
         else:
             template = Message(

@@ -9,7 +9,7 @@ import numpy as np
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene
 from drop_physics.analysis.answers.held_off import distance, units_of
-from drop_physics.analysis.controls import places_of
+from drop_physics.analysis.controls import DEFAULT, places_of
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven
 from drop_physics.messages import Message
@@ -27,6 +27,8 @@ class _Off:
     """Of the joint's range."""
     began: float
     """The gap at the beginning, with its sign."""
+    sent: bool = False
+    """Whether a call drives either joint."""
     moved: float = 0.0
     """How much that changed."""
     off: float = 0.0
@@ -64,7 +66,8 @@ class MimicIgnored(Answer):
             ),
         )  # fmt: skip
         apart = own - mimic.multiplier * lead - mimic.offset
-        gaps = np.abs(apart)
+        gaps, asked = np.abs(apart), driven.asked
+        off.sent |= bool(((asked.mode != DEFAULT) & (asked.force != 0))[:, [k, leads]].any())
         rested = driven.resting[:, k] & driven.resting[:, leads]
         off.moved = max(off.moved, float(np.abs(apart - off.began).max()))
         off.off = max(off.off, float(gaps[rested].max(initial=0.0)))
@@ -82,10 +85,11 @@ class MimicIgnored(Answer):
             if not missed:
                 continue
             worst = max(missed, key=lambda each: max(each.off, each.now) / each.extent)
+            sent = any(each.sent for each in missed)
             gap = max(worst.off, worst.now)
             yield Finding(
                 code="mimic-ignored",
-                level="asked",
+                level="asked" if sent else "note",
                 message=Message(
                     "{joint} is {gap} from where its file wants it to follow {of}: PyBullet "
                     "ignores <mimic> (joints that do not follow: {count})",

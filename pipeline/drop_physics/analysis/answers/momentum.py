@@ -24,6 +24,8 @@ Float64 = NDArray[np.float64]
 OUTSIDE = "contacts", "constraints", "rolling", "clamp"
 DRIFT = 0.02
 """Of the largest momentum."""
+LEAST = 10
+"""Steps in a row in which nothing outside acts."""
 
 
 @dataclass
@@ -93,7 +95,7 @@ class MomentumDrift(Answer):
 
     def _end(self, number: int) -> None:
         known = self._now.pop(number, None)
-        if known is None:
+        if known is None or known.last - known.first < LEAST:
             return
         finding = _finding(known)
         if finding is not None:

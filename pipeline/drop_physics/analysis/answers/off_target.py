@@ -175,11 +175,21 @@ class OffTarget(Answer):
             return []
         rate = f"{abs(float(stood.rate[0])):.2g} {unit}/s"
         kp, template = float(stood.kp[0]), Message("{what}, still moving at {rate}")
+        at_limit, steps = int(stood.at_limit[0]), int(stood.steps[0])
+        if at_limit > steps / 2:
+            template = Message(
+                "{what}, still moving at {rate}: its motor is at its limit of {limit} in {count} "
+                "of {steps} steps"
+            )
         if kp < SMALL and abs(float(stood.lawful[0] / stood.gap[0]) - 1) < LAWFUL:
             template = Message(
                 "{what}: a positionGain of {kp:.3g} is the share of the gap that a step closes"
             )
-        cause = Cause(template=template, values={"rate": rate, "kp": kp}, advice=None)
+        values = {"rate": rate, "kp": kp, "count": at_limit, "steps": steps,
+            "limit": effort(float(driven.limit[stood.row[0], stood.k]), units_of(driven, stood.k)[1]),
+        }  # fmt: skip
+        advice = GIVE_MORE if at_limit > steps / 2 else None
+        cause = Cause(template=template, values=values, advice=advice)
         return [replace(self._of(driven, stood, cause), last=True)]
 
     def _move(self, joint: _Joint, driven: Driven, stood: Stood) -> None:
@@ -202,8 +212,7 @@ class OffTarget(Answer):
                 left = (1 - float(worst.kp[0])) ** int(worst.steps[0])
                 limit = float(driven.limit[worst.row[0], worst.k])
                 template = Message(
-                    "{what}: while its targets change, its motor is at its limit of {limit} in "
-                    "{count} of {steps} steps"
+                    "{what}: its motor is at its limit of {limit} in {count} of {steps} steps"
                 )
                 values = {
                     "left": left, "limit": effort(limit, unit_of_effort),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from drop_physics.analysis.explained.touching import rows_of
 from drop_physics.laws.bullet_reports import pd_effort
+from drop_physics.laws.bullet_tree import BulletTree
 from drop_physics.laws.tree import States, Tree
 from drop_physics.seen.calls import Call
 from drop_physics.seen.events import At
@@ -78,8 +79,9 @@ class Commands:
                 efforts[row, place] += torque.efforts
         return efforts
 
-    def pd(self, tree: Tree, ends: Int64, before: States) -> Float64:
+    def pd(self, law: BulletTree, ends: Int64, before: States) -> Float64:
         """Return PD_CONTROL's efforts in the steps to samples, shape (n, joint_rates)."""
+        tree = law.tree
         efforts = np.zeros((len(ends), tree.joint_rates))
         for link in {each.link for each in self._servos}:
             place, told = _place(tree, link), [each for each in self._servos if each.link == link]
@@ -88,8 +90,11 @@ class Commands:
             which = np.searchsorted([each.step for each in told], ends - 1, side="right") - 1
             rows = np.flatnonzero(which >= 0)
             numbers = np.array([each.numbers for each in told]).T[:, which[rows]]
+            target, lower, upper = numbers[2], law.lower[place.start], law.upper[place.start]
             efforts[rows, place.start] = pd_effort(
-                gains=numbers[:2], target=numbers[2], target_velocity=numbers[3],
+                gains=numbers[:2],
+                target=np.clip(target, lower, upper) if lower <= upper else target,
+                target_velocity=numbers[3],
                 limit=numbers[4], position=before.joints[rows, tree.coordinates[link].start],
                 velocity=before.velocity[rows, tree.rates[link].start],
             )  # fmt: skip

@@ -74,7 +74,9 @@ class Constraints:
         roles = "parent", "child"
         parent, child = (int(values.get(f"{role}LinkIndex", (-1,))[0]) for role in roles)
         pivots = [values.get(f"{role}FramePosition", (0.0,) * 3) for role in roles]
-        turned = values.get("parentFrameOrientation", (0.0, 0.0, 0.0, 1.0))
+        turned = values.get("parentFrameOrientation", ())
+        # PyBullet passes over an orientation that is not four numbers.
+        turned = turned if len(turned) == 4 else (0.0, 0.0, 0.0, 1.0)
         held = Held(
             at, int(values.get("jointType", (-1,))[0]), bodies, (parent, child),
             (pivots[0], pivots[1]), turned,

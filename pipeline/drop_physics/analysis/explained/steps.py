@@ -174,7 +174,7 @@ def _reported(
         gravity_m_s2=gravity_m_s2,
         motors=ends.effort[:, : tree.joint_rates],
         commanded=around.commands.commanded(tree, ends.steps),
-        pd=around.commands.pd(tree, ends.steps, before),
+        pd=around.commands.pd(law, ends.steps, before),
         contacts=around.touching.forces(sides, at),
         constraints=acting.forces,
         geared=acting.geared,
