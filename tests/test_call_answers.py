@@ -379,6 +379,7 @@ open("{path}", "w").write('''<robot name="plate"><link name="plate">{inertial}
 p.setGravity(0, 0, -9.81)
 b = p.loadURDF("{path}", [0, 0, 1]{how})
 {more}
+p.applyExternalTorque(b, -1, [0.1, 0.1, 0.1], p.LINK_FRAME)
 steps(3)
 """
 INERTIAL = (
@@ -434,6 +435,14 @@ def test_links_whose_mass_is_given(scene: tuple[str, str, str], tmp_path: Path) 
     ],
 )
 def test_an_inertia_of_the_shape(scene: str, joint: str, ratio: float, tmp_path: Path) -> None:
+    rest = scene + "steps(20)"
+    assert not ask(rest, tmp_path, "inertia-from-shape")  # nothing turns
+    scene += (
+        f"j = [p.getJointInfo(0, n)[1] for n in range(p.getNumJoints(0))].index(b{joint!r})\n"
+        "p.resetJointState(0, j, -1)\n"
+        "p.setJointMotorControl2(0, j, p.VELOCITY_CONTROL, force=0)\n"
+        "p.setJointMotorControl2(0, j, p.TORQUE_CONTROL, force=0.5)\n"
+    )
     found = one(scene + "steps(2)", tmp_path, "inertia-from-shape")
     assert found.joint == joint
     assert found.effect is not None

@@ -247,7 +247,7 @@ HELD = {
         DOWN + FLOOR + 'k = p.loadURDF("husky/husky.urdf", [0, 0, 0.14])\n',
         TORQUE.replace("k, 1,", "k, 2,"), 2, "does not follow the torques",
     ),
-    "a pole": (POLE, "steps(240)\n", 1, "takes its weight, 0.24 N m on average"),
+    "a pole": (POLE, "steps(240)\n", 1, "takes 100% of its weight, 0.24 N m on average"),
     "a door": (HIT, "steps(240)\n", 0, "takes what touches it"),
 }  # fmt: skip
 

@@ -86,7 +86,7 @@ for i in range(480):
 """
     )
     (found,) = said("off-target", scene, tmp_path)
-    assert "while its targets change" in found.message
+    assert "its motor is at its limit of 5 N m in 480 of 480 steps" in found.message
     assert "480 of 480 steps" in found.message
 
 

@@ -10,31 +10,24 @@ from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, site_of
 from drop_physics.analysis.answers.arguments import calls_of, given, number
+from drop_physics.analysis.answers.inertia_from_shape import OtherInertia, other_inertia
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
-from drop_physics.laws.columns import rotation
-from drop_physics.laws.dynamics import mass_matrix
-from drop_physics.laws.kinematics import Kinematics, kinematics
+from drop_physics.laws.kinematics import kinematics
 from drop_physics.laws.lookup import RIGID
-from drop_physics.laws.rotations import matrix
 from drop_physics.laws.tree import BASE, RATES, Tree
 from drop_physics.messages import Message
 from drop_physics.seen.calls import Call
-from drop_physics.seen.events import Body, Collision, FileLink
+from drop_physics.seen.events import Body, FileLink
 
 Float64 = NDArray[np.float64]
 
-OFF = 0.1
-"""By which share an inertia may differ."""
-ROOM = 2.0
-"""How far a link may reach, over how far its collision shape does."""
 WITHOUT_INERTIAL_KG = 1.0
 """What PyBullet gives a link whose file has no `<inertial>`."""
 IMPOSSIBLE = Message(
     "no body has it: the two smaller moments add up to the largest or more; correct <inertia>, or "
     "give p.changeDynamics another localInertiaDiagonal"
 )
-AXES = "x", "y", "z"
 
 
 @dataclass
@@ -46,7 +39,7 @@ class _Set:
 
 
 class Inertia(Answer):
-    """Looks at each body as it is in its first step."""
+    """Looks at each body as it is in its first step, and at what its inertia does in all."""
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -55,6 +48,7 @@ class Inertia(Answer):
         """By client and the engine's id."""
         self._done: set[int] = set()
         self._found: list[Finding] = []
+        self._other: dict[int, OtherInertia] = {}
         self._alone: dict[int, tuple[Body, Call]] = {}
 
     def see(self, explained: Explained) -> None:
@@ -75,10 +69,14 @@ class Inertia(Answer):
             if number_ not in self._done and judged.stretches and len(judged.stretches[0]):
                 self._done.add(number_)
                 self._look(judged.body, judged.stretches[0])
+            if number_ in self._other:
+                for steps in judged.stretches:
+                    self._other[number_].weigh(self.scene.joints.latest.get(number_, []), steps)
 
     def findings(self) -> Iterator[Finding]:
         """Yield what was found of each body."""
         yield from self._found
+        yield from filter(None, (each.finding() for each in self._other.values()))
         rigid = {each.body.number for each in self.scene.seen.dynamics
             if int(each.reported["kind"][0]) == RIGID}  # fmt: skip
         for number_, (body, call) in self._alone.items():
@@ -105,7 +103,13 @@ class Inertia(Answer):
         self._without(body, tree, of_file)
         if tree.size and "planar" not in steps.epoch.reasons:
             kin = kinematics(tree, steps.before.at(np.array([0])))
-            self._other(body, kin, of_file)
+            given_ = [self._set.get((body.number, link), _Set()) for link in of_file]
+            left = [link for link, each in zip(of_file, given_, strict=True) if not each.inertia]
+            other = other_inertia(self.scene, body, kin, {link: of_file[link] for link in left})
+            if other is not None:
+                other.changed = next((e.mass for e in given_ if e.mass is not None), None)
+                other.loaded = self._loaded(body)
+                self._other[body.number] = other
 
     # -- no-inertial ------------------------------------------------------------------------------
 
@@ -155,68 +159,6 @@ class Inertia(Answer):
             ))  # fmt: skip
             return
 
-    # -- inertia-from-shape -----------------------------------------------------------------------
-
-    def _other(self, body: Body, kin: Kinematics, of_file: dict[int, FileLink]) -> None:
-        """Compare M with the file's inertias and with those that are used."""
-        tree, more = kin.tree, {}
-        for link, each in of_file.items():
-            told = self._set.get((body.number, link), _Set())
-            moments = _of_file(body, link, each)
-            used_kg_m2 = np.sort(tree.inertias_kg_m2[link + 1])
-            # PyBullet does not scale an inertia that it takes from the file.
-            unscaled = moments is not None and np.allclose(
-                np.linalg.eigvalsh(moments) / np.square(body.asked.scale),
-                used_kg_m2,
-                rtol=1e-6,
-                atol=0,
-            )
-            if moments is not None and not told.inertia and not unscaled:
-                turned = kin.matrix(link)[0]
-                used = turned @ np.diag(tree.inertias_kg_m2[link + 1]) @ turned.T
-                # The file's axes are those that the engine takes where it takes the shape's.
-                wanted = _in_world(self.scene, body, link, each, turned, moments)
-                more[link] = wanted - used
-        if not more:
-            return
-        diagonal = np.diagonal(mass_matrix(kin)[0])
-        ratios = {row: float(1 + sum(axis @ more[link] @ axis for link in links & more.keys())
-            / diagonal[row]) for row, axis, links in _axes(kin)}  # fmt: skip
-        off = {row: ratio for row, ratio in ratios.items() if abs(ratio - 1) > OFF and ratio > 0}
-        if not off:
-            return
-        row, ratio = max(off.items(), key=lambda pair: abs(np.log(pair[1])))
-        masses = [self._set.get((body.number, link), _Set()).mass for link in more]
-        changed = next((each for each in masses if each is not None), None)
-        self._found.append(_from_shape(body, tree, row, ratio, len(off), changed,
-            self._loaded(body)))  # fmt: skip
-
-
-def _from_shape(
-    body: Body, tree: Tree, row: int, ratio: float, count: int, changed: Call | None,
-    loaded: str | None,
-) -> Finding:  # fmt: skip
-    link = next((k for k, rate in enumerate(tree.rates) if rate.start <= row < rate.stop), None)
-    joint = None if link is None else body.joints[link].name
-    name = joint or Message("{body} about {axis}", body=body.label, axis=AXES[row % 3])
-    more = Message(" (and {n} more)", n=count - 1) if count > 1 else ""
-    cause = Message("PyBullet computes it from the collision shape")
-    if not body.collisions:
-        cause = Message("PyBullet computes it from the collision shape, and there is none")
-    advice = Message("load it with flags=p.URDF_USE_INERTIA_FROM_FILE")
-    if changed is not None:
-        cause = Message("p.changeDynamics(mass=…) computes it anew from the collision shape")
-        advice = Message("give p.changeDynamics localInertiaDiagonal together with the mass")
-    message = Message(
-        "{name}{more} has {ratio:.2f} times the inertia with the file's <inertia>: {cause}",
-        name=name, more=more, ratio=ratio, cause=cause,
-    )  # fmt: skip
-    return Finding(
-        code="inertia-from-shape", level="model", message=message, advice=advice, body=body.label,
-        joint=joint, effect=Effect(ratio, "1"), share=1 - min(ratio, 1 / ratio),
-        site=loaded if changed is None else site_of(changed),
-    )  # fmt: skip
-
 
 def _moving(tree: Tree) -> list[int]:
     """Return the links whose mass a step depends on: those that can move."""
@@ -224,56 +166,3 @@ def _moving(tree: Tree) -> list[int]:
     for link, parent in enumerate(tree.parents):
         moves.append(moves[parent + 1] or RATES[tree.joints[link]] > 0)
     return [link for link in range(BASE, tree.links) if moves[link + 1]]
-
-
-def _axes(kin: Kinematics) -> Iterator[tuple[int, Float64, set[int]]]:
-    """Yield the degrees of freedom that turn links: row, axis, and these links."""
-    tree = kin.tree
-    if not tree.fixed:
-        for row in range(3):
-            yield row, np.eye(3)[row], {*range(BASE, tree.links)}
-    for link, joint in enumerate(tree.joints):
-        if joint in ("revolute", "spherical"):
-            turned = {each for each in range(tree.links) if link in tree.branch(each)}
-            for k, axis in enumerate(kin.axes[link]):
-                yield tree.rates[link].start + k, axis[:, 0], turned
-
-
-def _of_file(body: Body, link: int, told: FileLink) -> Float64 | None:
-    """Return the file's inertia, shape (3, 3), if a body of its mass and shape can have it."""
-    if not told.mass_kg > 0 or len(told.inertia_kg_m2) != 6:
-        return None
-    xx, xy, xz, yy, yz, zz = told.inertia_kg_m2
-    moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) * np.square(body.asked.scale)
-    if not np.isfinite(moments).all():
-        return None
-    low, middle, high = np.linalg.eigvalsh(moments)
-    reach_m = max((_reach_m(each) for each in body.collisions if each.link == link), default=np.inf)
-    # A link may be larger than what is touched of it, but not by much.
-    within = high <= told.mass_kg * (ROOM * reach_m) ** 2
-    possible = low > 0 and low + middle >= high * (1 - 1e-6) and within
-    return moments if possible else None
-
-
-def _reach_m(shape: Collision) -> float:
-    """Return how far a shape reaches from its link's centre of mass, or more."""
-    if shape.hull_m:
-        return float(np.linalg.norm(np.reshape(shape.hull_m, (-1, 3)), axis=1).max())
-    size = np.array(shape.size_m)
-    reach = {"box": np.linalg.norm(size) / 2, "sphere": size[:1].sum(),
-        "cylinder": np.hypot(size[0] / 2, size[-1]), "capsule": size[0] / 2 + size[-1]}  # fmt: skip
-    return float(np.linalg.norm(shape.position_m) + reach.get(shape.kind, np.inf))
-
-
-def _in_world(
-    scene: Scene, body: Body, link: int, told: FileLink, turned: Float64, moments: Float64
-) -> Float64:
-    """Return the file's inertia in world axes; `turned` are those of the one that is used."""
-    first = next(each for each in scene.seen.dynamics if each.body.number == body.number)
-    used = matrix(first.reported["inertial_orientation"][link + 1].tolist())
-    roll, pitch, yaw = (np.array(told.rpy_rad) / 2).tolist()
-    about = [np.array([np.sin(half) * (axis == k) for k in range(3)] + [np.cos(half)])
-        for axis, half in enumerate((roll, pitch, yaw))]  # fmt: skip
-    x, y, z = (rotation(each[:, None])[:, :, 0] for each in about)
-    axes = turned @ used.T @ (z @ y @ x)
-    return np.asarray(axes @ moments @ axes.T)

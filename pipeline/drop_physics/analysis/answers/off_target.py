@@ -185,9 +185,8 @@ class OffTarget(Answer):
             template = Message(
                 "{what}: a positionGain of {kp:.3g} is the share of the gap that a step closes"
             )
-        values = {"rate": rate, "kp": kp, "count": at_limit, "steps": steps,
-            "limit": effort(float(driven.limit[stood.row[0], stood.k]), units_of(driven, stood.k)[1]),
-        }  # fmt: skip
+        limit = effort(float(driven.limit[stood.row[0], stood.k]), units_of(driven, stood.k)[1])
+        values = {"rate": rate, "kp": kp, "count": at_limit, "steps": steps, "limit": limit}
         advice = GIVE_MORE if at_limit > steps / 2 else None
         cause = Cause(template=template, values=values, advice=advice)
         return [replace(self._of(driven, stood, cause), last=True)]
