@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import resource
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 from command import environment
 from conftest import Drop
+from drop_physics import messages
 from drop_physics.stages.run import Run
 from rerun.chunk import LazyChunkStream
 
@@ -187,6 +189,24 @@ def test_where_memory_is_limited_a_library_that_aborts_is_one_line(
     assert (done.returncode, done.stdout) == (code, ""), done.stderr
     assert len(done.stderr.splitlines()) == bool(said)
     assert said in done.stderr
+
+
+@pytest.mark.parametrize("lacks", [MemoryError, OSError(errno.EMFILE, "Too many open files")])
+def test_an_error_is_said_though_no_translation_can_be_read(
+    drop: Drop, monkeypatch: pytest.MonkeyPatch, lacks: Exception
+) -> None:
+    def translation(*_: object, **__: object) -> None:
+        raise lacks
+
+    monkeypatch.setattr("gettext.translation", translation)
+    messages._catalog.cache_clear()
+    monkeypatch.setenv("DROP_LANG", "ja")
+    done = drop("analyze", "no.rrd")
+    messages._catalog.cache_clear()
+    assert (done.returncode, done.stderr) == (
+        1,
+        "drop: no.rrd does not exist; make it with: drop simulate\n",
+    )
 
 
 def test_a_reader_that_closes_the_pipe_is_not_an_error() -> None:

@@ -896,7 +896,7 @@ def test_the_examples_work_one_after_the_other(drop: Drop, tmp_path: Path, stand
     ("arguments", "said"),
     [
         (["foo"], "no such command 'foo'; see: drop --help"),
-        (["simulat"], "no such command 'simulat'. Did you mean 'simulate'?; see: drop --help"),
+        (["simulat"], "no such command 'simulat'; did you mean 'simulate'?; see: drop --help"),
         (["simulate", "--out", "a.rrd", "--higth", "2"], "--height"),
         (["sweep", "--out", "s", "--samples", "2", "--vary", "hight=uniform:1:2"], "mean height?"),
         (["sweep", "--out", "s", "--samples", "2", "--vary", "zzz=uniform:1:2"], "velocity_z"),
@@ -915,7 +915,10 @@ def test_the_examples_work_one_after_the_other(drop: Drop, tmp_path: Path, stand
             "here or in pybullet_data, got 'no.urdf', which is in neither place; try cube",
         ),
         (["simulate", "-o", "a.rrd", "--body", "."], "got '.', which is a folder; try cube"),
-        (["simulate", "-o", "a.rrd", "--body"], "option '--body' requires an argument"),
+        (
+            ["simulate", "-o", "a.rrd", "--body"],
+            "'--body' needs a value; see: drop simulate --help",
+        ),
         (["--show-completion", "tcsh"], "takes bash, zsh, fish, got 'tcsh'"),
     ],
 )

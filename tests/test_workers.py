@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
+from ctypes.util import find_library
 from pathlib import Path
 
 import pytest
 from command import environment
 from conftest import Planted
+from drop_physics.stages.run import Run
 from drop_physics.workers import Worker, cores
 
 SLOW = """
@@ -70,6 +73,7 @@ def test_ctrl_c_ends_the_wait_for_an_answer_with_polars_too(tmp_path: Path) -> N
     """Once it is imported, a signal no longer ends a read: the handler runs after the answer."""
     code = """
 import os, signal, threading, polars
+from drop_physics.stages.run import Run
 from drop_physics.workers import Worker
 polars.DataFrame({"a": [1]}).lazy().collect()
 with Worker() as worker:
@@ -95,7 +99,17 @@ def test_where_nobody_says_which_processors_may_be_used_all_are_counted(
 @pytest.mark.parametrize(
     "command",
     [
-        "run --size 32x24 --duration 0.1 --at 0.05",
+        "run --size 32x24 --duration 0.1 --at 0.05 --with-plot --caption",
+        "analyze run.rrd --table run.parquet",
+        "render run.rrd --plot plot.png --camera standard",
+        "check run.rrd --against run.rrd",
+        "info run.rrd",
+        "record -o script.rrd ../elsewhere/script.py",
+        pytest.param(
+            "run --size 32x24 --duration 0.1 --renderer egl",
+            marks=pytest.mark.skipif(not find_library("EGL"), reason="no libEGL"),
+        ),
+        pytest.param("render run.rrd --out film.mp4", marks=pytest.mark.needs("av")),
         "sweep --out s --samples 4 --jobs 2 --vary height=uniform:1:2 --no-record",
         *(
             pytest.param(
@@ -115,7 +129,17 @@ def test_where_nobody_says_which_processors_may_be_used_all_are_counted(
         ),
     ],
 )
-def test_nothing_in_the_working_directory_is_imported(planted: Planted, command: str) -> None:
+def test_nothing_in_the_working_directory_is_imported(
+    planted: Planted, tmp_path: Path, standard: Run, command: str
+) -> None:
+    """What `record` runs is the script, with the modules of its folder."""
+    if "run.rrd" in command:
+        for folder in ("empty", "here"):
+            shutil.copy(standard.simulation.recording, tmp_path / folder / "run.rrd")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere/script.py").write_text(
+        "import ctypes, json, pybullet as p\np.connect(p.DIRECT)\np.stepSimulation()\n"
+    )
     done = planted(*command.split())
     assert done.returncode == 0, done.stderr
     assert "Error" not in done.stderr

@@ -184,13 +184,12 @@ class Option:
 
     def _outside(self, value: float) -> ScenarioError:
         """Return the error; for 240 in place of 1/240 it asks whether the fraction was meant."""
-        error = Message(
-            "{option} must be {domain}, got {value}",
-            option=self.name, domain=self.domain(), value=shown(value),
-        )  # fmt: skip
+        error = outside(self.name, self.domain(), value)
         if "/" in self.default and value > self.high and self.contains(1 / value):
-            return ScenarioError("{error}; did you mean 1/{value:.9g}?", error=error, value=value)
-        return ScenarioError(error)
+            return ScenarioError(
+                "{error}; did you mean 1/{value:.9g}?", error=error.in_options, value=value
+            )
+        return error
 
 
 def option(
@@ -255,10 +254,7 @@ class Optioned:
         try:
             value = _of_kind(given, hint)
         except (TypeError, OverflowError):
-            raise ScenarioError(
-                "{option} must be {kind}, got {value}",
-                option=spec.name, kind=_kind(hint), value=shown(given),
-            ) from None  # fmt: skip
+            raise outside(spec.name, _kind(hint), given) from None
         spec.check(value)
         return value
 
@@ -302,6 +298,13 @@ def shown(value: object) -> str:
     except ValueError:  # Python refuses to write out a number of some thousand digits
         return Message("a number too long to write")
     return text if len(text) <= 120 else f"{text[:100]}…{text[-10:]}"
+
+
+def outside(option: str, domain: str, value: object) -> ScenarioError:
+    """Return the error for a value of another type, or outside its domain."""
+    return ScenarioError(
+        "{option} must be {domain}, got {value}", option=option, domain=domain, value=shown(value)
+    )
 
 
 @functools.cache

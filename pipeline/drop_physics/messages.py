@@ -125,4 +125,7 @@ def _catalog(*variables: str | None) -> gettext.NullTranslations:
     languages = next(filter(None, variables), "").split(":")
     # English needs no file: what a reader understands less comes after it.
     wanted = itertools.takewhile(lambda language: not language.startswith("en"), languages)
-    return gettext.translation("drop", LOCALE, list(wanted), fallback=True)
+    try:
+        return gettext.translation("drop", LOCALE, list(wanted), fallback=True)
+    except (MemoryError, OSError):  # which may be what there is to say
+        return gettext.NullTranslations()

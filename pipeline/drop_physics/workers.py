@@ -227,12 +227,15 @@ class WorkerDiedError(DropError):
 
     def __init__(self, exit_code: int) -> None:
         self.signal = -exit_code
-        self.how = (
-            Message("signal {signal}", signal=self.signal)
-            if exit_code < 0
-            else Message("exit code {code}", code=exit_code)
-        )
+        self.how = how_it_ended(exit_code)
         super().__init__(Message("a worker process died with {how}; run it again", how=self.how))
+
+
+def how_it_ended(exit_code: int) -> Message:
+    """Return the words for the exit code of a process: below 0 it is a signal's."""
+    if exit_code < 0:
+        return Message("signal {signal}", signal=-exit_code)
+    return Message("exit code {code}", code=exit_code)
 
 
 def module_path() -> Iterator[str]:

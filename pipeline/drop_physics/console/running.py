@@ -8,6 +8,7 @@ import gc
 import importlib
 import io
 import os
+import re
 import signal
 import sys
 from typing import TYPE_CHECKING
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 from drop_physics import workers
 from drop_physics.console.output import width
 from drop_physics.errors import NO_MEMORY, DropError, Stopped, signals
-from drop_physics.messages import Message, joined
+from drop_physics.messages import Message, joined, translated
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -39,6 +40,7 @@ def main() -> None:
     also ends in one line.
     """
     if workers.has_little_memory():
+        translated(NO_MEMORY)  # which reads all translations while there is some
         _supervise()
 
     def stop(number: int, _: object) -> None:
@@ -199,15 +201,42 @@ def _verdict(error: BaseException) -> tuple[str, int]:
         ), 1
     if isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)
-        command = "drop" if context is None else context.command_path
+        # An option that lacks its value comes without.
+        verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+        command = f"drop {verb}".strip() if context is None else context.command_path
         sentence: str | None = _unreadable(error)
         if sentence is None:
-            typers = error.format_message().rstrip(".")
-            sentence = f"{typers[:1].lower()}{typers[1:]}"
+            sentence = _of_typer(error.format_message().rstrip("."))
         return Message(
             "{error}; see: {command} --help", error=sentence, command=command
         ), error.exit_code
     return Message("{error}; DROP_DEBUG=1 shows where", error=f"{type(error).__name__}: {error}"), 1
+
+
+_TYPERS: dict[str, Callable[..., Message]] = {
+    r"Missing (?:option|argument) (.+)": lambda what: Message("{what} is missing", what=what),
+    r"No such option: (\S+)": lambda what: Message("no such option: {what}", what=what),
+    r"No such option: (\S+) \(Possible options: (.+)\)": lambda what, near: Message(
+        "no such option: {what}; did you mean {near}?", what=what, near=near
+    ),
+    r"No such command (.+?)": lambda what: Message("no such command {what}", what=what),
+    r"No such command (.+?)\. Did you mean (.+)\?": lambda what, near: Message(
+        "no such command {what}; did you mean {near}?", what=what, near=near
+    ),
+    r"Option (.+) requires an argument": lambda what: Message("{what} needs a value", what=what),
+    r"Option (.+) does not take a value": lambda what: Message("{what} takes no value", what=what),
+    r"Got unexpected extra argument\(?s?\)? \((.+)\)": lambda what: Message(
+        "nothing takes the argument {what}", what=what
+    ),
+}
+"""Typer's sentences about a wrong command line, and ours, which are translated."""
+
+
+def _of_typer(text: str) -> str:
+    """Return our message for a sentence of Typer's."""
+    found = ((make, re.fullmatch(pattern, text, re.DOTALL)) for pattern, make in _TYPERS.items())
+    ours = [make(*match.groups()) for make, match in found if match]
+    return ours[-1] if ours else f"{text[:1].lower()}{text[1:]}"
 
 
 def _unreadable(error: BaseException) -> Message | None:

@@ -277,23 +277,25 @@ def written(error: OSError) -> str | None:
     return name
 
 
+def unwritable(path: Path | str, reason: str) -> OutputError:
+    """Return the error for a file that cannot be written, by the system's reason."""
+    return OutputError(
+        "{path} cannot be written: {reason}; make room there, or choose another folder",
+        path=path,
+        reason=reason,
+    )
+
+
 @contextlib.contextmanager
 def output_errors(path: Path) -> Iterator[None]:
     """Turn the errors of the system and of Rerun about a failed write into one line of ours."""
     try:
         yield
     except OSError as error:
-        raise OutputError(
-            "{path} cannot be written: {reason}",
-            path=written(error) or path,
-            reason=error.strerror or str(error),
-        ) from error
+        reason = error.strerror or str(error)
+        raise unwritable(written(error) or path, reason) from error
     except RuntimeError as error:  # Rerun's writer, and its command line
         match = re.search(r"([\w ]+) \(os error \d+\)", str(error))
         if match is None:
             raise
-        raise OutputError(
-            "{path} cannot be written: {reason}; make room there, or choose another folder",
-            path=path,
-            reason=match[1].strip(),
-        ) from error
+        raise unwritable(path, match[1].strip()) from error

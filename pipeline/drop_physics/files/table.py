@@ -9,8 +9,8 @@ from typing import BinaryIO
 
 import polars as pl
 
-from drop_physics.errors import OutputError, check_suffix
-from drop_physics.files.outputs import check_target
+from drop_physics.errors import check_suffix
+from drop_physics.files.outputs import check_target, unwritable
 from drop_physics.files.whole import written_whole
 
 PROBE_BYTES = 1 << 16
@@ -61,6 +61,4 @@ def written_by_polars(path: Path, *, force: bool, ours: bool = False) -> Iterato
             # Polars loses the system's reason; writing a little more raises it again.
             file.write(bytes(PROBE_BYTES))
             file.flush()
-            raise OutputError(
-                "{path} cannot be written: {reason}", path=path, reason=str(error)
-            ) from error
+            raise unwritable(path, str(error)) from error

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from drop_physics.errors import OutputError
-from drop_physics.files.outputs import check_target, output_errors, part_of, sealed_of
+from drop_physics.files.outputs import check_target, output_errors, part_of, sealed_of, unwritable
 from drop_physics.files.whole import growing, onto_disk, renamed
 from drop_physics.messages import Message
 from drop_physics.recording import rrd, schema
@@ -169,11 +169,7 @@ def _unverified(path: Path, part: Path) -> OutputError:
 def _check_end(written: Path, path: Path) -> None:
     """Check that a file was not cut off: Rerun's command line may miss that the disk is full."""
     if not rrd.is_whole(written):
-        raise OutputError(
-            "{path} cannot be written: its end is missing; make room there, or choose another "
-            "folder",
-            path=path,
-        )
+        raise unwritable(path, Message("its end is missing"))
 
 
 def _check_rows(path: Path, rows: Mapping[str, int], chunks: Iterable[tuple[str, int]]) -> None:

@@ -76,7 +76,9 @@ def analyze(
     path = Path(recording)
     layer, tables = outputs_of(path, out, table, force=force)
     if not is_script(path) and body is not None:
-        raise ScenarioError("--body is for recordings of scripts; a drop has only one body")
+        raise ScenarioError(
+            "--body is for recordings of scripts, and a drop has only one body; omit it"
+        )
     progress(ANALYZING, 0, _PARTS)
     read_back = read(path)
     progress(ANALYZING, 1, _PARTS)

@@ -16,7 +16,8 @@ from drop_physics.analysis.checking.difference import Difference, Drop, Side
 from drop_physics.analysis.comparison import Comparison, compare
 from drop_physics.analysis.drop.case import case_of
 from drop_physics.analysis.drop.engines_apart import apart
-from drop_physics.errors import OutputError, RecordingError, ScenarioError, check_suffix
+from drop_physics.errors import OutputError, RecordingError, check_suffix
+from drop_physics.fields import outside
 from drop_physics.figures.animation import decoded
 from drop_physics.files.outputs import check_apart, check_target
 from drop_physics.files.whole import replaced
@@ -119,9 +120,8 @@ def check(
     """
     path, golden = Path(recording), Path(against)
     if not (math.isfinite(tolerance_m) and tolerance_m >= 0):
-        raise ScenarioError(
-            "--tolerance must be finite and at least 0, got {tolerance!r}", tolerance=tolerance_m
-        )
+        domain = Message("finite and at least {low:g}", low=0)
+        raise outside("--tolerance", domain, tolerance_m)
     run = _whole(path)
     if not update:
         if not os.path.lexists(golden):
@@ -218,14 +218,10 @@ def _make_golden(run: Recording, golden: Path) -> None:
             return
         sealing.pack(run.path, part)
         packed = _whole(part)
-        if not (packed.states.equals(run.states) and packed.contacts.equals(run.contacts)):
+        whole = packed.states.equals(run.states) and packed.contacts.equals(run.contacts)
+        if not whole or [s for s, _ in frames(part)] != [s for s, _ in frames(run.path)]:
             raise RecordingError(
-                "{golden} was not written: packing {path} changed its state",
-                golden=golden, path=run.path,
-            )  # fmt: skip
-        if [step for step, _ in frames(part)] != [step for step, _ in frames(run.path)]:
-            raise RecordingError(
-                "{golden} was not written: packing {path} lost frames",
+                "{golden} was not written: packing {path} changed it; run it again",
                 golden=golden, path=run.path,
             )  # fmt: skip
 

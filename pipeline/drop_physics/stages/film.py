@@ -15,6 +15,7 @@ from drop_physics.errors import DropError, RecordingError
 from drop_physics.figures.animation import MAX_FPS, decoded, write_animation
 from drop_physics.figures.playback import Animation, Playback, playback
 from drop_physics.files.whole import written_whole
+from drop_physics.messages import shell_command
 from drop_physics.recording.reader import Recording
 from drop_physics.recording.scene import Part, frames_of_cameras, parts_of
 from drop_physics.scenario import STANDARD_CAMERA, Camera, View
@@ -113,8 +114,10 @@ def film(
         parts = parts_of(held.path, held.seen)
         if not parts:
             raise RecordingError(
-                "{path} has nothing to show: no body with a shape that drop draws was recorded",
+                "{path} has nothing to show: no body with a shape that drop draws was recorded; "
+                "what was: {command}",
                 path=held.path,
+                command=shell_command("drop", "info", held.path),
             )
         times_s = _drawn_at(parts)
         interval_s = times_s[1] - times_s[0] if len(times_s) > 1 else 1 / DRAWN_PER_S

@@ -25,7 +25,7 @@ import numpy as np
 from drop_physics.engines.bullet import script as running
 from drop_physics.engines.bullet.script import Program
 from drop_physics.errors import ScenarioError, check_suffix
-from drop_physics.fields import all_of, shown
+from drop_physics.fields import all_of, outside, shown
 from drop_physics.files.outputs import check_apart, check_target, make_folder, reserved
 from drop_physics.messages import Message
 from drop_physics.recording import schema, writer
@@ -338,18 +338,13 @@ def checked_limits(
                 raise TypeError
             duration_s = float(duration_s)
         except (TypeError, OverflowError):
-            raise ScenarioError(
-                "{option} must be {domain}, got {value}",
-                option="--duration", domain=Message("a number"), value=shown(duration_s),
-            ) from None  # fmt: skip
+            raise outside("--duration", Message("a number"), duration_s) from None
     if steps is not None and not 1 <= steps <= LARGEST_INT:
-        raise ScenarioError(
-            "--steps must be at least 1 and below 2**63, got {steps}", steps=shown(steps)
-        )
+        raise outside("--steps", Message("at least 1 and below 2**63"), steps)
     if duration_s is not None and not 0 < duration_s < float("inf"):
-        raise ScenarioError("--duration must be above 0 s, got {duration:g}", duration=duration_s)
+        raise outside("--duration", Message("finite and above {low:g}", low=0), duration_s)
     if seed is not None and abs(seed) > LARGEST_INT:
-        raise ScenarioError("--seed must be between -2**63 and 2**63, got {seed}", seed=shown(seed))
+        raise outside("--seed", Message("between -2**63 and 2**63"), seed)
     return steps, duration_s, seed
 
 
@@ -362,10 +357,7 @@ def _integer(option: str, value: object) -> int | None:
             raise TypeError
         return operator.index(value)  # type: ignore[arg-type]
     except TypeError:
-        raise ScenarioError(
-            "{option} must be {domain}, got {value}",
-            option=option, domain=Message("a whole number"), value=shown(value),
-        ) from None  # fmt: skip
+        raise outside(option, Message("a whole number"), value) from None
 
 
 def digest_of_script(target: str, is_module: bool) -> str | None:

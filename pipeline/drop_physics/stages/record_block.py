@@ -126,7 +126,9 @@ def record(
         return
     if not answer:
         raise OutputError(
-            "{path} was not written: the process that writes the recording ended", path=path
+            "{path} was not written: the process that writes the recording ended; is there enough "
+            "memory? Record it again",
+            path=path,
         )
     result: dict[str, Any] = json.loads(answer)
     if "recording" not in result:

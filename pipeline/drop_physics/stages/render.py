@@ -113,7 +113,9 @@ def render(
     of_drop = not is_script(path)
     if not of_drop:
         if animation.caption or animation.with_plot:
-            raise ScenarioError("--caption and --with-plot need a theory, which only a drop has")
+            raise ScenarioError(
+                "--caption and --with-plot need a theory, which only a drop has; omit them"
+            )
     elif view is not None or body is not None:
         raise ScenarioError(
             "--camera and --body are for recordings of scripts; a drop's frames are taken when it "

@@ -22,7 +22,7 @@ from drop_physics.engines.bullet.engine import body_digest, engine_versions, fin
 from drop_physics.engines.bullet.probe import verdicts
 from drop_physics.engines.other_world import other_versions
 from drop_physics.errors import DropError, OutputError, ScenarioError
-from drop_physics.fields import counted
+from drop_physics.fields import counted, outside
 from drop_physics.files.outputs import check_apart, check_room, check_target
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
@@ -242,9 +242,7 @@ def sweep(
 def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: float) -> None:
     if until_ci_m is not None:
         if not 0 < until_ci_m < math.inf:
-            raise ScenarioError(
-                "--until-ci must be finite and above 0 m, got {width:g}", width=until_ci_m
-            )
+            raise outside("--until-ci", Message("finite and above {low:g}", low=0), until_ci_m)
         if plan.samples is None or plan.axes:
             raise ScenarioError("--until-ci takes one scenario with --samples, and no lists")
         if plan.samples < LEAST_SAMPLES:
@@ -254,9 +252,9 @@ def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: floa
                 samples=plan.samples,
             )
     if jobs is not None and jobs < 1:
-        raise ScenarioError("--jobs must be at least 1, got {jobs}", jobs=jobs)
+        raise outside("--jobs", Message("at least {low}", low=1), jobs)
     if not 0 <= at_s < math.inf:
-        raise ScenarioError("--at must be finite and at least 0 s, got {time:g}", time=at_s)
+        raise outside("--at", Message("finite and at least {low:g}", low=0), at_s)
 
 
 def _done(folder: Folder, plan: Plan, *, force: bool) -> dict[int, ShardDone]:

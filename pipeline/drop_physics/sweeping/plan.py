@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from drop_physics.errors import ScenarioError
-from drop_physics.fields import exact
-from drop_physics.messages import shell_command
+from drop_physics.fields import exact, outside
+from drop_physics.messages import Message, shell_command
 from drop_physics.scenario import Engine, Scenario
 from drop_physics.sweeping.sampling import Variation, drawn, variations_of
 
@@ -140,9 +140,9 @@ def plan_of(
             lists.append((name, values))
     variations = variations_of(vary)
     if samples is not None and samples < 1:
-        raise ScenarioError("--samples must be at least 1, got {samples}", samples=samples)
+        raise outside("--samples", Message("at least {low}", low=1), samples)
     if seed < 0:
-        raise ScenarioError("--seed must be at least 0, got {seed}", seed=seed)
+        raise outside("--seed", Message("at least {low}", low=0), seed)
     if samples is not None and not variations:
         raise ScenarioError(
             "--samples draws nothing without --vary; add --vary height=uniform:0.5:2, or omit it"
@@ -175,7 +175,9 @@ def plan_of(
     plan = Plan(tuple(lists), variations, samples, seed)
     if plan.runs > MOST_RUNS:
         raise ScenarioError(
-            "a sweep has at most {most:,} runs, got {runs:,}", most=MOST_RUNS, runs=plan.runs
+            "a sweep has at most {most:,} runs, got {runs:,}; give fewer values, or --samples",
+            most=MOST_RUNS,
+            runs=plan.runs,
         )
     return plan
 

@@ -49,7 +49,9 @@ class Frames:
         try:
             if not self._begun:
                 if not data.startswith(pipe.MAGIC):
-                    raise StreamError("the script's process runs another version of drop")
+                    raise StreamError(
+                        "the script's process runs another version of drop; run it again"
+                    )
                 self._begun, offset = True, len(pipe.MAGIC)
             size, head, unpack = len(data), pipe.HEADER.size, pipe.HEADER.unpack_from
             self._wanted = head

@@ -26,7 +26,7 @@ from drop_physics.engines.bullet.watching import pipe
 from drop_physics.errors import DropError, OutputError
 from drop_physics.messages import Message
 from drop_physics.seen.events import Ending, Event
-from drop_physics.workers import users_environment
+from drop_physics.workers import how_it_ended, users_environment
 
 WATCHING = Path(__file__).with_name("watching")
 
@@ -315,10 +315,10 @@ class Script(Listener):
         began = self.decoder.python or self.decoder.cut_off
         if not began and self._interrupted_at is None:
             raise DropError(
-                "{python} ended with exit code {code} before it came to the script; --python takes "
-                "the path of a Python interpreter",
+                "{python} ended with {how} before it came to the script; run it again, or name "
+                "another Python interpreter with --python",
                 python=self._process.args[0],  # type: ignore[index]
-                code=self._process.returncode,
+                how=how_it_ended(self._process.returncode),
             )
 
     def _is_over(self) -> bool:
