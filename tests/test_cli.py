@@ -170,6 +170,7 @@ running.main()
     ("how", "code", "said"),
     [
         ("os.write(2, b'memory allocation failed'); os.abort()", 1, "there is not enough memory"),
+        ("os.write(2, b'OpenBLAS error'); os._exit(1)", 1, "there is not enough memory"),
         ("os.write(2, b'a panic'); raise SystemExit(7)", 7, ""),
         ("print('mine', file=sys.stderr); return 3", 3, "mine"),
     ],

@@ -1182,7 +1182,8 @@ subprocess.Popen = Popen
     done = bench.bare(bench.script(around))
     assert (done.returncode, done.stdout) == (
         0,
-        "OutputError out.rrd was not written: the process that writes the recording ended\n",
+        "OutputError out.rrd was not written: the process that writes the recording ended; is "
+        "there enough memory? Record it again\n",
     ), done.stderr
 
 

@@ -11,6 +11,7 @@ import os
 import re
 import signal
 import sys
+from mmap import mmap
 from typing import TYPE_CHECKING
 
 from drop_physics import workers
@@ -39,9 +40,10 @@ def main() -> None:
     The command line is imported after the handlers are set, so that a signal during the import
     also ends in one line.
     """
+    ends_itself: mmap | bytearray = bytearray(1)
     if workers.has_little_memory():
         translated(NO_MEMORY)  # which reads all translations while there is some
-        _supervise()
+        ends_itself = _supervise()
 
     def stop(number: int, _: object) -> None:
         signals.append(number)
@@ -69,6 +71,7 @@ def main() -> None:
         for number in (signal.SIGINT, signal.SIGTERM):  # done: Python is only cleaning up
             signal.signal(number, signal.SIG_IGN)
         workers.given = {}
+        ends_itself[0] = 1
     _give_up_standard_output()
     raise SystemExit(code)
 
@@ -109,11 +112,13 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _supervise() -> None:
+def _supervise() -> mmap:
     """Go on in a child process, and say in one line if a library ends that for want of memory.
 
-    Libraries in C and Rust then print what they like, and abort: that is not shown.
+    Libraries in C and Rust then print what they like, and abort or exit: that is not shown. What is
+    returned is to be set to 1 where the process ends by itself.
     """
+    ends_itself = mmap(-1, 1)  # which both processes see
     child = os.fork()
     if not child:
         workers.end_with_parent()
@@ -121,11 +126,12 @@ def _supervise() -> None:
             workers.stderr = os.dup(2)
             sys.stderr = os.fdopen(workers.stderr, "w", 1, encoding=sys.stderr.encoding)
             _send_nowhere(2)
-        return
+        return ends_itself
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to the child too
     signal.signal(signal.SIGTERM, lambda number, _: os.kill(child, number))
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    if -code in (signal.SIGABRT, signal.SIGSEGV, signal.SIGBUS, signal.SIGILL):
+    crashes = (signal.SIGABRT, signal.SIGSEGV, signal.SIGBUS, signal.SIGILL)
+    if -code in crashes or (code >= 0 and not ends_itself[0]):
         from drop_physics.console.output import error as say
 
         say(NO_MEMORY)
