@@ -89,7 +89,8 @@ class EnergyGained(Answer):
         episode = self._open.pop(both, None)
         if episode is None or episode.restitution <= 0:
             return  # without, what gives it is not sure
-        if episode.given_j > GAINED * episode.brought_j > 0:
+        faster = episode.parting_m_s > max(episode.approach_m_s, 0.0)
+        if faster and episode.given_j > GAINED * episode.brought_j > 0:
             found = self._found.setdefault(both, [])
             found.append(episode)
             found[:] = sorted(found, key=lambda each: -each.given_j)[:1]

@@ -9,6 +9,7 @@ from drop_physics.analysis.answers.answer import Answer, Finding
 from drop_physics.analysis.answers.asleep import Asleep
 from drop_physics.analysis.answers.beyond_urdf import BeyondUrdf
 from drop_physics.analysis.answers.collides_as_hull import CollidesAsHull
+from drop_physics.analysis.answers.creeps import Creeps
 from drop_physics.analysis.answers.deep_penetration import DeepPenetration
 from drop_physics.analysis.answers.default_motor import DefaultMotor
 from drop_physics.analysis.answers.dragged_by_nothing import DraggedByNothing
@@ -57,6 +58,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     # contacts
     StartsInContact,
     Slides,
+    Creeps,
     NoRestitution,
     DeepPenetration,
     EnergyGained,

@@ -58,12 +58,14 @@ class NoRestitution(Answer):
     def findings(self) -> Iterator[Finding]:
         """Yield each pair of which one was to bounce."""
         for (first, second), met in self._met.items():
-            body, other = (first, second) if first in self._asked.values else (second, first)
-            asked = self._asked.values[body]
-            if self._asked.values.get(other, 0.0) > 0 or asked <= 0:
+            given, none = (first, second) if first in self._asked.values else (second, first)
+            asked = self._asked.values[given]
+            if self._asked.values.get(none, 0.0) > 0 or asked <= 0:
                 continue  # both were given: a link has none, or it came later
-            if body in self._asked.changed or self._asked.since[body] >= met.step:
+            if given in self._asked.changed or self._asked.since[given] >= met.step:
                 continue  # it may have been another when they met
+            # What moves is what bounces.
+            body, other = (given, none) if self.scene.body(given).moving else (none, given)
             if met.rebound_m_s > SWALLOWED * asked * met.approach_m_s:
                 continue
             yield Finding(
@@ -78,12 +80,12 @@ class NoRestitution(Answer):
                 ),
                 advice=Message(
                     "give {other} restitution, too: p.changeDynamics(…, restitution=1)",
-                    other=self.scene.body(other).label,
+                    other=self.scene.body(none).label,
                 ),
                 body=self.scene.body(body).label,
                 other=self.scene.body(other).label,
                 effect=Effect(asked * met.approach_m_s, "m/s"),
                 share=asked,
                 steps=Span(met.step, met.step, met.count),
-                site=self._asked.site(body),
+                site=self._asked.site(given),
             )  # fmt: skip

@@ -39,7 +39,7 @@ SLIDING = 0.8
 class Run:
     """Consecutive steps in which a body slips on another, and nothing else pushes it.
 
-    Sums over them; those of forces without the steps in which it lands.
+    Sums over them; those of forces in a grip without the steps in which it closes.
     """
 
     first: int
@@ -48,8 +48,8 @@ class Run:
     """How fast it slipped as the first of them began."""
     most_m_s: float
     sums: Float64
-    """Of slip [m], way of the centre [m], time [s], normal, available, used impulse [N s], and the
-    impulse that moving with the support takes [N s], three numbers."""
+    """Of slip [m], way of the centre [m], time [s], normal, available, used impulse [N s], the
+    impulse that moving with the support takes [N s], three numbers, and the way, three numbers."""
 
     def then(self, more: Run) -> Run:
         """Return both as one."""
@@ -64,22 +64,14 @@ class Run:
     @property
     def needed_n_s(self) -> float:
         """The impulse that moving with the support takes."""
-        return float(np.linalg.norm(self.sums[6:]))
-
-    def says(self, body_m: float) -> bool:
-        """Whether friction was not enough for what was at rest."""
-        slid, moved, _, _, available, used = self.sums[:6]
-        return bool(
-            slid > max(LEAST_M, LEAST_SHARE * body_m)
-            and self.began_m_s <= FROM_REST * self.most_m_s
-            and AT_LIMIT * available <= used
-            and self.needed_n_s > available
-            and slid >= SLIDING * moved
-        )
+        return float(np.linalg.norm(self.sums[6:9]))
 
 
 class Slides(Answer):
     """Needed is what gravity and the support's acceleration ask of friction, not a push."""
+
+    speeds_m_s = SLIPS_M_S, np.inf
+    """Of the slips that it looks at."""
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -91,9 +83,9 @@ class Slides(Answer):
         """Take a piece."""
         self._asked.see(explained)
         pairs = self.scene.touches.pairs
-        slips = (pairs.slip_m_s > SLIPS_M_S) & (pairs.normal_n > 0)
-        for both in np.unique(pairs.body[slips], axis=0).tolist():
-            rows = np.flatnonzero(slips & (pairs.body == both).all(axis=1))
+        low_m_s, high_m_s = self.speeds_m_s
+        slips = (pairs.slip_m_s > low_m_s) & (pairs.slip_m_s < high_m_s) & (pairs.normal_n > 0)
+        for *both, rows in pairs.by_pair(slips):
             for side, number in enumerate(both):
                 judged = explained.bodies.get(number)
                 if judged is None or both[0] == both[1] or _jointed(judged):
@@ -112,20 +104,32 @@ class Slides(Answer):
     def _close(self, body: int, other: int) -> None:
         """Keep the longest slip of those that friction could not stop."""
         run = self._open.pop((body, other), None)
-        if run is None or not run.says(size_m(self.scene.body(body))):
+        if run is None or not self.says(run, size_m(self.scene.body(body))):
             return
         found = self._found.get((body, other))
         if found is None or run.slid_m > found.slid_m:
             self._found[body, other] = run
+
+    def says(self, run: Run, body_m: float) -> bool:
+        """Whether friction was not enough for what was at rest."""
+        slid, moved, _, _, available, used = run.sums[:6]
+        return bool(
+            slid > max(LEAST_M, LEAST_SHARE * body_m)
+            and run.began_m_s <= FROM_REST * run.most_m_s
+            and AT_LIMIT * available <= used
+            and run.needed_n_s > available
+            and slid >= SLIDING * moved
+        )
 
     def findings(self) -> Iterator[Finding]:
         """Yield each body that slides, with what it slides on."""
         for body, other in [*self._open]:
             self._close(body, other)
         for (body, other), run in self._found.items():
-            yield self._finding(body, other, run)
+            yield self.finding(body, other, run)
 
-    def _finding(self, body: int, other: int, run: Run) -> Finding:
+    def finding(self, body: int, other: int, run: Run) -> Finding:
+        """Return what is said of a body and what it slips on."""
         slid, _, seconds, normal, available, *_ = run.sums.tolist()
         on, needed = self.scene.body(other).label, run.needed_n_s
         return Finding(
@@ -158,22 +162,26 @@ def _jointed(judged: Judged) -> bool:
 
 def _runs(pairs: Pairs, rows: Rows, side: int, judged: Judged) -> Iterator[Run]:
     """Yield runs of consecutive steps of a pair."""
-    needed, others, pushed, moved = _forces(pairs, rows, side, judged)
+    needed, others, pushed, pressed, way = _forces(pairs, rows, side, judged)
     normal = pairs.normal_n[rows]
     # What is held from both sides hangs back, whoever else carries it; elsewhere that is a push.
     gripped = np.linalg.norm(pairs.pressed_n[rows], axis=1) < GRIPPED * normal
     alone = (pushed <= NONE * normal) & (gripped | (others <= NONE * normal))
     alone &= pairs.one_line[rows] & pairs.explained[rows].all(axis=1)
-    rows, needed, moved = rows[alone], needed[alone], moved[alone]
+    rows, needed, way, gripped = rows[alone], needed[alone], way[alone], gripped[alone]
     if not len(rows):
         return
     step, dt, slip = pairs.step[rows], pairs.timestep_s[rows], pairs.slip_m_s[rows]
-    steady = np.abs(pairs.approach_m_s[rows]) < LANDS_M_S
+    # What lies on one side presses with what it needs, on average: step by step it chatters.
+    normal = np.where(gripped, pairs.normal_n[rows], pressed[alone])
+    available = pairs.available_n[rows] / pairs.normal_n[rows] * normal
+    steady = ~gripped | (np.abs(pairs.approach_m_s[rows]) < LANDS_M_S)
     size = np.linalg.norm(needed, axis=1)
     towards = np.divide(needed, size[:, None], out=np.zeros_like(needed), where=size[:, None] > 0)
     used = np.einsum("ni,ni->n", pairs.tangential_n[rows], towards) * (-1.0 if side else 1.0)
-    forces = [np.ones(len(rows)), pairs.normal_n[rows], pairs.available_n[rows], used, *needed.T]
-    numbers = np.column_stack([slip, moved, *(each * steady for each in forces)]) * dt[:, None]
+    forces = [np.ones(len(rows)), normal, available, used, *needed.T]
+    ways = [slip, np.linalg.norm(way, axis=1)]
+    numbers = np.column_stack([*ways, *(each * steady for each in forces), way]) * dt[:, None]
     starts = np.flatnonzero(np.diff(step, prepend=step[0] - 2) != 1)
     sums, most = np.add.reduceat(numbers, starts), np.maximum.reduceat(slip, starts)
     began = pairs.began_slip_m_s[rows][starts]
@@ -184,14 +192,15 @@ def _runs(pairs: Pairs, rows: Rows, side: int, judged: Judged) -> Iterator[Run]:
 
 def _forces(
     pairs: Pairs, rows: Rows, side: int, judged: Judged
-) -> tuple[Float64, Float64, Float64, Float64]:
+) -> tuple[Float64, Float64, Float64, Float64, Float64]:
     """Return what of a body's weight and inertia friction has to carry, shape (n, 3) [N].
 
-    Then what other bodies do to it, what pushes and constraints do [N], and how fast its centre
-    moves along the contact [m/s], shape (n,) each. NaN where the sum says nothing.
+    Then what other bodies do to it, what pushes and constraints do, what of its weight and inertia
+    presses it on [N], shape (n,) each, and how its centre moves along the contact [m/s], shape
+    (n, 3). NaN where the sum says nothing.
     """
-    needed = np.full((len(rows), 3), np.nan)
-    other, pushed, moved = np.full((3, len(rows)), np.nan)
+    needed, moved = np.full((2, len(rows), 3), np.nan)
+    other, pushed, pressed = np.full((3, len(rows)), np.nan)
     points, weights = pairs.points, pairs.points.normal_n[:, None]
     held = (points.ended_m_s - points.began_m_s)[:, 1 - side]
     support = pairs.summed(weights * held)[rows] / pairs.normal_n[rows, None]
@@ -204,11 +213,11 @@ def _forces(
         at = np.searchsorted(steps.steps, pairs.step[rows][its])
         mass_kg = float(steps.law.tree.masses_kg[0])
         asked = mass_kg * (support[its] / dt[its] - steps.reported.gravity_m_s2[at])
-        needed[its] = asked - np.einsum("ni,ni->n", asked, line[its])[:, None] * line[its]
+        along = np.einsum("ni,ni->n", asked, line[its])
+        needed[its], pressed[its] = asked - along[:, None] * line[its], np.abs(along)
         others = steps.terms["contacts"][at, 3:6] / dt[its] - sign * pairs.force_n[rows][its]
         more = (steps.terms["constraints"] + steps.terms["applied"])[at, 3:6] / dt[its]
         other[its], pushed[its] = (np.linalg.norm(each, axis=1) for each in (others, more))
         way = steps.after.velocity[at, 3:6] - mean[its]
-        way = way - np.einsum("ni,ni->n", way, line[its])[:, None] * line[its]
-        moved[its] = np.linalg.norm(way, axis=1)
-    return needed, other, pushed, moved
+        moved[its] = way - np.einsum("ni,ni->n", way, line[its])[:, None] * line[its]
+    return needed, other, pushed, pressed, moved
