@@ -211,7 +211,7 @@ def test_the_standard_view_sees_the_whole_of_what_moves(record: Record, tmp_path
 
 def test_what_cannot_be_shown_is_said_in_a_line(record: Record, tmp_path: Path, drop: Drop) -> None:
     path = record(FALLS)
-    with pytest.raises(ScenarioError, match="which only a drop has"):
+    with pytest.raises(ScenarioError, match="needs a theory, which only a drop has"):
         render(path, out=tmp_path / "a.gif", animation=Animation(caption=True))
     with pytest.raises(ScenarioError, match="'duck', which is none; it has: 0"):
         render(path, out=tmp_path / "a.gif", view="follow", body="duck")
@@ -316,6 +316,16 @@ def test_a_film_has_a_floor_of_tiles_edges_and_a_clock(
     assert around < (20 if dark else 90)  # an edge, darker than box, tiles and page
     shades = {tuple(last[row, column]) for row, column in red.tolist()}
     assert len(shades) >= 3  # of top and two sides
+
+
+def test_a_plot_of_what_is_found_grows_beside_a_film(record: Record, tmp_path: Path) -> None:
+    render(record(FALLS), out=tmp_path / "both.gif", animation=Animation(with_plot=True))
+    shown = pictures(tmp_path / "both.gif")
+    assert {one.shape for one in shown} == {(360, 960, 3)}
+    plots = [picture[:, 480:].astype(int) for picture in shown]
+    left = slice(60, 200)  # the first third of the time axis
+    assert (plots[0][:, left] != plots[5][:, left]).any()
+    assert (plots[5][:, left] == plots[10][:, left]).all()
 
 
 def test_a_btrigidbody_is_drawn_round_its_centre_of_mass(record: Record, tmp_path: Path) -> None:

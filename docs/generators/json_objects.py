@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import polars as pl
-from drop_physics.analysis import results as script
 from drop_physics.analysis import apart
+from drop_physics.analysis import results as script
 from drop_physics.analysis.answers import answer
 from drop_physics.analysis.checking.calls import OtherCall
 from drop_physics.analysis.checking.difference import Difference, Largest, Setting

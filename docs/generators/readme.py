@@ -5,6 +5,7 @@ The README's commands draw them; the dark ones add `--dark`, which no page shows
 
 from __future__ import annotations
 
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -21,13 +22,27 @@ FILM = (
     "drop render film.rrd --with-plot --speed 0.25",
 )
 """The README's commands for its first picture."""
+ARM = (
+    "drop record docs/examples/arm.py",
+    "drop render recordings/arm.rrd --with-plot --speed 1 --fps 10 --out arm.gif",
+    "drop render recordings/arm.rrd --with-plot --speed 1 --fps 10 --out arm-dark.gif --dark",
+)
+"""Those for the picture of a robot."""
 COMMANDS = (
+    *ARM,
     *FILM,
     f"{FILM[1]} --dark --out film-dark.gif --plot film-dark.png",
     "drop run",
     "drop render recordings/run.rrd --dark --out run-dark.gif --plot run-dark.png",
 )
-DRAWN = ("film.gif", "film-dark.gif", "recordings/run.png", "run-dark.png")
+DRAWN = (
+    "arm.gif",
+    "arm-dark.gif",
+    "film.gif",
+    "film-dark.gif",
+    "recordings/run.png",
+    "run-dark.png",
+)
 VIEWER = IMAGES / "viewer.png"
 TITLE_BAR_PX = 38
 """Left out: it shows details of the machine, which has no display."""
@@ -45,6 +60,7 @@ def made() -> dict[Path, bytes]:
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        shutil.copytree(ROOT / "docs/examples", folder / "docs/examples")
         _type(COMMANDS, folder)
         return {IMAGES / Path(file).name: small(folder / file) for file in DRAWN}
 

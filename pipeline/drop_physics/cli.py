@@ -83,7 +83,11 @@ Duration = Annotated[
     typer.Option(parser=a_number, metavar="SECONDS", help="Stop it after this simulated time [s]."),
 ]
 WithPlot = Annotated[
-    bool, typer.Option("--with-plot", help="Plot heights and error beside the frames.")
+    bool,
+    typer.Option(
+        "--with-plot",
+        help="Plot heights and error, or of a script its findings, beside the frames.",
+    ),
 ]
 
 

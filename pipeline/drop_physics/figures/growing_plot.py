@@ -5,6 +5,7 @@ It is drawn twice, with and without its data; a moment shows the first up to now
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,9 @@ from drop_physics.figures import style
 from drop_physics.figures.error_panel import COLUMNS, draw_terms
 from drop_physics.figures.height_panel import CURVES, draw_heights
 from drop_physics.figures.plot import with_theory_that_applies
+from drop_physics.figures.story import Story
+from drop_physics.figures.story_plot import draw_beside
+from drop_physics.figures.style import Ink, Unit
 
 if TYPE_CHECKING:
     import polars as pl
@@ -30,7 +34,62 @@ HEIGHT_IN = 3.3
 """Height of the figure [inch], which sets the relative size of its letters."""
 
 
-class GrowingPlot:
+class Growing:
+    """A plot up to any moment; `_take` draws it."""
+
+    def _take(self, canvas: FigureCanvasAgg, panels: Sequence[Axes], time: Unit, ink: Ink) -> None:
+        whole = _pixels(canvas)
+        for axes in panels:
+            for data in (*axes.lines, *axes.collections):
+                data.set_visible(False)
+        bare = _pixels(canvas)
+        width, height = whole.size
+        both = Image.new("RGB", (2 * width, height))
+        both.paste(whole)
+        both.paste(bare, (width, 0))
+        few = both.quantize(COLOURS, dither=Image.Dither.NONE).convert("RGB")
+        self._whole = few.crop((0, 0, width, height))
+        self._bare = few.crop((width, 0, 2 * width, height))
+        self._ink, self._time, self._to_px = ink, time, panels[0].transData
+        self._end = round(panels[0].bbox.x1) + 1
+        self._panels_px = [
+            (height - round(axes.bbox.y1), height - round(axes.bbox.y0)) for axes in panels
+        ]
+
+    def at(self, time_s: float) -> Image.Image:
+        """Return the plot as it is at a time [s]: a picture of the size asked for."""
+        now = round(float(self._to_px.transform((time_s * self._time.per_si, 0.0))[0]))
+        picture = self._bare.copy()
+        picture.paste(self._whole.crop((0, 0, min(now + 1, self._end), picture.height)))
+        for top, bottom in self._panels_px:
+            ImageDraw.Draw(picture).line((now, top, now, bottom), fill=self._ink.faint)
+        return picture
+
+
+class GrowingStory(Growing):
+    """What the plot of a script tells, up to any moment: its title, and its first panels.
+
+    Parameters
+    ----------
+    story
+        With a panel at least.
+    size_px
+        Width and height [px].
+    dark
+        Whether it is for a dark page.
+    """
+
+    def __init__(self, story: Story, size_px: tuple[int, int], *, dark: bool) -> None:
+        ink = style.DARK if dark else style.LIGHT
+        with style.plain(ink):
+            dpi = size_px[1] / HEIGHT_IN
+            figure = Figure(figsize=(size_px[0] / dpi, HEIGHT_IN), dpi=dpi)
+            canvas = FigureCanvasAgg(figure)
+            panels, time = draw_beside(figure, story, ink)
+            self._take(canvas, panels, time, ink)
+
+
+class GrowingPlot(Growing):
     """The plot of a drop, up to any moment of it.
 
     Parameters
@@ -45,28 +104,16 @@ class GrowingPlot:
 
     def __init__(self, table: pl.DataFrame, size_px: tuple[int, int], *, dark: bool) -> None:
         width, height = size_px
-        self._ink = style.DARK if dark else style.LIGHT
-        self._time = style.unit_for(float(table["time_s"][-1]), style.SECONDS, usual="s")
-        with style.plain(self._ink):
+        ink = style.DARK if dark else style.LIGHT
+        self._ink, self._time = (
+            ink, style.unit_for(float(table["time_s"][-1]), style.SECONDS, usual="s"),
+        )  # fmt: skip
+        with style.plain(ink):
             dpi = height / HEIGHT_IN
             figure = Figure(figsize=(width / dpi, height / dpi), dpi=dpi)
             canvas = FigureCanvasAgg(figure)
-            above, below = self._drawn(figure, table)
-            whole = _pixels(canvas)
-            for axes in (above, below):
-                for data in (*axes.lines, *axes.collections, *axes.texts):
-                    data.set_visible(False)
-            bare = _pixels(canvas)
-        both = Image.new("RGB", (2 * width, height))
-        both.paste(whole)
-        both.paste(bare, (width, 0))
-        few = both.quantize(COLOURS, dither=Image.Dither.NONE).convert("RGB")
-        self._whole = few.crop((0, 0, width, height))
-        self._bare = few.crop((width, 0, 2 * width, height))
-        self._to_px = above.transData
-        self._panels_px = [
-            (height - round(axes.bbox.y1), height - round(axes.bbox.y0)) for axes in (above, below)
-        ]
+            panels = self._drawn(figure, table)
+            self._take(canvas, panels, self._time, ink)
 
     def _drawn(self, figure: Figure, table: pl.DataFrame) -> tuple[Axes, Axes]:
         above, below = figure.subplots(2, 1, sharex=True)
@@ -112,15 +159,6 @@ class GrowingPlot:
                 borderaxespad=0,
             )
         return above, below
-
-    def at(self, time_s: float) -> Image.Image:
-        """Return the plot as it is at a time [s]: a picture of the size asked for."""
-        now = round(float(self._to_px.transform((time_s * self._time.per_si, 0.0))[0]))
-        picture = self._bare.copy()
-        picture.paste(self._whole.crop((0, 0, now + 1, picture.height)))
-        for top, bottom in self._panels_px:
-            ImageDraw.Draw(picture).line((now, top, now, bottom), fill=self._ink.faint)
-        return picture
 
 
 def _pixels(canvas: FigureCanvasAgg) -> Image.Image:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import io
 import textwrap
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from drop_physics import colours
 from drop_physics.figures import style
 from drop_physics.figures.gif import MADE_BY_DROP
 from drop_physics.figures.story import Curve, Panel, Story
@@ -31,6 +33,8 @@ NAME = 21
 """Characters of a curve's name that fit beside a panel."""
 APART = 0.135
 """Least distance of two names, as a share of a panel's height."""
+BESIDE, BESIDE_TITLE = 2, 50
+"""Panels beside a film, and characters in a line of its title."""
 USUAL, TALLER = 98.0, 3.0
 """Peaks over TALLER times this percentile of a panel are cut off."""
 
@@ -63,6 +67,24 @@ def build_story(story: Story, ink: Ink) -> Figure:
         _draw(each, panel, time, ink)
     figure.align_ylabels(axes)
     return figure
+
+
+def draw_beside(figure: Figure, story: Story, ink: Ink) -> tuple[list[Axes], Unit]:
+    """Draw title and first panels into a small figure; return them, and the unit of time."""
+    shown = story.panels[:BESIDE]
+    title = _wrapped([story.title], BESIDE_TITLE, MOST_TITLE)
+    figure.text(0.03, 0.97, "\n".join(title), size=10, weight="bold", va="top")
+    end_s = max(float(curve.times_s[-1]) for panel in shown for curve in panel.curves)
+    time = style.unit_for(end_s, style.SECONDS, usual="s")
+    axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    figure.subplots_adjust(0.12, 0.12, 0.84, 0.8, hspace=0.35)
+    axes[-1].set_xlim(0, end_s * time.per_si or 1)
+    axes[-1].set_xlabel(style.words("time [{unit}]", unit=time.name), size=9)
+    for each, panel in zip(axes, shown, strict=True):
+        _draw(each, replace(panel, mark="", span_s=None), time, ink)
+        each.set_title(each.get_title(loc="left"), loc="left", size=9.5, pad=4, color=ink.text)
+        each.tick_params(labelsize=8.5)
+    return [*axes], time
 
 
 def told_story(story: Story, format: str, *, dark: bool) -> bytes:  # noqa: A002
@@ -99,7 +121,7 @@ def _draw(axes: Axes, panel: Panel, time: Unit, ink: Ink) -> None:
         thin = len(curve.times_s) > 1
         axes.plot(
             curve.times_s * time.per_si, curve.values,
-            color=curve.colour or ink.text,
+            color=_colour(curve, ink),
             lw={"line": 1.8, "wide": 5.0, "dashed": 1.5}[curve.look],
             linestyle=style.DASHED if curve.look == "dashed" else "-",
             marker=None if thin else "o", markersize=4,
@@ -107,6 +129,10 @@ def _draw(axes: Axes, panel: Panel, time: Unit, ink: Ink) -> None:
         )  # fmt: skip
     _limit(axes, panel, ink)
     _name(axes, panel.curves, ink)
+
+
+def _colour(curve: Curve, ink: Ink) -> str:
+    return ink.simulated if curve.colour == colours.SIMULATED else curve.colour or ink.text
 
 
 def _limit(axes: Axes, panel: Panel, ink: Ink) -> None:
@@ -147,7 +173,7 @@ def _name(axes: Axes, curves: Sequence[Curve], ink: Ink) -> None:
         name = textwrap.shorten(style.words(curve.name), 2 * NAME, placeholder="…")
         axes.annotate(
             textwrap.fill(name, NAME), (1, place), xycoords="axes fraction", xytext=(6, 0),
-            textcoords="offset points", va="center", size=10, color=curve.colour or ink.text,
+            textcoords="offset points", va="center", size=10, color=_colour(curve, ink),
             annotation_clip=False, linespacing=0.95,
         )  # fmt: skip
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from drop_physics.errors import DropError, RecordingError
 from drop_physics.figures.animation import MAX_FPS, decoded, write_animation
 from drop_physics.figures.playback import Animation, Playback, playback
+from drop_physics.figures.story import Story
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import shell_command
 from drop_physics.recording.reader import Recording
@@ -67,6 +68,7 @@ def film(
     view: View | None,
     body: str | None,
     dark: bool,
+    story: Story | None,
     force: bool,
     ours: bool,
     report: Callable[[int, int], None],
@@ -89,6 +91,8 @@ def film(
         The body for `close` and `follow`, by name or number; None for the one that moves farthest.
     dark
         Whether what is drawn is for a dark page.
+    story
+        What grows in a plot beside it; None for no plot.
     force, ours
         As for `written_whole`.
     report
@@ -126,10 +130,28 @@ def film(
         poses = np.stack([part.at(shown_s) for part in parts], axis=1)
         cameras = _cameras(held.seen, parts, poses, view or "standard", body)
         pictures = _drawn(parts, poses, shown_s, cameras, dark)
+    if story is not None:
+        pictures = _with_plot(pictures, np.array(times_s)[played.frames], story, dark)
     with written_whole(gif, force=force, ours=ours) as file:
         reported = _reported(pictures, len(played.frames), report)
         count = write_animation(reported, file, suffix=gif.suffix, fps=played.fps)
     return count, played
+
+
+def _with_plot(
+    pictures: Iterator[Image.Image], times_s: Float64, story: Story, dark: bool
+) -> Iterator[Image.Image]:
+    from PIL import Image
+
+    from drop_physics.figures.growing_plot import GrowingStory  # loads matplotlib
+
+    plot: GrowingStory | None = None
+    for picture, time_s in zip(pictures, times_s.tolist(), strict=True):
+        plot = plot or GrowingStory(story, picture.size, dark=dark)
+        both = Image.new("RGB", (2 * picture.width, picture.height))
+        both.paste(picture)
+        both.paste(plot.at(time_s), (picture.width, 0))
+        yield both
 
 
 def _drawn_at(parts: Sequence[Part]) -> list[float]:

@@ -112,10 +112,8 @@ def render(
     path = Path(recording)
     of_drop = not is_script(path)
     if not of_drop:
-        if animation.caption or animation.with_plot:
-            raise ScenarioError(
-                "--caption and --with-plot need a theory, which only a drop has; omit them"
-            )
+        if animation.caption:
+            raise ScenarioError("--caption needs a theory, which only a drop has; omit it")
     elif view is not None or body is not None:
         raise ScenarioError(
             "--camera and --body are for recordings of scripts; a drop's frames are taken when it "
@@ -135,13 +133,17 @@ def render(
     report = functools.partial(progress, Message("writing {suffix}", suffix=gif.suffix[1:]))
     read_back = read(path)
     if not of_drop:
-        count, played = film(
-            read_back, gif, animation=animation, view=view, body=body, dark=dark,
-            force=force, ours=out is None, report=report,
-        )  # fmt: skip
+        from drop_physics.stages.telling import story_of
+
         ended = read_back.ended or {}
         told = analysis_of(read_back.seen, read_back.origin | {"ended": ended.get("ended"),
             "error": ended.get("error")})  # fmt: skip
+        story = story_of(told)
+        count, played = film(
+            read_back, gif, animation=animation, view=view, body=body, dark=dark,
+            story=story if animation.with_plot and story.panels else None,
+            force=force, ours=out is None, report=report,
+        )  # fmt: skip
         with written_whole(plotted, force=force, ours=plot is None) as file:
             file.write(_story(told, plotted.suffix[1:], dark))
         return Rendering(gif=gif, frames=count, fps=played.fps, plot=plotted, speed=played.speed)

@@ -26,6 +26,8 @@ LIGHT = (0.5, -1.2, 2.0)
 """Where it comes from: no two faces of a box have one shade."""
 BEND = 0.02
 """Where nearness bends by more of itself between pixels, there is an edge: a flat face has none."""
+SHADES = 8
+"""Shades that differ by less are one: a gif has few colours."""
 EDGE = 0.35
 """Share of its colour that an edge keeps."""
 DRAWN_MESHES = (".obj", ".stl", ".dae")
@@ -165,6 +167,7 @@ def _picture(
         physicsClientId=client,
     )
     pixels = np.array(rgba, dtype=np.uint8).reshape(height, width, 4)[:, :, :3]
+    pixels -= pixels % SHADES
     numbers = np.reshape(bodies, (height, width))
     near_m, far_m = camera.near_m, camera.far_m
     nearness = far_m - (far_m - near_m) * np.reshape(depth, (height, width)).astype(np.float64)
