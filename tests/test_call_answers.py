@@ -441,7 +441,7 @@ def test_an_inertia_of_the_shape(scene: str, joint: str, ratio: float, tmp_path:
         f"j = [p.getJointInfo(0, n)[1] for n in range(p.getNumJoints(0))].index(b{joint!r})\n"
         "p.resetJointState(0, j, -1)\n"
         "p.setJointMotorControl2(0, j, p.VELOCITY_CONTROL, force=0)\n"
-        "p.setJointMotorControl2(0, j, p.TORQUE_CONTROL, force=0.5)\n"
+        "p.setJointMotorControl2(0, j, p.TORQUE_CONTROL, force=5)\n"
     )
     found = one(scene + "steps(2)", tmp_path, "inertia-from-shape")
     assert found.joint == joint

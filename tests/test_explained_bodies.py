@@ -537,8 +537,8 @@ def test_pd_control_outlives_the_body(
     seen: Callable[[str], Seen], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """PyBullet keeps it by the id, beyond `resetSimulation`; forgotten there, nothing closes."""
-    monkeypatch.setattr(commands.Commands, "pd", lambda _, tree, ends, __: np.zeros(
-        (len(ends), tree.joint_rates)))  # fmt: skip
+    monkeypatch.setattr(commands.Commands, "pd", lambda _, law, ends, __: np.zeros(
+        (len(ends), law.tree.joint_rates)))  # fmt: skip
     totals = explanation(seen(AGAIN)).totals[0]
     assert totals.unexplained["remainder"].samples >= 100
 
