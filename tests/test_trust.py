@@ -6,6 +6,7 @@ import json
 import math
 from pathlib import Path
 
+import polars as pl
 import pytest
 from conftest import Drop
 from drop_physics import analyze
@@ -197,3 +198,24 @@ def test_an_interrupted_call_is_resumed_and_damage_is_found(tmp_path: Path) -> N
     with pytest.raises(OutputError, match="altered or replaced"):
         trusted(tmp_path, scene, vary=vary)
     assert ends(trusted(tmp_path, scene, vary=vary, force=True)) == ends(first)
+
+
+def test_distances_are_written_as_a_table_and_plotted(tmp_path: Path) -> None:
+    scene = "b = p.loadURDF('cube.urdf', [0, 0, 9])\nsteps(24)\n"
+    plots = [tmp_path / f"{name}.svg" for name in ("light", "dark")]
+    for plot in plots:
+        found = trusted(
+            tmp_path, scene, vary=["gravity=9", "timestep/2"], plot=plot, dark="dark" in plot.name,
+            table=tmp_path / "t.csv", force=True,
+        )  # fmt: skip
+    table = pl.read_csv(tmp_path / "t.csv")
+    assert table["variation"].to_list() == ["gravity=9"] * 2 + ["timestep/2"] * 2
+    assert table["end"].to_list() == [
+        track.end for each in found.variations for track in each.apart.tracks
+    ]
+    light, dark = (plot.read_text() for plot in plots)
+    assert all(">gravity=9<" in text and ">1e-" in text for text in (light, dark))
+    assert "#0d1117" in dark
+    assert "#0d1117" not in light
+    with pytest.raises(ScenarioError, match="plot must"):
+        trusted(tmp_path, scene, plot=tmp_path / "x.gif")

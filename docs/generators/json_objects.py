@@ -287,7 +287,7 @@ VARIATION = Object(
      "ended": Literal["finished", "steps", "duration", "idle", "disk", "failed"],
      "error": str | None, "steps": int, "most": [DISTANCE], "end": [DISTANCE],
      "from_s": float | None, "term": str | None},
-    {"name": "`timestep/2`, `timestep/4`, `iterations*4`, `residual 0`, `nudge`, `seed`, or NAME=V.",
+    {"name": "`timestep/2`, `iterations*4`, `residual 0`, `nudge`, `seed`, or NAME=V.",
      "recording": "Its recording.", "ended": "How it ended, as of `drop record`.",
      "error": "The error that the script failed with.",
      "steps": "How many steps the script made: with timestep/K, each is K of the engine.",

@@ -5,7 +5,8 @@ recording, from which alone all else is computed: `analyze` breaks its error dow
 gif and a plot. `run` does the three in a row, `sweep` does many drops. `check` compares a recording
 with a golden one, and `info` describes one.
 
-`record` records what a block of Python does with PyBullet, `record_script` what a script does.
+`record` records what a block of Python does with PyBullet, `record_script` what a script does;
+`trust` runs a script again with variations, and tells what of its result stands.
 
     from drop_physics import Scenario, simulate, analyze, render
 
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
     from drop_physics.stages.simulate import simulate as simulate
     from drop_physics.stages.sweep import Sweep as Sweep
     from drop_physics.stages.sweep import sweep as sweep
+    from drop_physics.stages.trust import Trust as Trust
+    from drop_physics.stages.trust import trust as trust
     from drop_physics.sweeping.plan import Plan as Plan
     from drop_physics.sweeping.plan import plan_of as plan_of
 
@@ -69,6 +72,8 @@ _HOMES = {
     "Run": "drop_physics.stages.run",
     "sweep": "drop_physics.stages.sweep",
     "Sweep": "drop_physics.stages.sweep",
+    "trust": "drop_physics.stages.trust",
+    "Trust": "drop_physics.stages.trust",
     "Plan": "drop_physics.sweeping.plan",
     "plan_of": "drop_physics.sweeping.plan",
 }

@@ -531,6 +531,15 @@ def trust(
         ),
     ] = None,
     ray: Ray = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Also write all distances to a .csv or .parquet file."),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Also plot them over time, as .png or .svg."),
+    ] = None,
+    dark: Dark = False,
     python: Python = None,
     force: Force = False,
     json: Json = False,
@@ -555,9 +564,11 @@ def trust(
         result = trust(
             target, arguments, out=out, vary=vary, is_module=module, steps=steps,
             duration_s=duration, seed=seed, python=python, jobs=jobs, ray=ray, force=force,
-            stdout=output.descriptor(sys.stderr), progress=report,
+            stdout=output.descriptor(sys.stderr), table=table, plot=plot, dark=dark,
+            progress=report,
         )  # fmt: skip
-    raise typer.Exit(show_trust(result, as_json=json, within=lengths))
+    outputs = [each for each in (table, plot) if each is not None]
+    raise typer.Exit(show_trust(result, as_json=json, within=lengths, outputs=outputs))
 
 
 @app.command(

@@ -32,8 +32,8 @@ MOST_POINTS = 2048
 """Of a curve: beyond, two become one."""
 STEPS = 4096
 """Of the script's own run, that are compared at a time."""
-LEAST_ORDER, MOST_ORDER = 0.5, 4.5
-"""An order outside is none of a method that engines use: the timesteps do not show it yet."""
+LEAST_ORDER, MOST_ORDER = 0.5, 2.5
+"""Engines' methods are of order 1 or 2: another is a chance of these timesteps."""
 ROUNDED = 1e-12
 """Changes below this share of a position are its rounding [1]."""
 

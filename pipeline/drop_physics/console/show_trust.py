@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
@@ -33,16 +34,19 @@ MOST_PARTS = 6
 APART = 3
 """The exit code where a variation ends farther apart than it may."""
 NONE = "–"
+LEAST = 1e-6
+"""Of positions that are less apart [m], orientations are shown instead, if they are more [rad]."""
+CONVERGENCE = ("converges", "does-not-converge", "no-order")
 
 
 def show_trust(
-    trust: Trust, *, as_json: bool, within: Mapping[str, float], outputs: Sequence[str] = ()
+    trust: Trust, *, as_json: bool, within: Mapping[str, float], outputs: Sequence[Path] = ()
 ) -> int:
     """Print what stands, and return the exit code: 3 if a variation ends farther apart."""
     if as_json:
         print_json(json_of(trust))
     else:
-        print_lines(*trust_lines(trust), *(made(Message("written"), each, column=11)[0]
+        print_lines(*trust_lines(trust), *(made(Message("written"), each, column=12)[0]
             for each in outputs))  # fmt: skip
     return 0 if trust.ends_within(within) else APART
 
@@ -127,7 +131,7 @@ def _farthest(found: Sequence[Distance]) -> tuple[str, str]:
     """Return the farthest of several units, and what it is of."""
     if not any(each.value for each in found):
         return "0", ""
-    worst = max(found, key=lambda each: each.value)
+    worst = max(found, key=lambda each: (each.unit == "m" and each.value > LEAST, each.value))
     part = part_of(worst.body, worst.joint, worst.unit)
     return readable(worst.value, worst.unit), translated(part)
 
@@ -179,9 +183,14 @@ def _sentences(trust: Trust) -> Iterator[str]:
         codes.setdefault(finding.code, []).append(finding)
     for code in ("variation-failed", "ends-earlier", "grows", "one-of-many"):
         yield from (each.message for each in codes.get(code, ()))
-    for each in trust.converging[:1]:
-        code = "converges" if each.order is not None else "does-not-converge"
-        yield codes[code][0].message
+    if trust.converging:
+        yield next(
+            each.message
+            for each in trust.findings
+            if each.code in CONVERGENCE
+            and each.body == trust.converging[0].body
+            and each.joint == trust.converging[0].joint
+        )
     others = len(trust.converging) - 1
     if others > 0:
         converge = sum(each.order is not None for each in trust.converging[1:])

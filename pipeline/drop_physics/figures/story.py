@@ -44,6 +44,8 @@ class Panel:
     """The time that the finding covers."""
     zero: bool = False
     """Whether the curves are read from zero."""
+    log: bool = False
+    """Whether the scale is logarithmic."""
 
 
 @dataclass(frozen=True, eq=False)

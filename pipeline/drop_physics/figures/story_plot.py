@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -127,7 +128,12 @@ def _draw(axes: Axes, panel: Panel, time: Unit, ink: Ink) -> None:
             marker=None if thin else "o", markersize=4,
             solid_capstyle="butt", zorder=2 + 0.01 * order,
         )  # fmt: skip
-    _limit(axes, panel, ink)
+    if panel.log:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(lambda value, _: f"1e{math.log10(value):.0f}")
+        axes.yaxis.set_minor_formatter(lambda *_: "")
+    else:
+        _limit(axes, panel, ink)
     _name(axes, panel.curves, ink)
 
 
@@ -161,12 +167,12 @@ def _limit(axes: Axes, panel: Panel, ink: Ink) -> None:
 
 def _name(axes: Axes, curves: Sequence[Curve], ink: Ink) -> None:
     """Write the curves' names beside their ends, in their colours."""
-    bottom, top = axes.get_ylim()
     ends = []
     for curve in curves:
         known = curve.values[np.isfinite(curve.values)]
         if len(known):
-            end = (float(known[-1]) - bottom) / (top - bottom)
+            at = axes.transData.transform((0.0, float(known[-1])))
+            end = float(axes.transAxes.inverted().transform(at)[1])
             ends.append((min(max(end, 0.0), 1.0), curve))
     ends.sort(key=lambda each: each[0])
     for place, (_, curve) in zip(_spread([end for end, _ in ends]), ends, strict=True):

@@ -47,6 +47,7 @@ from drop_physics.stages.record import (
     written,
 )
 from drop_physics.stages.trust_findings import findings_of
+from drop_physics.stages.trust_outputs import check_outputs, write_outputs
 from drop_physics.stages.variations import variations_of
 from drop_physics.sweeping import engines
 from drop_physics.workers import cores
@@ -154,6 +155,9 @@ def trust(
     ray: str | None = None,
     force: bool = False,
     stdout: int = 1,
+    table: Path | str | None = None,
+    plot: Path | str | None = None,
+    dark: bool = False,
     progress: Progress = lambda *_: None,
 ) -> Trust:
     """Run a script as it is and with variations, and compare them.
@@ -178,6 +182,12 @@ def trust(
         Whether all is run again, and what is in the folder is replaced.
     stdout
         File descriptor of the script's standard output, in its own run.
+    table
+        A `.csv` or `.parquet` file for all distances, a row per variation and position, or None.
+    plot
+        A `.png` or `.svg` file for a plot of the distances over time, or None.
+    dark
+        Whether the plot is for a dark page.
     progress
         Called while it runs.
 
@@ -192,6 +202,8 @@ def trust(
     """
     steps, duration_s, _ = checked_limits(steps, duration_s, seed)
     variations = variations_of(vary)
+    outputs = [None if each is None else Path(each) for each in (table, plot)]
+    check_outputs(target, *outputs, is_module=is_module, force=force)
     program = Program(
         target, tuple(map(str, arguments)), python or sys.executable, is_module, steps, duration_s,
         seed=seed, begins_s=SEEDED_CLOCK_S,
@@ -210,7 +222,9 @@ def trust(
             stop.add_note(Message("run the same command again to resume it"))
             raise
         folder.finish()
-    return _trust(target, folder, base, varied, variations)
+    result = _trust(target, folder, base, varied, variations)
+    write_outputs(result, *outputs, dark=dark, force=force)
+    return result
 
 
 def _run(

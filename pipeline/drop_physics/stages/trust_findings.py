@@ -35,6 +35,14 @@ BY_STEP = {
     ),
 }
 """Why a term depends on the timestep."""
+DIVERGES = (
+    "{part} does not converge with the timestep: it ends at {coarse:.6g}, {middle:.6g} and "
+    "{fine:.6g} {unit}"
+)
+NO_ORDER = (
+    "{part} shows no order of convergence with the timestep: it ends at {coarse:.6g}, {middle:.6g} "
+    "and {fine:.6g} {unit}"
+)
 REPEATS = ("nudge", "seed")
 """Variations that another run may have of itself."""
 SMALL = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
@@ -154,15 +162,14 @@ def _grows(grown: Growth) -> Finding:
 def _converges(found: list[Converging]) -> Iterator[Finding]:
     for each in found:
         part = part_of(each.body, each.joint) + (f" {each.axis}" if each.axis else "")
+        coarse, middle, fine = each.ends
         if each.order is None:
+            shrinks = abs(fine - middle) < abs(middle - coarse)
+            template = NO_ORDER if shrinks else DIVERGES
             yield Finding(
-                code="does-not-converge", level="model",
-                message=Message(
-                    "{part} does not converge with the timestep: it ends at {coarse:.6g}, "
-                    "{middle:.6g} and {fine:.6g} {unit}",
-                    part=part, coarse=each.ends[0], middle=each.ends[1], fine=each.ends[2],
-                    unit=each.unit,
-                ),
+                code="no-order" if shrinks else "does-not-converge", level="model",
+                message=Message(template, part=part, coarse=coarse, middle=middle, fine=fine,
+                    unit=each.unit),
                 body=each.body, joint=each.joint,
             )  # fmt: skip
         else:

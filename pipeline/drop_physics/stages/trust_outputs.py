@@ -1,0 +1,99 @@
+"""What `drop trust` writes besides its recordings: a table and a plot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import polars as pl
+
+from drop_physics import colours
+from drop_physics.errors import check_suffix
+from drop_physics.figures.story import Curve, Panel, Story
+from drop_physics.files.outputs import check_apart, check_target
+from drop_physics.files.table import check_table, write_table
+from drop_physics.files.whole import written_whole
+from drop_physics.messages import Message
+
+if TYPE_CHECKING:
+    from drop_physics.stages.trust import Trust
+
+COLUMNS = {
+    "variation": pl.String, "body": pl.String, "joint": pl.String, "unit": pl.String,
+    "moved": pl.Float64, "end": pl.Float64, "end_s": pl.Float64, "most": pl.Float64,
+    "most_s": pl.Float64, "from_s": pl.Float64, "term": pl.String,
+}  # fmt: skip
+"""Of the table: a row per variation and position, distances from the script's own run [m, rad]."""
+COLOURS = (*colours.TERMS.values(), colours.SIMULATED, *colours.ENGINES.values())
+LEAST = 1e-17
+"""Distances below are 0 in the plot."""
+
+
+def check_outputs(
+    script: str, table: Path | None, plot: Path | None, *, is_module: bool, force: bool
+) -> None:
+    """Make sure that a table and a plot can be written, before any work is done for them.
+
+    Raises
+    ------
+    ScenarioError
+        If a suffix is another.
+    OutputError
+        If a file exists and `force` is not given, or cannot be written.
+    """
+    if table is not None:
+        check_table(table, force=force)
+    if plot is not None:
+        check_suffix("--plot", plot, (".png", ".svg"))
+        check_target(plot, force=force)
+    outputs = [each for each in (table, plot) if each is not None]
+    check_apart(outputs, inputs=[] if is_module else [Path(script)])
+
+
+def write_outputs(
+    trust: Trust, table: Path | None, plot: Path | None, *, dark: bool, force: bool
+) -> None:
+    """Write the table and the plot."""
+    if table is not None:
+        write_table(table, table_of(trust), force=force)
+    if plot is not None:
+        from drop_physics.figures.story_plot import told_story  # loads matplotlib
+
+        title = Message("How far variations of {script} are from its own run", script=trust.script)
+        lines = [each.message for each in trust.findings if each.code in ("one-of-many", "grows")]
+        story = Story(title, lines, [*_panels(trust)])
+        with written_whole(plot, force=force) as file:
+            file.write(told_story(story, plot.suffix[1:], dark=dark))
+
+
+def table_of(trust: Trust) -> pl.DataFrame:
+    """Return a row per variation and position."""
+    rows = [
+        {
+            "variation": each.name, "term": each.term if track is each.apart.first else None,
+            "from_s": None if track.from_step is None else track.from_s,
+            **{name: getattr(track, name) for name in COLUMNS
+                if name not in ("variation", "term", "from_s")},
+        }
+        for each in trust.variations
+        for track in each.apart.tracks
+    ]  # fmt: skip
+    return pl.DataFrame(rows, schema=COLUMNS)
+
+
+def _panels(trust: Trust) -> Iterator[Panel]:
+    """Yield the largest distances over time: of positions, and of angles."""
+    titles = {"m": Message("largest distance of a position"),
+        "rad": Message("largest distance of an angle")}  # fmt: skip
+    for unit, title in titles.items():
+        curves = []
+        for number, each in enumerate(trust.variations):
+            times_s, off = each.apart.curves.get(unit, (np.empty(0), np.empty(0)))
+            values = np.where((off > LEAST) & np.isfinite(off), off, np.nan)
+            if np.isfinite(values).any():
+                colour = COLOURS[number % len(COLOURS)]
+                curves.append(Curve(each.name, times_s, values, colour))
+        if curves:
+            yield Panel(title, unit, curves, log=True)
