@@ -17,6 +17,7 @@ from drop_physics.analysis.answers.energy_gained import EnergyGained
 from drop_physics.analysis.answers.friction_pyramid import FrictionPyramid
 from drop_physics.analysis.answers.inertia import Inertia
 from drop_physics.analysis.answers.joined import Joined
+from drop_physics.analysis.answers.joint_damping import JointDamping
 from drop_physics.analysis.answers.massless import Massless
 from drop_physics.analysis.answers.mimic_ignored import MimicIgnored
 from drop_physics.analysis.answers.momentum import MomentumDrift
@@ -52,6 +53,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     TimestepAfterMotor,
     MotorGain,
     ResetLeaves,
+    JointDamping,
     BeyondUrdf,
     MimicIgnored,
     WheelSlip,

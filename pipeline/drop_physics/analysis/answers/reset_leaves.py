@@ -34,6 +34,8 @@ class _Put:
     back: bool
     """Whether it was put back to where it was when that target was given, or its episode began."""
     told: float
+    function: str
+    """Which call put it there."""
     site: float
     first: int
     last: int
@@ -69,9 +71,16 @@ class ResetLeaves(Answer):
         super().__init__(scene)
         self._joints: dict[int, dict[int, _Joint]] = {}
         self._found: dict[int, dict[str, _Put]] = {}
+        self._restored: dict[int, set[int]] = {}
+        """By client, after which steps a state was restored, in this piece or just before it."""
 
     def see(self, explained: Explained) -> None:
         """Take a piece."""
+        steps = {client: {max(held)} for client, held in self._restored.items()}
+        for call in explained.piece.calls:
+            if call.function == "restoreState":
+                steps.setdefault(call.client, set()).add(call.at.step)
+        self._restored = steps
         for number in explained.bodies:
             for driven in self.scene.joints.latest.get(number, []):
                 joints, targets = self._joints.setdefault(number, {}), target_of(driven)
@@ -98,7 +107,9 @@ class ResetLeaves(Answer):
                     off=distance(worst.off, worst.unit), target=place(worst.target, worst.unit),
                     count=len(found),
                 ),
-                advice=Message("give the motors new targets after p.resetJointState"),
+                advice=Message(
+                    "give the motors new targets after p.{function}", function=worst.function
+                ),
                 body=self.scene.body(number).label,
                 joint=worst.joint,
                 effect=Effect(worst.off, worst.unit),
@@ -145,10 +156,12 @@ class ResetLeaves(Answer):
         if not np.isfinite(target):
             return None
         told = float(driven.asked.told[row, k])
+        restored = first - 1 in self._restored.get(driven.body.client, ())
         homes = [joint.start, *([joint.home] if told >= joint.episode - 1 else [])]
         return _Put(
             joint=name_of(driven, k), unit=unit, position=position, target=target, first=first,
             back=any(abs(position - home) < SAME for home in homes), told=told,
+            function="restoreState" if restored else "resetJointState",
             site=float(driven.asked.site[row, k]), last=first, reached=position,
         )  # fmt: skip
 

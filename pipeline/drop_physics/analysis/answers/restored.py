@@ -1,4 +1,4 @@
-"""Whether a restored state runs as it did before."""
+"""Whether what begins in the same state, restored or set by hand, runs as it did before."""
 
 from __future__ import annotations
 
@@ -17,146 +17,173 @@ from drop_physics.seen.calls import Call
 
 Float64 = NDArray[np.float64]
 
-BEGINS = "saveState", "restoreState"
+STATES = "saveState", "restoreState", "resetSimulation"
+"""Each begins an episode,"""
+BY_HAND = "resetBase", "resetJoint"
+"""and so does the first of these in a gap between steps."""
 SETS = ("changeDynamics", "setGravity", "createConstraint", "changeConstraint",
     "removeConstraint", "setJointMotorControl", "setPhysicsEngineParameter", "setTimeStep",
     "setCollisionFilter")  # fmt: skip
-"""Beginnings of functions whose effect restoreState does not take back."""
-MOST_STEPS = 64
-"""After a restore, that are compared."""
+"""Beginnings of functions whose effect none of these takes back,"""
+CLEARED = "setTimeStep", "setPhysicsEngineParameter"
+"""but for resetSimulation, which leaves only that of these."""
+MOST_STEPS, LEAST_STEPS = 64, 10
+"""Of an episode, that are compared; a shorter one is none: something is moved by resets."""
+
+Key = tuple[int, str]
+"""A body, as its simulation and its reader call it: it may be loaded again."""
 
 
 @dataclass
-class _Branch:
-    """What followed a state that was saved or restored."""
+class _Episode:
+    """What followed a state that was saved or set."""
 
-    restore: Call
-    states: dict[tuple[int, int], Float64] = field(default_factory=dict)
+    begin: Call
+    states: dict[tuple[Key, int], Float64] = field(default_factory=dict)
     """By body and steps after it."""
     calls: dict[int, list[Call]] = field(default_factory=dict)
     """By steps after it."""
-    sets: dict[tuple[object, ...], Call] = field(default_factory=dict)
-    """What was set until the next restore, by function and what it names."""
+    sets: dict[tuple[object, ...], tuple[tuple[float, ...] | None, Call]] = field(
+        default_factory=dict
+    )
+    """What was set in it, by what it names: the numbers before it, and the latest call."""
     touched: bool = False
     """Whether there were contacts in its first step."""
 
+    @property
+    def kind(self) -> tuple[object, ...]:
+        """What it is compared with: episodes of the same saved state, or of the same call."""
+        function = self.begin.function
+        if function == "saveState":
+            return (self.begin.result,)
+        if function == "restoreState":
+            return given(self.begin, "stateId") or (self.begin.arguments,)
+        return (function,) if function == "resetSimulation" else BY_HAND
+
 
 class RestoreDiffers(Answer):
-    """Compares each branch of a saved state with the first that made the same calls."""
+    """Compares each episode with the one before that began in the same state, to the bit."""
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._now: dict[int, _Branch] = {}
-        self._before: dict[tuple[object, ...], _Branch] = {}
-        """By saved state, the branch before."""
+        self._now: dict[int, _Episode] = {}
+        self._before: dict[tuple[object, ...], _Episode] = {}
+        self._set: dict[tuple[object, ...], tuple[float, ...]] = {}
+        """The numbers of the latest call of each setter."""
         self._found: dict[tuple[object, ...], Finding] = {}
 
     def see(self, explained: Explained) -> None:
-        """Follow the branches of each simulation."""
+        """Follow the episodes of each simulation."""
         piece = explained.piece
         for client in {each.client for each in self.scene.seen.bodies.values()}:
-            calls = [each for each in piece.calls if each.client == client and not each.raised]
-            restores = [each for each in calls if each.function in BEGINS]
-            if not restores and client not in self._now:
-                continue
-            marks = [each.at.call for each in restores]
-            which = np.searchsorted(marks, [each.at.call for each in calls], side="right")
-            for k, restore in enumerate([None, *restores]):
-                if restore is not None:
+            own: list[Call] = []
+            for call in piece.calls:
+                if call.client != client or call.raised:
+                    continue
+                if self._begins(client, call):
+                    self._follow(explained, client, own, call.at.step)
                     self._close(client)
-                    self._now[client] = _Branch(restore)
-                branch = self._now.get(client)
-                if branch is not None:
-                    own = [call for call, n in zip(calls, which, strict=True)
-                        if n == k and call is not restore]  # fmt: skip
-                    last = restores[k].at.step if k < len(restores) else piece.end
-                    _follow(branch, explained, client, own, last)
-
-    def _close(self, client: int) -> None:
-        """Compare a branch that has ended with the one before."""
-        branch = self._now.pop(client, None)
-        if branch is None:
-            return
-        key = client, *_state(branch.restore)
-        before = self._before.get(key)
-        if before is not None and key not in self._found:
-            finding = self._compared(before, branch)
-            if finding is not None:
-                self._found[key] = finding
-        self._before[key] = branch
+                    self._now[client], own = _Episode(call), []
+                else:
+                    own.append(call)
+            self._follow(explained, client, own, piece.end)
 
     def findings(self) -> Iterator[Finding]:
-        """Yield the first branches of each saved state that differ."""
+        """Yield the first episodes of each kind that differ."""
         for client in [*self._now]:
             self._close(client)
         yield from self._found.values()
 
-    def _compared(self, first: _Branch, second: _Branch) -> Finding | None:
-        calls = [(first.calls.get(n, []), second.calls.get(n, [])) for n in range(MOST_STEPS)]
-        same = next((n for n, (one, other) in enumerate(calls) if _said(one) != _said(other)),
-            MOST_STEPS)  # fmt: skip
-        common = [key for key in first.states.keys() & second.states.keys() if key[1] <= same]
+    def _begins(self, client: int, call: Call) -> bool:
+        if call.function in STATES:
+            return True
+        now = self._now.get(client)
+        first = now is None or now.begin.at.step != call.at.step
+        return first and call.function.startswith(BY_HAND)
+
+    def _close(self, client: int) -> None:
+        """Compare an episode that has ended with the one before."""
+        episode = self._now.pop(client, None)
+        if episode is None or max((step for _, step in episode.states), default=0) < LEAST_STEPS:
+            return
+        key = client, *episode.kind
+        before = self._before.get(key)
+        if before is not None and key not in self._found:
+            finding = self._compared(before, episode)
+            if finding is not None:
+                self._found[key] = finding
+        self._before[key] = episode
+
+    def _compared(self, first: _Episode, second: _Episode) -> Finding | None:
+        same = next(
+            (n for n in range(MOST_STEPS)
+             if _said(first.calls.get(n, [])) != _said(second.calls.get(n, []))), MOST_STEPS,
+        )  # fmt: skip
+        common = first.states.keys() & second.states.keys()
         apart = {key: float(np.abs(first.states[key] - second.states[key]).max(initial=0.0))
             for key in common if first.states[key].shape == second.states[key].shape}  # fmt: skip
-        differ = [key for key, gap in apart.items() if gap > 0]
-        if not differ:
-            return None
-        number, step = min(differ, key=lambda key: key[1])
-        cause = _cause(first, second)
+        begun = [{body for body, n in each.states if n == 0} for each in (first, second)]
+        differ = [key for key, gap in apart.items() if gap > 0 and key[1] <= same]
+        began = begun[0] == begun[1] and not any(apart.get((body, 0), 1.0) for body in begun[0])
+        cause = _cause(first, second) if differ and began else None
         if cause is None:
             return None
+        body, step = min(differ, key=lambda key: key[1])
         why, call = cause
-        last = max(key[1] for key in common)
-        worst = max((key for key in common if key[1] == last), key=apart.__getitem__)
+        last = max(step for _, step in apart if step <= same)
+        worst = max((key for key in apart if key[1] == last), key=apart.__getitem__)
+        begin = second.begin.at.step
         message = Message(
-            "{body} runs differently after p.restoreState(…) although the calls are the same: from "
+            "{body} runs differently after p.{function}(…) although the calls are the same: from "
             "step {step:,} on, and by {gap:.2g} after {last:,} steps; {why}",
-            body=self.scene.body(number).label, step=second.restore.at.step + step,
-            gap=apart[worst], last=last, why=why,
+            body=body[1], step=begin + step, gap=apart[worst], last=last, why=why,
+            function=second.begin.function,
         )  # fmt: skip
-        begin = second.restore.at.step
         return Finding(
             code="restore-differs", level="asked", message=message,
-            body=self.scene.body(number).label, effect=Effect(apart[worst], "m or rad"),
-            share=min(apart[worst], 1.0), site=site_of(call or second.restore),
+            body=body[1], effect=Effect(apart[worst], "m or rad"),
+            share=min(apart[worst], 1.0), site=site_of(call or second.begin),
             steps=Span(begin + step, begin + last, last - step + 1),
         )  # fmt: skip
 
-
-def _follow(
-    branch: _Branch, explained: Explained, client: int, calls: list[Call], last: int
-) -> None:
-    """Take the states and calls of a branch in a piece, up to sample `last`."""
-    start = branch.restore.at.step
-    for call in calls:
-        if call.at.step - start < MOST_STEPS:
-            branch.calls.setdefault(call.at.step - start, []).append(call)
-        # A force that no step has used yet waits for the next.
-        waits = call.function.startswith("applyExternal") and call.at.step == last
-        if waits or call.function.startswith(SETS):
-            branch.sets.setdefault(_named(call), call)
-    for number, judged in explained.bodies.items():
-        if judged.body.client != client:
-            continue
-        for steps in judged.stretches:
-            until = min(last, start + MOST_STEPS)
-            rows = np.flatnonzero((steps.steps > start) & (steps.steps <= until))
-            for row in rows.tolist():
-                branch.states[number, int(steps.steps[row]) - start] = _numbers(steps, row)
-            if len(rows) and steps.steps[rows[0]] == start + 1:
-                branch.touched |= bool((steps.sides.step == start + 1).any())
-
-
-def _state(call: Call) -> tuple[object, ...]:
-    """Return which saved state a call makes or restores."""
-    if call.function == "saveState":
-        return (call.result,)
-    return given(call, "stateId") or (call.arguments,)
+    def _follow(self, explained: Explained, client: int, calls: list[Call], last: int) -> None:
+        """Take the states and calls of an episode in a piece, up to sample `last`."""
+        episode = self._now.get(client)
+        start = 0 if episode is None else episode.begin.at.step
+        for call in calls:
+            # A force that no step has used yet waits for the next.
+            waits = call.function.startswith("applyExternal") and call.at.step == last
+            if waits or call.function.startswith(SETS):
+                named = _named(call)
+                if episode is not None:
+                    before, _ = episode.sets.get(named, (self._set.get(named), call))
+                    episode.sets[named] = before, call
+                if not waits:
+                    self._set[named] = call.numbers
+            if episode is not None and call.at.step - start < MOST_STEPS:
+                episode.calls.setdefault(call.at.step - start, []).append(call)
+        if episode is None or (last < explained.piece.end and last - start < LEAST_STEPS):
+            return
+        for judged in explained.bodies.values():
+            if judged.body.client == client:
+                for steps in judged.stretches:
+                    _keep(episode, (judged.body.engine_id, judged.body.label), steps, last)
 
 
-def _numbers(steps: Steps, row: int) -> Float64:
-    """Return position and joints after a step."""
-    return np.concatenate((steps.after.position_m[row], steps.after.joints[row]))
+def _keep(episode: _Episode, key: Key, steps: Steps, last: int) -> None:
+    """Note the states of a body in the first steps of an episode."""
+    start = episode.begin.at.step
+    begin = int(np.searchsorted(steps.steps, start, side="right"))
+    end = int(np.searchsorted(steps.steps, min(last, start + MOST_STEPS), side="right"))
+    for row in range(begin, end):
+        step, after = int(steps.steps[row]) - start, steps.after
+        if step == 1:
+            first = steps.before.at(slice(row, row + 1))
+            episode.states[key, 0] = np.hstack(
+                (first.position_m, first.orientation, first.joints, first.velocity)
+            )[0]
+            episode.touched |= bool((steps.sides.step == start + 1).any())
+        episode.states[key, step] = np.concatenate((after.position_m[row], after.joints[row]))
 
 
 def _said(calls: list[Call]) -> list[tuple[object, ...]]:
@@ -164,23 +191,28 @@ def _said(calls: list[Call]) -> list[tuple[object, ...]]:
 
 
 def _named(call: Call) -> tuple[object, ...]:
-    """Return what a call sets: its function, and the body and joint that it names."""
+    """Return what a call sets: its function and arguments, and the body and joint that it names."""
     names = zip(call.site.names, call.numbers, strict=True)
     ids = tuple(n for name, n in names if name.endswith(("Id", "Index", "Indices", "Mode")))
-    return call.function, ids
+    return call.client, call.function, call.site.names, ids
 
 
-def _cause(first: _Branch, second: _Branch) -> tuple[Message, Call | None] | None:
-    """Return why a branch differs from the one before, and the call to blame."""
-    again = {_named(each) for each in second.calls.get(0, [])}
-    left = [call for named, call in first.sets.items() if named not in again]
+def _cause(first: _Episode, second: _Episode) -> tuple[Message, Call | None] | None:
+    """Return why an episode differs from the one before, and the call to blame."""
+    again, function = {_named(each) for each in second.calls.get(0, [])}, second.begin.function
+    kept = CLEARED if function == "resetSimulation" else ("",)
+    left = [
+        call for named, (before, call) in first.sets.items()
+        if before != call.numbers and named not in again and call.function.startswith(kept)
+    ]  # fmt: skip
     if left:
         return Message(
-            "p.{function}({arguments}) came in between, and restoreState does not take it back",
-            function=left[0].function, arguments=left[0].arguments,
+            "p.{function}({arguments}) came in between, and p.{reset} does not take it back",
+            function=left[0].function, arguments=left[0].arguments, reset=function,
         ), left[0]  # fmt: skip
-    if first.touched or second.touched:
+    if (first.touched or second.touched) and function != "resetSimulation":
         return Message(
-            "restoreState does not bring back all of the impulses that contacts start from"
+            "p.{reset} does not bring back all of the impulses that contacts start from",
+            reset=function,
         ), None
     return None
