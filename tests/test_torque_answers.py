@@ -22,7 +22,7 @@ for j in joints:
     p.setJointMotorControl2(k, j, p.VELOCITY_CONTROL, force=0)
     {more}
 """
-KUKA, XARM = "kuka_iiwa/model.urdf", "xarm/xarm6_robot.urdf"
+KUKA, CHAIN = "kuka_iiwa/model.urdf", "pendulum5.urdf"
 UNDAMPED = "p.changeDynamics(k, j, jointDamping=0)"
 CONSTANT = """
 for i in range(120):
@@ -53,7 +53,7 @@ reached = 1 / worst
 DAMPED = {
     "kuka's last joint": (KUKA, CONSTANT.format(joint=6, torque=0.1), "lbr_iiwa_joint_7"),
     "kuka's first joint": (KUKA, CONSTANT.format(joint=0, torque=3), "lbr_iiwa_joint_1"),
-    "xarm's last": (XARM, CONSTANT.format(joint=6, torque=1), "joint6"),
+    "a chain's first": (CHAIN, CONSTANT.format(joint=0, torque=5), "joint0"),
     "inverse dynamics": (KUKA, TRACKING, "lbr_iiwa_joint_7"),
 }
 
