@@ -831,7 +831,9 @@ def test_a_sweep_that_is_killed_repeatedly_resumes_from_its_own_files(
         assert read(tmp_path / "s" / row["recording"]).scenario.height_m == row["height_m"]
 
 
-@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "how", [pytest.param(signal.SIGTERM, marks=pytest.mark.long), signal.SIGKILL]
+)
 def test_what_a_killed_run_left_is_analyzed_and_reported_as_partial(
     drop: Drop, tmp_path: Path, how: signal.Signals
 ) -> None:
@@ -913,6 +915,7 @@ def test_many_writers_of_one_target_leave_one_whole_recording(tmp_path: Path) ->
     assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
 
 
+@pytest.mark.long
 def test_many_analyses_of_one_recording_leave_whole_files(tmp_path: Path) -> None:
     simulate(Scenario(), tmp_path / "run.rrd", camera=None)
     processes = [start(("render", "run.rrd"), tmp_path) for _ in range(4)]
@@ -937,7 +940,9 @@ MANY_FRAMES = (
 
 
 @pytest.mark.skipif(cores() < 2, reason="one core draws without workers")
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
+)
 def test_a_frame_worker_that_dies_is_one_line_and_no_loss(
     tmp_path: Path, precious: bytes, how: signal.Signals
 ) -> None:

@@ -724,7 +724,7 @@ for _ in range(2):
 def test_before_the_disk_is_full_the_script_is_ended_and_its_recording_kept(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    room = shutil.disk_usage(bench.folder)._replace(free=writer.ROOM_BYTES + 2_000_000)
+    room = shutil.disk_usage(bench.folder)._replace(free=writer.ROOM_BYTES + 400_000)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: room)
     script = bench.script(STEPS + "while True:\n    p.stepSimulation()\n    sum(range(10_000))")
     done = bench.drop("record", "--json", "--twice", "-o", "out.rrd", script)
@@ -733,11 +733,9 @@ def test_before_the_disk_is_full_the_script_is_ended_and_its_recording_kept(
     samples = json.loads(done.stdout)["samples"]
     assert samples > 1000
     assert sorted(step for step, _ in states(bench.out)) == list(range(samples))
-    assert 1_000_000 < bench.out.stat().st_size < 4_000_000
+    assert 200_000 < bench.out.stat().st_size < 1_500_000
     assert json.loads(bench.drop("info", "out.rrd", "--json").stdout)["what"].endswith(", disk")
-    analysis = json.loads(bench.drop("analyze", "out.rrd", "--json").stdout)
-    assert analysis["origin"]["ended"] == "disk"
-    assert "stopped before the disk was full" in bench.drop("analyze", "out.rrd", "--force").stdout
+    assert "stopped before the disk was full" in bench.drop("analyze", "out.rrd").stdout
 
 
 def test_steps_end_it_at_that_step(bench: Bench) -> None:
@@ -1151,7 +1149,7 @@ def test_before_the_disk_is_full_a_block_is_left_and_its_recording_kept(bench: B
         f"""#!{sys.executable}
 import runpy, shutil, sys
 usage = shutil.disk_usage
-shutil.disk_usage = lambda path: usage(path)._replace(free={writer.ROOM_BYTES + 1_000_000})
+shutil.disk_usage = lambda path: usage(path)._replace(free={writer.ROOM_BYTES + 300_000})
 sys.argv = sys.argv[3:]
 runpy.run_module(sys.argv[0], run_name="__main__")
 """
@@ -1207,13 +1205,18 @@ p.connect(p.DIRECT)
 p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1), basePosition=[0, 0, 9])
 with record("out.rrd") as block:
     p.stepSimulation()
-    child = os.fork()
+    for does in ("exits", "ends", "raises", "leaves"):
+        if not (child := os.fork()):
+            break
+        print(does, os.waitpid(child, 0)[1] >> 8)
+    p.stepSimulation()
     if not child:
-        p.stepSimulation()
-        {child}
-    else:
-        print(os.waitpid(child, 0)[1] >> 8)
-        p.stepSimulation()
+        if does == "exits":
+            sys.exit(3)
+        elif does == "ends":
+            os._exit(4)
+        elif does == "raises":
+            1 / 0
 if child:
     print(block.recorded.ended, block.recorded.samples)
 else:
@@ -1221,29 +1224,16 @@ else:
 """
 
 
-@pytest.mark.parametrize(
-    ("child", "said"),
-    [
-        ("sys.exit(3)", ["3"]),
-        ("os._exit(3)", ["3"]),
-        ("1 / 0", ["1"]),
-        ("pass", ["after None", "0"]),
-    ],
-)
-def test_a_forked_child_of_a_block_ends_as_it_would(
-    bench: Bench, child: str, said: list[str]
-) -> None:
+def test_a_forked_child_of_a_block_ends_as_it_would(bench: Bench) -> None:
     """And its parent's recording goes on without it."""
-    script = bench.script(FORKS.replace("{child}", child))
     done = subprocess.run(
-        [sys.executable, script], cwd=bench.folder, capture_output=True, text=True, check=False,
-        timeout=60,
+        [sys.executable, bench.script(FORKS)], cwd=bench.folder, capture_output=True, text=True,
+        check=False, timeout=60,
     )  # fmt: skip
     assert [one for one in done.stdout.splitlines() if not one.startswith(BANNER)] == [
-        *said,
-        "finished 3",
-    ], done.stderr
-    assert ("ZeroDivisionError" in done.stderr) == (child == "1 / 0")
+        "exits 3", "ends 4", "raises 1", "after None", "leaves 0", "finished 3",
+    ], done.stderr  # fmt: skip
+    assert done.stderr.count("ZeroDivisionError") == 1
     assert len(states(bench.out)) == 3
 
 
@@ -1286,10 +1276,16 @@ print(at)
 @pytest.mark.parametrize(
     ("draws", "unseeded"),
     [
-        ("np.random.seed(0); np.random.rand(); random.seed(0); random.random()", ""),
-        ("random.setstate(random.Random(1).getstate()); random.random()", ""),
-        ("np.random.set_state(np.random.RandomState(1).get_state()); np.random.rand()", ""),
-        ("np.random.RandomState(3).rand(); np.random.default_rng(3).random()", ""),
+        (
+            "np.random.seed(0); np.random.rand(); random.seed(0); random.random()\n"
+            "np.random.RandomState(3).rand(); np.random.default_rng(3).random()",
+            "",
+        ),
+        (
+            "random.setstate(random.Random(1).getstate()); random.random()\n"
+            "np.random.set_state(np.random.RandomState(1).get_state()); np.random.rand()",
+            "",
+        ),
         ("np.random.sample()", "numpy.random.sample"),
         ("np.random.RandomState().rand()", "numpy.random.SeedSequence"),
         ("np.random.seed(0); np.random.seed(); np.random.ranf()", "by numpy.random.ranf at script"),

@@ -158,17 +158,15 @@ class Given:
         """Return None: nothing is sampled."""
 
 
-@pytest.mark.parametrize("recorded", [True, False])
-def test_a_row_has_the_numbers_of_drop_analyze(tmp_path: Path, recorded: bool) -> None:
+def test_a_row_has_the_numbers_of_drop_analyze(tmp_path: Path) -> None:
     """To the last bit, in the air and out of it, whether or not there is a recording."""
-    work = RunShard(Given(tuple(KINDS)), tmp_path, 0.3, recorded, None)
-    alone = RunShard(Given(tuple(KINDS)), tmp_path / "alone", 0.3, True, None)
+    recorded = RunShard(Given(tuple(KINDS)), tmp_path, 0.3, True, None)
+    alone = RunShard(Given(tuple(KINDS)), tmp_path / "alone", 0.3, False, None)
     for run, kind in enumerate(KINDS):
-        row = work.row(run)
+        row = recorded.row(run)
         assert row["error"] is None
-        path = tmp_path / (row["recording"] or "") if recorded else None
-        if path is None:
-            path = tmp_path / "alone" / str(alone.row(run)["recording"])
+        assert alone.row(run) == {**row, "recording": None}
+        path = tmp_path / str(row["recording"])
         (moment,) = analyze(path, at_s=[0.3]).at
         terms = moment.terms_m
         assert [row[name] for name in ("step", "time_s", "phase", "simulated_m", "error_m")] == [
