@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from contact_scenes import BOX, FLOOR, GRIP, SLOPE, TRAY, bare
 from test_contact_answers import found, in_pieces
+from test_contact_overlaps import HEAVY, run
 
 # -- creeps ---------------------------------------------------------------------------------------
 
@@ -86,3 +87,118 @@ def test_what_sliding_takes_is_the_slope(
     assert float(wanted) == pytest.approx(math.tan(angle), rel=0.02)
     assert float(needed) == pytest.approx(mass * 9.81 * math.sin(angle), rel=0.02)
     assert available == pytest.approx(0.5 * mu * mass * 9.81 * math.cos(angle), rel=0.02)
+
+
+# -- deep-penetration: more causes ----------------------------------------------------------------
+
+SOFT = (
+    FLOOR
+    + BOX
+    + """
+b = {shape}
+p.changeDynamics(b, -1, contactStiffness={stiffness}, contactDamping={damping})
+"""
+)
+ROD = (
+    FLOOR
+    + BOX
+    + """
+p.setTimeStep({dt})
+b = box({mass}, [0, 0, 1], ({half}, .01, .01))
+p.resetBaseVelocity(b, [0, 0, -4], [0, {spin}, 0])
+"""
+)
+CAUSES = {
+    "soft": (SOFT.format(shape="ball(100, [0, 0, .3])", stiffness=1e4, damping=10),
+        SOFT.format(shape="ball(100, [0, 0, .3])", stiffness=1e6, damping=100), 400, "1e+04 N/m"),
+    "a soft box": (SOFT.format(shape="box(10, [0, 0, .06])", stiffness=500, damping=50),
+        FLOOR + BOX + "b = box(10, [0, 0, .06])\n", 300, "500 N/m"),
+    "softer": (SOFT.format(shape="ball(1, [0, 0, .11])", stiffness=300, damping=1),
+        SOFT.format(shape="ball(1, [0, 0, .11])", stiffness=30000, damping=10), 300, "300 N/m"),
+    "a rod that spins": (ROD.format(dt="1/60", mass=1, half=0.3, spin=15),
+        ROD.format(dt="1/1000", mass=1, half=0.3, spin=15), 60, "in one step"),
+    "a heavier one": (ROD.format(dt="1/100", mass=20, half=0.5, spin=30),
+        ROD.format(dt="1/2000", mass=20, half=0.5, spin=30), 60, "in one step"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CAUSES)
+def test_why_it_is_deep(name: str, tmp_path: Path) -> None:
+    scene, cured, n, cause = CAUSES[name]
+    (one,) = found(run(scene, n), tmp_path, "deep-penetration")
+    assert cause in one.message
+    assert one.effect is not None
+    truth = bare(run(scene, n))["deepest"]
+    assert one.effect.value == pytest.approx(truth, rel=1e-6)
+    (other,) = in_pieces(run(scene, n), tmp_path, "deep-penetration")
+    assert (other.message, other.steps) == (one.message, one.steps)
+    finer = 20 if "setTimeStep" in scene else 1
+    assert bare(run(cured, n * finer))["deepest"] < 0.5 * truth
+
+
+def test_masses_that_no_solver_can_tell_apart_get_no_advice(tmp_path: Path) -> None:
+    for mass, iterations in ((1e6, 50), (1e6, 500)):
+        scene = run(HEAVY.format(mass=mass, iterations=iterations), 200)
+        assert bare(scene)["deepest"] > 0.05
+        for one in found(scene, tmp_path, "deep-penetration"):
+            assert "times as heavy" not in one.message
+        (tmp_path / "scene.rrd").unlink()
+
+
+# -- tunnelled ------------------------------------------------------------------------------------
+
+SHOT = (
+    BOX
+    + """
+p.setTimeStep({dt})
+w = box(0, [2, 0, 1], {half}, turned={turned})
+b = {shape}
+p.resetBaseVelocity(b, {v})
+steps({n})
+"""
+)
+BULLETS = {
+    "ball": {"half": (0.02, 1, 1), "turned": (0, 0, 0), "shape": "ball(.1, [0, 0, 1], .03)",
+        "v": [60, 0, 0]},
+    "box at a turned wall": {"half": (1, 0.01, 1), "turned": (0, 0, 1.2),
+        "shape": "box(2, [0, 0, 1], (.02, .02, .02))", "v": [40, 0, 0]},
+    "through a floor": {"half": (1, 1, 0.005), "turned": (0.3, 0, 0),
+        "shape": "ball(1, [2, 0, 3.1], .02)", "v": [0, 0, -50]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BULLETS)
+def test_what_is_too_fast_passes_through(name: str, tmp_path: Path) -> None:
+    scene = SHOT.format(**BULLETS[name], dt="1/240", n=40)
+    (one,) = found(scene, tmp_path, "tunnelled")
+    assert one.level == "broken"
+    (other,) = in_pieces(scene, tmp_path, "tunnelled")
+    assert (other.message, other.steps) == (one.message, one.steps)
+    assert one.advice is not None
+    shorter = float(one.advice.rsplit("(", 1)[1].rstrip(")"))
+    steps = int(40 / 240 / shorter)
+    cured = SHOT.format(**BULLETS[name], dt=shorter, n=steps)
+    moves, stopped = (np.array(bare(each)["velocity"]) for each in (scene, cured))
+    assert np.linalg.norm(stopped - moves) > 0.3 * np.linalg.norm(moves)
+    assert not found(cured, tmp_path, "tunnelled")
+
+
+BESIDE = SHOT.format(half=(0.02, 1, 1), turned=(0, 0, 0), shape="ball(.1, [0, 1.5, 1], .03)",
+    v=[60, 0, 0], dt="1/240", n=40)  # fmt: skip
+MEANT = SHOT.format(half=(0.02, 1, 1), turned=(0, 0, 0), shape="ball(.1, [0, 0, 1], .03)\n"
+    "p.setCollisionFilterPair(w, b, -1, -1, 0)", v=[60, 0, 0], dt="1/240", n=40)  # fmt: skip
+MOVED = (
+    BOX
+    + """
+w = box(0, [2, 0, 1], (.02, 1, 1))
+b = ball(1, [0, 0, 1])
+steps(10)
+p.resetBasePositionAndOrientation(b, [4, 0, 1], [0, 0, 0, 1])
+steps(10)
+"""
+)
+
+
+@pytest.mark.parametrize("scene", [BESIDE, MEANT, MOVED], ids=["beside", "meant", "moved"])
+def test_what_goes_past_or_is_moved_does_not_tunnel(scene: str, tmp_path: Path) -> None:
+    assert not found(scene, tmp_path, "tunnelled")

@@ -19,10 +19,12 @@ Int64 = NDArray[np.int64]
 OVERLAP_M = 1e-3
 SHARE, MOST = 0.2, 0.5
 """Of the thinner one's shortest edge: worth saying; and no physics any more if it stays."""
+SOON = 4
+"""Steps in which an impact is over."""
 GROWS = 10
 """In fewer steps than this nothing presses it in."""
-RATIO = 10.0
-"""Of masses, beyond which it takes the solver many iterations."""
+RATIO, MOST_RATIO = 10.0, 1e4
+"""Of masses, beyond which it takes the solver many iterations; and beyond which, more than any."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,11 @@ class Overlap:
     first: int
     last: int
     came_m: float
-    """How far they approached each other in the step before the first of them."""
+    """How far they approached each other until it was deepest, step by step."""
+    all_m: float
+    """The same until the last of them."""
+    fastest_m: float
+    """The most of it in a step."""
     began_m: float
     """How deep it was then."""
     placed: bool
@@ -48,11 +54,15 @@ class Overlap:
 
     def then(self, more: Overlap) -> Overlap:
         """Return both as one."""
-        deeper = more if more.depth_m > self.depth_m else self
+        whole = replace(
+            self, last=more.last, all_m=self.all_m + more.all_m,
+            presses=self.presses or more.presses, carried=self.carried + more.carried,
+        )  # fmt: skip
+        if more.depth_m <= self.depth_m:
+            return whole
         return replace(
-            self, last=more.last, depth_m=deeper.depth_m, deepest=deeper.deepest,
-            links=deeper.links, presses=self.presses or more.presses,
-            carried=self.carried + more.carried,
+            whole, depth_m=more.depth_m, deepest=more.deepest, links=more.links,
+            came_m=self.all_m + more.came_m, fastest_m=max(self.fastest_m, more.fastest_m),
         )  # fmt: skip
 
 
@@ -81,15 +91,17 @@ class DeepPenetration(Answer):
     def _overlap(self, pairs: Pairs, rows: NDArray[np.intp], explained: Explained) -> Overlap:
         steps, bodies, points = pairs.step[rows], pairs.body[rows], pairs.points
         moved = self._placing.moved(bodies, steps[:, None])
-        fastest = pairs.most(points.approach_m_s)[rows[0]]
-        at = rows[int(np.argmax(pairs.depth_m[rows]))]
+        came_m = pairs.most(points.approach_m_s)[rows].clip(0.0) * pairs.timestep_s[rows]
+        until = int(np.argmax(pairs.depth_m[rows]))
+        at = rows[until]
         its = np.flatnonzero(pairs.row == at)
         point = its[int(np.argmin(points.distance_m[its]))]
         still = ~points.began_m_s[pairs.starts[rows]].any(axis=2)
         first, second = points.link[point].tolist()
         return Overlap(
             first=int(steps[0]), last=int(steps[-1]),
-            came_m=float(fastest * pairs.timestep_s[rows[0]]),
+            came_m=float(came_m[: until + 1].sum()), all_m=float(came_m.sum()),
+            fastest_m=float(came_m[: until + 1].max()),
             began_m=float(pairs.depth_m[rows[0]]),
             placed=bool(moved[0].any()),
             depth_m=float(pairs.depth_m[at]), deepest=int(pairs.step[at]),
@@ -112,6 +124,8 @@ class DeepPenetration(Answer):
         for (first, second), overlap in self._found.items():
             if overlap.placed and overlap.carried <= 1:
                 continue  # `starts-in-contact`
+            if not {first, second} & self._end.keys():
+                continue
             thin_m = self._thinner_m((first, second), overlap.links)
             if overlap.depth_m > SHARE * thin_m:
                 finding = self._finding(first, second, overlap, thin_m)
@@ -149,12 +163,21 @@ class DeepPenetration(Answer):
                 Message("a call moves one of them in each step, and it has no velocity"),
                 Message("give it the velocity that it moves with: p.resetBaseVelocity(…)"),
             )
-        if overlap.deepest == overlap.first and overlap.depth_m <= 1.05 * overlap.came_m:
+        took, stiffness_n_m = overlap.deepest - overlap.first, self._stiffness_n_m(body, other)
+        if stiffness_n_m and took < GROWS:
+            return None, None
+        if stiffness_n_m:
             return (
-                Message("they approach by {way:.3g} mm in one step", way=overlap.came_m * 1e3),
+                Message("contact there is as soft as {stiffness:.3g} N/m", stiffness=stiffness_n_m),
+                Message("raise p.changeDynamics(…, contactStiffness=…), or do without"),
+            )
+        if took < SOON and overlap.depth_m <= 1.05 * overlap.came_m:
+            way_m = overlap.fastest_m
+            return (
+                Message("they approach by {way:.3g} mm in one step", way=way_m * 1e3),
                 Message("use a shorter timestep: p.setTimeStep(…)"),
             )
-        grows = overlap.deepest - overlap.first >= GROWS and overlap.depth_m > 2 * overlap.began_m
+        grows = took >= GROWS and overlap.depth_m > 2 * overlap.began_m
         if grows and overlap.presses == "constraint":
             return (
                 Message("a constraint presses them together, and the solver ends before it can "
@@ -171,13 +194,19 @@ class DeepPenetration(Answer):
         ratio = self._ratio(body, other)
         client = self.scene.body(body).client
         early = any(each.client == client and each.steps for each in self.scene.seen.solvers)
-        if ratio >= RATIO and early and overlap.deepest - overlap.first >= GROWS:
+        if RATIO <= ratio <= MOST_RATIO and early and took >= GROWS:
             return (
                 Message("one is {ratio:.3g} times as heavy as the other, and the solver uses up "
                     "its iterations", ratio=ratio),
                 Message("raise p.setPhysicsEngineParameter(numSolverIterations=500)"),
             )  # fmt: skip
         return None, None
+
+    def _stiffness_n_m(self, *bodies: int) -> float:
+        """Return the stiffness that their contacts were given; 0 without any."""
+        told = [each.reported["contact_stiffness"] for each in self.scene.seen.dynamics
+            if each.body.number in bodies]  # fmt: skip
+        return max([0.0, *(float(np.nan_to_num(each).max()) for each in told)])
 
     def _thinner_m(self, bodies: tuple[int, int], links: tuple[int, int]) -> float:
         """Return the shortest edge of what overlaps and can move."""

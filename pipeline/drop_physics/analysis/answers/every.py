@@ -41,6 +41,7 @@ from drop_physics.analysis.answers.starts_in_contact import StartsInContact
 from drop_physics.analysis.answers.substeps_scale_motors import SubstepsScaleMotors
 from drop_physics.analysis.answers.targets import TargetClamped
 from drop_physics.analysis.answers.timestep_after_motor import TimestepAfterMotor
+from drop_physics.analysis.answers.tunnelled import Tunnelled
 from drop_physics.analysis.answers.unstable import NotFinite, Unstable
 from drop_physics.analysis.answers.wheel_slip import WheelSlip
 from drop_physics.messages import Message
@@ -67,6 +68,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     FrictionPyramid,
     DraggedByNothing,
     CollidesAsHull,
+    Tunnelled,
     # calls and files
     ScriptFailed,
     NotStepped,
