@@ -6,7 +6,7 @@ It names the function that formats it, as `module:function`: in a room above, so
 from __future__ import annotations
 
 import importlib
-from typing import ClassVar
+from typing import Any, ClassVar
 
 NOTEBOOK = "drop_physics.console.notebook"
 
@@ -20,6 +20,7 @@ class Shown:
 
     def __init_subclass__(cls, lines_of: str) -> None:
         cls.lines_of = lines_of
+        cls._repr_pretty_ = Shown._repr_pretty_  # type: ignore[method-assign]  # before a dataclass's __repr__
 
     def lines(self) -> list[str]:
         """Return what the terminal prints, with Rich's markup."""
@@ -30,5 +31,15 @@ class Shown:
     def __str__(self) -> str:
         return str(importlib.import_module(NOTEBOOK).text_of(self))
 
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:  # noqa: ANN401, ARG002
+        printer.text(str(self))
+
     def _repr_html_(self) -> str:
         return str(importlib.import_module(NOTEBOOK).html_of(self))
+
+    def view(self, *, height_px: int = 700) -> Any:  # noqa: ANN401 - a widget of Rerun's
+        """Return Rerun's viewer of the result's recording, with its analysis, for a notebook.
+
+        It needs `rerun-notebook`, which `pip install 'drop-physics[notebook]'` brings.
+        """
+        return importlib.import_module(NOTEBOOK).view_of(self, height_px)

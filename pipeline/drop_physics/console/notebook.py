@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.terminal_theme import DEFAULT_TERMINAL_THEME
+from rich.terminal_theme import TerminalTheme
 
 from drop_physics.console.output import harmless
+from drop_physics.errors import ScenarioError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,6 +21,11 @@ if TYPE_CHECKING:
 PICTURES = {".gif": "gif", ".png": "png", ".webp": "webp", ".apng": "apng", ".svg": "svg+xml"}
 """What a browser shows: file suffix -> media type."""
 PRE = '<pre style="line-height: normal; overflow-x: auto">{code}</pre>'
+GREY = (127, 127, 127)
+COLOURS = [GREY, (214, 69, 65), (39, 138, 72), (166, 112, 0), (47, 116, 208),
+           (164, 78, 186), (14, 132, 148), GREY]  # fmt: skip
+THEME = TerminalTheme(GREY, GREY, COLOURS, COLOURS)
+"""Legible on light and on dark pages; what has no colour has the page's."""
 WIDEST = 1000
 """Columns; the lines are already wrapped."""
 
@@ -31,16 +37,37 @@ def text_of(result: Shown) -> str:
 
 def html_of(result: Shown) -> str:
     """Return the same text as HTML, followed by the result's tables and pictures."""
-    text = _printed(result).export_html(
-        theme=DEFAULT_TERMINAL_THEME, inline_styles=True, code_format=PRE
-    )
+    text = _printed(result).export_html(theme=THEME, inline_styles=True, code_format=PRE)
     return "\n".join([text, *_tables(result), *_pictures(result)])
+
+
+def view_of(result: Any, height_px: int) -> Any:  # noqa: ANN401 - a widget of Rerun's
+    """Return Rerun's viewer of a result's recording, for a notebook.
+
+    Raises
+    ------
+    ViewerError
+        If it is not installed.
+    ScenarioError
+        If the result has no recording.
+    """
+    from drop_physics.recording.layer import layer_of
+    from drop_physics.recording.viewer import in_notebook
+    from drop_physics.stages.run import Run
+
+    made = result.simulation if isinstance(result, Run) else result
+    recording: Path | None = getattr(made, "recording", None)
+    if recording is None:
+        raise ScenarioError("only the result of a recording can be viewed; view that of analyze")
+    layer = getattr(made, "layer", None) or layer_of(recording)
+    return in_notebook([recording, *([layer] if layer.is_file() else [])], height_px)
 
 
 def _printed(result: Shown) -> Console:
     console = Console(
         file=io.StringIO(), record=True, width=WIDEST, highlight=False, emoji=False,
         soft_wrap=True, color_system="standard", force_terminal=True,
+        force_jupyter=False,  # it would show each line by itself, besides the whole
     )  # fmt: skip
     for line in result.lines():
         console.print(harmless(line))

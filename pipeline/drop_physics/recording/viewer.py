@@ -18,6 +18,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.recording import schema
@@ -163,6 +164,28 @@ def wait(process: subprocess.Popen[bytes]) -> None:
             "the viewer ended with exit code {code}; try the browser's: drop view RUN.rrd --web",
             code=process.returncode,
         )
+
+
+def in_notebook(files: Sequence[Path], height_px: int) -> Any:  # noqa: ANN401 - its own class
+    """Return a viewer of these files as a notebook's widget.
+
+    Raises
+    ------
+    ViewerError
+        If it is not installed.
+    """
+    if importlib.util.find_spec("rerun_notebook") is None:
+        raise ViewerError(
+            "a viewer in a notebook needs rerun-notebook; try: pip install "
+            "'drop-physics[notebook]', or in a terminal: drop view {path}",
+            path=files[0],
+        )
+    from rerun.notebook import Viewer as Widget
+
+    widget = Widget(width="auto", height=height_px, use_global_recording=False)
+    for file in files:
+        widget._flush_hook(file.read_bytes())
+    return widget
 
 
 def put_cursor(

@@ -1,0 +1,54 @@
+"""The notebook in `docs/` runs, and shows each result once, with its plot and its viewer."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+NOTEBOOK = Path(__file__).parents[1] / "docs/examples/arm.ipynb"
+
+
+@pytest.fixture(scope="module")
+def outputs(tmp_path_factory: pytest.TempPathFactory) -> list[list[dict[str, Any]]]:
+    """Return what each of the notebook's cells with code shows."""
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    folder = {"metadata": {"path": str(tmp_path_factory.mktemp("notebook"))}}
+    NotebookClient(notebook, timeout=120, resources=folder).execute()
+    return [cell.outputs for cell in notebook.cells if cell.cell_type == "code"]
+
+
+pytestmark = [
+    pytest.mark.long,
+    *(pytest.mark.needs(module) for module in ("nbclient", "ipykernel", "rerun_notebook")),
+]
+
+
+def test_a_result_is_shown_once_with_its_plot(outputs: list[list[dict[str, Any]]]) -> None:
+    (shown,) = outputs[2]
+    text, html = shown["data"]["text/plain"], shown["data"]["text/html"]
+    assert "lbr_iiwa_joint_2 ends 1.3 rad off its target" in text
+    assert html.count("ends 1.3 rad off") == 1
+    assert html.count("<img") == 1
+    assert max(map(len, text.splitlines())) <= 80
+    assert all(colour not in html for colour in ("#000000", "#ffffff", "#008000"))
+
+
+def test_the_arm_holds_with_the_force_that_is_named(outputs: list[list[dict[str, Any]]]) -> None:
+    assert outputs[3][0]["text"].startswith("off-target\n")
+    assert float(outputs[4][-1]["data"]["text/plain"]) < 1e-2
+
+
+def test_a_viewer_is_shown_where_it_is_installed(outputs: list[list[dict[str, Any]]]) -> None:
+    kinds = [kind for shown in outputs[5] for kind in shown.get("data", {})]
+    assert "application/vnd.jupyter.widget-view+json" in kinds
+
+
+def test_the_notebook_is_kept_without_outputs() -> None:
+    cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
+    assert not any(cell.get("outputs") for cell in cells)
