@@ -6,11 +6,13 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 from conftest import Drop
 from drop_physics import analyze
 from drop_physics.errors import OutputError, ScenarioError
+from drop_physics.recording.reader import read
 from drop_physics.stages.trust import Trust, trust
 from drop_physics.stages.variations import lengths_of, variations_of
 
@@ -111,25 +113,133 @@ def test_lengths_have_units(text: str, lengths: dict[str, float] | None) -> None
         assert lengths_of(text) == pytest.approx(lengths)
 
 
-def test_a_double_pendulum_grows_exponentially(tmp_path: Path) -> None:
-    scene = """
-b = p.createMultiBody(0, linkMasses=[1, 1], linkCollisionShapeIndices=[-1] * 2,
-    linkVisualShapeIndices=[-1] * 2, linkPositions=[[0, 0, 0], [0, 0, -1]],
-    linkOrientations=[[0, 0, 0, 1]] * 2, linkInertialFramePositions=[[0, 0, -1]] * 2,
-    linkInertialFrameOrientations=[[0, 0, 0, 1]] * 2, linkParentIndices=[0, 1],
-    linkJointTypes=[p.JOINT_REVOLUTE] * 2, linkJointAxis=[[0, 1, 0]] * 2)
+JOINTS = """
+n = len(starts)
+b = p.createMultiBody(0, linkMasses=[1] * n, linkCollisionShapeIndices=[-1] * n,
+    linkVisualShapeIndices=[-1] * n, linkPositions=[[0, 0, -(j > 0)] for j in range(n)],
+    linkOrientations=[[0, 0, 0, 1]] * n, linkInertialFramePositions=[[0, 0, -1]] * n,
+    linkInertialFrameOrientations=[[0, 0, 0, 1]] * n, linkParentIndices=[*range(n)],
+    linkJointTypes=[p.JOINT_REVOLUTE] * n, linkJointAxis=[[0, 1, 0]] * n)
 p.changeDynamics(b, -1, linearDamping=0, angularDamping=0)
-for j in range(2):
+for j in range(n):
     p.changeDynamics(b, j, localInertiaDiagonal=[1e-3] * 3, jointDamping=0)
     p.setJointMotorControl2(b, j, p.VELOCITY_CONTROL, force=0)
-    p.resetJointState(b, j, [2.5, 1.0][j])
-steps(3000)
+    p.resetJointState(b, j, starts[j])
 """
-    found = trusted(tmp_path, scene)
+"""A chain of pendulums of 1 kg at 1 m each, from given angles, without friction."""
+
+
+def test_a_pendulum_converges_to_its_swing(tmp_path: Path) -> None:
+    """U' = u - w^2 q dt, q' = q + u' dt is solved by a cosine with another phase."""
+    start, t, dt = 0.01, 0.75, 1 / 240
+    found = trusted(tmp_path, f"starts = [{start}]{JOINTS}steps(180)\n")
+    w = math.sqrt(10 * 1 * 1 / (1e-3 + 1))
+
+    def end(dt: float) -> float:
+        phase = math.acos(1 - (w * dt) ** 2 / 2)
+        steps = t / dt
+        return start * (math.cos(steps * phase) - math.tan(phase / 2) * math.sin(steps * phase))
+
+    apart = ends(found)
+    for k in (2, 4):
+        due = abs(end(dt / k) - end(dt))
+        assert apart[f"timestep/{k}"]["rad"] == pytest.approx(due, rel=1e-3)  # sin q is not q
+    assert apart["iterations*4"] == apart["residual 0"] == {"rad": 0}
+    (angle,) = found.converging
+    assert angle.order == pytest.approx(1, abs=0.05)
+    swing = start * math.cos(w * t)
+    assert angle.extrapolated is not None
+    assert angle.uncertainty is not None
+    assert abs(angle.extrapolated - swing) < angle.uncertainty < abs(end(dt) - swing)
+    assert found.variations[0].term == "integrator"
+    assert found.growth is None
+    codes = [each.code for each in found.findings]
+    assert codes == ["depends-on-timestep", "depends-on-timestep", "converges"]
+
+
+def test_a_double_pendulum_grows_at_its_lyapunov_exponent(tmp_path: Path) -> None:
+    """The exponent of the same map, written by hand, over the same time (Benettin 1980)."""
+    found = trusted(tmp_path, f"starts = [2.5, 1.0]{JOINTS}steps(3000)\n", vary=["nudge"])
     assert found.growth is not None
-    assert found.growth.lost_s is not None
     assert found.growth.rate_per_s is not None
-    assert 0.5 < found.growth.rate_per_s < 8  # a few times sqrt(g / l) = 3.2 per second at most
+    assert found.growth.lost_s is not None
+    inertia, g, dt = 1e-3, 10.0, 1 / 240
+
+    def step(q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        c, s = math.cos(q[1]), math.sin(q[1])
+        m = [[3 + 2 * c + 2 * inertia, 1 + c + inertia], [1 + c + inertia, 1 + inertia]]
+        bias = np.array([-s * (2 * u[0] * u[1] + u[1] ** 2), s * u[0] ** 2])
+        outer = math.sin(q[0] + q[1])
+        weight = -g * np.array([2 * math.sin(q[0]) + outer, outer])
+        u = u + dt * np.linalg.solve(m, weight - bias)
+        return q + dt * u, u
+
+    state = np.array([2.5, 1.0]), np.zeros(2)
+    near, size, grown, logs = (state[0] + [1e-9, 0], state[1]), 1e-9, 0.0, []
+    for _ in range(3000):
+        state, near = step(*state), step(*near)
+        logs.append(grown + math.log(abs(near[0] - state[0]).max() / size))
+        off = [a - b for a, b in zip(near, state, strict=True)]
+        by = size / np.hypot(np.linalg.norm(off[0]), np.linalg.norm(off[1]) / math.sqrt(g))
+        grown -= math.log(by)
+        near = state[0] + by * off[0], state[1] + by * off[1]
+    times = np.arange(1, 3001) * dt
+    within = (times >= found.growth.from_s) & (times <= found.growth.until_s)
+    exponent = np.polyfit(times[within], np.array(logs)[within], 1)[0]
+    assert found.growth.rate_per_s == pytest.approx(exponent, rel=0.15)
+    # By hand the trajectory is the same: the last state is off by what rounding has grown to.
+    (track, *_) = found.variations[0].apart.tracks
+    assert track.last[0] == pytest.approx(state[0][0], abs=1e-6)
+    (lost,) = [each for each in found.findings if each.code == "one-of-many"]
+    assert f"beyond {found.growth.lost_s:.3g} s" in lost.message
+
+
+def test_a_ramp_that_holds_creeps_with_the_residual_threshold_only(tmp_path: Path) -> None:
+    scene = """
+import math
+a = p.getQuaternionFromEuler([0, math.radians(20), 0])
+g = p.createMultiBody(0, p.createCollisionShape(p.GEOM_BOX, halfExtents=[2, 1, 0.1]),
+    baseOrientation=a)
+b = p.createMultiBody(1, p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1] * 3),
+    basePosition=p.rotateVector(a, [0, 0, 0.2]), baseOrientation=a)
+p.changeDynamics(g, -1, lateralFriction=1)
+p.changeDynamics(b, -1, lateralFriction=0.5)  # tan 20 deg is 0.36
+steps(480)
+"""
+    found = trusted(tmp_path, scene, vary=["iterations*4", "residual=0", "nudge"])
+    way = {}
+    for path in (found.recording, *(each.recording for each in found.variations)):
+        x = read(path).seen.bases["x_m"].to_numpy()
+        way[path.stem] = abs(x[-1] - x[-240])
+    assert way["base"] == way["iterations_4"] > 5e-6
+    assert way["residual_0"] < 1e-9
+    assert [each.term for each in found.variations] == [None, "contacts", None]
+    apart = ends(found)
+    assert apart["iterations*4"]["m"] == 0
+    assert apart["nudge"]["m"] < 2e-9
+    assert apart["residual 0"]["m"] > 1e-5
+
+
+def test_an_arm_with_position_motors_gets_there_sooner_with_a_finer_step(tmp_path: Path) -> None:
+    """A motor closes kp of the gap per step: (1 - kp)^n of it is left after n steps."""
+    scene = """
+a = p.loadURDF('kuka_iiwa/model.urdf', useFixedBase=True)
+for j in range(7):
+    p.changeDynamics(a, j, jointDamping=0)
+    p.setJointMotorControl2(a, j, p.POSITION_CONTROL, 0.1, positionGain=0.02, velocityGain=1,
+        force=1e6)
+p.setPhysicsEngineParameter(solverResidualThreshold=0, numSolverIterations=500)
+steps(60)
+"""
+    found = trusted(tmp_path, scene, vary=["timestep/2", "timestep/4"])
+    for each in found.variations:
+        assert each.term == "motors"
+        k = int(each.name[-1])
+        (most,) = each.apart.most
+        gap = [0.1 * 0.98**n for n in range(61)], [0.1 * 0.98 ** (k * n) for n in range(61)]
+        due = max(a - b for a, b in zip(*gap, strict=True))
+        assert most.value == pytest.approx(due, rel=1e-3)
+    assert "per step, not per second" in found.findings[0].advice
 
 
 def test_the_command_tells_what_stands_and_fails_where_a_variation_ends_too_far(
