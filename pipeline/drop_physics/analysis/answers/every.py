@@ -15,6 +15,7 @@ from drop_physics.analysis.answers.default_motor import DefaultMotor
 from drop_physics.analysis.answers.dragged_by_nothing import DraggedByNothing
 from drop_physics.analysis.answers.energy_gained import EnergyGained
 from drop_physics.analysis.answers.friction_pyramid import FrictionPyramid
+from drop_physics.analysis.answers.ik_off import IkOff
 from drop_physics.analysis.answers.inertia import Inertia
 from drop_physics.analysis.answers.joined import Joined
 from drop_physics.analysis.answers.joint_damping import JointDamping
@@ -57,6 +58,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     JointDamping,
     BeyondUrdf,
     MimicIgnored,
+    IkOff,
     WheelSlip,
     # contacts
     StartsInContact,

@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 
 Call = Callable[..., Any]
 
+IK = "calculateInverseKinematics"
+"""Changes nothing; what it was asked for is recorded."""
+
 ANSWERED = set(Window(SimpleNamespace(), 0).answers())
 """What a window would answer."""
 
@@ -47,7 +50,7 @@ def handler(watch: Watch, name: str, original: Any) -> Call:
     }.get(name)  # fmt: skip
     if special is not None:
         return special(watch, name, original)
-    if name in CHANGES_NOTHING or name.startswith(READS):
+    if name != IK and (name in CHANGES_NOTHING or name.startswith(READS)):
         return passive(watch, name, original)
     return changing(watch, name, original)
 
@@ -147,7 +150,15 @@ def _effects(name: str) -> tuple[Call | None, Call | None]:
         return _before_push, None
     if name in READ_AGAIN:
         return _before_change, _after_change
+    if name == IK:
+        return None, _after_ik
     return None, _after_creation if name.startswith(RETURNS) else None
+
+
+def _after_ik(watch: Watch, _: World, __: str, ___: Any, result: Any) -> None:
+    """Send the largest number of an answer, by which targets that are taken from it are known."""
+    if type(result) is tuple and result:
+        watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(max(result, key=abs)))
 
 
 def _before_move(watch: Watch, world: World, name: str, args: Any, kwargs: Any) -> tuple[Any, ...]:
