@@ -27,7 +27,7 @@ for n in range({times}):
 hand = p.getLinkState(k, {link}, computeForwardKinematics=True)[4]
 """
 MANY = ", maxNumIterations=1000, residualThreshold=1e-6"
-KUKA, PANDA, XARM = "kuka_iiwa/model.urdf", "franka_panda/panda.urdf", "xarm/xarm6_robot.urdf"
+KUKA, PANDA = "kuka_iiwa/model.urdf", "franka_panda/panda.urdf"
 READY = [0, -0.4, 0, -2.2, 0, 2, 0.8, 0.02, 0.02]
 
 
@@ -56,7 +56,7 @@ def off_m(scene: str, point: list[float]) -> float:
         (KUKA, 6, [0.5, 0.2, 0.5], [0] * 7),
         (KUKA, 6, [-0.4, 0.3, 0.7], [0] * 7),
         (PANDA, 8, [0.3, -0.5, 0.3], READY),
-        (XARM, 6, [0.3, 0.2, 0.3], [0] * 6),
+        (PANDA, 8, [0.4, 0.4, 0.2], READY),
     ],
 )
 def test_an_answer_that_is_off(

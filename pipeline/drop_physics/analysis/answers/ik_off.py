@@ -97,8 +97,10 @@ class IkOff(Answer):
             if places[link].stop > places[link].start]  # fmt: skip
         target = target_of(driven)[row]
         told = driven.asked.began[row, rates]
-        rests = driven.resting[row, rates].all() and np.isfinite(target[rates]).all()
-        if not rates or not rests or (told > sent.call.at.step).any():
+        rests = sent.times >= AGAIN or driven.resting[row, rates].all()
+        if not rates or not rests or np.isnan(target[rates]).any():
+            return
+        if (told > sent.call.at.step).any():
             return
         reached = steps.after.at(slice(row, row + 1))
         wanted = reached.joints.copy()
@@ -114,6 +116,9 @@ class IkOff(Answer):
         off_m = float(np.linalg.norm(there - sent.point_m))
         by_joints_m = float(np.linalg.norm(there - answer))
         known = self._off.get(driven.body.number)
+        if known is not None and known.sent.point_m == sent.point_m:
+            del self._off[driven.body.number]  # it was asked for again
+            known = None
         if off_m > OFF_M and by_joints_m < JOINTS * off_m and (
             known is None or off_m > known.off_m
         ):  # fmt: skip
@@ -140,7 +145,7 @@ class IkOff(Answer):
                 )
             else:
                 message = Message(
-                    "{joint}: the hand rests {off} from the point ({point}) with its joints on "
+                    "{joint}: the hand is {off} from the point ({point}) with its joints on "
                     "their targets, after {times} answers of p.calculateInverseKinematics: it "
                     "finds no way there"
                 )
