@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from typing import Any, ClassVar
 
-NOTEBOOK = "drop_physics.console.notebook"
+NOTEBOOK, VIEW = "drop_physics.console.notebook", "drop_physics.stages.view"
 
 
 class Shown:
@@ -42,4 +42,4 @@ class Shown:
 
         It needs `rerun-notebook`, which `pip install 'drop-physics[notebook]'` brings.
         """
-        return importlib.import_module(NOTEBOOK).view_of(self, height_px)
+        return importlib.import_module(VIEW).in_notebook(self, height_px)

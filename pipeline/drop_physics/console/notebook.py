@@ -11,7 +11,6 @@ from rich.console import Console
 from rich.terminal_theme import TerminalTheme
 
 from drop_physics.console.output import harmless
-from drop_physics.errors import ScenarioError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,28 +38,6 @@ def html_of(result: Shown) -> str:
     """Return the same text as HTML, followed by the result's tables and pictures."""
     text = _printed(result).export_html(theme=THEME, inline_styles=True, code_format=PRE)
     return "\n".join([text, *_tables(result), *_pictures(result)])
-
-
-def view_of(result: Any, height_px: int) -> Any:  # noqa: ANN401 - a widget of Rerun's
-    """Return Rerun's viewer of a result's recording, for a notebook.
-
-    Raises
-    ------
-    ViewerError
-        If it is not installed.
-    ScenarioError
-        If the result has no recording.
-    """
-    from drop_physics.recording.layer import layer_of
-    from drop_physics.recording.viewer import in_notebook
-    from drop_physics.stages.run import Run
-
-    made = result.simulation if isinstance(result, Run) else result
-    recording: Path | None = getattr(made, "recording", None)
-    if recording is None:
-        raise ScenarioError("only the result of a recording can be viewed; view that of analyze")
-    layer = getattr(made, "layer", None) or layer_of(recording)
-    return in_notebook([recording, *([layer] if layer.is_file() else [])], height_px)
 
 
 def _printed(result: Shown) -> Console:

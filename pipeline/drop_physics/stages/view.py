@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from drop_physics import colours
 from drop_physics.analysis.drop.one_sample import DEFAULT_AT_S
@@ -169,6 +170,24 @@ def show(shown: View) -> None:
         if process.poll() is None:
             process.terminate()
             process.wait()
+
+
+def in_notebook(result: Any, height_px: int) -> Any:  # noqa: ANN401 - a widget of Rerun's
+    """Return Rerun's viewer of a result's recording, for a notebook.
+
+    Raises
+    ------
+    ViewerError
+        If it is not installed.
+    ScenarioError
+        If the result has no recording.
+    """
+    made = getattr(result, "simulation", result)
+    recording: Path | None = getattr(made, "recording", None)
+    if recording is None:
+        raise ScenarioError("only the result of a recording can be viewed; view that of analyze")
+    layer = getattr(made, "layer", None) or layer_of(recording)
+    return viewer.in_notebook([recording, *([layer] if layer.is_file() else [])], height_px)
 
 
 def spawn() -> str:
