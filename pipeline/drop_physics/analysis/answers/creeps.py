@@ -11,6 +11,8 @@ from drop_physics.messages import Message
 
 LASTS = 100
 """Steps: shorter, it comes to rest."""
+STEADY = 10
+"""Times its mean, up to which it is at its fastest: faster, it settled."""
 STRAIGHT = 0.5
 """Of the ways, what is left where they are added up: what trembles gets nowhere, and what rolls
 slips less than it goes."""
@@ -29,6 +31,7 @@ class Creeps(Slides):
             run.last - run.first >= LASTS
             and went > max(LEAST_M, LEAST_SHARE * body_m)
             and min(slid, went) > STRAIGHT * max(slid, moved)
+            and run.most_m_s * float(run.sums[2]) < STEADY * went
             and run.needed_n_s < AT_LIMIT * available
             and abs(used) < AT_LIMIT * available
         )

@@ -14,6 +14,8 @@ from drop_physics.messages import Message
 
 THRESHOLD_M_S = 0.2
 """Bullet's own: slower contacts do not bounce."""
+STOPPED = 1e-3
+"""Share of the approach that is left of what is stopped."""
 SWALLOWED = 0.5
 """Share of what was asked for, below which it does not bounce: overlap alone lifts a little."""
 
@@ -45,6 +47,8 @@ class NoRestitution(Answer):
             return
         # Where the engine has restitution, it bounces as it says.
         fast = (pairs.approach_m_s > THRESHOLD_M_S) & (pairs.restitution == 0)
+        # What is soft, or pressed by others, takes longer than a step to stop.
+        fast &= pairs.parting_m_s > -STOPPED * pairs.approach_m_s
         fast &= np.isin(pairs.body, wanted).any(axis=1) & (pairs.body[:, 0] != pairs.body[:, 1])
         for row in np.flatnonzero(fast).tolist():
             first, second = pairs.body[row].tolist()

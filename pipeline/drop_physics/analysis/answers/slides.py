@@ -142,7 +142,7 @@ class Slides(Answer):
                 needed=needed / seconds, wanted=needed / normal,
             ),
             advice=Message(
-                "raise the product of both bodies' coefficients above {wanted:.3g} with "
+                "raise the product of both bodies' coefficients well above {wanted:.3g} with "
                 "p.changeDynamics(…, lateralFriction=…), or press them together with more force",
                 wanted=needed / normal,
             ),
