@@ -42,6 +42,22 @@ def test_bodies_and_heights_of_the_golden_one_are_added_in_grey(
     assert [positions] == of_golden
 
 
+def test_two_recordings_of_one_script_are_seen_together(
+    recording: Record, golden: Path, drop: Drop, tmp_path: Path
+) -> None:
+    changed = recording(("[0, 0, 0.2]", "[0, 0, 0.25]"))
+    with view([changed, golden], web=True) as shown:
+        assert (shown.recordings, shown.golden) == ([changed], golden)
+        assert shown.first_difference == 0
+    (tmp_path / "other.py").write_text(
+        "import pybullet as p\np.connect(p.DIRECT)\np.stepSimulation()"
+    )
+    drop("record", "other.py")
+    other = tmp_path / "recordings/other.rrd"
+    with view([changed, other], web=True) as shown:
+        assert (shown.recordings, shown.golden) == ([changed, other], None)
+
+
 def test_a_drop_and_its_golden_one_are_seen_together(tmp_path: Path) -> None:
     simulate(Scenario(duration_s=0.1), tmp_path / "run.rrd", camera=None)
     undamped = tmp_path / "undamped.rrd"

@@ -49,7 +49,8 @@ def view(
 ) -> Iterator[View]:
     """Yield what the viewer shows of some recordings; its files exist until the block ends.
 
-    Recordings of the same drop in different engines are shown as one, with a colour per engine.
+    Recordings of the same drop in different engines are shown as one, with a colour per engine; of
+    two of one script the second is shown in grey.
 
     Parameters
     ----------
@@ -75,6 +76,8 @@ def view(
     with tempfile.TemporaryDirectory(prefix="drop-") as folder:
         if against is not None:
             yield _with_golden(paths[0], Path(against), Path(folder), web=web)
+        elif _of_one_script(paths):
+            yield _with_golden(paths[0], paths[1], Path(folder), web=web)
         elif scenarios := _of_one_drop(paths):
             yield _of_engines(scenarios, Path(folder), web=web)
         else:
@@ -106,6 +109,14 @@ def _with_golden(path: Path, golden: Path, folder: Path, *, web: bool) -> View:
         first_difference=None if checked.first is None else checked.first.step,
         not_compared=tuple(checked.not_compared),
     )
+
+
+def _of_one_script(paths: Sequence[Path]) -> bool:
+    """Whether these are two recordings of one script."""
+    if len(paths) != 2 or not all(map(is_script, paths)):
+        return False
+    first, other = (Path(str(read(path).origin.get("script", path))).name for path in paths)
+    return first == other
 
 
 def _moving(golden: Path) -> Collection[str] | None:
