@@ -60,7 +60,7 @@ class BodyStory:
         steps = (self._times.nearest(time_s, 0, last) for time_s in times_s)
         return [step for step in steps if step is not None]
 
-    def add(self, judged: Judged, chain: Chain) -> pl.DataFrame:
+    def add(self, judged: Judged, chain: Chain, *, detailed: bool) -> pl.DataFrame:
         """Take a piece; return a row for each of its samples."""
         errors_m = self._flights.add(judged)
         self._phases.add(judged)
@@ -71,7 +71,8 @@ class BodyStory:
             ]
         sampled = np.flatnonzero(chain.sampled)
         rows = sampled[np.searchsorted(chain.steps[sampled], judged.steps)]
-        return rows_of(judged, chain.base[rows, :3], errors_m, self._times)
+        return rows_of(judged, chain.base[rows, :3], errors_m, self._times,
+            detailed=detailed)  # fmt: skip
 
     def explained(self, totals: Totals | None) -> Explained:
         """Return how much of the body is explained."""

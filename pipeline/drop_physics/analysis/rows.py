@@ -27,11 +27,13 @@ SHOWN_PER_S = 60.0
 
 
 def rows_of(
-    judged: Judged, base_m: Float64, errors_m: Mapping[int, Float64], times: Times
-) -> pl.DataFrame:
+    judged: Judged, base_m: Float64, errors_m: Mapping[int, Float64], times: Times,
+    *, detailed: bool,
+) -> pl.DataFrame:  # fmt: skip
     """Return a row for each sample of a body in a piece.
 
-    `base_m`: where its base is, shape (n, 3); `errors_m`: how far off free fall it is, by row.
+    `base_m`: where its base is, shape (n, 3); `errors_m`: how far off free fall it is, by row;
+    `detailed`: whether each joint and each term has its columns (`details_of`).
     """
     n, body = len(judged.steps), judged.body
     error_m = np.full((n, 3), np.nan)
@@ -59,7 +61,31 @@ def rows_of(
         "contact_j": contact_j,
         "remainder": judged.unexplained,
     }
-    return pl.DataFrame(named, schema=COLUMNS, nan_to_null=True)
+    details = details_of(judged) if detailed else {}
+    schema = COLUMNS | dict.fromkeys(details, pl.Float64)
+    return pl.DataFrame(named | details, schema=schema, nan_to_null=True)
+
+
+def details_of(judged: Judged) -> dict[str, Float64]:
+    """Return further columns: each joint's position and motor, and the energy that each term gave.
+
+    Of a joint that turns about a point there is none.
+    """
+    columns: dict[str, Float64] = {}
+    for steps in judged.stretches:
+        rows, tree = np.searchsorted(judged.steps, steps.steps), steps.law.tree
+        efforts = steps.reported.motors + steps.reported.pd + steps.reported.commanded
+        found = {f"{cause.replace(' ', '_')}_j": gave
+            for cause, gave in steps.changes.energy_j.items() if cause != "contacts"}  # fmt: skip
+        for joint, rate, at in zip(judged.body.joints, tree.rates, tree.coordinates, strict=True):
+            if rate.stop - rate.start == 1:
+                slides = joint.kind == "prismatic"
+                k = rate.start - tree.first_rate
+                found[f"{joint.name}.{'m' if slides else 'rad'}"] = steps.after.joints[:, at.start]
+                found[f"{joint.name}.{'n' if slides else 'n_m'}"] = efforts[:, k]
+        for name, values in found.items():
+            columns.setdefault(name, np.full(len(judged.steps), np.nan))[rows] = values
+    return columns
 
 
 def shown(rows: pl.DataFrame, *, per_s: float) -> pl.DataFrame:

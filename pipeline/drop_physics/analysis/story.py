@@ -40,6 +40,8 @@ class Story:
         Times [s] whose steps are reported as sums.
     whole
         Whether to keep all rows of the table.
+    detailed
+        Whether each joint and each term has its columns in it.
     answers
         The questions to answer.
     """
@@ -52,6 +54,7 @@ class Story:
         at_s: Sequence[float] = (),
         sums_at_s: Sequence[float] = (),
         whole: bool = True,
+        detailed: bool = False,
         answers: Sequence[type[Answer]] = ANSWERS,
     ) -> None:
         clients = {each.client for each in seen.settings}
@@ -65,6 +68,7 @@ class Story:
         )
         self.curves = CurveTable(seen, self.scene.times)
         self._answers = [question(self.scene) for question in answers]
+        self._detailed = detailed
         self._rows: list[pl.DataFrame] = []
         ends_s = [self.scene.times[body.client].of(seen.samples.get(body.client, 1) - 1)
             for body in seen.bodies.values()]  # fmt: skip
@@ -83,7 +87,8 @@ class Story:
         for answer in self._answers:
             answer.see(explained)
         for number, judged in explained.bodies.items():
-            rows = self.bodies[number].add(judged, explained.chains[number])
+            chain = explained.chains[number]
+            rows = self.bodies[number].add(judged, chain, detailed=self._detailed)
             self._rows.append(shown(rows, per_s=self._shown_per_s))
         self.scene.joints.forget()
         self.scene.touches.forget()
@@ -100,7 +105,7 @@ class Story:
     @property
     def table(self) -> pl.DataFrame:
         """The samples that were kept, body by body."""
-        table = pl.concat([pl.DataFrame(schema=COLUMNS), *self._rows])
+        table = pl.concat([pl.DataFrame(schema=COLUMNS), *self._rows], how="diagonal")
         return table.sort("body", "step", maintain_order=True)
 
 
@@ -126,7 +131,7 @@ def analysis_of(
     samples = sum(seen.samples.values()) * max(1, len(seen.bodies))
     story = Story(
         seen, origin, at_s=at_s, sums_at_s=sums_at_s, whole=whole or samples <= WHOLE,
-        answers=answers,
+        detailed=whole, answers=answers,
     )  # fmt: skip
     story.see_all()
     totals = story.explanation.totals
