@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drop_physics.seen.history import body_named
 from scenes import analyze, record
 from test_joints import run
 
@@ -38,6 +39,12 @@ def test_each_joint_and_each_term_has_a_column(tmp_path: Path) -> None:
     for body in (arm, cube):
         gave = sum(body[name].fill_null(0.0).to_numpy()[1:] for name in causes)
         assert np.allclose(gave, np.diff(body["energy_j"].to_numpy()), atol=1e-10)
+
+
+@pytest.mark.parametrize("which", ["1", "1_model", "model.urdf", "model"])
+def test_a_body_is_named_by_its_number_label_or_name(which: str, tmp_path: Path) -> None:
+    bodies = record(SCENE, tmp_path / "a.rrd").seen.bodies.values()
+    assert body_named(bodies, which).number == 1
 
 
 def test_without_being_asked_for_there_are_few_columns(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import PurePath
 from typing import Protocol
 
 import numpy as np
@@ -268,7 +269,7 @@ class OfBody:
 
 
 def body_named(bodies: Iterable[Body], which: str) -> Body:
-    """Return the only body of a number, name or label.
+    """Return the only body of a number, label or name, with or without the suffix of its file.
 
     Raises
     ------
@@ -276,7 +277,10 @@ def body_named(bodies: Iterable[Body], which: str) -> Body:
         If there is none, or several have the name.
     """
     candidates = list(bodies)
-    matches = [body for body in candidates if which in (str(body.number), body.label, body.name)]
+    matches = [
+        body for body in candidates
+        if which in (str(body.number), body.label, body.name, PurePath(body.name).stem)
+    ]  # fmt: skip
     if len(matches) == 1:
         return matches[0]
     shown = matches or candidates
