@@ -38,7 +38,8 @@ _MENU = {
     ],
     "日本語": ["はじめに <README.ja>", "docs/walkthrough.ja"],
     "Reference": ["docs/commands", "docs/recording", "docs/json", "recordings/README"],
-    "How far to trust it": ["docs/validation", "docs/reliability", "docs/performance"],
+    "How far to trust it": [
+        "docs/trust", "docs/validation", "docs/reliability", "docs/performance"],
     "How it is built": ["docs/architecture", "CONTRIBUTING", "CHANGELOG"],
 }  # fmt: skip
 

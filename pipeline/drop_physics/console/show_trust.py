@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -86,7 +87,7 @@ def trust_lines(trust: Trust) -> list[str]:
     if stands:
         lines += ["", *_table([_head(), *map(_stands, stands)])]
         if len(trust.standing) > len(stands):
-            more = Message("and {more} that stand better: --json",
+            more = Message("and {more} more: --json",
                 more=counted(len(trust.standing) - len(stands), "position"))  # fmt: skip
             lines.append(f"[dim]{escape(translated(more))}[/]")
     sentences = [*_sentences(trust)]
@@ -94,7 +95,10 @@ def trust_lines(trust: Trust) -> list[str]:
         lines.append("")
     for each in sentences:
         lines += [escape(line) for line in wrapped(translated(each), width())]
-    return [*lines, "", *made(Message("recordings"), trust.recording.parent, column=12)]
+    folder = trust.recording.parent
+    with contextlib.suppress(ValueError):
+        folder = folder.relative_to(Path.cwd())
+    return [*lines, "", *made(Message("recordings"), folder, column=12)]
 
 
 def _verdict(trust: Trust) -> Message:

@@ -36,12 +36,12 @@ BY_STEP = {
 }
 """Why a term depends on the timestep."""
 DIVERGES = (
-    "{part} does not converge with the timestep: it ends at {coarse:.6g}, {middle:.6g} and "
-    "{fine:.6g} {unit}"
+    "{part} does not converge with the timestep: it ends at {coarse:.9g}, {middle:.9g} and "
+    "{fine:.9g} {unit}"
 )
 NO_ORDER = (
-    "{part} shows no order of convergence with the timestep: it ends at {coarse:.6g}, {middle:.6g} "
-    "and {fine:.6g} {unit}"
+    "{part} shows no order of convergence with the timestep: it ends at {coarse:.9g}, {middle:.9g} "
+    "and {fine:.9g} {unit}"
 )
 REPEATS = ("nudge", "seed")
 """Variations that another run may have of itself."""
