@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from drop_physics.analysis.results import Analysis
 from drop_physics.figures import style
 from drop_physics.figures.story import Story
 from drop_physics.figures.story_plot import build_story, told_story
-from drop_physics.stages.telling import story_of
+from drop_physics.stages.telling import story_of, viewed
 from scenes import analyze, record
 
 ARM = """
@@ -95,3 +96,43 @@ def test_energy_closes_and_every_text_is_inside_the_picture(scene: str, tmp_path
     assert all(box.x0 >= 0 and box.x1 <= width for box in boxes)
     assert all(box.y0 >= 0 and box.y1 <= height for box in boxes)
     assert told_story(story, "png", dark=True) == told_story(story, "png", dark=True)
+
+
+CAR = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+car = p.loadURDF("husky/husky.urdf", [0, 0, .1])
+for wheel in (2, 3, 4, 5):
+    p.setJointMotorControl2(car, wheel, p.VELOCITY_CONTROL, targetVelocity=10, force=50)
+steps(480)
+"""
+
+
+def test_a_noisy_torque_is_evened_and_says_over_how_long(tmp_path: Path) -> None:
+    analysis, story = told(CAR, tmp_path)
+    (panel,) = (panel for panel in story.panels if "torque of its motor" in panel.title)
+    assert panel.title.endswith("mean over 0.033 s")
+    (car,) = (body for body in analysis.bodies if body.joints)
+    place = next(k for k, row in enumerate(car.joints) if row.name in panel.title)
+    torque = analysis.curves.joints(car.id).columns["torque"][:, place]
+    shown = panel.curves[0].values
+    assert shown[100] == pytest.approx(torque[96:104].mean())
+    assert np.ptp(shown[240:]) < 0.5 * np.ptp(torque[240:])
+
+
+def test_the_viewer_shows_few_joints_and_no_joint_for_what_its_file_lacks(tmp_path: Path) -> None:
+    analysis, _ = told(ARM.format(force=20), tmp_path)
+    panels, bodies = viewed(analysis, record(ARM.format(force=20), tmp_path / "b.rrd").seen.bodies)
+    assert bodies == ["0_model"]
+    positions, motors, *_ = panels
+    assert (positions.title, positions.unit, motors.unit) == ("Joint positions", "rad", "N m")
+    assert positions.curves[0].name == analysis.findings[0].joint
+    assert motors.curves[1].name == f"{analysis.findings[0].joint} limit"
+    assert set(np.abs(motors.curves[1].values)) == {20.0}
+    assert sum(not curve.name.endswith(("target", "est")) for curve in positions.curves) == 4
+    for panel in panels:
+        assert all(len(curve.steps) == len(curve.values) for curve in panel.curves)
+    assert any("energy of 0_model" in panel.title for panel in panels)
+    files = [replace(each, code="no-inertial") for each in analysis.findings if each.joint]
+    story = story_of(replace(analysis, findings=files))
+    assert not any(panel.mark for panel in story.panels)

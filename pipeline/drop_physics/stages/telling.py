@@ -21,6 +21,14 @@ from drop_physics.seen.events import Body
 Float64 = NDArray[np.float64]
 
 MOST_PANELS, MOST_CAUSES = 4, 4
+NAMES = {"contacts": Message("contact"), "rolling": Message("rolling friction"),
+         "clamp": Message("velocity limit")}  # fmt: skip
+"""Of causes that are said otherwise than they are named."""
+OF_FILES = ("no-inertial", "inertia-from-shape", "impossible-inertia", "inertia-without-mass")
+"""Findings that no curve of a joint shows."""
+NOISY, JUMPS, WINDOWS = 0.4, 0.05, 60
+"""A torque that turns around in more than this share of its samples, and jumps by more than this
+share of its range, is evened over this part of the time."""
 LEAST_SHARE = 0.02
 """Causes that gave less of what was given are left out."""
 FLIES = 0.1
@@ -113,7 +121,7 @@ class _Told:
         if body is None:
             return
         panels: list[Panel] = []
-        if finding.joint is not None and finding.steps is not None and self._is_new("joint"):
+        if finding.joint and finding.code not in OF_FILES and self._is_new("joint"):
             row = next((row for row in body.joints if row.name == finding.joint), None)
             panels = [] if row is None else [*self._joint(body, row)]
         elif finding.other in self._bodies and self._is_new("friction"):
@@ -148,7 +156,8 @@ class _Told:
 
         At most `MOST_JOINTS` of all bodies.
         """
-        named = [(each.body, each.joint) for each in self._analysis.findings if each.steps]
+        named = [(each.body, each.joint) for each in self._analysis.findings
+            if each.code not in OF_FILES]  # fmt: skip
         found = [(named.index((body.label, row.name)) if (body.label, row.name) in named else
             len(named), -abs(row.off or 0.0), body, place)
             for body in self.about for place, row in enumerate(body.joints)]  # fmt: skip
@@ -205,6 +214,13 @@ class _Told:
         limits = [self._curve(body, its, side, Message("limit"), colours.TIMESTEP, dashed=True)
             for side in _limits(its)]  # fmt: skip
         title = Message("{joint}: torque of its motor", joint=row.name)
+        window = _window(its.columns["torque"])
+        if window > 1:
+            times_s = self._curves.times_s(body.id, its.steps[[0, window]])
+            title = Message("{joint}: torque of its motor, mean over {span:.2g} s",
+                            joint=row.name, span=times_s[1] - times_s[0])  # fmt: skip
+            padded = np.pad(its.columns["torque"], (window // 2, window - 1 - window // 2), "edge")
+            its.columns["torque"] = np.convolve(padded, np.full(window, 1 / window), "valid")
         drawn = self._curve(body, its, "torque", Message("torque"), colours.ROUNDING)
         yield Panel(title, force, [drawn, *limits], zero=True)
 
@@ -231,7 +247,8 @@ class _Told:
         title = Message("energy of {body} since the start, by cause", body=body.label)
         whole = self._curve(body, its, "whole", Message("together"), "")
         yield Panel(title, "J", [whole, *(
-            self._curve(body, its, name, name, colours.CAUSES[name]) for name in causes
+            self._curve(body, its, name, NAMES.get(name, name), colours.CAUSES[name])
+            for name in causes
         )], zero=True)  # fmt: skip
 
     def _heights(self, body: BodyAnalysis) -> Iterator[Panel]:
@@ -265,6 +282,16 @@ class _Told:
         ends = np.array([steps.first, steps.last])
         first_s, last_s = self._curves.times_s(body.id, ends).tolist()
         return first_s, last_s
+
+
+def _window(torque: Float64) -> int:
+    """Return over how many samples a torque is evened: 1 if it is smooth."""
+    jumps = np.diff(torque)
+    if len(torque) < 4 * WINDOWS or not np.isfinite(jumps).all():
+        return 1
+    turns = float((jumps[1:] * jumps[:-1] < 0).mean())
+    size = float(np.abs(jumps).mean()) / (float(np.ptp(torque)) or 1.0)
+    return len(torque) // WINDOWS if turns > NOISY and size > JUMPS else 1
 
 
 def _limits(its: Curves, far: float = FAR) -> list[str]:
