@@ -10,14 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from heapq import merge
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.analysis.called import called
 from drop_physics.seen.calls import (
     ARGUMENTS,
-    BODY_NAMES,
     FORCE,
     MOTORS,
     PD,
@@ -25,10 +26,9 @@ from drop_physics.seen.calls import (
     TORQUE,
     VELOCITY,
     Call,
-    Meanings,
     of_joint,
 )
-from drop_physics.seen.events import Body, Site, order
+from drop_physics.seen.events import Appearance, Body, Site, order
 from drop_physics.seen.history import Piece, Seen
 
 Float64 = NDArray[np.float64]
@@ -144,23 +144,27 @@ class Controls:
 
     def _calls(self, piece: Piece) -> Iterator[tuple[tuple[int, int], Body, Call, float]]:
         """Yield the calls that command joints, with the timestep at each."""
-        meanings = Meanings(piece.calls, self._appearances)
-        for call in piece.calls:
+        changed = [call for call in piece.calls
+            if not call.raised and (name := TIMESTEPS.get(call.site.function))
+            and name in call.site.places]  # fmt: skip
+        functions = called(piece, self._appearances).items()
+        commands = [its for function, its in functions if function.startswith(MOTORS)]
+        told: list[tuple[int, Call, Appearance | None]] = [
+            (call.at.call, call, None) for call in changed
+        ]
+        for _, call, came in merge(
+            told,
+            *([(c.at.call, c, came) for c, came in its] for its in commands),
+            key=lambda each: each[0],
+        ):
             timestep_s = self._timesteps.get(call.client)
             if timestep_s is None:
                 timestep_s = self._timesteps[call.client] = self._initial(piece, call.client)
-            if call.raised:
-                continue
-            site = call.site
-            if site.function in TIMESTEPS and TIMESTEPS[site.function] in site.names:
-                place = site.names.index(TIMESTEPS[site.function])
+            if came is None:
+                place = call.site.places[TIMESTEPS[call.site.function]].start
                 self._timesteps[call.client] = call.numbers[place]
-            elif site.function.startswith(MOTORS):
-                name = next((name for name in BODY_NAMES if name in site.names), None)
-                number = -1 if name is None else int(call.numbers[site.names.index(name)])
-                came = None if number < 0 else meanings.body_at(call, number)
-                if came is not None:
-                    yield max(order(call.at), order(came.at)), came.body, call, timestep_s
+            else:
+                yield max(order(call.at), order(came.at)), came.body, call, timestep_s
 
     def _initial(self, piece: Piece, client: int) -> float:
         """Return the timestep of a simulation before its first call."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -257,6 +258,14 @@ class Site:
     """The argument that each number belongs to; a vector's numbers have the same one."""
     whole: tuple[bool, ...]
     """Whether each number was a whole one."""
+
+    @cached_property
+    def places(self) -> Mapping[str, slice]:
+        """Where the numbers of each argument are."""
+        places: dict[str, slice] = {}
+        for k, name in enumerate(self.names):
+            places[name] = slice(places[name].start if name in places else k, k + 1)
+        return places
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ PIECE = 1 << 15
 """Steps in a piece."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Piece:
     """Everything sampled of consecutive steps, of all simulations, and the calls between them."""
 

@@ -60,6 +60,8 @@ class IkOff(Answer):
         """Match targets with answers, and look where those that stood until rest led."""
         for number_, sent in self._sent.items():
             self._sent[number_] = sent[-1:]
+        if not any(each.function == IK for each in explained.piece.calls) and not self._sent:
+            return
         names = IK, "setJointMotorControl"
         for call, body in calls_of(explained.piece, self.scene.seen.appearances, *names):
             if call.function == IK:

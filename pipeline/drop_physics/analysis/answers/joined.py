@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
-from drop_physics.analysis.answers.arguments import LIVES, given, number
+from drop_physics.analysis.answers.arguments import given, number
+from drop_physics.analysis.called import LIVES
 from drop_physics.analysis.explained.joined import FIXED, POINT
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.laws.kinematics import kinematics

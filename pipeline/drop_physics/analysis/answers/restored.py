@@ -25,6 +25,8 @@ SETS = ("changeDynamics", "setGravity", "createConstraint", "changeConstraint",
     "removeConstraint", "setJointMotorControl", "setPhysicsEngineParameter", "setTimeStep",
     "setCollisionFilter")  # fmt: skip
 """Beginnings of functions whose effect none of these takes back,"""
+IDS = "Id", "Index", "Indices", "Mode"
+"""Ends of the arguments that name what is set."""
 CLEARED = "setTimeStep", "setPhysicsEngineParameter"
 """but for resetSimulation, which leaves only that of these."""
 MOST_STEPS, LEAST_STEPS = 64, 10
@@ -192,9 +194,9 @@ def _said(calls: list[Call]) -> list[tuple[object, ...]]:
 
 def _named(call: Call) -> tuple[object, ...]:
     """Return what a call sets: its function and arguments, and the body and joint that it names."""
-    names = zip(call.site.names, call.numbers, strict=True)
-    ids = tuple(n for name, n in names if name.endswith(("Id", "Index", "Indices", "Mode")))
-    return call.client, call.function, call.site.names, ids
+    site = call.site
+    ids = tuple([call.numbers[at] for name, at in site.places.items() if name.endswith(IDS)])
+    return call.client, site.function, site.names, ids
 
 
 def _cause(first: _Episode, second: _Episode) -> tuple[Message, Call | None] | None:

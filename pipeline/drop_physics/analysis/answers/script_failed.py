@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from drop_physics.analysis.answers.answer import Answer, Finding, Scene, site_of
-from drop_physics.analysis.answers.arguments import LIVES, given
+from drop_physics.analysis.answers.arguments import given
+from drop_physics.analysis.called import LIVES
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.messages import Message
 from drop_physics.seen.calls import BODY_NAMES, Call, Meanings
