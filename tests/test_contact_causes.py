@@ -89,6 +89,23 @@ def test_what_sliding_takes_is_the_slope(
     assert available == pytest.approx(0.5 * mu * mass * 9.81 * math.cos(angle), rel=0.02)
 
 
+FAST = SLOPE.format(degrees=25, mu=0.3, above=0, steps=240).replace(
+    "\nsteps(", "\np.resetBaseVelocity(b, [2, 0, 0])\nsteps("
+)
+LANDS = SLOPE.format(degrees=30, mu=0.62, above=0.3, steps=240)
+SLIPPERY_BALL = SLOPE.format(degrees=40, mu=0.1, above=0, steps=240).replace(
+    "box(1, [0, 0, 0.05 + 0], mu=0.1)",
+    "ball(1, [0, 0, .1])\np.changeDynamics(b, -1, lateralFriction=.1)",
+)
+
+
+@pytest.mark.parametrize(
+    "scene", [FAST, LANDS, SLIPPERY_BALL], ids=["given speed", "lands", "a ball that slips"]
+)
+def test_what_did_not_rest_or_rolls_does_not_slide(scene: str, tmp_path: Path) -> None:
+    assert not found(scene, tmp_path, "slides")
+
+
 # -- deep-penetration: more causes ----------------------------------------------------------------
 
 SOFT = (
@@ -202,3 +219,28 @@ steps(10)
 @pytest.mark.parametrize("scene", [BESIDE, MEANT, MOVED], ids=["beside", "meant", "moved"])
 def test_what_goes_past_or_is_moved_does_not_tunnel(scene: str, tmp_path: Path) -> None:
     assert not found(scene, tmp_path, "tunnelled")
+
+
+# -- dragged-by-nothing ---------------------------------------------------------------------------
+
+ON_ICE = (
+    BOX
+    + """
+p.setGravity(0, 0, -9.81)
+f = box(0, [0, 0, 0], (1, 1, .05), mu={mu})
+b = box(1, [0, 0, .15], (.1, .1, .1), mu={mu})
+for i in range(120):
+    p.resetBasePositionAndOrientation(f, [.5 * (i + 1) / 240, 0, 0], [0, 0, 0, 1])
+    p.resetBaseVelocity(f, [{v}, 0, 0])
+    p.stepSimulation()
+"""
+)
+
+
+def test_without_friction_no_velocity_drags(tmp_path: Path) -> None:
+    scene = ON_ICE.format(mu=0, v=0)
+    assert abs(bare(ON_ICE.format(mu=0, v=0.5))["where"][0]) < 1e-6
+    assert not found(scene, tmp_path, "dragged-by-nothing")
+    (tmp_path / "scene.rrd").unlink()
+    assert len(found(ON_ICE.format(mu=1, v=0), tmp_path, "dragged-by-nothing")) == 1
+    assert bare(ON_ICE.format(mu=1, v=0.5))["where"][0] > 0.2

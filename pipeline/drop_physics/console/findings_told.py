@@ -41,7 +41,7 @@ def _finding(number: int, finding: Finding) -> list[str]:
     text = finding.said
     if finding.bodies > 1:
         others = counted(finding.bodies - 1, "other body", "other bodies")
-        text = Message("{text}; so do {others}", text=text, others=others)
+        text = Message("{text}; the same holds for {others}", text=text, others=others)
     style = "bold red" if finding.level == "broken" else "bold"
     room = columns() - NUMBER
     message = wrapped(translated(text), room)

@@ -6,9 +6,10 @@ import numpy as np
 
 from drop_physics.analysis.answers.answer import Effect, Finding, Span
 from drop_physics.analysis.answers.asked_of_bodies import size_m
-from drop_physics.analysis.answers.slides import AT_LIMIT, LEAST_M, LEAST_SHARE, Run, Slides
+from drop_physics.analysis.answers.slides import LEAST_M, LEAST_SHARE, Run, Slides
 from drop_physics.messages import Message
 
+AT_LIMIT = 0.9
 LASTS = 100
 """Steps: shorter, it comes to rest."""
 STEADY = 10

@@ -49,7 +49,7 @@ class DraggedByNothing(Answer):
         for support in self._moves:
             for side in (0, 1):
                 its = (pairs.body[:, side] == support) & fixed[:, side] & ~fixed[:, 1 - side]
-                rows = np.flatnonzero(its & (pairs.normal_n > 0))
+                rows = np.flatnonzero(its & (pairs.available_n > 0))  # without friction none would
                 for other in np.unique(pairs.body[rows, 1 - side]).tolist():
                     self._add(pairs, rows[pairs.body[rows, 1 - side] == other], side)
 

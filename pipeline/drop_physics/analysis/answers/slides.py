@@ -26,7 +26,6 @@ LEAST_M, LEAST_SHARE = 1e-3, 0.01
 """Of a slip, and of its share of the body's size."""
 NONE = 0.01
 """A force below this share of the normal force is none."""
-AT_LIMIT = 0.9
 LANDS_M_S = 0.02
 """Along the normal; then it does not rest there."""
 GRIPPED = 0.1
@@ -112,11 +111,10 @@ class Slides(Answer):
 
     def says(self, run: Run, body_m: float) -> bool:
         """Whether friction was not enough for what was at rest."""
-        slid, moved, _, _, available, used = run.sums[:6]
+        slid, moved, _, _, available = run.sums[:5]
         return bool(
             slid > max(LEAST_M, LEAST_SHARE * body_m)
             and run.began_m_s <= FROM_REST * run.most_m_s
-            and AT_LIMIT * available <= used
             and run.needed_n_s > available
             and slid >= SLIDING * moved
         )
