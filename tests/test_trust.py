@@ -11,6 +11,7 @@ import polars as pl
 import pytest
 from conftest import Drop
 from drop_physics import analyze
+from drop_physics.analysis import apart as comparing
 from drop_physics.errors import OutputError, ScenarioError
 from drop_physics.recording.reader import read
 from drop_physics.stages.trust import Trust, trust
@@ -329,3 +330,57 @@ def test_distances_are_written_as_a_table_and_plotted(tmp_path: Path) -> None:
     assert "#0d1117" not in light
     with pytest.raises(ScenarioError, match="plot must"):
         trusted(tmp_path, scene, plot=tmp_path / "x.gif")
+
+
+def test_a_variation_that_fails_is_said_and_not_extrapolated(tmp_path: Path) -> None:
+    scene = """
+b = p.loadURDF('cube.urdf', [0, 0, 2])
+steps(20)
+assert abs(p.getBasePositionAndOrientation(b)[0][2] - 1.9635) < 1e-3, 'too far'
+steps(5)
+"""
+    found = trusted(tmp_path, scene)
+    assert [each.made.ended for each in found.variations].count("failed") == 1
+    assert found.converging == []
+    (failed,) = [each for each in found.findings if each.level == "broken"]
+    assert failed.message == "with timestep/4 the script fails: AssertionError: too far"
+    assert not found.ends_within({"m": 1.0})
+    loop = "b = p.loadURDF('cube.urdf', [0, 0, 2])\n" + (
+        "while p.getBasePositionAndOrientation(b)[0][2] > 1.5: p.stepSimulation()\n"
+    )
+    found = trusted(tmp_path, loop, vary=["timestep/2", "gravity=20"], force=True)
+    assert {"goes-on", "ends-earlier"} <= {each.code for each in found.findings}
+
+
+def test_numbers_that_overflow_are_compared_until_then(tmp_path: Path) -> None:
+    scene = """
+b = p.loadURDF('cube.urdf', [0, 0, 2])
+steps(9)
+p.resetBaseVelocity(b, [1e300, 0, 0], [0, 0, 1e300])
+steps(9)
+"""
+    found = trusted(tmp_path, scene, vary=["residual=0", "seed", "gravity=5"])
+    assert [each.name for each in found.variations] == ["residual 0", "gravity=5"]
+    assert found.variations[0].apart.same
+
+
+def test_recordings_are_compared_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pieces of seven steps give what the whole gives; a curve keeps so many points."""
+    scene = "p.loadURDF('plane.urdf')\n" + "".join(
+        f"p.loadURDF('cube_small.urdf', [0, 0.01 * {n}, 0.2 + 0.1 * {n}])\n" for n in range(3)
+    )
+    found = trusted(tmp_path, scene + "steps(90)\n", vary=["timestep/2"])
+    (varied,) = found.variations
+    seen = [read(path).seen for path in (found.recording, varied.recording)]
+    monkeypatch.setattr(comparing, "STEPS", 7)
+    pieces = comparing.apart(*seen, finer=2)
+    assert [vars(each) | {"start": 0, "last": 0, "theirs": 0} for each in pieces.tracks] == [
+        vars(each) | {"start": 0, "last": 0, "theirs": 0} for each in varied.apart.tracks
+    ]
+    for unit, (times_s, off) in varied.apart.curves.items():
+        assert np.array_equal(pieces.curves[unit], (times_s, off))
+    monkeypatch.setattr(comparing, "MOST_POINTS", 8)
+    times_s, off = comparing.apart(*seen, finer=2).curves["m"]
+    assert len(times_s) <= 16
+    assert times_s[-1] == pytest.approx(90 / 240)
+    assert off.max() == varied.apart.curves["m"][1].max()

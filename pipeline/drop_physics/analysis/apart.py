@@ -217,7 +217,9 @@ def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
             ):  # fmt: skip
                 aim = (steps - first) * finer + start
                 where = np.searchsorted(then, aim)
-                both = np.flatnonzero(then[np.minimum(where, len(then) - 1)] == aim)
+                both = np.flatnonzero(
+                    (then[np.minimum(where, len(then) - 1)] == aim) & np.isfinite(was).all(axis=1)
+                )
                 if not len(both):
                     continue
                 track = tracks.get((theirs, joint, unit))
@@ -400,7 +402,9 @@ def converging(timesteps_s: Sequence[float], runs: Sequence[Apart | None]) -> li
     held = [{(each.body, each.joint, each.unit): each for each in run.tracks}
         for run in runs if run is not None]  # fmt: skip
     for key, track in held[0].items():
-        if not all(key in each for each in held):
+        if len({each[key].end_s for each in held if key in each}) != 1 or not all(
+            key in each for each in held
+        ):  # one has ended earlier
             continue
         mine = iter(held)
         ends = np.array([track.last if run is None else next(mine)[key].theirs for run in runs])

@@ -185,7 +185,7 @@ def _sentences(trust: Trust) -> Iterator[str]:
     codes: dict[str, list[Finding]] = {}
     for finding in trust.findings:
         codes.setdefault(finding.code, []).append(finding)
-    for code in ("variation-failed", "ends-earlier", "grows", "one-of-many"):
+    for code in ("variation-failed", "ends-earlier", "goes-on", "grows", "one-of-many"):
         yield from (each.message for each in codes.get(code, ()))
     if trust.converging:
         yield next(

@@ -93,6 +93,12 @@ def _ending(varied: Mapping[str, Varied], base: Made) -> Iterator[Finding]:
                 message=Message("with {name} the script fails: {error}", name=name,
                     error=each.made.error),
             )  # fmt: skip
+        elif each.made.steps > base.steps:
+            yield Finding(
+                code="goes-on", level="model",
+                message=Message("with {name} the script goes on after its {all} steps: compared "
+                    "are these", name=name, all=base.steps),
+            )  # fmt: skip
         elif each.made.steps < base.steps:
             yield Finding(
                 code="ends-earlier", level="model",
