@@ -65,6 +65,16 @@ def test_what_slides_shows_the_friction_that_it_uses(tmp_path: Path) -> None:
     assert (its.body, its.other) == ("1_body", "0_plane") or its.other in story.panels[0].title
     assert used.values[-1] == pytest.approx(available.values[-1], rel=1e-3)
     assert available.values[-1] == pytest.approx(0.2 * 2 * 9, rel=0.02)  # μ m g
+    columns = analysis.curves.friction(0, 1).columns
+    for curve, name in ((available, "available"), (used, "used")):
+        assert np.array_equal(curve.values[np.isfinite(curve.values)], columns[name])
+
+
+def test_what_holds_uses_less_friction_than_there_is(tmp_path: Path) -> None:
+    analysis, _ = told(SLOPE.replace("lateralFriction=0.2", "lateralFriction=0.8"), tmp_path)
+    its = analysis.curves.friction(0, 1).columns
+    assert its["used"][-1] == pytest.approx(2 * 3, rel=0.02)  # what gravity pulls sideways
+    assert its["available"][-1] == pytest.approx(0.8 * 2 * 9, rel=0.02)
 
 
 def test_what_flies_shows_its_height_beside_free_fall(tmp_path: Path) -> None:

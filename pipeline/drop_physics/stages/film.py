@@ -30,7 +30,7 @@ Float64 = NDArray[np.float64]
 
 DRAWN_PER_S = 20.0
 """Pictures drawn from poses per second of simulated time."""
-MOST_DRAWN = 2000
+MOST_DRAWN = 600
 """Pictures in an animation at most; a longer one shows every second, third … of them."""
 SHARE_OF_HEIGHT = 1 / 4
 """Share of a picture's height that a body takes up in a close view."""
