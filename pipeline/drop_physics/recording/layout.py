@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from rerun import RecordingStream
@@ -25,8 +26,8 @@ MOST_NAMES = 8
 LEAST_REACH_M = 0.1
 ASPECT, HALF_VIEW, ROOM = 0.9, 0.52, 1.1
 """Of the view of the world: width over height, tangent of half of its angle; some room."""
-MOST_ROWS, MOST_STATES = 2, 6
-"""Panels below each other; bodies whose states are shown at once."""
+MOST_ROWS, MOST_STATES, MOST_JOINTS = 2, 6, 6
+"""Panels below each other; bodies whose states, joints whose curves are shown at once."""
 RIGHT_TOP = Corner2D.RightTop
 EYE = np.array([1.6, -1.6, 1.0])
 """Where the eye is from the centre of all motion."""
@@ -148,7 +149,7 @@ def _of_script(look: Look) -> Panel:
                            plot_legend=rrb.PlotLegend(RIGHT_TOP))
         for number, title in enumerate(look.panels)
     ]  # fmt: skip
-    more = [*panels[MOST_ROWS:], *(view for views in _kinds(look) for view in views)]
+    more = [*panels[MOST_ROWS:], *_errors(look), *(one for kind in _kinds(look) for one in kind)]
     middle = [*panels[:MOST_ROWS], *([_tabs(more)] if more else [])]
     about = rrb.TextDocumentView(origin=schema.ABOUT, name="About")
     texts = _tabs([*_log(look, schema.LOG, "Calls"), about])
@@ -274,12 +275,15 @@ def _kinds(look: Look) -> list[list[rrb.View]]:
 def _explained(look: Look) -> Iterator[tuple[float, Panel]]:
     """Yield what the analysis adds, with its share: kinds of samples, errors, energies."""
     yield from _states(look)
-    # Errors start at zero, lower left, and grow.
-    corner = Corner2D.LeftTop
-    for view in _curves(look, schema.ERROR_MM, "Simulated minus free fall [mm]", corner):
-        yield 4.0, view
+    yield from ((4.0, view) for view in _errors(look))
     for view in _curves(look, schema.ENERGY, "Energy [J]", RIGHT_TOP):
         yield 3.0, view
+
+
+def _errors(look: Look) -> Iterator[rrb.View]:
+    # They start at zero, lower left, and grow.
+    name = "Simulated minus free fall [mm]"
+    yield from _curves(look, schema.ERROR_MM, name, Corner2D.LeftTop)
 
 
 def _states(look: Look) -> Iterator[tuple[float, Panel]]:
@@ -312,14 +316,34 @@ def _curves(
                    if each.startswith(f"{origin}/") and each.endswith(of))  # fmt: skip
     if not shown:
         return
-    few = sum(look.series.get(each, 1) for each in shown) <= MOST_NAMES
+    first = _first_joints(look, shown) if origin == schema.JOINTS else {}
+    shown = [each for each in shown if any(first.get(each, [True]))]
+    few = sum(sum(first[each]) if first else look.series.get(each, 1) for each in shown)
+    few = few <= 2 * MOST_JOINTS if first else few <= MOST_NAMES
     legend = rrb.PlotLegend(corner, visible=None if few else False)
     yield rrb.TimeSeriesView(
         origin=origin,
         contents="$origin/**" if of == ("",) else [f"+ /{each}" for each in shown],
         name=name,
         plot_legend=legend if corner or not few else None,
+        # Without this, also the numbers beside the targets would be drawn.
+        overrides={each: rr.SeriesLines(visible_series=first[each]) for each in shown if first}
+        or None,
     )
+
+
+def _first_joints(look: Look, entities: Sequence[str]) -> dict[str, list[bool]]:
+    """Return which series of joints' entities are shown: those of the first `MOST_JOINTS`."""
+    shown: dict[str, list[bool]] = {}
+    left: dict[str, int] = {}
+    for entity in entities:
+        body, _, what = entity.rpartition("/")
+        like = "position" if what == schema.TARGET else what
+        count = look.series.get(f"{body}/{like}", 1)
+        some = min(count, left.get(what, MOST_JOINTS))
+        left[what] = left.get(what, MOST_JOINTS) - some
+        shown[entity] = [place < some for place in range(count)]
+    return shown
 
 
 def _log(look: Look, entity: str, name: str) -> Iterator[rrb.View]:
