@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from contact_scenes import BOX, FLOOR, GRIP, SLOPE, TRAY, bare
-from test_contact_answers import found, in_pieces
-from test_contact_overlaps import HEAVY, run
+from test_contact_answers import DROPPED, found, in_pieces
+from test_contact_overlaps import BOUNCES, HEAVY, run
 
 # -- creeps ---------------------------------------------------------------------------------------
 
@@ -237,6 +237,25 @@ for i in range(120):
 )
 
 
+SLIPPERY = ON_ICE.format(mu=0.1, v=0.5)
+TINY = ON_ICE.format(mu=1, v=0).replace(".5 * (i + 1)", ".01 * (i + 1)")
+SHAKEN = ON_ICE.format(mu=1, v=0).replace(
+    "    p.stepSimulation()",
+    "    p.resetBasePositionAndOrientation(f, [.003 * (-1) ** i, 0, 0], [0, 0, 0, 1])\n"
+    "    p.stepSimulation()",
+)
+GOES = ON_ICE.format(mu=1, v=0).replace(
+    "    p.stepSimulation()", "    p.resetBaseVelocity(b, [.4, 0, 0])\n    p.stepSimulation()"
+)
+
+
+@pytest.mark.parametrize(
+    "scene", [SLIPPERY, TINY, SHAKEN, GOES], ids=["slippery", "tiny", "shaken", "goes itself"]
+)
+def test_what_has_a_velocity_or_gets_nowhere_drags(scene: str, tmp_path: Path) -> None:
+    assert not found(scene, tmp_path, "dragged-by-nothing")
+
+
 def test_without_friction_no_velocity_drags(tmp_path: Path) -> None:
     scene = ON_ICE.format(mu=0, v=0)
     assert abs(bare(ON_ICE.format(mu=0, v=0.5))["where"][0]) < 1e-6
@@ -244,3 +263,53 @@ def test_without_friction_no_velocity_drags(tmp_path: Path) -> None:
     (tmp_path / "scene.rrd").unlink()
     assert len(found(ON_ICE.format(mu=1, v=0), tmp_path, "dragged-by-nothing")) == 1
     assert bare(ON_ICE.format(mu=1, v=0.5))["where"][0] > 0.2
+
+
+# -- energy-gained, no-restitution ----------------------------------------------------------------
+
+SETTLES = (
+    BOX
+    + """
+p.setGravity(0, 0, -20)
+p.setTimeStep(1 / 60)
+f = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
+b = box(1000, [-.01, .05, .2483], (.0442, .2257, .1141))
+for each, value in ((f, 1), (b, .3)):
+    p.changeDynamics(each, -1, restitution=value)
+steps(480)
+"""
+)
+INSIDE = BOUNCES.format(z=0.07, r=0.5) + "p.resetBaseVelocity(b, [0, 0, -.3])\nsteps(60)"
+SET = (
+    BOUNCES.format(z=0.5, r=0.5)
+    + "steps(30)\np.resetBasePositionAndOrientation(b, [0, 0, .07], [0, 0, 0, 1])\nsteps(60)"
+)
+THIRD = (
+    FLOOR
+    + BOX
+    + """
+b = ball(.1, [0, 0, .1])
+a = ball(10, [.02, 0, 1])
+for each in (0, a, b):
+    p.changeDynamics(each, -1, restitution=1)
+steps(200)
+"""
+)
+
+
+@pytest.mark.parametrize(
+    "scene", [SETTLES, INSIDE, SET, THIRD], ids=["settles", "inside", "set inside", "a third"]
+)
+def test_what_does_not_leave_faster_than_it_comes(scene: str, tmp_path: Path) -> None:
+    assert not found(scene, tmp_path, "energy-gained")
+
+
+SOFTLY = DROPPED.format(z=1, r=0.9) + (
+    "p.changeDynamics(b, -1, contactStiffness=2000, contactDamping=5)\nsteps(240)"
+)
+LIFTED_BY_OVERLAP = DROPPED.format(z=0.6, r=0.05) + "steps(240)"
+
+
+@pytest.mark.parametrize("scene", [SOFTLY, LIFTED_BY_OVERLAP], ids=["soft", "overlap"])
+def test_what_rebounds_by_another_law_is_not_said_not_to(scene: str, tmp_path: Path) -> None:
+    assert not found(scene, tmp_path, "no-restitution")

@@ -30,13 +30,12 @@ class DraggedByNothing(Answer):
         super().__init__(scene)
         self._placing = Placing(scene)
         self._moves: dict[int, tuple[Int64, Float64]] = {}
-        puts: dict[int, list[tuple[int, Float64]]] = {}
-        for each in scene.seen.puts:
-            puts.setdefault(each.body.number, []).append((each.at.step + 1, each.base))
+        puts: dict[int, dict[int, Float64]] = {}
+        for each in scene.seen.puts:  # of several for a step, the last counts
+            puts.setdefault(each.body.number, {})[each.at.step + 1] = each.base
         for number, told in puts.items():
             if len(told) > NEAR:
-                steps = np.array([step for step, _ in told], np.int64)
-                self._moves[number] = steps, np.array([base for _, base in told])
+                self._moves[number] = np.array([*told], np.int64), np.array([*told.values()])
         self._ways: dict[tuple[int, int], Float64] = {}
         """Of the support and of what lies on it [m], shape (2, 3), by both."""
         self._spans: dict[tuple[int, int], Span] = {}

@@ -62,9 +62,7 @@ class EnergyGained(Answer):
         bodies, step = pairs.body[rows[0]].tolist(), int(pairs.step[rows[0]])
         given = float(pairs.energy_j[rows].sum())
         moved = self._placing.moved(pairs.body[rows], pairs.step[rows, None]).any()
-        carried = (pairs.points.began_m_s[pairs.starts[rows]].any(axis=2)
-            & ~pairs.points.moves[pairs.starts[rows]]).any()  # fmt: skip
-        sure = pairs.explained[rows].all() and not moved and not carried
+        sure = pairs.explained[rows].all() and not moved
         brought = sum(_kinetic_j(explained, number, step) for number in bodies)
         return Episode(
             step, int(pairs.step[rows[-1]]), brought if sure else np.nan, given,
@@ -89,7 +87,7 @@ class EnergyGained(Answer):
         episode = self._open.pop(both, None)
         if episode is None or episode.restitution <= 0:
             return  # without, what gives it is not sure
-        faster = episode.parting_m_s > max(episode.approach_m_s, 0.0)
+        faster = episode.parting_m_s > episode.approach_m_s > 0
         if faster and episode.given_j > GAINED * episode.brought_j > 0:
             found = self._found.setdefault(both, [])
             found.append(episode)
@@ -137,16 +135,12 @@ class EnergyGained(Answer):
 def _kinetic_j(explained: Explained, number: int, step: int) -> float:
     """Return the kinetic energy of a body as a step began; 0 if it stands.
 
-    nan with joints, or where calls push or hold it.
+    nan with joints.
     """
     judged = explained.bodies.get(number)
     if judged is None:
         return 0.0
     for steps in judged.stretches:
-        pushed = any(steps.terms[name].any() for name in ("applied", "constraints")
-            if name in steps.terms)  # fmt: skip
-        if pushed:
-            return np.nan
         at = np.flatnonzero(steps.steps == step)
         if len(at) and steps.law.tree.size == FREE:
             return float(energy_of(steps.law, steps.before.at(at), np.zeros((1, 3)))[0][0])

@@ -36,11 +36,13 @@ class NoRestitution(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._asked = AskedOfBodies(scene, "restitution")
+        self._soft = AskedOfBodies(scene, "contactStiffness")
         self._met: dict[tuple[int, int], Meeting] = {}
 
     def see(self, explained: Explained) -> None:
         """Take a piece."""
         self._asked.see(explained)
+        self._soft.see(explained)
         pairs = self.scene.touches.pairs
         wanted = [number for number, value in self._asked.values.items() if value > 0]
         if not wanted or not len(pairs.starts):
@@ -68,6 +70,8 @@ class NoRestitution(Answer):
                 continue  # both were given: a link has none, or it came later
             if given in self._asked.changed or self._asked.since[given] >= met.step:
                 continue  # it may have been another when they met
+            if {first, second} & self._soft.values.keys():
+                continue  # what is soft rebounds by a law of its own
             # What moves is what bounces.
             body, other = (given, none) if self.scene.body(given).moving else (none, given)
             if met.rebound_m_s > SWALLOWED * asked * met.approach_m_s:
