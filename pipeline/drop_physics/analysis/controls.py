@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from drop_physics.analysis.called import called
 from drop_physics.seen.calls import (
-    ARGUMENTS,
     FORCE,
     MOTORS,
     PD,
@@ -192,17 +191,11 @@ class Controls:
     def _command(self, body: Body, step: int, call: Call, timestep_s: float) -> None:
         site = call.site
         self.sites[site.number] = site
-        if "jointIndex" in site.names and len({*site.names}) == len(site.names):
-            values = dict(zip(site.names, call.numbers, strict=True))
-            joint, mode = int(values["jointIndex"]), int(values.get("controlMode", -1.0))
-            told: Told = {name: (values[name],) for name in ARGUMENTS if name in values}
-            self._on(body, joint, mode, told, step, site, timestep_s)
-            return
-        numbers = call.values
+        numbers = {name: call.numbers[at] for name, at in site.places.items()}
         mode = int(numbers.get("controlMode", (-1.0,))[0])
         joints = numbers.get("jointIndices", numbers.get("jointIndex", ()))
         for number, joint in enumerate(map(int, joints)):
-            told = of_joint(numbers, number, len(joints))
+            told = numbers if "jointIndex" in numbers else of_joint(numbers, number, len(joints))
             self._on(body, joint, mode, told, step, site, timestep_s)
 
     def _on(
