@@ -30,11 +30,23 @@ from drop_physics.recording.layout import Eye, layout, look_of_drop
 from drop_physics.recording.layout import Look as Described
 from drop_physics.recording.reader import read
 from drop_physics.stages import view
+from drop_physics.stages.analyze import analyze
 from drop_physics.stages.run import Run
 from numpy.typing import NDArray
 from rerun.chunk import Chunk, RrdReader
 from rerun.experimental import ViewerClient
-from viewer import Look, Viewer, binary, complaints, free_port, isolated, vulkan_driver
+from scenes import record
+from viewer import (
+    Look,
+    Viewer,
+    binary,
+    complaints,
+    free_port,
+    has_colour,
+    is_blank,
+    isolated,
+    vulkan_driver,
+)
 
 pytestmark = pytest.mark.long
 
@@ -96,6 +108,46 @@ def test_with_its_analysis_it_opens_as_one_recording(standard: Run) -> None:
         )
         (recording,) = viewer.client.get_state().recordings
         assert recording.current_time == 300_000_000
+
+
+ARM = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+arm = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)
+for joint, angle in enumerate([0, 0.8, 0, -1.2, 0, 0.5, 0]):
+    p.resetJointState(arm, joint, angle)
+    p.setJointMotorControl2(arm, joint, p.POSITION_CONTROL, angle, force=30)
+steps(240)
+"""
+
+
+@needs_vulkan
+def test_a_robot_opens_with_its_joints_its_energy_and_its_contacts(tmp_path: Path) -> None:
+    path = tmp_path / "arm.rrd"
+    layer = analyze(record(ARM, path).path).layer
+    assert layer is not None
+    energy = "energy of 1_model since the start, by cause [J]"
+    shown: dict[str, tuple[str, ...]] = {
+        "World": (),
+        "Joint positions [rad]": (colours.JOINTS[0],),
+        "Motors [N m]": (colours.JOINTS[0],),
+        energy: (colours.CAUSES["motors"], colours.CAUSES["contacts"]),
+        "What each body does": (),
+        "Findings": (),
+        "Events": (),
+    }
+    with Viewer(path, layer) as viewer:
+        viewer.set_time(0.8)
+        viewer.settled()
+        views = {view.name: view for view in viewer.client.get_state().views}
+        for name, wanted in shown.items():
+            picture = viewer.picture(views[name].view_id)
+            assert not is_blank(picture), name
+            assert [each for each in wanted if not has_colour(picture, each)] == [], name
+        assert [view.reports for view in views.values() if view.reports] == []
+        assert viewer.warnings() == []
+    entities = {chunk.entity_path for chunk in RrdReader(path).stream()}
+    assert {"/world/contacts", "/world/1_model/trail"} <= entities
 
 
 @needs_vulkan
