@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from drop_physics.analysis.joints import JointRow
     from drop_physics.analysis.results import Analysis, BodyAnalysis, StepSum
 
-MOST_BODIES, MOST_JOINTS = 12, 8
+MOST_BODIES, MOST_ROBOTS, MOST_JOINTS = 12, 4, 8
 """That are listed without --verbose; all are in the JSON."""
+NO_MOTOR = "off", "unknown", "default"
 NAME = 8
 """Columns that names take at least."""
 CELL, CONTROL, LONGEST_JOINT = 8, 10, 24
@@ -37,7 +38,7 @@ def lines_of_bodies(analysis: Analysis, *, verbose: bool = False) -> list[str]:
     alone = len(analysis.bodies) < len(analysis.by_body)
     lines = [*_headline(analysis), *finding_lines(analysis.findings, verbose=verbose)]
     lines += _joints(moving, analysis.findings, verbose=verbose or alone)
-    lines += ["", *_bodies(analysis, moving)]
+    lines += ["", *_bodies(analysis, moving, verbose=verbose or alone)]
     for body in moving:
         for each in body.at:
             lines += ["", *sum_lines(body, each)]
@@ -93,19 +94,24 @@ Cell = tuple[str, Callable[["JointRow"], str]]
 
 
 def _joints(bodies: list[BodyAnalysis], findings: list[Finding], *, verbose: bool) -> list[str]:
-    """Return a table of the joints; without `verbose` only those that motors drive.
+    """Return a table of the joints; without `verbose` only those that calls drive.
 
     Those with findings come first where there are too many; what does not fit is left out.
     """
     lines: list[str] = []
     named = {each.joint for each in findings}
-    for body in bodies:
-        rows = [row for row in body.joints if verbose or row.control not in ("off", "unknown")]
+    robots = [body for body in bodies if any(_told(row, named) for row in body.joints)]
+    # Those with findings first, of many.
+    robots.sort(key=lambda body: not any(each.body == body.label for each in findings))
+    shown_robots = bodies if verbose else robots[:MOST_ROBOTS]
+    for body in sorted(shown_robots, key=lambda body: body.id):
+        rows = [row for row in body.joints if verbose or _told(row, named)]
         rows.sort(key=lambda row: row.name not in named)
         shown = sorted(rows if verbose else rows[:MOST_JOINTS], key=_place)
         if not shown:
             continue
-        column = min(max(columns_of(_name(row)) for row in (*shown,)) + 2, LONGEST_JOINT)
+        named_ = (body.label, *map(_name, shown))
+        column = min(max(map(columns_of, named_)) + 2, LONGEST_JOINT)
         cells = CELLS[: max(2, (columns() - column - CONTROL) // CELL)]
         heads = "".join(right(translated(head), CELL) for head, _ in cells)
         label = escape(left(cut(body.label, column - 1), column))
@@ -116,7 +122,18 @@ def _joints(bodies: list[BodyAnalysis], findings: list[Finding], *, verbose: boo
             joints = counted(len(rows) - len(shown), "joint")
             more = Message("and {joints}: --verbose", joints=joints)
             lines.append(f"[dim]{escape(translated(more))}[/]")
+    if len(robots) > MOST_ROBOTS and not verbose:
+        more = Message(
+            "and the joints of {bodies} more: --verbose",
+            bodies=counted(len(robots) - MOST_ROBOTS, "body", "bodies"),
+        )
+        lines += ["", f"[dim]{escape(translated(more))}[/]"]
     return lines
+
+
+def _told(row: JointRow, named: set[str | None]) -> bool:
+    """Return whether a joint is shown: a call drives it, or a finding names it."""
+    return row.control not in NO_MOTOR or row.name in named
 
 
 def _joint(row: JointRow, cells: Sequence[Cell], column: int) -> str:
@@ -147,6 +164,7 @@ def _number(value: float | None, form: str) -> str:
         return "–"
     # What rounds to zero has no sign.
     text = format(value, form)
+    text = text if len(text) < CELL else format(value, "+.2g" if form[0] == "+" else ".2g")
     return format(0.0, form) if not text.strip("+-0.") else text
 
 
@@ -164,13 +182,13 @@ CELLS: Sequence[Cell] = (
 # -- bodies ---------------------------------------------------------------------------------------
 
 
-def _bodies(analysis: Analysis, moving: list[BodyAnalysis]) -> list[str]:
+def _bodies(analysis: Analysis, moving: list[BodyAnalysis], *, verbose: bool) -> list[str]:
     """Return a line per moving body: its mass, samples and energy; and what is unexplained."""
     lines = []
     shown = moving[:MOST_BODIES]
     column = min(max((columns_of(body.label) for body in shown), default=NAME) + 2, 30)
     for body in shown:
-        lines += titled(body.label, _facts(body), column=column, style="bold")
+        lines += titled(body.label, _facts(body, verbose=verbose), column=column, style="bold")
         for run in body.unexplained:
             words = Message(
                 "unexplained: {samples} from step {step} on: {reason}",
@@ -198,16 +216,19 @@ def _first_of(labels: list[str]) -> str:
     return ", ".join(labels[:MOST_BODIES]) + (" …" if len(labels) > MOST_BODIES else "")
 
 
-def _facts(body: BodyAnalysis) -> Message:
+def _facts(body: BodyAnalysis, *, verbose: bool) -> Message:
     mass: str = f"{body.mass_kg:.4g} kg"
     if len(body.links) > 1:
         mass = joined(", ", [mass, counted(len(body.links) - 1, "link")])
-    facts = joined(": ", [mass, kinds_of_samples(body.segments)])
+    # What a call set at the beginning is no news.
+    rest = {name: n for name, n in body.segments.items() if verbose or (name, n) != ("set", 1)}
+    facts = joined(": ", [mass, kinds_of_samples(rest)])
     if body.energy is None:
         return facts
     changes = f"{body.energy.start_j + 0.0:.4g} → {body.energy.end_j + 0.0:.4g} J"
     causes = sorted(body.energy.by_cause_j.items(), key=lambda cause: -abs(cause[1]))
-    named = [f"{name} {value:+.3g}" for name, value in causes[:2] if abs(value) > 1e-9]
+    named = [f"{name} {value:+.3g}" for name, value in causes[: 2 * verbose]
+        if abs(value) > 1e-9]  # fmt: skip
     return joined("; ", [facts, changes + (f" ({', '.join(named)})" if named else "")])
 
 

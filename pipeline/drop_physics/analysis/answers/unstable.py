@@ -36,6 +36,10 @@ ADVICE: Mapping[str, Message] = {
         "the script's own forces are too stiff for this timestep: lower its gains, most of all "
         "that of the velocity, or use a smaller timestep"
     ),
+    "damping": Message(
+        "damping acts explicitly: set less of it, p.changeDynamics(body, link, linearDamping=…, "
+        "angularDamping=…), or use a smaller timestep"
+    ),
     "motors": Message("lower the motor's positionGain, and keep its velocityGain at 1"),
 }
 
@@ -250,7 +254,8 @@ def _place(known: _Rates, row: int) -> tuple[str | None, str, str]:
 def _unstable(known: _Rates, rows: Int64) -> Finding:
     row = int(rows[np.argmax(known.strongest[rows])])
     joint, name, unit = _place(known, row)
-    turned = {term: float(each[row]) for term, each in known.turned.items()}
+    # The clamp ends what others feed.
+    turned = {term: float(each[row]) for term, each in known.turned.items() if term != "clamp"}
     most = max(turned, key=turned.__getitem__)
     fed = turned[most] > 0.5 * sum(each for each in turned.values() if each > 0)
     energy_j = float(known.energy_j[most][row])
@@ -263,9 +268,11 @@ def _unstable(known: _Rates, rows: Int64) -> Finding:
         why=_why(most, energy_j) if fed else "",
     )  # fmt: skip
     advice = ADVICE.get(most, Message("use a smaller timestep")) if fed else None
+    # What contacts turn around without feeding it rattles, and ends.
+    rattles = fed and most == "contacts" and energy_j <= 0
     return Finding(
-        code="unstable", level="broken", message=message, advice=advice, body=known.body.label,
-        joint=joint, effect=Effect(float(known.strongest[row]), unit),
+        code="unstable", level="model" if rattles else "broken", message=message, advice=advice,
+        body=known.body.label, joint=joint, effect=Effect(float(known.strongest[row]), unit),
         share=float(known.strongest[row] / known.greatest[row]),
         steps=Span(int(known.first[row]), int(known.last[row]), int(known.count[row])),
     )  # fmt: skip
