@@ -33,7 +33,7 @@ html_search_language = "en-ja"
 
 _MENU = {
     "Guides": [
-        "docs/walkthrough", "docs/record", "docs/engines", "docs/viewing", "docs/scale", "docs/ci",
+        "docs/walkthrough", "docs/record", "docs/why", "docs/engines", "docs/viewing", "docs/scale", "docs/ci",
         "docs/catalog",
     ],
     "日本語": ["はじめに <README.ja>", "docs/walkthrough.ja"],

@@ -268,8 +268,7 @@ def _unstable(known: _Rates, rows: Int64) -> Finding:
         why=_why(most, energy_j) if fed else "",
     )  # fmt: skip
     advice = ADVICE.get(most, Message("use a smaller timestep")) if fed else None
-    # What contacts turn around without feeding it rattles, and ends.
-    rattles = fed and most == "contacts" and energy_j <= 0
+    rattles = fed and most == "contacts"  # where they feed it, energy-gained says so
     return Finding(
         code="unstable", level="model" if rattles else "broken", message=message, advice=advice,
         body=known.body.label, joint=joint, effect=Effect(float(known.strongest[row]), unit),

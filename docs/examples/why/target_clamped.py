@@ -1,0 +1,13 @@
+"""A target beyond the limits."""
+
+import pybullet as p
+import pybullet_data
+
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.setGravity(0, 0, -9.81)
+arm = p.loadURDF("franka_panda/panda.urdf", useFixedBase=True)
+pose = [0, -0.3, 0, -3.6, 0, 2.0, 0.8]
+p.setJointMotorControlArray(arm, range(7), p.POSITION_CONTROL, pose, forces=[87] * 7)
+for _ in range(240):
+    p.stepSimulation()
