@@ -33,8 +33,8 @@ html_search_language = "en-ja"
 
 _MENU = {
     "Guides": [
-        "docs/walkthrough", "docs/record", "docs/why", "docs/engines", "docs/viewing", "docs/scale", "docs/ci",
-        "docs/catalog",
+        "docs/walkthrough", "docs/record", "docs/why", "docs/engines", "docs/viewing", "docs/scale",
+        "docs/ci", "docs/catalog",
     ],
     "日本語": ["はじめに <README.ja>", "docs/walkthrough.ja"],
     "Reference": ["docs/commands", "docs/recording", "docs/json", "recordings/README"],

@@ -78,7 +78,7 @@ class Recorder:
         self.drawing = Drawing(self.bodies, of_drop=of_drop)
         self._ends: dict[int, int] = {}
         """The last step of which each simulation has a sample, by client."""
-        self._sites: dict[int, Site] = {}
+        self.sites: dict[int, Site] = {}
         self._states, self._contacts = RowsDigest(), RowsDigest()
         self._series: dict[str, RowsDigest] = {}
         """Of joints and constraints, by entity."""
@@ -188,7 +188,7 @@ class Recorder:
     def _tell(self, event: told.Event) -> Iterator[Chunk]:
         """Add a row of JSON; yield rows when there are enough."""
         if isinstance(event, Site):
-            self._sites[event.number] = event
+            self.sites[event.number] = event
         if isinstance(event, Appearance):
             if event.body.number not in self.bodies:
                 yield from self._names_of_joints(event.body)
@@ -274,11 +274,11 @@ class Recorder:
     # -- calls ------------------------------------------------------------------------------------
 
     def _on_calls(self, seen: Calls) -> Iterator[Chunk]:
-        widths = np.array([len(self._sites[site].names) for site in seen.sites.tolist()], np.int64)
+        widths = np.array([len(self.sites[site].names) for site in seen.sites.tolist()], np.int64)
         self._calls.setdefault(seen.client, CallsDigest()).update(seen, widths)
         yield writer.calls_chunk(seen, widths)
-        yield from self._commands.on_calls(seen, self._sites, widths)
-        yield from self.drawing.on_calls(seen, self._sites, widths)
+        yield from self._commands.on_calls(seen, self.sites, widths)
+        yield from self.drawing.on_calls(seen, self.sites, widths)
 
     # -- everything else --------------------------------------------------------------------------
 

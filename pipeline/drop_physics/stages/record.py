@@ -34,10 +34,12 @@ from drop_physics.recording.layout import layout
 from drop_physics.recording.recorder import Recorder
 from drop_physics.seen.events import Ending
 from drop_physics.shown import Shown
+from drop_physics.stages.missing_file import missing_file
 
 FOLDER = Path("recordings")
 NAMED_AFTER_S = 60.0
 """A script without a limit that runs longer [s] may never end."""
+CANNOT_LOAD = "pybullet.error: Cannot load"
 STOPPED = ("steps", "duration", "disk", "interrupted")
 """How a script ended that would have gone on."""
 LARGEST_INT = 2**63 - 1
@@ -218,8 +220,13 @@ def written(
     endings: list[Ending] = []
 
     def ending() -> Ending:
-        endings.append(process.ending())
-        return endings[-1]
+        ended = process.ending()
+        if ended.how == "failed" and CANNOT_LOAD in ended.error:
+            site = recorder.sites.get(process.decoder.raised)
+            why = missing_file(site.form, process.target) if site is not None else None
+            ended.error = f"{ended.error} {why}" if why else ended.error
+        endings.append(ended)
+        return ended
 
     origin = recorder.inputs[schema.ORIGIN_PROPERTY]
     chunks = recorder.chunks(

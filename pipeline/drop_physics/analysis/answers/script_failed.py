@@ -42,11 +42,11 @@ class ScriptFailed(Answer):
         call = self._raised
         # The type is written without its module in the one, and with it in the other.
         said = error.partition(": ")[2]
-        if call is None or not said or call.raised.partition(": ")[2] != said:
+        if call is None or not said or not said.startswith(call.raised.partition(": ")[2]):
             message = Message("the script fails: {error}", error=error)
             if said == NOT_CONNECTED:
                 message = Message("{message} {why}", message=message, why=Message(
-                    "there is no simulation with that number: p.connect did not make it, or "
+                    "There is no simulation with that number: p.connect did not make it, or "
                     "p.disconnect ended it"))  # fmt: skip
             yield Finding(code="script-failed", level="broken", message=message)
             return
@@ -60,10 +60,7 @@ class ScriptFailed(Answer):
     def _why(self, call: Call) -> str:
         """Return what is behind PyBullet's words, as far as the call tells."""
         if call.function.startswith("load") and call.arguments.startswith(("'", "fileName='")):
-            return Message(
-                ", a file that it cannot read, or finds neither where the script runs nor in the "
-                "folder of p.setAdditionalSearchPath"
-            )
+            return Message(", a file that it cannot find or read")
         numbers = next((n for name in BODY_NAMES if (n := given(call, name))), ())
         if not call.raised.endswith(NO_JOINT) or not numbers:
             return ""

@@ -241,6 +241,7 @@ class Script(Listener):
         reading, writing = wide_pipe()
         super().__init__(reading, self._block.fileno())
         self.decoder = Decoder((program.variation or {}).get("finer", 1))
+        self.target = program.target
         self._interrupted_at: float | None = None
         self._interrupts = 0
         self._why = "interrupted"

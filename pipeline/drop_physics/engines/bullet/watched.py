@@ -63,6 +63,8 @@ class Decoder:
         self._timesteps: dict[int, int] = {}
         """By site, which of its numbers is a timestep that is divided."""
         self.calls = 0
+        self._called = self.raised = -1
+        """The sites of the latest call, and of the latest that raised."""
         self.samples = 0
         self.python: dict[str, Any] = {}
         self.stopped = ""
@@ -155,6 +157,7 @@ class Decoder:
             values = np.frombuffer(numbers).copy()
             values[self._timesteps[site]] /= self._finer
             payload = head + values.tobytes()
+        self._called = site
         self._caller.add_call(self.calls, site, payload)
 
     def _put(self, payload: bytes) -> Put:
@@ -194,6 +197,7 @@ class Decoder:
         if world is not None:
             at = self._at(world)
             yield from world.called()
+            self.raised = self._called
             yield Raised(at, error)
 
     def _on_solver(self, world: int, **early: Any) -> Iterator[Event]:  # noqa: ANN401

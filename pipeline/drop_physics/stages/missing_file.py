@@ -1,0 +1,81 @@
+"""Where the file is that a script could not load."""
+
+from __future__ import annotations
+
+import difflib
+import importlib.util
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from drop_physics.messages import Message
+
+_FIRST = re.compile(r"^(?:fileName=)?'([^']+)'")
+_MESH = re.compile(r"filename=[\"']([^\"']+)[\"']")
+LARGEST_BYTES = 1 << 24
+"""A larger file is not looked through."""
+SEARCH = Message("p.setAdditionalSearchPath(pybullet_data.getDataPath())")
+
+
+def missing_file(arguments: str, target: str) -> Message | None:
+    """Return where the file of a `p.load…` is that failed, or what it misses; None: nowhere.
+
+    Parameters
+    ----------
+    arguments
+        Those of the call, as written.
+    target
+        The script. It is taken to run in this process' folder.
+    """
+    named = _FIRST.match(arguments)
+    if named is None:
+        return None
+    name, beside = Path(named[1]), Path(target).parent
+    package = importlib.util.find_spec("pybullet_data")
+    data = Path(package.origin).parent if package is not None and package.origin else None
+    if name.is_file() or (data and (data / name).is_file() and not _complete(data / name)):
+        found = name if name.is_file() or data is None else data / name
+        lost = next(_lost_meshes(found), None)
+        words = Message("{name} is there, but {mesh}, which it names, is not", name=str(name),
+            mesh=lost)  # fmt: skip
+        return None if lost is None else words
+    if (beside / name).is_file():
+        return Message(
+            "{name} lies beside the script, and is looked for where it runs: give {path}",
+            name=str(name), path=str(beside / name),
+        )  # fmt: skip
+    if data and (data / name).is_file():
+        return Message("{name} is in pybullet_data: call {search}", name=str(name), search=SEARCH)
+    for folder in filter(None, (Path(), beside, data)):
+        near = _near(folder / name)
+        if near is not None:
+            return Message("There is no {name}, but {near}", name=str(name),
+                near=str(near.relative_to(folder)))  # fmt: skip
+    return Message("There is no {name} where the script runs, beside it or in pybullet_data",
+        name=str(name))  # fmt: skip
+
+
+def _complete(file: Path) -> bool:
+    """Return whether all meshes that a file names are there."""
+    return next(_lost_meshes(file), None) is None
+
+
+def _lost_meshes(file: Path) -> Iterator[str]:
+    """Yield the meshes that a file names and that are not below its folder, or where it is."""
+    if file.stat().st_size > LARGEST_BYTES:
+        return
+    for mesh in _MESH.findall(file.read_text(errors="replace")):
+        path = mesh.removeprefix("package://").removeprefix("file://")
+        folders = (Path(), file.parent, *list(file.resolve().parents)[:3])
+        if not any((folder / path).is_file() for folder in folders):
+            yield mesh
+
+
+def _near(path: Path) -> Path | None:
+    """Return a file of that folder whose name is alike."""
+    if not path.parent.is_dir():
+        return None
+    names = [each.name for each in path.parent.iterdir() if each.suffix == path.suffix]
+    alike = {each.casefold(): each for each in names}
+    found = difflib.get_close_matches(path.name.casefold(), alike, 1, 0.8)
+    return path.with_name(alike[found[0]]) if found else None
