@@ -66,7 +66,7 @@ CAUGHT = "\ntry:\n    {}\nexcept Exception:\n    pass\n"
         (AIR + CUBE, "p.resetJointState(5, 0, 0.1)",
          "pybullet.error: Joint index out-of-range.", "there is no body 5"),
         (AIR + CUBE, "p.loadURDF('nope.urdf')",
-         "pybullet.error: Cannot load URDF file.", "'nope.urdf'.*finds neither"),
+         "pybullet.error: Cannot load URDF file.", "'nope.urdf'.*cannot find"),
         (AIR + CUBE, "p.restoreState(3)",
          "pybullet.error: Couldn't restore state.", r"p.restoreState\(3\)"),
     ],
