@@ -27,17 +27,19 @@ def events(analysis: Analysis) -> list[tuple[int, float, str]]:
 
 
 def _of_bodies(analysis: Analysis) -> Iterator[tuple[int, float, str]]:
+    # Lines begin with the time, which the viewer cuts off in its own column.
     times_s = dict(analysis.table.select("step", "time_s").unique().iter_rows())
     for finding in analysis.findings:
         step = None if finding.steps is None else finding.steps.first
         if step is not None and step in times_s:
             about = finding.joint or finding.body
-            yield step, times_s[step], f"{finding.code}: {about}" if about else finding.code
+            line = f"{finding.code}: {about}" if about else finding.code
+            yield step, times_s[step], f"{times_s[step]:.3f} s  {line}"
     for body in analysis.bodies:
         for contact in body.contacts:
             others = ", ".join(sorted({partner.body for partner in contact.by}))
             line = textwrap.shorten(f"{body.label} meets {others}", WIDTH, placeholder=" …")
-            yield contact.first_step, contact.start_s, line
+            yield contact.first_step, contact.start_s, f"{contact.start_s:.3f} s  {line}"
 
 
 def _of_drop(analysis: DropAnalysis) -> list[tuple[int, str]]:
