@@ -66,6 +66,7 @@ def test_a_falling_box_converges_with_order_1(tmp_path: Path) -> None:
     assert (stands.end_digits, stands.end_by) == (1, "timestep/4")
 
 
+@pytest.mark.long
 def test_a_box_at_rest_depends_on_nothing(tmp_path: Path) -> None:
     scene = "p.loadURDF('plane.urdf')\nb = p.loadURDF('cube.urdf', [0, 0, 0.5])\nsteps(120)\n"
     for name, apart in ends(trusted(tmp_path, scene)).items():
@@ -74,6 +75,7 @@ def test_a_box_at_rest_depends_on_nothing(tmp_path: Path) -> None:
         assert apart["rad"] < 1e-5, name
 
 
+@pytest.mark.long
 def test_a_seed_is_varied_where_a_script_draws(tmp_path: Path) -> None:
     scene = "import random\nb = p.loadURDF('cube.urdf', [0, 0, random.random()])\nsteps(3)\n"
     apart = ends(trusted(tmp_path, scene))
@@ -81,6 +83,7 @@ def test_a_seed_is_varied_where_a_script_draws(tmp_path: Path) -> None:
     assert apart["residual 0"]["m"] == 0
 
 
+@pytest.mark.long
 def test_other_variations_are_chosen_by_name(tmp_path: Path) -> None:
     scene = "b = p.loadURDF('cube.urdf', [0, 0, 9])\nsteps(24)\n"
     vary = ["gravity=10,5", "mass=2", "contactERP=0.1", "numSolverIterations=200", "timestep/8"]
@@ -130,6 +133,7 @@ for j in range(n):
 """A chain of pendulums of 1 kg at 1 m each, from given angles, without friction."""
 
 
+@pytest.mark.long
 def test_a_pendulum_converges_to_its_swing(tmp_path: Path) -> None:
     """U' = u - w^2 q dt, q' = q + u' dt is solved by a cosine with another phase."""
     start, t, dt = 0.01, 0.75, 1 / 240
@@ -158,6 +162,7 @@ def test_a_pendulum_converges_to_its_swing(tmp_path: Path) -> None:
     assert codes == ["depends-on-timestep", "depends-on-timestep", "converges"]
 
 
+@pytest.mark.long
 def test_a_double_pendulum_grows_at_its_lyapunov_exponent(tmp_path: Path) -> None:
     """The exponent of the same map, written by hand, over the same time (Benettin 1980)."""
     found = trusted(tmp_path, f"starts = [2.5, 1.0]{JOINTS}steps(3000)\n", vary=["nudge"])
@@ -195,6 +200,7 @@ def test_a_double_pendulum_grows_at_its_lyapunov_exponent(tmp_path: Path) -> Non
     assert f"beyond {found.growth.lost_s:.3g} s" in lost.message
 
 
+@pytest.mark.long
 def test_a_ramp_that_holds_creeps_with_the_residual_threshold_only(tmp_path: Path) -> None:
     scene = """
 import math
@@ -332,6 +338,7 @@ def test_distances_are_written_as_a_table_and_plotted(tmp_path: Path) -> None:
         trusted(tmp_path, scene, plot=tmp_path / "x.gif")
 
 
+@pytest.mark.long
 def test_a_variation_that_fails_is_said_and_not_extrapolated(tmp_path: Path) -> None:
     scene = """
 b = p.loadURDF('cube.urdf', [0, 0, 2])
@@ -352,6 +359,7 @@ steps(5)
     assert {"goes-on", "ends-earlier"} <= {each.code for each in found.findings}
 
 
+@pytest.mark.long
 def test_numbers_that_overflow_are_compared_until_then(tmp_path: Path) -> None:
     scene = """
 b = p.loadURDF('cube.urdf', [0, 0, 2])
