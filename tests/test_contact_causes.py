@@ -98,9 +98,31 @@ SLIPPERY_BALL = SLOPE.format(degrees=40, mu=0.1, above=0, steps=240).replace(
     "ball(1, [0, 0, .1])\np.changeDynamics(b, -1, lateralFriction=.1)",
 )
 
+PUSHED_UP = SLOPE.format(degrees=25, mu=0.3, above=0, steps=0) + (
+    "for i in range(240):\n    p.applyExternalForce(b, -1, [-1, 0, 0], [0, 0, 0], p.LINK_FRAME)\n"
+    "    p.stepSimulation()"
+)
+GROOVE = (
+    BOX
+    + """
+p.setGravity(4, 0, -9)
+half = math.sqrt(.5)
+p.createMultiBody(0, -1, -1, [0, 0, 0], [0, 0, 0, 1], linkMasses=[0, 0],
+    linkCollisionShapeIndices=[shape(2, .3, .01)] * 2, linkVisualShapeIndices=[-1] * 2,
+    linkPositions=[[0, -.2, .2], [0, .2, .2]],
+    linkOrientations=[p.getQuaternionFromEuler([s * math.pi / 4, 0, 0]) for s in (-1, 1)],
+    linkInertialFramePositions=[[0, 0, 0]] * 2, linkInertialFrameOrientations=[[0, 0, 0, 1]] * 2,
+    linkParentIndices=[0, 0], linkJointTypes=[p.JOINT_FIXED] * 2, linkJointAxis=[[0, 0, 1]] * 2)
+b = box(1, [0, 0, .05 / half + .02], mu=.1, turned=[math.pi / 4, 0, 0])
+steps(120)
+"""
+).replace("\np.setGravity", "\nimport math\np.setGravity", 1)
+
 
 @pytest.mark.parametrize(
-    "scene", [FAST, LANDS, SLIPPERY_BALL], ids=["given speed", "lands", "a ball that slips"]
+    "scene",
+    [FAST, LANDS, SLIPPERY_BALL, PUSHED_UP, GROOVE],
+    ids=["given speed", "lands", "a ball that slips", "pushed up", "in a groove"],
 )
 def test_what_did_not_rest_or_rolls_does_not_slide(scene: str, tmp_path: Path) -> None:
     assert not found(scene, tmp_path, "slides")
@@ -313,3 +335,31 @@ LIFTED_BY_OVERLAP = DROPPED.format(z=0.6, r=0.05) + "steps(240)"
 @pytest.mark.parametrize("scene", [SOFTLY, LIFTED_BY_OVERLAP], ids=["soft", "overlap"])
 def test_what_rebounds_by_another_law_is_not_said_not_to(scene: str, tmp_path: Path) -> None:
     assert not found(scene, tmp_path, "no-restitution")
+
+
+# -- starts-in-contact ----------------------------------------------------------------------------
+
+RESTORED = (
+    FLOOR
+    + BOX
+    + """
+p.setTimeStep(1 / 60)
+b = ball(1, [0, 0, 1], .03)
+for i in range(200):
+    p.stepSimulation()
+    if max([0, *(-c[8] for c in p.getContactPoints(b))]) > .002:
+        break
+state = p.saveState()
+steps(20)
+p.restoreState(state)
+steps(20)
+"""
+)
+NOT_PUSHED = "p.setPhysicsEngineParameter(contactERP=0)\n" + (
+    FLOOR + BOX + "b = box(1, [0, 0, .045])\nsteps(60)"
+)
+
+
+@pytest.mark.parametrize("scene", [RESTORED, NOT_PUSHED], ids=["restored", "not pushed"])
+def test_what_no_call_put_there_or_nothing_moves(scene: str, tmp_path: Path) -> None:
+    assert not found(scene, tmp_path, "starts-in-contact")
