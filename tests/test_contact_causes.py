@@ -17,9 +17,9 @@ from test_contact_overlaps import BOUNCES, HEAVY, run
 SOLVED = "p.setPhysicsEngineParameter(solverResidualThreshold=0, numSolverIterations=500)\n"
 LOOSE = "p.setPhysicsEngineParameter(solverResidualThreshold={threshold})\n"
 CREEPS = {
-    "slope": (SLOPE.format(degrees=20, mu=0.9, above=0, steps=1200), 1e-3),
+    "slope": (SLOPE.format(degrees=20, mu=0.9, above=0, steps=600), 1e-3),
     "steeper": (SLOPE.format(degrees=30, mu=0.9, above=0, steps=600), 1e-3),
-    "flatter": (SLOPE.format(degrees=5, mu=0.5, above=0, steps=2400), 1e-3),
+    "flatter": (SLOPE.format(degrees=10, mu=0.5, above=0, steps=600), 3e-3),
 }
 
 
