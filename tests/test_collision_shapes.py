@@ -11,8 +11,10 @@ import pytest
 from clients import release_clients
 from drop_physics.analysis.answers.collides_as_hull import distances_m
 from drop_physics.recording import schema
+from drop_physics.stages.analyze import analyze
 from scenes import HEAD, record
 from test_contact_answers import found, in_pieces
+from viewer import COLOURED, Viewer, vulkan_driver
 
 RING = """
 import math
@@ -188,3 +190,27 @@ def test_what_is_touched_is_drawn_but_hidden(tmp_path: Path) -> None:
     # What is drawn as it is touched needs no second drawing.
     assert not any("1_cylinder" in each for each in recording.entities
         if each.startswith(schema.COLLISIONS))  # fmt: skip
+
+
+@pytest.mark.long
+def test_the_hull_is_seen_where_a_finding_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if vulkan_driver() is None:
+        pytest.skip("no software Vulkan; try: apt-get install mesa-vulkan-drivers")
+    path = tmp_path / "scene.rrd"
+    record(PEG.format(n=24, scale=1, folder=tmp_path, flags=""), path)
+    orange = []
+    for found_some in (True, False):
+        if not found_some:
+            monkeypatch.setattr("drop_physics.stages.analyze._hulls", lambda _: frozenset())
+        layer = analyze(path).layer
+        assert layer is not None
+        with Viewer(path, layer) as viewer:
+            viewer.set_time(0.5)
+            viewer.settled()
+            views = {each.name: each.view_id for each in viewer.client.get_state().views}
+            red, green, blue = np.moveaxis(viewer.picture(views["World"]), 2, 0)
+            orange.append(int(((red > green + 30) & (green > blue + 10)).sum()))
+            assert not viewer.warnings()
+    assert orange[1] < COLOURED < orange[0]
