@@ -176,7 +176,7 @@ def test_why_it_is_deep(name: str, tmp_path: Path) -> None:
 
 
 def test_masses_that_no_solver_can_tell_apart_get_no_advice(tmp_path: Path) -> None:
-    for mass, iterations in ((1e6, 50), (1e6, 500)):
+    for mass, iterations in ((1e4, 50), (1e4, 500), (1e6, 500)):
         scene = run(HEAVY.format(mass=mass, iterations=iterations), 200)
         assert bare(scene)["deepest"] > 0.05
         for one in found(scene, tmp_path, "deep-penetration"):

@@ -23,8 +23,8 @@ SOON = 4
 """Steps in which an impact is over."""
 GROWS = 10
 """In fewer steps than this nothing presses it in."""
-RATIO, MOST_RATIO = 10.0, 1e4
-"""Of masses, beyond which it takes the solver many iterations; and beyond which, more than any."""
+RATIO, MOST_RATIO = 10.0, 2e3
+"""Of masses, beyond which it takes the solver many iterations; and beyond which, more than 500."""
 
 
 @dataclass(frozen=True)
