@@ -111,11 +111,12 @@ class Slides(Answer):
 
     def says(self, run: Run, body_m: float) -> bool:
         """Whether friction was not enough for what was at rest."""
-        slid, moved, _, _, available = run.sums[:5]
+        slid, moved, _, normal, available = run.sums[:5]
         return bool(
             slid > max(LEAST_M, LEAST_SHARE * body_m)
             and run.began_m_s <= FROM_REST * run.most_m_s
             and run.needed_n_s > available
+            and normal > NONE * run.needed_n_s  # else it hardly touches it
             and slid >= SLIDING * moved
         )
 
