@@ -1001,7 +1001,7 @@ def test_what_is_no_script_is_one_line(bench: Bench) -> None:
     for seed in (2**63, -(2**63)):
         with pytest.raises(ScenarioError, match="seed must be between"):
             bench.record(script, seed=seed)
-    with pytest.raises(ScenarioError, match="duration_s must be above 0"):
+    with pytest.raises(ScenarioError, match="duration_s must be finite and above 0"):
         bench.record(script, duration_s=0.0)
     bench.out.write_text("mine")
     done = bench.drop("record", "--out", "out.rrd", script)

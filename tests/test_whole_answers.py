@@ -303,3 +303,15 @@ def test_numbers_that_overflow_warn_nobody(call: str, how: str, tmp_path: Path) 
     path = tmp_path / "overflow.rrd"
     analysis = analyze(record(scene + "steps(3)\n" + call + "\nsteps(6)", path).seen)
     assert not any("inf m " in str(each.message) for each in analysis.findings)
+
+
+def test_a_throw_that_drag_would_stop_at_once_is_analyzed(tmp_path: Path) -> None:
+    scene = """
+b = p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1))
+p.changeDynamics(b, -1, maxJointVelocity=1e308)
+steps(5)
+p.resetBaseVelocity(b, [1e20, 0, 0])
+steps(6)
+"""
+    (body,) = analyze(record(scene, tmp_path / "run.rrd").seen).bodies
+    assert [flight.terms_m is None for flight in body.flights] == [False, True]

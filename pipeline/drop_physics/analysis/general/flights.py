@@ -16,6 +16,10 @@ Float64 = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 
+STIFF = 1e3
+"""How often drag could stop a throw within its flight: beyond, integrating it never ends."""
+
+
 @dataclass(frozen=True)
 class VectorTerms:
     """The four terms of an error along x, y and z [m]; they add up to it."""
@@ -127,12 +131,14 @@ def error_and_terms(
     position_m
         Where the body is after these steps, shape (3,).
     law
-        Its law. Where gravity is not along z there are no terms.
+        Its law. Where gravity is not along z, or the drag of a throw is `STIFF`, there are none.
     steps
         At least 1.
     """
-    if any(law.gravity_m_s2[:2]):
-        time_s, g = steps * law.timestep_s, np.array(law.gravity_m_s2)
+    time_s, velocity_m_s = steps * law.timestep_s, start.velocity_m_s[0]
+    stops = law.drag.quadratic_per_m * float(np.linalg.norm(velocity_m_s)) * time_s
+    if any(law.gravity_m_s2[:2]) or (velocity_m_s[:2].any() and stops > STIFF):
+        g = np.array(law.gravity_m_s2)
         free_fall_m = start.position_m[0] + (start.velocity_m_s[0] + g * time_s / 2) * time_s
         return _vector(position_m - free_fall_m), None
     return _row(decompose(law, start_of(start, 0, law), position_m[None], first=steps), 0)
