@@ -14,20 +14,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 from benchmarks.harness import DROP, HEAD, Measured, Ran, machine, process
+from benchmarks.record import SCENE, boxes
 
-SCENE = """
-import sys
-import pybullet as p, pybullet_data
-p.connect(p.DIRECT)
-p.setAdditionalSearchPath(pybullet_data.getDataPath())
-p.setGravity(0, 0, -9.81)
-p.loadURDF("plane.urdf")
-{load}
-for _ in range(int(sys.argv[1])):
-    p.stepSimulation()
-"""
-BOXES = """for number in range({count}):
-    p.loadURDF("cube_small.urdf", [0.2 * (number % 10), 0.2 * (number // 10), 0.025])"""
 ROBOTS = {
     7: 'p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)',
     18: 'p.loadURDF("laikago/laikago_toes_zup_lores.urdf", [0, 0, 0.5])',
@@ -60,9 +48,9 @@ def cases(*, quick: bool) -> Iterator[Case]:
     """Yield what is measured."""
     counts = [1_000, 10_000, 100_000, 1_000_000][: 2 if quick else 4]
     for steps in counts:
-        yield Case("steps", steps, steps, BOXES.format(count=1))
+        yield Case("steps", steps, steps, boxes(1))
     for count in (1, 10, 100):
-        yield Case("bodies", count, counts[1] // (10 if quick else 1), BOXES.format(count=count))
+        yield Case("bodies", count, counts[1] // (10 if quick else 1), boxes(count))
     for dofs, load in ROBOTS.items():
         yield Case("dofs", dofs, counts[1] // (10 if quick else 1), load)
 

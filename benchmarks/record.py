@@ -26,8 +26,6 @@ p.loadURDF("plane.urdf")
 for _ in range(int(sys.argv[1])):
     p.stepSimulation()
 """
-BOXES = """for number in range(100):
-    p.loadURDF("cube_small.urdf", [0.2 * (number % 10), 0.2 * (number // 10), 0.025])"""
 SCENES = {
     "one box": ('p.loadURDF("cube_small.urdf", [0, 0, 1])', 100_000),
     "kuka": ('p.loadURDF("kuka_iiwa/model.urdf", [0, 0, 0.1], useFixedBase=True)', 20_000),
@@ -60,12 +58,12 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
                 f"`drop record`, {name}, per step", "the bare script", times, goal,
                 detail=f"{statistics.median(more_us):.3g} µs more",
             )  # fmt: skip
-    _scene(folder, BOXES)
-    boxes = "`drop record`, 100 boxes resting on a floor"
+    _scene(folder, boxes(100))
+    piled = "`drop record`, 100 boxes resting on a floor"
     ratios, detail = paired(lambda: _record(folder, 1000), lambda: _bare(folder, 1000), pairs=pairs)
-    yield Measured(f"{boxes}, 1,000 steps", "the bare script", ratios, 2, detail=detail)
+    yield Measured(f"{piled}, 1,000 steps", "the bare script", ratios, 2, detail=detail)
     _, times = _per_step(folder, 2000 // share, pairs=pairs)
-    yield Measured(f"{boxes}, per step", "the bare script", times)
+    yield Measured(f"{piled}, per step", "the bare script", times)
 
     steps = 10_000 // share
     _record(folder, steps)
@@ -87,6 +85,12 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
             f"`drop record`, one box, {steps:.0e} steps: peak memory", "",
             [_record(folder, steps).peak_mb], 300, unit="MB",
         )  # fmt: skip
+
+
+def boxes(count: int) -> str:
+    """Return lines that lay so many boxes on the floor."""
+    return f"""for number in range({count}):
+    p.loadURDF("cube_small.urdf", [0.2 * (number % 10), 0.2 * (number // 10), 0.025])"""
 
 
 def _scene(folder: Path, load: str) -> None:

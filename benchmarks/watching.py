@@ -18,6 +18,7 @@ from pathlib import Path
 from drop_physics.engines.bullet.script import Program, Script
 
 from benchmarks.harness import Measured
+from benchmarks.record import boxes
 
 SCRIPT = """
 import sys, time
@@ -49,8 +50,6 @@ print((time.thread_time() - began) / {steps} * 1e6)
 PLANE = 'p.loadURDF("plane.urdf")\n'
 KUKA = 'b = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)'
 LAIKAGO = PLANE + 'p.loadURDF("laikago/laikago.urdf", [0, 0, 0.6])'
-BOXES = """for number in range(100):
-    p.loadURDF("cube_small.urdf", [0.2 * (number % 10), 0.2 * (number // 10), 0.025])"""
 BOX = 'b = p.loadURDF("cube_small.urdf", [0, 0, 0.03])'
 FREE = 'b = p.loadURDF("cube_small.urdf", [0, 0, 1])'
 MOTORS = """for j in range(7):
@@ -76,7 +75,7 @@ SCENES = {
     "one box": Scene(PLANE + BOX, "pass", 40_000, 12),
     "kuka": Scene(KUKA, "pass", 20_000, 1.35),
     "laikago": Scene(LAIKAGO, "pass", 3_000, 1.15),
-    "100 boxes at rest": Scene(PLANE + BOXES, "pass", 500, 2.3),
+    "100 boxes at rest": Scene(PLANE + boxes(100), "pass", 500, 2.3),
     "kuka, commanded by 7 calls": Scene(KUKA, MOTORS, 10_000, 1.8, 1.15),
     "a walker, 20 motors commanded": Scene(
         PLANE

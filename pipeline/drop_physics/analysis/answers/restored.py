@@ -130,21 +130,22 @@ class RestoreDiffers(Answer):
         cause = _cause(first, second) if differ and began else None
         if cause is None:
             return None
-        body, step = min(differ, key=lambda key: key[1])
         why, call = cause
         last = max(step for _, step in apart if step <= same)
-        worst = max((key for key in apart if key[1] == last), key=apart.__getitem__)
+        # Of those that differ first the one that ends farthest apart: sets have no order.
+        body, step = min(differ, key=lambda key: (key[1], -apart.get((key[0], last), 0.0), key))
+        gap = apart.get((body, last), apart[body, step])
         begin = second.begin.at.step
         message = Message(
             "{body} runs differently after p.{function}(…) although the calls are the same: from "
             "step {step:,} on, and by {gap:.2g} after {last:,} steps; {why}",
-            body=body[1], step=begin + step, gap=apart[worst], last=last, why=why,
+            body=body[1], step=begin + step, gap=gap, last=last, why=why,
             function=second.begin.function,
         )  # fmt: skip
         return Finding(
             code="restore-differs", level="asked", message=message,
-            body=body[1], effect=Effect(apart[worst], "m or rad"),
-            share=min(apart[worst], 1.0), site=site_of(call or second.begin),
+            body=body[1], effect=Effect(gap, "m or rad"),
+            share=min(gap, 1.0), site=site_of(call or second.begin),
             steps=Span(begin + step, begin + last, last - step + 1),
         )  # fmt: skip
 
