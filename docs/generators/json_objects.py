@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import polars as pl
-from drop_physics.analysis import apart
+from drop_physics.analysis import apart, standing
 from drop_physics.analysis import results as script
 from drop_physics.analysis.answers import answer
 from drop_physics.analysis.checking.calls import OtherCall
@@ -300,11 +300,13 @@ VARIATION = Object(
      "nothing is apart, it is not explained, or no single one."},
     frozenset({"name", "recording", "most", "end", "from_s", "term"}),
 )  # fmt: skip
-STANDING = _object(apart.Standing, set(), end=float | None, most=float | None, moved=float | None)
+STANDING = _object(
+    standing.Standing, set(), end=float | None, most=float | None, moved=float | None
+)
 TRUST = Object(
     {"script": str, "recording": Path, "variations": [VARIATION],
-     "standing": [STANDING], "growth": apart.Growth | None,
-     "converging": list[apart.Converging], "findings": list[answer.Finding]},
+     "standing": [STANDING], "growth": standing.Growth | None,
+     "converging": list[standing.Converging], "findings": list[answer.Finding]},
     {"script": "The script, or the module.", "recording": "The recording of its own run.",
      "variations": "The runs with variations.",
      "standing": "What stands of each position that matters, the least first.",

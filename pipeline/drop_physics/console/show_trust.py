@@ -27,7 +27,8 @@ from drop_physics.stages.trust_findings import BY_STEP, TERMS, part_of, readable
 
 if TYPE_CHECKING:
     from drop_physics.analysis.answers.answer import Finding
-    from drop_physics.analysis.apart import Distance, Standing
+    from drop_physics.analysis.apart import Distance
+    from drop_physics.analysis.standing import Standing
     from drop_physics.stages.trust import Trust, Varied
 
 MOST_PARTS = 6

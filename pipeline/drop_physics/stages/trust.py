@@ -16,18 +16,17 @@ from typing import Any
 import numpy as np
 
 from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.apart import (
-    Apart,
+from drop_physics.analysis.apart import Apart, apart
+from drop_physics.analysis.first_term import first_term
+from drop_physics.analysis.standing import (
     Converging,
     Growth,
     Standing,
-    apart,
     converging,
     geometric,
     growth,
     standing,
-)
-from drop_physics.analysis.first_term import first_term
+)  # fmt: skip
 from drop_physics.engines.bullet import script as running
 from drop_physics.engines.bullet.script import Program
 from drop_physics.errors import DropError, OutputError

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from drop_physics.analysis.answers.answer import Effect, Finding, Level
-from drop_physics.analysis.apart import Converging, Growth, Standing
+from drop_physics.analysis.standing import Converging, Growth, Standing
 from drop_physics.messages import Message
 
 if TYPE_CHECKING:
