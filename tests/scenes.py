@@ -24,6 +24,7 @@ from drop_physics.engines.bullet.script import BlockListener
 from drop_physics.engines.bullet.watching import ending, pipe, start
 from drop_physics.recording import schema, writer
 from drop_physics.recording.about import about_script
+from drop_physics.recording.layout import layout
 from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.recorder import Recorder
 from drop_physics.seen.history import Seen
@@ -47,7 +48,7 @@ def site(line: int) -> str:
     return f"{NAME}:{line}"
 
 
-def record(scene: str, path: Path) -> Recording:
+def record(scene: str, path: Path, *, for_viewer: bool = False) -> Recording:
     """Record a scene, and read its recording back.
 
     Parameters
@@ -56,8 +57,11 @@ def record(scene: str, path: Path) -> Recording:
         Its lines, behind `HEAD`: a client is connected, nothing is loaded, gravity is not set.
     path
         The recording to write.
+    for_viewer
+        Whether it has a layout, as users' recordings do. Without one the viewer makes its own, and
+        keeps that if the layer's arrives first.
     """
-    _worker().submit(_record, scene, path).result(timeout=60)
+    _worker().submit(_record, scene, path, for_viewer).result(timeout=60)
     return read(path)
 
 
@@ -67,7 +71,7 @@ def _worker() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
 
 
-def _record(scene: str, path: Path) -> None:
+def _record(scene: str, path: Path, for_viewer: bool) -> None:
     with tempfile.TemporaryFile() as memory, tempfile.TemporaryFile() as stream:
         memory.truncate(pipe.BLOCK_BYTES)
         watch = start.watch(
@@ -91,7 +95,8 @@ def _record(scene: str, path: Path) -> None:
                 listener.events(), listener.ending,
                 lambda ended: about_script(ORIGIN, recorder, ended),
             ),
-            recording_id=uuid.uuid4().hex, blueprint=None, force=True,
+            recording_id=uuid.uuid4().hex, force=True,
+            blueprint=(lambda: layout(recorder.look())) if for_viewer else None,
         )  # fmt: skip
 
 

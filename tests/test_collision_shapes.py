@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from pathlib import Path
 
 import numpy as np
@@ -200,7 +199,7 @@ def test_the_hull_is_seen_where_a_finding_says_so(
     if vulkan_driver() is None:
         pytest.skip("no software Vulkan; try: apt-get install mesa-vulkan-drivers")
     path = tmp_path / "scene.rrd"
-    record(PEG.format(n=24, scale=1, folder=tmp_path, flags=""), path)
+    record(PEG.format(n=24, scale=1, folder=tmp_path, flags=""), path, for_viewer=True)
     orange = []
     for found_some in (True, False):
         if not found_some:
@@ -209,19 +208,9 @@ def test_the_hull_is_seen_where_a_finding_says_so(
         assert layer is not None
         with Viewer(path, layer) as viewer:
             viewer.set_time(0.5)
+            viewer.view("World")
             viewer.settled()
-            red, green, blue = np.moveaxis(viewer.picture(_view_of(viewer, "World")), 2, 0)
+            red, green, blue = np.moveaxis(viewer.view("World"), 2, 0)
             orange.append(int(((red > green + 30) & (green > blue + 10)).sum()))
             assert not viewer.warnings()
     assert orange[1] < COLOURED < orange[0]
-
-
-def _view_of(viewer: Viewer, name: str, *, seconds: float = 20) -> str:
-    """Return the id of a view, once the layout that names it has arrived."""
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        for view in viewer.client.get_state().views:
-            if view.name == name:
-                return str(view.view_id)
-        time.sleep(0.05)
-    raise AssertionError(f"no view is named {name}")

@@ -124,7 +124,7 @@ steps(240)
 @needs_vulkan
 def test_a_robot_opens_with_its_joints_its_energy_and_its_contacts(tmp_path: Path) -> None:
     path = tmp_path / "arm.rrd"
-    layer = analyze(record(ARM, path).path).layer
+    layer = analyze(record(ARM, path, for_viewer=True).path).layer
     assert layer is not None
     energy = "energy of 1_model since the start, by cause [J]"
     shown: dict[str, tuple[str, ...]] = {
@@ -138,13 +138,14 @@ def test_a_robot_opens_with_its_joints_its_energy_and_its_contacts(tmp_path: Pat
     }
     with Viewer(path, layer) as viewer:
         viewer.set_time(0.8)
+        viewer.view("World")
         viewer.settled()
-        views = {view.name: view for view in viewer.client.get_state().views}
         for name, wanted in shown.items():
-            picture = viewer.picture(views[name].view_id)
+            picture = viewer.view(name)
             assert not is_blank(picture), name
             assert [each for each in wanted if not has_colour(picture, each)] == [], name
-        assert [view.reports for view in views.values() if view.reports] == []
+        views = viewer.client.get_state().views
+        assert [view.reports for view in views if view.reports] == []
         assert viewer.warnings() == []
     entities = {chunk.entity_path for chunk in RrdReader(path).stream()}
     assert {"/world/contacts", "/world/1_model/trail"} <= entities

@@ -152,6 +152,20 @@ class Viewer:
 
     # -- pictures ---------------------------------------------------------------------------------
 
+    def view(self, name: str, *, seconds: float = 20) -> Picture:
+        """Return a view as `picture` does, once the layout that names it is there.
+
+        Until then the viewer shows a layout of its own.
+        """
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            for view in self.client.get_state().views:
+                if view.name == name:
+                    return self.picture(view.view_id)
+            time.sleep(0.05)
+        names = [view.name for view in self.client.get_state().views]
+        raise AssertionError(f"no view is named {name}, but {names}")
+
     def picture(self, view_id: str | None = None) -> Picture:
         """Return the window or one view as RGB, shape (height, width, 3)."""
         return decoded(self.client.take_screenshot(view_id))
