@@ -97,9 +97,9 @@ def _drop(
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
     if version:
-        from importlib.metadata import version as version_of
+        from drop_physics.stages.info import versions
 
-        print(f"drop {version_of('drop-physics')}")
+        print(versions())
         raise typer.Exit
     if context.invoked_subcommand is None:
         print(context.get_help())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
@@ -12,6 +13,7 @@ from drop_physics.analysis.general.jsonable import jsonable
 from drop_physics.analysis.times import Times
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, shell_command
+from drop_physics.recording import schema
 from drop_physics.recording.about import engine_in_words
 from drop_physics.recording.layer import is_layer, layer_of
 from drop_physics.recording.reader import Drop, Recording, frames, listed, read, recording_id
@@ -67,6 +69,12 @@ class Info(Shown, lines_of="drop_physics.console.show_info:info_lines"):
     def as_json(self) -> dict[str, object]:
         """Return the contract's JSON object."""
         return dict(jsonable(vars(self)))
+
+
+def versions() -> str:
+    """Return the versions of drop, of the engine, and of the recordings that it writes."""
+    drop, engine = (metadata.version(name) for name in ("drop-physics", "pybullet"))
+    return f"drop {drop} (PyBullet {engine}, recordings of schema {schema.SCHEMA_VERSION})"
 
 
 def info(recording: Path | str) -> Info:
