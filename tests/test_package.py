@@ -50,7 +50,7 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     packages.joinpath("libraries.pth").write_text(sysconfig.get_path("purelib"))
     drop = folder / "bin/drop"
     (built,) = distributions(path=[str(packages)])
-    (entry,) = built.entry_points
+    (entry,) = built.entry_points.select(group="console_scripts")
     module, function = entry.value.split(":")
     drop.write_text(f"#!{folder}/bin/python\nfrom {module} import {function}\n{function}()\n")
     drop.chmod(0o755)

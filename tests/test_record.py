@@ -31,6 +31,7 @@ from drop_physics.engines.bullet.watching import pipe
 from drop_physics.errors import DropError, OutputError, ScenarioError
 from drop_physics.recording import schema, writer
 from drop_physics.recording.reader import read
+from drop_physics.seen.calls import Meanings
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.info import info
 from drop_physics.stages.record import Recorded, record_script
@@ -268,7 +269,8 @@ def test_a_body_that_a_call_has_moved_is_recorded_before_time_goes_on(bench: Ben
     assert put == [(i, [0.0, 0.0, float(i)], [float(i), 0.0, 0.0]) for i in (10, 30, 50)]
     kinds = [row["reported"]["mass_kg"] for row in told(bench.out, "dynamics")]
     assert kinds == [[0.1], [2.5]]
-    (given,) = read(bench.out).seen.given
+    seen = read(bench.out).seen
+    (given,) = Meanings(seen.calls, seen.appearances).given()
     assert given.values["linearDamping"] == 0.0
     engine = [row["values"] for row in told(bench.out, "engine")]
     assert [row["fixedTimeStep"] for row in engine] == [1 / 240, 1 / 100]
@@ -311,7 +313,8 @@ def test_a_call_that_raised_is_told_so(bench: Bench) -> None:
 
 def test_forces_from_outside_are_recorded_as_given(bench: Bench) -> None:
     bench.record(bench.script(scripts.PLAIN["numpy"]))
-    (push,) = read(bench.out).seen.pushes
+    seen = read(bench.out).seen
+    (push,) = Meanings(seen.calls, seen.appearances).pushes()
     assert push.vector == (1.0, 0.0, 0.0)
     assert push.in_world_axes
     assert (push.body.number, push.link, push.torque) == (0, -1, False)

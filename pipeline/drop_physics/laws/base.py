@@ -166,9 +166,6 @@ class Law(Protocol):
     def held(self, velocity_m_s: Float64) -> Float64:
         """Return velocities clamped to the engine's limit [m/s], shape (n, 3)."""
 
-    def spin_kept(self, spin_rad_s: Float64) -> Float64:
-        """Return the factor by which damping scales each spin in a step, shape (n,)."""
-
     def exact_path(
         self, position_m: Vector, velocity_m_s: Vector, *, steps: int, first: int = 0
     ) -> ExactPath:

@@ -164,16 +164,6 @@ class BulletLaw(BulletBody):
             return velocity_m_s
         return np.clip(velocity_m_s, -self.velocity_limit, self.velocity_limit)
 
-    def spin_kept(self, spin_rad_s: Float64) -> Float64:
-        """Return the factor by which damping scales each spin in a step, shape (n,).
-
-        1 - dt k (1 + |ω|) (`btMultiBody.cpp` 754), or (1 - k)^dt (`btRigidBody::applyDamping`).
-        """
-        k, dt = self.angular_damping, self.step_s
-        if self.coordinates == "maximal":
-            return np.full(len(spin_rad_s), (1 - k) ** dt)
-        return np.asarray(1 - dt * k * (1 + np.linalg.norm(spin_rad_s, axis=1)))
-
     def exact_path(
         self, position_m: Triple, velocity_m_s: Triple, *, steps: int, first: int = 0
     ) -> ExactPath:

@@ -225,23 +225,6 @@ def spin_jacobian(kin: Kinematics, link: int, rows: Rows | None = None) -> Float
     return out
 
 
-def velocity_jacobian(kin: Kinematics, link: int) -> Float64:
-    """Return the matrices from u to the velocity of a link's centre of mass, shape (n, 3, size)."""
-    tree, centre = kin.tree, kin.centres[link + 1]
-    out = np.zeros((len(kin), 3, tree.size))
-    if not tree.fixed:
-        out[:, :, 3:6] = np.eye(3)
-        arm = centre - kin.centres[0]
-        for k, axis in enumerate(np.eye(3)):
-            out[:, :, k] = cross(axis[:, None], arm).T
-    for joint in tree.branch(link):
-        slides = tree.joints[joint] == "prismatic"
-        for k, axis in enumerate(kin.axes[joint]):
-            moved = axis if slides else cross(axis, centre - kin.pivots[joint])
-            out[:, :, tree.rates[joint].start + k] = moved.T
-    return out
-
-
 def in_world(kin: Kinematics, link: int, step: Rows, vectors: Float64) -> Float64:
     """Return vectors of a link's axes, shape (k, 3), in world axes, in the states `step`."""
     return times(kin.rotations[link + 1][:, :, step], vectors.T).T

@@ -125,10 +125,6 @@ class PhysxLaw(TextbookLaw):
         after *= (ONE / np.linalg.norm(after, axis=1))[:, None]
         return np.where(moving[:, None], after, turned.T).astype(np.float64)
 
-    def spin_kept(self, spin_rad_s: Float64) -> Float64:
-        """Return the factor by which damping scales each spin in a step, shape (n,)."""
-        return np.full(len(spin_rad_s), max(0.0, 1 - self.timestep_s * self.angular_damping))
-
     def bits(self, before: Motion) -> NDArray[np.bool_]:
         """Return from which samples `step` has the engine's velocities to the last bit, (n,).
 

@@ -130,10 +130,6 @@ class TextbookLaw(ABC):
         """Return velocities [m/s] unchanged: there is no limit."""
         return velocity_m_s
 
-    def spin_kept(self, spin_rad_s: Float64) -> Float64:
-        """Return that no spin is damped, shape (n,)."""
-        return np.ones(len(spin_rad_s))
-
     def exact_path(
         self, position_m: Vector, velocity_m_s: Vector, *, steps: int, first: int = 0
     ) -> ExactPath:

@@ -7,11 +7,11 @@ between two links, the links between them have no mass.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,6 @@ RATES: dict[Joint, int] = {"fixed": 0, "revolute": 1, "prismatic": 1, "spherical
 """Degrees of freedom of a joint; those of a spherical joint turn about the link's axes."""
 COORDINATES: dict[Joint, int] = RATES | {"spherical": 4}
 """Numbers that give a joint's position: an angle, a distance, or a unit quaternion x, y, z, w."""
-ARRAYS = ("masses_kg", "inertias_kg_m2", "axes", "positions_m", "orientations", "centres_m")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -127,27 +126,6 @@ class Tree:
             found.append(link)
             link = self.parents[link]
         return tuple(found)
-
-    def as_numbers(self) -> dict[str, Any]:
-        """Return the tree as plain numbers, names and lists."""
-        numbers = {each.name: getattr(self, each.name) for each in fields(self)}
-        return {name: v.tolist() if name in ARRAYS else v for name, v in numbers.items()} | {
-            "parents": list(self.parents),
-            "joints": list(self.joints),
-        }
-
-    @staticmethod
-    def of_numbers(numbers: Mapping[str, Any]) -> Tree:
-        """Return the tree that `as_numbers` described."""
-        links = len(numbers["parents"])
-        shapes = {"masses_kg": (links + 1,), "inertias_kg_m2": (links + 1, 3)}
-        shapes |= {"orientations": (links, 4)}
-        arrays: dict[str, Any] = {
-            name: np.array(numbers[name], np.float64).reshape(shapes.get(name, (links, 3)))
-            for name in ARRAYS
-        }
-        parents, joints = tuple(numbers["parents"]), tuple(numbers["joints"])
-        return Tree(fixed=bool(numbers["fixed"]), parents=parents, joints=joints, **arrays)
 
 
 @dataclass(frozen=True, eq=False)

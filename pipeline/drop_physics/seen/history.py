@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import PurePath
 from typing import Protocol
@@ -13,7 +13,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.errors import ScenarioError
-from drop_physics.seen.calls import Call, Constraint, Given, Meanings, Motor, Push
+from drop_physics.seen.calls import Call
 from drop_physics.seen.events import (
     Appearance,
     Body,
@@ -128,30 +128,6 @@ class Seen:
         return [call for piece in self.pieces() for call in piece.calls]
 
     @cached_property
-    def _meanings(self) -> Meanings:
-        return Meanings(self.calls, self.appearances)
-
-    @cached_property
-    def pushes(self) -> list[Push]:
-        """The forces and torques from outside."""
-        return [*self._meanings.pushes()]
-
-    @cached_property
-    def motors(self) -> list[Motor]:
-        """How joints were driven, whenever that changed."""
-        return [*self._meanings.motors()]
-
-    @cached_property
-    def given(self) -> list[Given]:
-        """What calls set of bodies."""
-        return [*self._meanings.given()]
-
-    @cached_property
-    def constraints(self) -> list[Constraint]:
-        """What was connected, and released."""
-        return [*self._meanings.constraints()]
-
-    @cached_property
     def parts(self) -> dict[tuple[int, int], pl.DataFrame]:
         """The states of each part that can move, by body and link."""
         parts: dict[tuple[int, int], list[pl.DataFrame]] = {}
@@ -183,7 +159,6 @@ class Seen:
         self, body: Body, steps: Int64, base: pl.DataFrame | None, joints: Joints | None
     ) -> Float64:
         """Return the motions of base and links, shape (n, links, 13)."""
-        # Without `by_body`, which reads all calls.
         first = next(each for each in self.dynamics if each.body.number == body.number)
         tree = tree_of(body.joints, inertial_frames(first.reported))
         sampled = np.empty(0, np.int64) if base is None else base["step"].to_numpy()
@@ -200,37 +175,10 @@ class Seen:
             joints = joints.at(np.isin(joints.steps, steps))
         return links_of(tree, motion, joints)
 
-    def placed(self, put: Put) -> Rows:
-        """Return the states of base and links that calls gave a body."""
-        reported = self.by_body[put.body.number].dynamics[0].reported
-        tree = tree_of(put.body.joints, inertial_frames(reported))
-        motions = links_of(tree, put.base[None], put.joints)
-        return rows_of(put.body.number, np.array([put.at.step]), motions)
-
     @cached_property
     def states(self) -> pl.DataFrame:
         """One row per step and part, in the order of body, link and step."""
         return joined(self.parts)
-
-    @cached_property
-    def by_body(self) -> dict[int, OfBody]:
-        """What was seen of each body, by its number."""
-        by_body = {number: OfBody() for number in self.bodies}
-        for appearance in self.appearances:
-            if appearance.came:
-                by_body[appearance.body.number].came.append(appearance)
-        for dynamics in self.dynamics:
-            by_body[dynamics.body.number].dynamics.append(dynamics)
-        for given in self.given:
-            by_body[given.body.number].given.append(given)
-        for push in self.pushes:
-            by_body[push.body.number].pushes.append(push)
-        for put in self.puts:
-            by_body[put.body.number].puts.append(put)
-        for constraint in self.constraints:
-            for number in constraint.bodies:
-                by_body[number].constraints.append(constraint)
-        return by_body
 
 
 def table_of(rows: Rows) -> pl.DataFrame:
@@ -246,26 +194,6 @@ def joined(parts: Mapping[tuple[int, int], pl.DataFrame]) -> pl.DataFrame:
     ordered = [rows for _, rows in sorted(parts.items())]
     whole = pl.concat([table_of(np.empty(0, STATE)), *ordered], how="diagonal")
     return whole.select("step", "body", "link", *MOTION_COLUMNS)
-
-
-@dataclass(frozen=True)
-class OfBody:
-    """What was seen of one body; lists in the order of events."""
-
-    came: list[Appearance] = field(default_factory=list)
-    """When it was added; several if a script loads it repeatedly."""
-    dynamics: list[Dynamics] = field(default_factory=list)
-    given: list[Given] = field(default_factory=list)
-    pushes: list[Push] = field(default_factory=list)
-    puts: list[Put] = field(default_factory=list)
-    constraints: list[Constraint] = field(default_factory=list)
-    """Those that were created."""
-
-    @property
-    def moves(self) -> list[Put]:
-        """Where calls moved it after it was added: that is reported as a move, too."""
-        came = {(each.at.step, each.at.call) for each in self.came}
-        return [put for put in self.puts if (put.at.step, put.at.call) not in came]
 
 
 def body_named(bodies: Iterable[Body], which: str) -> Body:

@@ -179,13 +179,27 @@ def _duration_s(seen: Seen) -> float:
 def _body(body: Body, seen: Seen) -> Message:
     if body.soft:
         return Message("{label}, soft", label=body.label)
-    record = seen.by_body[body.number]
-    mass_kg = float(record.dynamics[-1].reported["mass_kg"].sum()) if record.dynamics else 0.0
+    dynamics = [each for each in seen.dynamics if each.body.number == body.number]
+    mass_kg = float(dynamics[-1].reported["mass_kg"].sum()) if dynamics else 0.0
     label = body.name if body.label == BODY_LABEL else body.label
     text = Message("{label}, held still", label=label)
-    if mass_kg or record.moves or body.moving:
+    if mass_kg or _moved(body, seen) or body.moving:
         text = Message("{label}, {mass:.4g} kg", label=label, mass=mass_kg)
     return joined(", ", [text, counted(len(body.joints), "joint")]) if body.joints else text
+
+
+def _moved(body: Body, seen: Seen) -> bool:
+    """Whether a call moved a body after it was added, which is reported as a move, too."""
+    came = {
+        (each.at.step, each.at.call)
+        for each in seen.appearances
+        if each.came and each.body.number == body.number
+    }
+    return any(
+        (put.at.step, put.at.call) not in came
+        for put in seen.puts
+        if put.body.number == body.number
+    )
 
 
 def _layer(path: Path, belongs_to: str) -> Path | None:
