@@ -207,7 +207,7 @@ def test_a_format_is_named_by_its_suffix(name: str) -> None:
 
 def test_a_film_without_pyav_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(DropError, match=r"pip install 'drop-physics\[mp4\]'"):
+    with pytest.raises(DropError, match=r"pip install av"):
         check_animation(Path("fall.mp4"), None)
 
 

@@ -298,7 +298,7 @@ def test_an_integrator_of_pybullet_is_refused(drop: Drop) -> None:
 
 def test_an_engine_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(other_world.SESSIONS, "mujoco", "not_installed_here:Session")
-    with pytest.raises(ScenarioError, match=r"pip install 'drop-physics\[mujoco\]'"):
+    with pytest.raises(ScenarioError, match=r"pip install '\.\[mujoco\]'"):
         other_world.OtherWorld(Scenario(engine="mujoco"))
 
 

@@ -40,6 +40,6 @@ class Shown:
     def view(self, *, height_px: int = 700) -> Any:  # noqa: ANN401 - a widget of Rerun's
         """Return Rerun's viewer of the result's recording, with its analysis, for a notebook.
 
-        It needs `rerun-notebook`, which `pip install 'drop-physics[notebook]'` brings.
+        It needs `rerun-notebook`, which `pip install '.[notebook]'` brings.
         """
         return importlib.import_module(VIEW).in_notebook(self, height_px)

@@ -249,11 +249,11 @@ def _installed(engine: Engine) -> Build:
     try:
         build: Build = getattr(importlib.import_module(module), name)
     except ModuleNotFoundError as error:
-        if (error.name or "").startswith("pipeline"):
+        if (error.name or "").startswith("drop_physics"):
             raise
         raise ScenarioError(
             "--engine {engine} needs {name}, which is not installed; "
-            "try: pip install 'drop-physics[{engine}]'",
+            "in a clone of drop: pip install '.[{engine}]'",
             engine=engine,
             name=ENGINES[engine],
         ) from None

@@ -38,7 +38,7 @@ def check_animation(path: Path, fps: float | None) -> None:
     """
     check_suffix("--out", path, MAX_FPS)
     if path.suffix == ".mp4" and importlib.util.find_spec("av") is None:
-        raise DropError("an .mp4 needs PyAV; try: pip install 'drop-physics[mp4]'")
+        raise DropError("an .mp4 needs PyAV; try: pip install av")
     if fps is None:
         return
     most, least = MAX_FPS[path.suffix], GIF_MIN_FPS if path.suffix == ".gif" else MIN_FPS

@@ -176,8 +176,8 @@ def in_notebook(files: Sequence[Path], height_px: int) -> Any:  # noqa: ANN401 -
     """
     if importlib.util.find_spec("rerun_notebook") is None:
         raise ViewerError(
-            "a viewer in a notebook needs rerun-notebook; try: pip install "
-            "'drop-physics[notebook]', or in a terminal: drop view {path}",
+            "a viewer in a notebook needs rerun-notebook; in a clone of drop: "
+            "pip install '.[notebook]', or in a terminal: drop view {path}",
             path=files[0],
         )
     from rerun.notebook import Viewer as Widget

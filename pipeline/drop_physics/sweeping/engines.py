@@ -162,7 +162,7 @@ def on_ray(
     try:
         import ray
     except ImportError:
-        raise DropError("--ray needs Ray; try: pip install 'drop-physics[ray]'") from None
+        raise DropError("--ray needs Ray; try: pip install ray") from None
     ours = not ray.is_initialized()
     if ours:
         _connect(address)
