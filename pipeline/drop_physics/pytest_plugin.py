@@ -43,12 +43,12 @@ def golden_recording(request: pytest.FixtureRequest, tmp_path: Path) -> GoldenRe
         from drop_physics.errors import DropError
         from drop_physics.stages.record_block import record
 
+        golden, allowed_m = _named(folder, name), _length(tolerance)
         path = tmp_path / f"{name}.rrd"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with record(path, force=True):
+            yield
         try:
-            golden, allowed_m = _named(folder, name), _length(tolerance)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with record(path, force=True):
-                yield
             failure = _failure(path, golden, allowed_m, update=update)
         except DropError as error:
             failure = str(error)

@@ -19,7 +19,7 @@ from drop_physics.recording.layer import is_layer, layer_of
 from drop_physics.recording.reader import Drop, Recording, frames, listed, read, recording_id
 from drop_physics.recording.scene import frames_of_cameras
 from drop_physics.scenario import Scenario
-from drop_physics.seen.events import Body
+from drop_physics.seen.events import Body, Dynamics
 from drop_physics.seen.history import Seen
 from drop_physics.shown import Shown
 from drop_physics.stages.record_block import BLOCK
@@ -97,7 +97,7 @@ def info(recording: Path | str) -> Info:
         complete=not held.partial,
         samples=int(samples),
         duration_s=_duration_s(seen),
-        bodies=[_body(body, seen) for body in seen.bodies.values() if body.label != FLOOR_LABEL],
+        bodies=_bodies(seen),
         contact_samples=seen.contacts["step"].n_unique(),
         frames=len([*frames(path)])
         if held.drop
@@ -176,30 +176,32 @@ def _duration_s(seen: Seen) -> float:
     )
 
 
-def _body(body: Body, seen: Seen) -> Message:
+def _bodies(seen: Seen) -> list[str]:
+    """Return each body with its mass and joints, but for the floor of a drop."""
+    last = {dynamics.body.number: dynamics for dynamics in seen.dynamics}
+    # Where a call adds a body is reported as a move, too.
+    came = {(one.body.number, one.at.step, one.at.call) for one in seen.appearances if one.came}
+    moved = {
+        put.body.number
+        for put in seen.puts
+        if (put.body.number, put.at.step, put.at.call) not in came
+    }
+    return [
+        _body(body, last.get(body.number), moved=body.number in moved)
+        for body in seen.bodies.values()
+        if body.label != FLOOR_LABEL
+    ]
+
+
+def _body(body: Body, dynamics: Dynamics | None, *, moved: bool) -> Message:
     if body.soft:
         return Message("{label}, soft", label=body.label)
-    dynamics = [each for each in seen.dynamics if each.body.number == body.number]
-    mass_kg = float(dynamics[-1].reported["mass_kg"].sum()) if dynamics else 0.0
+    mass_kg = float(dynamics.reported["mass_kg"].sum()) if dynamics else 0.0
     label = body.name if body.label == BODY_LABEL else body.label
     text = Message("{label}, held still", label=label)
-    if mass_kg or _moved(body, seen) or body.moving:
+    if mass_kg or moved or body.moving:
         text = Message("{label}, {mass:.4g} kg", label=label, mass=mass_kg)
     return joined(", ", [text, counted(len(body.joints), "joint")]) if body.joints else text
-
-
-def _moved(body: Body, seen: Seen) -> bool:
-    """Whether a call moved a body after it was added, which is reported as a move, too."""
-    came = {
-        (each.at.step, each.at.call)
-        for each in seen.appearances
-        if each.came and each.body.number == body.number
-    }
-    return any(
-        (put.at.step, put.at.call) not in came
-        for put in seen.puts
-        if put.body.number == body.number
-    )
 
 
 def _layer(path: Path, belongs_to: str) -> Path | None:
