@@ -12,7 +12,6 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import Chunk
-from scipy.spatial import ConvexHull, QhullError
 
 from drop_physics.recording import schema
 from drop_physics.recording.writer import Times, times
@@ -161,6 +160,8 @@ def hull_of(seen: Collision) -> tuple[Float64, NDArray[np.uint32], Float64] | No
 
     None where the corners are not those of one hull: a file may have several parts.
     """
+    from scipy.spatial import ConvexHull, QhullError  # slow to import, and few bodies have meshes
+
     corners_m = np.reshape(seen.hull_m, (-1, 3))
     try:
         hull = ConvexHull(corners_m)

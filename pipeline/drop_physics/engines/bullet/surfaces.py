@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from drop_physics.seen.events import At, Body, Collision, Surface
 
@@ -34,6 +33,8 @@ def surfaces_of(at: At, body: Body) -> Iterator[Surface]:
             continue
         corners_m, triangles = _placed(found[0], shape), found[1]
         hull_m = np.reshape(shape.hull_m, (-1, 3))
+        from scipy.spatial import KDTree  # slow to import, and needed for meshes only
+
         gaps_m, _ = KDTree(corners_m).query(hull_m)
         known = np.max(gaps_m) < ALIKE * np.ptp(hull_m, axis=0).max()
         if known and _is_hollow(corners_m, triangles, hull_m):
@@ -50,6 +51,8 @@ def _placed(corners_m: Float64, shape: Collision) -> Float64:
 
 def _is_hollow(corners_m: Float64, triangles: Int64, hull_m: Float64) -> bool:
     """Whether a surface lies below its hull; not where several hulls are held for it."""
+    from scipy.spatial import ConvexHull, QhullError
+
     try:
         hull = ConvexHull(hull_m)
     except (QhullError, ValueError):
