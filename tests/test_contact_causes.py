@@ -18,7 +18,6 @@ SOLVED = "p.setPhysicsEngineParameter(solverResidualThreshold=0, numSolverIterat
 LOOSE = "p.setPhysicsEngineParameter(solverResidualThreshold={threshold})\n"
 CREEPS = {
     "slope": (SLOPE.format(degrees=20, mu=0.9, above=0, steps=600), 1e-3),
-    "steeper": (SLOPE.format(degrees=30, mu=0.9, above=0, steps=600), 1e-3),
     "flatter": (SLOPE.format(degrees=10, mu=0.5, above=0, steps=600), 3e-3),
 }
 

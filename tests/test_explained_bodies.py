@@ -598,8 +598,14 @@ for i in range(100):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("mode", ["default", "position", "velocity", "torque", "pd"])
-@pytest.mark.parametrize("file", MORE)
+@pytest.mark.parametrize(
+    ("file", "mode"),
+    [
+        (file, ("default", "position", "velocity", "torque", "pd")[(number + other) % 5])
+        for number, file in enumerate(MORE)
+        for other in (0, 2)
+    ],
+)
 def test_any_robot_in_any_mode_is_explained(file: str, mode: str, tmp_path: Path) -> None:
     seen = record(ROBOT.format(file=file, mode=mode), tmp_path / "robot.rrd").seen
     totals = explanation(seen).totals[1]

@@ -231,7 +231,7 @@ for step in range(24):
 """
 
 
-@pytest.mark.parametrize("view", ["standard", "close", "follow"])
+@pytest.mark.parametrize("view", ["standard", "follow"])
 def test_a_body_whose_position_is_not_finite_is_not_drawn_there(
     record: Record, tmp_path: Path, view: str
 ) -> None:

@@ -55,7 +55,7 @@ def drawn(seed: int) -> dict[str, object]:
 @pytest.mark.parametrize("integrator", INTEGRATORS["mujoco"])
 def test_every_step_in_the_air_follows_the_law(integrator: str) -> None:
     to_the_bit = 0
-    for seed in range(100):
+    for seed in range(30):
         body = BLOCK if seed % 5 == 0 else {}
         scenario = Scenario(**drawn(seed), **body, integrator=integrator)  # type: ignore[arg-type]
         with other_world.OtherWorld(scenario) as world:
@@ -67,7 +67,7 @@ def test_every_step_in_the_air_follows_the_law(integrator: str) -> None:
         after = case.law.step(case.samples.before())  # straight up or down
         to_the_bit += np.array_equal(after.velocity_m_s[1:], case.samples.velocity_m_s[1:])
         to_the_bit += np.array_equal(after.position_m[1:], case.samples.position_m[1:])
-    assert to_the_bit == (0 if integrator == "rk4" else 2 * 33)
+    assert to_the_bit == (0 if integrator == "rk4" else 2 * 10)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS["mujoco"])

@@ -31,19 +31,6 @@ from drop_physics.seen.events import (
 )
 from watching import bare, blocks, told, watched
 
-
-@pytest.mark.parametrize("name", scripts.PLAIN)
-def test_a_watched_script_prints_the_same_to_the_last_bit(tmp_path: Path, name: str) -> None:
-    for own in ("pipeline", "cli", "tests"):
-        tmp_path.joinpath(f"{own}.py").write_text(f"MINE = {own!r}")
-    arguments = scripts.ARGUMENTS.get(name, [])
-    expected = bare(tmp_path, scripts.PLAIN[name], *arguments)
-    events, ending, printed = watched(tmp_path, scripts.PLAIN[name], *arguments)
-    assert printed == expected.stdout
-    assert (ending.how, ending.error, ending.notes) == ("finished", "", [])
-    told(events)
-
-
 WITNESS = """
 import json
 seen, held = [], []

@@ -229,7 +229,6 @@ for i in range(2 * {rate}):
     ("scene", "unit"),
     [
         (TUMBLING.format(rate=240, spin="[0.05, 10, 0.05]", n=2400), "kg m²/s"),
-        (TUMBLING.format(rate=60, spin="[1, 5, 1]", n=600), "kg m²/s"),
         (FLOATING.format(file="kuka_iiwa/model_free_base.urdf", rate=240, force=100), "kg m/s"),
     ],
 )

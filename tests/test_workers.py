@@ -101,9 +101,6 @@ def test_where_nobody_says_which_processors_may_be_used_all_are_counted(
     [
         "run --size 32x24 --duration 0.1 --at 0.05 --with-plot --caption",
         "analyze run.rrd --table run.parquet",
-        "render run.rrd --plot plot.png",
-        "check run.rrd --against run.rrd",
-        "info run.rrd",
         "record -o script.rrd ../elsewhere/script.py",
         pytest.param(
             "run --size 32x24 --duration 0.1 --renderer egl",
