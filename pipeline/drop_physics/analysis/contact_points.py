@@ -329,12 +329,18 @@ class _Sides:
 def _product(
     records: Mapping[int, Record], name: str, table: pl.DataFrame, bodies: Int64, links: Int64
 ) -> Float64:
-    """Return the product of both sides' coefficients, as each step began, shape (k,)."""
+    """Return the product of both sides' coefficients, as each step began, shape (k,).
+
+    Not a number where an engine reports none.
+    """
     product, ends = np.ones(len(table)), table["step"].to_numpy()
     for number in np.unique(bodies).tolist():
         if number not in records:
             continue
-        dynamics = records[number].dynamics
+        dynamics = [each for each in records[number].dynamics if name in each.reported]
+        if not dynamics:
+            product[(bodies == number).any(axis=1)] = np.nan
+            continue
         told = [each.at.step for each in dynamics]
         held = np.array([each.reported[name] for each in dynamics])
         for side in (0, 1):

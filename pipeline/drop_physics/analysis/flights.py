@@ -14,8 +14,7 @@ from drop_physics.analysis.explained.steps import Steps
 from drop_physics.analysis.general.flights import error_and_terms
 from drop_physics.analysis.results import BodyFlight, Moment
 from drop_physics.analysis.times import Times
-from drop_physics.laws.base import Motion
-from drop_physics.laws.bullet import BulletLaw
+from drop_physics.laws.base import Law, Motion
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -26,7 +25,7 @@ Flags = NDArray[np.bool_]
 class _Open:
     """A flight that may go on."""
 
-    law: BulletLaw
+    law: Law
     start: Motion
     """Where it begins, one row."""
     first_step: int

@@ -19,6 +19,7 @@ from drop_physics.analysis.results import Analysis, Explained
 from drop_physics.analysis.rows import COLUMNS, SHOWN_PER_S, shown
 from drop_physics.analysis.times import Times
 from drop_physics.analysis.touches import TouchTable
+from drop_physics.laws.base import Law
 from drop_physics.seen.history import Seen
 
 WHOLE = 1 << 17
@@ -44,6 +45,8 @@ class Story:
         Whether each joint and each term has its columns in it.
     answers
         The questions to answer.
+    other
+        The law of one body in flight, where another engine than PyBullet steps it.
     """
 
     def __init__(
@@ -56,9 +59,10 @@ class Story:
         whole: bool = True,
         detailed: bool = False,
         answers: Sequence[type[Answer]] = ANSWERS,
+        other: Law | None = None,
     ) -> None:
         clients = {each.client for each in seen.settings}
-        self.explanation = Explanation(seen)
+        self.explanation = Explanation(seen, other)
         self.scene = Scene(
             seen=seen,
             origin=origin,
@@ -126,12 +130,13 @@ def analysis_of(
     sums_at_s: Sequence[float] = (),
     whole: bool = False,
     answers: Sequence[type[Answer]] = ANSWERS,
+    other: Law | None = None,
 ) -> Analysis:
     """Analyze a recording; the parameters are those of `Story`."""
     samples = sum(seen.samples.values()) * max(1, len(seen.bodies))
     story = Story(
         seen, origin, at_s=at_s, sums_at_s=sums_at_s, whole=whole or samples <= WHOLE,
-        detailed=whole, answers=answers,
+        detailed=whole, answers=answers, other=other,
     )  # fmt: skip
     story.see_all()
     totals = story.explanation.totals

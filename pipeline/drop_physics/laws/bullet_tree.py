@@ -229,6 +229,7 @@ def _unreported(body: BulletTree, states: States, reported: Reported) -> Unrepor
 # -- where the sum does not hold ------------------------------------------------------------------
 
 Reason = Literal[
+    "engine",
     "substeps",
     "asleep",
     "soft",
@@ -244,6 +245,8 @@ Reason = Literal[
 class Settings:
     """What decides whether a step of a body is the sum: of the engine, and of the body."""
 
+    other_engine: bool = False
+    """Whether another engine steps it, whose law is its own."""
     substeps: int = 0
     """`numSubSteps`."""
     may_sleep: bool = False
@@ -265,6 +268,7 @@ class Settings:
 def not_covered(settings: Settings, tree: Tree | None = None) -> tuple[Reason, ...]:
     """Return why a body's step need not be the sum; empty where it is.
 
+    - engine: another engine's step is not this sum; its law of one body in flight may be known.
     - substeps: only the last substep's motors and contacts are reported.
     - asleep: a sleeping body is not stepped, whatever acts on it.
     - soft: no tree. maximal: a btRigidBody, whose law is `bullet`.
@@ -276,6 +280,7 @@ def not_covered(settings: Settings, tree: Tree | None = None) -> tuple[Reason, .
       place of sliding friction.
     """
     reasons: dict[Reason, bool] = {
+        "engine": settings.other_engine,
         "substeps": settings.substeps > 1,
         "asleep": settings.may_sleep,
         "soft": settings.soft,

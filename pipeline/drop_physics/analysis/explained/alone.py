@@ -16,7 +16,7 @@ from drop_physics.analysis.explained.bodies import Epoch
 from drop_physics.analysis.general import segments
 from drop_physics.analysis.general.balance import Pushes
 from drop_physics.analysis.general.contacts import Touches
-from drop_physics.laws.base import Motion
+from drop_physics.laws.base import Law, Motion
 from drop_physics.laws.bullet import BulletLaw
 from drop_physics.laws.bullet_air import EPSILON, effective_damping
 from drop_physics.laws.bullet_tree import Reason, Reported
@@ -28,7 +28,7 @@ from drop_physics.scenario import Coordinates
 Float64 = NDArray[np.float64]
 Int8 = NDArray[np.int8]
 
-ALONE: frozenset[Reason] = frozenset(("substeps", "maximal", "massless"))
+ALONE: frozenset[Reason] = frozenset(("engine", "substeps", "maximal", "massless"))
 """Why the sum does not cover a body whose own law does, if it has no joints."""
 
 
@@ -39,7 +39,7 @@ def motion_of(states: States) -> Motion:
         (states.position_m, states.orientation, moving, turning)))  # fmt: skip
 
 
-def law_of(epoch: Epoch, timestep_s: float, gravity_m_s2: Float64) -> BulletLaw | None:
+def law_of(epoch: Epoch, timestep_s: float, gravity_m_s2: Float64) -> Law | None:
     """Return the law of free flight of a body without links; None where there is none.
 
     `gravity_m_s2` has the shape (3,).
@@ -47,6 +47,8 @@ def law_of(epoch: Epoch, timestep_s: float, gravity_m_s2: Float64) -> BulletLaw 
     tree, mass_kg = epoch.law.tree, float(epoch.law.tree.masses_kg[0])
     if tree.fixed or tree.links or not (mass_kg > 0 and np.isfinite(1 / mass_kg)):
         return None
+    if epoch.other is not None:
+        return epoch.other
     if not EPSILON <= timestep_s < np.inf:  # the engine takes no other
         return None
     kind: Coordinates = "maximal" if "maximal" in epoch.reasons else "reduced"

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.laws.base import Law
 from drop_physics.laws.bullet_air import MAX_COORDINATE_VELOCITY_M_S
 from drop_physics.laws.bullet_tree import DAMPING, BulletTree, Reason, Settings, not_covered
 from drop_physics.laws.lookup import RIGID
@@ -47,6 +48,8 @@ class Epoch:
     """`numSubSteps`; 0 and 1 mean the same."""
     damping: tuple[float | None, float | None]
     """Linear and angular, as calls set it; None where none did."""
+    other: Law | None
+    """The law of one body in flight in another engine; None in PyBullet."""
 
 
 @dataclass(eq=False)
@@ -121,8 +124,10 @@ def records_of(seen: Seen) -> dict[int, Record]:
 class Epochs:
     """The epochs of one body, in a simulation with these settings."""
 
-    def __init__(self, record: Record, settings: Sequence[events.Settings]) -> None:
-        self._record = record
+    def __init__(
+        self, record: Record, settings: Sequence[events.Settings], other: Law | None = None
+    ) -> None:
+        self._record, self._other = record, other
         self._told = [each.at.step for each in settings]
         kinds = [_kind(each.values) for each in settings]
         self._kinds = sorted(set(kinds))
@@ -165,14 +170,15 @@ class Epochs:
             calls.insert(0, Given(latest.at, record.body, known_from_start))
         law = law_of(record.body, reported, calls)
         settings = Settings(
+            other_engine=self._other is not None,
             substeps=substeps,
             may_sleep=_may_sleep(record.body, calls),
-            maximal=int(reported["kind"][0]) == RIGID,
+            maximal="kind" in reported and int(reported["kind"][0]) == RIGID,
             planar=any(joint.kind == "planar" for joint in record.body.joints),
         )
-        known = not (settings.planar or settings.maximal)
+        known = not (settings.planar or settings.maximal or settings.other_engine)
         reasons = not_covered(settings, law.tree if known else None)
-        return Epoch(life, law, reasons, cone, substeps, _damping(calls))
+        return Epoch(life, law, reasons, cone, substeps, _damping(calls), self._other)
 
 
 def _damping(calls: Sequence[Given]) -> tuple[float | None, float | None]:

@@ -16,7 +16,7 @@ from drop_physics.analysis.explained.joined import Constraints
 from drop_physics.analysis.explained.judged import Judged, judged
 from drop_physics.analysis.explained.steps import Around, steps_of
 from drop_physics.analysis.explained.touching import Touching, rows_of
-from drop_physics.laws.base import EXACT_MACHINES
+from drop_physics.laws.base import EXACT_MACHINES, Law
 from drop_physics.laws.tree import States, Tree
 from drop_physics.seen.calls import Call, Meanings, Push
 from drop_physics.seen.events import Settings, order
@@ -45,16 +45,17 @@ class Explanation:
     """Explains a recording; `totals` grow as its pieces are taken.
 
     What a call set before the recording, and the engine does not report, is taken for PyBullet's
-    default; where that does not explain a step, so it says.
+    default; where that does not explain a step, so it says. `other` is the law of one body in flight
+    in another engine.
     """
 
-    def __init__(self, seen: Seen) -> None:
+    def __init__(self, seen: Seen, other: Law | None = None) -> None:
         self._seen = seen
         self._records = records_of(seen)
         self._settings: dict[int, list[Settings]] = {}
         for settings in seen.settings:
             self._settings.setdefault(settings.client, []).append(settings)
-        self._epochs = {number: Epochs(record, self._settings[record.body.client])
+        self._epochs = {number: Epochs(record, self._settings[record.body.client], other)
             for number, record in self._records.items()}  # fmt: skip
         self._soft = {body.client for body in seen.bodies.values() if body.soft}
         self._constraints = Constraints()

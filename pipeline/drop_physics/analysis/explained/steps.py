@@ -37,7 +37,9 @@ ENGINE = ("fixedTimeStep", *(f"gravityAcceleration{axis}" for axis in "XYZ"))
 NEVER, TRIALS = 1 << 30, 8
 """After how many of a step's pushes a call refreshed the poses of links: not at all, or after less
 than so many; which calls did is not recorded."""
-WITHOUT_SUM: frozenset[Reason] = frozenset(("substeps", "soft", "maximal", "massless", "planar"))
+WITHOUT_SUM: frozenset[Reason] = frozenset(
+    ("engine", "substeps", "soft", "maximal", "massless", "planar")
+)
 """Where the law has no sum. Elsewhere the sum holds until what the reason names happens."""
 
 

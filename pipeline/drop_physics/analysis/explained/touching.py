@@ -122,7 +122,10 @@ def _rolls(records: Mapping[int, Record], step: Int64, body: Int64, link: Int64)
 
 
 def _coefficients(reported: Mapping[str, Float64]) -> Flags:
-    return np.asarray((reported["rolling_friction"] != 0) | (reported["spinning_friction"] != 0))
+    """Return which links have one, shape (links + 1,); other engines report none."""
+    none = np.zeros(len(reported["mass_kg"]))
+    held = [reported.get(f"{kind}_friction", none) != 0 for kind in ("rolling", "spinning")]
+    return np.asarray(held[0] | held[1])
 
 
 def rows_of(steps: Sequence[int] | Int64, ends: Int64) -> tuple[NDArray[np.intp], Int64]:
