@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,12 +17,11 @@ import pytest
 from command import drop_alone, drop_here
 from drop_physics import DropAnalysis, Scenario, simulate
 from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.drop.analysis import fall_analysis_of
-from drop_physics.analysis.drop.results import FallAnalysis
 from drop_physics.analysis.drop.story import drop_analysis_of
 from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.viewer import binary
 from drop_physics.stages.run import Run, run
+from dropped import Sampled
 from hypothesis import settings
 
 os.environ["DROP_LANG"] = "en"  # in which the tests expect what is printed, wherever they run
@@ -88,20 +87,16 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorder:
 def judge(
     recording: Recording,
     states: pl.DataFrame | None = None,
+    contacts: pl.DataFrame | None = None,
     *,
     at_s: Sequence[float] = (),
-) -> FallAnalysis:
-    """Analyze the fall of a recording that was read back, perhaps with other states."""
-    mine = recording.states if states is None else states
-    return fall_analysis_of(
-        recording.scenario, recording.engine, mine, recording.contacts, at_s=at_s
-    )
-
-
-def whole(recording: Recording, *, at_s: Sequence[float] = ()) -> DropAnalysis:
-    """Analyze a drop that was read back, as `analyze` does."""
-    scenario, engine = recording.scenario, recording.engine
-    return drop_analysis_of(scenario, engine, recording.seen, recording.states, at_s=at_s)
+) -> DropAnalysis:
+    """Analyze a drop that was read back, as `analyze` does, perhaps with other numbers."""
+    seen, mine = recording.seen, recording.states if states is None else states
+    if states is not None or contacts is not None:
+        contacts = recording.contacts if contacts is None else contacts
+        seen = replace(seen, sampled=Sampled(mine, contacts, None))
+    return drop_analysis_of(recording.scenario, recording.engine, seen, mine, at_s=at_s)
 
 
 def said(finding: Finding) -> str:

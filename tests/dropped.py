@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import polars as pl
+from drop_physics.analysis.drop.air import Air
+from drop_physics.analysis.drop.case import Case
+from drop_physics.analysis.drop.phases import phases_of
 from drop_physics.analysis.drop.results import DropAnalysis
 from drop_physics.analysis.drop.story import drop_analysis_of
 from drop_physics.engines.bullet.world import World
@@ -35,6 +38,11 @@ class Sampled:
         bases = self.states.filter(its & (pl.col("link") == BASE)).drop("link")
         joints = {} if self.joints is None else {BODY: self.joints.at(slice(first, end))}
         return Piece(first, end, bases, joints, {}, self.contacts.filter(its), [])
+
+
+def departs(case: Case) -> int | None:
+    """Return the first sample in the air that the law does not lead to."""
+    return Air(case, phases_of(case)).departs
 
 
 def analysis_of_world(world: World) -> DropAnalysis:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from conftest import Recorder, judge, whole
+from conftest import Recorder, judge
+from drop_physics.analysis.decomposition import decompose
 from drop_physics.analysis.drop.analysis import fall_analysis_of
-from drop_physics.analysis.general.decomposition import decompose
-from drop_physics.analysis.general.mechanics import max_relative_drift, mechanics_of_part
+from drop_physics.analysis.drop.mechanics import max_relative_drift, mechanics_of_part
 from drop_physics.laws.base import Motion
 from drop_physics.recording.reader import Recording
 from drop_physics.stages.narrative import events
@@ -171,7 +171,7 @@ def test_where_an_edge_was_deeper_the_centre_does_not_say_how_deep(
 
 def test_numbers_of_things_are_the_same_as_json(recorded: Recorder) -> None:
     """A message is copied on its way there."""
-    analysis = whole(recorded(engine="mujoco", duration_s=2.0))
+    analysis = judge(recorded(engine="mujoco", duration_s=2.0))
     messages = [finding.message for finding in analysis.findings]
     assert any("carried by 4 points" in one for one in messages)
     assert [one["message"] for one in analysis.as_json()["findings"]] == messages
@@ -201,7 +201,7 @@ def test_a_spin_that_is_held_is_not_booked_as_damping(recorded: Recorder) -> Non
 
 
 def test_a_body_with_joints_is_left_out_loudly(recorded: Recorder) -> None:
-    analysis = whole(recorded(body="r2d2.urdf", duration_s=0.1))
+    analysis = judge(recorded(body="r2d2.urdf", duration_s=0.1))
     assert "law-mismatch" not in {finding.code for finding in analysis.findings}
     assert analysis.coverage.samples == 0
     assert "15 joints" in analysis.coverage.why
@@ -258,7 +258,7 @@ def test_the_impact_is_where_theory_and_samples_have_it(recorded: Recorder) -> N
 
 def test_events_are_reported_at_the_step_at_which_they_happen(recorded: Recorder) -> None:
     """The box is deepest at step 108, where it first touches: first contact is reported there."""
-    analysis = whole(recorded(), at_s=[0.3])
+    analysis = judge(recorded(), at_s=[0.3])
     happened = [(step, line) for step, _, line in events(analysis)]
     assert [step for step, _ in happened] == sorted(step for step, _ in happened)
     steps = {word: step for step, line in happened for word in line.replace(",", " ").split()}
@@ -324,7 +324,7 @@ def test_bounces_rise_as_theory_says_once_the_correction_is_off(recorded: Record
 
 def causes_of(recording: Recording) -> dict[str, float]:
     """Return what changed the energy of the body [J], which is its whole change."""
-    energy = whole(recording).bodies[0].energy
+    energy = judge(recording).bodies[0].energy
     assert energy is not None
     change_j = energy.end_j - energy.start_j
     assert math.fsum(energy.by_cause_j.values()) == pytest.approx(change_j, abs=1e-12)
@@ -359,7 +359,7 @@ def test_without_a_step_no_energy_changes(recorded: Recorder) -> None:
     recording = recorded(stepped=False, velocity_m_s=(0.0, 0.0, 3.0))
     (initial_j,) = judge(recording).table["energy_j"].unique()
     assert initial_j == pytest.approx(0.981 + 0.1 * 9 / 2)
-    assert whole(recording).bodies[0].energy is None
+    assert judge(recording).bodies[0].energy is None
     assert judge(recording).contact_j == 0
 
 
@@ -451,7 +451,7 @@ SLOW: dict[str, dict[str, Any]] = {
 def test_what_goes_on_slowly_has_no_first_sample_of_its_rest(recorded: Recorder, kind: str) -> None:
     """It would change with the recording's length: the body moves the same before and after."""
     recording = recorded(**{"duration_s": 3.0, "friction": 0.0} | SLOW[kind])
-    analysis = whole(recording)
+    analysis = judge(recording)
     rest, stops = analysis.rest, kind == "is slowed down"
     assert rest is not None
     assert rest.height_m == recording.states["z_m"][-1]

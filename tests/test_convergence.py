@@ -18,7 +18,7 @@ from drop_physics.analysis.drop.convergence import (
     solution_order,
     study_of,
 )
-from drop_physics.analysis.general.statistics import MANY, Moments, students_t, summaries
+from drop_physics.analysis.drop.statistics import MANY, Moments, students_t, summaries
 from scipy.special import stdtrit
 
 HALVED = [1 / 240, 1 / 480, 1 / 960]

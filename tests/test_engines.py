@@ -18,8 +18,8 @@ import pytest
 from conftest import Drop, Recorder, judge, said
 from drop_physics import Scenario, colours, simulate
 from drop_physics.analysis.comparison import Comparison
+from drop_physics.analysis.decomposition import TERMS
 from drop_physics.analysis.drop.case import Case, case_of
-from drop_physics.analysis.general.decomposition import TERMS
 from drop_physics.engines import other_world
 from drop_physics.engines.bullet.world import World
 from drop_physics.errors import DropError, ScenarioError
@@ -31,6 +31,7 @@ from drop_physics.stages.check import check
 from drop_physics.stages.recorded import made_with
 from drop_physics.stages.view import view
 from drop_physics.states import Batch
+from dropped import departs
 from engine import shape, urdf_of
 from rerun.chunk import RrdReader
 
@@ -86,7 +87,7 @@ def test_every_step_in_the_air_follows_the_law(engine: str) -> None:
     to_the_bit = 0
     for seed in range(100):
         case = dropped(drawn(engine, seed))
-        assert case.segments.counts()["flight"] == 60, (seed, case.segments.first_unexplained)
+        assert departs(case) is None, (seed, departs(case))
         after = case.law.step(case.samples.before())
         same = np.array_equal(after.velocity_m_s[1:], case.samples.velocity_m_s[1:])
         to_the_bit += same and np.array_equal(after.position_m[1:], case.samples.position_m[1:])
@@ -125,7 +126,7 @@ def test_a_long_flight_follows_the_law_as_well(values: dict[str, Any], tmp_path:
         values["body"] = str(tmp_path / "heavy.urdf")
         Path(values["body"]).write_text(HEAVY)
     case = dropped(Scenario(**values, floor=False))
-    assert case.segments.first_unexplained is None
+    assert departs(case) is None
 
 
 @PHYSX
@@ -168,7 +169,7 @@ def test_terms_add_up_though_physx_rounds_the_release_to_single_precision(
 @pytest.mark.parametrize("engine", OTHERS)
 def test_an_altered_sample_is_noticed(engine: str) -> None:
     case = dropped(drawn(engine, 9))
-    assert case.segments.first_unexplained is None
+    assert departs(case) is None
     scenario = case.scenario
     with other_world.OtherWorld(scenario) as world:
         states, contacts = tables_of(Batch.joined(world.samples(1000)))
@@ -177,7 +178,7 @@ def test_an_altered_sample_is_noticed(engine: str) -> None:
     for column in ("x_m", "vz_m_s", "wy_rad_s", "qx"):
         moved = pl.when(pl.col("step") == 30).then(pl.col(column) + off).otherwise(column)
         altered = case_of(scenario, report, states.with_columns(moved.alias(column)), contacts)
-        assert altered.segments.first_unexplained == 30, column
+        assert departs(altered) == 30, column
 
 
 @pytest.mark.parametrize(

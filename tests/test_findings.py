@@ -7,8 +7,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from conftest import Recorder, judge, said, whole
-from drop_physics.analysis.drop.analysis import fall_analysis_of
+from conftest import Recorder, judge, said
 from drop_physics.console.show_analysis import show_analysis
 from engine import MODES, box, shape, urdf_of
 
@@ -97,7 +96,7 @@ def test_an_altered_state_does_not_follow_the_law(
         pl.when(pl.col("step") == step).then(pl.col(column) + by).otherwise(pl.col(column))
         .alias(column)
     )  # fmt: skip
-    analysis = fall_analysis_of(recording.scenario, recording.engine, altered, recording.contacts)
+    analysis = judge(recording, altered)
     (message,) = [said(finding) for finding in analysis.findings if finding.code == "law-mismatch"]
     assert f"sample {step} " in message
     assert analysis.coverage.samples == step
@@ -108,7 +107,7 @@ def test_an_engine_with_another_law_is_noticed(recorded: Recorder) -> None:
     """A recording that claims the default damping, made with another."""
     other = recorded(linear_damping=0.05)
     named = recorded()
-    analysis = fall_analysis_of(named.scenario, named.engine, other.states, other.contacts)
+    analysis = judge(named, other.states, other.contacts)
     assert "law-mismatch" in [finding.code for finding in analysis.findings]
 
 
@@ -301,7 +300,7 @@ def test_a_contact_of_several_substeps_and_joints_is_not_denied(
 ) -> None:
     recording = recorded(body="r2d2.urdf", substeps=2, height_m=0.6)
     assert len(recording.contacts)
-    analysis = whole(recording)
+    analysis = judge(recording)
     assert analysis.impact is None
     show_analysis(analysis, as_json=False)
     assert "Impact      time unknown" in capsys.readouterr().out

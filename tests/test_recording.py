@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 from conftest import rerun_rrd
 from drop_physics import Scenario, simulate
-from drop_physics.analysis.general.decomposition import TERMS
+from drop_physics.analysis.decomposition import TERMS
 from drop_physics.engines.bullet.world import World
 from drop_physics.errors import OutputError, RecordingError
 from drop_physics.files.whole import renamed

@@ -27,8 +27,8 @@ import pybullet_data
 import pytest
 from conftest import Drop, descendants_of
 from drop_physics import Scenario, analyze, simulate
-from drop_physics.analysis.general.samples import base_of
-from drop_physics.analysis.general.statistics import Moments
+from drop_physics.analysis.drop.samples import base_of
+from drop_physics.analysis.drop.statistics import Moments
 from drop_physics.engines.bullet.engine import p
 from drop_physics.engines.bullet.lasting_world import LastingWorld
 from drop_physics.engines.bullet.world import World

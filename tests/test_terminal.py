@@ -24,11 +24,11 @@ import polars as pl
 import pytest
 import typer
 from command import ROOT, drop_here, environment, run_here
-from conftest import Drop, Recorder, whole
+from conftest import Drop, Recorder, judge
 from drop_physics.analysis.checking.difference import Difference, Largest, Setting
 from drop_physics.analysis.comparison import Comparison
 from drop_physics.analysis.drop.convergence import StudiedRun, study_of
-from drop_physics.analysis.general.statistics import Summary
+from drop_physics.analysis.drop.statistics import Summary
 from drop_physics.cli import app
 from drop_physics.console import output, progress
 from drop_physics.console.output import counted, millimetres, pasteable
@@ -698,7 +698,7 @@ def test_printed_story_of_a_heavy_body_has_no_digits_that_mean_nothing(
     capsys: pytest.CaptureFixture[str], recorded: Recorder
 ) -> None:
     """1,000 kg from a height of 1,000 km, and what is in a recording that was cut early."""
-    analysis = whole(recorded(height_m=1e6, mass_kg=1000.0, linear_damping=0.0, duration_s=0.5))
+    analysis = judge(recorded(height_m=1e6, mass_kg=1000.0, linear_damping=0.0, duration_s=0.5))
     show_analysis(analysis, as_json=False)
     told = capsys.readouterr().out
     assert "dropped from 1e6 m" in told

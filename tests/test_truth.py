@@ -1577,8 +1577,9 @@ def _explained_until(said: Said) -> None:
 def _explained_why(said: Said) -> None:
     step = round(said.beside["until_s"] / said.drop.timestep_s) + 1
     hold(read(r"at sample (\d+) ", said.value) == [step], f"it ends at {step}")
-    word = _uncovered(said, step)
-    hold(word is not None and word in said.value, f"{word}")
+    why = _uncovered(said, step)
+    hold(why is not None, "it is covered")
+    hold(("substeps" if why == "substeps" else "does not add up") in said.value, f"{why}")
 
 
 def _flight_of(said: Said) -> tuple[Mapping[str, Any], Drop]:

@@ -23,6 +23,7 @@ from drop_physics.analysis.answers import answer
 from drop_physics.analysis.checking.calls import OtherCall
 from drop_physics.analysis.checking.difference import Difference, Largest, Setting
 from drop_physics.analysis.comparison import Comparison
+from drop_physics.analysis.decomposition import VectorTerms
 from drop_physics.analysis.drop.convergence import Study
 from drop_physics.analysis.drop.results import (
     Airborne,
@@ -34,8 +35,7 @@ from drop_physics.analysis.drop.results import (
     Rest,
     Terms,
 )
-from drop_physics.analysis.general.flights import Flight, VectorTerms
-from drop_physics.analysis.general.statistics import Summary
+from drop_physics.analysis.drop.statistics import Summary
 from drop_physics.analysis.joints import JointRow
 from drop_physics.analysis.touches import Touch
 from drop_physics.fields import UNIONS
@@ -69,7 +69,6 @@ CONTRACT: dict[type, set[str]] = {
     Conservation: {
         "energy_initial_j", "energy_max_rel_drift", "angular_momentum_max_rel_drift",
     },
-    Flight: {"first_step", "last_step", "start_s", "end_s", "error_m", "terms_m"},
     Impact: {
         "time_free_fall_s", "time_damped_s", "time_simulated_s", "step", "lowest_m", "lowest_step",
         "penetration_m",
@@ -180,11 +179,13 @@ ANALYSIS = _object(
      "scenario", "engine", "at", "airborne", "impact", "rest", "conservation", "findings",
      "segments", "flights"},
     scenario=Scenario, engine=EngineReport, origin=None, table=None, by_body=None,
-    contact_phases=None, contact_j=None, curves=None,
+    contact_j=None, curves=None,
 )  # fmt: skip
 ANALYSIS = ANALYSIS._replace(
     keys={"origin": (dict[str, Any], None), **ANALYSIS.keys},
-    descriptions=_descriptions(script.Analysis) | _descriptions(FallAnalysis),
+    descriptions=_descriptions(script.Analysis)
+    | _descriptions(FallAnalysis)
+    | _descriptions(DropAnalysis),
 )
 SCRIPT_ANALYSIS = _object(
     script.Analysis,

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from drop_physics.analysis.general.mechanics import max_relative_drift, mechanics_of_part
-from drop_physics.analysis.general.samples import motion_of
+from drop_physics.analysis.drop.mechanics import max_relative_drift, mechanics_of_part
+from drop_physics.analysis.drop.samples import motion_of
 from drop_physics.laws.base import Motion
 from drop_physics.recording.reader import read
 from drop_physics.seen.history import Seen

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.analysis.decomposition import error_and_terms
 from drop_physics.analysis.explained.alone import law_of, motion_of
 from drop_physics.analysis.explained.judged import FLIGHT, SET, UNEXPLAINED, Judged
 from drop_physics.analysis.explained.steps import Steps
-from drop_physics.analysis.general.flights import error_and_terms
 from drop_physics.analysis.results import BodyFlight, Moment
 from drop_physics.analysis.times import Times
 from drop_physics.laws.base import Law, Motion

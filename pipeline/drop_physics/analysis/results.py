@@ -11,9 +11,9 @@ import polars as pl
 
 from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.curves import CurveTable
-from drop_physics.analysis.general.flights import VectorTerms
-from drop_physics.analysis.general.jsonable import jsonable
+from drop_physics.analysis.decomposition import VectorTerms
 from drop_physics.analysis.joints import JointRow
+from drop_physics.analysis.jsonable import jsonable
 from drop_physics.analysis.touches import Touch
 from drop_physics.report import EngineReport
 from drop_physics.shown import Shown
@@ -24,7 +24,7 @@ JSON_NAMES = {"other": "with"}
 """Names of fields that JSON has in place of Python's."""
 LINES = "drop_physics.console.show_analysis:analysis_lines"
 """What prints an analysis."""
-HIDDEN = ("table", "by_body", "contact_phases", "contact_j", "curves")
+HIDDEN = ("table", "by_body", "contact_j", "curves")
 """What JSON leaves out."""
 
 
@@ -207,7 +207,8 @@ class Explained:
     remainder: float
     """The largest of an explained sample, over the largest term of its step."""
     until_s: float | None
-    """Time of the first sample that is not explained; None if all are."""
+    """Time of the first sample that is not explained, None if all are; of a drop, of the last one
+    before that."""
     why: str | None
     """Why that one is not."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,27 +10,22 @@ from rich.markup import escape
 
 from drop_physics.console.bodies_told import sum_lines
 from drop_physics.console.findings_told import finding_lines
+from drop_physics.console.flights_told import contact_lines, flight_lines
 from drop_physics.console.output import (
     beside,
     columns_of,
     counted,
     left,
-    listed,
     millimetres,
-    right,
     titled,
     width,
     wrapped,
 )
 from drop_physics.console.words import (
     CAUSES,
-    CONTACTS,
     EXPLAINED,
-    FLIGHTS,
     TERMS,
-    errors_by_axis,
     kinds_of_samples,
-    span,
 )
 from drop_physics.fields import LARGE, decimals, engineering, fraction
 from drop_physics.messages import Message, joined, localized, translated
@@ -65,7 +59,7 @@ def lines_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> list[str]
     if verbose:
         if analysis.coverage.samples < analysis.coverage.of:
             lines += _titled(Message("Covered"), _covered(analysis.coverage))
-        lines += ["", *_flights(analysis), *_contacts(analysis)]
+        lines += [*flight_lines(analysis.bodies), *contact_lines(analysis.bodies[:1])]
         for body_told in analysis.bodies:
             for each in body_told.at:
                 lines += ["", *sum_lines(body_told, each)]
@@ -392,50 +386,9 @@ def _explained(analysis: DropAnalysis) -> list[str]:
     return _titled(EXPLAINED, words)
 
 
-def _flights(analysis: DropAnalysis) -> list[str]:
-    """Return a table of how far off free fall each flight ends, counted from its first sample."""
-    rows = [
-        (
-            f"{flight.start_s:7.4f} s {flight.end_s:7.4f} s  ",
-            " ".join(f"{round(length_m * 1e3, 4) + 0.0:+9.4f} mm" for length_m in flight.error_m),
-        )
-        for flight in analysis.flights[:_MOST_FLIGHTS]
-    ]
-    more = counted(len(analysis.flights) - len(rows), "more flight")
-    return _listed(FLIGHTS, (f"{span()}   ", errors_by_axis()), rows, more)
-
-
-def _contacts(analysis: DropAnalysis) -> list[str]:
-    """Return a table of the impulse and energy of each contact."""
-    phases, dt = analysis.contact_phases, analysis.scenario["timestep_s"]
-    rows = [
-        (
-            f"{phase.first_step * dt:7.4f} s {phase.last_step * dt:7.4f} s  ",
-            f"{math.hypot(*phase.impulse_n_s):9.4g} Ns {phase.largest_force_n:10.4g} N "
-            f"{phase.kinetic_j + 0.0:+10.3g} J",
-        )
-        for phase in phases[:_MOST_FLIGHTS]
-    ]
-    names = (localized("impulse"), localized("largest"), localized("kinetic"))
-    header = (f"{span()}   ", " ".join(right(name, 12) for name in names))
-    return _listed(CONTACTS, header, rows, counted(len(phases) - len(rows), "more contact"))
-
-
-def _listed(
-    title: str, header: tuple[str, str], rows: list[tuple[str, str]], more: Message
-) -> list[str]:
-    if not rows:
-        return []
-    lines = listed(title, [header, *rows], column=_TITLE)
-    if not more.values["number"]:
-        return lines
-    return [*lines, " " * _TITLE + localized("and {more}", more=more)]
-
-
 _TITLE = 12
 """Columns that a title takes."""
 _FILE = 17
 _MOST_BOUNCES = 3
 MOST_FINDINGS = 2
 """That are listed without --verbose."""
-_MOST_FLIGHTS = 5

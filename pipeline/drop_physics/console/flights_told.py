@@ -47,20 +47,29 @@ def _flights(bodies: list[BodyAnalysis]) -> list[str]:
         return []
     longest = sorted(flights, key=lambda pair: pair[1].first_step - pair[1].last_step)[:MOST_ROWS]
     longest.sort(key=lambda pair: (pair[1].first_step, pair[0].id))
+    several = len({body.id for body, _ in flights}) > 1
     longest_label = max(columns_of(body.label) for body, _ in longest)
     header = (f"{span()}  ", errors_by_axis())
     rows = [
         (
             f"{flight.start_s:7.4f} s {flight.end_s:7.4f} s  ",
             " ".join(f"{round(m * 1e3, 4) + 0.0:+9.4f} mm" for m in flight.error_m)
-            + (f"  {body.label}" if longest_label <= LONGEST_NAME else f"  {body.id}"),
+            + (
+                ""
+                if not several
+                else f"  {body.label}"
+                if longest_label <= LONGEST_NAME
+                else f"  {body.id}"
+            ),
         )
         for body, flight in longest
     ]
     more = None
     if len(flights) > len(rows):
         shorter = counted(len(flights) - len(rows), "shorter flight")
-        more = localized("and {flights}; their terms: --body", flights=shorter)
+        more = localized("and {more}", more=shorter)
+        if several:
+            more = localized("and {flights}; their terms: --body", flights=shorter)
     return _listed(FLIGHTS, header, rows, more)
 
 
@@ -121,6 +130,8 @@ def contact_lines(bodies: list[BodyAnalysis]) -> list[str]:
     names = (localized("impulse"), localized("at most"), localized("energy"))
     header = (f"{span()}  ", " ".join(right(name, 12) for name in names))
     rows = []
+    several = len({(body.id, *(pusher.id for pusher in contact.by))
+        for body, contact in contacts}) > 1  # fmt: skip
     for body, contact in sorted(greatest, key=lambda pair: (pair[1].first_step, pair[0].id)):
         others = ", ".join(dict.fromkeys(pusher.body for pusher in contact.by))
         pair = localized("on {others}", others=others)
@@ -132,10 +143,9 @@ def contact_lines(bodies: list[BodyAnalysis]) -> list[str]:
             f"{contact.energy_j + 0.0:+10.3g} J"
         )
         most = min(PAIR, columns() - TITLE - 2)
-        rows += [
-            (when, gave),
-            (pair if columns_of(pair) <= most else f"{cut(pair, most - 2)} …", ""),
-        ]
+        rows.append((when, gave))
+        if several:
+            rows.append((pair if columns_of(pair) <= most else f"{cut(pair, most - 2)} …", ""))
     more = None
     if len(contacts) > len(greatest):
         lighter = counted(len(contacts) - len(greatest), "lighter contact")

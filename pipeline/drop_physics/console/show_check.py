@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from drop_physics.analysis.checking.difference import Difference
 from drop_physics.analysis.checking.tolerance import IN_CONTACT_M
-from drop_physics.analysis.general.jsonable import jsonable
+from drop_physics.analysis.jsonable import jsonable
 from drop_physics.console.output import print_json, print_lines, titled
 from drop_physics.console.words import NONE
 from drop_physics.messages import Message, joined

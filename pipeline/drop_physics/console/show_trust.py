@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from drop_physics.analysis.general.jsonable import jsonable
+from drop_physics.analysis.jsonable import jsonable
 from drop_physics.analysis.results import renamed
 from drop_physics.console.output import (
     columns_of,

@@ -9,7 +9,7 @@ from typing import Literal
 
 import polars as pl
 
-from drop_physics.analysis.general.jsonable import jsonable
+from drop_physics.analysis.jsonable import jsonable
 from drop_physics.analysis.times import Times
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, shell_command

@@ -14,7 +14,7 @@ import polars as pl
 
 from drop_physics.analysis.drop.one_sample import moment_in_the_air
 from drop_physics.analysis.drop.results import Moment
-from drop_physics.analysis.general.statistics import Moments
+from drop_physics.analysis.drop.statistics import Moments
 from drop_physics.engines.bullet.lasting_world import LastingWorld
 from drop_physics.engines.bullet.probe import believe
 from drop_physics.engines.other_world import OtherWorld

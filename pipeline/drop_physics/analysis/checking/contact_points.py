@@ -9,8 +9,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.checking.difference import FIRST, LED, Dated, Difference, When
+from drop_physics.analysis.checking.differences import off
 from drop_physics.analysis.checking.pairing import Pairing
-from drop_physics.analysis.general.differences import off
 from drop_physics.seen.history import Seen
 
 

@@ -19,9 +19,9 @@ from drop_physics.analysis.checking.difference import (
     When,
     earliest,
 )
+from drop_physics.analysis.checking.differences import VECTORS, off, states_off
 from drop_physics.analysis.checking.pairing import Pairing, lengths
 from drop_physics.analysis.checking.tolerance import Tolerance
-from drop_physics.analysis.general.differences import VECTORS, off, states_off
 from drop_physics.laws.rotations import same_way
 from drop_physics.seen.events import Body
 from drop_physics.seen.history import Piece, Seen

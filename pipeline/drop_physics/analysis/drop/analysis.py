@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from drop_physics.analysis.decomposition import TERMS, Decomposition, decompose
+from drop_physics.analysis.drop.air import Air, coverage_of
 from drop_physics.analysis.drop.case import Case, case_of
 from drop_physics.analysis.drop.energy import contact_energy_j
-from drop_physics.analysis.drop.evidence import Evidence
-from drop_physics.analysis.drop.findings import findings
 from drop_physics.analysis.drop.landing import (
+    Path,
     find_bounces,
     find_contact,
     find_impact,
@@ -21,14 +22,7 @@ from drop_physics.analysis.drop.landing import (
     find_rest,
     law_path,
 )
-from drop_physics.analysis.drop.mismatch import (
-    clamped_step,
-    contact_phases,
-    coverage_of,
-    explained_of,
-    find_mismatch,
-    unseen_contact,
-)
+from drop_physics.analysis.drop.mechanics import Mechanics, max_relative_drift, mechanics
 from drop_physics.analysis.drop.one_sample import DEFAULT_AT_S
 from drop_physics.analysis.drop.phases import Phases, phases_of, touching
 from drop_physics.analysis.drop.posture import tumbled_step, tumbles
@@ -40,15 +34,69 @@ from drop_physics.analysis.drop.results import (
     Moment,
     Terms,
 )
-from drop_physics.analysis.explained.judged import SEGMENTS
-from drop_physics.analysis.general.decomposition import TERMS, Decomposition
-from drop_physics.analysis.general.flights import decomposed
-from drop_physics.analysis.general.mechanics import Mechanics, max_relative_drift, mechanics
 from drop_physics.errors import ScenarioError
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Scenario
 
 Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fall:
+    """A fall: what it is about, what was found, and when it touched."""
+
+    case: Case
+    phases: Phases
+    air: Air
+    law: Path | None
+    """The path by the contact law, where that covers the drop."""
+    analysis: FallAnalysis
+
+
+def fall_of(case: Case, *, at_s: Sequence[float] = ()) -> Fall:
+    """Analyze the samples of a fall.
+
+    Parameters
+    ----------
+    case
+        What was dropped, how, and its samples.
+    at_s
+        Times at which to break down the error [s]; without any, 0.3 s where that is in free flight.
+
+    Raises
+    ------
+    ScenarioError
+        If a time lies outside the recording.
+    """
+    phases = phases_of(case)
+    air = Air(case, phases)
+    if air.touched_step is not None:
+        phases = replace(phases, contact_step=air.touched_step)
+        air = Air(case, phases)
+    coverage = coverage_of(air)
+    parts = decompose(case.law, case.fall, case.samples.position_m[: coverage.samples])
+    energies = mechanics(case.engine, case.samples)
+    table = _table(case, phases, parts, energies)
+    tumbled = tumbled_step(case, touching(case.samples))
+    law, landing = law_path(case), find_landing(case)
+    analysis = FallAnalysis(
+        scenario=asdict(case.scenario),
+        engine=case.engine,
+        at=[_moment(table, step) for step in _steps_at(at_s, case.scenario, coverage)],
+        coverage=coverage,
+        airborne=_airborne(parts),
+        landing=landing,
+        impact=find_impact(case, phases, landing),
+        tumbled_step=tumbled,
+        tumbles=tumbled is not None and tumbles(case, tumbled),
+        contact=find_contact(case, phases, tumbled, law),
+        bounces=find_bounces(case, tumbled),
+        rest=find_rest(case, phases, tumbled, law),
+        conservation=_conservation(case, energies, phases.airborne),
+        contact_j=contact_energy_j(case, energies, airborne=phases.airborne),
+        table=table,
+    )
+    return Fall(case, phases, air, law, analysis)
 
 
 def fall_analysis_of(
@@ -59,84 +107,8 @@ def fall_analysis_of(
     *,
     at_s: Sequence[float] = (),
 ) -> FallAnalysis:
-    """Analyze the samples of a fall.
-
-    Parameters
-    ----------
-    scenario
-        What was dropped, and how.
-    engine
-        What the engine reported about the body and the floor.
-    states
-        The recording's table: one row per sample and part, from the release on.
-    contacts
-        The recording's table: one row per contact point.
-    at_s
-        Times at which to break down the error [s]; without any, 0.3 s where that is in free flight.
-
-    Raises
-    ------
-    ScenarioError
-        If a time lies outside the recording.
-    """
-    case = case_of(scenario, engine, states, contacts)
-    phases = phases_of(case)
-    mismatch = find_mismatch(case, phases)
-    unseen = unseen_contact(case, mismatch)
-    if unseen is not None:
-        phases, mismatch = replace(phases, contact_step=unseen), None
-    clamped = clamped_step(case, phases)
-    coverage = coverage_of(case, phases, mismatch, clamped)
-    flights, parts = decomposed(
-        case.samples, case.law, case.segments, release=case.fall, at_least=coverage.samples
-    )
-    parts = parts.first(coverage.samples)
-    energies = mechanics(case.engine, case.samples)
-    table = _table(case, phases, parts, energies)
-    at = [_moment(table, step) for step in _steps_at(at_s, scenario, coverage)]
-
-    tumbled = tumbled_step(case, touching(case.samples))
-    law = law_path(case)
-    landing = find_landing(case)
-    impact = find_impact(case, phases, landing)
-    bounces = find_bounces(case, tumbled)
-    rest = find_rest(case, phases, tumbled, law)
-    evidence = Evidence(
-        case=case,
-        phases=phases,
-        mismatch=mismatch,
-        clamped_step=clamped,
-        moment=at[0] if at else None,
-        landing=landing,
-        impact=impact,
-        tumbled_step=tumbled,
-        bounces=bounces,
-        rest=rest,
-        law=law,
-    )
-    counts = dict[str, int](case.segments.counts().items())
-    return FallAnalysis(
-        scenario=asdict(scenario),
-        engine=engine,
-        at=at,
-        coverage=coverage,
-        airborne=_airborne(parts),
-        landing=landing,
-        impact=impact,
-        tumbled_step=tumbled,
-        tumbles=tumbled is not None and tumbles(case, tumbled),
-        contact=find_contact(case, phases, tumbled, law),
-        bounces=bounces,
-        rest=rest,
-        conservation=_conservation(case, energies, phases.airborne),
-        contact_j=contact_energy_j(case, energies, airborne=phases.airborne),
-        segments={kind: counts.get(kind, 0) for kind in SEGMENTS},
-        flights=flights,
-        explained=explained_of(case, mismatch),
-        contact_phases=contact_phases(case),
-        findings=findings(evidence),
-        table=table,
-    )
+    """Return the analysis of a fall from the tables of its recording: see `case_of`, `fall_of`."""
+    return fall_of(case_of(scenario, engine, states, contacts), at_s=at_s).analysis
 
 
 def _table(case: Case, phases: Phases, parts: Decomposition, energies: Mechanics) -> pl.DataFrame:

@@ -9,17 +9,12 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.analysis.general.contacts import Contacts, Touches
-from drop_physics.analysis.general.samples import Samples, samples_of
-from drop_physics.analysis.general.segments import (
-    Segments,
-    jointed_segments,
-    segments_of,
-    still_segments,
-)
+from drop_physics.analysis.drop.samples import Samples, samples_of
+from drop_physics.analysis.explained.contacts import Contacts, Touches
 from drop_physics.laws import theory
 from drop_physics.laws.base import EXACT_MACHINES, Law, Motion
 from drop_physics.laws.lookup import fall_of, law_for
+from drop_physics.laws.rotations import same_way
 from drop_physics.laws.theory import Fall
 from drop_physics.report import EngineReport
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS, Scenario
@@ -54,23 +49,23 @@ class Case:
         """The law of one rigid body while nothing touches it."""
         return law_for(self.scenario, self.engine)
 
-    @cached_property
-    def segments(self) -> Segments:
-        """What each sample is; the first is `set` if it is the release."""
-        if not self.scenario.stepped:
-            return still_segments(self.samples)
-        if not self.is_rigid:
-            return jointed_segments(len(self.samples))
-        exact = self.engine.machine in EXACT_MACHINES
-        segments = segments_of(self.samples, self.law, self.touches, exact=exact)
-        return segments.placed_at(self.samples, self._release, self.law)
+    @property
+    def exact(self) -> bool:
+        """Whether the machine rounds each operation once."""
+        return self.engine.machine in EXACT_MACHINES
 
     @property
-    def _release(self) -> Motion:
-        scenario = self.scenario
-        vectors = (self.fall.position_m, scenario.orientation_xyzw)
-        velocities = (scenario.velocity_m_s, scenario.spin_rad_s)
-        return Motion(*(np.array([each]) for each in (*vectors, *velocities)))
+    def released(self) -> bool:
+        """Whether the first sample is the release that was asked for, as the engine rounds it."""
+        scenario, mine = self.scenario, self.samples.at(slice(1))
+        asked = (self.fall.position_m, scenario.orientation_xyzw, scenario.velocity_m_s,
+            scenario.spin_rad_s)  # fmt: skip
+        start = self.law.released(Motion(*(np.array([each]) for each in asked)))
+        turned = same_way(mine.orientation, start.orientation) - start.orientation
+        return bool(np.abs(turned).max() <= self.law.oriented) and all(
+            np.array_equal(getattr(mine, name), getattr(start, name))
+            for name in ("position_m", "velocity_m_s", "spin_rad_s")
+        )
 
     @cached_property
     def touches(self) -> Touches:

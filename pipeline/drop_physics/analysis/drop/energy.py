@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.drop.case import Case
-from drop_physics.analysis.general.mechanics import Mechanics
+from drop_physics.analysis.drop.mechanics import Mechanics
 
 Float64 = NDArray[np.float64]
 

@@ -8,9 +8,8 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.analysis.decomposition import TERMS, error_and_terms
 from drop_physics.analysis.drop.case import Case
-from drop_physics.analysis.general.decomposition import TERMS
-from drop_physics.analysis.general.flights import error_and_terms
 from drop_physics.fields import decimals
 from drop_physics.laws.base import Law, Motion
 from drop_physics.laws.bullet import BulletLaw
@@ -87,7 +86,7 @@ def _distance(run: Case, golden: Case, last: int) -> Message:
     )
     parts = []
     for case in (run, golden):
-        held = np.flatnonzero(case.segments.held[: last + 1])
+        held = np.flatnonzero(case.law.limited(case.samples.before())[: last + 1])
         if len(held):
             clamped = Message(
                 "{engine} clamps a velocity in step {step}",

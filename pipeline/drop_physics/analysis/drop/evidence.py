@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from drop_physics.analysis.answers.answer import Effect, Finding, Level, Span
 from drop_physics.analysis.drop.case import Case
 from drop_physics.analysis.drop.landing import Path
-from drop_physics.analysis.drop.mismatch import Mismatch
 from drop_physics.analysis.drop.phases import Phases
 from drop_physics.analysis.drop.results import Bounce, Impact, Landing, Moment, Rest
 from drop_physics.messages import Message
@@ -20,7 +19,8 @@ class Evidence:
 
     case: Case
     phases: Phases
-    mismatch: Mismatch | None
+    mismatch_step: int | None
+    """First sample that the law covers and does not lead to."""
     clamped_step: int | None
     """First sample at which a velocity is clamped to Bullet's limit."""
     moment: Moment | None

@@ -52,7 +52,7 @@ def _never_moved(e: Evidence) -> Iterator[Finding]:
         if not e.case.is_bullet:
             advice = Message("omit --no-gravity")
         yield found("no-gravity", seen, advice)
-    if not scenario.stepped and e.mismatch is None:
+    if not scenario.stepped and e.mismatch_step is None:
         seen = Message(
             "all {samples} samples are the same to the last bit, at {height} m",
             samples=len(heights_m),
@@ -69,7 +69,7 @@ def _never_moved(e: Evidence) -> Iterator[Finding]:
 def _no_floor(e: Evidence) -> Iterator[Finding]:
     position_m, floor_m = e.case.samples.position_m, e.case.engine.rest_height_m
     lowest_m = float(position_m[:, 2].min())
-    if floor_m is None or e.mismatch is not None:
+    if floor_m is None or e.mismatch_step is not None:
         return
     if not e.case.scenario.floor and lowest_m < floor_m <= e.case.fall.height_m:
         seen = Message(
@@ -152,7 +152,7 @@ def _overlapped(case: Case, step: int) -> bool:
 
 
 def _law_mismatch(e: Evidence) -> Iterator[Finding]:
-    if e.mismatch is None:
+    if e.mismatch_step is None:
         return
     engine = e.case.engine
     name, version = e.case.engine_name, engine.engine_version
@@ -161,23 +161,19 @@ def _law_mismatch(e: Evidence) -> Iterator[Finding]:
     advice = Message(
         "the state was altered, or another engine made it; record it again with drop simulate"
     )
-    if e.case.scenario.stepped:
+    seen = Message(
+        "sample {step} is not what {engine} {version} computes from the sample before it",
+        step=e.mismatch_step,
+        engine=name,
+        version=version or "?",
+    )
+    if not e.mismatch_step:
+        seen = Message("the first sample is not the release that was asked for")
+    elif not e.case.scenario.stepped:
         seen = Message(
-            "sample {step} is {deviation:.2g} (m or m/s) away from what {engine} {version} "
-            "computes from the samples before it",
-            step=e.mismatch.step,
-            deviation=e.mismatch.deviation,
-            engine=name,
-            version=version or "?",
+            "sample {step} is not the release, although no step was taken", step=e.mismatch_step
         )
-    else:
-        seen = Message(
-            "sample {step} is {deviation:.2g} (m or m/s) away from the release, although no step "
-            "was taken",
-            step=e.mismatch.step,
-            deviation=e.mismatch.deviation,
-        )
-    yield found("law-mismatch", seen, advice, first=e.mismatch.step)
+    yield found("law-mismatch", seen, advice, first=e.mismatch_step)
 
 
 def _starts_in_contact(e: Evidence) -> Iterator[Finding]:
@@ -293,7 +289,7 @@ def _rate(timestep_s: float) -> str:
 
 def _still_airborne(e: Evidence) -> Iterator[Finding]:
     case, height_m = e.case, float(e.case.samples.height_m[-1])
-    falling = case.fall.gravity_m_s2 < 0 and case.scenario.stepped and e.mismatch is None
+    falling = case.fall.gravity_m_s2 < 0 and case.scenario.stepped and e.mismatch_step is None
     falling = falling and case.is_rigid  # of links PyBullet does not report every contact
     floor_m = case.floor_height_m
     if not falling or floor_m is None or e.phases.contact_step is not None or height_m <= floor_m:

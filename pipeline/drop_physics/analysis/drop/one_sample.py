@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.analysis.decomposition import TERMS, decompose
 from drop_physics.analysis.drop.results import Moment, Terms
-from drop_physics.analysis.general.decomposition import TERMS, decompose
 from drop_physics.laws.base import Motion
 from drop_physics.laws.lookup import fall_of, law_for
 from drop_physics.report import EngineReport

@@ -10,7 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.drop.case import Case
-from drop_physics.analysis.general.samples import Samples
+from drop_physics.analysis.drop.samples import Samples
 from drop_physics.laws.vectors import largest
 
 Float64 = NDArray[np.float64]

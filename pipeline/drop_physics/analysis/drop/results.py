@@ -7,10 +7,8 @@ from typing import Any
 
 import polars as pl
 
-from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.drop.phases import Phase
-from drop_physics.analysis.general.flights import Flight
-from drop_physics.analysis.results import LINES, Analysis, Explained
+from drop_physics.analysis.results import LINES, Analysis, BodyFlight
 from drop_physics.report import EngineReport
 
 
@@ -188,22 +186,6 @@ class Conservation:
     """The same for the angular momentum about the centre of mass."""
 
 
-@dataclass(frozen=True)
-class ContactPhase:
-    """Consecutive samples that contact led to, and what it gave to the body."""
-
-    first_step: int
-    """The first of these samples."""
-    last_step: int
-    """The last of them."""
-    impulse_n_s: tuple[float, float, float]
-    """Of all contact forces on the body together: x, y, z."""
-    largest_force_n: float
-    """The largest force of a step, of all its contact points together."""
-    kinetic_j: float
-    """Kinetic energy that contact gave to the body, or took."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class FallAnalysis:
     """What a scenario adds to a recording: the fall against its theory, landing and rest."""
@@ -239,16 +221,6 @@ class FallAnalysis:
     """What is conserved until the first contact."""
     contact_j: float | None
     """Energy that contact gave to the body; None without a law. Not in the JSON."""
-    segments: dict[str, int]
-    """Number of samples by kind, as in `bodies`."""
-    flights: list[Flight]
-    """Each flight as a drop of its own: the fall, and one after each bounce."""
-    explained: Explained
-    """How much of the recording is explained."""
-    contact_phases: list[ContactPhase]
-    """What each contact gave; not in the JSON."""
-    findings: list[Finding]
-    """The mistakes and surprises that the recording reveals."""
     table: pl.DataFrame
     """One row per sample: step, time, phase, heights, error and terms, energies."""
 
@@ -256,3 +228,8 @@ class FallAnalysis:
 @dataclass(frozen=True, kw_only=True)
 class DropAnalysis(FallAnalysis, Analysis, lines_of=LINES):
     """Everything that the analysis of a drop's recording found."""
+
+    segments: dict[str, int]
+    """Number of samples by kind, as in `bodies`."""
+    flights: list[BodyFlight]
+    """Each flight as a drop of its own: the fall, and one after each bounce; as in `bodies`."""

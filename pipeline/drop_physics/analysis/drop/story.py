@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
+import numpy as np
 import polars as pl
 
 from drop_physics.analysis import story
-from drop_physics.analysis.drop.analysis import fall_analysis_of
-from drop_physics.analysis.drop.results import DropAnalysis, FallAnalysis
-from drop_physics.analysis.results import Analysis, BodyAnalysis, BodyFlight, Explained, Unexplained
+from drop_physics.analysis.drop.analysis import Fall, fall_of
+from drop_physics.analysis.drop.case import Case, case_of
+from drop_physics.analysis.drop.evidence import Evidence
+from drop_physics.analysis.drop.findings import findings
+from drop_physics.analysis.drop.results import DropAnalysis
+from drop_physics.analysis.results import Analysis, BodyAnalysis, Explained, Unexplained
+from drop_physics.laws.base import Motion
 from drop_physics.messages import Message
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Scenario
-from drop_physics.seen.events import Body
 from drop_physics.seen.history import Seen
 from drop_physics.states import BODY
+
+UNSEEN = Message(
+    "it may have touched: of several substeps PyBullet reports only the contacts of the last"
+)
+EARLY = Message(
+    "MuJoCo's solver may stop before its forces balance; with --solver-residual 0, and "
+    "without --solver-iterations, they do"
+)
 
 
 def drop_analysis_of(
@@ -48,71 +60,87 @@ def drop_analysis_of(
     ScenarioError
         If a time lies outside the recording.
     """
-    fall = fall_analysis_of(scenario, engine, states, seen.contacts, at_s=at_s)
-    seen = replace(seen, samples={0: len(fall.table)})
-    if scenario.engine == "bullet" and scenario.stepped:
-        whole = story.analysis_of(seen, {}, at_s=at_s, sums_at_s=at_s, answers=())
-        body = next(each for each in whole.bodies if each.id == BODY)
-        of_body = vars(fall) | {
-            "segments": body.segments,
-            "explained": _until_the_last(whole.explained, fall, scenario.timestep_s),
-        }
-    else:
-        whole, of_body = _without_sum(seen, fall), vars(fall)
-    return DropAnalysis(**(vars(whole) | of_body | {"origin": None, "kind": "drop"}))
+    case = case_of(scenario, engine, states, seen.contacts)
+    fall = fall_of(case, at_s=at_s)
+    seen = replace(seen, samples={0: len(case.samples)}, machine=engine.machine or "")
+    other = None if case.is_bullet else case.law
+    whole = story.analysis_of(seen, {}, at_s=at_s, sums_at_s=at_s, answers=(), other=other)
+    whole = _checked(whole, case)
+    (body,) = (each for each in whole.bodies if each.id == BODY)
+    mismatch_step = _mismatch_step(fall, body)
+    evidence = Evidence(
+        case=case, phases=fall.phases, mismatch_step=mismatch_step,
+        clamped_step=fall.air.clamped_step, moment=next(iter(fall.analysis.at), None),
+        landing=fall.analysis.landing, impact=fall.analysis.impact,
+        tumbled_step=fall.analysis.tumbled_step, bounces=fall.analysis.bounces,
+        rest=fall.analysis.rest, law=fall.law,
+    )  # fmt: skip
+    of_drop = vars(fall.analysis) | {
+        "origin": None, "kind": "drop", "findings": findings(evidence), "segments": body.segments,
+        "flights": body.flights, "explained": _explained(whole.by_body[BODY], body, case),
+    }  # fmt: skip
+    return DropAnalysis(**(vars(whole) | of_drop))
 
 
-def _until_the_last(explained: Explained, fall: FallAnalysis, timestep_s: float) -> Explained:
+def _mismatch_step(fall: Fall, body: BodyAnalysis) -> int | None:
+    """Return the first sample that the law covers and does not lead to."""
+    left = [each.first_step for each in body.unexplained if each.reason == "remainder"]
+    if not fall.case.is_rigid and fall.case.scenario.stepped:
+        return None  # a mass that a call changed leaves the inertia of a first push
+    departs = fall.air.departs
+    if departs is not None and fall.air.touched_step is None and not fall.air.is_lawless:
+        left.append(departs)
+    return min(left, default=None)
+
+
+def _checked(whole: Analysis, case: Case) -> Analysis:
+    """Return the analysis with the samples that no step led to compared with the release."""
+    (body,) = (each for each in whole.bodies if each.id == BODY)
+    segments, left = dict(body.segments), {each.reason: each for each in body.unexplained}
+    if case.scenario.stepped:
+        altered = np.zeros(0 if case.released else 1, np.intp)
+        segments["set"] -= len(altered)
+        body = replace(body, segments=segments)
+    else:  # nothing is a step
+        samples = case.samples
+        state = np.hstack([getattr(samples, each.name) for each in fields(Motion)])
+        altered, left = np.flatnonzero((state != state[0]).any(axis=1)), {}
+        segments |= dict.fromkeys(segments, 0) | {"still": len(state) - len(altered)}
+        body = replace(body, flights=[], contacts=[], energy=None, momentum=None, at=[])
+    if len(altered):
+        other = left.get("remainder", Unexplained("remainder", 0, 0, None))
+        left["remainder"] = replace(
+            other, samples=other.samples + len(altered), first_step=int(altered[0])
+        )
+    segments["unexplained"] = sum(each.samples for each in left.values())
+    body = replace(body, segments=segments, unexplained=[*left.values()])
+    of = whole.by_body[BODY].of
+    explained = replace(whole.by_body[BODY], samples=of - segments["unexplained"])
+    bodies = [body if each.id == BODY else each for each in whole.bodies]
+    return replace(whole, bodies=bodies, by_body=whole.by_body | {BODY: explained})
+
+
+def _stops_early(case: Case) -> bool:
+    """Whether it is MuJoCo's solver that may leave contact forces unbalanced."""
+    exact = case.scenario.solver_residual == 0 and case.scenario.solver_iterations is None
+    return case.scenario.engine == "mujoco" and not case.hides_contacts and not exact
+
+
+def _explained(explained: Explained, body: BodyAnalysis, case: Case) -> Explained:
     """Return the same until the last explained sample, as of a drop, not the first other one."""
-    if explained.until_s is None:
-        return replace(explained, until_s=float(fall.table["time_s"][-1]))
-    step = round(explained.until_s / timestep_s)
-    why: str = Message("at sample {step} {why}", step=step, why=explained.why)
-    if step == _first_unexplained(fall, timestep_s):  # in the words of the fall
-        why = fall.explained.why or why
-    return replace(explained, until_s=(step - 1) * timestep_s if step else None, why=why)
-
-
-def _first_unexplained(fall: FallAnalysis, timestep_s: float) -> int:
-    until_s = fall.explained.until_s
-    return 0 if until_s is None else round(until_s / timestep_s) + 1
-
-
-def _without_sum(seen: Seen, fall: FallAnalysis) -> Analysis:
-    """Return what the law of one body in flight says of it: its engine's step has no sum here."""
-    bodies = [_body(seen.bodies[number], fall) for number in sorted(seen.bodies)]
-    return Analysis(
-        origin=None,
-        engine=fall.engine,
-        samples=len(fall.table),
-        explained=fall.explained,
-        bodies=bodies,
-        findings=fall.findings,
-        by_body={BODY: fall.explained},
-        table=fall.table,
+    first = min(body.unexplained, key=lambda each: each.first_step, default=None)
+    if first is None:
+        return replace(explained, until_s=float(case.time_s[-1]), why=None)
+    step = first.first_step
+    why = Message(
+        "what {engine} reports of the step does not add up to it", engine=case.engine_name
     )
-
-
-def _body(body: Body, fall: FallAnalysis) -> BodyAnalysis:
-    falls, counts = body.number == BODY, dict.fromkeys(fall.segments, 0)
-    unexplained = []
-    if falls and fall.explained.why is not None:
-        first = _first_unexplained(fall, fall.scenario["timestep_s"])
-        unexplained = [Unexplained("engine", fall.segments["unexplained"], first, None)]
-    return BodyAnalysis(
-        name=body.name,
-        label=body.label,
-        id=body.number,
-        soft=False,
-        links=list(body.links),
-        mass_kg=fall.engine.mass_kg if falls else 0.0,
-        segments=fall.segments if falls else counts | {"still": len(fall.table)},
-        flights=[BodyFlight(**vars(flight), at=[]) for flight in fall.flights if falls],
-        contacts=[],
-        unexplained=unexplained,
-        energy=None,
-        momentum=None,
-        joints=[],
-        touches=[],
-        at=[],
+    if first.reason == "substeps":
+        why = UNSEEN
+    elif first.reason == "engine" and _stops_early(case):
+        why = EARLY
+    return replace(
+        explained,
+        until_s=(step - 1) * case.timestep_s if step else None,
+        why=Message("at sample {step} {why}", step=step, why=why),
     )

@@ -2,7 +2,7 @@
 
 A btRigidBody follows another law than a tree, and of several substeps PyBullet reports the last
 one's contacts only: flight is then checked against the law of free fall, contact against its
-balance, where there is one (`general.segments`).
+balance, where there is one (`segments`).
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.analysis.explained import segments
+from drop_physics.analysis.explained.balance import Pushes
 from drop_physics.analysis.explained.bodies import Epoch
-from drop_physics.analysis.general import segments
-from drop_physics.analysis.general.balance import Pushes
-from drop_physics.analysis.general.contacts import Touches
+from drop_physics.analysis.explained.contacts import Touches
 from drop_physics.laws.base import Law, Motion
 from drop_physics.laws.bullet import BulletLaw
 from drop_physics.laws.bullet_air import EPSILON, effective_damping
@@ -71,7 +71,7 @@ def explained(
     *,
     exact: bool,
 ) -> Int8:
-    """Return what steps are by the law of a body alone, as `general.segments` counts, shape (n,).
+    """Return what steps are by the law of a body alone, as `segments` counts, shape (n,).
 
     `exact`: whether the machine rounds each operation once.
     """

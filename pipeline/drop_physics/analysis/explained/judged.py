@@ -9,8 +9,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.analysis.explained import segments
 from drop_physics.analysis.explained.steps import EXPLAINED, WITHOUT_SUM, Steps
-from drop_physics.analysis.general import segments
 from drop_physics.laws.bullet_air import EPSILON
 from drop_physics.laws.bullet_tree import Reason
 from drop_physics.laws.moving import moved_on

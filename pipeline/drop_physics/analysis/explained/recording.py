@@ -45,8 +45,8 @@ class Explanation:
     """Explains a recording; `totals` grow as its pieces are taken.
 
     What a call set before the recording, and the engine does not report, is taken for PyBullet's
-    default; where that does not explain a step, so it says. `other` is the law of one body in flight
-    in another engine.
+    default; where that does not explain a step, so it says. `other` is the law of one body in
+    flight in another engine.
     """
 
     def __init__(self, seen: Seen, other: Law | None = None) -> None:

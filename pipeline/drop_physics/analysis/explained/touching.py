@@ -10,7 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.explained.bodies import Record
-from drop_physics.analysis.general.contacts import Touches
+from drop_physics.analysis.explained.contacts import Touches
 from drop_physics.laws.bullet_reports import contact_forces
 from drop_physics.laws.impulses import Forces
 

@@ -1,4 +1,4 @@
-"""What contact did in each step: the impulse that each point gave, and the energy.
+"""What contact did in each step: the impulse that each point gave.
 
 A step of an engine with impulses is the law's step and then the impulses:
 
@@ -6,13 +6,8 @@ A step of an engine with impulses is the law's step and then the impulses:
 
 over the contact points, F the normal force and both frictions on the body, r from its centre to its
 own point. Both, and I, are those at the start of the step, when the engine looks for contacts. A
-velocity beyond the engine's limit is clamped. Derivation of the energies: with J = dt F a step
-changes m v²/2 + ω·Iω/2 from what it is by the law alone by
-
-    Σ [J·(v_law + v')/2 + (r × J)·(ω_law + ω')/2]
-
-point by point, since a² - b² = (a - b)·(a + b). The balance leaves out rolling and spinning
-friction, which PyBullet does not report, and timesteps with several substeps.
+velocity beyond the engine's limit is clamped. The balance leaves out rolling and spinning friction,
+which PyBullet does not report, and timesteps with several substeps.
 Source: Newton and Euler; checked against PyBullet in `tests/test_segments.py`.
 """
 
@@ -25,10 +20,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.general.contacts import Touches
+from drop_physics.analysis.explained.contacts import Touches
 from drop_physics.laws.base import Law, Motion
 from drop_physics.laws.rotations import rotate, rotate_inverse
-from drop_physics.laws.vectors import any_of, cross, largest, lengths, summed, sums
+from drop_physics.laws.vectors import any_of, cross, largest, lengths, summed
 
 Float64 = NDArray[np.float64]
 
@@ -85,10 +80,6 @@ class Balance:
     velocity_scale_m_s: Float64
     """Size of the summands of the velocity, shape (samples,)."""
     spin_scale_rad_s: Float64
-    point_energy_j: Float64
-    """Energy that each contact point gave, shape (points,); negative where it took some."""
-    energy_j: Float64
-    """The same for each step, shape (samples,)."""
     held: NDArray[np.bool_]
     """Whether the engine clamped a velocity when forces or contact were added."""
     near: NDArray[np.bool_]
@@ -169,10 +160,6 @@ def balance_of(
     summed_m_s = start_m_s + impulse_n_s / law.mass_kg
     summed_rad_s = start_rad_s + spun(turn_n_m_s)
     velocity_m_s, spin_rad_s = law.held(summed_m_s), law.held(summed_rad_s)
-    mean_m_s = (alone.velocity_m_s + motion.velocity_m_s)[touches.step] / 2
-    mean_rad_s = (alone.spin_rad_s + motion.spin_rad_s)[touches.step] / 2
-    point_j = sums(impulse * mean_m_s + turn * mean_rad_s)
-    energy_j = summed(touches.step, point_j[:, None], count=samples)[:, 0]
     near, tried_m_s, tried_rad_s = _tried(law, before, motion, touches)
     fastest = _largest(before.velocity_m_s, alone.velocity_m_s, velocity_m_s)
     quickest = _largest(before.spin_rad_s, alone.spin_rad_s, spin_rad_s)
@@ -185,8 +172,6 @@ def balance_of(
         spin_rad_s=spin_rad_s,
         velocity_scale_m_s=scales[:, 0] / law.mass_kg + fastest,
         spin_scale_rad_s=scales[:, 1] / (inertia.min() or math.inf) + quickest,
-        point_energy_j=point_j,
-        energy_j=energy_j,
         held=first | _limited(law, summed_m_s, summed_rad_s),
         near=near,
         tried_m_s=tried_m_s,

@@ -13,108 +13,45 @@ was loaded with. Bodies with joints are not covered at all.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.general.balance import ULPS, Pushes, balance_of
-from drop_physics.analysis.general.contacts import Touches
+from drop_physics.analysis.explained.balance import ULPS, Pushes, balance_of
+from drop_physics.analysis.explained.contacts import Touches
 from drop_physics.laws.base import FUSED, Law, Motion
 from drop_physics.laws.rotations import same_way
 from drop_physics.laws.vectors import any_of, largest, lengths
 
 Float64 = NDArray[np.float64]
 
-Segment = Literal["flight", "contact", "pushed", "set", "still", "unexplained"]
+Segment = Literal["flight", "contact", "pushed", "set", "unexplained"]
 SEGMENTS: tuple[Segment, ...] = get_args(Segment)
-FLIGHT, CONTACT, PUSHED, SET, STILL, UNEXPLAINED = range(len(SEGMENTS))
-EXPLAINED = (FLIGHT, CONTACT, PUSHED, SET, STILL)
-
+FLIGHT, CONTACT, PUSHED, SET, UNEXPLAINED = range(len(SEGMENTS))
 
 BLOCK = 1 << 14
 """Samples judged at a time, few enough for the processor's cache."""
 
 
 @dataclass(frozen=True)
-class Exchange:
-    """What contact gave in the step to each sample, by `balance`; arrays of shape (samples,)."""
-
-    touched: NDArray[np.bool_]
-    """Whether a force acted."""
-    closes: NDArray[np.bool_]
-    """Whether the recorded velocities follow from law and impulses."""
-    closes_linear: NDArray[np.bool_]
-    """The same, regardless of spin."""
-    impulse_n_s: Float64
-    """World axes, (samples, 3)."""
-    energy_j: Float64
-    point_energy_j: Float64
-    """Energy that each contact point gave, (points,)."""
-
-
-@dataclass(frozen=True)
 class Segments:
-    """The segment of every sample of a body, and what it is based on."""
+    """What the samples of a body are, shape (samples,) each."""
 
     code: NDArray[np.int8]
-    """Indices into `SEGMENTS`, shape (samples,)."""
-    deviation: Float64
-    """How far the sample deviates from its law, in its worst number [m, m/s, rad/s, 1]."""
-    contact: Exchange | None
-    """What contact gave; None without a law."""
+    """Indices into `SEGMENTS`."""
     held: NDArray[np.bool_]
     """Whether the engine clamped a velocity in the step to each sample.
 
     Where law and contacts do not lead to a sample: whether it reached the limit to the bit.
     """
-    moved: NDArray[np.bool_]
-    """Whether the body is where its velocities, whatever their cause, moved it."""
-
-    def placed_at(self, motion: Motion, start: Motion, law: Law) -> Segments:
-        """Return the same with the first sample checked against a known start."""
-        first, start = motion.at(slice(1)), law.released(start)
-        turned = _off(same_way(first.orientation, start.orientation), start.orientation)
-        placed = [_off(getattr(first, name), getattr(start, name)) for name in _VECTORS]
-        code, deviation = self.code.copy(), self.deviation.copy()
-        deviation[0] = np.max([turned, *placed])
-        if not (turned[0] <= law.oriented and max(each[0] for each in placed) == 0):
-            code[0] = UNEXPLAINED
-        return replace(self, code=code, deviation=deviation)
-
-    def counts(self) -> dict[Segment, int]:
-        """Return the number of samples of each segment."""
-        counts = np.bincount(self.code, minlength=len(SEGMENTS)).tolist()
-        return dict(zip(SEGMENTS, counts, strict=True))
-
-    @property
-    def explained(self) -> NDArray[np.bool_]:
-        """Whether each sample is explained."""
-        return np.isin(self.code, EXPLAINED)
 
     @property
     def first_unexplained(self) -> int | None:
         """The first sample that is not explained."""
-        steps = np.flatnonzero(~self.explained)
+        steps = np.flatnonzero(self.code == UNEXPLAINED)
         return int(steps[0]) if len(steps) else None
-
-    def runs(self, code: int) -> list[tuple[int, int]]:
-        """Return first and last sample of each unbroken run of a segment."""
-        held = self.code == code
-        return unbroken(held, np.zeros(len(held), dtype=bool))
-
-
-def unbroken(held: NDArray[np.bool_], breaks: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first and last row of each run of true values; a break begins a new run."""
-    before, after = np.roll(held, 1), np.roll(held, -1)
-    before[0] = after[-1] = False
-    ends = np.append(breaks[1:], True)
-    firsts, lasts = (
-        np.flatnonzero(held & (~before | breaks)),
-        np.flatnonzero(held & (~after | ends)),
-    )
-    return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
 
 
 def segments_of(
@@ -168,18 +105,8 @@ def segments_of(
             rolls=None if rolls is None else rolls[rows],
         )
         blocks.append(block)
-    given = [block.contact for block in blocks if block.contact is not None]
-    contact = Exchange(
-        **{
-            field.name: np.concatenate([getattr(each, field.name) for each in given])
-            for field in fields(Exchange)
-        }
-    )
-    code, deviation, held, moved = (
-        np.concatenate([getattr(block, name) for block in blocks])
-        for name in ("code", "deviation", "held", "moved")
-    )
-    return Segments(code, deviation, contact, held, moved)
+    return Segments(*(np.concatenate([getattr(each, name) for each in blocks])
+        for name in ("code", "held")))  # fmt: skip
 
 
 def _of_block(
@@ -237,24 +164,9 @@ def _of_block(
         rolling = (code == UNEXPLAINED) & there & near & rolls & closes_linear
         code[rolling] = np.where(forced, PUSHED, CONTACT)[rolling]
     code[placed] = SET
-    off_m_s = np.where(
-        balance.touched | forced, _off(motion.velocity_m_s, balance.velocity_m_s), fall_m_s
-    )
-    off_rad_s = np.where(
-        balance.touched | forced, _off(motion.spin_rad_s, balance.spin_rad_s), fall_rad_s
-    )
-    deviation = np.max([place_m, turn, off_m_s, off_rad_s], axis=0)
     follows = (code == FLIGHT) | (np.isin(code, (CONTACT, PUSHED)) & balanced)
     held = np.where(follows, law.limited(before) | balance.held, _at_limit(law, before, motion))
-    contact = Exchange(
-        touched=balance.touched,
-        closes=closes,
-        closes_linear=closes_linear,
-        impulse_n_s=balance.impulse_n_s,
-        energy_j=balance.energy_j,
-        point_energy_j=balance.point_energy_j,
-    )
-    return Segments(code, deviation, contact, held, there)
+    return Segments(code, held)
 
 
 def _at_limit(law: Law, before: Motion, motion: Motion) -> NDArray[np.bool_]:
@@ -266,27 +178,6 @@ def _at_limit(law: Law, before: Motion, motion: Motion) -> NDArray[np.bool_]:
         reached = np.isfinite(now) & (law.held(beyond) == now) & (now != was)
         limited |= any_of(reached)
     return limited
-
-
-def still_segments(motion: Motion) -> Segments:
-    """Return the segments of a body that was never stepped: still, or else altered."""
-    state = np.hstack(
-        (motion.position_m, motion.orientation, motion.velocity_m_s, motion.spin_rad_s)
-    )
-    deviation = largest(state - state[0])
-    code = np.where(deviation == 0, STILL, UNEXPLAINED).astype(np.int8)
-    return Segments(code, deviation, None, np.zeros(len(motion), dtype=bool), code == STILL)
-
-
-def jointed_segments(samples: int) -> Segments:
-    """Return the segments of a body with joints, of which only the release is explained."""
-    code = np.full(samples, UNEXPLAINED, np.int8)
-    code[0] = SET
-    held, moved = np.zeros(samples, dtype=bool), np.ones(samples, dtype=bool)
-    return Segments(code, np.zeros(samples), None, held, moved)
-
-
-_VECTORS = ("position_m", "velocity_m_s", "spin_rad_s")
 
 
 def _off(values: Float64, reference: Float64) -> Float64:

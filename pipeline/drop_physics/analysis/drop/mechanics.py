@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.general.samples import Samples
+from drop_physics.analysis.drop.samples import Samples
 from drop_physics.laws.base import Motion
 from drop_physics.laws.rotations import rotate, rotate_inverse
 from drop_physics.report import EngineReport

@@ -17,12 +17,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.laws import theory
-from drop_physics.laws.base import Law
+from drop_physics.laws.base import Law, Motion
 from drop_physics.laws.theory import Fall
 
 Float64 = NDArray[np.float64]
+Vector = tuple[float, float, float]
 
 TERMS = ("timestep", "damping", "interaction", "rounding")
+STIFF = 1e3
+"""How often drag could stop a throw within its flight: beyond, integrating it never ends."""
+
+
+@dataclass(frozen=True)
+class VectorTerms:
+    """The four terms of an error along x, y and z [m]; they add up to it."""
+
+    timestep: Vector
+    """Error of semi-implicit Euler without damping."""
+    damping: Vector
+    """Effect of damping in continuous time."""
+    interaction: Vector
+    """Interaction of the two."""
+    rounding: Vector
+    """Rounding of double precision."""
 
 
 @dataclass(frozen=True)
@@ -79,3 +96,47 @@ def decompose(law: Law, fall: Fall, simulated_m: Float64, *, first: int = 0) -> 
         interaction_m=-law_m.difference(explained_m),
         rounding_m=law_m.difference(simulated_m),
     )
+
+
+def error_and_terms(
+    start: Motion, position_m: Float64, law: Law, *, steps: int
+) -> tuple[Vector, VectorTerms | None]:
+    """Return the error of a flight after some steps, and its terms [m].
+
+    Parameters
+    ----------
+    start
+        The sample that it starts from.
+    position_m
+        Where the body is after these steps, shape (3,).
+    law
+        Its law. Where gravity is not along z, or the drag of a throw is `STIFF`, there are none.
+    steps
+        At least 1.
+    """
+    time_s, velocity_m_s = steps * law.timestep_s, start.velocity_m_s[0]
+    stops = law.drag.quadratic_per_m * float(np.linalg.norm(velocity_m_s)) * time_s
+    if any(law.gravity_m_s2[:2]) or (velocity_m_s[:2].any() and stops > STIFF):
+        g = np.array(law.gravity_m_s2)
+        free_fall_m = start.position_m[0] + (start.velocity_m_s[0] + g * time_s / 2) * time_s
+        return _vector(position_m - free_fall_m), None
+    return _row(decompose(law, _fall_from(start, law), position_m[None], first=steps), 0)
+
+
+def _fall_from(start: Motion, law: Law) -> Fall:
+    return Fall(
+        position_m=_vector(start.position_m[0]),
+        velocity_m_s=_vector(start.velocity_m_s[0]),
+        gravity_m_s2=law.gravity_m_s2[2],
+        drag=law.drag,
+    )
+
+
+def _row(parts: Decomposition, row: int) -> tuple[Vector, VectorTerms]:
+    terms = (_vector(getattr(parts, f"{name}_m")[row]) for name in TERMS)
+    return _vector(parts.total_m[row]), VectorTerms(*terms)
+
+
+def _vector(values: Float64) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z

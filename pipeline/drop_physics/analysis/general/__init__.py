@@ -1,1 +1,0 @@
-"""What applies to any recording."""
