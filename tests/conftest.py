@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import drop_physics
 import polars as pl
@@ -55,6 +56,22 @@ def pytest_runtest_makereport(
         report.outcome = "failed"
         report.longrepr = f"in CI nothing is skipped: {report.longrepr}"
     return report
+
+
+def some(values: Iterable[Any], first: int) -> list[Any]:
+    """Return values for `parametrize`, of which only the first few are tried without `-m long`."""
+    sets = [value if hasattr(value, "marks") else pytest.param(*_parts(value)) for value in values]
+    return [
+        *sets[:first],
+        *(
+            pytest.param(*one.values, id=one.id, marks=[*one.marks, pytest.mark.long])
+            for one in sets[first:]
+        ),
+    ]
+
+
+def _parts(value: Any) -> tuple[Any, ...]:
+    return value if isinstance(value, tuple) else (value,)
 
 
 @pytest.fixture(scope="session")

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import some
 from drop_physics.laws import bullet_air, theory
 from drop_physics.laws.base import ExactPath
 from drop_physics.laws.bullet import BulletLaw
@@ -90,7 +91,7 @@ GRID = list(
 )
 
 
-@pytest.mark.parametrize("coordinates", MODES)
+@pytest.mark.parametrize("coordinates", some(MODES, 3))
 @pytest.mark.parametrize("linear_damping", [None, 0.0, 0.5, 1.5])
 def test_the_law_is_pybullets(coordinates: Any, linear_damping: float | None) -> None:
     for dt, velocity, (gravity, mass) in GRID:

@@ -103,6 +103,7 @@ def test_table_holds_every_sample(drop: Drop, tmp_path: Path, standard: Run, suf
 # -- streams --------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_standard_output_carries_the_result_and_nothing_else(drop_process: Drop) -> None:
     """Bullet prints its banner from C, at exit if stdout is a pipe; Rerun logs if asked to."""
     done = drop_process("simulate", "--out", "run.rrd", "--no-camera", "--json")
@@ -110,6 +111,7 @@ def test_standard_output_carries_the_result_and_nothing_else(drop_process: Drop)
     assert done.stderr == ""
 
 
+@pytest.mark.long
 def test_rerun_cannot_be_switched_off(
     drop_process: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,6 +126,7 @@ LOUD = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 def test_settings_of_somebodys_own_programs_make_no_library_talk(
     drop_process: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -144,6 +147,7 @@ def test_settings_of_somebodys_own_programs_make_no_library_talk(
     assert [one for one in done.stderr.splitlines() if not one.startswith(said)] == []
 
 
+@pytest.mark.long
 def test_a_home_that_nothing_can_be_written_to_is_not_mentioned(
     drop_process: Drop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -302,6 +306,7 @@ def test_a_time_outside_the_recording_is_wrong_usage(
         assert (done.returncode, len(lines(done.stderr))) == (2, 1)
 
 
+@pytest.mark.long
 def test_a_traceback_only_on_request(drop_process: Drop, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "Traceback" not in drop_process("analyze", "no.rrd").stderr
     monkeypatch.setenv("DROP_DEBUG", "1")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import some
 from contact_scenes import BOX, FLOOR, GRIP, SLOPE, TRAY, bare
 from test_contact_answers import DROPPED, found, in_pieces
 from test_contact_overlaps import BOUNCES, HEAVY, run
@@ -22,7 +23,7 @@ CREEPS = {
 }
 
 
-@pytest.mark.parametrize("name", CREEPS)
+@pytest.mark.parametrize("name", some(CREEPS, 1))
 def test_what_the_solver_leaves_creeps(name: str, tmp_path: Path) -> None:
     scene, threshold = CREEPS[name]
     loose = LOOSE.format(threshold=threshold) + scene
@@ -160,7 +161,7 @@ CAUSES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", CAUSES)
+@pytest.mark.parametrize("name", some(CAUSES, 2))
 def test_why_it_is_deep(name: str, tmp_path: Path) -> None:
     scene, cured, n, cause = CAUSES[name]
     (one,) = found(run(scene, n), tmp_path, "deep-penetration")
@@ -174,6 +175,7 @@ def test_why_it_is_deep(name: str, tmp_path: Path) -> None:
     assert bare(run(cured, n * finer))["deepest"] < 0.5 * truth
 
 
+@pytest.mark.long
 def test_masses_that_no_solver_can_tell_apart_get_no_advice(tmp_path: Path) -> None:
     for mass, iterations in ((1e4, 50), (1e4, 500), (1e6, 500)):
         scene = run(HEAVY.format(mass=mass, iterations=iterations), 200)
@@ -205,7 +207,7 @@ BULLETS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", BULLETS)
+@pytest.mark.parametrize("name", some(BULLETS, 1))
 def test_what_is_too_fast_passes_through(name: str, tmp_path: Path) -> None:
     scene = SHOT.format(**BULLETS[name], dt="1/240", n=40)
     (one,) = found(scene, tmp_path, "tunnelled")

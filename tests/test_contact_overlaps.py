@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from conftest import some
 from contact_scenes import BOX, FLOOR, HEIGHT, PANDA, PUSHED, STACK, bare
 from test_contact_answers import found, in_pieces
 
@@ -115,7 +116,7 @@ DEEP = {
 }
 
 
-@pytest.mark.parametrize("name", DEEP)
+@pytest.mark.parametrize("name", some(DEEP, 3))
 def test_what_overlaps_deeply(name: str, tmp_path: Path) -> None:
     scene, cured, cause = DEEP[name]
     one = max(found(scene, tmp_path, "deep-penetration"), key=lambda each: each.share)
@@ -161,7 +162,7 @@ for each in (0, b):
 )
 
 
-@pytest.mark.parametrize(("z", "r"), [(5, 1), (2, 1.1)])
+@pytest.mark.parametrize(("z", "r"), some([(5, 1), (2, 1.1)], 1))
 def test_what_bounces_ever_higher(z: float, r: float, tmp_path: Path) -> None:
     scene = BOUNCES.format(z=z, r=r) + HEIGHT.replace("240", "1200")
     (one,) = found(scene, tmp_path, "energy-gained")

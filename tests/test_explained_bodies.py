@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import some
 from drop_physics.analysis.explained import commands, judged, steps
 from drop_physics.analysis.explained.bodies import Epochs
 from drop_physics.analysis.explained.causes import CAUSES, Totals
@@ -285,7 +286,7 @@ def closes(totals: Totals) -> None:
     assert set(momentum) == set(CAUSES)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", some(CASES, 5))
 def test_every_sample_is_explained(name: str, seen: Callable[[str], Seen]) -> None:
     case, whole = CASES[name], explanation(seen(CASES[name].scene))
     for number, expected in case.segments.items():

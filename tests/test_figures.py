@@ -20,6 +20,7 @@ import polars as pl
 import pybullet as p
 import pybullet_data
 import pytest
+from conftest import some
 from drop_physics import colours, render, simulate
 from drop_physics.errors import ScenarioError
 from drop_physics.figures import animation, convergence_plot, style
@@ -109,6 +110,7 @@ def same(ours: Sequence[Pixels], theirs: Sequence[Pixels]) -> bool:
 # -- gif: what comes out --------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_every_recorded_frame_is_in_the_gif_to_the_pixel(standard_frames: list[Pixels]) -> None:
     still = sum(map(np.array_equal, standard_frames, standard_frames[1:]))
     assert still >= 10  # the box is still in the end: other writers merge these
@@ -355,7 +357,7 @@ def texts(axes: Axes) -> list[str]:
 # -- plot: what comes out -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize("name", some(TABLES, 4))
 def test_every_drop_can_be_plotted(name: str, tmp_path: Path) -> None:
     path = tmp_path / "plot.png"
     plot_drop(TABLES[name], path, format="png")
@@ -404,7 +406,7 @@ STRIKING = {
 """Drops in which a curve or the impact's line once ran through words."""
 
 
-@pytest.mark.parametrize("name", [*TABLES, *STRIKING])
+@pytest.mark.parametrize("name", some([*TABLES, *STRIKING], 1))
 def test_no_word_is_struck_through(name: str) -> None:
     table, facts = STRIKING[name] if name in STRIKING else (TABLES[name], None)
     figure = build_figure(table, facts)

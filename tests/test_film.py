@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Drop
+from conftest import Drop, some
 from drop_physics.errors import RecordingError, ScenarioError
 from drop_physics.figures.playback import Animation
 from drop_physics.stages.analyze import analyze
@@ -88,6 +88,7 @@ def test_the_frames_that_a_script_took_are_its_animation(record: Record, tmp_pat
     assert redness(shown[0])[:, 0].mean() < redness(shown[-1])[:, 0].mean()
 
 
+@pytest.mark.long
 def test_recorded_poses_are_drawn_where_a_script_took_no_frames(
     record: Record, tmp_path: Path
 ) -> None:
@@ -115,7 +116,7 @@ def test_a_body_is_drawn_as_it_looked_at_the_time(record: Record, tmp_path: Path
     assert blue == [False] * 5 + [True] * 2 + [False] * 4
 
 
-@pytest.mark.parametrize("how", ["p.removeBody(body)", "p.resetSimulation()"])
+@pytest.mark.parametrize("how", some(["p.removeBody(body)", "p.resetSimulation()"], 1))
 def test_a_body_is_drawn_while_it_is_there(record: Record, tmp_path: Path, how: str) -> None:
     """Until 0.2 s, and again from 0.4 s on."""
     there = f"""
@@ -175,7 +176,7 @@ def test_a_mesh_given_as_numbers_is_said_to_be_missing(drop: Drop, tmp_path: Pat
     assert (done.returncode, "no body with a shape that drop draws" in done.stderr) == (1, True)
 
 
-@pytest.mark.parametrize("view", ["close", "follow"])
+@pytest.mark.parametrize("view", some(["close", "follow"], 1))
 def test_a_camera_is_near_to_the_body_that_moves(record: Record, tmp_path: Path, view: str) -> None:
     render(record(FALLS), out=tmp_path / "near.gif", view=view)  # type: ignore[arg-type]
     shown = pictures(tmp_path / "near.gif")
@@ -231,7 +232,7 @@ for step in range(24):
 """
 
 
-@pytest.mark.parametrize("view", ["standard", "follow"])
+@pytest.mark.parametrize("view", some(["standard", "follow"], 1))
 def test_a_body_whose_position_is_not_finite_is_not_drawn_there(
     record: Record, tmp_path: Path, view: str
 ) -> None:
@@ -292,6 +293,7 @@ LEAVES = (
 )
 
 
+@pytest.mark.long
 def test_what_leaves_is_followed(record: Record, tmp_path: Path) -> None:
     render(record(LEAVES), out=tmp_path / "leaves.gif")
     shown = [redness(picture) for picture in pictures(tmp_path / "leaves.gif")]
@@ -300,7 +302,7 @@ def test_what_leaves_is_followed(record: Record, tmp_path: Path) -> None:
     assert (np.abs(middles - (180, 240)) < (150, 200)).all()
 
 
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("dark", some([False, True], 1))
 def test_a_film_has_a_floor_of_tiles_edges_and_a_clock(
     record: Record, tmp_path: Path, dark: bool
 ) -> None:
@@ -328,6 +330,7 @@ def test_a_plot_of_what_is_found_grows_beside_a_film(record: Record, tmp_path: P
     assert (plots[5][:, left] == plots[10][:, left]).all()
 
 
+@pytest.mark.long
 def test_a_btrigidbody_is_drawn_round_its_centre_of_mass(record: Record, tmp_path: Path) -> None:
     """PyBullet does not report where that is in its frame; a btMultiBody of the same is alike."""
     shown = []

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from conftest import Recorder, judge, said
+from conftest import Recorder, judge, said, some
 from drop_physics.console.show_analysis import show_analysis
 from engine import MODES, box, shape, urdf_of
 
@@ -57,7 +57,7 @@ CASES: dict[str, tuple[dict[str, object], str, dict[str, object]]] = {
 }
 
 
-@pytest.mark.parametrize("code", CASES)
+@pytest.mark.parametrize("code", some(CASES, 5))
 def test_a_finding_names_its_number_and_what_changes_it(recorded: Recorder, code: str) -> None:
     provoking, number, _ = CASES[code]
     messages = {finding.code: said(finding) for finding in judge(recorded(**provoking)).findings}
@@ -239,6 +239,7 @@ def test_where_50_iterations_are_not_enough_the_residual_is_not_all(
     assert converged.rest.error_m == pytest.approx(-10e-6, abs=1e-9)
 
 
+@pytest.mark.long
 def test_a_correction_that_a_body_needs_is_not_advised_against(recorded: Recorder) -> None:
     """Without it this body stays in the floor, with a restitution of 0.03, in so long a step."""
     deep = {"timestep_s": 1 / 37, "duration_s": 480 / 37, "height_m": 0.44962217655126757,

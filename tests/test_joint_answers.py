@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from asked import findings
+from conftest import some
 from drop_physics.analysis.answers.answer import Finding, Scene
 from drop_physics.analysis.answers.every import ranked
 from drop_physics.analysis.answers.off_target import OffTarget
@@ -62,7 +63,7 @@ WEAK = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", WEAK)
+@pytest.mark.parametrize("name", some(WEAK, 1))
 def test_a_motor_that_is_too_weak(name: str, tmp_path: Path) -> None:
     scene, weak, strong, joint, target, body = WEAK[name]
     (found,) = said("off-target", scene.format(force=weak), tmp_path)
@@ -122,7 +123,7 @@ CAUSES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", CAUSES)
+@pytest.mark.parametrize("name", some(CAUSES, 3))
 def test_each_cause_is_told(name: str, tmp_path: Path) -> None:
     scene, words, advice = CAUSES[name]
     (found,) = said("off-target", scene, tmp_path)
@@ -147,7 +148,7 @@ CURED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", CURED)
+@pytest.mark.parametrize("name", some(CURED, 2))
 def test_what_is_at_its_target_is_not_told(name: str, tmp_path: Path) -> None:
     scene, joint, target = CURED[name]
     assert abs(off_at_the_end(scene, joint, target)) < 0.01
@@ -252,7 +253,7 @@ HELD = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", HELD)
+@pytest.mark.parametrize("name", some(HELD, 2))
 def test_a_motor_that_nobody_thought_of(name: str, tmp_path: Path) -> None:
     scene, then, joint, words = HELD[name]
     (found,) = said("default-motor", scene + then, tmp_path)
@@ -295,7 +296,7 @@ for i in range(300):
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", QUIET)
+@pytest.mark.parametrize("name", some(QUIET, 2))
 def test_a_motor_with_nothing_to_hold_is_not_told(name: str, tmp_path: Path) -> None:
     assert said("default-motor", QUIET[name], tmp_path) == []
 
@@ -325,8 +326,8 @@ def test_substeps_of_motors_with_force_to_spare_are_not_told(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("force", "timestep", "limit"), [(100, "1 / 60", "25"), (30, "1 / 1000", "125"),
-                                     (60, "1 / 120", "30")],
+    ("force", "timestep", "limit"), some([(100, "1 / 60", "25"), (30, "1 / 1000", "125"),
+                                     (60, "1 / 120", "30")], 1),
 )  # fmt: skip
 def test_a_timestep_set_after_a_motor(
     force: float, timestep: str, limit: str, tmp_path: Path
@@ -374,7 +375,9 @@ def two(more: str, tmp_path: Path) -> str:
     return f"k = p.loadURDF({str(path)!r}, useFixedBase=True)\n"
 
 
-@pytest.mark.parametrize(("joint", "target", "off"), [(9, 0.01, 30), (9, 0.03, 10), (10, 0.0, 40)])
+@pytest.mark.parametrize(
+    ("joint", "target", "off"), some([(9, 0.01, 30), (9, 0.03, 10), (10, 0.0, 40)], 1)
+)
 def test_a_finger_that_does_not_follow(
     joint: int, target: float, off: float, tmp_path: Path
 ) -> None:
@@ -506,7 +509,7 @@ LEFT = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", LEFT)
+@pytest.mark.parametrize("name", some(LEFT, 1))
 def test_targets_that_a_reset_leaves(name: str, tmp_path: Path) -> None:
     scene, cure, off, level = LEFT[name]
     (found,) = said("reset-leaves", scene + "steps(120)\n", tmp_path)

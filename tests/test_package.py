@@ -85,6 +85,7 @@ def test_it_takes_one_import_name(call: Call, environment: Path, tmp_path: Path)
     assert where.strip() == str(packages / "drop_physics")
 
 
+@pytest.mark.long
 def test_installed_it_runs_in_a_clean_folder(call: Call, tmp_path: Path) -> None:
     story = call(tmp_path, "drop", "run", "--size", "64x48")
     assert "recordings/run.rrd" in story
@@ -92,6 +93,7 @@ def test_installed_it_runs_in_a_clean_folder(call: Call, tmp_path: Path) -> None
     assert made == {f"recordings/run{end}" for end in (".rrd", ".analysis.rrd", ".gif", ".png")}
 
 
+@pytest.mark.long
 def test_a_project_with_the_same_names_keeps_its_own(call: Call, tmp_path: Path) -> None:
     """A `pipeline` package, a `cli.py`, `tests` and `recordings` of theirs, in one environment."""
     theirs = {

@@ -44,6 +44,7 @@ def test_what_is_public_is_listed_and_helped_with() -> None:
     assert all(re.search(rf"^    {name}\(", told, re.MULTILINE) for name in functions)
 
 
+@pytest.mark.long
 def test_the_recording_of_a_block_is_one_like_any_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standard: Run
 ) -> None:
@@ -107,6 +108,7 @@ def test_a_result_prints_as_the_terminal_prints_it(
     assert all("\x1b" not in str(one) for one in (standard, swept, rendered))
 
 
+@pytest.mark.long
 def test_a_notebook_shows_text_table_and_plot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standard: Run
 ) -> None:
@@ -213,6 +215,7 @@ def test_a_plan_that_cannot_be_says_why(given: dict[str, object], said: str) -> 
         plan_of(given)
 
 
+@pytest.mark.long
 def test_nothing_false_is_said_of_what_was_set_before_a_block(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

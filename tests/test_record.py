@@ -26,6 +26,7 @@ import pytest
 import scenes
 import scripts
 from command import drop_here, wait_for
+from conftest import some
 from drop_physics.engines.bullet.frames import Frames
 from drop_physics.engines.bullet.watching import pipe
 from drop_physics.errors import DropError, OutputError, ScenarioError
@@ -159,7 +160,7 @@ def contacts(path: Path) -> dict[int, list[list[float]]]:
 # -- it changes nothing ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", scripts.PLAIN)
+@pytest.mark.parametrize("name", some(scripts.PLAIN, 9))
 def test_a_script_prints_the_same_to_the_last_bit(bench: Bench, name: str) -> None:
     for own in ("pipeline", "cli", "tests"):
         bench.folder.joinpath(f"{own}.py").write_text(f"MINE = {own!r}")
@@ -205,17 +206,20 @@ class Witness:
 
 @pytest.mark.parametrize(
     "scene",
-    [
-        """p.loadURDF("plane.urdf")
+    some(
+        [
+            """p.loadURDF("plane.urdf")
 b = p.loadURDF("cube_small.urdf", [0, 0, 0.2], [0.1, 0.2, 0, 1])
 c = p.loadURDF("cube_small.urdf", [0.02, 0, 0.4], useMaximalCoordinates=True)""",
-        """p.loadURDF("plane.urdf")
+            """p.loadURDF("plane.urdf")
 k = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)
 r = p.loadURDF("r2d2.urdf", [2, 0, 0.6])""",
-        """p.loadURDF("plane.urdf")
+            """p.loadURDF("plane.urdf")
 h = p.loadURDF("humanoid/humanoid.urdf", [0, 0, 1])
 p.loadURDF("cube_small.urdf", [1, 0, 0.1])""",
-    ],
+        ],
+        1,
+    ),
 )
 def test_state_contacts_and_joints_are_what_the_engine_had(bench: Bench, scene: str) -> None:
     bench.folder.joinpath("witness.py").write_text(WITNESS)
@@ -339,7 +343,7 @@ def test_the_largest_numbers_that_are_taken_are_read_back(
     assert {name: origin[name] for name in how} == how
 
 
-@pytest.mark.parametrize("timestep", ["nan", "inf", "-inf", "1e12"])
+@pytest.mark.parametrize("timestep", some(["nan", "inf", "-inf", "1e12"], 1))
 def test_a_timestep_that_is_no_time_costs_no_recording(bench: Bench, timestep: str) -> None:
     script = bench.script(
         scripts.HEAD
@@ -437,6 +441,7 @@ for _ in range(64):
     assert read(bench.out).seen.solvers == []
 
 
+@pytest.mark.long
 def test_a_block_leaves_what_a_step_returns_as_it_was(bench: Bench) -> None:
     script = bench.script(
         scripts.HEAD
@@ -702,6 +707,7 @@ def test_a_script_that_may_never_end_is_named_once(
         assert "Ctrl-C ends the script and keeps the recording" in note
 
 
+@pytest.mark.long
 def test_how_far_it_is_comes_in_seconds_and_steps(bench: Bench) -> None:
     told: list[tuple[float, int]] = []
     script = bench.script(
@@ -724,6 +730,7 @@ for _ in range(2):
     assert told[-1] == (pytest.approx(1.05), 252)
 
 
+@pytest.mark.long
 def test_before_the_disk_is_full_the_script_is_ended_and_its_recording_kept(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -783,7 +790,7 @@ ENDINGS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ENDINGS)
+@pytest.mark.parametrize("name", some(ENDINGS, 5))
 def test_whatever_ends_a_script_the_recording_is_whole(bench: Bench, name: str) -> None:
     text, ended, error = ENDINGS[name]
     recorded, _ = bench.record(bench.script(STEPS + text))
@@ -833,7 +840,7 @@ def test_a_traceback_is_that_of_the_script(bench: Bench, text: str) -> None:
     assert bare.stderr.strip() in mine.stderr
 
 
-@pytest.mark.parametrize("to_the_group", [True, False])
+@pytest.mark.parametrize("to_the_group", some([True, False], 1))
 def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool) -> None:
     script = bench.script(
         STEPS + "open('there', 'w').close()\nwhile True:\n    p.stepSimulation()\n"
@@ -916,6 +923,7 @@ def test_what_was_killed_before_anything_was_written_says_so(bench: Bench, held:
         )
 
 
+@pytest.mark.long
 def test_a_limit_on_the_size_of_files_is_one_line(bench: Bench) -> None:
     """Below a megabyte what script and recorder share has no room."""
     bench.script(scripts.PLAIN["box"])
@@ -1188,6 +1196,7 @@ subprocess.Popen = Popen
     ), done.stderr
 
 
+@pytest.mark.long
 def test_a_block_that_crashes_or_raises_leaves_a_whole_recording(bench: Bench) -> None:
     crash = bench.script(BLOCK.replace("{more}", "import os; os.kill(os.getpid(), 11)"))
     assert bench.bare(crash).returncode == -signal.SIGSEGV
@@ -1227,6 +1236,7 @@ else:
 """
 
 
+@pytest.mark.long
 def test_a_forked_child_of_a_block_ends_as_it_would(bench: Bench) -> None:
     """And its parent's recording goes on without it."""
     done = subprocess.run(
@@ -1240,6 +1250,7 @@ def test_a_forked_child_of_a_block_ends_as_it_would(bench: Bench) -> None:
     assert len(states(bench.out)) == 3
 
 
+@pytest.mark.long
 def test_a_block_that_is_killed_leaves_a_whole_recording_and_no_traceback(bench: Bench) -> None:
     script = bench.script(BLOCK.replace("{more}", "import os; os.kill(os.getpid(), 9)"))
     # Its standard error ends when the recorder has ended too.
@@ -1248,6 +1259,7 @@ def test_a_block_that_is_killed_leaves_a_whole_recording_and_no_traceback(bench:
     assert len(states(bench.out)) == 12
 
 
+@pytest.mark.long
 def test_seeded_it_is_the_same_and_unseeded_it_says_so(bench: Bench) -> None:
     script = bench.script(
         scripts.HEAD
@@ -1307,12 +1319,19 @@ def test_numbers_are_unseeded_only_where_they_are(bench: Bench, draws: str, unse
 
 @pytest.mark.parametrize(
     ("folder", "line", "unseeded"),
-    [
-        ("site-packages", "import drawing", ""),
-        ("site-packages", "import drawing\ndrawing.draw()", "/drawing.py:4"),
-        ("site-packages", "import drawing\nrandom.random()", "by random.random at script.py:11"),
-        ("mine", "import drawing", "/drawing.py:4"),
-    ],
+    some(
+        [
+            ("site-packages", "import drawing", ""),
+            ("site-packages", "import drawing\ndrawing.draw()", "/drawing.py:4"),
+            (
+                "site-packages",
+                "import drawing\nrandom.random()",
+                "by random.random at script.py:11",
+            ),
+            ("mine", "import drawing", "/drawing.py:4"),
+        ],
+        1,
+    ),
 )
 def test_what_a_library_draws_while_it_is_imported_is_its_own(
     bench: Bench, folder: str, line: str, unseeded: str
@@ -1484,6 +1503,7 @@ def test_a_working_directory_that_is_gone_does_not_reach_the_script(bench: Bench
     assert (recorded.ended, recorded.samples) == ("finished", 2)
 
 
+@pytest.mark.long
 def test_pybullet_that_is_imported_again_is_recorded_too(bench: Bench) -> None:
     again = """
 import importlib, sys

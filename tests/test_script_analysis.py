@@ -20,7 +20,7 @@ import pytest
 import scenes
 from altered import otherwise
 from command import drop_here
-from conftest import Drop, Recorder, judge, rerun_rrd
+from conftest import Drop, Recorder, judge, rerun_rrd, some
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.console.show_analysis import show_analysis
 from drop_physics.recording.reader import Recording
@@ -189,7 +189,7 @@ def check_flights(body: BodyAnalysis) -> None:
 
 
 @pytest.mark.parametrize("maximal", [False, True], ids=["reduced", "maximal"])
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", some(SCENES, 12))
 def test_every_sample_is_explained(analyzed: Analyzed, name: str, *, maximal: bool) -> None:
     text, expected = SCENES[name]
     recording, analysis = analyzed(text.replace("{maximal}", str(maximal)))
@@ -535,7 +535,7 @@ INFINITE = {
 
 
 @pytest.mark.parametrize("maximal", [False, True])
-@pytest.mark.parametrize("call", INFINITE)
+@pytest.mark.parametrize("call", some(INFINITE, 3))
 def test_nothing_is_printed_of_states_that_are_infinite(
     tmp_path: Path, drop: Drop, call: str, *, maximal: bool
 ) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from conftest import Recorder
+from conftest import Recorder, some
 from drop_physics import Camera, Scenario, simulate
 from drop_physics.engines.bullet import probe
 from drop_physics.engines.bullet.engine import p
@@ -213,18 +213,21 @@ def test_at_the_rest_height_the_floor_begins_to_push(
 
 @pytest.mark.parametrize(
     ("change", "column"),
-    [
-        ({"linear_damping": 0.5}, "z_m"),
-        ({"angular_damping": 0.5, "spin_rad_s": (0.0, 0.0, 9.0)}, "wz_rad_s"),
-        ({"contact_erp": 0.5}, "z_m"),
-        ({"solver_residual": 0.0}, "z_m"),
-        ({"restitution": 0.5}, "z_m"),
-        ({"coordinates": "maximal"}, "z_m"),
-        ({"restitution_threshold_m_s": 5.0, "restitution": 0.9}, "z_m"),
-        ({"friction": 0.1, "velocity_m_s": (1.0, 0.0, 0.0)}, "x_m"),
-        ({"substeps": 2}, "z_m"),
-        ({"orientation": (45.0, 0.0, 0.0)}, "z_m"),
-    ],
+    some(
+        [
+            ({"linear_damping": 0.5}, "z_m"),
+            ({"angular_damping": 0.5, "spin_rad_s": (0.0, 0.0, 9.0)}, "wz_rad_s"),
+            ({"contact_erp": 0.5}, "z_m"),
+            ({"solver_residual": 0.0}, "z_m"),
+            ({"restitution": 0.5}, "z_m"),
+            ({"coordinates": "maximal"}, "z_m"),
+            ({"restitution_threshold_m_s": 5.0, "restitution": 0.9}, "z_m"),
+            ({"friction": 0.1, "velocity_m_s": (1.0, 0.0, 0.0)}, "x_m"),
+            ({"substeps": 2}, "z_m"),
+            ({"orientation": (45.0, 0.0, 0.0)}, "z_m"),
+        ],
+        3,
+    ),
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else value,
 )
 def test_what_the_engine_does_not_report_shows_in_the_fall(

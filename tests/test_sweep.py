@@ -158,6 +158,7 @@ class Given:
         """Return None: nothing is sampled."""
 
 
+@pytest.mark.long
 def test_a_row_has_the_numbers_of_drop_analyze(tmp_path: Path) -> None:
     """To the last bit, in the air and out of it, whether or not there is a recording."""
     recorded = RunShard(Given(tuple(KINDS)), tmp_path, 0.3, True, None)
@@ -198,6 +199,7 @@ def test_a_row_can_be_replayed_alone_to_the_last_bit(tmp_path: Path, drop: Drop)
 # -- worlds ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_kept_world_gives_the_bits_of_a_new_one() -> None:
     """Scenarios in random order, among them some that start in the floor, after others at rest."""
     chance = random.Random(1)
@@ -283,6 +285,7 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> pl.DataFrame:
     return sweep(plan_of({}, **HEIGHTS), folder, record=False, jobs=1).table()
 
 
+@pytest.mark.long
 def test_processes_give_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -> None:
     reports: list[tuple[int, int, int]] = []
     swept = sweep(
@@ -523,6 +526,7 @@ def test_another_sweep_is_turned_away(
     assert (tmp_path / "results.parquet").read_bytes() == before
 
 
+@pytest.mark.long
 def test_a_sweep_of_a_body_that_was_edited_is_another(tmp_path: Path) -> None:
     """Its URDF, or a mesh that it names."""
     folder, body = tmp_path / "s", tmp_path / "own.urdf"
@@ -542,6 +546,7 @@ def test_a_sweep_of_a_body_that_was_edited_is_another(tmp_path: Path) -> None:
         sweep(plan, folder, record=False)
 
 
+@pytest.mark.long
 def test_recordings_of_runs_that_are_not_needed_go(tmp_path: Path) -> None:
     plan = plan_of({"linear_damping": "0"}, samples=36, seed=1, vary=["gravity=normal:-9.81:1"])
     swept = sweep(plan, tmp_path, jobs=2, until_ci_m=1.0)
@@ -810,6 +815,7 @@ def test_what_comes_while_a_sweep_runs_is_not_replaced(tmp_path: Path) -> None:
     assert theirs.read_text() == "precious"
 
 
+@pytest.mark.long
 def test_runs_of_an_earlier_command_stay_when_they_are_not_needed(tmp_path: Path) -> None:
     plan = plan_of({"linear_damping": "0"}, samples=36, seed=1, vary=["gravity=normal:-9.81:1"])
     whole = sweep(plan, tmp_path, jobs=1).table()
@@ -987,6 +993,7 @@ def test_equal_samples_are_narrow_enough_in_the_end(tmp_path: Path) -> None:
     assert (swept.runs, swept.narrow_enough) == (30, True)
 
 
+@pytest.mark.long
 def test_sampling_stops_when_the_interval_is_narrow_enough(tmp_path: Path) -> None:
     """Without damping the error is g t dt/2; g spreads by 1 m/s², the error by 0.625 mm."""
     plan = plan_of({"linear_damping": "0"}, samples=2000, seed=1, vary=["gravity=normal:-9.81:1"])
@@ -1079,6 +1086,7 @@ def long_sweep(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
+@pytest.mark.long
 def test_interrupted_it_stops_at_once_and_says_how_to_go_on(
     long_sweep: subprocess.Popen[str], tmp_path: Path
 ) -> None:

@@ -24,7 +24,7 @@ import polars as pl
 import pytest
 import typer
 from command import ROOT, drop_here, environment, run_here
-from conftest import Drop, Recorder, judge
+from conftest import Drop, Recorder, judge, some
 from drop_physics.analysis.checking.difference import Difference, Largest, Setting
 from drop_physics.analysis.comparison import Comparison
 from drop_physics.analysis.drop.convergence import StudiedRun, study_of
@@ -116,7 +116,7 @@ CHANCE = "--samples 5 --vary velocity_z=normal:0:0.1 --no-record"
 
 @pytest.mark.parametrize(
     "command",
-    [
+    some([
         "", "--help", *(f"{name} --help" for name in EXAMPLES),
         "run", "simulate --out new.rrd --no-camera --gravity 9.81",
         "analyze run.rrd --at 0.1 --at 0.9", "render run.rrd", "check run.rrd --against run.rrd",
@@ -125,7 +125,7 @@ CHANCE = "--samples 5 --vary velocity_z=normal:0:0.1 --no-record"
         f"sweep --out s --duration 1,0.3001 {CHANCE}",
         "foo", "simulate", "simulate --out new.rrd --timestep 1/0", "render no.rrd",
         "sweep --out s --samples 3 --vary zzz=uniform:1:2", "check run.rrd --against no.rrd",
-    ],
+    ], 6),
 )  # fmt: skip
 def test_no_line_is_wider_than_a_terminal_of_80_columns(
     terminal: Terminal, drop: Drop, tmp_path: Path, standard: Run, command: str
@@ -196,6 +196,7 @@ def test_codes_and_errors_stand_out_on_terminals_only(
     assert drop("analyze", "no.rrd").stderr.startswith("drop: no.rrd does not")
 
 
+@pytest.mark.long
 def test_colours_are_for_terminals_that_want_them(
     terminal: Terminal, drop: Drop, tmp_path: Path, standard: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -265,14 +266,17 @@ def test_names_with_control_characters_are_harmless_in_errors(
 
 @pytest.mark.parametrize(
     ("command", "what"),
-    [
-        ("simulate --out a.rrd --duration 400 --no-camera", "stepping"),
-        ("simulate --out a.rrd", "drawing frames"),
-        ("render run.rrd", "writing gif"),
-        ("analyze run.rrd", "analyzing"),
-        (f"sweep --out s {CHANCE}", "runs, 0 failed"),
-        ("sweep --out s --duration 1,0.3001,2 --no-record", "runs, 1 failed"),
-    ],
+    some(
+        [
+            ("simulate --out a.rrd --duration 400 --no-camera", "stepping"),
+            ("simulate --out a.rrd", "drawing frames"),
+            ("render run.rrd", "writing gif"),
+            ("analyze run.rrd", "analyzing"),
+            (f"sweep --out s {CHANCE}", "runs, 0 failed"),
+            ("sweep --out s --duration 1,0.3001,2 --no-record", "runs, 1 failed"),
+        ],
+        2,
+    ),
 )
 def test_what_takes_long_has_a_bar_with_count_rate_and_time_left(
     terminal: Terminal, tmp_path: Path, standard: Run, command: str, what: str
@@ -841,6 +845,7 @@ def test_info_says_what_a_drop_is_in_ten_lines(drop: Drop, tmp_path: Path, stand
     assert drop("check", "again.rrd", "--against", "run.rrd").returncode == 0
 
 
+@pytest.mark.long
 def test_info_says_what_the_recording_of_a_script_is(drop_process: Drop, tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT.format(boxes=2))
     words = ("record", "--seed", "1", "--steps", "60")
@@ -879,6 +884,7 @@ def test_the_example_of_every_command_is_one_that_it_takes(drop: Drop, name: str
         COMMAND.commands[name].make_context(name, list(arguments), parent=context)
 
 
+@pytest.mark.long
 def test_the_examples_work_one_after_the_other(drop: Drop, tmp_path: Path, standard: Run) -> None:
     """All of them but `view`, which waits for a viewer; the frames of `run` are drawn once."""
     golden = tmp_path / "recordings/golden"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from asked import findings
+from conftest import some
 from drop_physics.analysis.answers.answer import Finding
 from scenes import site
 from test_joints import run
@@ -63,7 +64,7 @@ def said(code: str, scene: str, path: Path) -> list[Finding]:
     return [each for each in findings(scene, path / "a.rrd") if each.code == code]
 
 
-@pytest.mark.parametrize("name", DAMPED)
+@pytest.mark.parametrize("name", some(DAMPED, 1))
 def test_damping_that_takes_the_torque(name: str, tmp_path: Path) -> None:
     """Without it the joint goes farther, by about the share that it takes."""
     file, then, joint = DAMPED[name]
@@ -82,7 +83,7 @@ def test_damping_that_takes_the_torque(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "scene",
-    [
+    some([
         # Its weight is held, and nothing moves.
         ARM.format(file=KUKA, more="pass") + DOWN
         + "for i in range(60):\n    p.setJointMotorControlArray(k, joints, p.TORQUE_CONTROL, "
@@ -102,7 +103,7 @@ def test_damping_that_takes_the_torque(name: str, tmp_path: Path) -> None:
         + CONSTANT.format(joint=0, torque=50).replace("120", "5"),
         # No joint is damped in this file.
         ARM.format(file="cartpole.urdf", more="pass") + CONSTANT.format(joint=0, torque=3),
-    ],
+    ], 2),
 )  # fmt: skip
 def test_damping_that_decides_nothing(scene: str, tmp_path: Path) -> None:
     assert not said("joint-damping", scene, tmp_path)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pybullet as p
 import pytest
+from conftest import some
 from drop_physics.laws import bullet_reports, bullet_tree
 from drop_physics.laws.base import Motion
 from drop_physics.laws.bullet import BulletLaw
@@ -242,7 +243,7 @@ def test_a_tree_that_is_none_is_refused(wrong: dict[str, Any]) -> None:
 # -- kinematics and the mass matrix -------------------------------------------------------------
 
 
-@pytest.mark.parametrize("file", every)
+@pytest.mark.parametrize("file", some(every, 3))
 def test_links_are_where_pybullet_has_them(file: str) -> None:
     """Poses to 1e-14 m or rad; velocities, of up to some 3 m/s, likewise."""
     with engine():
@@ -278,7 +279,7 @@ def test_the_mass_matrix_is_pybullets(file: str) -> None:
 # -- the sum --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("file", every)
+@pytest.mark.parametrize("file", some(every, 3))
 def test_free_motion_closes(file: str) -> None:
     with engine():
         watched = robot(file, height_m=5)
@@ -289,7 +290,7 @@ def test_free_motion_closes(file: str) -> None:
         closes(watched.sum())
 
 
-@pytest.mark.parametrize(("file", "mode"), DRIVEN)
+@pytest.mark.parametrize(("file", "mode"), some(DRIVEN, 16))
 def test_a_robot_on_a_floor_that_may_touch_itself_closes(file: str, mode: str) -> None:
     with engine(floor=True):
         flags = {"flags": p.URDF_USE_SELF_COLLISION} if file.endswith(".urdf") else {}
@@ -330,7 +331,7 @@ def test_what_pulls_a_joint_beyond_its_stop_is_no_stop() -> None:
 LAIKAGO = "r2d2.urdf"
 
 
-@pytest.mark.parametrize("asked", [False, True])
+@pytest.mark.parametrize("asked", some([False, True], 1))
 @pytest.mark.parametrize("torque", [False, True])
 @pytest.mark.parametrize("frame", [p.WORLD_FRAME, p.LINK_FRAME])
 @pytest.mark.parametrize("link", [-1, 3])
@@ -376,7 +377,7 @@ DOES_NOT: dict[str, Callable[[int], object]] = {
 }
 
 
-@pytest.mark.parametrize("name", [*REFRESHES, *DOES_NOT])
+@pytest.mark.parametrize("name", some([*REFRESHES, *DOES_NOT], 1))
 def test_which_calls_let_a_push_use_the_current_pose(name: str) -> None:
     with engine():
         watched = robot(LAIKAGO, height_m=2)

@@ -40,6 +40,7 @@ def ends(found: Trust) -> dict[str, dict[str, float]]:
     return {one.name: {each.unit: each.value for each in one.apart.end} for one in found.variations}
 
 
+@pytest.mark.long
 def test_a_falling_box_converges_with_order_1(tmp_path: Path) -> None:
     found = trusted(
         tmp_path,
@@ -227,6 +228,7 @@ steps(480)
     assert apart["residual 0"]["m"] > 1e-5
 
 
+@pytest.mark.long
 def test_an_arm_with_position_motors_gets_there_sooner_with_a_finer_step(tmp_path: Path) -> None:
     """A motor closes kp of the gap per step: (1 - kp)^n of it is left after n steps."""
     scene = """
@@ -249,6 +251,7 @@ steps(60)
     assert "per step, not per second" in found.findings[0].advice
 
 
+@pytest.mark.long
 def test_the_command_tells_what_stands_and_fails_where_a_variation_ends_too_far(
     tmp_path: Path, drop: Drop
 ) -> None:
@@ -269,6 +272,7 @@ def test_the_command_tells_what_stands_and_fails_where_a_variation_ends_too_far(
     assert drop("trust", "--vary", "gravity", script).returncode == 2
 
 
+@pytest.mark.long
 def test_a_finer_run_is_analyzed_with_its_own_timestep(tmp_path: Path) -> None:
     """The limit of a motor is force x timestep at the call: that was already the finer one."""
     scene = """
@@ -287,6 +291,7 @@ steps(40)
     assert [each.code for each in finer.findings].count("timestep-after-motor") == 0
 
 
+@pytest.mark.long
 def test_an_interrupted_call_is_resumed_and_damage_is_found(tmp_path: Path) -> None:
     scene = "b = p.loadURDF('cube.urdf', [0, 0, 9])\nsteps(9)\n"
     vary = ["gravity=9", "gravity=8"]
@@ -317,6 +322,7 @@ def test_an_interrupted_call_is_resumed_and_damage_is_found(tmp_path: Path) -> N
     assert ends(trusted(tmp_path, scene, vary=vary, force=True)) == ends(first)
 
 
+@pytest.mark.long
 def test_distances_are_written_as_a_table_and_plotted(tmp_path: Path) -> None:
     scene = "b = p.loadURDF('cube.urdf', [0, 0, 9])\nsteps(24)\n"
     plots = [tmp_path / f"{name}.svg" for name in ("light", "dark")]
@@ -372,6 +378,7 @@ steps(9)
     assert found.variations[0].apart.same
 
 
+@pytest.mark.long
 def test_recordings_are_compared_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pieces of seven steps give what the whole gives; a curve keeps so many points."""
     scene = "p.loadURDF('plane.urdf')\n" + "".join(

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scripts
+from conftest import some
 from drop_physics.engines.bullet.watched import Decoder
 from drop_physics.engines.bullet.watching import pipe
 from drop_physics.seen.events import (
@@ -407,7 +408,7 @@ LATE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", LATE)
+@pytest.mark.parametrize("name", some(LATE, 2))
 def test_steps_after_the_last_line_count(tmp_path: Path, name: str) -> None:
     late, how = LATE[name]
     events, ending, printed = watched(tmp_path, FALL + late)

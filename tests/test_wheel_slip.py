@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from asked import findings
+from conftest import some
 from contact_scenes import bare
 from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.story import Story
@@ -122,7 +123,7 @@ def slips(scene: str, path: Path) -> list[Finding]:
     return [each for each in findings(scene, path / "scene.rrd") if each.code == "wheel-slip"]
 
 
-@pytest.mark.parametrize("name", SLIP)
+@pytest.mark.parametrize("name", some(SLIP, 1))
 def test_wheels_that_slip(name: str, tmp_path: Path) -> None:
     scene, cured = SLIP[name]
     (one,) = slips(scene, tmp_path)
@@ -152,6 +153,6 @@ def test_a_turn_on_the_spot_drags_wheels_sideways(tmp_path: Path) -> None:
     assert one.advice is None  # more friction does not help
 
 
-@pytest.mark.parametrize("name", ROLL)
+@pytest.mark.parametrize("name", some(ROLL, 4))
 def test_wheels_that_roll_or_are_held(name: str, tmp_path: Path) -> None:
     assert not slips(ROLL[name], tmp_path)

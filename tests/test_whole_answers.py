@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from conftest import some
 from scenes import analyze, record, site
 from scenes import found as of_code
 from test_call_answers import AIR, CUBE, FLOOR, KUKA, ask, one
@@ -64,13 +65,13 @@ LOOSE = AIR + KUKA + "for j in range(7): p.setJointMotorControl2(k, j, p.VELOCIT
 
 @pytest.mark.parametrize(
     ("scene", "cured", "term"),
-    [
+    some([
         (AIR + KUKA + SINE.format(gain=0.1), AIR + KUKA + SINE.format(gain=1), "joint damping"),
         (LOOSE + "\np.resetJointState(k, 6, 0, 0.5)\nsteps(99)",
          LOOSE + "\np.changeDynamics(k, 6, jointDamping=0)\np.resetJointState(k, 6, 0, 0.5)\n"
          "steps(99)", "joint damping"),
         (A1.format(kd=5), A1.format(kd=0.2), "applied"),
-    ],
+    ], 1),
 )  # fmt: skip
 def test_what_rings_and_what_feeds_it(scene: str, cured: str, term: str, tmp_path: Path) -> None:
     found = one(scene, tmp_path, "unstable")
@@ -125,7 +126,7 @@ steps(30)
 
 @pytest.mark.parametrize(
     "scene",
-    [
+    some([
         PENDULUM,
         FAN.format(rate=90),
         FAN.format(rate=150),
@@ -137,7 +138,7 @@ steps(30)
         ROBOTS.format(file="r2d2.urdf", z=0.5, turn="0, 0, 0, 1", fixed=False),
         ROBOTS.format(file="franka_panda/panda.urdf", z=0, turn="0, 0, 0, 1", fixed=True),
         ROBOTS.format(file="kuka_iiwa/model.urdf", z=0, turn="0, 0, 0, 1", fixed=True),
-    ],
+    ], 3),
 )  # fmt: skip
 def test_what_does_not_ring(scene: str, tmp_path: Path) -> None:
     assert not ask(scene, tmp_path, "unstable")
@@ -180,8 +181,8 @@ steps(60)
 
 @pytest.mark.parametrize(
     "more",
-    ["p.removeBody(low)", "p.setGravity(3, 0, 9.81)",
-     "p.resetBasePositionAndOrientation(low, [5, 0, 0.2], [0, 0, 0, 1])"],
+    some(["p.removeBody(low)", "p.setGravity(3, 0, 9.81)",
+     "p.resetBasePositionAndOrientation(low, [5, 0, 0.2], [0, 0, 0, 1])"], 1),
 )  # fmt: skip
 def test_a_body_that_sleeps_through_it(more: str, tmp_path: Path) -> None:
     flags = ", flags=p.URDF_ENABLE_SLEEPING"
@@ -227,10 +228,13 @@ for i in range(2 * {rate}):
 
 @pytest.mark.parametrize(
     ("scene", "unit"),
-    [
-        (TUMBLING.format(rate=240, spin="[0.05, 10, 0.05]", n=2400), "kg m²/s"),
-        (FLOATING.format(file="kuka_iiwa/model_free_base.urdf", rate=240, force=100), "kg m/s"),
-    ],
+    some(
+        [
+            (TUMBLING.format(rate=240, spin="[0.05, 10, 0.05]", n=2400), "kg m²/s"),
+            (FLOATING.format(file="kuka_iiwa/model_free_base.urdf", rate=240, force=100), "kg m/s"),
+        ],
+        1,
+    ),
 )
 def test_momentum_that_nothing_gave(scene: str, unit: str, tmp_path: Path) -> None:
     found = one(scene, tmp_path, "momentum-drift")
@@ -283,18 +287,21 @@ def test_a_call_is_blamed_only_for_its_own_body(
 @pytest.mark.parametrize("how", ["", ", useMaximalCoordinates=True"])
 @pytest.mark.parametrize(
     "call",
-    [
-        "p.changeDynamics(b, -1, linearDamping=0, maxJointVelocity=1e308)\n"
-        "p.resetBaseVelocity(b, [1e200, 0, 0])",
-        "p.resetBasePositionAndOrientation(b, [0, 0, 1e100], [0, 0, 0, 1])",
-        "p.changeDynamics(b, -1, mass=float('inf'))",
-        "p.changeDynamics(b, -1, localInertiaDiagonal=[float('nan'), 1, 1])",
-        "p.setTimeStep(1e300)",
-        "k = p.loadURDF('kuka_iiwa/model.urdf')\np.resetJointState(k, 2, 0, float('inf'))",
-        "k = p.loadURDF('kuka_iiwa/model.urdf', useFixedBase=True)\n"
-        "p.setJointMotorControl2(k, 2, p.POSITION_CONTROL, 1, positionGain=float('inf'))",
-        "p.loadURDF('cube_small.urdf', globalScaling=1e300)",
-    ],
+    some(
+        [
+            "p.changeDynamics(b, -1, linearDamping=0, maxJointVelocity=1e308)\n"
+            "p.resetBaseVelocity(b, [1e200, 0, 0])",
+            "p.resetBasePositionAndOrientation(b, [0, 0, 1e100], [0, 0, 0, 1])",
+            "p.changeDynamics(b, -1, mass=float('inf'))",
+            "p.changeDynamics(b, -1, localInertiaDiagonal=[float('nan'), 1, 1])",
+            "p.setTimeStep(1e300)",
+            "k = p.loadURDF('kuka_iiwa/model.urdf')\np.resetJointState(k, 2, 0, float('inf'))",
+            "k = p.loadURDF('kuka_iiwa/model.urdf', useFixedBase=True)\n"
+            "p.setJointMotorControl2(k, 2, p.POSITION_CONTROL, 1, positionGain=float('inf'))",
+            "p.loadURDF('cube_small.urdf', globalScaling=1e300)",
+        ],
+        3,
+    ),
 )
 def test_numbers_that_overflow_warn_nobody(call: str, how: str, tmp_path: Path) -> None:
     """Warnings are errors here, in recording and in analysis."""
