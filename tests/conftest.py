@@ -113,7 +113,7 @@ def judge(
     if states is not None or contacts is not None:
         contacts = recording.contacts if contacts is None else contacts
         seen = replace(seen, sampled=Sampled(mine, contacts, None))
-    return drop_analysis_of(recording.scenario, recording.engine, seen, mine, at_s=at_s)
+    return drop_analysis_of(recording.scenario, recording.engine, seen, at_s=at_s)
 
 
 def said(finding: Finding) -> str:

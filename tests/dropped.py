@@ -61,4 +61,4 @@ def analysis_of_world(world: World) -> DropAnalysis:
         sampled=Sampled(states, contacts, batch.joints),
         real_time=False, unseeded=(), machine=engine.machine or "",
     )  # fmt: skip
-    return drop_analysis_of(world.scenario, engine, seen, states)
+    return drop_analysis_of(world.scenario, engine, seen)

@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drop_physics.analysis.drop.analysis import fall_analysis_of
+from drop_physics.analysis.drop.analysis import fall_of
+from drop_physics.analysis.drop.case import case_seen
 from drop_physics.analysis.drop.results import FallAnalysis
 from drop_physics.analysis.results import Analysis
 from drop_physics.analysis.story import analysis_of
@@ -147,9 +148,7 @@ def render(
         with written_whole(plotted, force=force, ours=plot is None) as file:
             file.write(_story(told, plotted.suffix[1:], dark))
         return Rendering(gif=gif, frames=count, fps=played.fps, plot=plotted, speed=played.speed)
-    analysis = fall_analysis_of(
-        read_back.scenario, read_back.engine, read_back.states, read_back.contacts
-    )
+    analysis = fall_of(case_seen(read_back.scenario, read_back.engine, read_back.seen)).analysis
     drawing = (analysis.table, plotted.suffix[1:], _facts(read_back.scenario, analysis), dark)
     if assistant is not None:
         assistant.ask("drop_physics.figures.plot:plotted", *drawing)

@@ -189,17 +189,13 @@ class RunShard:
         return Batch.joined(seen)
 
     def _analyzed_recording(self, path: Path) -> Moment:
-        from drop_physics.analysis.drop.analysis import fall_analysis_of
+        from drop_physics.analysis.drop.analysis import fall_of
+        from drop_physics.analysis.drop.case import case_seen
         from drop_physics.recording.reader import read
 
         recording = read(path)
-        return fall_analysis_of(
-            recording.scenario,
-            recording.engine,
-            recording.states,
-            recording.contacts,
-            at_s=[self.at_s],
-        ).at[0]
+        case = case_seen(recording.scenario, recording.engine, recording.seen)
+        return fall_of(case, at_s=[self.at_s]).analysis.at[0]
 
     def _analyzed(self, world: LastingWorld | OtherWorld, fall: Batch) -> Moment:
         from drop_physics.analysis.drop.analysis import fall_analysis_of

@@ -69,7 +69,7 @@ class Air:
         case, step = self.case, self.departs
         if not step or self.is_lawless or not case.scenario.floor:
             return None
-        if case.scenario.engine in UNBALANCED and (case.touches.step == step).any():
+        if case.scenario.engine in UNBALANCED and case.samples.contact_points[step]:
             return step
         if not case.hides_contacts:
             return None

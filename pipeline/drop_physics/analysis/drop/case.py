@@ -18,6 +18,7 @@ from drop_physics.laws.rotations import same_way
 from drop_physics.laws.theory import Fall
 from drop_physics.report import EngineReport
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS, Scenario
+from drop_physics.seen.history import Seen, joined
 from drop_physics.states import BODY
 
 Float64 = NDArray[np.float64]
@@ -37,7 +38,8 @@ class Case:
     scenario: Scenario
     engine: EngineReport
     samples: Samples
-    contacts: Contacts
+    touches: Touches
+    """Its contact points, or those of its base, at least until the first that pushes."""
 
     @cached_property
     def fall(self) -> Fall:
@@ -66,11 +68,6 @@ class Case:
             np.array_equal(getattr(mine, name), getattr(start, name))
             for name in ("position_m", "velocity_m_s", "spin_rad_s")
         )
-
-    @cached_property
-    def touches(self) -> Touches:
-        """The contact points of the body; of its base if it has joints."""
-        return self.contacts.of(BODY)
 
     @property
     def timestep_s(self) -> float:
@@ -176,5 +173,23 @@ class Case:
 def case_of(
     scenario: Scenario, engine: EngineReport, states: pl.DataFrame, contacts: pl.DataFrame
 ) -> Case:
-    """Return the case that a recording holds."""
-    return Case(scenario, engine, samples_of(states, contacts), Contacts(contacts))
+    """Return the case that tables hold: one row per sample and part, one per contact point."""
+    return Case(scenario, engine, samples_of(states, contacts), Contacts(contacts).of(BODY))
+
+
+def case_seen(scenario: Scenario, engine: EngineReport, seen: Seen) -> Case:
+    """Return the case of a recording, which is read piece by piece."""
+    parts, near = [], []
+    for piece in seen.pieces():
+        its = piece.contacts.with_columns(pl.col("step") - piece.first)
+        part = samples_of(joined(seen.parts_of(piece)), its)
+        parts.append(part)
+        if not any(map(pushes, parts[:-1])):
+            near.append(piece.contacts)
+    touches = Contacts(pl.concat(near)).of(BODY)
+    return Case(scenario, engine, Samples.joined(parts), touches)
+
+
+def pushes(samples: Samples) -> bool:
+    """Whether contact pushed in any sample."""
+    return bool((samples.contact_force_n > 0).any())

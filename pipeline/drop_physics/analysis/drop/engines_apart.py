@@ -66,8 +66,8 @@ def apart(run: Case, golden: Case, *, parts_at: int | None) -> Message:
 
 def _first_touch(case: Case) -> int:
     """Return the first sample that a contact led to; the number of samples if there is none."""
-    steps = case.contacts.step
-    return int(steps[0]) if len(steps) else len(case.samples)
+    near = np.flatnonzero(case.samples.contact_points)
+    return int(near[0]) if len(near) else len(case.samples)
 
 
 def _distance(run: Case, golden: Case, last: int) -> Message:

@@ -106,7 +106,7 @@ def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact |
 
 def _deepest_point_m(case: Case) -> float:
     """Return how deep a point of contact was in the floor [m], at most."""
-    distance_m = case.contacts.distance_m
+    distance_m = case.samples.contact_distance_m
     return -float(distance_m[np.isfinite(distance_m)].min(initial=0.0))
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 import polars as pl
@@ -27,6 +28,20 @@ class Samples(Motion):
     """Sum of their normal forces [N], shape (samples,)."""
     links: tuple[Motion, ...] = ()
     """The other links of a body with joints, where recorded."""
+
+    @classmethod
+    def joined(cls, parts: Sequence[Samples]) -> Samples:
+        """Return consecutive samples as one."""
+        names = [each.name for each in fields(cls) if each.name != "links"]
+        links = zip(*(part.links for part in parts), strict=True)
+        return cls(
+            **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+            links=tuple(
+                Motion(*(np.concatenate([getattr(motion, each.name) for motion in motions])
+                    for each in fields(Motion)))
+                for motions in links
+            ),
+        )  # fmt: skip
 
     @property
     def height_m(self) -> Float64:

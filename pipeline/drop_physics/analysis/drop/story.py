@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import fields, replace
 
 import numpy as np
-import polars as pl
 
 from drop_physics.analysis import story
 from drop_physics.analysis.drop.analysis import Fall, fall_of
-from drop_physics.analysis.drop.case import Case, case_of
+from drop_physics.analysis.drop.case import Case, case_seen
 from drop_physics.analysis.drop.evidence import Evidence
 from drop_physics.analysis.drop.findings import findings
 from drop_physics.analysis.drop.results import DropAnalysis
@@ -35,7 +34,6 @@ def drop_analysis_of(
     scenario: Scenario,
     engine: EngineReport,
     seen: Seen,
-    states: pl.DataFrame,
     *,
     at_s: Sequence[float] = (),
 ) -> DropAnalysis:
@@ -49,8 +47,6 @@ def drop_analysis_of(
         What the engine reported about the body and the floor.
     seen
         What was recorded.
-    states
-        Its samples, a row per sample and part in the order of steps.
     at_s
         Times at which to break down the error, and to report steps as sums [s]; without any, the
         error at 0.3 s where that is in free flight.
@@ -60,7 +56,7 @@ def drop_analysis_of(
     ScenarioError
         If a time lies outside the recording.
     """
-    case = case_of(scenario, engine, states, seen.contacts)
+    case = case_seen(scenario, engine, seen)
     fall = fall_of(case, at_s=at_s)
     seen = replace(seen, samples={0: len(case.samples)}, machine=engine.machine or "")
     other = None if case.is_bullet else case.law
