@@ -36,7 +36,7 @@ from drop_physics.states import BASE, STATE, Joints, Rows
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-PIECE = 1 << 15
+PIECE = 1 << 13
 """Steps in a piece."""
 
 

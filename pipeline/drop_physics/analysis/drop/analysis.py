@@ -22,7 +22,7 @@ from drop_physics.analysis.drop.landing import (
     find_rest,
     law_path,
 )
-from drop_physics.analysis.drop.mechanics import Mechanics, max_relative_drift, mechanics
+from drop_physics.analysis.drop.mechanics import BLOCK, max_relative_drift, mechanics
 from drop_physics.analysis.drop.one_sample import DEFAULT_AT_S
 from drop_physics.analysis.drop.phases import Phases, phases_of, touching
 from drop_physics.analysis.drop.posture import tumbled_step, tumbles
@@ -75,8 +75,8 @@ def fall_of(case: Case, *, at_s: Sequence[float] = ()) -> Fall:
         air = Air(case, phases)
     coverage = coverage_of(air)
     parts = decompose(case.law, case.fall, case.samples.position_m[: coverage.samples])
-    energies = mechanics(case.engine, case.samples)
-    table = _table(case, phases, parts, energies)
+    table = _table(case, phases, parts)
+    energy_j = table["energy_j"].to_numpy()
     tumbled = tumbled_step(case, touching(case.samples))
     law, landing = law_path(case), find_landing(case)
     analysis = FallAnalysis(
@@ -92,8 +92,8 @@ def fall_of(case: Case, *, at_s: Sequence[float] = ()) -> Fall:
         contact=find_contact(case, phases, tumbled, law),
         bounces=find_bounces(case, tumbled),
         rest=find_rest(case, phases, tumbled, law),
-        conservation=_conservation(case, energies, phases.airborne),
-        contact_j=contact_energy_j(case, energies, airborne=phases.airborne),
+        conservation=_conservation(case, phases.airborne),
+        contact_j=contact_energy_j(case, energy_j, airborne=phases.airborne),
         table=table,
     )
     return Fall(case, phases, air, law, analysis)
@@ -111,24 +111,33 @@ def fall_analysis_of(
     return fall_of(case_of(scenario, engine, states, contacts), at_s=at_s).analysis
 
 
-def _table(case: Case, phases: Phases, parts: Decomposition, energies: Mechanics) -> pl.DataFrame:
+def _table(case: Case, phases: Phases, parts: Decomposition) -> pl.DataFrame:
     """Return one row per sample; error terms are null where free flight is not covered."""
+    column = phases.column()
+    return pl.concat([
+        _rows(case, slice(first, first + BLOCK), column, parts)
+        for first in range(0, phases.samples, BLOCK)
+    ])  # fmt: skip
+
+
+def _rows(case: Case, rows: slice, phase: pl.Series, parts: Decomposition) -> pl.DataFrame:
+    """Return some rows of the table."""
+    height_m, time_s = case.samples.height_m[rows], case.time_s[rows]
+    energies = mechanics(case.engine, case.samples, rows)
 
     def explained(values: Float64) -> pl.Series:
-        return pl.Series(values, dtype=pl.Float64).extend_constant(
-            None, phases.samples - len(values)
-        )
+        held = values[rows]
+        return pl.Series(held, dtype=pl.Float64).extend_constant(None, len(height_m) - len(held))
 
-    height_m = case.samples.height_m
     return pl.DataFrame(
         {
-            "step": np.arange(phases.samples),
-            "time_s": case.time_s,
-            "phase": phases.column(),
+            "step": np.arange(rows.start, rows.start + len(height_m)),
+            "time_s": time_s,
+            "phase": phase[rows],
             "simulated_m": height_m,
-            "free_fall_m": case.free_fall_m,
-            "damped_fall_m": case.damped_fall_m,
-            "error_m": height_m - case.free_fall_m,
+            "free_fall_m": case.free_fall_m[rows],
+            "damped_fall_m": case.damped_fall_m[rows],
+            "error_m": height_m - case.free_fall_m[rows],
             **{f"{name}_m": explained(getattr(parts, f"{name}_m")[:, 2]) for name in TERMS},
             "kinetic_linear_j": energies.kinetic_linear_j,
             "kinetic_angular_j": energies.kinetic_angular_j,
@@ -183,12 +192,13 @@ def _airborne(parts: Decomposition) -> Airborne:
     )
 
 
-def _conservation(case: Case, energies: Mechanics, airborne: int) -> Conservation:
+def _conservation(case: Case, airborne: int) -> Conservation:
+    energies = mechanics(case.engine, case.samples, slice(max(airborne, 1)))
+    initial_j = float(energies.total_j[0])
     if case.substeps > 1 and not case.is_rigid:  # when it first touched is not known
-        return Conservation(float(energies.total_j[0]), None, None)
-    free = slice(max(airborne, 1))
+        return Conservation(initial_j, None, None)
     return Conservation(
-        energy_initial_j=float(energies.total_j[0]),
-        energy_max_rel_drift=max_relative_drift(energies.total_j[free]),
-        angular_momentum_max_rel_drift=max_relative_drift(energies.angular_momentum_kg_m2_s[free]),
+        energy_initial_j=initial_j,
+        energy_max_rel_drift=max_relative_drift(energies.total_j),
+        angular_momentum_max_rel_drift=max_relative_drift(energies.angular_momentum_kg_m2_s),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -179,17 +180,17 @@ def case_of(
 
 def case_seen(scenario: Scenario, engine: EngineReport, seen: Seen) -> Case:
     """Return the case of a recording, which is read piece by piece."""
-    parts, near = [], []
-    for piece in seen.pieces():
-        its = piece.contacts.with_columns(pl.col("step") - piece.first)
-        part = samples_of(joined(seen.parts_of(piece)), its)
-        parts.append(part)
-        if not any(map(pushes, parts[:-1])):
-            near.append(piece.contacts)
-    touches = Contacts(pl.concat(near)).of(BODY)
-    return Case(scenario, engine, Samples.joined(parts), touches)
+    near: list[pl.DataFrame] = []
 
+    def parts() -> Iterator[Samples]:
+        pushed = False
+        for piece in seen.pieces():
+            if not pushed:
+                near.append(piece.contacts)
+            its = piece.contacts.with_columns(pl.col("step") - piece.first)
+            part = samples_of(joined(seen.parts_of(piece)), its)
+            pushed = pushed or bool((part.contact_force_n > 0).any())
+            yield part
 
-def pushes(samples: Samples) -> bool:
-    """Whether contact pushed in any sample."""
-    return bool((samples.contact_force_n > 0).any())
+    samples = Samples.gathered(parts(), seen.sampled.last + 1)
+    return Case(scenario, engine, samples, Contacts(pl.concat(near)).of(BODY))

@@ -16,15 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.drop.case import Case
-from drop_physics.analysis.drop.mechanics import Mechanics
+from drop_physics.analysis.drop.mechanics import BLOCK
 
 Float64 = NDArray[np.float64]
 
 
-def contact_energy_j(case: Case, energies: Mechanics, *, airborne: int) -> float | None:
+def contact_energy_j(case: Case, energy_j: Float64, *, airborne: int) -> float | None:
     """Return the energy that contact gave [J], what the spin lost to damping and turns included.
 
-    None where no law of the body is known, and of several steps per sample.
+    `energy_j` is the mechanical energy of each sample. None where no law of the body is known, and
+    of several steps per sample.
     """
     law = case.law
     if not case.is_rigid or case.substeps > 1 or not law.covers(case.samples).all():
@@ -33,11 +34,14 @@ def contact_energy_j(case: Case, energies: Mechanics, *, airborne: int) -> float
     velocity = case.samples.velocity_m_s[rows]
     if not case.scenario.stepped or len(velocity) < 2:
         return 0.0
-    before, after = velocity[:-1], velocity[1:]
     gravity = np.array(law.gravity_m_s2)
-    drag = law.held(law.free_velocities(before)) - before - dt * gravity
-    mass_kg, total_j = case.engine.mass_kg, energies.total_j[rows]
-    taken_j = float(np.sum(drag * (before + after))) * mass_kg / 2
+    mass_kg, total_j = case.engine.mass_kg, energy_j[rows]
+    taken_j = 0.0
+    for first in range(0, len(velocity) - 1, BLOCK):
+        block = velocity[first : first + BLOCK + 1]
+        before, after = block[:-1], block[1:]
+        drag = law.held(law.free_velocities(before)) - before - dt * gravity
+        taken_j += float(np.sum(drag * (before + after))) * mass_kg / 2
     if law.semi_implicit:
         taken_j -= mass_kg * dt / 2 * float((velocity[-1] - velocity[0]) @ gravity)
     return float(total_j[-1] - total_j[0]) - taken_j

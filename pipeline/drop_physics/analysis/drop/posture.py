@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,8 @@ law reproduced 500 rebounds to 1.2e-4 of the approach; beyond it corners land on
 (`tests/test_contact_law.py`)."""
 SMALL_RAD = 1e-4
 """Tilt that moves the centre of a small body by no more than the contact slop."""
+BLOCK = 1 << 16
+"""Samples whose posture is computed at a time."""
 _UP = np.array([[0.0, 0.0, 1.0]])
 _ALL = slice(None)
 
@@ -32,8 +36,12 @@ def turned_rad(case: Case, samples: slice = _ALL) -> Float64:
 
     Turning about the vertical is not a tilt. A ball is never tilted.
     """
-    up = up_in_body(case, samples)
-    return np.zeros(len(up)) if case.is_ball else _angle(up, up_in_body(case, slice(1)))
+    if case.is_ball:
+        return np.zeros(len(range(*samples.indices(len(case.samples)))))
+    released = up_in_body(case, slice(1))
+    return np.concatenate(
+        [_angle(up_in_body(case, block), released) for block in _blocks(case, samples)]
+    )
 
 
 def tilt_rad(case: Case, samples: slice = _ALL) -> Float64:
@@ -43,12 +51,25 @@ def tilt_rad(case: Case, samples: slice = _ALL) -> Float64:
     """
     if not case.is_box:
         return turned_rad(case, samples)
-    up = _up_in_box(case, samples)
+    return np.concatenate(
+        [_from_a_face(_up_in_box(case, block)) for block in _blocks(case, samples)]
+    )
+
+
+def _from_a_face(up: Float64) -> Float64:
+    """Return the angle between unit vectors in a box and its nearest axis [rad], (n,)."""
     nearest = np.zeros_like(up)
     axes = np.abs(up).argmax(axis=1)
     rows = np.arange(len(up))
     nearest[rows, axes] = np.sign(up[rows, axes])
     return _angle(up, nearest)
+
+
+def _blocks(case: Case, samples: slice) -> Iterator[slice]:
+    """Yield consecutive samples, few enough that a million do not take much memory."""
+    first, end, _ = samples.indices(len(case.samples))
+    for begin in range(first, max(end, first + 1), BLOCK):
+        yield slice(begin, min(begin + BLOCK, end))
 
 
 def tumbled_step(case: Case, touching: NDArray[np.bool_]) -> int | None:

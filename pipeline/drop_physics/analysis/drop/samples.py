@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -30,18 +30,28 @@ class Samples(Motion):
     """The other links of a body with joints, where recorded."""
 
     @classmethod
-    def joined(cls, parts: Sequence[Samples]) -> Samples:
-        """Return consecutive samples as one."""
-        names = [each.name for each in fields(cls) if each.name != "links"]
-        links = zip(*(part.links for part in parts), strict=True)
-        return cls(
-            **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
-            links=tuple(
-                Motion(*(np.concatenate([getattr(motion, each.name) for motion in motions])
-                    for each in fields(Motion)))
-                for motions in links
-            ),
-        )  # fmt: skip
+    def gathered(cls, parts: Iterable[Samples], samples: int) -> Samples:
+        """Return consecutive samples as one; each part may be freed before the next is made."""
+        whole, end = None, 0
+        for part in parts:
+            whole = whole or part.spread(samples)
+            rows, end = slice(end, end + len(part)), end + len(part)
+            for mine, its in zip((whole, *whole.links), (part, *part.links), strict=True):
+                for each in fields(type(mine)):
+                    if each.name != "links":
+                        getattr(mine, each.name)[rows] = getattr(its, each.name)
+        assert whole is not None
+        return whole
+
+    def spread(self, samples: int) -> Samples:
+        """Return room for so many samples of the same kind."""
+
+        def room(motion: Motion) -> dict[str, Float64]:
+            arrays = {each.name: getattr(motion, each.name) for each in fields(type(motion))
+                if each.name != "links"}  # fmt: skip
+            return {name: np.empty((samples, *each.shape[1:])) for name, each in arrays.items()}
+
+        return Samples(**room(self), links=tuple(Motion(**room(link)) for link in self.links))
 
     @property
     def height_m(self) -> Float64:
