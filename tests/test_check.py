@@ -10,6 +10,8 @@ import io
 import json
 import math
 import os
+import re
+import shutil
 import textwrap
 from collections.abc import Callable
 from dataclasses import replace
@@ -1341,3 +1343,25 @@ def test_a_recordings_properties_have_a_checksum(
     altered = rewritten(golden, tmp_path / "altered.rrd", entity, change)
     with pytest.raises(RecordingError, match=r"fails its checksum; .*: drop record"):
         read(altered)
+
+
+def test_a_summary_is_a_table_in_markdown_after_what_is_there(
+    drop: Drop, tmp_path: Path, standard: Run
+) -> None:
+    shutil.copy(standard.simulation.recording, tmp_path / "golden.rrd")
+    (tmp_path / "summary.md").write_text("# Physics\n\n")
+    drop("simulate", "--out", "a|b.rrd", "--linear-damping", "0", "--no-camera")
+    arguments = ("--against", "golden.rrd", "--summary", "summary.md")
+    assert drop("check", "golden.rrd", "--against", "golden.rrd").returncode == 0
+    assert drop("check", "a|b.rrd", *arguments).returncode == 3
+    text = (tmp_path / "summary.md").read_text()
+    assert text.startswith("# Physics\n\n#### drop check: differs\n\na|b.rrd and golden.rrd\n")
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    assert all(len(re.findall(r"(?<!\\)[|]", row)) == 3 for row in rows), rows
+    (first,) = [row for row in rows if row.startswith("| first")]
+    assert "z\\_m: 0.9994890625, golden 0.9994890920456699" in first
+    assert "`drop check 'a|b.rrd' --against golden.rrd --update`" in text
+    done = drop("check", "a|b.rrd", "--against", "golden.rrd", "--summary", "golden.rrd")
+    assert (done.returncode, done.stdout) == (1, "")
+    done = drop("check", "a|b.rrd", "--against", "golden.rrd", "--summary", "nowhere/s.md")
+    assert (done.returncode, done.stdout) == (1, "")

@@ -296,16 +296,28 @@ def check(
     update: Annotated[
         bool, typer.Option("--update", help="Make RUN.rrd the golden recording.")
     ] = False,
+    summary: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Append the verdict to this file, as Markdown for a CI's summary."
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Compare a recording with a golden one; exit with 3 if the physics differs.
 
     Both must be of a drop, or both of a script.
     """
-    from drop_physics.console.show_check import show_check
+    from drop_physics.console.show_check import append_summary, show_check
+    from drop_physics.files.outputs import check_apart, check_target
     from drop_physics.stages.check import check
 
+    if summary is not None:
+        check_target(summary, force=True)
+        check_apart([summary], inputs=[run, against])
     checked = check(run, against, tolerance_m=tolerance, update=update)
+    if summary is not None:
+        append_summary(checked, summary)
     raise typer.Exit(show_check(checked, as_json=json))
 
 

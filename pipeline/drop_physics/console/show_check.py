@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -11,22 +12,29 @@ from drop_physics.analysis.checking.tolerance import IN_CONTACT_M
 from drop_physics.analysis.jsonable import jsonable
 from drop_physics.console.output import print_json, print_lines, titled
 from drop_physics.console.words import NONE
-from drop_physics.messages import Message, joined
+from drop_physics.files.outputs import output_errors
+from drop_physics.messages import Message, joined, localized, shell_command, translated
 from drop_physics.scenario import Scenario
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from drop_physics.analysis.checking.calls import OtherCall
     from drop_physics.analysis.checking.difference import Largest
     from drop_physics.analysis.comparison import Comparison
     from drop_physics.seen.calls import Call
     from drop_physics.stages.check import Check, Frames
 
+Pair = tuple[str, str]
+"""A title, and words."""
 DIFFERS = 3
 """The exit code of a check that found a difference, or could not compare everything."""
 GOLDEN, IDENTICAL, NOTHING = Message("golden"), Message("identical"), Message("nothing")
 GIVEN = {True: Message("given"), False: Message("not given")}
 MOST = 6
 """Inputs that are listed; all are in the JSON."""
+COLUMN = 12
+"""Columns that a title takes."""
 LONGEST = 160
 """Characters of a call's arguments."""
 
@@ -38,6 +46,18 @@ def show_check(check: Check, *, as_json: bool) -> int:
     else:
         print_lines(*check_lines(check))
     return 0 if check.same or check.updated else DIFFERS
+
+
+def append_summary(check: Check, file: Path) -> None:
+    """Append the verdict to a file, as Markdown.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    with output_errors(file), file.open("a", encoding="utf-8") as stream:
+        stream.write(summary_of(check))
 
 
 # -- as JSON --------------------------------------------------------------------------------------
@@ -89,6 +109,30 @@ def _call_json(call: Call | None) -> dict[str, Any] | None:
 
 def check_lines(check: Check) -> list[str]:
     """Say whether the two are the same, and if not, where and how."""
+    pairs = _told(check)
+    return [line for pair in pairs for line in titled(*pair, column=COLUMN)]
+
+
+def summary_of(check: Check) -> str:
+    """Return the same as Markdown, such as a CI service shows beside a job."""
+    (verdict, both), *others = _told(check)
+    rows = [f"| {_cell(title)} | {_cell(words)} |\n" for title, words in others]
+    table = ["| | |\n", "| --- | --- |\n", *rows] if rows else []
+    meant = []
+    if not (check.same or check.updated):
+        update = ("check", check.recording, "--against", check.golden, "--update")
+        words = localized("If the change is intended: {command}", command="`{}`")
+        meant = ["\n", words.format(shell_command("drop", *update)), "\n"]
+    return "".join([f"#### drop check: {translated(verdict)}\n\n", f"{translated(both)}\n\n",
+        *table, *meant, "\n"])  # fmt: skip
+
+
+def _cell(words: str) -> str:
+    return re.sub(r"([\\|`*_<>\[\]])", r"\\\1", translated(words)).replace("\n", " ")
+
+
+def _told(check: Check) -> list[Pair]:
+    """Return what there is to say: titles and words."""
     compared = check.comparison
     if compared is None:
         return _updated(check)
@@ -122,11 +166,11 @@ def check_lines(check: Check) -> list[str]:
     return [*lines, *_updated(check)] if check.updated else lines
 
 
-def _line(title: str, words: str) -> list[str]:
-    return titled(title, words, column=12)
+def _line(title: str, words: str) -> list[Pair]:
+    return [(title, words)]
 
 
-def _verdict(check: Check) -> list[str]:
+def _verdict(check: Check) -> list[Pair]:
     """Say whether two recordings are the same; nobody knows where something is left out."""
     undecided = check.first is None and bool(check.not_compared)
     verdict = Message("same") if check.same else Message("differs")
@@ -135,7 +179,7 @@ def _verdict(check: Check) -> list[str]:
     return _line(Message("undecided") if undecided else verdict, both)
 
 
-def _updated(check: Check) -> list[str]:
+def _updated(check: Check) -> list[Pair]:
     """Say which recording is the golden one now."""
     words = Message(
         "{golden} is now {recording}", golden=str(check.golden), recording=str(check.recording)
@@ -151,7 +195,7 @@ def _left_out(bodies: Sequence[str]) -> Message:
     )
 
 
-def _distances(check: Check, compared: Comparison) -> list[str]:
+def _distances(check: Check, compared: Comparison) -> list[Pair]:
     """Say how far apart positions are, and joints."""
     if compared.largest_difference_m is None:
         return []
@@ -275,9 +319,9 @@ def _frames(frames: Frames) -> Message:
     return counts if frames.why is None else joined("; ", [counts, frames.why])
 
 
-def _facts(compared: Comparison) -> list[str]:
+def _facts(compared: Comparison) -> list[Pair]:
     """Say what differs besides the physics, and what may differ from run to run."""
-    lines = []
+    lines: list[Pair] = []
     for setting in compared.script:
         if setting.name == "script_sha256":
             lines += _line(Message("script"), Message("its text differs"))
