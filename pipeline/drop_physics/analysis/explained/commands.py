@@ -18,7 +18,7 @@ from drop_physics.seen.events import At
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-TORQUE, PD = 1, 3
+VELOCITY, TORQUE, POSITION, PD = 0, 1, 2, 3
 """`controlMode` of `setJointMotorControl2` and its like."""
 GAINS = {"positionGain": 0.1, "velocityGain": 1.0, "targetPosition": 0.0, "targetVelocity": 0.0,
     "force": 100000.0}  # fmt: skip
@@ -48,25 +48,44 @@ class Servo(NamedTuple):
     """Those of GAINS."""
 
 
+class Motor(NamedTuple):
+    """Whether a joint has a motor from now on: none where its force is 0.
+
+    Of a motor that was switched off PyBullet goes on to report the last effort.
+    """
+
+    step: int
+    body: int
+    link: int
+    is_off: bool
+
+
 class Commands:
     """The commands of the bodies with one id of the engine; their calls come piece by piece."""
 
     def __init__(self) -> None:
         self._torques: list[Torque] = []
         self._servos: list[Servo] = []
+        self._motors: list[Motor] = []
 
     def begin(self, first: int) -> None:
         """Forget what no step to sample `first` or a later one needs."""
         self._torques = [each for each in self._torques if each.step + 1 >= first]
         self._servos = [*{each.link: each for each in self._servos}.values()]
+        self._motors = [*{each[1:3]: each for each in self._motors}.values()]
 
-    def add(self, call: Call, at: At) -> None:
+    def add(self, call: Call, at: At, body: int) -> None:
         """Note a call of `setJointMotorControl2` or one of its like."""
         mode = call.values.get("controlMode", (-1.0,))[0]
         if mode == TORQUE:
             self._torques += [Torque(at.step, *each) for each in _torques(call)]
         elif mode == PD:
             self._servos += [Servo(at.step, *each) for each in _servos(call)]
+        elif mode in (VELOCITY, POSITION):
+            self._motors += [
+                Motor(at.step, body, joint, _of(call, "force", number, GAINS["force"]) == 0)
+                for number, joint in enumerate(_joints(call))
+            ]
 
     def commanded(self, tree: Tree, ends: Int64) -> Float64:
         """Return the sum of TORQUE_CONTROL's efforts in the steps to samples, (n, joint_rates)."""
@@ -77,6 +96,18 @@ class Commands:
             place = _place(tree, torque.link)
             if len(torque.efforts) == place.stop - place.start:
                 efforts[row, place] += torque.efforts
+        return efforts
+
+    def motors(self, body: int, tree: Tree, ends: Int64, reported: Float64) -> Float64:
+        """Return the motors' efforts in the steps to samples, (n, joint_rates): 0 of those off."""
+        efforts = reported.copy()
+        for link in {each.link for each in self._motors if each.body == body}:
+            place = _place(tree, link)
+            told = [each for each in self._motors if each[1:3] == (body, link)]
+            if place.stop - place.start == 1:
+                which = np.searchsorted([each.step for each in told], ends - 1, side="right") - 1
+                off = np.array([*(each.is_off for each in told), False])[which]
+                efforts[off, place.start] = 0.0
         return efforts
 
     def pd(self, law: BulletTree, ends: Int64, before: States) -> Float64:

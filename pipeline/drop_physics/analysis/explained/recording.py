@@ -149,7 +149,7 @@ class Explanation:
             pushes.setdefault(push.body.number, []).append(push)
         for call, at, came in meanings.of_bodies("setJointMotorControl"):
             key = came.body.client, came.body.engine_id
-            self._commands.setdefault(key, Commands()).add(call, at)
+            self._commands.setdefault(key, Commands()).add(call, at, came.body.number)
         self._constraints.begin(piece.forces)
         for call in piece.calls:
             if not call.raised and call.function.endswith("Constraint"):

@@ -174,7 +174,7 @@ def _reported(
     reported = Reported(
         timestep_s=timestep_s,
         gravity_m_s2=gravity_m_s2,
-        motors=ends.effort[:, : tree.joint_rates],
+        motors=around.commands.motors(number, tree, ends.steps, ends.effort[:, : tree.joint_rates]),
         commanded=around.commands.commanded(tree, ends.steps),
         pd=around.commands.pd(law, ends.steps, before),
         contacts=around.touching.forces(sides, at),
