@@ -651,6 +651,31 @@ def test_a_fixed_joint_that_is_commanded_is_no_motor(tmp_path: Path) -> None:
     assert set(seen.samples.values()) == {4}
 
 
+@pytest.mark.parametrize(
+    ("timing", "told"),
+    [
+        ("began = time.time()\nrun(9)\nprint(time.time() - began)", True),
+        ("began = time.time()\nrun(9)\ntime.sleep(0.1)", False),  # before any step
+        ("run(9)\nprint(time.perf_counter_ns())\nrun(9)\ntime.time()", True),
+    ],
+)
+def test_simulated_time_is_said_once_where_a_script_times_itself(
+    bench: Bench, timing: str, told: bool
+) -> None:
+    source = (
+        "import time, pybullet as p\np.connect(p.DIRECT)\n"
+        "def run(n):\n    for _ in range(n): p.stepSimulation()\n" + timing + "\n"
+    )
+    script = bench.script(source)
+    notes: list[str] = []
+    bench.record(script, note=notes.append)
+    said = [one for one in notes if "shows simulated time" in one]
+    assert len(said) == told
+    lines = [n for n, text in enumerate(source.splitlines(), 1) if "print" in text]
+    assert not said or f"{Path(script).name}:{lines[0]} shows" in said[0]
+    assert not said or "--keep-sleeping" in said[0]
+
+
 def test_a_script_that_reads_the_clock_until_a_time_gets_there(bench: Bench) -> None:
     script = bench.script(
         scripts.WINDOW

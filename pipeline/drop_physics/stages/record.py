@@ -183,6 +183,14 @@ def record_script(
             "the machine's clock"
         )
         note(real if keep_sleeping else virtual)
+    if process.decoder.timing and not process.decoder.real_time:
+        note(
+            Message(
+                "the clock that the script reads at {place} shows simulated time; with "
+                "--keep-sleeping it shows the machine's",
+                place=process.decoder.timing,
+            )
+        )
     for sentence in ended.notes:
         note(sentence)
     if process.decoder.unseeded:

@@ -74,6 +74,8 @@ class Decoder:
         """Whether the script closed the pipe or wrote into it: the end is missing."""
         self.real_time = False
         self.unseeded: list[str] = []
+        self.timing = ""
+        """Where the script first read a time after a step: file and line."""
         self._frames = Frames()
         self._worlds: dict[int, World] = {}
         self._bodies: dict[int, Known] = {}
@@ -287,6 +289,10 @@ class Decoder:
 
     def _on_real_time(self, **_: object) -> Iterator[Event]:
         self.real_time = True
+        yield from ()
+
+    def _on_timing(self, file: str, line: int) -> Iterator[Event]:
+        self.timing = f"{file}:{line}"
         yield from ()
 
     def _on_unseeded(self, called: str, file: str, line: int) -> Iterator[Event]:

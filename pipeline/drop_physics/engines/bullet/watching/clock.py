@@ -40,8 +40,8 @@ class Clock:
 
     def __init__(self, *, real: bool, begins_s: float | None = None) -> None:
         self.real, self._begins_s = real, begins_s
-        self.asked = False
-        """Whether the script ever read a time or slept."""
+        self.timing: Callable[[Any], None] | None = None
+        """Called with the frame that first reads the time after a step."""
         self.simulated_s = 0.0
         self.waited_s = 0.0
         self.idle_s = 0.0
@@ -110,7 +110,9 @@ class Clock:
         def read() -> Any:
             if self._is_real():
                 return real()
-            self.asked = True
+            if self.timing is not None and self.simulated_s:
+                self.timing(_getframe(1))
+                self.timing = None
             self.read()
             now = began + self.now_s()
             return now if unit == 1.0 else int(now * unit)
@@ -124,7 +126,6 @@ class Clock:
             if self._is_real() or not hasattr(seconds, "__float__") or not seconds >= 0:
                 real(seconds)
                 return
-            self.asked = True
             self._asks = 0
             self.wait(float(seconds))
 

@@ -130,6 +130,7 @@ class Watch:
         self._threads: set[threading.Thread] = set()
         """Other threads that have made steps."""
         clock.passed = self._time_has_passed
+        clock.timing = self._tell_timing
         if hasattr(os, "register_at_fork"):
             os.register_at_fork(after_in_child=self._forked)
 
@@ -177,6 +178,12 @@ class Watch:
         file, line = self.calls.place(frame)
         with self.lock:
             self.pipe.note("unseeded", called=called, file=file, line=line)
+
+    def _tell_timing(self, frame: Any) -> None:
+        """Report where the script reads a time between steps."""
+        file, line = self.calls.place(frame)
+        with self.lock:
+            self.pipe.note("timing", file=file, line=line)
 
     # -- simulations ------------------------------------------------------------------------------
 
