@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pybullet as p
 import pytest
+from clients import release_clients
 from conftest import some
 from drop_physics.analysis.explained.recording import explanation
 from scenes import HEAD, record
@@ -94,6 +95,7 @@ def replayed(scene: str) -> tuple[list[Any], list[float]]:
 
     gravity = float(scene.split("setGravity(0, 0, ")[1].split(")")[0])
     names |= {"look": look, "gravity": gravity}
+    release_clients()
     exec(HEAD + scene, names)
     p.disconnect()
     return joints, energies
