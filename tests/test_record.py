@@ -1024,6 +1024,25 @@ def test_options_of_ours_behind_the_script_are_its_own_and_named(bench: Bench, n
     assert "options of drop" not in bench.drop("record", *name.split(), "-x", "out").stderr
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("sim.py", "out.rrd"), "name the recording with: out='out.rrd'"),
+        (("sim.py", Path("out.rrd")), "name the recording with: out='out.rrd'"),
+        ((["sim.py", "--fast"],), 'record_script("sim.py", ['),
+    ],
+)
+def test_python_says_what_to_write_in_place_of_a_wrong_call(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: Any, told: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sim.py").write_text("raise SystemExit\n")
+    with pytest.raises(ScenarioError) as raised:
+        record_script(*arguments)
+    assert told in str(raised.value)
+    assert [each.name for each in tmp_path.iterdir()] == ["sim.py"]
+
+
 def test_what_is_no_script_is_one_line(bench: Bench) -> None:
     done = bench.drop("record", "nothing.py")
     assert (done.returncode, done.stdout) == (2, "")
@@ -1061,7 +1080,7 @@ raise ValueError(sys.argv[1])
     assert (recorded.samples, recorded.frames) == (2, 1)
     assert recorded.error == "ValueError: a?"
     assert info(bench.out).what == "'\ufffd.py' 'a\ufffd' '\ufffd', failed"
-    for arguments in (["a\0"], "text", [1]):
+    for arguments in (["a\0"], b"text", [1]):
         with pytest.raises(ScenarioError, match=r"^arguments must be a list of texts without null"):
             record_script("script.py", arguments, is_module=True)  # type: ignore[arg-type]
     with pytest.raises(ScenarioError, match=r"the script must be a Python file, got 'a.x00'"):

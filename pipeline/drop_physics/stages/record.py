@@ -377,6 +377,12 @@ def _integer(option: str, value: object) -> int | None:
 
 def digest_of_script(target: str, is_module: bool) -> str | None:
     """Return the digest of a script's text; None for a module, which is not looked up here."""
+    if not isinstance(target, str | os.PathLike):
+        raise ScenarioError(
+            "the script must be the name of a file, got {value}; its arguments are a list of their "
+            'own: record_script("sim.py", ["--fast"], out="sim.rrd")',
+            value=shown(target),
+        )
     if is_module:
         return None
     try:
@@ -402,6 +408,12 @@ def _texts(arguments: Sequence[str]) -> list[str]:
         for text in texts:
             os.fsencode(text)
     except (TypeError, ValueError):
+        if isinstance(arguments, str | os.PathLike):
+            raise ScenarioError(
+                "arguments must be a list, the script's own, got {value}; name the recording with: "
+                "out={value}",
+                value=shown(os.fspath(arguments)),
+            ) from None
         raise ScenarioError(
             "arguments must be a list of texts without null characters, got {value}",
             value=shown(arguments),
