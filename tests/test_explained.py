@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,10 @@ import polars as pl
 import pytest
 from conftest import Drop, Recorder, judge, some
 from drop_physics.analysis.drop.results import DropAnalysis
+from drop_physics.analysis.drop.story import drop_analysis_of
 from drop_physics.recording.reader import Recording
 from drop_physics.states import BODY
+from dropped import Sampled
 from engine import ROUNDS_ONCE, shape, urdf_of
 
 TUMBLING: dict[str, Any] = {"restitution": 0.8, "duration_s": 3.0}
@@ -142,6 +144,25 @@ def test_an_altered_force_ends_what_is_explained(recorded: Recorder) -> None:
 def test_a_release_that_is_not_the_scenarios_is_unexplained(recorded: Recorder) -> None:
     analysis = altered(recorded(floor=False), 0, "z_m", -(2.0**-53))  # the last bit below 1
     assert analysis.explained.until_s == (None if ROUNDS_ONCE else 1.0)
+
+
+def test_what_is_recorded_after_the_last_state_is_no_sample(recorded: Recorder) -> None:
+    """As in a recording that was cut off between contacts and states."""
+
+    class Ahead(Sampled):
+        """Samples that seem to go on."""
+
+        @property
+        def last(self) -> int:
+            """Return a step that was never sampled."""
+            return 20_000
+
+    recording = recorded()
+    sampled = Ahead(recording.states, recording.contacts, None)
+    seen = replace(recording.seen, sampled=sampled)
+    analysis = drop_analysis_of(recording.scenario, recording.engine, seen)
+    assert analysis.table.equals(judge(recording).table)
+    assert analysis.explained == judge(recording).explained
 
 
 # -- what is not covered ---------------------------------------------------------------------------

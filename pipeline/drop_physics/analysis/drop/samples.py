@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -30,28 +30,30 @@ class Samples(Motion):
     """The other links of a body with joints, where recorded."""
 
     @classmethod
-    def gathered(cls, parts: Iterable[Samples], samples: int) -> Samples:
-        """Return consecutive samples as one; each part may be freed before the next is made."""
+    def gathered(cls, parts: Iterable[Samples], most: int) -> Samples:
+        """Return consecutive samples as one; each part may be freed before the next is made.
+
+        `most`: at least their number.
+        """
         whole, end = None, 0
         for part in parts:
-            whole = whole or part.spread(samples)
+            whole = whole or part._each(lambda values: np.empty((most, *values.shape[1:])))
             rows, end = slice(end, end + len(part)), end + len(part)
             for mine, its in zip((whole, *whole.links), (part, *part.links), strict=True):
                 for each in fields(type(mine)):
                     if each.name != "links":
                         getattr(mine, each.name)[rows] = getattr(its, each.name)
         assert whole is not None
-        return whole
+        return whole if end == most else whole._each(lambda values: values[:end])
 
-    def spread(self, samples: int) -> Samples:
-        """Return room for so many samples of the same kind."""
+    def _each(self, change: Callable[[Float64], Float64]) -> Samples:
+        """Return the same with all arrays changed."""
 
-        def room(motion: Motion) -> dict[str, Float64]:
-            arrays = {each.name: getattr(motion, each.name) for each in fields(type(motion))
-                if each.name != "links"}  # fmt: skip
-            return {name: np.empty((samples, *each.shape[1:])) for name, each in arrays.items()}
+        def changed(motion: Motion) -> dict[str, Float64]:
+            names = [each.name for each in fields(motion) if each.name != "links"]
+            return {name: change(getattr(motion, name)) for name in names}
 
-        return Samples(**room(self), links=tuple(Motion(**room(link)) for link in self.links))
+        return Samples(**changed(self), links=tuple(Motion(**changed(link)) for link in self.links))
 
     @property
     def height_m(self) -> Float64:

@@ -15,7 +15,6 @@ from drop_physics.analysis.drop.findings import findings
 from drop_physics.analysis.drop.results import DropAnalysis
 from drop_physics.analysis.results import Analysis, BodyAnalysis, Explained, Unexplained
 from drop_physics.laws.base import Motion
-from drop_physics.laws.lookup import law_for
 from drop_physics.messages import Message
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Scenario
@@ -57,10 +56,10 @@ def drop_analysis_of(
     ScenarioError
         If a time lies outside the recording.
     """
-    seen = replace(seen, samples={0: seen.sampled.last + 1}, machine=engine.machine or "")
-    other = None if scenario.engine == "bullet" else law_for(scenario, engine)
-    whole = story.analysis_of(seen, {}, at_s=at_s, sums_at_s=at_s, answers=(), other=other)
     case = case_seen(scenario, engine, seen)
+    seen = replace(seen, samples={0: len(case.samples)}, machine=engine.machine or "")
+    other = None if case.is_bullet else case.law
+    whole = story.analysis_of(seen, {}, at_s=at_s, sums_at_s=at_s, answers=(), other=other)
     fall = fall_of(case, at_s=at_s)
     whole = _checked(whole, case)
     (body,) = (each for each in whole.bodies if each.id == BODY)
