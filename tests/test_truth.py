@@ -1602,8 +1602,15 @@ def _flight_steps(said: Said) -> None:
     pushed = {*map(int, said.truth.pushed_steps)}
     hold(not pushed & set(range(first + 1, last + 1)), "it was pushed on the way")
     if max(1, said.drop.substeps or 1) == 1:
-        hold(first == 0 or first in pushed, "it flew before")
-        hold(last == said.drop.steps or last + 1 in pushed, "it flies on")
+        hold(first == 0 or first in pushed or _hangs(said, first), "it flew before")
+        on = last < said.drop.steps and last + 1 not in pushed
+        hold(not on or _hangs(said, last + 1), "it flies on")
+
+
+def _hangs(said: Said, step: int) -> bool:
+    """Whether a step changed nothing: without gravity a body may hang in the air."""
+    links = said.run.links
+    return bool((links[step] == links[step - 1]).all())
 
 
 @checks("flights[].start_s")

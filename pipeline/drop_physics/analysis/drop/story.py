@@ -131,7 +131,7 @@ def _explained(explained: Explained, body: BodyAnalysis, case: Case) -> Explaine
     why = Message(
         "what {engine} reports of the step does not add up to it", engine=case.engine_name
     )
-    if first.reason == "substeps":
+    if first.reason == "substeps" and case.is_rigid:
         why = UNSEEN
     elif first.reason == "engine" and _stops_early(case):
         why = EARLY
