@@ -20,7 +20,7 @@ import pytest
 from conftest import some
 from drop_physics.analysis.decomposition import VectorTerms, error_and_terms
 from drop_physics.analysis.explained.balance import Balance, Pushes, balance_of
-from drop_physics.analysis.explained.contacts import Contacts
+from drop_physics.analysis.explained.contacts import touches_of
 from drop_physics.analysis.explained.segments import (
     CONTACT,
     FLIGHT,
@@ -56,18 +56,18 @@ def motion_of(watched: Watched) -> Motion:
     return Motion(*(getattr(watched, one.name) for one in fields(Motion)))
 
 
-def contacts_in(watched: Watched) -> Contacts:
+def contacts_in(watched: Watched) -> pl.DataFrame:
     # flag, a, b, link a, link b, on a, on b, normal, distance, force, friction and direction x 2
     rows = [
         (step, point[1], point[3], point[2], point[4], *np.hstack(point[5:14]))
         for step, point in watched.points
     ]
-    return Contacts(pl.DataFrame(rows, schema=empty(CONTACTS).schema, orient="row"))
+    return pl.DataFrame(rows, schema=empty(CONTACTS).schema, orient="row")
 
 
 def segments_in(watched: Watched, motion: Motion | None = None, **how: Any) -> Segments:
     motion = motion_of(watched) if motion is None else motion
-    touches = contacts_in(watched).of(watched.body)
+    touches = touches_of(contacts_in(watched), watched.body)
     return segments_of(motion, law_behind(watched), touches, exact=ROUNDS_ONCE, **how)
 
 
@@ -278,18 +278,18 @@ def test_the_impulse_of_a_drop_is_what_it_takes(tmp_path: Path) -> None:
 
 def balance_in(watched: Watched) -> Balance:
     return balance_of(
-        motion_of(watched), law_behind(watched), contacts_in(watched).of(watched.body)
+        motion_of(watched), law_behind(watched), touches_of(contacts_in(watched), watched.body)
     )
 
 
 def test_the_part_that_pushes_has_the_opposite_force(tmp_path: Path) -> None:
     watched = thrown(tmp_path, spin_rad_s=(2.0, 0.0, 1.0))
     contacts = contacts_in(watched)
-    on_body, on_floor = contacts.of(watched.body), contacts.of(0)
+    on_body, on_floor = touches_of(contacts, watched.body), touches_of(contacts, 0)
     assert len(on_body.step) == len(on_floor.step) > 0
     assert (on_body.force_n == -on_floor.force_n).all()
     assert on_body.force_n[:, 2].max() > 0
-    assert not len(contacts.of(watched.body, link=3).step)
+    assert not len(touches_of(contacts, watched.body, link=3).step)
 
 
 # -- flights ---------------------------------------------------------------------------------------

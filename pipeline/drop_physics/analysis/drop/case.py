@@ -11,7 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.drop.samples import Samples, samples_of
-from drop_physics.analysis.explained.contacts import Contacts, Touches
+from drop_physics.analysis.explained.contacts import Touches, touches_of
 from drop_physics.laws import theory
 from drop_physics.laws.base import EXACT_MACHINES, Law, Motion
 from drop_physics.laws.lookup import fall_of, law_for
@@ -175,7 +175,7 @@ def case_of(
     scenario: Scenario, engine: EngineReport, states: pl.DataFrame, contacts: pl.DataFrame
 ) -> Case:
     """Return the case that tables hold: one row per sample and part, one per contact point."""
-    return Case(scenario, engine, samples_of(states, contacts), Contacts(contacts).of(BODY))
+    return Case(scenario, engine, samples_of(states, contacts), touches_of(contacts, BODY))
 
 
 def case_seen(scenario: Scenario, engine: EngineReport, seen: Seen) -> Case:
@@ -193,4 +193,4 @@ def case_seen(scenario: Scenario, engine: EngineReport, seen: Seen) -> Case:
             yield part
 
     samples = Samples.gathered(parts(), seen.sampled.last + 1)
-    return Case(scenario, engine, samples, Contacts(pl.concat(near)).of(BODY))
+    return Case(scenario, engine, samples, touches_of(pl.concat(near), BODY))
