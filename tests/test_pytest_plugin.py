@@ -30,11 +30,10 @@ def project(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(project: Path, test: str, *options: str) -> tuple[int, str]:
-    """Run a test of the project, and return pytest's exit code and output."""
-    (project / "tests/test_box.py").write_text(
-        f"import box\ndef test_box(golden_recording):\n{test}"
-    )
+def run(project: Path, tests: dict[str, str], *options: str) -> tuple[int, str]:
+    """Run tests of the project, by name, and return pytest's exit code and output."""
+    written = (f"def test_{name}(golden_recording):\n{test}" for name, test in tests.items())
+    (project / "tests/test_box.py").write_text("import box\n" + "\n".join(written))
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *options, "tests"],
         cwd=project, capture_output=True, text=True, check=False,
@@ -47,14 +46,15 @@ def block(body: str, name: str = "'box'") -> str:
 
 
 def test_a_golden_is_made_and_then_holds(project: Path) -> None:
-    code, text = run(project, block("box.drop(1)"))
+    right, wrong = {"box": block("box.drop(1)")}, {"box": block("box.drop(1.001)")}
+    code, text = run(project, right)
     assert code == 1
     assert "make it with: pytest --update-golden" in text
-    assert run(project, block("box.drop(1)"), "--update-golden")[0] == 0
+    assert run(project, right, "--update-golden")[0] == 0
     golden = project / "tests/golden/box.rrd"
     before = golden.read_bytes()
-    assert run(project, block("box.drop(1)"), "-n", "2")[0] == 0
-    code, text = run(project, block("box.drop(1.001)"))
+    assert run(project, right, "-n", "2")[0] == 0
+    code, text = run(project, wrong)
     assert code == 1
     assert "differs" in text
     assert "step 0" in text
@@ -62,29 +62,35 @@ def test_a_golden_is_made_and_then_holds(project: Path) -> None:
     assert golden.read_bytes() == before
 
 
-@pytest.mark.parametrize(("allowed", "code"), [("0.01", 0), ("'1e-2'", 0), ("1e-9", 1)])
-def test_a_tolerance_passes_what_is_within(project: Path, allowed: str, code: int) -> None:
-    assert run(project, block("box.drop(1)"), "--update-golden")[0] == 0
-    test = block("box.drop(1.001)", f"'box', tolerance={allowed}")
-    assert run(project, test)[0] == code
+def test_a_tolerance_passes_what_is_within(project: Path) -> None:
+    assert run(project, {"box": block("box.drop(1)")}, "--update-golden")[0] == 0
+    allowed = {"wide": "0.01", "text": "'1e-2'", "narrow": "1e-9"}
+    tests = {
+        name: block("box.drop(1.001)", f"'box', tolerance={value}")
+        for name, value in allowed.items()
+    }
+    _, text = run(project, tests)
+    assert "1 failed, 2 passed" in text
+    assert "FAILED tests/test_box.py::test_narrow" in text
 
 
-@pytest.mark.parametrize(
-    ("test", "words"),
-    [
-        (block("box.drop(1, step=box.stepSimulation)"), "recorded no step"),
-        (block("box.drop(1, steps=0)"), "recorded no step"),
-        (block("box.drop(1)", "'../box'"), "must be that of a file in"),
-        (block("box.drop(1)", "'box', tolerance='a bit'"), "must be a number of metres"),
-        (block("box.drop(1)", "'box', tolerance=-1"), "must be"),
-        (block("raise KeyError('theirs')"), "KeyError: 'theirs'"),
-    ],
-)
-def test_what_cannot_be_a_golden_fails_and_says_why(project: Path, test: str, words: str) -> None:
-    code, text = run(project, test, "--update-golden")
-    assert code == 1
-    assert words in text
-    assert not list(project.rglob("*box.rrd")) or not (project / "tests/golden").exists()
+def test_what_cannot_be_a_golden_fails_and_says_why(project: Path) -> None:
+    cases = {
+        "another_step": (block("box.drop(1, step=box.stepSimulation)"), "recorded no step"),
+        "no_step": (block("box.drop(1, steps=0)"), "recorded no step"),
+        "outside": (block("box.drop(1)", "'../box'"), "must be that of a file in"),
+        "words": (block("box.drop(1)", "'box', tolerance='a bit'"), "must be a number of metres"),
+        "negative": (block("box.drop(1)", "'box', tolerance=-1"), "must be"),
+        "theirs": (block("raise KeyError('theirs')"), "KeyError: 'theirs'"),
+    }
+    tests = {name: test for name, (test, _) in cases.items()}
+    _, text = run(project, tests, "--update-golden", "--tb=line")
+    assert "6 failed" in text
+    summary = [line for line in text.splitlines() if line.startswith("FAILED")]
+    for line, (name, (_, words)) in zip(summary, cases.items(), strict=True):
+        assert f"test_{name} " in line
+        assert words in line
+    assert not list(project.rglob("*box.rrd"))
 
 
 def test_the_plugin_loads_nothing_until_it_is_used() -> None:
