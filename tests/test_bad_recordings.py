@@ -24,7 +24,7 @@ import numpy as np
 import polars as pl
 import pyarrow as pa
 import pytest
-from conftest import rerun_rrd
+from conftest import rerun_rrd, some
 from drop_physics import Camera, Scenario, analyze, check, render, simulate
 from drop_physics.errors import RecordingError
 from drop_physics.recording import columns, reader, rrd, schema, writer
@@ -125,7 +125,7 @@ def test_flipped_bits_are_refused_or_change_nothing(sound: Sound, tmp_path: Path
     assert min(verdicts.values()) > FLIPS / 20
 
 
-@pytest.mark.parametrize("percent", range(100))
+@pytest.mark.parametrize("percent", range(0, 100, 5))
 def test_a_recording_cut_at_any_percent_is_refused(
     sound: Sound, tmp_path: Path, percent: int
 ) -> None:
@@ -666,7 +666,7 @@ NOTICED: dict[str, Change] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", CONTRADICTED)
+@pytest.mark.parametrize("kind", some(CONTRADICTED, 24))
 def test_a_state_that_contradicts_its_scenario_is_refused_with_any_digest(
     sound: Sound, tmp_path: Path, kind: str
 ) -> None:
@@ -697,7 +697,7 @@ def test_with_its_digests_anew_and_no_change_nothing_is_noticed(
     assert "law-mismatch" not in {finding.code for finding in analyze(path).findings}
 
 
-@pytest.mark.parametrize("kind", NOT_FINITE)
+@pytest.mark.parametrize("kind", some(NOT_FINITE, 24))
 def test_nan_and_infinity_are_refused_with_any_digest(
     sound: Sound, tmp_path: Path, kind: str
 ) -> None:

@@ -535,7 +535,7 @@ INFINITE = {
 
 
 @pytest.mark.parametrize("maximal", [False, True])
-@pytest.mark.parametrize("call", some(INFINITE, 3))
+@pytest.mark.parametrize("call", some(INFINITE, 2))
 def test_nothing_is_printed_of_states_that_are_infinite(
     tmp_path: Path, drop: Drop, call: str, *, maximal: bool
 ) -> None:
@@ -626,7 +626,7 @@ SETTINGS = (
 
 
 @pytest.mark.parametrize("maximal", [False, True], ids=["reduced", "maximal"])
-@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("setting", some(SETTINGS, 4))
 def test_contact_adds_up_whatever_the_solver_is_told(
     analyzed: Analyzed, setting: str, *, maximal: bool
 ) -> None:
@@ -983,7 +983,7 @@ TWO_LINKS = """\
 """
 
 
-@pytest.mark.parametrize("call", HIDING)
+@pytest.mark.parametrize("call", some(HIDING, 4))
 def test_links_that_pybullet_does_not_show_are_known(
     analyzed: Analyzed, tmp_path: Path, call: str
 ) -> None:

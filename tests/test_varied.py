@@ -117,7 +117,7 @@ def numbers(events: list[Event]) -> dict[str, np.ndarray[Any, Any]]:
 
 
 @pytest.mark.parametrize(
-    ("name", "finer"), some([(name, (2, 4)[number % 2]) for number, name in enumerate(SCRIPTS)], 6)
+    ("name", "finer"), some([(name, (2, 4)[number % 2]) for number, name in enumerate(SCRIPTS)], 3)
 )
 def test_a_finer_timestep_is_the_script_written_that_way(
     tmp_path: Path, name: str, finer: int
