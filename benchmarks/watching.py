@@ -33,18 +33,20 @@ movable = [[j for j in range(p.getNumJoints(each)) if p.getJointInfo(each, j)[2]
 free = [each for each in bodies if p.getDynamicsInfo(each, -1)[0]]
 jointed = [(each, joints) for each, joints in zip(bodies, movable) if joints]
 log = []
-def run(n, logs):
+def run(n, how):
     for i in range(n):
 {call}
         p.stepSimulation()
-        if logs:
+        if how:
             poses = [(p.getBasePositionAndOrientation(each), p.getBaseVelocity(each))
                      for each in free]
             joints = [p.getJointStates(each, its) for each, its in jointed]
-            log.append((poses, joints, p.getContactPoints()))
-run({steps} // 10, False)
+            row = poses, joints, p.getContactPoints()
+            if how == "log":
+                log.append(row)
+run({steps} // 10, "")
 began = time.thread_time()
-run({steps}, "log" in sys.argv)
+run({steps}, sys.argv[-1] if len(sys.argv) > 1 else "")
 print((time.thread_time() - began) / {steps} * 1e6)
 """
 PLANE = 'p.loadURDF("plane.urdf")\n'
@@ -132,15 +134,16 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     pairs, share = (3, 10) if quick else (5, 1)
     for name, scene in SCENES.items():
         steps = scene.steps // share
-        ours, theirs, logged = _runs(folder, scene.load, scene.call, steps, pairs)
+        ours, theirs, logged, read = _runs(folder, scene.load, scene.call, steps, pairs)
+        detail = f"{_over(ours, theirs)}; only reading the same: {_over(read, theirs)}"
         if name == "one box":
             more = [mine - other for mine, other in zip(ours, theirs, strict=True)]
             yield Measured(f"watching {name}: more per step", "the bare script", more, scene.goal,
-                unit="µs", detail=_over(ours, theirs))  # fmt: skip
+                unit="µs", detail=detail)  # fmt: skip
         else:
             ratios = [mine / other for mine, other in zip(ours, theirs, strict=True)]
             yield Measured(f"watching {name}, per step", "the bare script", ratios, scene.goal,
-                detail=_over(ours, theirs))  # fmt: skip
+                detail=detail)  # fmt: skip
         if scene.goal_logged is not None:
             ratios = [mine / other for mine, other in zip(ours, logged, strict=True)]
             yield Measured(f"watching {name}, per step", "a logger written by hand", ratios,
@@ -157,25 +160,25 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
 
 def _of_call(folder: Path, load: str, call: str, steps: int) -> tuple[float, float]:
     """Return what calls add to a step [µs], watched and bare."""
-    (with_call,), (bare_with,), _ = _runs(folder, load, call, steps, 1)
-    (without,), (bare_without,), _ = _runs(folder, load, "pass", steps, 1)
+    (with_call,), (bare_with,), *_ = _runs(folder, load, call, steps, 1)
+    (without,), (bare_without,), *_ = _runs(folder, load, "pass", steps, 1)
     return with_call - without, bare_with - bare_without
 
 
-def _runs(
-    folder: Path, load: str, call: str, steps: int, runs: int
-) -> tuple[list[float], list[float], list[float]]:
-    """Return the time of a step [µs] of each run: watched, bare, and with a logger by hand."""
+def _runs(folder: Path, load: str, call: str, steps: int, runs: int) -> list[list[float]]:
+    """Return the time of a step [µs] of each run: watched, bare, logged by hand, and only read."""
     path = folder / "scene.py"
     call = textwrap.indent(call, "        ")
     path.write_text(SCRIPT.format(load=load, call=call, steps=steps), encoding="utf-8")
-    each = [(_watched(path), _bare(path), _bare(path, "log")) for _ in range(runs)]
-    ours, theirs, logged = zip(*each, strict=True)
-    return [*ours], [*theirs], [*logged]
+    each = [
+        (_watched(path), _bare(path), _bare(path, "log"), _bare(path, "read")) for _ in range(runs)
+    ]
+    return [[*times] for times in zip(*each, strict=True)]
 
 
 def _over(ours: list[float], theirs: list[float]) -> str:
-    return f"{statistics.median(ours):.3g} over {statistics.median(theirs):.3g} µs"
+    ours_us, theirs_us = statistics.median(ours), statistics.median(theirs)
+    return f"{ours_us:.3g} over {theirs_us:.3g} µs ({ours_us / theirs_us:.3g} ×)"
 
 
 def _bare(path: Path, *words: str) -> float:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import scripts
 from drop_physics.engines.bullet.script import Program, Script
 from drop_physics.engines.bullet.watched import Decoder
+from drop_physics.seen.calls import text_of
 from drop_physics.seen.events import Calls, Ending, Event, Site
 
 
@@ -92,8 +93,7 @@ def told(events: list[Event]) -> list[tuple[str, str, int]]:
         rest = iter(calls.numbers.tolist())
         for call, which in zip(calls.calls, calls.sites, strict=True):
             site = sites[which]
-            numbers = [repr(int(next(rest)) if whole else next(rest)) for whole in site.whole]
-            text = site.form.format(*numbers)
+            text = text_of(site, [next(rest) for _ in site.names])
             found.append((int(call), site.function, text, site.line))
         assert list(rest) == []
     assert [call for call, *_ in sorted(found)] == list(range(1, len(found) + 1))

@@ -31,6 +31,8 @@ ARGUMENTS = {
     "maxVelocity": "maxVelocities",
 }  # fmt: skip
 """Arguments of a call for one joint, and of one for several."""
+MOST_WHOLE = 2**53
+"""Larger whole numbers are not all the same as doubles."""
 
 
 @dataclass(frozen=True)
@@ -131,9 +133,10 @@ class Constraint:
 def text_of(site: Site, numbers: Sequence[float]) -> str:
     """Return the arguments of a call as the script might have written them."""
     texts = [
-        repr(int(number)) if whole and math.isfinite(number) else repr(number)
+        repr(int(number)) if whole and abs(number) <= MOST_WHOLE and number.is_integer()
+        else repr(number)
         for number, whole in zip(numbers, site.whole, strict=True)
-    ]
+    ]  # fmt: skip
     return site.form.format(*texts)
 
 

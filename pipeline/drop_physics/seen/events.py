@@ -257,7 +257,7 @@ class Site:
     names: tuple[str, ...]
     """The argument that each number belongs to; a vector's numbers have the same one."""
     whole: tuple[bool, ...]
-    """Whether each number was a whole one."""
+    """Whether each number was a whole one in the first call."""
 
     @cached_property
     def places(self) -> Mapping[str, slice]:

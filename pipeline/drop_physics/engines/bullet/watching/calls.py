@@ -9,31 +9,30 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from functools import cache
 from struct import Struct
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .arguments import ARGUMENTS, CLIENT
-from .pipe import CALL, CALL_HEAD, HEADER, NOTE, Pipe, encoded, frame
+from .arguments import ARGUMENTS, CLIENT, CLIENT_AT
+from .pipe import CALL, HEADER, NOTE, Pipe, encoded, frame
 
-LONGEST = 32
+if TYPE_CHECKING:
+    from .worlds import World
+
+    Plan = tuple[
+        World, int, list[str], Callable[..., Any] | None, Callable[..., None], int, int,
+    ]  # fmt: skip
+    """How to send a call from a place: its simulation; how many arguments it gives by place, and
+    which by name; what returns the numbers in them (None if they are numbers); what packs these;
+    how many bytes that makes; the site."""
+
+LONGEST = 128
 """Most values of a list that are reported; of a longer one the first, and their number."""
 MOST_WHOLE = 1 << 53
 """Whole numbers up to here are the same as doubles."""
 MOST_PLANS = 4096
-"""Of places; beyond, all are made again."""
+"""Of places and forms; beyond, all are made again."""
 OURS = os.path.dirname(os.path.abspath(__file__)) + os.sep
-
-Plan = tuple[
-    list[type], list[str], bytes, Callable[..., bytes], int, list[tuple[int, int, Any]], list[type],
-]  # fmt: skip
-"""How to send a call with arguments of some types and some names: what comes before its numbers,
-what packs these, how many bytes that makes, what to do to arguments that are no numbers, and the
-types of the numbers."""
-MOST_FORMS = 8
-"""Of calls from one place, that are planned."""
-
-AS_LIST, SPREAD, VALUE, CONSTANT, LEFT_OUT = range(5)
-"""How an argument becomes numbers: an array, a list, a scalar of numpy; or has none."""
 
 
 class Calls:
@@ -41,21 +40,24 @@ class Calls:
 
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = pipe
-        self._plans: dict[str, dict[tuple[int, int, int], list[Plan]]] = {}
+        self._plans: dict[str, dict[tuple[int, int], Plan]] = {}
         self._codes: list[Any] = []
         """The code of places with a plan, so that none is replaced by another at its address."""
         self._sites: dict[tuple[Any, ...], int] = {}
         self._shown: dict[str, str] = {}
 
-    def plans(self, name: str) -> dict[tuple[int, int, int], list[Plan]]:
-        """Return how to send calls of a function that are like earlier ones; `tell` adds to it.
-
-        By code, instruction, and number of the simulation.
-        """
+    def plans(self, name: str) -> dict[tuple[int, int], Plan]:
+        """Return how to send calls of a function, by code and instruction; `tell` adds to it."""
         return self._plans.setdefault(name, {})
 
+    def forget(self) -> None:
+        """Plan anew: a simulation has ended, or there are too many plans."""
+        self._codes = []
+        for plans in self._plans.values():
+            plans.clear()
+
     def tell(
-        self, world: int, name: str, args: tuple[Any, ...], kwargs: dict[str, Any], place: Any
+        self, world: World, name: str, args: tuple[Any, ...], kwargs: dict[str, Any], place: Any
     ) -> None:
         """Send a call that is made in a frame, and plan how to send the next one of its form."""
         form, caller = Form(name, args, kwargs), place
@@ -75,24 +77,23 @@ class Calls:
                 "form": form.text, "names": form.names, "whole": form.whole,
             }  # fmt: skip
             self._pipe.write(frame(NOTE, encoded(note)))
-        numbers = Struct(f"<{len(form.numbers)}d")
-        head = HEADER.pack(CALL, CALL_HEAD.size + numbers.size) + CALL_HEAD.pack(world, site)
-        self._pipe.write(head + numbers.pack(*form.numbers))
-        fixes = fixes_of(args, kwargs)
-        if fixes is None or caller is not place:
+        packed = Struct(f"<cIII{len(form.numbers)}d")
+        length = packed.size - HEADER.size
+        self._pipe.write(packed.pack(CALL, length, world.number, site, *form.numbers))
+        if caller is not place:
             return
+        flat, values = None, (*args, *kwargs.values())
+        names_client = CLIENT in kwargs or len(args) > CLIENT_AT.get(name, len(args))
+        if names_client or not {int, float}.issuperset(map(type, values)):
+            flat = numbers_of(name, args, kwargs)
+            if flat is None or len(flat(*values)) != len(form.numbers):
+                return
         if len(self._codes) >= MOST_PLANS:
-            self._codes = []
-            for of_function in self._plans.values():
-                of_function.clear()
-        plans = self.plans(name).setdefault((id(code), place.f_lasti, world), [])
-        if len(plans) >= MOST_FORMS:
-            plans.clear()
-        types = [*map(type, (*args, *kwargs.values()))]
-        kinds: list[type] = [int if whole else float for whole in form.whole]
-        size = len(head) + numbers.size
-        plans.insert(0, (types, [*kwargs], head, numbers.pack, size, fixes, kinds))
-        self._codes.append(code)
+            self.forget()
+        plans, key = self.plans(name), (id(code), place.f_lasti)
+        if key not in plans:
+            self._codes.append(code)
+        plans[key] = world, len(args), [*kwargs], flat, packed.pack_into, packed.size, site
 
     def place(self, place: Any) -> tuple[str, int]:
         """Return file and line of a frame, the file without folders of this machine."""
@@ -103,52 +104,41 @@ class Calls:
         return shown, place.f_lineno
 
 
-def fixes_of(args: tuple[Any, ...], kwargs: dict[str, Any]) -> list[tuple[int, int, Any]] | None:
-    """Return what to do to become numbers with arguments that are none, the last first.
+def numbers_of(
+    name: str, args: tuple[Any, ...], kwargs: dict[str, Any]
+) -> Callable[..., Any] | None:
+    """Return a function from the arguments of calls like this to a list of the numbers in them.
 
-    None if it cannot be told from their types.
+    It fails where an argument has another length or word, or names another simulation. None if the
+    types of the arguments do not tell what they hold.
     """
-    fixes: list[tuple[int, int, Any]] = []
-    names = [None] * len(args) + list(kwargs)
-    for at, value in enumerate((*args, *kwargs.values())):
-        kind = type(value)
-        if names[at] == CLIENT:
-            fixes.append((at, LEFT_OUT, None))
-        elif kind is int or kind is float:
-            continue
-        elif value is None or kind in (bool, str, bytes):
-            fixes.append((at, CONSTANT, value))
+    terms, checks = [], []
+    for at, (key, value) in enumerate([*enumerate(args), *kwargs.items()]):
+        kind, its = type(value), f"a[{at}]"
+        if kind is int or kind is float:
+            terms.append(its)
         elif kind in (list, tuple, range) and len(value) <= LONGEST:
-            if not {int, float}.issuperset(map(type, value)):
-                return None
-            fixes.append((at, SPREAD, len(value)))
+            terms.append(f"*{its}")
+            checks.append(f"len({its}) == {len(value)}")
         elif _is_numpy(kind) and value.ndim < 2 and value.size <= LONGEST:
-            if not {int, float}.issuperset(map(type, value.ravel().tolist())):
-                return None
-            fixes.append((at, AS_LIST if value.ndim else VALUE, value.size))
+            terms.append(f"*{its}.tolist()" if value.ndim else f"{its}.tolist()")
+            checks.append(f"{its}.shape == {value.shape}")
+        elif value is None or kind in (bool, str, bytes):
+            checks.append(f"{its} == k[{at}]")
         else:
             return None
-    return fixes[::-1]
+        if key == CLIENT:
+            del terms[-1:]
+        if key in (CLIENT, CLIENT_AT.get(name)):
+            checks.append(f"{its} == k[{at}]")
+    source = f"[{', '.join(terms)}] if {' and '.join(checks) or True} else no_numbers"
+    return _compiled(source)((*args, *kwargs.values()))
 
 
-def fixed(values: Any, fixes: list[tuple[int, int, Any]], types: list[type]) -> Any:
-    """Return the numbers in the arguments of a call; None if it has another form than planned."""
-    values = [*values]
-    for at, how, expected in fixes:
-        value = values[at]
-        if how == LEFT_OUT:
-            del values[at]
-        elif how == CONSTANT:
-            if value is not expected:
-                return None
-            del values[at]
-        elif how == VALUE:
-            values[at] = value.tolist()
-        else:
-            if len(value) != expected or (how == AS_LIST and value.ndim != 1):
-                return None
-            values[at : at + 1] = value if how == SPREAD else value.tolist()
-    return values if [*map(type, values)] == types else None
+@cache
+def _compiled(source: str) -> Callable[[Any], Callable[..., Any]]:
+    made: Callable[[Any], Callable[..., Any]] = eval(f"lambda k: lambda *a: {source}")
+    return made
 
 
 class Form:

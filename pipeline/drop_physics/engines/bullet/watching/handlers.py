@@ -5,15 +5,13 @@ What a script may call at every step comes to few calls of Python; the rest goes
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
 from sys import _getframe
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from . import pipe as protocol
-from .arguments import ARGUMENTS, CLIENT, CLIENT_AT, client_of, named, number, vector
-from .calls import fixed
+from .arguments import ARGUMENTS, client_of, named, number, vector
 from .changes import (
     CHANGES_NOTHING,
     MOVES_ALL,
@@ -82,13 +80,13 @@ def stepping(watch: Watch, name: str, original: Any) -> Call:
 def changing(watch: Watch, name: str, original: Any) -> Call:
     """Return what sends a call that changes a simulation, and reads again what it changes.
 
-    A call of a form that is known goes straight into the block; `Calls.tell` does the others.
+    A call like an earlier one goes straight into the block; `Calls.tell` does the others.
     """
     lock, pipe, worlds, calls = watch.lock, watch.pipe, watch.worlds, watch.calls
     acquire, release, kept = lock.acquire, lock.release, lock.kept
-    real_time, plans, tell = watch.real_time_since, calls.plans(name), calls.tell
-    client_at, (before, after) = CLIENT_AT.get(name, 1000), _effects(name)
-    frame, block_size = _getframe, protocol.BLOCK.size
+    real_time, plan_of = watch.real_time_since, calls.plans(name).get
+    (before, after), frame = _effects(name), _getframe
+    letter, head, block_size = protocol.CALL, protocol.HEADER.size, protocol.BLOCK.size
 
     def change(*args: Any, **kwargs: Any) -> Any:
         if not watch.on:
@@ -100,31 +98,32 @@ def changing(watch: Watch, name: str, original: Any) -> Call:
                 watch.check()
             if real_time:
                 watch.let_time_pass()
-            named_client = CLIENT in kwargs or len(args) > client_at
-            world = worlds.get(client_of(name, args, kwargs) if named_client else 0)
+            place, world, numbers = frame(1), None, None
+            plan = plan_of((id(place.f_code), place.f_lasti))
+            if plan is not None and len(args) == plan[1] and [*kwargs] == plan[2]:
+                world, _, _, flat, pack, size, site = plan
+                if flat is None:
+                    numbers = (*args, *kwargs.values())
+                else:
+                    try:
+                        numbers = flat(*args, *kwargs.values())
+                    except Exception:  # noqa: BLE001 - an argument is of another form
+                        world = None
             if world is None:
-                return original(*args, **kwargs)
+                world = worlds.get(client_of(name, args, kwargs))
+                if world is None:
+                    return original(*args, **kwargs)
             if before is not None:
                 noted = before(watch, world, name, args, kwargs)
-            place, number = frame(1), world.number
-            values: Any = [*args, *kwargs.values()]
-            its_types, its_names = [*map(type, values)], [*kwargs]
             try:
-                for plan in plans.get((id(place.f_code), place.f_lasti, number), ()):
-                    types, names, head, pack, size, fixes, kinds = plan
-                    if types == its_types and names == its_names:
-                        numbers = fixed(values, fixes, kinds) if fixes else values
-                        if numbers is not None:
-                            end = pipe.end + size
-                            if end > pipe.limit:
-                                end = pipe.make_room(size) + size
-                            pipe.memory[end - size : end] = head + pack(*numbers)
-                            pipe.end, pipe.counts[1] = end, end - block_size
-                            break
-                else:
-                    watch.guarded(world, tell, number, name, args, kwargs, place)
-            except struct.error:  # a whole number that is no double
-                watch.guarded(world, tell, number, name, args, kwargs, place)
+                if numbers is None:
+                    raise LookupError
+                end = pipe.end if pipe.end <= pipe.limit else pipe.make_room()
+                pack(pipe.memory, end, letter, size - head, world.number, site, *numbers)
+                pipe.end = end = end + size
+                pipe.counts[1] = end - block_size
+            except Exception:  # noqa: BLE001 - likewise
+                watch.guarded(world, calls.tell, world, name, args, kwargs, place)
             told = world
             result = original(*args, **kwargs)
             if after is not None:
@@ -145,7 +144,7 @@ def changing(watch: Watch, name: str, original: Any) -> Call:
 def _effects(name: str) -> tuple[Call | None, Call | None]:
     """Return what is done before and after a call of a function, if anything."""
     if name in MOVES_BODY:
-        return _before_move, _after_move
+        return _before_move, None
     if name in PUSHES:
         return _before_push, None
     if name in READ_AGAIN:
@@ -161,26 +160,22 @@ def _after_ik(watch: Watch, _: World, __: str, ___: Any, result: Any) -> None:
         watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(max(result, key=abs)))
 
 
-def _before_move(watch: Watch, world: World, name: str, args: Any, kwargs: Any) -> tuple[Any, ...]:
-    """Return the body that a call moves, and what it sets of it."""
+def _before_move(watch: Watch, world: World, name: str, args: Any, kwargs: Any) -> None:
+    """Note the body that a call moves, and what it sets of it."""
     body = args[0] if args else kwargs.get("bodyUniqueId", kwargs.get("objectUniqueId"))
     if type(body) is not int:
         body = number(body)
     which: Any = name
     if "Joint" in name:
         which = name, number(args[1] if len(args) > 1 else kwargs.get("jointIndex"))
-    if which in world.moved.get(body, ()):  # it was there, if only for a moment
-        watch.guarded(world, world.sync)
-    return body, which
-
-
-def _after_move(_: Watch, world: World, __: str, noted: Any, ___: Any) -> None:
-    body, which = noted
     moved = world.moved
-    if body in moved:
-        moved[body].add(which)
-    else:
+    if body not in moved:
         moved[body] = {which}
+    elif which not in moved[body]:
+        moved[body].add(which)
+    else:  # it was there, if only for a moment
+        watch.guarded(world, world.sync)
+        world.moved[body] = {which}
     world.touched = True
 
 
@@ -315,7 +310,7 @@ def resetting(watch: Watch, name: str, original: Any) -> Call:
                 return original(*args, **kwargs)
             watch.guarded(world, world.sync)
             place = _getframe(1)
-            watch.guarded(world, watch.calls.tell, world.number, name, args, kwargs, place)
+            watch.guarded(world, watch.calls.tell, world, name, args, kwargs, place)
             try:
                 result = original(*args, **kwargs)
             except Exception as error:

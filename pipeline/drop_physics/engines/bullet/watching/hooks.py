@@ -27,6 +27,8 @@ from .worlds import ALL, ASKED_EVERY, World
 IDLE_S = 60.0
 """A script that sleeps or asks for input this long [s] without a step waits for a user who is not
 there."""
+TOLD_EVERY = 8
+"""After this many steps it is looked whether what was not sent yet has waited for long."""
 MOST_CLIENTS = 64
 TYPE = "builtin_function_or_method"
 
@@ -203,6 +205,7 @@ class Watch:
         self.guarded(world, world.end)
         self._last_end = max(self._last_end, (world.step + 1, world.time_s))
         self.worlds.pop(client, None)
+        self.calls.forget()
         self.windows.pop(client, None)
         self.real_time_since.pop(client, None)
 
@@ -218,22 +221,18 @@ class Watch:
             self.pipe.note("fault", world=world.number, step=world.step,
                 error=f"{type(error).__name__}: {error}")  # fmt: skip
         self.worlds.pop(world.client, None)
+        self.calls.forget()
         self.real_time_since.pop(world.client, None)
 
     # -- steps and time ---------------------------------------------------------------------------
 
     def step(self, world: World, original: Any, args: Any, kwargs: Any) -> Any:
-        """Make a step of the script, which may be several of the engine, and count it."""
-        varied, client = self._variation, world.client
-        if varied is not None and varied.nudge(client, lambda: self._bodies(world)):
-            world.moved[ALL], world.touched = set(), True
-        result = self._step(world, original, args, kwargs)
-        if varied is not None:
-            for _ in range(varied.finer - 1):
-                varied.again(client, lambda *call: self.guarded(
-                    world, self.calls.tell, world.number, *call))  # fmt: skip
-                result = self._step(world, original, args, kwargs)
-            varied.stepped(client)
+        """Make a step of the script, and count it."""
+        varied = self._variation
+        if varied is None:
+            result = self._step(world, original, args, kwargs)
+        else:
+            result = self._varied_step(varied, world, original, args, kwargs)
         self._steps += 1
         if get_ident() != self._thread:
             self._threads.add(current_thread())
@@ -242,7 +241,23 @@ class Watch:
             self.stop("steps")
         if self._limit_s is not None:
             self._check_time()
-        self.pipe.tick()
+        if not world.step % TOLD_EVERY:
+            self.pipe.tick()
+        return result
+
+    def _varied_step(
+        self, varied: Variation, world: World, original: Any, args: Any, kwargs: Any
+    ) -> Any:
+        """Make several steps of the engine where the script makes one."""
+        client = world.client
+        if varied.nudge(client, lambda: self._bodies(world)):
+            world.moved[ALL], world.touched = set(), True
+        result = self._step(world, original, args, kwargs)
+        for _ in range(varied.finer - 1):
+            varied.again(client, lambda *call: self.guarded(
+                world, self.calls.tell, world, *call))  # fmt: skip
+            result = self._step(world, original, args, kwargs)
+        varied.stepped(client)
         return result
 
     def _bodies(self, world: World) -> list[Body]:
@@ -260,13 +275,11 @@ class Watch:
         except Exception as error:  # noqa: BLE001 - our errors must not reach the script
             self._lose(world, error)
             return original(*args, **kwargs)
-        if asks:
-            try:
-                result = original(*args, **kwargs)
-            finally:
-                world.report_solver(on=False)
-        else:
+        try:
             result = original(*args, **kwargs)
+        finally:
+            if asks:
+                world.report_solver(on=False)
         try:
             world.after_step(result)
         except Exception as error:  # noqa: BLE001 - likewise

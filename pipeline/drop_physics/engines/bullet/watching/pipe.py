@@ -46,14 +46,17 @@ CUT_BYTES = 64
 LONGEST = 1 << 29
 """No payload is as long; four letters read as a length are longer."""
 FLUSH_BYTES = 1 << 16
+"""When there is so much in the block, it is sent before more is put into it."""
+SHORT_BYTES = 1 << 14
+"""What is sent at every call is shorter."""
 FLUSH_S = 0.25
 
 
 class Pipe:
     """The sending end. Not for two threads at once: the sender holds `Watch.lock`.
 
-    What is sent at every call is written into `memory` at `end`, which then moves on, and is
-    counted in `counts[1]`; `make_room` comes first where it would lie beyond `limit`.
+    What is sent at every call is packed into `memory` at `end`, and then counted as in `sent`;
+    `make_room` comes first where `end` is beyond `limit`.
     """
 
     def __init__(self, pipe: int, block: int) -> None:
@@ -83,37 +86,33 @@ class Pipe:
         self.write(frame(kind, payload))
         self.tick()
 
-    def write(self, data: bytes | memoryview) -> None:
+    def write(self, data: bytes) -> None:
         """Put bytes into the block, which is sent when there is enough in it."""
-        at = self.end
-        end = at + len(data)
-        if end > self.limit:
-            at = self.make_room(len(data))
-            end = at + len(data)
-            if end > self.limit:
-                self._write_apart(data)
-                return
-        self.memory[at:end] = data
+        at, size = self.end, len(data)
+        if at > self.limit or at + size > BLOCK_BYTES:
+            at = self.make_room(size)
+        if at + size <= BLOCK_BYTES:
+            self.memory[at : at + size] = data
+            self.sent(at + size)
+        elif self.open:
+            self._hand_over(data)
+            if self._closed:
+                self.make_room(size)
+
+    def sent(self, end: int) -> None:
+        """Note up to where there is something in the block."""
         self.end = end
         self.counts[1] = end - BLOCK.size
 
-    def make_room(self, size: int) -> int:
-        """Send what is in the block; return where the next bytes go."""
+    def make_room(self, size: int = SHORT_BYTES) -> int:
+        """Send what is in the block; return where in it the next bytes go."""
         self.flush()
-        if self._closed and self.open and self.end + size > self.limit:
-            note = frame(NOTE, encoded({"what": "cut"}))
-            end = self.end + len(note)
-            self.memory[self.end : end] = note
-            self.counts[1] = end - BLOCK.size
+        if self._closed and self.open and self.end + size > BLOCK_BYTES - CUT_BYTES:
+            end = self.end + len(_CUT)
+            self.memory[self.end : end] = _CUT
+            self.sent(end)
             self._forget()
         return self.end
-
-    def _write_apart(self, data: bytes | memoryview) -> None:
-        """Send what the block has no room for, after what is in it."""
-        if self.open:
-            self._hand_over(data)
-            if self._closed:
-                self.make_room(len(data))
 
     def tick(self) -> None:
         """Send what has waited for long enough."""
@@ -142,13 +141,13 @@ class Pipe:
     def _forget(self) -> None:
         """Let everything that is still sent go nowhere."""
         self.open = False
-        self.memory, self.counts = bytearray(self.limit), [0, 0]
-        self.end = BLOCK.size
+        self.memory, self.counts = bytearray(BLOCK_BYTES), [0, 0]
+        self.end, self.limit = BLOCK.size, BLOCK.size + FLUSH_BYTES
 
     def _hand_over(self, data: bytes | memoryview) -> None:
         # A script may close all files and open its own: never write into one of those.
         if not self._closed and not self._is_ours():
-            self._closed, self.limit = True, BLOCK_BYTES - CUT_BYTES
+            self._closed, self.limit = True, 0
         if self._closed:
             return
         rest = memoryview(data)
@@ -183,4 +182,5 @@ def frame(kind: bytes, payload: bytes) -> bytes:
 
 
 _encode = json.JSONEncoder(ensure_ascii=False).encode
+_CUT = frame(NOTE, encoded({"what": "cut"}))
 _now = time.perf_counter  # the real one: it is read before the clock is replaced

@@ -15,7 +15,7 @@ from typing import Any
 from . import pipe as protocol
 from .bodies import BASE, RIGID, Body, Loaded, plain
 from .capsules import lay
-from .pipe import Pipe
+from .pipe import BLOCK, BLOCK_BYTES, Pipe
 
 LEAST_CHANGE = 0.01
 """If the last iteration changes a velocity by more, further ones were needed [m/s, rad/s].
@@ -30,6 +30,7 @@ ALL = None
 """In place of a body: a call may have moved any of them."""
 SAMPLE_HEAD = SET_HEAD = struct.Struct("<cIqq")
 """Header and head of a sample, and of a state set by calls."""
+SET_BASE = struct.Struct(SET_HEAD.format + "13d")
 POSE, POINT = struct.Struct("<13d"), struct.Struct("<23d")
 """The numbers of a base, of a contact point."""
 
@@ -99,8 +100,7 @@ class World:
         self._constraints: list[tuple[int, int]] = []
         """Ids, and how many forces they have."""
         self._buffer = bytearray(SAMPLE_HEAD.size)
-        """The last sample, as sent; without contact points, `_size` bytes."""
-        self._size = SAMPLE_HEAD.size
+        """The last sample, as sent; without contact points."""
         self._before: set[int] = set()
         if method == "before":
             bodies, constraints = p.getNumBodies(client), p.getNumConstraints(client)
@@ -273,8 +273,7 @@ class World:
                 body.joints_at, at = at, at + 8 * body.jointed
         self._bases = [(body.id, body.base_at) for body in moving if body.base_moves]
         self._jointed = [body for body in moving if body.joints]
-        self._size = at + 8 * sum(width for _, width in self._constraints)
-        self._buffer = bytearray(2 * self._size)
+        self._buffer = bytearray(at + 8 * sum(width for _, width in self._constraints))
         for body in moving:
             self._keep(body, body.last or bytes(8 * (BASE + body.jointed)))
         self._pipe.note("layout", world=self.number, constraints=self._constraints,
@@ -300,6 +299,11 @@ class World:
 
     def _sync_state(self, body: Body, *, sample_follows: bool) -> None:
         """Send the state of a body that calls may have moved, if they have."""
+        at = body.base_at
+        if at >= 0 and not body.jointed:  # all of its state is in one place
+            if not sample_follows:
+                self._sync_base(body.id, body.number, at)
+            return
         if body.soft:
             return
         if not body.base_moves and body.is_carried():
@@ -308,29 +312,33 @@ class World:
             self._lay_out()
         if sample_follows and body.base_moves:
             return
-        state, at = body.read(), body.base_at
-        if at >= 0 and not body.jointed:  # all of its state is in one place
-            its = slice(at, at + POSE.size)
-            if self._buffer[its] == state:
-                return
-            self._buffer[its] = state
-        elif state == self._last_of(body):
-            return
-        else:
+        state = body.read()
+        if state != self._last_of(body):
             self._keep(body, state)
-        head = SET_HEAD.pack(protocol.SET, protocol.HEAD.size + len(state), body.number, self.step)
-        self._pipe.write(head + state)
+            size = protocol.HEAD.size + len(state)
+            self._pipe.write(SET_HEAD.pack(protocol.SET, size, body.number, self.step) + state)
+
+    def _sync_base(self, body: int, number: int, at: int) -> None:
+        """Send the state of a body without joints, if it is not that of the last sample."""
+        (x, y, z), (a, b, c, d) = self._p.getBasePositionAndOrientation(body, self.client)
+        (vx, vy, vz), (wx, wy, wz) = self._p.getBaseVelocity(body, self.client)
+        sent = SET_BASE.pack(
+            protocol.SET, SET_BASE.size - protocol.HEADER.size, number, self.step,
+            x, y, z, a, b, c, d, vx, vy, vz, wx, wy, wz,
+        )  # fmt: skip
+        buffer, state = self._buffer, sent[SET_HEAD.size :]
+        if buffer[at : at + POSE.size] != state:
+            buffer[at : at + POSE.size] = state
+            self._pipe.write(sent)
 
     # -- what steps change ------------------------------------------------------------------------
 
     def sample(self) -> None:
         """Send the current state and contacts: both or, after Ctrl-C, neither."""
-        p, client, buffer, at = self._p, self.client, self._buffer, self._size
+        p, client, buffer, pipe = self._p, self.client, self._buffer, self._pipe
         points = ()
         if self.sampled:  # contacts are of a step, and the first sample has none
             points = p.getContactPoints(-1, -1, -2, -2, client) or ()  # between any links
-            if points and at + len(points) * POINT.size > len(buffer):
-                buffer = self._buffer = buffer + bytes(2 * len(points) * POINT.size)
         pose_of, velocity_of, pack = (
             p.getBasePositionAndOrientation, p.getBaseVelocity, POSE.pack_into,
         )  # fmt: skip
@@ -340,24 +348,32 @@ class World:
             pack(buffer, place, x, y, z, a, b, c, d, vx, vy, vz, wx, wy, wz)
         for jointed in self._jointed:
             if jointed.spherical:
-                jointed.pack_joints(buffer, jointed.joints_at, *jointed.read_joints())
+                numbers = jointed.read_joints()
+                struct.pack_into(f"<{jointed.jointed}d", buffer, jointed.joints_at, *numbers)
             else:
                 states = p.getJointStates(jointed.id, jointed.joints, client)
-                positions, velocities, _, efforts = zip(*states)
-                jointed.pack_joints(
-                    buffer, jointed.joints_at, *positions, *velocities, *efforts
-                )  # fmt: skip
+                jointed.pack_joints(buffer, jointed.joints_at, states)
         if self._constraints:
             forces: list[float] = []
             for constraint, _ in self._constraints:
                 forces += p.getConstraintState(constraint, client)
-            struct.pack_into(f"<{len(forces)}d", buffer, at - 8 * len(forces), *forces)
-        if points:
-            at = packed(points, buffer, at)
-        SAMPLE_HEAD.pack_into(
-            buffer, 0, protocol.SAMPLE, at - protocol.HEADER.size, self.number, self.step
-        )
-        self._pipe.write(memoryview(buffer)[:at])
+            struct.pack_into(f"<{len(forces)}d", buffer, len(buffer) - 8 * len(forces), *forces)
+        size = len(buffer) + len(points) * POINT.size
+        head = protocol.SAMPLE, size - protocol.HEADER.size, self.number, self.step
+        SAMPLE_HEAD.pack_into(buffer, 0, *head)
+        at = pipe.end
+        if at > pipe.limit or at + size > BLOCK_BYTES:
+            at = pipe.make_room(size)
+        if at + size > BLOCK_BYTES:
+            apart = buffer + bytes(size - len(buffer))
+            pack_points(points, apart, len(buffer))
+            pipe.write(bytes(apart))
+        else:
+            memory, end = pipe.memory, at + size
+            memory[at : at + len(buffer)] = buffer
+            if points:
+                pack_points(points, memory, at + len(buffer))
+            pipe.end, pipe.counts[1] = end, end - BLOCK.size
         self.sampled = True
 
     def before_step(self) -> None:
@@ -433,8 +449,8 @@ class World:
         self._pipe.note("over", world=self.number, step=self.step)
 
 
-def packed(points: Any, buffer: bytearray, at: int) -> int:
-    """Write contact points into a buffer, and return where they end.
+def pack_points(points: Any, memory: Any, at: int) -> None:
+    """Write contact points into a buffer.
 
     PyBullet lists both bodies, then both links. Each number is named here, because Python takes
     twice as long to put together tuples.
@@ -445,8 +461,7 @@ def packed(points: Any, buffer: bytearray, at: int) -> int:
         force, friction_1, (fx, fy, fz), friction_2, (gx, gy, gz),
     ) in points:  # fmt: skip
         pack(
-            buffer, at, body_a, link_a, body_b, link_b, ax, ay, az, bx, by, bz, nx, ny, nz,
+            memory, at, body_a, link_a, body_b, link_b, ax, ay, az, bx, by, bz, nx, ny, nz,
             distance, force, friction_1, fx, fy, fz, friction_2, gx, gy, gz,
         )  # fmt: skip
         at += size
-    return at
