@@ -22,9 +22,8 @@ from conftest import Drop
 from drop_physics import Camera, DropError, Scenario, analyze, check, run, simulate
 from drop_physics.cli import app
 from drop_physics.console import running
-from drop_physics.engines.bullet import probe
+from drop_physics.engines.bullet.body_files import BodyFileError, check_urdf
 from drop_physics.engines.bullet.engine import find_body, p
-from drop_physics.engines.bullet.urdf import check_urdf
 from drop_physics.engines.bullet.world import World
 from drop_physics.errors import OutputError, ScenarioError
 from drop_physics.fields import Option, Optioned
@@ -401,12 +400,8 @@ def test_a_malformed_urdf_neither_crashes_the_command_nor_soils_its_output(
 
 
 @given(cuts=st.data())
-@settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-def test_a_urdf_of_ones_own_with_anything_in_it_is_loaded_or_refused(
-    monkeypatch: pytest.MonkeyPatch, cuts: st.DataObject
-) -> None:
+@settings(max_examples=60, deadline=None)
+def test_the_text_of_a_urdf_with_anything_in_it_passes_or_is_refused(cuts: st.DataObject) -> None:
     text = urdf('<link name="c"/>' + JOINT.format("base", "c"))
     start = cuts.draw(st.integers(0, len(text)))
     stop = cuts.draw(st.integers(start, min(len(text), start + 40)))
@@ -427,19 +422,13 @@ def test_a_urdf_of_ones_own_with_anything_in_it_is_loaded_or_refused(
         "\0",
     ]
     inserted = cuts.draw(st.sampled_from(words) | st.text(max_size=10))
-    folder = Path(__file__).parent / "__pycache__"
-    folder.mkdir(exist_ok=True)
-    own = folder / "mutated.urdf"
+    own = Path(__file__).parent / "__pycache__" / "mutated.urdf"
+    own.parent.mkdir(exist_ok=True)
     own.write_text(text[:start] + inserted + text[stop:], errors="replace")
-    # Not tried in a separate process: parsing it must suffice to decide.
-    monkeypatch.setattr(probe, "problem_of", lambda _: "")
     try:
-        with World(Scenario(body=str(own), spin_rad_s=(1.0, 2.0, 3.0), duration_s=0.1)) as world:
-            samples = len(Batch.joined(world.samples(64)).base)
-    except DropError as error:
+        check_urdf(own)
+    except BodyFileError as error:
         one_line(error)
-    else:
-        assert samples == 25
     finally:
         own.unlink()
 

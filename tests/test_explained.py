@@ -126,6 +126,15 @@ def test_an_altered_sample_ends_what_is_explained(
     assert "law-mismatch" in codes(analysis)
 
 
+def test_where_next_to_nothing_acts_the_rounding_of_the_momentum_is_no_remainder(
+    recorded: Recorder,
+) -> None:
+    thrown: Any = {"velocity_m_s": (-0.4, -4.2, 3.1), "orientation": (30.0, 20.0, 10.0)}
+    recording = recorded(gravity_m_s2=0.0, linear_damping=1e-12, duration_s=0.1, **thrown)
+    assert judge(recording).explained.why is None
+    assert altered(recording, 5, "vy_m_s", 1e-13).explained.until_s == pytest.approx(4 / 240)
+
+
 def test_an_altered_force_ends_what_is_explained(recorded: Recorder) -> None:
     recording = recorded(**TUMBLING)
     forced = recording.contacts.filter(pl.col("normal_force_n") > 0)["step"].to_list()

@@ -28,7 +28,7 @@ from engine import DATA, MODES, box, lowered, shape, urdf_of
 @pytest.fixture(autouse=True)
 def untried(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no body be tried in a process of its own first: `test_hostile_bodies.py` does that."""
-    monkeypatch.setattr(probe, "problem_of", lambda _: "")
+    monkeypatch.setattr(probe, "problem_of", lambda _: ("", []))
 
 
 def test_the_engine_reports_what_was_set(recorded: Recorder) -> None:

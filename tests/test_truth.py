@@ -1804,7 +1804,7 @@ def hold_case(scenario: Scenario, folder: Path, tally: Tally, *, through_file: b
 def hold_many(cases: int, seed: int, folder: Path, *, bodies: Path | None = None) -> Tally:
     """Hold so many drawn scenarios; every tenth is analyzed as the command does it."""
     rng, tally = random.Random(seed), Tally()
-    with patch.object(probe, "problem_of", lambda _: ""):  # none of ours ends Bullet
+    with patch.object(probe, "problem_of", lambda _: ("", [])):  # none of ours ends Bullet
         for number in range(cases):
             scenario = drawn(random.Random(rng.random()), bodies or folder)
             try:

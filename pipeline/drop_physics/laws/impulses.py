@@ -100,6 +100,10 @@ def largest_per_step(tree: Tree, forces: Forces, timestep_s: Float64) -> Float64
     return largest
 
 
+ROUNDED = 1e-6
+"""Of a momentum: its last bits, 1e-15 of it, are within 1e-9 of this, as of the largest term."""
+
+
 @dataclass(frozen=True, eq=False)
 class Sum:
     """n steps of a tree, each as a sum of impulses; arrays have one row per step."""
@@ -127,10 +131,12 @@ class Sum:
         """The largest entry of any term, or impulse of a single force, in each step, shape (n,).
 
         A force may pass through all axes, or be balanced by another: then no term shows how large
-        the numbers are that were added.
+        the numbers are that were added. Nor where next to nothing acts: the momentum itself is
+        rounded, so that a share of it counts.
         """
         entries = [np.abs(term).max(axis=1, initial=0.0) for term in self.terms.values()]
-        return np.asarray(np.max([*entries, self.forces_n_s], axis=0))
+        momentum = np.abs(_applied(self.matrices[1:], self.velocity[1:])).max(axis=1, initial=0.0)
+        return np.asarray(np.max([*entries, self.forces_n_s, ROUNDED * momentum], axis=0))
 
     @property
     def unexplained(self) -> Float64:

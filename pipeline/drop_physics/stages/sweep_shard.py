@@ -6,7 +6,7 @@ This is all that a worker does, wherever it runs. It keeps its world from shard 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from drop_physics.analysis.drop.one_sample import moment_in_the_air
 from drop_physics.analysis.drop.results import Moment
 from drop_physics.analysis.drop.statistics import Moments
 from drop_physics.engines.bullet.lasting_world import LastingWorld
-from drop_physics.engines.bullet.probe import believe
+from drop_physics.engines.bullet.probe import Verdicts, believe
 from drop_physics.engines.other_world import OtherWorld
 from drop_physics.engines.worlds import Worlds
 from drop_physics.errors import DropError, OutputError, check_signals
@@ -73,7 +73,7 @@ class RunShard:
     at_s: float
     recorded: bool
     camera: Camera | None
-    tried: Mapping[str, str] = field(default_factory=dict)
+    tried: Verdicts = field(default_factory=dict)
     """What is known of the plan's bodies, so that they are not tried in every process."""
     mark: str = ""
     """The mark of this sweep's own files."""

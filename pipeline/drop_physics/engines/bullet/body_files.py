@@ -1,7 +1,7 @@
-"""The files that a URDF names, found where Bullet looks for them and checked before it reads them.
+"""Check what Bullet would misread without a word: numbers in a URDF, and the text of meshes.
 
-Bullet opens anything of that name, and waits for a pipe forever. It trusts every index and every
-count in a mesh.
+`nan` becomes a length, a word becomes 0, and an index of a face any place in memory. What Bullet
+itself fails on is tried in a process that may die (`probe`).
 """
 
 from __future__ import annotations
@@ -11,29 +11,54 @@ import os
 import re
 import stat
 import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from xml.etree import ElementTree as Xml
 
 from drop_physics.messages import Message
 
-MOST_BYTES = 100_000_000
-"""Per file; Bullet takes some twenty times that in memory."""
-LONGEST_PATH = 1000
-"""Bytes; Bullet copies paths into arrays of 1,024."""
-FORMATS = (".obj", ".stl", ".dae", ".cdf", ".vtk")
-"""Suffixes, in any case, of files that Bullet takes for meshes."""
-LONGEST_LINE = 1022
-"""Bytes in a .obj or .mtl: Bullet reads lines of up to 1,023, line end included."""
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
-"""Numbers that C and Python read alike; only Python accepts 1_000."""
+MOST_URDF_BYTES, MOST_BYTES = 10_000_000, 100_000_000
+"""In a file; of a mesh Bullet takes some twenty times that in memory."""
+LONGEST_VALUE = 1000
+"""Characters in an attribute or a path; Bullet copies them into arrays on its stack."""
+URDF_LINE, MESH_LINE = 8190, 1022
+"""Bytes in a line; Bullet splits longer ones anywhere."""
+LARGEST = 1e9
+"""Of a mass [kg], a length [m] or an inertia: Bullet's doubles can still square and add it."""
 LARGEST_INDEX = 100_000_000
 """Of a normal or texture in a .obj: three times that still fits in an int."""
-PREFIXES = ("./", "./data/", "../data/", "../../data/", "../../../data/", "../../../../data/")
-"""Where Bullet also looks for textures."""
+MOST_JOINTS = 127
+"""With the base MAX_DEGREE_OF_FREEDOM = 128 links (bullet3's `SharedMemoryCommands.h`); with more
+PyBullet reads no pose."""
+MOST_POSITIONS = 121
+"""Coordinates of all joints: with the base's 7 they fill an array of 128, which the velocities that
+PyBullet reads follow."""
+POSITIONS = {"revolute": 1, "continuous": 1, "prismatic": 1, "planar": 3, "spherical": 4}
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+"""Numbers that C and Python read alike; only Python accepts 1_000."""
+
+BOUNDED = {
+    "mass": "value", "inertia": "ixx ixy ixz iyy iyz izz", "origin": "xyz rpy", "axis": "xyz",
+    "box": "size", "sphere": "radius", "cylinder": "radius length", "capsule": "radius length",
+    "plane": "normal", "mesh": "scale", "cdf": "scale",
+}  # fmt: skip
+FINITE = {
+    "collision": "group mask", "limit": "lower upper twist effort velocity",
+    "dynamics": "damping friction", "color": "rgba", "specular": "rgb",
+    "inertia_scaling": "value", "lateral_friction": "value", "rolling_friction": "value",
+    "spinning_friction": "value", "restitution": "value", "stiffness": "value", "damping": "value",
+}  # fmt: skip
+"""Elements, and their attributes that Bullet reads as numbers."""
+COUNTS = {
+    "xyz": (3,), "rpy": (3,), "size": (3,), "normal": (3,), "scale": (1, 3), "rgba": (3, 4),
+    "rgb": (3, 4),
+}  # fmt: skip
+"""How many numbers an attribute may hold, where it is not one."""
+ABOVE_ZERO = ("size", "radius", "length")
 
 
 class BodyFileError(Exception):
-    """Something is wrong with a file."""
+    """Something is wrong with a file of a body."""
 
     def __init__(self, problem: str) -> None:
         super().__init__(problem)
@@ -48,115 +73,39 @@ def read(path: Path, most: int = MOST_BYTES) -> bytes:
     BodyFileError
         If it is not a regular file, too large, or cannot be read.
     """
+    shown = str(path)[-100:]
     try:
         if not stat.S_ISREG(path.stat().st_mode):
-            raise _not_regular(path)
+            raise BodyFileError(Message("{path!r} is not a regular file", path=shown))
         with path.open("rb") as file:
             data = file.read(most + 1)
     except OSError as error:
         raise BodyFileError(
-            Message("{path!r} cannot be read ({reason})", path=_shown(path), reason=error.strerror)
+            Message("{path!r} cannot be read ({reason})", path=shown, reason=error.strerror)
         ) from None
     if len(data) > most:
-        raise BodyFileError(
-            Message("{path!r} has more than {most:,} bytes", path=_shown(path), most=most)
-        )
+        raise BodyFileError(Message("{path!r} has more than {most:,} bytes", path=shown, most=most))
     return data
 
 
-def _not_regular(path: Path) -> BodyFileError:
-    return BodyFileError(Message("{path!r} is not a regular file", path=_shown(path)))
-
-
-def _shown(path: Path) -> str:
-    return str(path)[-100:]
-
-
-def files_behind(urdf: Path, names: Iterable[str]) -> list[Path]:
-    """Return the meshes that a URDF names, and the materials and textures that they name.
+def check_urdf(path: Path) -> None:
+    """Make sure that Bullet reads the numbers of a URDF as they are written.
 
     Raises
     ------
     BodyFileError
-        If a mesh is missing, or one of the files is not a regular file.
+        If it is not well-formed XML, a number in it is malformed, or it has too many joints.
     """
-    files: dict[Path, None] = {}
-    for name in names:
-        mesh = _mesh_path(urdf, name)
-        if mesh in files:
-            continue
-        files[mesh] = None
-        if mesh.suffix.lower() == ".obj":
-            for material in _references(read(mesh), b"mtllib", _near(mesh)):
-                files[material] = None
-                files |= dict.fromkeys(_references(read(material), b"map_Kd", _near(mesh)))
-    return list(files)
+    if len(os.fsencode(path)) > LONGEST_VALUE:
+        raise BodyFileError(Message("its path has more than {most:,} bytes", most=LONGEST_VALUE))
+    data = read(path, MOST_URDF_BYTES)
+    for problem in (_cut_lines(data, URDF_LINE), *_urdf_problems(data)):
+        if problem:
+            raise BodyFileError(problem)
 
 
-def _mesh_path(urdf: Path, name: str) -> Path:
-    """Return the file that Bullet opens for a mesh (`UrdfFindMeshFile.h`)."""
-    if len(name) <= 4 or not name.lower().endswith(FORMATS):
-        raise BodyFileError(
-            Message("Bullet reads meshes of .obj, .stl or .dae, got {name!r}", name=name[:100])
-        )
-    bare = name.removeprefix("file://")
-    shorter = bare.removeprefix("package://")
-    bare = shorter if shorter != bare else bare.removeprefix("model://")
-    above = [str(urdf)[: slash.end()] for slash in re.finditer(r"[/\\]", str(urdf))]
-    for prefix in ("", *reversed(above), "./", "../", "../../"):
-        attempt = Path(prefix + bare)
-        if _opens(attempt):
-            return attempt
-    raise BodyFileError(
-        Message("there is no mesh {name!r} in its folder or above", name=name[:100])
-    )
-
-
-def _opens(path: Path) -> bool:
-    """Return whether Bullet can open a file of this name.
-
-    Raises
-    ------
-    BodyFileError
-        If that is not a regular file, or its path is too long.
-    """
-    try:
-        readable = os.access(path, os.R_OK)
-    except ValueError:  # a NUL in it
-        return False
-    if readable and not path.is_file():
-        raise _not_regular(path)
-    if readable and len(os.fsencode(path)) > LONGEST_PATH:
-        raise BodyFileError(
-            Message(
-                "the path of {path!r} has more than {most:,} bytes",
-                path=_shown(path),
-                most=LONGEST_PATH,
-            )
-        )
-    return readable
-
-
-def _near(mesh: Path) -> tuple[str, ...]:
-    return (f"{mesh.parent}/", "", *PREFIXES)
-
-
-def _references(data: bytes, keyword: bytes, prefixes: Iterable[str]) -> Iterator[Path]:
-    """Yield the existing files named after a keyword, wherever Bullet may look for them."""
-    for name in re.findall(rb"^[ \t]*%s[ \t]+([^\r\n]*)" % keyword, data, re.MULTILINE):
-        for prefix in prefixes:
-            path = Path(prefix + os.fsdecode(name.strip()))
-            if name.strip() and _opens(path):
-                yield path
-
-
-# -- their content --------------------------------------------------------------------------------
-
-
-def check_content(path: Path) -> None:
-    """Make sure that Bullet reads a mesh as it is written.
-
-    .dae and .cdf files are not checked here: they are tried.
+def check_mesh(path: Path) -> None:
+    """Make sure that Bullet reads a mesh as it is written; only .obj and .stl are checked.
 
     Raises
     ------
@@ -167,10 +116,11 @@ def check_content(path: Path) -> None:
         path.suffix.lower()
     )
     if check is not None and (problem := check(read(path))):
-        raise BodyFileError(Message("{path!r}: {problem}", path=_shown(path), problem=problem))
+        shown = str(path)[-100:]
+        raise BodyFileError(Message("{path!r}: {problem}", path=shown, problem=problem))
 
 
-def cut_lines(data: bytes, longest: int) -> str:
+def _cut_lines(data: bytes, longest: int) -> str:
     """Return what is wrong with the lines of a text that Bullet reads, or ''."""
     if re.search(rb"\r(?!\r*(?:\n|\Z))", data) or b"\0" in data:
         return Message(
@@ -182,6 +132,67 @@ def cut_lines(data: bytes, longest: int) -> str:
             longest=longest,
         )
     return ""
+
+
+# -- a URDF ---------------------------------------------------------------------------------------
+
+
+def _urdf_problems(data: bytes) -> Iterator[str]:
+    try:
+        text = data.decode()
+        if "<!DOCTYPE" in text:
+            yield Message("it declares a document type; a URDF has none")
+        robot = Xml.fromstring(text)
+    except (Xml.ParseError, ValueError) as error:
+        yield Message("it is not well-formed XML in UTF-8 ({error})", error=str(error))
+        return
+    # Bullet reads three numbers with a tab between them as one, and that one for all axes.
+    if re.search(r"""\bscale\s*=\s*("[^"]*[\t\r\n]|'[^']*[\t\r\n])""", text):
+        yield Message("a scale must hold numbers separated by spaces, not tabs or line ends")
+    joints = robot.findall("joint")
+    positions = sum(POSITIONS.get(joint.get("type", ""), 0) for joint in joints)
+    if len(joints) > MOST_JOINTS or positions > MOST_POSITIONS:
+        yield Message(
+            "it has {joints:,} joints with {positions:,} coordinates; PyBullet reads at most "
+            "{most_joints} and {most}; make some joints fixed, or merge links",
+            joints=len(joints), positions=positions, most_joints=MOST_JOINTS, most=MOST_POSITIONS,
+        )  # fmt: skip
+    for element in robot.iter():
+        tag = element.tag.rpartition("}")[2]  # to Bullet a namespace is an attribute
+        bounded = tag in BOUNDED
+        numbers = (BOUNDED if bounded else FINITE).get(tag, "").split()
+        for name, value in element.attrib.items():
+            if len(value) > LONGEST_VALUE:
+                yield Message(
+                    "its {name} of <{element}> has {length:,} characters, more than {most:,}",
+                    name=name[:40], element=tag[:40], length=len(value), most=LONGEST_VALUE,
+                )  # fmt: skip
+            elif name in numbers:
+                yield from _number_problems(name, tag, value, LARGEST if bounded else math.inf)
+
+
+def _number_problems(name: str, element: str, text: str, largest: float) -> Iterator[str]:
+    # Bullet splits at spaces only; within a part C skips other white space.
+    parts = [part.strip() for part in text.split(" ") if part]
+    numbers = [float(part) for part in parts if NUMBER.fullmatch(part)]
+    counts, about = COUNTS.get(name, (1,)), {"name": name, "element": element, "text": text[:40]}
+    readable = len(numbers) == len(parts) and len(parts) in counts
+    if not (readable and all(map(math.isfinite, numbers))):
+        yield Message(
+            "{name} of <{element}> must be {count} finite numbers separated by spaces, got "
+            "{text!r}",
+            count=counts[-1], **about,
+        )  # fmt: skip
+    elif name in ABOVE_ZERO and not min(numbers) > 0:
+        yield Message("{name} of <{element}> must be above 0, got {text!r}", **about)
+    elif max(map(abs, numbers)) > largest:
+        yield Message(
+            "{name} of <{element}> must be at most {largest:g}, got {text!r}",
+            largest=largest, **about,
+        )  # fmt: skip
+
+
+# -- meshes ---------------------------------------------------------------------------------------
 
 
 def _stl_problem(data: bytes) -> str:
@@ -196,8 +207,12 @@ def _stl_problem(data: bytes) -> str:
     return ""
 
 
+_CORNER = re.compile(rb"(-?\d{1,10})(?:/(-?\d{1,10})?(?:/(-?\d{1,10}))?)?")
+"""i, i/j, i//k or i/j/k."""
+
+
 def _obj_problem(data: bytes) -> str:
-    if cut := cut_lines(data, LONGEST_LINE):
+    if cut := _cut_lines(data, MESH_LINE):
         return cut
     vertices, highest, faces = 0, 0, 0
     for line in data.split(b"\n"):
@@ -211,8 +226,9 @@ def _obj_problem(data: bytes) -> str:
         elif kind == b"f":
             faces += 1
             for part in parts:
-                indices = _indices(part)
-                if not indices or 0 in indices or max(map(abs, indices)) > LARGEST_INDEX:
+                match = _CORNER.fullmatch(part)
+                indices = [int(group) for group in match.groups() if group] if match else [0]
+                if 0 in indices or max(map(abs, indices)) > LARGEST_INDEX:
                     return Message("{corner!r} is not a corner of a face", corner=_quoted(part))
                 if indices[0] < -vertices:
                     return Message("{corner!r} is a vertex before the first", corner=_quoted(part))
@@ -230,12 +246,3 @@ def _obj_problem(data: bytes) -> str:
 
 def _quoted(text: bytes) -> str:
     return text[:40].decode(errors="replace")
-
-
-_CORNER = re.compile(rb"(-?\d{1,10})(?:/(-?\d{1,10})?(?:/(-?\d{1,10}))?)?")
-
-
-def _indices(corner: bytes) -> list[int]:
-    """Return the numbers in i, i/j, i//k or i/j/k; none if it is something else."""
-    match = _CORNER.fullmatch(corner)
-    return [int(group) for group in match.groups() if group] if match else []

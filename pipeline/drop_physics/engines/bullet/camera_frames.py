@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Self
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engines.bullet.pose_renderer import PoseRenderer
-from drop_physics.engines.bullet.probe import believe, verdicts
+from drop_physics.engines.bullet.probe import Verdicts, believe, verdicts
 from drop_physics.engines.bullet.visible_world import framed
 from drop_physics.engines.bullet.world import World
 from drop_physics.messages import Message
@@ -143,7 +143,7 @@ def _pngs(scenario: Scenario, camera: Camera, poses: list[Poses]) -> Iterator[by
         yield _ahead.pop(pose.tobytes(), b"") or _renderer(scenario, camera).png(pose)
 
 
-def _believe(known: Mapping[str, str]) -> Iterator[bytes]:
+def _believe(known: Verdicts) -> Iterator[bytes]:
     believe(known)
     return iter(())
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 from drop_physics.engines.bullet.c_output import c_output_moved_aside
 from drop_physics.engines.bullet.probe import digest_of, try_body
 from drop_physics.errors import ScenarioError
+from drop_physics.messages import Message
 from drop_physics.scenario import Scenario
 
 
@@ -35,6 +35,18 @@ def find_body(body: str) -> Path:
     ScenarioError
         If neither place has such a file, or it is the user's own and Bullet cannot load it.
     """
+    return _found(body)[0]
+
+
+def body_digest(body: str) -> str | None:
+    """Return the SHA-256 of a body's files, to notice an edit; None if it cannot be loaded."""
+    with contextlib.suppress(ScenarioError):  # its runs report what is wrong with it
+        return _found(body)[1]
+    return None
+
+
+def _found(body: str) -> tuple[Path, str]:
+    """Return a body's file, and the digest of what is read for it."""
     bundled, is_folder = data_folder().resolve(), False
     candidates = [Path(body), bundled / body]
     if body == Scenario().body:
@@ -42,31 +54,16 @@ def find_body(body: str) -> Path:
     for candidate in candidates:
         with contextlib.suppress(OSError):  # such as a name that is too long
             if candidate.is_file():
-                if bundled not in candidate.resolve().parents:
-                    try_body(candidate)
-                return candidate
+                ours = bundled in candidate.resolve().parents
+                return candidate, digest_of([candidate]) if ours else try_body(candidate)
             is_folder |= candidate.is_dir()
-    if is_folder:
-        raise ScenarioError(
-            "--body must be a URDF file, here or in pybullet_data, got {body!r}, which is a "
-            "folder; try cube_small.urdf or ./my_body.urdf",
-            body=body[:200],
-        )
+    why = Message(", which is a folder") if is_folder else Message(", which is in neither place")
     raise ScenarioError(
-        "--body must be a URDF file, here or in pybullet_data, got {body!r}, which is in neither "
-        "place; try cube_small.urdf or ./my_body.urdf",
+        "--body must be a URDF file, here or in pybullet_data, got {body!r}{why}; try "
+        "cube_small.urdf or ./my_body.urdf",
         body=body[:200],
+        why=why,
     )
-
-
-def body_digest(body: str) -> str | None:
-    """Return the SHA-256 of a body's files, to notice an edit; None if it cannot be loaded."""
-    with contextlib.suppress(ScenarioError):  # its runs report what is wrong with it
-        path = find_body(body)
-        with contextlib.suppress(ScenarioError):  # of pybullet_data, which is not checked
-            return digest_of(path)
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    return None
 
 
 @functools.cache
