@@ -37,13 +37,12 @@ from rerun.chunk import Chunk, RrdReader
 from rerun.experimental import ViewerClient
 from scenes import record
 from viewer import (
+    PATIENCE_S,
     Look,
     Viewer,
     binary,
     complaints,
     free_port,
-    has_colour,
-    is_blank,
     isolated,
     vulkan_driver,
 )
@@ -74,6 +73,7 @@ ANALYZED = ALONE | {
     "Energy [J]": Look(moves=True, colours=(colours.KINETIC, colours.ROTATION, colours.POTENTIAL)),
     "Events": Look(moves=True),
     "Findings": Look(moves=False),
+    "About": Look(behind=True),
 }
 
 
@@ -106,8 +106,12 @@ def test_with_its_analysis_it_opens_as_one_recording(standard: Run) -> None:
             view.DEFAULT_AT_S,
             viewer.process,
         )
-        (recording,) = viewer.client.get_state().recordings
-        assert recording.current_time == 300_000_000
+        wait_until(lambda: _time_in(viewer) == 300_000_000)
+
+
+def _time_in(viewer: Viewer) -> float | None:
+    (recording,) = viewer.client.get_state().recordings
+    return recording.current_time
 
 
 ARM = """
@@ -138,12 +142,7 @@ def test_a_robot_opens_with_its_joints_its_energy_and_its_contacts(tmp_path: Pat
     }
     with Viewer(path, layer) as viewer:
         viewer.set_time(0.8)
-        viewer.view("World")
-        viewer.settled()
-        for name, wanted in shown.items():
-            picture = viewer.view(name)
-            assert not is_blank(picture), name
-            assert [each for each in wanted if not has_colour(picture, each)] == [], name
+        assert [name for name, wanted in shown.items() if not viewer.shows(name, *wanted)] == []
         views = viewer.client.get_state().views
         assert [view.reports for view in views if view.reports] == []
         assert viewer.warnings() == []
@@ -156,7 +155,7 @@ def test_several_recordings_open_at_once(tmp_path: Path, standard: Run) -> None:
     other = tmp_path / "other.rrd"
     simulate(Scenario(linear_damping=0.0), other)
     with Viewer(standard.simulation.recording, other) as viewer:
-        assert len(viewer.client.get_state().recordings) == 2
+        wait_until(lambda: len(viewer.client.get_state().recordings) == 2)
         assert viewer.warnings() == []
 
 
@@ -220,7 +219,7 @@ def test_a_broken_recording_is_noticed(
 ) -> None:
     path = altered(standard.simulation.recording, tmp_path / "broken.rrd", change)
     with Viewer(path) as viewer:
-        assert said in "; ".join(complaints(viewer, views=ALONE, times_s=(0.0, 0.3)))
+        assert said in "; ".join(complaints(viewer, views=ALONE, times_s=(0.0, 0.3), patience_s=0))
 
 
 @needs_vulkan
@@ -230,7 +229,7 @@ def test_a_wrong_path_in_the_layout_is_noticed(
     monkeypatch.setattr(schema, "HEIGHT", "hight")
     path = altered(standard.simulation.recording, tmp_path / "wrong.rrd", lambda chunk: chunk)
     with Viewer(path) as viewer:
-        found = complaints(viewer, views=ALONE, times_s=[0.3])
+        found = complaints(viewer, views=ALONE, times_s=[0.3], patience_s=0)
     name = "Height of the centre [m]"
     # The grey of free fall may be that of words that fade in on a slow machine.
     assert [one for one in found if not one.endswith(colours.FREE_FALL)] == [
@@ -466,8 +465,8 @@ def listening_on(port: int) -> set[str]:
     return {"127.0.0.1" if address == "0100007F" else address for address in found}
 
 
-def wait_until(ready: Callable[[], object], *, seconds: float = 20) -> None:
-    deadline = time.monotonic() + seconds
+def wait_until(ready: Callable[[], object]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
     while not ready():
         assert time.monotonic() < deadline
         time.sleep(0.05)

@@ -34,6 +34,8 @@ BLANK = 0.002
 """A picture of which a smaller share differs from its commonest colour shows nothing."""
 SAME = 8
 """Largest difference of a colour channel between two pictures of the same thing."""
+PATIENCE_S = 60.0
+"""How long something may take on a machine that has much else to do."""
 COLOURED = 20
 """Fewest pixels of a colour that something has."""
 MOVED = 30
@@ -91,7 +93,7 @@ class Viewer:
             self._wait_until_loaded()
 
     def _connected(self) -> ViewerClient:
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + PATIENCE_S
         while True:
             if self.process.poll() is not None:
                 raise RuntimeError(f"the viewer died at start: {self._log.read_text()[-800:]}")
@@ -129,8 +131,8 @@ class Viewer:
 
     # -- what is open -----------------------------------------------------------------------------
 
-    def _wait_until_loaded(self, *, seconds: float = 20) -> None:
-        deadline = time.monotonic() + seconds
+    def _wait_until_loaded(self) -> None:
+        deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline and not self.warnings():
             state = self.client.get_state()
             if state.active_recording and state.views and not state.loading:
@@ -152,12 +154,12 @@ class Viewer:
 
     # -- pictures ---------------------------------------------------------------------------------
 
-    def view(self, name: str, *, seconds: float = 20) -> Picture:
+    def view(self, name: str) -> Picture:
         """Return a view as `picture` does, once the layout that names it is there.
 
         Until then the viewer shows a layout of its own.
         """
-        deadline = time.monotonic() + seconds
+        deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline:
             for view in self.client.get_state().views:
                 if view.name == name:
@@ -166,13 +168,24 @@ class Viewer:
         names = [view.name for view in self.client.get_state().views]
         raise AssertionError(f"no view is named {name}, but {names}")
 
+    def shows(self, name: str, *colours: str) -> bool:
+        """Whether a view that is not blank has these colours, at the latest after a while."""
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            picture = self.view(name)
+            if not is_blank(picture) and all(has_colour(picture, each) for each in colours):
+                return True
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(0.2)
+
     def picture(self, view_id: str | None = None) -> Picture:
         """Return the window or one view as RGB, shape (height, width, 3)."""
         return decoded(self.client.take_screenshot(view_id))
 
-    def settled(self, *, seconds: float = 20) -> bytes:
+    def settled(self) -> bytes:
         """Return a PNG of the window once two in a row are the same: chunks load when needed."""
-        deadline = time.monotonic() + seconds
+        deadline = time.monotonic() + PATIENCE_S
         png = self.client.take_screenshot()
         while time.monotonic() < deadline and not self.warnings():
             time.sleep(0.2)
@@ -198,10 +211,12 @@ def is_blank(picture: Picture) -> bool:
 class Look(NamedTuple):
     """What a view must look like."""
 
-    moves: bool
+    moves: bool = False
     """Whether it must change with time."""
     colours: Collection[str] = ()
     """Colours that must be seen in it, as `#rrggbb`."""
+    behind: bool = False
+    """Whether it is in a tab behind another."""
 
 
 def has_colour(picture: Picture, colour: str) -> bool:
@@ -215,8 +230,12 @@ def complaints(
     *,
     views: Mapping[str, Look],
     times_s: Sequence[float] = (0.0, 0.3, 0.8),
+    patience_s: float = PATIENCE_S,
 ) -> list[str]:
     """Look at every view of the one recording that is open at some times; say what is wrong.
+
+    Again and again, until nothing is or the patience ends: of several files the layout of one may
+    be there before the others are, and chunks load when needed.
 
     Parameters
     ----------
@@ -226,7 +245,17 @@ def complaints(
         The name of every view that there must be, and how it must look.
     times_s
         Times to look at [s].
+    patience_s
+        For how long something may still be wrong [s].
     """
+    deadline = time.monotonic() + patience_s
+    while found := _complaints(viewer, views, times_s):
+        if time.monotonic() > deadline or viewer.process.poll() is not None or viewer.warnings():
+            break
+    return found
+
+
+def _complaints(viewer: Viewer, views: Mapping[str, Look], times_s: Sequence[float]) -> list[str]:
     state = viewer.client.get_state()
     found: list[str] = []
     if len(state.recordings) != 1:
@@ -243,11 +272,12 @@ def complaints(
         origin = f"/{view.origin.strip('/')}"
         if not any(f"{one.entity_path}/".startswith(f"{origin}/") for one in known):
             found.append(f"{view.name} looks at {view.origin}, where nothing is")
-    shots: dict[str, list[Picture]] = {view.name: [] for view in state.views}
+    seen = [view for view in state.views if not views.get(view.name, Look()).behind]
+    shots: dict[str, list[Picture]] = {view.name: [] for view in seen}
     for time_s in times_s:
         viewer.set_time(time_s)
         viewer.settled()
-        for view in state.views:
+        for view in seen:
             picture = viewer.picture(view.view_id)
             shots[view.name].append(picture)
             if is_blank(picture):

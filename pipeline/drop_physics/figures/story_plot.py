@@ -34,8 +34,8 @@ NAME = 21
 """Characters of a curve's name that fit beside a panel."""
 APART = 0.135
 """Least distance of two names, as a share of a panel's height."""
-BESIDE, BESIDE_TITLE = 2, 50
-"""Panels beside a film, and characters in a line of its title."""
+BESIDE, BESIDE_TITLE, BESIDE_NAME = 2, 50, 10
+"""Panels beside a film, and characters in a line of its title and of a curve's name."""
 USUAL, TALLER = 98.0, 3.0
 """Peaks over TALLER times this percentile of a panel are cut off."""
 
@@ -78,11 +78,11 @@ def draw_beside(figure: Figure, story: Story, ink: Ink) -> tuple[list[Axes], Uni
     end_s = max(float(curve.times_s[-1]) for panel in shown for curve in panel.curves)
     time = style.unit_for(end_s, style.SECONDS, usual="s")
     axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
-    figure.subplots_adjust(0.12, 0.12, 0.84, 0.8, hspace=0.35)
+    figure.subplots_adjust(0.12, 0.12, 0.8, 0.8, hspace=0.35)
     axes[-1].set_xlim(0, end_s * time.per_si or 1)
     axes[-1].set_xlabel(style.words("time [{unit}]", unit=time.name), size=9)
     for each, panel in zip(axes, shown, strict=True):
-        _draw(each, replace(panel, mark="", span_s=None), time, ink)
+        _draw(each, replace(panel, mark="", span_s=None), time, ink, name=BESIDE_NAME, size=9.0)
         each.set_title(each.get_title(loc="left"), loc="left", size=9.5, pad=4, color=ink.text)
         each.tick_params(labelsize=8.5)
     return [*axes], time
@@ -107,7 +107,10 @@ def _wrapped(texts: Sequence[str], width: int, most: int) -> list[str]:
     return [*lines[: most - 1], lines[most - 1] + " …"] if len(lines) > most else lines
 
 
-def _draw(axes: Axes, panel: Panel, time: Unit, ink: Ink) -> None:
+def _draw(
+    axes: Axes, panel: Panel, time: Unit, ink: Ink, *, name: int = NAME, size: float = 10.0
+) -> None:
+    """Draw a panel; a line of a curve's name has `name` characters of a `size` [points]."""
     mark = f"{panel.mark}  " if panel.mark else ""
     axes.set_title(
         f"{mark}{style.words(panel.title)} [{panel.unit}]", loc="left", size=11, pad=5,
@@ -134,7 +137,7 @@ def _draw(axes: Axes, panel: Panel, time: Unit, ink: Ink) -> None:
         axes.yaxis.set_minor_formatter(lambda *_: "")
     else:
         _limit(axes, panel, ink)
-    _name(axes, panel.curves, ink)
+    _name(axes, panel.curves, ink, name, size)
 
 
 def _colour(curve: Curve, ink: Ink) -> str:
@@ -160,12 +163,13 @@ def _limit(axes: Axes, panel: Panel, ink: Ink) -> None:
         most = max(cut, key=abs)
         said = Message("peak of {peak:.3g} {unit} cut off", peak=most, unit=panel.unit)
         axes.annotate(
-            style.words(said), (1, 1), xycoords="axes fraction", xytext=(0, 5),
-            textcoords="offset points", ha="right", va="bottom", size=9, color=ink.faint,
+            style.words(said), (1, 1), xycoords="axes fraction", xytext=(-2, -2),
+            textcoords="offset points", ha="right", va="top", size=9, color=ink.faint, zorder=4,
+            bbox={"facecolor": ink.page, "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
         )  # fmt: skip
 
 
-def _name(axes: Axes, curves: Sequence[Curve], ink: Ink) -> None:
+def _name(axes: Axes, curves: Sequence[Curve], ink: Ink, width: int, size: float) -> None:
     """Write the curves' names beside their ends, in their colours."""
     ends = []
     for curve in curves:
@@ -178,8 +182,9 @@ def _name(axes: Axes, curves: Sequence[Curve], ink: Ink) -> None:
     for place, (_, curve) in zip(_spread([end for end, _ in ends]), ends, strict=True):
         name = textwrap.shorten(style.words(curve.name), 2 * NAME, placeholder="…")
         axes.annotate(
-            textwrap.fill(name, NAME), (1, place), xycoords="axes fraction", xytext=(6, 0),
-            textcoords="offset points", va="center", size=10, color=_colour(curve, ink),
+            textwrap.fill(name, width, break_long_words=False), (1, place),
+            xycoords="axes fraction", xytext=(6, 0), textcoords="offset points", va="center",
+            size=size, color=_colour(curve, ink),
             annotation_clip=False, linespacing=0.95,
         )  # fmt: skip
 

@@ -121,12 +121,8 @@ def layout(look: Look) -> rrb.Blueprint:
         return _framed(_of_script(look), look)
     seen, curves = [_world(look), *_pictures(look)], [*_measured(look)]
     left = _rows(seen, shares=[4, 3])
-    about = rrb.TextDocumentView(origin=schema.ABOUT, name="About")
-    texts = _tabs([*_log(look, schema.LOG, "Calls"), about])
     if look.analyzed:
-        findings = rrb.TextDocumentView(origin=schema.FINDINGS, name="Findings")
-        said = [findings, *_log(look, schema.EVENTS, "Events"), texts]
-        right = _rows(said, shares=[6, 3, 2][: len(said)])
+        right = _texts(look)
         rows = [*((3.0, panel) for panel in curves), *_explained(look)]
         if rows:
             shares, panels = zip(*rows, strict=True)
@@ -135,7 +131,7 @@ def layout(look: Look) -> rrb.Blueprint:
         else:
             whole = rrb.Horizontal(left, right)
     else:
-        whole = rrb.Horizontal(left, _rows([*curves, texts]))
+        whole = rrb.Horizontal(left, _rows([*curves, _texts(look)]))
     return _framed(whole, look)
 
 
@@ -151,12 +147,7 @@ def _of_script(look: Look) -> Panel:
     ]  # fmt: skip
     more = [*panels[MOST_ROWS:], *_errors(look), *(one for kind in _kinds(look) for one in kind)]
     middle = [*panels[:MOST_ROWS], *([_tabs(more)] if more else [])]
-    about = rrb.TextDocumentView(origin=schema.ABOUT, name="About")
-    texts = _tabs([*_log(look, schema.LOG, "Calls"), about])
-    findings = rrb.TextDocumentView(origin=schema.FINDINGS, name="Findings")
-    said = [findings, *_log(look, schema.EVENTS, "Events"), texts]
-    right = _rows(said, shares=[5, 4, 2][: len(said)])
-    columns = [left, *([_rows(middle)] if middle else []), right]
+    columns = [left, *([_rows(middle)] if middle else []), _texts(look)]
     return rrb.Horizontal(*columns, column_shares=[4, 4, 3] if middle else [4, 3])
 
 
@@ -344,6 +335,16 @@ def _first_joints(look: Look, entities: Sequence[str]) -> dict[str, list[bool]]:
         left[what] = left.get(what, MOST_JOINTS) - some
         shown[entity] = [place < some for place in range(count)]
     return shown
+
+
+def _texts(look: Look) -> Panel:
+    """Return the findings, where there are any, above all other texts."""
+    about = rrb.TextDocumentView(origin=schema.ABOUT, name="About")
+    logs = [*_log(look, schema.EVENTS, "Events"), *_log(look, schema.LOG, "Calls")]
+    if not look.analyzed:
+        return _tabs([*logs, about])
+    findings = rrb.TextDocumentView(origin=schema.FINDINGS, name="Findings")
+    return _rows([findings, _tabs([*logs, about])], shares=[5, 3])
 
 
 def _log(look: Look, entity: str, name: str) -> Iterator[rrb.View]:

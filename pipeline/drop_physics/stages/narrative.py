@@ -120,7 +120,8 @@ def _listed(findings: Sequence[Finding]) -> Iterator[str]:
         yield "None: nothing in this recording needs a second look."
     for finding in findings:
         about = f" ({finding.body})" if finding.body else ""
-        yield f"- **{finding.code}**{about}: {finding.message}"
+        # Two spaces end a line.
+        yield f"- **{finding.code}**{about}: {finding.message}{'  ' if finding.advice else ''}"
         if finding.advice:
             yield f"  *{finding.advice}*"
         yield ""

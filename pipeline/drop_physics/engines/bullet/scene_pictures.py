@@ -16,14 +16,12 @@ from PIL import Image
 
 from drop_physics.engines.bullet.c_output import c_output_moved_aside
 from drop_physics.engines.bullet.engine import p
-from drop_physics.engines.bullet.visible_world import view_matrix
+from drop_physics.engines.bullet.visible_world import LIGHT, view_matrix
 from drop_physics.scenario import Camera
 from drop_physics.seen.events import Model, Pose
 
 SQUARES, SQUARE = 256, 1 / 8
 """Squares along the side of an infinite plane; about the side of one in distances of the camera."""
-LIGHT = (0.5, -1.2, 2.0)
-"""Where it comes from: no two faces of a box have one shade."""
 BEND = 0.02
 """Where nearness bends by more of itself between pixels, there is an edge: a flat face has none."""
 SHADES = 8

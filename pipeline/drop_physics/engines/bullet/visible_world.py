@@ -20,6 +20,11 @@ from drop_physics.scenario import Camera, Renderer, Scenario
 Float64 = NDArray[np.float64]
 
 
+LIGHT = (0.5, -1.2, 2.0)
+"""Where it comes from: no two faces of a box have one shade. The standard view, which is that of
+the experiment, has PyBullet's own light."""
+
+
 class Picture(NamedTuple):
     """What a camera sees, each part an image of shape (height, width)."""
 
@@ -81,6 +86,7 @@ class VisibleWorld(World):
             projectionMatrix=p.computeProjectionMatrixFOV(
                 camera.vertical_fov_deg, width / height, camera.near_m, camera.far_m
             ),
+            **({} if camera.view == "standard" else {"lightDirection": LIGHT}),
             renderer={"tiny": p.ER_TINY_RENDERER, "egl": p.ER_BULLET_HARDWARE_OPENGL}[
                 self._renderer
             ],
