@@ -13,22 +13,18 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 from conftest import Drop, some
-from drop_physics import colours
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.figures import animation, composition
 from drop_physics.figures.animation import check_animation, write_animation
 from drop_physics.figures.composition import caption
-from drop_physics.figures.growing_plot import GrowingPlot
+from drop_physics.figures.growing_plot import GrowingStory
 from drop_physics.figures.playback import Animation, playback
 from drop_physics.recording.reader import frames
-from drop_physics.scenario import Scenario
-from drop_physics.stages.render import _facts, render
+from drop_physics.stages.render import render
 from drop_physics.stages.run import Run
-from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
+from drop_physics.stages.telling import story_of
 from PIL import Image
 
 Pixels = np.ndarray
@@ -231,33 +227,15 @@ def test_caption_and_plot_are_those_of_the_step_that_is_shown(
 
     monkeypatch.setattr(composition, "caption", noted)
     table, picture = standard.analysis.table, Image.new("RGB", (240, 180), "white")
-    both = composition.Composition(table, picture.size, with_plot=True)
-    plot = GrowingPlot(table, picture.size, dark=False)
+    story = story_of(standard.analysis)
+    both = composition.Composition(table, picture.size, story, dark=False)
+    plot = GrowingStory(story, picture.size, dark=False)
     for step in (0, 72, 107, 108, 240):
         whole = both.composed(picture, step)
         row, error_m = table.row(step, named=True), table["error_m"][min(step, 107)]
         assert captioned.pop() == (row["time_s"], row["simulated_m"], error_m, step > 107)
         beside = np.asarray(whole)[:180, 240:]
         assert np.array_equal(beside, np.asarray(plot.at(row["time_s"])))
-
-
-def test_what_the_plot_names_has_the_colour_of_its_curve(standard: Run) -> None:
-    """The names are above the panels, the height in m and the error in mm."""
-    plot, figure = GrowingPlot(standard.analysis.table, (480, 360), dark=False), Figure()
-    above, below = plot._drawn(figure, standard.analysis.table)
-    assert (above.get_title(loc="left"), below.get_title(loc="left")) == (
-        "height [m]",
-        "error [mm]",
-    )
-    heights, errors = (
-        {text.get_text(): to_hex(text.get_color()) for text in legend.get_texts()}
-        for legend in figure.legends
-    )
-    assert heights == {str(line.get_label()): line.get_color() for line in above.lines}
-    assert errors.pop("total") == next(
-        line.get_color() for line in below.lines if line.get_label() == "total"
-    )
-    assert errors == {name: colours.TERMS[name] for name in ("timestep", "damping", "interaction")}
 
 
 def test_the_camera_picture_stays_itself(
@@ -277,8 +255,7 @@ def test_the_camera_picture_stays_itself(
 
 
 def test_the_plot_grows_with_time(standard: Run) -> None:
-    table = standard.analysis.table
-    plot = GrowingPlot(table, (480, 360), dark=False)
+    plot = GrowingStory(story_of(standard.analysis), (480, 360), dark=False)
     ends = [np.asarray(plot.at(time_s)).astype(int) for time_s in (0.0, 0.2, 0.4, 1.0)]
     blank, *_, whole = ends
     columns = [np.flatnonzero((end != blank).any(axis=(0, 2))) for end in ends[1:]]
@@ -294,25 +271,11 @@ def test_the_plot_grows_with_time(standard: Run) -> None:
 
 def test_a_caption_needs_no_plot(standard: Run) -> None:
     picture = Image.new("RGB", (480, 360), "white")
-    bare = composition.Composition(standard.analysis.table, picture.size, with_plot=False)
+    bare = composition.Composition(standard.analysis.table, picture.size, None, dark=False)
     start, later = (bare.composed(picture, step) for step in (0, 72))
     assert start.width == 480
     assert start.height > 360
     assert start.tobytes() != later.tobytes()
-
-
-def test_a_drop_of_one_sample_has_its_plot_too() -> None:
-    columns = ("time_s", "simulated_m", "free_fall_m", "damped_fall_m", "timestep_m", "damping_m",
-               "interaction_m", "rounding_m", "error_m")  # fmt: skip
-    table = pl.DataFrame({name: [0.0] for name in columns} | {"phase": ["falling"]})
-    assert GrowingPlot(table, (64, 48), dark=True).at(0.0).size == (64, 48)
-
-
-def test_a_plot_names_what_is_not_the_default(standard: Run) -> None:
-    scenario = Scenario(timestep_s=1 / 480, restitution=0.8, contact_erp=0.0, floor=False)
-    assert _facts(scenario, standard.analysis).subtitle == (
-        "timestep 1/480 s, linear damping default, restitution 0.8, contact erp 0, no floor"
-    )
 
 
 def test_the_command_line_says_how_fast_it_plays(drop: Drop, standard: Run) -> None:

@@ -1,12 +1,10 @@
-"""Verification: a gif shows every frame, exactly, at its time; a plot shows what its table says.
+"""Verification: a gif shows every frame, exactly, at its time; a plot shows what it is given.
 
-The frames are drawn by PyBullet here, without any of our code; the tables follow Bullet's law of
-one step, `v += dt (-g - k v (1 + |v|)); z += dt v`, beside its closed forms.
+The frames are drawn by PyBullet here, without any of our code.
 """
 
 from __future__ import annotations
 
-import functools
 import io
 import itertools
 import re
@@ -16,24 +14,19 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pybullet as p
 import pybullet_data
 import pytest
-from conftest import some
-from drop_physics import colours, render, simulate
+from drop_physics import colours
 from drop_physics.errors import ScenarioError
 from drop_physics.figures import animation, convergence_plot, style
 from drop_physics.figures.animation import check_animation
 from drop_physics.figures.gif import Gif, delay_cs, write_gif
-from drop_physics.figures.plot import Facts, build_figure, facts_of, plot_drop
-from drop_physics.scenario import Scenario
+from drop_physics.figures.story import Curve, Panel, Story
+from drop_physics.figures.story_plot import build_story, told_story
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.transforms import Bbox
 from PIL import Image
 
 Pixels = np.ndarray
@@ -247,102 +240,7 @@ def test_the_gif_needs_no_plotting_library() -> None:
     assert done.stdout.strip() == "set()"
 
 
-# -- plot: what comes in --------------------------------------------------------------------------
-
-DAMPING = float(np.float32(0.04))
-TERMS = ("timestep", "damping", "interaction", "rounding")
-
-
-def table_of(
-    *,
-    timestep_s: float = 1 / 240,
-    steps: int = 240,
-    height_m: float = 1.0,
-    gravity_m_s2: float = 9.81,
-    damping: float = DAMPING,
-    floor: bool = True,
-    restitution: float = 0.0,
-    stepped: bool = True,
-) -> pl.DataFrame:
-    """Return the table of a drop from rest: Bullet's law, and the closed forms beside it."""
-    rest_m = 0.025
-    g, k, dt = (gravity_m_s2, damping, timestep_s) if stepped else (0.0, 0.0, timestep_s)
-    heights, landed = [height_m], [False]
-    z, v = height_m, 0.0
-    for _ in range(steps):
-        depth = z - rest_m
-        v += dt * (-g - k * v * (1 + abs(v)))
-        if floor and depth < 0:
-            bounce = -restitution * v if v < -0.2 else 0.0
-            v = max(v, bounce - 0.08 * depth / dt)
-        z += dt * v
-        heights.append(z)
-        landed.append(landed[-1] or (floor and depth < 0))
-    t = np.arange(steps + 1) * dt
-    simulated, in_air = np.array(heights), ~np.array(landed)
-    free = height_m - g * t**2 / 2
-    damped = free
-    if g and k:
-        w = np.sqrt(g / k + 1 / 4)
-        phi = np.arctanh(1 / (2 * w))
-        damped = height_m + t / 2 - np.log(np.cosh(k * w * t + phi) / np.cosh(phi)) / k
-    timestep = -g * t * dt / 2
-    rounding = np.zeros(steps + 1)
-    interaction = simulated - free - timestep - (damped - free)
-    terms = dict(zip(TERMS, (timestep, damped - free, interaction, rounding), strict=True))
-    still = np.abs(simulated - rest_m) < 1e-4
-    stops = rest_m if floor else -np.inf
-    explained = in_air & (free > stops)
-    return pl.DataFrame(
-        {
-            "step": np.arange(steps + 1),
-            "time_s": t,
-            "phase": np.where(in_air, "falling", np.where(still, "rest", "contact")),
-            "simulated_m": simulated,
-            "free_fall_m": np.maximum(free, stops),
-            "damped_fall_m": np.maximum(damped, stops),
-        }
-        | {
-            f"{name}_m": [
-                v if holds else None for v, holds in zip(values.tolist(), explained, strict=True)
-            ]
-            for name, values in terms.items()
-        }
-    ).with_columns(error_m=pl.sum_horizontal(f"{name}_m" for name in TERMS))
-
-
-def uncovered() -> pl.DataFrame:
-    columns = [pl.lit(None, dtype=pl.Float64).alias(f"{name}_m") for name in TERMS]
-    return table_of().with_columns(columns)
-
-
-TABLES = {
-    "standard": table_of(),
-    "Moon, still in the air": table_of(gravity_m_s2=1.62),
-    "no floor": table_of(floor=False),
-    "not stepped": table_of(stepped=False),
-    "one sample": table_of(steps=0),
-    "two samples": table_of(steps=1),
-    "0.1 ms": table_of(timestep_s=1e-5, steps=10),
-    "20 km": table_of(height_m=20000.0, timestep_s=1 / 60, steps=4000, floor=False),
-    "bounces": table_of(restitution=0.8, steps=480),
-    "a long, fine run": table_of(timestep_s=1 / 4800, steps=9600),
-    "coarse": table_of(timestep_s=0.1, steps=20),
-    "starts in the floor": table_of(height_m=0.02),
-    "without theory": uncovered(),
-}
-STANDARD = TABLES["standard"]
-
-
-def axes_of(figure: Figure) -> dict[str, Axes]:
-    main = {str(axes.get_label()): axes for axes in figure.axes}
-    return main | {str(axes.get_label()): axes for axes in main["height"].child_axes}
-
-
-@functools.cache
-def panels(name: str) -> dict[str, Axes]:
-    """Return the axes of a table's figure by their labels."""
-    return axes_of(build_figure(TABLES[name]))
+# -- plots -----------------------------------------------------------------------------------------
 
 
 def line(axes: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
@@ -354,145 +252,19 @@ def texts(axes: Axes) -> list[str]:
     return [text.get_text() for text in axes.texts]
 
 
-# -- plot: what comes out -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", some(TABLES, 4))
-def test_every_drop_can_be_plotted(name: str, tmp_path: Path) -> None:
-    path = tmp_path / "plot.png"
-    plot_drop(TABLES[name], path, format="png")
-    with Image.open(path) as image:
-        assert image.size == (1200, 900)
-        assert image.convert("RGB").getpixel((0, 0)) == (255, 255, 255)
-    assert path.stat().st_size < 100_000
-
-
-def test_a_plot_for_dark_pages_is_dark() -> None:
-    stream = io.BytesIO()
-    plot_drop(STANDARD, stream, format="png", dark=True)
-    with Image.open(stream) as image:
-        assert image.convert("RGB").getpixel((0, 0)) == (13, 17, 23)
-    (title, *_) = build_figure(STANDARD, dark=True).texts
-    assert title.get_color() == style.DARK.text
-
-
-@pytest.mark.parametrize("name", ["standard", "Moon, still in the air", "bounces", "20 km"])
-def test_no_words_overlap_or_leave_the_page(name: str) -> None:
-    figure = build_figure(TABLES[name])
-    figure.draw_without_rendering()
-    words = [*figure.texts, *figure.legends[0].get_texts()]
-    for axes in axes_of(figure).values():
-        words += [axes.xaxis.label, axes.yaxis.label, *axes.texts]
-        words += [axes.get_title(loc="left") and axes._left_title]
-    boxes = [(word, word.get_window_extent()) for word in words if word and word.get_text()]
-    for word, box in boxes:
-        assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1, word
-    for (word, box), (other, other_box) in itertools.combinations(boxes, 2):
-        assert not box.overlaps(other_box), (word, other)
-
-
-STRIKING = {
-    "the impact in the middle": (table_of(gravity_m_s2=1.62, steps=480), None),
-    "lands where the rest is told": (table_of(steps=115), Facts("", impact_s=0.448, rest_m=0.025)),
-    "bounces where the rest is told": (
-        table_of(steps=250, restitution=0.2),
-        Facts("", impact_s=0.448, rest_m=0.025),
-    ),
-    "flies over the impact": (
-        table_of().with_columns(pl.col("simulated_m").reverse()),
-        Facts("", impact_s=0.97, rest_m=None),
-    ),
-}
-"""Drops in which a curve or the impact's line once ran through words."""
-
-
-@pytest.mark.parametrize("name", some([*TABLES, *STRIKING], 1))
-def test_no_word_is_struck_through(name: str) -> None:
-    table, facts = STRIKING[name] if name in STRIKING else (TABLES[name], None)
-    figure = build_figure(table, facts)
-    figure.draw_without_rendering()
-    panels = axes_of(figure)
-    words = [*figure.texts, *(text for axes in panels.values() for text in axes.texts)]
-    words += [axis.label for axes in panels.values() for axis in (axes.xaxis, axes.yaxis)]
-    words += [axes._left_title for axes in panels.values()]
-    struck = [
-        (text.get_text(), line.get_label())
-        for axes in panels.values()
-        for line in axes.lines
-        for text in words
-        if text.get_text() and runs_through(line, text.get_window_extent())
-    ]
-    assert struck == []
-
-
-def runs_through(line: Line2D, box: Bbox) -> bool:
-    """Whether a curve has a point in a box."""
-    path = line.get_transform().transform_path(line.get_path())
-    return path.intersects_bbox(box, filled=False)
-
-
-def test_impact_and_rest_are_labelled_wherever_there_is_room() -> None:
-    for name, (table, facts) in STRIKING.items():
-        words = " ".join(texts(axes_of(build_figure(table, facts))["height"]))
-        assert "impact at" in words, name
-        assert ("rests at" in words) == (facts is None or facts.rest_m is not None), name
-
-
-@pytest.mark.parametrize("floor", [True, False])
-def test_beside_a_body_that_nobody_stepped_no_theory_falls(floor: bool) -> None:
-    fallen = table_of(floor=floor, steps=240)
-    nothing = [pl.lit(None, pl.Float64).alias(f"{name}_m") for name in TERMS]
-    table = fallen.with_columns(*nothing, simulated_m=pl.lit(1.0), phase=pl.lit("falling"))
-    figure = build_figure(table)
-    axes = axes_of(figure)["height"]
-    assert [curve.get_label() for curve in axes.lines] == ["simulated"]
-    assert [label.get_text() for label in figure.legends[0].get_texts()] == ["simulated"]
-    assert axes.get_ylim()[0] == 0
-    moved = table.with_columns(simulated_m=1.0 - 1e-6 * pl.col("time_s"))
-    assert len(axes_of(build_figure(moved))["height"].lines) == 3
-
-
-def test_without_weight_theory_stays_where_the_body_does() -> None:
-    (above, *_) = build_figure(TABLES["not stepped"]).axes  # its theory has no weight either
-    drawn = {str(line.get_label()): np.asarray(line.get_ydata()) for line in above.lines}
-    assert drawn.keys() == {"free fall", "damped fall", "simulated"}
-    assert all((heights == 1).all() for heights in drawn.values())
-
-
-@pytest.mark.parametrize(
-    ("scenario", "title"),
-    [
-        (Scenario(), "cube_small.urdf dropped from 1 m"),
-        (Scenario(velocity_m_s=(0, 0, 3), height_m=2), "cube_small.urdf thrown from 2 m"),
-        (Scenario(velocity_m_s=(-1, 0, 0)), "cube_small.urdf thrown from 1 m"),
-        (Scenario(spin_rad_s=(0, 5, 0)), "cube_small.urdf dropped from 1 m"),
-        (Scenario(stepped=False, floor=False), "cube_small.urdf dropped from 1 m"),
-    ],
-    ids=["dropped", "up", "sideways", "spun", "not stepped"],
-)
-def test_the_title_says_whether_it_was_thrown(
-    scenario: Scenario, title: str, tmp_path: Path
-) -> None:
-    simulate(scenario, tmp_path / "run.rrd", camera=None)
-    render(tmp_path / "run.rrd", plot=tmp_path / "run.svg")
-    drawn = (tmp_path / "run.svg").read_text()
-    assert f">{title}</text>" in drawn
-    assert (">free fall</text>" in drawn) == scenario.stepped
+STORY = Story("A & <b> $x$", ["what it means"], [
+    Panel("height", "m", [Curve("box", np.arange(3.0), np.array([0.0, 1.0, 4.0]), "#0072b2")]),
+])  # fmt: skip
 
 
 @pytest.mark.parametrize("format", ["png", "svg"])
-def test_the_same_table_gives_the_same_bytes(format: str) -> None:  # noqa: A002
-    streams = io.BytesIO(), io.BytesIO()
-    for stream in streams:
-        plot_drop(STANDARD, stream, format=format)  # type: ignore[arg-type]
-    assert streams[0].getvalue() == streams[1].getvalue()
+def test_the_same_story_gives_the_same_bytes(format: str) -> None:  # noqa: A002
+    assert told_story(STORY, format, dark=True) == told_story(STORY, format, dark=True)
 
 
 def test_an_svg_keeps_its_text_as_text_and_no_date() -> None:
-    stream = io.BytesIO()
-    plot_drop(STANDARD, stream, format="svg", facts=Facts("A & <b> $x$", at_s=0.3))
-    svg = stream.getvalue().decode()
-    for text in ("time [s]", "−1.820", "timestep", "A &amp; &lt;b&gt; $x$"):
+    svg = told_story(STORY, "svg", dark=False).decode()
+    for text in ("time [s]", "height [m]", "A &amp; &lt;b&gt; $x$"):
         assert f">{text}</text>" in svg
     assert "dc:date" not in svg
     assert "sans-serif" in svg  # for readers without matplotlib's own font
@@ -501,155 +273,45 @@ def test_an_svg_keeps_its_text_as_text_and_no_date() -> None:
 def test_the_users_own_settings_are_ignored_and_untouched() -> None:
     import matplotlib
 
-    before, plain = io.BytesIO(), io.BytesIO()
-    plot_drop(STANDARD, plain, format="png")
+    plain = told_story(STORY, "png", dark=False)
     with matplotlib.rc_context({"font.size": 30, "lines.linewidth": 9, "axes.grid": True}):
-        plot_drop(STANDARD, before, format="png")
+        assert told_story(STORY, "png", dark=False) == plain
         assert matplotlib.rcParams["font.size"] == 30
-    assert before.getvalue() == plain.getvalue()
     assert "matplotlib.pyplot" not in sys.modules
 
 
-def test_curves_are_the_tables_columns() -> None:
-    axes = panels("standard")["height"]
-    times, heights = line(axes, "simulated")
-    assert np.array_equal(times, STANDARD["time_s"])
-    assert np.array_equal(heights, STANDARD["simulated_m"])
-    for label, column in (("free fall", "free_fall_m"), ("damped fall", "damped_fall_m")):
-        _, theory = line(axes, label)
-        assert np.array_equal(theory, STANDARD[column].to_numpy())
-        assert theory.min() == 0.025
+@pytest.mark.parametrize(("dark", "page"), [(False, (255, 255, 255)), (True, (13, 17, 23))])
+def test_the_page_is_light_or_dark(dark: bool, page: tuple[int, int, int]) -> None:
+    with Image.open(io.BytesIO(told_story(STORY, "png", dark=dark))) as image:
+        assert image.convert("RGB").getpixel((0, 0)) == page
 
 
-def test_the_terms_add_up_to_the_line_over_them() -> None:
-    axes = panels("standard")["error"]
-    explained = STANDARD.drop_nulls("timestep_m")
-    times, total = line(axes, "total")
-    assert np.array_equal(times, explained["time_s"])
-    errors_mm = 1e3 * (explained["simulated_m"] - explained["free_fall_m"]).to_numpy()
-    assert total == pytest.approx(errors_mm, abs=1e-12)
-    stacked = {}  # height of the stack at the last sample, down and up
-    for area in axes.collections:
-        name = str(area.get_label())
-        if name in TERMS:
-            edges = area.get_paths()[0].vertices
-            stacked.setdefault(name, []).extend(edges[np.isclose(edges[:, 0], times[-1]), 1])
-    last = explained.row(-1, named=True)
-    assert min(stacked["timestep"]) == pytest.approx(1e3 * last["timestep_m"])
-    assert max(stacked["damping"]) == pytest.approx(1e3 * last["damping_m"])
-    top_mm = 1e3 * (last["damping_m"] + last["interaction_m"])
-    assert max(stacked["interaction"]) == pytest.approx(top_mm)
-    on_damping = max(edge for edge in stacked["interaction"] if edge < top_mm - 1e-9)
-    assert on_damping == pytest.approx(1e3 * last["damping_m"])
+@pytest.mark.parametrize(("largest_m", "shown", "factor"), [
+    (2e-9, "nm", 1e9), (5e-3, "mm", 1e3), (0.5, "m", 1.0), (2e4, "km", 1e-3),
+])  # fmt: skip
+def test_lengths_are_in_the_unit_that_reads_best(
+    largest_m: float, shown: str, factor: float
+) -> None:
+    curve = Curve("box", np.arange(2.0), np.array([0.0, largest_m]), "#0072b2")
+    (axes,) = build_story(Story("t", [], [Panel("height", "m", [curve])]), style.LIGHT).axes
+    assert axes.get_title(loc="left") == f"height [{shown}]"
+    assert axes.lines[0].get_ydata()[-1] == pytest.approx(factor * largest_m)
 
 
-def test_the_sum_is_written_out_at_the_time_asked_for() -> None:
-    written = texts(panels("standard")["error"])
-    assert "at 0.3 s, in mm" in written
-    sums = ["−6.131", "timestep", "+4.310", "damping", "+0.001", "interaction", "0", "rounding"]
-    assert written[1:] == [*sums, "−1.820", "total"]
-    earlier = build_figure(STANDARD, Facts("", at_s=0.1))
-    assert texts(axes_of(earlier)["error"])[1] == "−2.044"  # -9.81 * 0.1 / 480 m
-
-
-def test_the_moment_that_is_written_out_is_marked_where_it_is_in_the_stack() -> None:
-    """A dot on the total, and a line through the whole stack, from −6.131 to +4.311 mm."""
-    axes = panels("standard")["error"]
-    row = STANDARD.row(72, named=True)
-    (dot, *_) = (
-        curve for curve in axes.lines if curve.get_marker() == "o" and len(curve.get_xdata()) == 1
-    )
-    assert (dot.get_xdata()[0], dot.get_ydata()[0]) == (
-        pytest.approx(0.3), pytest.approx(1e3 * (row["simulated_m"] - row["free_fall_m"])),
-    )  # fmt: skip
-    lines = (
-        collection for collection in axes.collections if isinstance(collection, LineCollection)
-    )
-    segments = (segment for collection in lines for segment in collection.get_segments())
-    upright = [segment for segment in segments if segment[0][0] == segment[1][0]]
-    (through,) = upright
-    top_mm = 1e3 * (row["damping_m"] + row["interaction_m"])
-    assert through[:, 0] == pytest.approx(0.3)
-    assert through[:, 1] == pytest.approx([1e3 * row["timestep_m"], top_mm])
-
-
-@pytest.mark.parametrize(("at_s", "shown"), [(0.0, "0 s"), (5.0, "0.4458 s"), (None, "0.4458 s")])
-def test_a_time_without_terms_becomes_the_nearest_with(at_s: float | None, shown: str) -> None:
-    written = texts(axes_of(build_figure(STANDARD, Facts("", at_s=at_s)))["error"])
-    assert written[0] == f"at {shown}, in mm"
-
-
-def test_impact_and_rest_are_pointed_out() -> None:
-    facts = facts_of(STANDARD)
-    # Semi-implicit Euler with damping, between samples 107 and 108.
-    assert facts.impact_s == pytest.approx(0.44793, abs=1e-5)
-    assert facts.rest_m == STANDARD["simulated_m"][-1]
-    axes = panels("standard")
-    assert texts(axes["height"]) == ["impact at 0.4479 s", "rests at 25.000 mm"]
-    for panel in ("height", "error"):
-        (dashed,) = (curve for curve in axes[panel].lines if curve.get_linestyle() == "--")
-        assert dashed.get_xdata() == [facts.impact_s] * 2
-    times, heights = line(axes["impact"], "simulated")
-    assert axes["impact"].get_xlabel() == "time from impact [ms]"
-    assert axes["impact"].get_ylabel() == "height [mm]"
-    assert -4e3 / 240 < times[0] < -3e3 / 240  # shown from four steps before it on
-    lowest = int(np.argmin(heights))
-    assert heights[lowest] == pytest.approx(16.18, abs=0.01)  # mm
-    assert times[lowest] == pytest.approx(1e3 * (108 / 240 - facts.impact_s))  # ms
-
-
-def test_a_table_alone_tells_what_was_dropped() -> None:
-    facts = facts_of(STANDARD)
-    assert (facts.title, facts.subtitle) == ("Dropped from 1 m", "240 steps of 1/240 s")
-    assert facts_of(TABLES["two samples"]).subtitle == "1 step of 1/240 s"
-    assert facts_of(TABLES["coarse"]).subtitle == "20 steps of 1/10 s"
-    assert facts_of(TABLES["one sample"]).subtitle == ""
-    assert facts_of(table_of(timestep_s=0.003, steps=3)).subtitle == "3 steps of 0.003 s"
-
-
-def test_without_an_impact_there_is_none() -> None:
-    for name in ("Moon, still in the air", "no floor", "not stepped", "one sample"):
-        facts = facts_of(TABLES[name])
-        assert (facts.impact_s, facts.rest_m) == (None, None)
-        assert "impact" not in panels(name)
-
-
-def test_high_bounces_are_not_covered_by_the_enlargement() -> None:
-    assert "impact" not in panels("bounces")
-    assert "impact" not in axes_of(build_figure(table_of(restitution=0.6)))  # a third of the fall
-
-
-def test_in_other_units_curves_marks_and_words_are_in_them() -> None:
-    """A short fall from 20 mm above the floor: the time axis and all marks are in ms."""
-    table = table_of(height_m=0.025 + 1e-5, timestep_s=1e-5, steps=800, gravity_m_s2=9.81)
-    axes = axes_of(build_figure(table))
-    impact_ms = 1e3 * (facts_of(table).impact_s or 0)
-    assert axes["error"].get_xlabel() == "time [ms]"
-    assert texts(axes["height"])[0] == f"impact at {impact_ms:.4g} ms"
-    for panel in ("height", "error"):
-        (dashed,) = (curve for curve in axes[panel].lines if curve.get_linestyle() == "--")
-        assert dashed.get_xdata() == pytest.approx([impact_ms] * 2)
-    explained = 1e3 * table.drop_nulls("timestep_m")["time_s"].to_numpy()
-    assert line(axes["height"], "simulated")[0] == pytest.approx(1e3 * table["time_s"].to_numpy())
-    assert line(axes["error"], "total")[0] == pytest.approx(explained)
-
-
-@pytest.mark.parametrize(
-    ("name", "time", "height", "error"),
-    [
-        ("standard", "s", "m", "mm"),
-        ("not stepped", "s", "m", "mm"),
-        ("one sample", "s", "m", "mm"),
-        ("0.1 ms", "µs", "m", "nm"),
-        ("20 km", "s", "km", "km"),
-        ("two samples", "ms", "m", "mm"),
-    ],
-)
-def test_every_axis_has_a_unit_that_fits(name: str, time: str, height: str, error: str) -> None:
-    axes = panels(name)
-    assert axes["error"].get_xlabel() == f"time [{time}]"
-    assert axes["height"].get_ylabel() == f"height of the centre [{height}]"
-    assert axes["error"].get_ylabel() == f"simulated − free fall [{error}]"
+def test_areas_add_up_to_the_curve_over_them_and_are_inside_the_panel() -> None:
+    up, down, both = np.array([1.0, 2.0]), np.array([-3.0, -5.0]), np.array([4.0, -1.0])
+    times_s = np.arange(2.0)
+    curves = [Curve(name, times_s, values, colour) for name, values, colour in (
+        ("total", up + down + both, ""), ("up", up, "#d55e00"), ("down", down, "#009e73"),
+        ("both", both, "#cc79a7"),
+    )]  # fmt: skip
+    story = Story("t", [], [Panel("error", "J", curves, zero=True, stacked=True)])
+    (axes,) = build_story(story, style.LIGHT).axes
+    reach = np.array([area.get_datalim(axes.transData).intervaly for area in axes.collections])
+    assert reach.min() == -6  # -5 and -1, at the end
+    assert reach.max() == 5  # 1 and 4, at the start
+    low, high = axes.get_ylim()
+    assert low < -6 < 5 < high
 
 
 @pytest.mark.parametrize(
@@ -662,13 +324,6 @@ def test_the_usual_unit_is_kept_from_a_hundredth_to_9999_of_it(largest: float, u
 
 
 @pytest.mark.parametrize(
-    ("largest", "decimals"), [(6.131, 3), (61.31, 2), (613.1, 1), (6131.0, 0), (0.06, 5), (0.0, 0)]
-)
-def test_the_largest_number_is_shown_with_four_digits(largest: float, decimals: int) -> None:
-    assert style.decimals_for(largest) == decimals
-
-
-@pytest.mark.parametrize(
     ("timestep_s", "shown"),
     [(1 / 240, "1/240 s"), (0.5, "1/2 s"), (1.0, "1 s"), (0.0041, "0.0041 s"), (0.3, "0.3 s")],
 )
@@ -677,46 +332,6 @@ def test_a_timestep_is_a_fraction_only_where_it_is_that_fraction(
 ) -> None:
     """1/0.0041 is 243.9: near 1/244, but another timestep."""
     assert style.seconds(timestep_s) == shown
-
-
-def test_errors_of_a_nanometre_have_an_axis_of_their_own() -> None:
-    """Rounding errors of 1e-16 m do not: there the axis stays in mm, from −1 to 1."""
-    tiny = STANDARD.with_columns(pl.col(f"{name}_m") * 1e-7 for name in TERMS)
-    axes = axes_of(build_figure(tiny))["error"]
-    assert axes.get_ylabel() == "simulated − free fall [nm]"
-    assert line(axes, "total")[1].min() < -0.1
-    assert axes.get_ylim() != (-1, 1)
-
-
-def test_no_error_is_a_flat_line_in_the_middle() -> None:
-    axes = panels("not stepped")["error"]
-    assert not line(axes, "total")[1].any()
-    assert axes.get_ylim() == (-1, 1)
-
-
-def test_long_runs_are_thinned_but_keep_their_end() -> None:
-    table = TABLES["a long, fine run"]
-    times, _ = line(panels("a long, fine run")["height"], "simulated")
-    assert len(times) == 2000
-    assert times[0] == 0
-    assert times[-1] == table["time_s"][-1]
-
-
-def test_one_thing_has_one_colour_in_both_panels() -> None:
-    axes = panels("standard")
-    curves = {
-        "free fall": colours.FREE_FALL,
-        "damped fall": colours.DAMPED_FALL,
-        "simulated": colours.SIMULATED,
-    }
-    for panel, (label, colour) in itertools.product(("height", "impact"), curves.items()):
-        (drawn,) = (curve for curve in axes[panel].lines if curve.get_label() == label)
-        assert drawn.get_color() == colour
-    for area in axes["error"].collections:
-        if (name := str(area.get_label())) in colours.TERMS:
-            assert area.get_facecolor()[0] == pytest.approx(to_rgba(colours.TERMS[name], 0.75))
-    squares = [curve.get_color() for curve in axes["error"].lines if curve.get_marker() == "s"]
-    assert squares == list(colours.TERMS.values())  # in the order of the sum beside them
 
 
 def test_the_colours_are_those_that_readers_have_learnt() -> None:
@@ -752,11 +367,6 @@ def test_what_matters_in_the_viewer_is_seen_in_both_of_its_themes(colour: str, p
     assert (light + 0.05) / (dark + 0.05) > 3
 
 
-def test_an_empty_table_is_refused() -> None:
-    with pytest.raises(ValueError, match="at least one sample"):
-        build_figure(STANDARD.clear())
-
-
 @pytest.mark.parametrize(
     ("value", "decimals", "shown"),
     [
@@ -772,32 +382,6 @@ def test_an_empty_table_is_refused() -> None:
 )
 def test_numbers_are_signed_and_never_a_false_zero(value: float, decimals: int, shown: str) -> None:
     assert style.signed(value, decimals) == shown
-
-
-def test_theory_ends_where_a_bounce_begins() -> None:
-    """It does not predict bounces; for a body that stays down it predicts its rest height."""
-    tables = (
-        (TABLES["bounces"], True),
-        (table_of(restitution=0.25), True),  # 6 % of the fall: visible
-        (table_of(restitution=0.08), False),  # 0.6 % of it: not visible
-        (STANDARD, False),
-    )
-    for table, ends in tables:
-        (above, _) = (axes for axes in build_figure(table).axes if axes.get_label() != "impact")
-        drawn = {line.get_label(): line for line in above.get_lines()}
-        for curve in ("free fall", "damped fall"):
-            assert np.isnan(drawn[curve].get_ydata()).any() == ends
-        assert not np.isnan(drawn["simulated"].get_ydata()).any()
-
-
-def test_a_long_subtitle_takes_two_lines_that_nothing_overlaps() -> None:
-    figure = build_figure(STANDARD, Facts(title="t", subtitle=25 * "word "))
-    figure.draw_without_rendering()
-    (_, subtitle, *_) = figure.texts
-    (legend,) = figure.legends
-    assert "\n" in subtitle.get_text()
-    assert not subtitle.get_window_extent().overlaps(legend.get_window_extent())
-    assert subtitle.get_window_extent().x1 < figure.bbox.x1
 
 
 # -- convergence ----------------------------------------------------------------------------------

@@ -19,10 +19,11 @@ from drop_physics import Analysis, analyze
 from drop_physics.console import output
 from drop_physics.errors import RecordingError
 from drop_physics.figures import style
-from drop_physics.figures.plot import build_figure, facts_of, plotted
+from drop_physics.figures.story_plot import build_story, told_story
 from drop_physics.messages import LOCALE, VARIABLES, Message, joined, localized, translated
 from drop_physics.stages.narrative import findings_markdown
 from drop_physics.stages.run import Run
+from drop_physics.stages.telling import story_of
 from fontTools.fontBuilder import FontBuilder
 from fontTools.pens.ttGlyphPen import TTGlyphPen
 from matplotlib import font_manager
@@ -285,7 +286,8 @@ def test_help_loads_neither_rich_nor_a_translation() -> None:
 
 
 def texts(analysis: Analysis) -> set[str]:
-    figure = build_figure(analysis.table, facts_of(analysis.table))
+    with style.plain(style.LIGHT):
+        figure = build_story(story_of(analysis), style.LIGHT)
     return {text.get_text() for text in figure.findobj(Text)} - {""}
 
 
@@ -326,10 +328,9 @@ def test_a_plot_is_in_japanese_where_a_font_is_installed(
     font: Callable[[str], None], caplog: pytest.LogCaptureFixture, standard: Run
 ) -> None:
     font("IPAexGothic")
-    table = standard.analysis.table
     shown = texts(standard.analysis)
     assert {"時間 [s]", "中心の高さ [m]", "自由落下", "時間刻み", "合計"} <= shown
-    assert plotted(table, "png", facts_of(table), dark=False)  # and no glyph is missing
+    assert told_story(story_of(standard.analysis), "png", dark=False)  # and no glyph is missing
     assert [record.getMessage() for record in caplog.records] == []  # nor a bold face
 
 
@@ -338,15 +339,15 @@ def test_without_one_it_is_in_english(
     font: Callable[[str], None], monkeypatch: pytest.MonkeyPatch, standard: Run
 ) -> None:
     font("Some Font")
-    facts, english = facts_of(standard.analysis.table), texts(standard.analysis)
+    story, english = story_of(standard.analysis), texts(standard.analysis)
     assert not JAPANESE.search("".join(english))
-    drawn = plotted(standard.analysis.table, "svg", facts, dark=False)
+    drawn = told_story(story, "svg", dark=False)
     monkeypatch.setenv("DROP_LANG", "en")
-    assert drawn == plotted(standard.analysis.table, "svg", facts, dark=False)
+    assert drawn == told_story(story, "svg", dark=False)
 
 
 def test_an_english_plot_takes_no_other_font(font: Callable[[str], None], standard: Run) -> None:
-    facts = facts_of(standard.analysis.table)
-    drawn = plotted(standard.analysis.table, "svg", facts, dark=False)
+    story = story_of(standard.analysis)
+    drawn = told_story(story, "svg", dark=False)
     font("IPAexGothic")
-    assert drawn == plotted(standard.analysis.table, "svg", facts, dark=False)
+    assert drawn == told_story(story, "svg", dark=False)

@@ -1,4 +1,4 @@
-"""The plot of a script: its verdict as the title, its panels those of the findings."""
+"""Plots: of a script the verdict and the panels of the findings, of a drop its error by terms."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import some
+from drop_physics import Scenario, simulate
+from drop_physics import analyze as analyze_recording
 from drop_physics.analysis.results import Analysis
 from drop_physics.figures import style
 from drop_physics.figures.story import Story
 from drop_physics.figures.story_plot import build_story, told_story
+from drop_physics.stages.run import Run
 from drop_physics.stages.telling import story_of, viewed
 from scenes import analyze, record
 
@@ -42,6 +45,43 @@ def told(scene: str, path: Path) -> tuple[Analysis, Story]:
     """Return a scene's analysis, and what its plot tells."""
     analysis = analyze(record(scene, path / "scene.rrd").seen)
     return analysis, story_of(analysis)
+
+
+# -- of a drop ------------------------------------------------------------------------------------
+
+
+def test_a_drop_shows_its_fall_beside_theory_and_its_error_by_terms(standard: Run) -> None:
+    """As at 0.3 s in the budget: -6.131 mm timestep, +4.310 mm damping, -1.820 mm together."""
+    story = story_of(standard.analysis)
+    assert story.title == "cube_small.urdf dropped from 1 m"
+    assert "at 0.3 s -1.820 mm: timestep -6.131, damping +4.310, interaction +0.001" in story.lines
+    heights, errors = story.panels
+    table = standard.analysis.table
+    free, _, fall = (curve.values for curve in heights.curves)
+    assert np.array_equal(fall, table["simulated_m"])
+    times_s = heights.curves[0].times_s
+    in_air = np.isfinite(free)
+    assert free[in_air] == pytest.approx(1 - 9.81 * times_s[in_air] ** 2 / 2, abs=1e-9)
+    assert in_air.sum() == np.isfinite(errors.curves[0].values).sum() == 108
+    total, *terms = (curve.values[72] for curve in errors.curves)
+    assert [*terms[:2], total] == pytest.approx([-6.13125, 4.31016, -1.82031], abs=1e-3)
+    assert sum(terms) == pytest.approx(total, abs=1e-12)
+
+
+@pytest.mark.parametrize(("scenario", "title", "panels"), [
+    (Scenario(stepped=False), "cube_small.urdf dropped from 1 m", 1),
+    (Scenario(velocity_m_s=(1.0, 0.0, 0.0)), "cube_small.urdf thrown from 1 m", 2),
+])  # fmt: skip
+def test_a_title_says_whether_it_was_thrown_and_no_theory_falls_beside_what_hangs(
+    scenario: Scenario, title: str, panels: int, tmp_path: Path
+) -> None:
+    simulate(scenario, tmp_path / "run.rrd", camera=None)
+    story = story_of(analyze_recording(tmp_path / "run.rrd"))
+    assert (story.title, len(story.panels)) == (title, panels)
+    assert (len(story.panels[0].curves) > 1) == scenario.stepped
+
+
+# -- of a script ----------------------------------------------------------------------------------
 
 
 def test_an_arm_too_weak_shows_its_joint_torque_and_limit(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ import polars as pl
 from PIL import Image, ImageDraw, ImageFont
 
 from drop_physics.figures import style
-from drop_physics.figures.error_panel import COLUMNS
-from drop_physics.figures.growing_plot import GrowingPlot
+from drop_physics.figures.growing_plot import GrowingStory
+from drop_physics.figures.story import Story
 from drop_physics.figures.style import Ink
 
 GREYS = 8
@@ -24,30 +24,31 @@ class Composition:
     Parameters
     ----------
     table
-        One row per sample, at least one, see `plot.build_figure`; with `error_m`.
+        One row per sample, at least one: `time_s`, `simulated_m`, and `error_m`, which is null
+        where no law explains it.
     size_px
         Width and height of the camera's pictures [px].
-    with_plot
-        Whether the plot is beside them.
+    story
+        What grows beside them; None for no plot.
     dark
         Whether it is for a dark page.
     """
 
     def __init__(
-        self, table: pl.DataFrame, size_px: tuple[int, int], *, with_plot: bool, dark: bool = False
+        self, table: pl.DataFrame, size_px: tuple[int, int], story: Story | None, *, dark: bool
     ) -> None:
         self._columns = {
             name: table[name].to_numpy() for name in ("time_s", "simulated_m", "error_m")
         }
-        explained = np.flatnonzero(table.select(pl.all_horizontal(pl.col(COLUMNS).is_not_null())))
+        explained = np.flatnonzero(table["timestep_m"].is_not_null())
         self._last = int(explained[-1]) if len(explained) else 0
         """The last sample whose error the plot explains."""
         self._ink = style.DARK if dark else style.LIGHT
         width, height = size_px
-        self._plot = GrowingPlot(table, size_px, dark=dark) if with_plot else None
+        self._plot = None if story is None else GrowingStory(story, size_px, dark=dark)
         self._letters = max(9, min(round(width / 31), round(height / 18)))
         self._font = _font(self._letters)
-        self._size = (width * (2 if with_plot else 1), height + 2 * self._letters)
+        self._size = (width * (1 if story is None else 2), height + 2 * self._letters)
 
     def composed(self, picture: Image.Image, step: int) -> Image.Image:
         """Return a camera's picture of a step, with its caption and plot."""

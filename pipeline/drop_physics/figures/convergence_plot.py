@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, Literal
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -68,7 +68,7 @@ def plot_convergence(
     panels: Sequence[Panel],
     target: Path | BinaryIO,
     *,
-    format: Literal["png", "svg"],  # noqa: A002
+    format: str,  # noqa: A002
     title: str,
     dark: bool = False,
 ) -> None:

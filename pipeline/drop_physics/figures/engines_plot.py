@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -39,7 +39,7 @@ def plot_engines(
     curves: Sequence[Curve],
     target: Path | BinaryIO,
     *,
-    format: Literal["png", "svg"],  # noqa: A002
+    format: str,  # noqa: A002
     dark: bool = False,
 ) -> None:
     """Plot runs on top of each other; the same runs give the same bytes.

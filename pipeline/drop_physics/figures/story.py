@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-Look = Literal["line", "wide", "dashed"]
+Look = Literal["line", "broad", "wide", "dashed"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +44,8 @@ class Panel:
     """The time that the finding covers."""
     zero: bool = False
     """Whether the curves are read from zero."""
+    stacked: bool = False
+    """Whether the curves after the first add up to it: areas, from zero up and down."""
     log: bool = False
     """Whether the scale is logarithmic."""
 

@@ -1,4 +1,4 @@
-"""Plot what a script's bodies did: the verdict, and below it a few panels on one time axis."""
+"""Plot what happened: a title, what it means, and below a few panels on one time axis."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from drop_physics import colours
 from drop_physics.figures import style
-from drop_physics.figures.gif import MADE_BY_DROP
 from drop_physics.figures.story import Curve, Panel, Story
 from drop_physics.figures.style import Ink, Unit
 from drop_physics.messages import Message
@@ -34,8 +34,9 @@ NAME = 21
 """Characters of a curve's name that fit beside a panel."""
 APART = 0.135
 """Least distance of two names, as a share of a panel's height."""
-BESIDE, BESIDE_TITLE, BESIDE_NAME = 2, 50, 10
+BESIDE, BESIDE_TITLE, BESIDE_NAME = 2, 50, 12
 """Panels beside a film, and characters in a line of its title and of a curve's name."""
+OPACITY = 0.75
 USUAL, TALLER = 98.0, 3.0
 """Peaks over TALLER times this percentile of a panel are cut off."""
 
@@ -88,16 +89,10 @@ def draw_beside(figure: Figure, story: Story, ink: Ink) -> tuple[list[Axes], Uni
     return [*axes], time
 
 
-def told_story(story: Story, format: str, *, dark: bool) -> bytes:  # noqa: A002
+def told_story(story: Story, format: str, dark: bool) -> bytes:  # noqa: A002
     """Return the plot of a story as the bytes of a `png` or `svg` for a light or a dark page."""
-    stream, ink = io.BytesIO(), style.DARK if dark else style.LIGHT
-    with style.plain(ink):
-        figure = build_story(story, ink)
-        if format == "svg":
-            figure.savefig(stream, format="svg", metadata={"Date": None})
-        else:
-            made = {"Software": None, "Comment": MADE_BY_DROP.decode()}
-            figure.savefig(stream, format="png", metadata=made)
+    stream = io.BytesIO()
+    style.save(lambda ink: build_story(story, ink), stream, format=format, dark=dark)
     return stream.getvalue()
 
 
@@ -111,7 +106,7 @@ def _draw(
     axes: Axes, panel: Panel, time: Unit, ink: Ink, *, name: int = NAME, size: float = 10.0
 ) -> None:
     """Draw a panel; a line of a curve's name has `name` characters of a `size` [points]."""
-    mark = f"{panel.mark}  " if panel.mark else ""
+    panel, mark = _readable(panel), f"{panel.mark}  " if panel.mark else ""
     axes.set_title(
         f"{mark}{style.words(panel.title)} [{panel.unit}]", loc="left", size=11, pad=5,
         color=ink.text,
@@ -121,12 +116,14 @@ def _draw(
         axes.axvspan(first, last, color=ink.faint, alpha=0.13, lw=0)
     if panel.zero:
         axes.axhline(0, color=ink.faint, lw=0.9, zorder=0.9)
-    for order, curve in enumerate(panel.curves):
+    if panel.stacked:
+        _stack(axes, panel.curves[1:], time)
+    for order, curve in enumerate(panel.curves[:1] if panel.stacked else panel.curves):
         thin = len(curve.times_s) > 1
         axes.plot(
             curve.times_s * time.per_si, curve.values,
             color=_colour(curve, ink),
-            lw={"line": 1.8, "wide": 5.0, "dashed": 1.5}[curve.look],
+            lw={"line": 1.8, "broad": 3.6, "wide": 6.0, "dashed": 1.5}[curve.look],
             linestyle=style.DASHED if curve.look == "dashed" else "-",
             marker=None if thin else "o", markersize=4,
             solid_capstyle="butt", zorder=2 + 0.01 * order,
@@ -140,13 +137,44 @@ def _draw(
     _name(axes, panel.curves, ink, name, size)
 
 
+def _stack(axes: Axes, curves: Sequence[Curve], time: Unit) -> None:
+    """Draw curves over the same samples as areas: what is negative down from zero, the rest up."""
+    for edges in _edges(curves):
+        inner = np.zeros(edges.shape[1])
+        for curve, edge in zip(curves, edges, strict=True):
+            axes.fill_between(
+                curve.times_s * time.per_si, inner, edge, color=curve.colour, alpha=OPACITY, lw=0
+            )
+            inner = edge
+
+
+def _edges(curves: Sequence[Curve]) -> Iterator[NDArray[np.float64]]:
+    """Yield the outer edges of the areas below zero, then of those above, a row for each curve."""
+    values = np.stack([curve.values for curve in curves])
+    for sign in (-1, 1):
+        yield np.cumsum(np.where(sign * values < 0, 0.0, values), axis=0)
+
+
+def _readable(panel: Panel) -> Panel:
+    """Return a panel of lengths in the unit in which the largest reads best."""
+    units = {unit.name: unit.per_si for unit in style.METRES}
+    if panel.unit not in units:
+        return panel
+    largest = max(float(np.nanmax(np.abs(curve.values), initial=0.0)) for curve in panel.curves)
+    unit = style.unit_for(largest / units[panel.unit], style.METRES, usual=panel.unit)
+    scale = unit.per_si / units[panel.unit]
+    curves = [replace(curve, values=curve.values * scale) for curve in panel.curves]
+    return replace(panel, unit=unit.name, curves=curves)
+
+
 def _colour(curve: Curve, ink: Ink) -> str:
     return ink.simulated if curve.colour == colours.SIMULATED else curve.colour or ink.text
 
 
 def _limit(axes: Axes, panel: Panel, ink: Ink) -> None:
     """Fit the panel to its curves; peaks far above all else are cut off, and this is said."""
-    values = np.concatenate([curve.values for curve in panel.curves])
+    stacked = [edges[-1] for edges in _edges(panel.curves[1:])] if panel.stacked else []
+    values = np.concatenate([*(curve.values for curve in panel.curves), *stacked])
     values = values[np.isfinite(values)]
     if not len(values):
         return

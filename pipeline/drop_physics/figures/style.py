@@ -10,31 +10,22 @@ import functools
 import logging
 import math
 import pathlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import matplotlib
-import numpy as np
 from matplotlib import font_manager
-from matplotlib.path import Path
-from matplotlib.transforms import Bbox
 
 from drop_physics import colours
+from drop_physics.figures.gif import MADE_BY_DROP
 from drop_physics.messages import Message, translated
 
 if TYPE_CHECKING:
     from typing import BinaryIO
 
-    import polars as pl
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.text import Text
 
-MOST_POINTS = 2000
-"""Points drawn per curve: more than there are pixels."""
-FEW_POINTS = 50
-"""Up to here each sample is marked."""
 DASHED = (0, (4, 3))
 
 
@@ -134,13 +125,14 @@ def save(
     build: Callable[[Ink], Figure],
     target: pathlib.Path | BinaryIO,
     *,
-    format: Literal["png", "svg"],  # noqa: A002
+    format: str,  # noqa: A002
     dark: bool,
 ) -> None:
     """Draw a figure for a light or a dark page, and write it; the same one gives the same bytes."""
     ink = DARK if dark else LIGHT
     with plain(ink):
-        metadata = {"Date": None} if format == "svg" else {"Software": None}
+        made = {"Software": None, "Comment": MADE_BY_DROP.decode()}
+        metadata = {"Date": None} if format == "svg" else made
         build(ink).savefig(target, format=format, metadata=metadata)
 
 
@@ -179,11 +171,6 @@ def unit_for(largest: float, units: tuple[Unit, ...], *, usual: str) -> Unit:
 _RAISED = str.maketrans("−0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def decimals_for(largest: float) -> int:
-    """Return how many decimals show the largest of some numbers with four digits: 3 for 6.131."""
-    return max(0, 3 - math.floor(math.log10(largest))) if largest else 0
-
-
 def signed(value: float, decimals: int) -> str:
     """Return a number with its sign; in powers of ten where it would round to zero: −3×10⁻¹³."""
     if value == 0:
@@ -201,67 +188,3 @@ def seconds(value_s: float) -> str:
     if whole > 1 and math.isclose(whole * value_s, 1, rel_tol=1e-9):
         return f"1/{whole} s"
     return f"{value_s:.6g} s"
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a note may be, as matplotlib's `annotate` takes it."""
-
-    at: tuple[float, float]
-    of: tuple[str, str]
-    """The coordinate systems of the two."""
-    offset: tuple[float, float]
-    """From there [points]."""
-    align: Literal["left", "right"]
-    above: Literal["top", "bottom"] = "top"
-    """Which edge of the note is there."""
-
-
-def write_clear(axes: Axes, text: str, places: Sequence[Place], ink: Ink) -> None:
-    """Write a note at the first place without a line or another note; nowhere if there is none.
-
-    Lines must have been drawn, and limits set.
-    """
-    for place in places:
-        note = axes.annotate(
-            text,
-            place.at,
-            xycoords=place.of,
-            xytext=place.offset,
-            textcoords="offset points",
-            ha=place.align,
-            va=place.above,
-            size=10,
-            color=ink.faint,
-        )
-        if not is_struck(axes, note):
-            return
-        note.remove()
-
-
-def is_struck(axes: Axes, note: Text) -> bool:
-    """Whether a line of a panel runs through a note in it, or another note overlaps it."""
-    box = note.get_window_extent()
-    if any(box.overlaps(text.get_window_extent()) for text in axes.texts if text is not note):
-        return True
-    if box.y0 < axes.bbox.y0:
-        return True  # the numbers of the axis are there
-    for line in axes.lines:
-        points = line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float))
-        half = 0.5 * line.get_linewidth() * axes.figure.dpi / 72  # of its width, in pixels
-        near = Bbox.from_extents(box.x0 - half, box.y0 - half, box.x1 + half, box.y1 + half)
-        if Path(points).intersects_bbox(near, filled=False):
-            return True
-    return False
-
-
-def mark_time(axes: Axes, time_s: float, time: Unit, ink: Ink) -> None:
-    """Draw a dashed line through a panel at a time [s]."""
-    axes.axvline(time_s * time.per_si, color=ink.faint, lw=0.9, linestyle=DASHED, zorder=0.9)
-
-
-def thinned(table: pl.DataFrame) -> pl.DataFrame:
-    """Return evenly spread rows, the last one included, few enough to draw."""
-    if len(table) <= MOST_POINTS:
-        return table
-    return table[np.linspace(0, len(table) - 1, MOST_POINTS).astype(np.int64)]

@@ -120,7 +120,7 @@ def _shown(analysis: Analysis, seen: Seen) -> LayerShown:
     """Return what the viewer shows of a script; it knows no dashes."""
     if analysis.kind == "drop":
         return LayerShown()
-    widths = {"line": 2.0, "wide": 4.0, "dashed": 1.0}
+    widths = {"line": 2.0, "broad": 3.0, "wide": 4.0, "dashed": 1.0}
     panels, bodies = viewed(analysis, seen.bodies)
     lines = [
         [Line(str(each.name), each.colour or colours.TOTAL_IN_VIEWER, widths[each.look], each.steps,

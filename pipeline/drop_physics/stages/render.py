@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drop_physics.analysis.drop.analysis import fall_of
 from drop_physics.analysis.drop.case import case_seen
@@ -15,26 +15,26 @@ from drop_physics.analysis.drop.results import FallAnalysis
 from drop_physics.analysis.results import Analysis
 from drop_physics.analysis.story import analysis_of
 from drop_physics.errors import RecordingError, ScenarioError, check_suffix
-from drop_physics.fields import fraction
 from drop_physics.figures.animation import MAX_FPS, check_animation, decoded, write_animation
-from drop_physics.figures.facts import Facts
 from drop_physics.figures.gif import MADE_BY_DROP
 from drop_physics.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation, Playback, playback
+from drop_physics.figures.story import Story
 from drop_physics.files.outputs import check_apart, check_kind, check_target
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
 from drop_physics.recording.checks import damaged
 from drop_physics.recording.contents import is_script
 from drop_physics.recording.reader import Recording, frames, read
-from drop_physics.scenario import Scenario, View
+from drop_physics.scenario import View
 from drop_physics.shown import Shown
 from drop_physics.stages.film import film
-from drop_physics.sweeping.plan import label_of
+from drop_physics.stages.telling import story_of
 from drop_physics.workers import Worker
 
 if TYPE_CHECKING:
     from PIL import Image
 
+    from drop_physics.figures.composition import Composition
     from drop_physics.recording.falling import Progress  # its module loads Rerun
 
 
@@ -133,30 +133,32 @@ def render(
 
     report = functools.partial(progress, Message("writing {suffix}", suffix=gif.suffix[1:]))
     read_back = read(path)
-    if not of_drop:
-        from drop_physics.stages.telling import story_of
-
-        ended = read_back.ended or {}
-        told = analysis_of(read_back.seen, read_back.origin | {"ended": ended.get("ended"),
-            "error": ended.get("error")})  # fmt: skip
-        story = story_of(told)
-        count, played = film(
-            read_back, gif, animation=animation, view=view, body=body, dark=dark,
-            story=story if animation.with_plot and story.panels else None,
+    analysis: Analysis | FallAnalysis
+    if of_drop:
+        analysis = fall_of(case_seen(read_back.scenario, read_back.engine, read_back.seen)).analysis
+    else:
+        ended = {name: (read_back.ended or {}).get(name) for name in ("ended", "error")}
+        analysis = analysis_of(read_back.seen, read_back.origin | ended)
+    drawing = (story_of(analysis), plotted.suffix[1:], dark)
+    if assistant is not None:
+        assistant.ask("drop_physics.figures.story_plot:told_story", *drawing)
+    beside = drawing[0] if animation.with_plot and drawing[0].panels else None
+    pictured, plays = 0, None
+    if not isinstance(analysis, FallAnalysis):
+        pictured, plays = film(
+            read_back, gif, animation=animation, view=view, body=body, dark=dark, story=beside,
             force=force, ours=out is None, report=report,
         )  # fmt: skip
-        with written_whole(plotted, force=force, ours=plot is None) as file:
-            file.write(_story(told, plotted.suffix[1:], dark))
-        return Rendering(gif=gif, frames=count, fps=played.fps, plot=plotted, speed=played.speed)
-    analysis = fall_of(case_seen(read_back.scenario, read_back.engine, read_back.seen)).analysis
-    drawing = (analysis.table, plotted.suffix[1:], _facts(read_back.scenario, analysis), dark)
-    if assistant is not None:
-        assistant.ask("drop_physics.figures.plot:plotted", *drawing)
-    pictured, plays = 0, None
-    if read_back.camera is not None:
+    elif read_back.camera is not None:
         recorded = list(frames(path))
         plays = _played(read_back, len(recorded), animation, gif)
-        pictures = _pictures(recorded, plays, animation, analysis, dark, report)
+        composition = None
+        if animation.caption or animation.with_plot:
+            from drop_physics.figures.composition import Composition  # loads matplotlib
+
+            size_px = read_back.camera.size_px
+            composition = Composition(analysis.table, size_px, beside, dark=dark)
+        pictures = _pictures(recorded, plays, composition, report)
         with written_whole(gif, force=force, ours=out is None) as file, _refused(path):
             pictured = write_animation(pictures, file, suffix=gif.suffix, fps=plays.fps)
     elif out is not None:
@@ -178,22 +180,13 @@ def render(
 
 def plot_of(analysis: Analysis | FallAnalysis, *, dark: bool = False) -> bytes:
     """Return the plot of an analysis as PNG, as `render` draws it."""
-    if not isinstance(analysis, FallAnalysis):
-        return _story(analysis, "png", dark)
-    return _plot(analysis.table, "png", _facts(Scenario(**analysis.scenario), analysis), dark)
+    return _plot(story_of(analysis), "png", dark)
 
 
-def _story(analysis: Analysis, format: str, dark: bool) -> bytes:  # noqa: A002
+def _plot(story: Story, format: str, dark: bool) -> bytes:  # noqa: A002
     from drop_physics.figures.story_plot import told_story  # loads matplotlib
-    from drop_physics.stages.telling import story_of
 
-    return told_story(story_of(analysis), format, dark=dark)
-
-
-def _plot(*drawing: Any) -> bytes:  # noqa: ANN401
-    from drop_physics.figures.plot import plotted  # loads matplotlib: not where an assistant plots
-
-    return plotted(*drawing)
+    return told_story(story, format, dark=dark)
 
 
 @contextmanager
@@ -203,34 +196,6 @@ def _refused(path: Path) -> Iterator[None]:
         yield
     except ValueError as error:
         raise damaged(path, error.args[0]) from None
-
-
-def _facts(scenario: Scenario, analysis: FallAnalysis) -> Facts:
-    standard, own = asdict(Scenario()), asdict(scenario)
-    shown = {"linear_damping": scenario.linear_damping}
-    shown |= {name: value for name, value in own.items() if value != standard[name]}
-    for name in ("body", "height_m", "timestep_s", "duration_s"):  # shown elsewhere, or on the axis
-        shown.pop(name, None)
-    impact, rest = analysis.impact, analysis.rest
-    title = Message(
-        "{body} dropped from {height:g} m", body=scenario.body, height=scenario.height_m
-    )
-    if any(scenario.velocity_m_s):
-        title = Message(
-            "{body} thrown from {height:g} m", body=scenario.body, height=scenario.height_m
-        )
-    subtitle = Message(
-        "timestep {timestep} s, {settings}",
-        timestep=fraction(scenario.timestep_s),
-        settings=label_of(shown),
-    )
-    return Facts(
-        title=title,
-        subtitle=subtitle,
-        at_s=analysis.at[0].time_s if analysis.at else None,
-        impact_s=None if impact is None else impact.time_simulated_s,
-        rest_m=None if rest is None else rest.height_m,
-    )
 
 
 def _played(recording: Recording, count: int, animation: Animation, out: Path) -> Playback:
@@ -244,24 +209,12 @@ def _played(recording: Recording, count: int, animation: Animation, out: Path) -
 def _pictures(
     recorded: Sequence[tuple[int, bytes]],
     played: Playback,
-    animation: Animation,
-    analysis: FallAnalysis,
-    dark: bool,
+    composition: Composition | None,
     report: Callable[[int, int], None],
 ) -> Iterator[Image.Image]:
     """Yield the animation, picture by picture, and report each one."""
     shown = [recorded[number] for number in played.frames] if recorded else []
-    composition = None
-    for done, ((step, _), picture) in enumerate(
-        zip(shown, decoded(png for _, png in shown), strict=True), start=1
-    ):
-        if animation.caption or animation.with_plot:
-            if composition is None:
-                from drop_physics.figures.composition import Composition  # loads matplotlib
-
-                composition = Composition(
-                    analysis.table, picture.size, with_plot=animation.with_plot, dark=dark
-                )
-            picture = composition.composed(picture, step)
-        yield picture
+    pictures = zip(shown, decoded(png for _, png in shown), strict=True)
+    for done, ((step, _), picture) in enumerate(pictures, start=1):
+        yield picture if composition is None else composition.composed(picture, step)
         report(done, len(shown))

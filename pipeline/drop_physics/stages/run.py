@@ -59,7 +59,7 @@ def run(
     with free as path, Worker() as assistant:
         if camera is not None:
             assistant.ask("drop_physics.engines.bullet.camera_frames:draw_ahead", scenario, camera)
-        assistant.load("drop_physics.figures.plot", "polars")
+        assistant.load("drop_physics.figures.story_plot", "polars")
         from drop_physics.analysis.drop.results import DropAnalysis
         from drop_physics.stages.analyze import analyze
         from drop_physics.stages.render import render

@@ -1,9 +1,9 @@
-"""What the plot of a script tells: the verdict, and the panels that show it."""
+"""What a plot tells: of a script the verdict and the panels that show it, of a drop its error."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import polars as pl
@@ -12,15 +12,21 @@ from numpy.typing import NDArray
 from drop_physics import colours
 from drop_physics.analysis.answers.answer import Finding
 from drop_physics.analysis.curves import FORCES, Curves
+from drop_physics.analysis.drop.results import FallAnalysis
 from drop_physics.analysis.joints import JointRow
 from drop_physics.analysis.results import Analysis, BodyAnalysis
+from drop_physics.fields import fraction
 from drop_physics.figures.story import Curve, Look, Panel, Story
-from drop_physics.messages import Message
+from drop_physics.messages import Message, joined
+from drop_physics.scenario import Scenario
 from drop_physics.seen.events import Body
+from drop_physics.sweeping.plan import label_of
 
 Float64 = NDArray[np.float64]
 
 MOST_PANELS, MOST_CAUSES = 4, 4
+NOTHING_MM = 1e-9
+"""Errors of a drop below this are rounding, and have no panel."""
 NAMES = {"contacts": Message("contact"), "rolling": Message("rolling friction"),
          "clamp": Message("velocity limit")}  # fmt: skip
 """Of causes that are said otherwise than they are named."""
@@ -45,8 +51,10 @@ FAR, REACHED = 3.0, 1.05
 """A limit over so many times the largest torque is not drawn; of joints side by side, so many."""
 
 
-def story_of(analysis: Analysis) -> Story:
-    """Return what the plot of a script tells."""
+def story_of(analysis: Analysis | FallAnalysis) -> Story:
+    """Return what the plot of a recording tells."""
+    if isinstance(analysis, FallAnalysis):
+        return _story_of_drop(analysis)
     title, *lines = _verdict(analysis)
     return Story(title, lines, [*_panels(analysis)][:MOST_PANELS])
 
@@ -70,6 +78,74 @@ def _verdict(analysis: Analysis) -> Iterator[str]:
         script=script, explained=explained.samples, of=explained.of,
         findings=len(analysis.findings),
     )  # fmt: skip
+
+
+# -- of a drop ------------------------------------------------------------------------------------
+
+
+def _story_of_drop(analysis: FallAnalysis) -> Story:
+    """Return the fall beside theory, as far as that goes, and the terms of its error."""
+    table, timestep_s = analysis.table, analysis.scenario["timestep_s"]
+    times_s, simulated_m = table["time_s"].to_numpy(), table["simulated_m"].to_numpy()
+    covered = table["timestep_m"].is_not_null().to_numpy()
+    curves = [Curve(Message("simulated"), times_s, simulated_m, colours.SIMULATED)]
+    panels = [
+        Panel(Message("height of the centre"), "m", curves, zero=bool(simulated_m.min() >= 0))
+    ]
+    if covered.any():
+        free_m, damped_m = (np.where(covered, table[name].to_numpy(), np.nan)
+            for name in ("free_fall_m", "damped_fall_m"))  # fmt: skip
+        curves.insert(0, Curve(Message("free fall"), times_s, free_m, colours.FREE_FALL, "wide"))
+        curves.insert(
+            1, Curve(Message("damped fall"), times_s, damped_m, colours.DAMPED_FALL, "broad")
+        )
+        errors_mm = {name: 1e3 * table[f"{name}_m"].fill_null(np.nan).to_numpy()
+            for name in colours.TERMS}  # fmt: skip
+        total = Curve(Message("total"), times_s, np.sum([*errors_mm.values()], axis=0), "")
+        if max(np.nanmax(np.abs(each)) for each in errors_mm.values()) > NOTHING_MM:
+            panels.append(Panel(Message("simulated − free fall"), "mm", [
+                total, *(Curve(Message(name), times_s, values, colours.TERMS[name])
+                for name, values in errors_mm.items())
+            ], zero=True, stacked=True))  # fmt: skip
+    return Story(_dropped(analysis), [*_said_of_drop(analysis, timestep_s)], panels)
+
+
+def _dropped(analysis: FallAnalysis) -> Message:
+    scenario = analysis.scenario
+    values = {"body": scenario["body"], "height": scenario["height_m"]}
+    if any(scenario["velocity_m_s"]):
+        return Message("{body} thrown from {height:g} m", **values)
+    return Message("{body} dropped from {height:g} m", **values)
+
+
+def _said_of_drop(analysis: FallAnalysis, timestep_s: float) -> Iterator[Message]:
+    """Yield what is not the default, one moment of the error, and how the fall ends."""
+    standard, own = asdict(Scenario()), analysis.scenario
+    shown = {"linear_damping": own["linear_damping"]}
+    shown |= {name: value for name, value in own.items() if value != standard[name]}
+    for name in ("body", "height_m", "timestep_s", "duration_s"):  # shown elsewhere, or on the axis
+        shown.pop(name, None)
+    yield Message("timestep {timestep} s, {settings}",
+                  timestep=fraction(timestep_s), settings=label_of(shown))  # fmt: skip
+    for moment in analysis.at[:1]:
+        if moment.terms_m is not None:
+            terms = [
+                Message("{name} {value:+.3f}", name=Message(name), value=1e3 * value_m)
+                for name, value_m in asdict(moment.terms_m).items()
+                if abs(value_m) > 5e-7
+            ]
+            yield Message("at {time:.4g} s {total:+.3f} mm: {terms}", time=moment.time_s,
+                          total=1e3 * moment.error_m, terms=joined(", ", terms))  # fmt: skip
+    ends = []
+    if analysis.impact is not None and analysis.impact.time_simulated_s is not None:
+        ends.append(Message("impact at {at:.4g} s", at=analysis.impact.time_simulated_s))
+    if analysis.rest is not None:
+        ends.append(Message("rests at {height:.3f} mm", height=1e3 * analysis.rest.height_m))
+    if ends:
+        yield joined(", ", ends)
+
+
+# -- of a script ----------------------------------------------------------------------------------
 
 
 def viewed(analysis: Analysis, bodies: Mapping[int, Body]) -> tuple[list[Panel], list[str]]:

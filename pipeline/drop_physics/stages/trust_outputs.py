@@ -65,7 +65,7 @@ def write_outputs(
         lines = [each.message for each in trust.findings if each.code in ("one-of-many", "grows")]
         story = Story(title, lines, [*_panels(trust)])
         with written_whole(plot, force=force) as file:
-            file.write(told_story(story, plot.suffix[1:], dark=dark))
+            file.write(told_story(story, plot.suffix[1:], dark))
 
 
 def table_of(trust: Trust) -> pl.DataFrame:
