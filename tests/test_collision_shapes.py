@@ -214,4 +214,4 @@ def test_the_hull_is_seen_where_a_finding_says_so(
             red, green, blue = np.moveaxis(viewer.view("World"), 2, 0)
             orange.append(int(((red > green + 30) & (green > blue + 10)).sum()))
             assert not viewer.warnings()
-    assert orange[1] < COLOURED < orange[0]
+    assert orange[1] < COLOURED < orange[0], orange

@@ -1661,67 +1661,6 @@ def curve(path: Path, entity: str) -> np.ndarray[Any, Any]:
     return np.array([row["Scalars:scalars"][0] for row in rows(path, entity)])
 
 
-@pytest.mark.parametrize(
-    ("body", "energy_j"),
-    [
-        # m g h, m v²/2 and ω·Iω/2 with I = m (b² + c²) / 3 about x, turned about z by a right angle
-        (
-            "b = p.createMultiBody(2, shape, -1, [0, 0, 3], [0, 0, 2 ** -0.5, 2 ** -0.5])\n"
-            "p.resetBaseVelocity(b, [1, 2, 3], [0, 5, 0])\n"
-            "p.changeDynamics(b, -1, linearDamping=0, angularDamping=0)",
-            2 * 9.81 * 3 + 14 + 2 * (0.2**2 + 0.3**2) / 3 * 25 / 2,
-        ),
-        # A box on a hinge, 0.5 m away from it: it swings, and keeps its energy.
-        (
-            "b = p.createMultiBody(0, -1, -1, [0, 0, 0], linkMasses=[3], "
-            "linkCollisionShapeIndices=[shape], linkVisualShapeIndices=[-1], "
-            "linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]], "
-            "linkInertialFramePositions=[[0.5, 0, 0]], "
-            "linkInertialFrameOrientations=[[0, 0, 0, 1]], linkParentIndices=[0], "
-            "linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 1, 0]])\n"
-            "p.setJointMotorControl2(b, 0, p.VELOCITY_CONTROL, force=0)\n"
-            "for n in (-1, 0):\n"
-            "    p.changeDynamics(b, n, linearDamping=0, angularDamping=0, jointDamping=0)",
-            0.0,
-        ),
-    ],
-)
-def test_the_energy_curve_is_that_of_motion_and_gravity(
-    bench: Bench, body: str, energy_j: float
-) -> None:
-    script = bench.script(f"{FREE}{body}\nfor _ in range(2000):\n    p.stepSimulation()\n")
-    bench.record(script)
-    layer = analyze(bench.out).layer
-    assert layer is not None
-    ((path, entity),) = {
-        (path, chunk.entity_path[1:])
-        for path in (bench.out, layer)
-        for chunk in RrdReader(path).stream()
-        if chunk.entity_path.startswith("/energies/")
-    }
-    assert path == (layer if "linkMasses" in body else bench.out)
-    points = curve(path, entity)
-    assert len(points) > 20
-    assert points[0] == pytest.approx(energy_j, abs=1e-9)
-    # Euler's steps of 1/4000 s do not keep it to the bit.
-    assert points == pytest.approx(energy_j, abs=0.03)
-
-
-@pytest.mark.parametrize("name", ["cube", "r2d2"])
-def test_the_force_curve_is_the_weight_of_what_rests(bench: Bench, name: str) -> None:
-    script = bench.script(
-        "import pybullet as p, pybullet_data\np.connect(p.DIRECT)\np.setGravity(0, 0, -9.81)\n"
-        "p.setAdditionalSearchPath(pybullet_data.getDataPath())\np.loadURDF('plane.urdf')\n"
-        f"b = p.loadURDF('{name}.urdf', [0, 0, 0.5])\n"
-        "for _ in range(720):\n    p.stepSimulation()\n"
-        "links = range(-1, p.getNumJoints(b))\n"
-        "print(9.81 * sum(p.getDynamicsInfo(b, one)[0] for one in links))\n"
-    )
-    _, printed = bench.record(script)
-    points = curve(bench.out, f"contact_forces/1_{name}")
-    assert points[-20:].mean() == pytest.approx(float(printed.split()[-1]), rel=0.01)
-
-
 SOFT = """
 import pybullet as p, pybullet_data
 p.connect(p.DIRECT)

@@ -61,8 +61,6 @@ class Drawing:
 
     def __init__(self, bodies: Mapping[int, Body], *, of_drop: bool = False) -> None:
         self._bodies, self._of_drop = bodies, of_drop
-        self._touched: set[int] = set()
-        """Bodies with a curve of their contact force."""
         self.low_m = self.high_m = np.zeros(3)
         """Corners of the box that all motion stayed in, without what flew off."""
         self._first_m: Float64 | None = None
@@ -200,10 +198,8 @@ class Drawing:
             if not self._of_drop and len(self._bodies) <= MOST_TRAILS + 1:
                 yield from self._trail(body, at, parts[:, _end_of(body), :3])
             if not body.joints and not self._of_drop:
-                yield from self._heights(body, at, drawn)
-                yield from self._energy(body, seen.client, at, drawn)
+                yield from self._curves.add(f"{schema.HEIGHT}/{body.label}", at, drawn[:, 2:3])
         if not self._of_drop:
-            yield from self._forces(seen)
             yield from self._points(seen)
 
     def _reach(self, positions_m: Float64) -> None:
@@ -276,44 +272,6 @@ class Drawing:
             boxes_m[:, :3].min(axis=0, initial=-0.1)))  # fmt: skip
         return 2 * size_m, size_m / (masses_kg[heaviest] * gravity)
 
-    def _heights(self, body: Body, at: Times, base: Float64) -> Iterator[Chunk]:
-        entity = f"{schema.HEIGHT}/{body.label}"
-        yield from self._curves.add(entity, at, base[:, 2:3])
-
-    def _forces(self, seen: Samples) -> Iterator[Chunk]:
-        """Yield the total normal force on each body that has been touched [N]."""
-        points = seen.contacts
-        shown = np.diff(np.floor(seen.times_s * SHOWN_PER_S + 1e-9), prepend=-1.0) > 0
-        shown[-1] = True
-        at = Times(seen.steps[shown], seen.times_s[shown])
-        numbers = np.array(sorted({*seen.bases, *seen.joints}), np.int64)
-        # A row per sample, a column per body; both sides of a point feel the same force.
-        totals_n = np.zeros((len(seen.steps), len(numbers)))
-        rows = np.searchsorted(seen.steps, points["step"])
-        for side in ("body_a", "body_b"):
-            columns = np.searchsorted(numbers, points[side])
-            its = np.isin(points[side], numbers)
-            np.add.at(totals_n, (rows[its], columns[its]), points["normal_force_n"][its])
-        for column, number in enumerate(numbers.tolist()):
-            label = self._bodies[number].label
-            entity = f"{schema.CONTACT_FORCES}/{label}"
-            if number not in self._touched and not totals_n[:, column].any():
-                continue
-            self._touched.add(number)
-            yield from self._curves.add(entity, at, totals_n[shown, column, None])
-
-    def _energy(self, body: Body, client: int, at: Times, base: Float64) -> Iterator[Chunk]:
-        """Yield the kinetic and potential energy of a body without joints [J]."""
-        dynamics, gravity = self._masses.get(body.number), self._gravity.get(client)
-        if dynamics is None or gravity is None or body.hides_links:
-            return
-        mass_kg, inertia_kg_m2 = dynamics["mass_kg"][0], np.ravel(dynamics["inertia_kg_m2"])
-        energies_j = energy_j(base, mass_kg, inertia_kg_m2, gravity)
-        if not np.isfinite(energies_j).all():
-            return
-        entity = f"{schema.ENERGIES}/{body.label}"
-        yield from self._curves.add(entity, at, energies_j[:, None])
-
     # -- pictures and calls -----------------------------------------------------------------------
 
     def on_image(self, number: int, image: Image, png: bytes) -> Iterator[Chunk]:
@@ -345,36 +303,6 @@ class Drawing:
     def on_raised(self, seen: Raised) -> Iterator[Chunk]:
         """Yield what a call raised."""
         yield from self._log.add(schema.LOG, _at(seen.at), (f"raised {seen.error}", True))
-
-
-@np.errstate(over="ignore", invalid="ignore")  # of states that are not finite
-def energy_j(
-    base: Float64, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: Float64
-) -> Float64:
-    """Return the kinetic energy of a body without links, and its potential energy above the origin.
-
-    In joules, shape (n,).
-
-    Parameters
-    ----------
-    base
-        Position, orientation, velocity and spin, shape (n, 13).
-    mass_kg
-        Its mass.
-    inertia_kg_m2
-        Its moments of inertia about the axes of the state, shape (3,).
-    gravity_m_s2
-        Shape (3,).
-    """
-    axis, w, spin = base[:, 3:6], base[:, 6:7], base[:, 10:13]
-    # In the body's own axes: rotated by the inverse quaternion.
-    twice = 2 * np.cross(spin, axis)
-    own = spin + w * twice + np.cross(twice, axis)
-    moving_j = mass_kg * (base[:, 7:10] ** 2).sum(-1) / 2
-    turning_j = (inertia_kg_m2 * own**2).sum(-1) / 2
-    potential_j = -mass_kg * (base[:, :3] @ gravity_m_s2)
-    total: Float64 = moving_j + turning_j + potential_j
-    return total
 
 
 def _looks_alike(shape: Shape, touched: Collision) -> bool:

@@ -51,10 +51,10 @@ DUE = _SHOWN.shift(1, fill_value=-1) != _SHOWN
 """Whether a point of a script's curve is due."""
 
 _TOP = {
-    schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.ENERGIES, schema.EVENTS, schema.FINDINGS,
-    schema.SEGMENTS, schema.PANELS,
+    schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.EVENTS, schema.FINDINGS,
+    schema.SEGMENTS, schema.PANELS, "energies",
 }  # fmt: skip
-"""First parts of a layer's entity paths."""
+"""First parts of a layer's entity paths, with those that it had once."""
 
 
 class Line(NamedTuple):
@@ -133,7 +133,7 @@ def write_layer(
     if recording.drop is not None:
         chunks = [*_of_drop(recording.scenario.timestep_s, samples)]
     else:
-        chunks = [*_of_bodies(samples, recording.entities, look.bodies), *_of_panels(look)]
+        chunks = [*_of_bodies(samples, look.bodies), *_of_panels(look)]
     if events:
         steps, times_s, lines = zip(*events, strict=True)
         at = Times(np.array(steps, np.int64), np.array(times_s))
@@ -192,27 +192,17 @@ def _of_drop(timestep_s: float, samples: pl.DataFrame) -> Iterator[Chunk]:
         yield writer.curve_chunk(entity, steps, timestep_s, values_j, resolution=resolution_j)
 
 
-# -- of a script's bodies: kinds of samples, energies of those with links, errors of flights ------
+# -- of a script's bodies: kinds of samples, errors of flights ------------------------------------
 
 
-def _of_bodies(
-    samples: pl.DataFrame, recorded: frozenset[str], first: Sequence[str]
-) -> Iterator[Chunk]:
+def _of_bodies(samples: pl.DataFrame, first: Sequence[str]) -> Iterator[Chunk]:
     bodies = samples.partition_by("label", maintain_order=True)
     order = {label: at - len(first) for at, label in enumerate(first)}
     for body in sorted(bodies, key=lambda body: order.get(body["label"][0], 0))[:MOST_STATES]:
         yield from _states(body)
     for body in bodies:
-        label = body["label"][0]
-        known, energies = (
-            body.filter(pl.col("energy_j").is_not_null()),
-            f"{schema.ENERGIES}/{label}",
-        )
-        if len(known) and energies not in recorded:
-            shown = known.filter(DUE)
-            yield pictures.curves(energies, _times(shown), [shown["energy_j"].to_numpy()[:, None]])
         if body["error_z_m"].count():
-            yield from _errors(body, f"{schema.ERROR_MM}/{label}")
+            yield from _errors(body, f"{schema.ERROR_MM}/{body['label'][0]}")
 
 
 def _of_panels(shown: Shown) -> Iterator[Chunk]:

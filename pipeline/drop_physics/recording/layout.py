@@ -117,38 +117,27 @@ def series_of(bodies: Iterable[Body]) -> dict[str, int]:
 
 def layout(look: Look) -> rrb.Blueprint:
     """Return the layout: the scene and its pictures, curves, texts; nothing empty."""
-    if look.analyzed and schema.HEIGHT_SIMULATED not in look.entities:
-        return _framed(_of_script(look), look)
-    seen, curves = [_world(look), *_pictures(look)], [*_measured(look)]
-    left = _rows(seen, shares=[4, 3])
-    if look.analyzed:
-        right = _texts(look)
-        rows = [*((3.0, panel) for panel in curves), *_explained(look)]
-        if rows:
-            shares, panels = zip(*rows, strict=True)
-            middle = _rows(panels, shares=shares)
-            whole = rrb.Horizontal(left, middle, right, column_shares=[3, 4, 3])
-        else:
-            whole = rrb.Horizontal(left, right)
-    else:
-        whole = rrb.Horizontal(left, _rows([*curves, _texts(look)]))
-    return _framed(whole, look)
-
-
-def _of_script(look: Look) -> Panel:
-    """Return the scene with what bodies do, the panels of the analysis, and texts."""
-    states = [panel for _, panel in _states(look)]
-    left = _rows([_world(look), *_pictures(look), *states],
-        shares=[5, *(3 for _ in _pictures(look)), *(_share(look) for _ in states)])  # fmt: skip
+    pictures, states = [*_pictures(look)], [*_states(look)]
+    shares = [5, *(3 for _ in pictures), *(_share(look) for _ in states)]
+    left = _rows([_world(look), *pictures, *states], shares=shares)
+    measured = _measured(look)
+    if not look.analyzed:
+        whole = rrb.Horizontal(left, _rows([*map(_tabs, measured), _texts(look)]))
+        return _framed(whole, look)
     panels = [
         rrb.TimeSeriesView(origin=f"{schema.PANELS}/{number}", name=title,
                            plot_legend=rrb.PlotLegend(RIGHT_TOP))
         for number, title in enumerate(look.panels)
     ]  # fmt: skip
-    more = [*panels[MOST_ROWS:], *_errors(look), *(one for kind in _kinds(look) for one in kind)]
-    middle = [*panels[:MOST_ROWS], *([_tabs(more)] if more else [])]
+    # A fall begins at the upper left, its error at zero, and at first it goes below.
+    errors = _curves(look, schema.ERROR_MM, "Simulated minus free fall [mm]", Corner2D.LeftTop)
+    energies = _curves(look, schema.ENERGY, "Energy [J]", RIGHT_TOP)
+    heights = [view for views in measured for view in views]
+    of_drop = schema.HEIGHT_SIMULATED in look.entities
+    curves = [*heights, *errors, *energies] if of_drop else [*panels, *errors, *heights]
+    middle = [*curves[:MOST_ROWS], *([_tabs(curves[MOST_ROWS:])] if curves[MOST_ROWS:] else [])]
     columns = [left, *([_rows(middle)] if middle else []), _texts(look)]
-    return rrb.Horizontal(*columns, column_shares=[4, 4, 3] if middle else [4, 3])
+    return _framed(rrb.Horizontal(*columns, column_shares=[4, 4, 3] if middle else [4, 3]), look)
 
 
 def _framed(whole: Panel, look: Look) -> rrb.Blueprint:
@@ -229,63 +218,26 @@ def _pictures(look: Look) -> Iterator[Panel]:
         yield views[0] if len(views) == 1 else rrb.Horizontal(*views)
 
 
-def _measured(look: Look) -> Iterator[Panel]:
-    """Yield the curves that the recording itself has; beside an analysis all in one place."""
-    kinds = _kinds(look)
-    if look.analyzed:
-        kinds = [[view for views in kinds for view in views]]
-    for views in kinds:
-        if views:
-            yield _tabs(views)
-
-
-def _kinds(look: Look) -> list[list[rrb.View]]:
-    """Return views of what the recording itself has, by kind."""
+def _measured(look: Look) -> list[list[rrb.View]]:
+    """Return views of the curves that the recording itself has, by kind."""
     of_drop = schema.HEIGHT_SIMULATED in look.entities
     heights = "Height of the centre [m]" if of_drop else "Heights of free bodies [m]"
-    corner = RIGHT_TOP if look.analyzed else None
-    return [
-        [*_curves(look, schema.HEIGHT, heights, corner)],
-        [
-            *_curves(
-                look,
-                schema.JOINTS,
-                "Joint positions [rad, m]",
-                RIGHT_TOP,
-                of=("/position", f"/{schema.TARGET}"),
-            )
-        ],
-        [*_curves(look, schema.JOINTS, "Motors [N m, N]", RIGHT_TOP, of=("/effort",))],
-        [
-            *_curves(look, schema.CONTACT_FORCES, "Contact forces [N]"),
-            *_curves(look, schema.ENERGIES, "Energies [J]"),
-        ],
+    positions = ("/position", f"/{schema.TARGET}")
+    kinds = [
+        _curves(look, schema.HEIGHT, heights, RIGHT_TOP if look.analyzed else None),
+        _curves(look, schema.JOINTS, "Joint positions [rad, m]", RIGHT_TOP, of=positions),
+        _curves(look, schema.JOINTS, "Motors [N m, N]", RIGHT_TOP, of=("/effort",)),
     ]
+    return [views for kind in kinds if (views := [*kind])]
 
 
-def _explained(look: Look) -> Iterator[tuple[float, Panel]]:
-    """Yield what the analysis adds, with its share: kinds of samples, errors, energies."""
-    yield from _states(look)
-    yield from ((4.0, view) for view in _errors(look))
-    for view in _curves(look, schema.ENERGY, "Energy [J]", RIGHT_TOP):
-        yield 3.0, view
-
-
-def _errors(look: Look) -> Iterator[rrb.View]:
-    # They start at zero, lower left, and grow.
-    name = "Simulated minus free fall [mm]"
-    yield from _curves(look, schema.ERROR_MM, name, Corner2D.LeftTop)
-
-
-def _states(look: Look) -> Iterator[tuple[float, Panel]]:
+def _states(look: Look) -> Iterator[rrb.View]:
     shown = [each for each in look.entities if each.startswith(f"{schema.SEGMENTS}/")]
     if shown:
         first = sorted(shown, key=lambda each: look.order.get(each, 0))[:MOST_STATES]
         contents = "$origin/**" if len(first) == len(shown) else [f"+ /{each}" for each in first]
-        name = "What each body does"
-        yield (
-            _share(look),
-            rrb.StateTimelineView(origin=schema.SEGMENTS, name=name, contents=contents),
+        yield rrb.StateTimelineView(
+            origin=schema.SEGMENTS, name="What each body does", contents=contents
         )
 
 

@@ -132,10 +132,6 @@ HEIGHT_RESOLUTION_M = 1e-9
 
 CONTACT_POINTS = "world/contacts"
 """Contact points, and the forces there as arrows; of a script, thinned."""
-CONTACT_FORCES = "contact_forces"
-ENERGIES = "energies"
-"""Curves of a script's recording, thinned; the numbers are those of `contacts`, and of `state` with
-`dynamics` and `engine`."""
 
 GOLDEN = "golden"
 """Below `world` and `height`: those of the golden recording shown beside a recording; never in a
