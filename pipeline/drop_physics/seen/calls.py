@@ -1,4 +1,4 @@
-"""What a script's calls asked for: forces, motors, constraints, properties of bodies.
+"""What a script's calls asked for: forces, and properties of bodies.
 
 A recording holds a call as its site and its numbers. Here they get their meaning, by the names of
 PyBullet's functions and arguments; another engine's would stand beside them.
@@ -96,38 +96,12 @@ class Push:
 
 
 @dataclass(frozen=True)
-class Motor:
-    """How a joint is driven from now on."""
-
-    at: At
-    body: Body
-    joint: int
-    mode: int
-    """The engine's number for it: velocity, torque, position …"""
-    force: float
-    """As given: a torque, or the maximum force of a motor [N] or [N m]; nan if none."""
-
-
-@dataclass(frozen=True)
 class Given:
     """Properties of a body that a call has set, some of which the engine never reports."""
 
     at: At
     body: Body
     values: Mapping[str, float | Sequence[float]]
-
-
-@dataclass(frozen=True)
-class Constraint:
-    """A constraint between bodies that was created or removed."""
-
-    at: At
-    client: int
-    number: int
-    """The engine's id."""
-    bodies: tuple[int, ...]
-    """Numbers of the bodies that it holds, without the world; empty when it is removed."""
-    there: bool
 
 
 def text_of(site: Site, numbers: Sequence[float]) -> str:
@@ -213,24 +187,6 @@ class Meanings:
                 world = int(flags[0]) == WORLD_FRAME
                 yield Push(at, came.body, int(link[0]), torque, vector, where, in_world_axes=world)
 
-    def motors(self) -> Iterator[Motor]:
-        """Yield how joints are driven, whenever mode or force change."""
-        last: dict[tuple[int, At, int], tuple[int, float]] = {}
-        for call, at, came in self.of_bodies(MOTORS):
-            values = call.values
-            joints = values.get("jointIndices", values.get("jointIndex", ()))
-            forces = values.get("forces", values.get("force", ()))
-            mode = values.get("controlMode")
-            if mode is None:
-                continue
-            for number, joint in enumerate(map(int, joints)):
-                force = forces[number] if number < len(forces) else math.nan
-                driven = int(mode[0]), force
-                key = came.body.number, came.at, joint
-                if repr(last.get(key)) != repr(driven):  # nan is not nan
-                    last[key] = driven
-                    yield Motor(at, came.body, joint, *driven)
-
     def given(self) -> Iterator[Given]:
         """Yield properties of bodies that calls have set."""
         for call, at, came in self.of_bodies("changeDynamics"):
@@ -241,21 +197,6 @@ class Meanings:
             }
             if values:
                 yield Given(at, came.body, values)
-
-    def constraints(self) -> Iterator[Constraint]:
-        """Yield the constraints that were created and removed."""
-        for call in self._calls:
-            values = call.values
-            if call.function == "createConstraint" and math.isfinite(call.result):
-                ids = [values.get(f"{role}BodyUniqueId", (-1,)) for role in ("parent", "child")]
-                held = [self.body_at(call, int(engine_id)) for (engine_id, *_) in ids]
-                bodies = [each for each in held if each is not None]
-                at = max([call.at, *(each.at for each in bodies)], key=order)
-                numbers = tuple(each.body.number for each in bodies)
-                yield Constraint(at, call.client, int(call.result), numbers, there=True)
-            elif call.function == "removeConstraint" and "userConstraintUniqueId" in values:
-                number = int(values["userConstraintUniqueId"][0])
-                yield Constraint(call.at, call.client, number, (), there=False)
 
     def of_bodies(self, *functions: str) -> Iterator[tuple[Call, At, Appearance]]:
         """Yield the calls of functions by the beginning of their names, each with its body.
