@@ -72,6 +72,7 @@ def _worker() -> ProcessPoolExecutor:
 
 
 def _record(scene: str, path: Path, for_viewer: bool) -> None:
+    _as_at_first()
     with tempfile.TemporaryFile() as memory, tempfile.TemporaryFile() as stream:
         memory.truncate(pipe.BLOCK_BYTES)
         watch = start.watch(
@@ -98,6 +99,13 @@ def _record(scene: str, path: Path, for_viewer: bool) -> None:
             recording_id=uuid.uuid4().hex, force=True,
             blueprint=(lambda: layout(recorder.look())) if for_viewer else None,
         )  # fmt: skip
+
+
+def _as_at_first() -> None:
+    """Set back what PyBullet keeps for a whole process."""
+    client = p.connect(p.DIRECT)
+    p.setPhysicsEngineParameter(contactBreakingThreshold=0.02, physicsClientId=client)
+    p.disconnect(client)
 
 
 def _run(scene: str) -> None:

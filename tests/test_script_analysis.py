@@ -904,7 +904,6 @@ steps(10)
     ),
     "force of a point that the engine left out": (
         GRAVITY + """
-p.setPhysicsEngineParameter(contactBreakingThreshold=0.02)  # scenes before may have set another
 box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[1, 1, .1])
 ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
 p.createMultiBody(0, box, useMaximalCoordinates=True)
