@@ -7,6 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from drop_physics import analyze
+from drop_physics.recording.other_layer import is_drawn
+from drop_physics.recording.reader import read
 
 BOX = """
 import pybullet as p
@@ -72,6 +75,40 @@ def test_a_tolerance_passes_what_is_within(project: Path) -> None:
     _, text = run(project, tests)
     assert "1 failed, 2 passed" in text
     assert "FAILED tests/test_box.py::test_narrow" in text
+
+
+SET_UP = """
+import pybullet as p, pytest
+@pytest.fixture
+def box(golden_recording):
+    p.connect(p.DIRECT)
+    p.setGravity(0, 0, -9.81)
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1] * 3)
+    body = p.createMultiBody(1, shape, basePosition=[0, 0, 1])
+    p.changeDynamics(body, -1, linearDamping=0)
+    p.stepSimulation()
+    yield
+    p.disconnect()
+def test_box(golden_recording, box):
+    with golden_recording("box"):
+        STEPS
+"""
+
+
+def test_set_up_after_the_fixture_is_seen(project: Path) -> None:
+    (project / "tests/test_box.py").write_text(SET_UP.replace("STEPS", "p.stepSimulation()"))
+    call = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"]
+    subprocess.run([*call, "--update-golden"], cwd=project, check=True)
+    (golden,) = project.rglob("golden/box.rrd")
+    seen = read(golden).seen
+    # As the law says: without damping, which the engine does not report, for two steps.
+    assert seen.bases["z_m"][-1] == pytest.approx(1 - 3 * 9.81 / 240**2, abs=1e-15)
+    assert {call.function for piece in seen.pieces() for call in piece.calls} >= {"changeDynamics"}
+    assert analyze(golden).explained.samples == 3
+    assert not is_drawn(golden)
+    (project / "tests/test_box.py").write_text(SET_UP.replace("STEPS", "pass"))
+    done = subprocess.run(call, cwd=project, capture_output=True, text=True, check=False)
+    assert "recorded no step" in done.stdout
 
 
 def test_what_cannot_be_a_golden_fails_and_says_why(project: Path) -> None:

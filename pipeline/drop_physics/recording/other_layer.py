@@ -5,7 +5,7 @@ It carries the other recording's id, so that the viewer shows both as one.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,6 +41,7 @@ def write_other_layer(
     labels: Collection[str] | None = None,
     style: Style = GOLDEN,
     blueprint: Blueprint | None = None,
+    drawn: Iterable[Chunk] | None = None,
 ) -> None:
     """Write what is shown of another recording, which was read and checked before.
 
@@ -58,8 +59,11 @@ def write_other_layer(
         Their name and colour.
     blueprint
         The layout of both together; None for the recording's own.
+    drawn
+        What is shown, where the other recording holds nothing for looking.
     """
-    chunks = _chunks(other, dict(_moved(labels, style.name)), style)
+    drawn = _read(other) if drawn is None else drawn
+    chunks = _chunks(drawn, dict(_moved(labels, style.name)), style)
     writer.record(path, chunks, recording_id=recording_id, blueprint=blueprint)
 
 
@@ -74,9 +78,26 @@ def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str
             yield f"{parent}/{label}", f"{parent}/{name}/{label}"
 
 
-def _chunks(other: Path, moved: dict[str, str], style: Style) -> Iterator[Chunk]:
+def is_drawn(recording: Path) -> bool:
+    """Whether a recording holds what is for looking."""
+    return any(chunk.entity_path.startswith(f"/{schema.WORLD}") for chunk in _read(recording))
+
+
+def shapes_in(recording: Path) -> Iterator[Chunk]:
+    """Yield the shapes of a script's recording: they are below its links, `world/BODY/LINK`."""
+    for chunk in _read(recording):
+        top, rest = _parted(chunk.entity_path.removeprefix("/"))
+        if top.startswith(f"{schema.WORLD}/") and len(rest) > 1:
+            yield chunk
+
+
+def _read(recording: Path) -> Iterable[Chunk]:
+    return RrdReader(recording).stream()
+
+
+def _chunks(drawn: Iterable[Chunk], moved: dict[str, str], style: Style) -> Iterator[Chunk]:
     named: set[str] = set()
-    for chunk in RrdReader(other).stream():
+    for chunk in drawn:
         top, rest = _parted(chunk.entity_path.removeprefix("/"))
         if top not in moved:
             continue

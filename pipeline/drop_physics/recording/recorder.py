@@ -40,6 +40,7 @@ from drop_physics.seen.events import (
     Raised,
     Samples,
     Site,
+    Surface,
 )
 from drop_physics.seen.poses import MOTION
 from drop_physics.states import Rows
@@ -63,12 +64,19 @@ class Recorder:
         Whether another run is compared: only then a digest of each state is kept.
     of_drop
         Whether a drop is recorded, which shows curves of its own, for slow motion.
+    drawn
+        Whether a script's recording also holds what is only for looking.
     """
 
     def __init__(
-        self, inputs: Properties, *, compared: bool = False, of_drop: bool = False
+        self,
+        inputs: Properties,
+        *,
+        compared: bool = False,
+        of_drop: bool = False,
+        drawn: bool = True,
     ) -> None:
-        self.inputs, self._compared = inputs, compared
+        self.inputs, self._compared, self._drawn = inputs, compared, drawn
         self.samples = self.frames = 0
         self.bodies: dict[int, Body] = {}
         """All that ever existed, by number."""
@@ -110,8 +118,10 @@ class Recorder:
             What else the recording of a drop shows of its samples.
         """
         for chunk in self._chunks(events, ending, about, beside):
-            self._entities.add(chunk.entity_path.removeprefix("/"))
-            yield chunk
+            entity = chunk.entity_path.removeprefix("/")
+            if self._drawn or not _is_for_looking(entity):
+                self._entities.add(entity)
+                yield chunk
 
     def look(self) -> Look:
         """Return how what was recorded is shown."""
@@ -187,6 +197,8 @@ class Recorder:
 
     def _tell(self, event: told.Event) -> Iterator[Chunk]:
         """Add a row of JSON; yield rows when there are enough."""
+        if isinstance(event, Surface) and not self._drawn:
+            return
         if isinstance(event, Site):
             self.sites[event.number] = event
         if isinstance(event, Appearance):
@@ -291,6 +303,12 @@ class Recorder:
     def _on_frame(self, camera: int, step: int, png: bytes) -> None:
         self.frames += 1
         self._pictures.setdefault(camera, FrameDigest()).update(step, png)
+
+
+def _is_for_looking(entity: str) -> bool:
+    ends = f"/{schema.TARGET}", f"/{schema.LIMIT}"
+    of_motors = entity.startswith(f"{schema.JOINTS}/") and entity.endswith(ends)
+    return of_motors or entity.startswith(schema.FOR_LOOKING)
 
 
 def rows_of_bases(seen: Samples) -> Rows:

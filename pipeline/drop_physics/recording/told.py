@@ -83,6 +83,8 @@ def _plain_body(body: Body) -> Values:
     plain = asdict(body)
     for shape in (*plain["shapes"], *plain["collisions"]):
         shape["file"] = PurePath(shape["file"]).name
+    for shape in plain["collisions"]:  # to a micrometre, as surfaces
+        shape["hull_m"] = [round(each, 6) for each in shape["hull_m"]]
     return plain
 
 

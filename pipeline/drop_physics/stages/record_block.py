@@ -27,7 +27,7 @@ from typing import Any
 
 from drop_physics.engines.bullet.script import BlockListener, shared_block
 from drop_physics.engines.bullet.watching import ending, start
-from drop_physics.engines.bullet.watching.hooks import Stop
+from drop_physics.engines.bullet.watching.hooks import Stop, Watch
 from drop_physics.errors import NO_MEMORY, DropError, OutputError, check_suffix
 from drop_physics.files.outputs import check_target
 from drop_physics.recording import schema, writer
@@ -45,6 +45,12 @@ class Block:
     """A block that is being recorded; `recorded` is the result, once it has ended."""
 
     recorded: Recorded | None = None
+    watch: Watch
+
+    @property
+    def steps(self) -> int:
+        """Steps made so far."""
+        return self.watch.steps_made
 
 
 @contextmanager
@@ -55,6 +61,7 @@ def record(
     duration_s: float | None = None,
     seed: int | None = None,
     keep_sleeping: bool = False,
+    drawn: bool = True,
     force: bool = False,
 ) -> Iterator[Block]:
     """Record what a `with` block does with PyBullet, as `drop record` does for a script.
@@ -69,6 +76,8 @@ def record(
         The seed of `random`, `numpy.random`, and numpy's `SeedSequence`; None leaves them alone.
     keep_sleeping
         Whether the block's sleeps take time.
+    drawn
+        Whether it also holds what is only for looking: shapes, poses, curves.
     force
         Whether an existing recording may be replaced.
 
@@ -90,6 +99,7 @@ def record(
             "block": memory.fileno(),
             "process": os.getpid(),
             "out": str(path),
+            "drawn": drawn,
             "force": force,
         }
         with subprocess.Popen(
@@ -100,7 +110,7 @@ def record(
             env=our_environment(),
         ) as recorder:
             os.close(reading)
-            watch = start.watch(
+            watch = block.watch = start.watch(
                 writing, os.dup(memory.fileno()), steps=steps, duration_s=duration_s,
                 keep_sleeping=keep_sleeping, seed=seed,
             )  # fmt: skip
@@ -145,7 +155,7 @@ def _record(request: dict[str, Any]) -> dict[str, Any]:
         "script": BLOCK,
         "drop_version": metadata.version("drop-physics"),
     }
-    recorder = Recorder({schema.ORIGIN_PROPERTY: origin})
+    recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, drawn=request["drawn"])
     listener = BlockListener(request["reading"], request["block"], process=request["process"])
     writer.record(
         path,
@@ -155,7 +165,7 @@ def _record(request: dict[str, Any]) -> dict[str, Any]:
             lambda ended: about_script(origin, recorder, ended),
         ),
         recording_id=recording_id,
-        blueprint=lambda: layout(recorder.look()),
+        blueprint=(lambda: layout(recorder.look())) if request["drawn"] else None,
         force=request["force"],
         full=lambda: listener.stop("disk"),
     )

@@ -6,20 +6,27 @@ import tempfile
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import polars as pl
+
 from drop_physics import colours
 from drop_physics.analysis.drop.one_sample import DEFAULT_AT_S
+from drop_physics.analysis.times import Times
 from drop_physics.errors import ScenarioError
-from drop_physics.recording import viewer
+from drop_physics.recording import pictures, schema, viewer, writer
 from drop_physics.recording.contents import is_script
+from drop_physics.recording.drawing import part_path
 from drop_physics.recording.layer import layer_of
 from drop_physics.recording.layout import layout, look_of_drop
-from drop_physics.recording.other_layer import Style, write_other_layer
+from drop_physics.recording.other_layer import Style, is_drawn, shapes_in, write_other_layer
 from drop_physics.recording.reader import read, recording_id
 from drop_physics.recording.viewer import Viewer
+from drop_physics.recording.writer import Chunk
 from drop_physics.scenario import ENGINES, Engine, Scenario
+from drop_physics.seen.history import Seen
 from drop_physics.shown import Shown
 from drop_physics.stages.check import check
 
@@ -101,7 +108,10 @@ def _with_golden(path: Path, golden: Path, folder: Path, *, web: bool) -> View:
     checked = check(path, golden)
     layer = folder / "golden.rrd"
     shown = _view([path], web=web, more=[layer])
-    write_other_layer(layer, golden, recording_id=recording_id(path), labels=_moving(golden))
+    drawn = None if is_drawn(golden) else chain(shapes_in(path), _poses(read(golden).seen))
+    write_other_layer(
+        layer, golden, recording_id=recording_id(path), labels=_moving(golden), drawn=drawn
+    )
     return replace(
         shown,
         golden=golden,
@@ -109,6 +119,24 @@ def _with_golden(path: Path, golden: Path, folder: Path, *, web: bool) -> View:
         first_difference=None if checked.first is None else checked.first.step,
         not_compared=tuple(checked.not_compared),
     )
+
+
+def _poses(seen: Seen) -> Iterator[Chunk]:
+    """Yield poses and heights, of a recording without what is for looking."""
+    for number, body in seen.bodies.items():
+        times = Times(seen, body.client)
+        for piece in seen.pieces():
+            base, joints = piece.bases.filter(pl.col("body") == number), piece.joints.get(number)
+            steps = base["step"].to_numpy() if joints is None else joints.steps
+            if not len(steps):
+                continue
+            at = writer.Times(steps, times.of_all(steps))
+            motions = seen.motions(body, steps, base, joints)
+            for column in range(motions.shape[1]):
+                poses = [motions[:, column, :7]]
+                yield pictures.poses(part_path(body, column - 1), at, poses)
+            if not body.joints:
+                yield pictures.curves(f"{schema.HEIGHT}/{body.label}", at, [motions[:, 0, 2:3]])
 
 
 def _of_one_script(paths: Sequence[Path]) -> bool:

@@ -124,7 +124,7 @@ class Watch:
         self.p = SimpleNamespace()
         """PyBullet's own functions."""
         self._limit_steps, self._limit_s = steps, duration_s
-        self._steps = self._worlds_made = 0
+        self.steps_made = self._worlds_made = 0
         self._last_end = (0, 0.0)
         self._modules: list[tuple[ModuleType, dict[str, Any]]] = []
         self._undo: list[Callable[[], None]] = []
@@ -233,11 +233,11 @@ class Watch:
             result = self._step(world, original, args, kwargs)
         else:
             result = self._varied_step(varied, world, original, args, kwargs)
-        self._steps += 1
+        self.steps_made += 1
         if get_ident() != self._thread:
             self._threads.add(current_thread())
         self.clock.step(world.time_s)
-        if self._steps == self._limit_steps:
+        if self.steps_made == self._limit_steps:
             self.stop("steps")
         if self._limit_s is not None:
             self._check_time()
