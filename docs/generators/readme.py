@@ -28,8 +28,16 @@ ARM = (
     "drop render recordings/arm.rrd --with-plot --speed 1 --fps 10 --out arm-dark.gif --dark",
 )
 """Those for the picture of a robot."""
+HEAP = (
+    "drop record docs/examples/heap.py",
+    "drop render recordings/heap.rrd --out heap.gif",
+    "drop trust --vary nudge --plot heap-trust.png docs/examples/heap.py",
+    "drop trust --vary nudge --plot heap-trust-dark.png --dark --force docs/examples/heap.py",
+)
+"""Those for the pictures of a script."""
 COMMANDS = (
     *ARM,
+    *HEAP,
     *FILM,
     f"{FILM[1]} --dark --out film-dark.gif --plot film-dark.png",
     "drop run",
@@ -38,6 +46,9 @@ COMMANDS = (
 DRAWN = (
     "arm.gif",
     "arm-dark.gif",
+    "heap.gif",
+    "heap-trust.png",
+    "heap-trust-dark.png",
     "film.gif",
     "film-dark.gif",
     "recordings/run.png",

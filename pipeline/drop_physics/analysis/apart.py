@@ -7,23 +7,22 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.checking.pairing import pairing
+from drop_physics.analysis.motions import NOTHING, Motion, motions, together
 from drop_physics.analysis.times import Times
 from drop_physics.seen.events import Body
-from drop_physics.seen.history import Piece, Seen
+from drop_physics.seen.history import Seen
 from drop_physics.seen.poses import MOTION_COLUMNS
-from drop_physics.states import Joints
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 APART = 1e-6
 """Runs count as apart from here on [m, rad]."""
-MOST_POINTS = 2048
-"""Of a curve: beyond, two become one."""
+MOST_POINTS = 4096
+"""Of a curve."""
 STEPS = 4096
 """Of the script's own run, that are compared at a time."""
 
@@ -94,37 +93,11 @@ class Track:
         return Distance(value, self.unit, self.body, self.joint, time_s)
 
 
-class Curve:
-    """The largest distance by time, in a bounded number of points."""
-
-    def __init__(self) -> None:
-        self._values, self._times = np.zeros(2 * MOST_POINTS), np.zeros(2 * MOST_POINTS)
-        self._width, self._used = 1, 0
-
-    def add(self, since: Int64, times_s: Float64, values: Float64) -> None:
-        """Add values at steps since the first."""
-        while len(since) and since[-1] // self._width >= 2 * MOST_POINTS:
-            for each in (self._values, self._times):
-                each[:MOST_POINTS] = np.maximum(each[::2], each[1::2])
-                each[MOST_POINTS:] = 0.0
-            self._width, self._used = 2 * self._width, (self._used + 1) // 2
-        np.maximum.at(self._values, since // self._width, values)
-        np.maximum.at(self._times, since // self._width, times_s)
-        self._used = max(self._used, int(since[-1]) // self._width + 1)
-
-    @property
-    def points(self) -> tuple[Float64, Float64]:
-        """Times [s] and distances."""
-        return self._times[: self._used].copy(), self._values[: self._used].copy()
-
-
 @dataclass(frozen=True)
 class Apart:
     """How far two runs are apart."""
 
     tracks: list[Track]
-    firsts: Mapping[int, tuple[int, int]]
-    """The first step in both, by client of the script's own run."""
     curves: Mapping[str, tuple[Float64, Float64]] = field(repr=False)
     """By unit, times [s] and the largest distance then."""
 
@@ -162,117 +135,75 @@ class Apart:
     @property
     def furthest(self) -> tuple[Float64, Float64]:
         """Times [s], and the largest distance then, of either unit."""
-        found = [*self.curves.values()]
-        if not found:
+        if not self.curves:
             return np.empty(0), np.empty(0)
-        longest = max(found, key=lambda curve: len(curve[0]))
-        value = longest[1].copy()
-        for _, values in found:
-            value[: len(values)] = np.maximum(value[: len(values)], values)
-        return longest[0], value
+        times_s, _ = next(iter(self.curves.values()))
+        return times_s, np.maximum.reduce([off for _, off in self.curves.values()])
 
 
 def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
-    """Return how far a run is from another, which has so many steps for each of its own.
+    """Return how far a run is from another, which makes so many steps for each of its own.
 
-    Both are read in pieces: memory does not grow with their length.
+    Both are read in pieces.
     """
-    pairs = [
-        (theirs, mine)
+    numbers = {
+        theirs: mine
         for theirs, mine in sorted(pairing(other, base).numbers.items())
         if theirs in base.bodies and mine in other.bodies
-    ]
-    starts = _starts(base), _starts(other)
-    firsts = {
-        base.bodies[theirs].client: (
-            starts[0].get(base.bodies[theirs].client, 0),
-            starts[1].get(other.bodies[mine].client, 0),
-        )
-        for theirs, mine in pairs
     }
-    times = {client: Times(base, client) for client in firsts}
+    times = {client: Times(base, client) for client in {b.client for b in base.bodies.values()}}
     tracks: dict[tuple[int, str | None, str], Track] = {}
-    curves = {"m": Curve(), "rad": Curve()}
+    size = base.sampled.last + 1
+    times_s, curves = np.zeros(size), {"m": np.zeros(size), "rad": np.zeros(size)}
     for piece in base.pieces(STEPS):
-        read = _counterpart(other, piece, firsts, finer)
-        if read is None:
-            continue
-        rows = [_bases(each) for each in (piece, read)]
-        for theirs, mine in pairs:
-            body = base.bodies[theirs]
-            first, start = firsts[body.client]
-            for joint, unit, steps, was, then, values in _positions(
-                body, rows[0].get(theirs), rows[1].get(mine), piece.joints.get(theirs),
-                read.joints.get(mine),
-            ):  # fmt: skip
-                aim = (steps - first) * finer + start
-                where = np.searchsorted(then, aim)
-                both = np.flatnonzero(
-                    (then[np.minimum(where, len(then) - 1)] == aim) & np.isfinite(was).all(axis=1)
-                )
-                if not len(both):
+        read = other.sampled.piece(piece.first * finer, (piece.end - 1) * finer + 1)
+        found = motions(piece.bases, piece.joints), motions(read.bases, read.joints)
+        for theirs in numbers.keys() & found[0].keys():
+            body, number = base.bodies[theirs], numbers[theirs]
+            both = together(found[0][theirs], found[1].get(number, NOTHING), finer=finer)
+            was, values = (_positions(body, each) for each in both)
+            for joint, unit in was.keys() & values.keys():
+                start = was[joint, unit]
+                rows = np.flatnonzero(np.isfinite(start).all(axis=1))
+                if not len(rows):
                     continue
-                track = tracks.get((theirs, joint, unit))
-                if track is None:
-                    at = was[both[0]]
-                    track = Track(theirs, mine, body.label, joint, unit, at, at, at)
-                    tracks[theirs, joint, unit] = track
-                times_s = times[body.client].of_all(steps[both])
-                off = track.add(steps[both], times_s, was[both], values[where[both]])
-                curves[unit].add(steps[both] - base.sampled.first, times_s, off)
-    found = {unit: curve.points for unit, curve in curves.items()}
-    return Apart([*tracks.values()], firsts, {u: c for u, c in found.items() if len(c[0])})
+                key, steps = (theirs, joint, unit), both[0].steps[rows]
+                at = start[rows[0]]
+                track = tracks.setdefault(
+                    key, Track(theirs, number, body.label, joint, unit, at, at, at)
+                )
+                now_s = times[body.client].of_all(steps)
+                off = track.add(steps, now_s, start[rows], values[joint, unit][rows])
+                times_s[steps] = np.maximum(times_s[steps], now_s)
+                curves[unit][steps] = np.maximum(curves[unit][steps], off)
+    units = {unit for _, _, unit in tracks}
+    return Apart(
+        [track for _, track in sorted(tracks.items(), key=_order)],
+        {unit: _thinned(times_s, curve) for unit, curve in curves.items() if unit in units},
+    )
 
 
-def _starts(seen: Seen) -> dict[int, int]:
-    """Return the first sampled step of each simulation, by client."""
-    clients = {each.client for each in seen.bodies.values() if each.moving}
-    found: dict[int, int] = {}
-    for piece in seen.pieces(STEPS):
-        firsts = [(number, int(joints.steps[0])) for number, joints in piece.joints.items()]
-        firsts += piece.bases.group_by("body").agg(pl.col("step").min()).rows()
-        for number, step in firsts:
-            client = seen.bodies[number].client
-            found[client] = min(step, found.get(client, step))
-        if clients <= found.keys():
-            break
-    return found
+def _order(item: tuple[tuple[int, str | None, str], Track]) -> tuple[int, bool, str, str]:
+    number, joint, unit = item[0]
+    return number, joint is not None, unit if joint is None else "", joint or ""
 
 
-def _counterpart(
-    other: Seen, piece: Piece, firsts: Mapping[int, tuple[int, int]], finer: int
-) -> Piece | None:
-    """Return the steps of the other run that belong to a piece of the script's own."""
-    ends = [
-        (max(piece.first - first, 0) * finer + start, (piece.end - 1 - first) * finer + start)
-        for first, start in firsts.values()
-        if piece.end > first
-    ]
-    if not ends:
-        return None
-    low, high = min(low for low, _ in ends), max(high for _, high in ends)
-    return other.sampled.piece(low, min(high, other.sampled.last) + 1)
+def _thinned(times_s: Float64, off: Float64) -> tuple[Float64, Float64]:
+    """Return a curve in a bounded number of points, of several the largest."""
+    edges = np.arange(0, len(off), -(-len(off) // MOST_POINTS))
+    return np.maximum.reduceat(times_s, edges), np.maximum.reduceat(off, edges)
 
 
-def _bases(piece: Piece) -> dict[int, pl.DataFrame]:
-    parts = piece.bases.partition_by("body", as_dict=True, maintain_order=True)
-    return {int(key[0]): rows for key, rows in parts.items()}
-
-
-def _positions(
-    body: Body, base: pl.DataFrame | None, other: pl.DataFrame | None, mine: Joints | None,
-    theirs: Joints | None,
-) -> Iterator[tuple[str | None, str, Int64, Float64, Int64, Float64]]:  # fmt: skip
-    """Yield joint, unit, and steps and values in both runs, of each position of a body."""
-    if base is not None and other is not None:
-        steps = [each["step"].to_numpy() for each in (base, other)]
-        numbers = [each.select(MOTION_COLUMNS).to_numpy() for each in (base, other)]
-        for unit, columns in (("m", slice(0, 3)), ("rad", slice(3, 7))):
-            yield None, unit, steps[0], numbers[0][:, columns], steps[1], numbers[1][:, columns]
-    if mine is not None and theirs is not None:
+def _positions(body: Body, motion: Motion) -> dict[tuple[str | None, str], Float64]:
+    """Return the positions of a body, by joint and unit."""
+    found: dict[tuple[str | None, str], Float64] = {}
+    if motion.base is not None:
+        numbers = motion.base.select(MOTION_COLUMNS[:7]).to_numpy()
+        found |= {(None, "m"): numbers[:, :3], (None, "rad"): numbers[:, 3:]}
+    if motion.joints is not None:
         for name, unit, columns, _ in joints_of(body):
-            yield (name, unit, mine.steps, mine.position[:, columns],
-                theirs.steps, theirs.position[:, columns])  # fmt: skip
+            found[name, unit] = motion.joints.position[:, columns]
+    return found
 
 
 def joints_of(body: Body) -> Iterator[tuple[str, str, slice, slice]]:

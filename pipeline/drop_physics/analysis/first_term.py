@@ -8,7 +8,7 @@ in the other, times the time since.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,8 +27,6 @@ from drop_physics.seen.history import Seen
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
-Own = Callable[[Int64], Int64]
-"""Which of the script's own steps each step of a run belongs to."""
 
 INTEGRATOR, SET = "integrator", "set"
 """What no term of the sum is: how a step moves what it has given a velocity; and what calls set."""
@@ -81,17 +79,10 @@ def first_term(base: Seen, other: Seen, found: Apart, *, finer: int = 1) -> str 
     track = found.first
     if track is None or track.from_step is None:
         return None
-    client = base.bodies[track.number].client
-    first, start = found.firsts[client]
-    end, times = track.from_step, Times(base, client)
-
-    def own(steps: Int64) -> Int64:
-        """Return which of the script's own steps a step of the other run belongs to."""
-        return first - (start - steps) // finer
-
+    end, times = track.from_step, Times(base, base.bodies[track.number].client)
     ways = (
-        _way(base, track.number, track, end, times, lambda steps: steps),
-        _way(other, track.other, track, end, times, own),
+        _way(base, track.number, track, end, times, finer=1),
+        _way(other, track.other, track, end, times, finer=finer),
     )
     done = _shares(*ways, times, end)
     if not done:
@@ -100,8 +91,8 @@ def first_term(base: Seen, other: Seen, found: Apart, *, finer: int = 1) -> str 
     return largest if done[largest] >= CLEARLY * sum(done.values()) else None
 
 
-def _way(seen: Seen, number: int, track: Track, end: int, times: Times, own: Own) -> _Way:
-    """Return how a position came about until a step of the script."""
+def _way(seen: Seen, number: int, track: Track, end: int, times: Times, *, finer: int) -> _Way:
+    """Return how a position came about until a step of the script, which has so many here."""
     part, way = _Part(seen.bodies[number], track.joint, track.unit), _Way()
     whole = Explanation(seen)
     for explained in whole.pieces(min(MOST, max(LEAST, end + 2))):
@@ -109,17 +100,17 @@ def _way(seen: Seen, number: int, track: Track, end: int, times: Times, own: Own
         if judged is not None:
             known = judged.steps[~judged.explained]
             for steps in judged.stretches:
-                _follow(way, steps, part, end, times, own, known)
-        if own(np.array([explained.piece.end]))[0] > end:
+                _follow(way, steps, part, end, times, finer, known)
+        if explained.piece.end > end * finer:
             break
     return way
 
 
 def _follow(
-    way: _Way, steps: Steps, part: _Part, end: int, times: Times, own: Own, unknown: Int64
+    way: _Way, steps: Steps, part: _Part, end: int, times: Times, finer: int, unknown: Int64
 ) -> None:
     """Add the steps of a stretch."""
-    mine = own(steps.steps)
+    mine = -(-steps.steps // finer)  # the script's own step that each belongs to
     rows = np.flatnonzero(mine <= end)
     if not len(rows):
         return

@@ -12,9 +12,9 @@ from drop_physics.console.findings_told import finding_lines
 from drop_physics.console.flights_told import contact_lines, flight_lines
 from drop_physics.console.output import columns_of, counted, cut, left, right, titled, wrapped
 from drop_physics.console.output import width as columns
-from drop_physics.console.show_record import ENDED
 from drop_physics.console.words import kinds_of_samples
 from drop_physics.messages import Message, joined, localized, translated
+from drop_physics.seen.events import ENDED
 
 if TYPE_CHECKING:
     from drop_physics.analysis.answers.answer import Finding

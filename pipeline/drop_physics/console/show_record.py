@@ -18,19 +18,10 @@ from drop_physics.console.output import (
 from drop_physics.console.words import SCRIPT
 from drop_physics.fields import all_of
 from drop_physics.messages import Message, translated
+from drop_physics.seen.events import ENDED
 
 if TYPE_CHECKING:
     from drop_physics.stages.record import Recorded
-
-ENDED = {
-    "finished": Message("finished"),
-    "steps": Message("stopped after --steps"),
-    "duration": Message("stopped after --duration"),
-    "idle": Message("stopped after waiting 60 s without a step"),
-    "disk": Message("stopped before the disk was full"),
-    "interrupted": Message("stopped by Ctrl-C"),
-    "failed": Message("failed"),
-}
 
 
 def note_ours(target: str, arguments: Sequence[str], ours: Collection[str]) -> None:

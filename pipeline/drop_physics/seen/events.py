@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.messages import Message
 from drop_physics.states import Float64, Int64, Joints, Rows
 
 
@@ -369,6 +370,18 @@ Event = (
     Appearance | Surface | Dynamics | Settings | Site | Calls | Raised | Solver | Put | Image
     | Samples
 )  # fmt: skip
+
+
+ENDED = {
+    "finished": Message("finished"),
+    "steps": Message("stopped after --steps"),
+    "duration": Message("stopped after --duration"),
+    "idle": Message("stopped after waiting 60 s without a step"),
+    "disk": Message("stopped before the disk was full"),
+    "interrupted": Message("stopped by Ctrl-C"),
+    "failed": Message("failed"),
+}
+"""How a script ends, in words."""
 
 
 @dataclass

@@ -19,7 +19,7 @@ from drop_physics.recording.layer import is_layer, layer_of
 from drop_physics.recording.reader import Drop, Recording, frames, listed, read, recording_id
 from drop_physics.recording.scene import frames_of_cameras
 from drop_physics.scenario import Scenario
-from drop_physics.seen.events import Body, Dynamics
+from drop_physics.seen.events import ENDED, Body, Dynamics
 from drop_physics.seen.history import Seen
 from drop_physics.shown import Shown
 from drop_physics.stages.record_block import BLOCK
@@ -146,7 +146,8 @@ def _of_script(held: Recording) -> tuple[str, str | None, str]:
     engine: str = "PyBullet"
     if ended is not None:
         engine = Message("PyBullet in Python {version}", version=ended["made_with_version"])
-    return f"{what}, {(ended or {}).get('ended', 'never finished')}", command, engine
+    how = ENDED.get(str((ended or {}).get("ended")), Message("never finished"))
+    return Message("{script}, {ended}", script=what, ended=how), command, engine
 
 
 def _digits(value: float) -> str:

@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -29,14 +29,13 @@ from drop_physics.analysis.standing import (
 )  # fmt: skip
 from drop_physics.engines.bullet import script as running
 from drop_physics.engines.bullet.script import Program
-from drop_physics.errors import DropError, OutputError
-from drop_physics.files.outputs import check_target, make_folder
+from drop_physics.errors import DropError, OutputError, RecordingError
+from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import lock, opened, written_whole
 from drop_physics.messages import Message
 from drop_physics.recording import schema
-from drop_physics.recording.reader import read
+from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.recorder import Recorder
-from drop_physics.seen.events import Ending
 from drop_physics.shown import Shown
 from drop_physics.stages.record import (
     SEEDED_CLOCK_S,
@@ -65,23 +64,31 @@ class Made:
     """A run that was recorded."""
 
     name: str
+    recording: Path
     ended: str
     error: str
     steps: int
-    bytes: int
-    sha256: str
+    """Of the script."""
 
 
 @dataclass(frozen=True)
 class Varied:
     """A run with a variation, and how far it is from the script's own."""
 
-    name: str
-    recording: Path
-    apart: Apart
     made: Made
+    apart: Apart
     term: str | None
     """Of the sum: which made them differ first."""
+
+    @property
+    def name(self) -> str:
+        """Of the variation."""
+        return self.made.name
+
+    @property
+    def recording(self) -> Path:
+        """Of the run."""
+        return self.made.recording
 
 
 @dataclass(frozen=True)
@@ -89,8 +96,8 @@ class Trust(Shown, lines_of="drop_physics.console.show_trust:trust_lines"):
     """What of a script's result stands."""
 
     script: str
-    recording: Path
     made: Made
+    """Its own run."""
     variations: list[Varied]
     standing: list[Standing]
     """Of each position that matters, the least first."""
@@ -99,6 +106,11 @@ class Trust(Shown, lines_of="drop_physics.console.show_trust:trust_lines"):
     converging: list[Converging]
     """Of each end position that depends on the timestep, where three of them were run."""
     findings: list[Finding]
+
+    @property
+    def recording(self) -> Path:
+        """Of its own run."""
+        return self.made.recording
 
     def ends_within(self, lengths: Mapping[str, float]) -> bool:
         """Return whether all variations end as near as that, by unit, and none fails."""
@@ -119,24 +131,26 @@ class RunVariation:
     def __call__(self, number: int) -> Varied:
         """Run a variation, record it, and compare it with the script's own run."""
         name, given = [*self.variations.items()][number]
-        made = self.folder.made(name)
-        if made is None:
+        finer = given.get("finer", 1)
+        if not self.folder.has(name):
             variation = {key: value for key, value in given.items() if key != "draws"}
             program = replace(self.program, variation=variation)
             if "draws" in given:
                 seed = given["draws"]
                 program = replace(program, seed=(program.seed or 0) + 1 if seed is None else seed)
-            null = os.open(os.devnull, os.O_WRONLY)
-            try:
-                made = self.folder.run(name, program, stdout=null, stderr=null)
-            finally:
-                os.close(null)
-        base, other = (read(self.folder.recording(each)).seen for each in (BASE, name))
-        finer = given.get("finer", 1)
+            with Path(os.devnull).open("wb") as null:
+                self.folder.run(name, program, stdout=null.fileno(), stderr=null.fileno())
+        base, other = (read(self.folder.recording(each)) for each in (BASE, name))
         with np.errstate(all="ignore"):  # of states that are not finite
-            found = apart(base, other, finer=finer)
-            term = first_term(base, other, found, finer=finer)
-        return Varied(name, self.folder.recording(name), found, made, term)
+            found = apart(base.seen, other.seen, finer=finer)
+            term = first_term(base.seen, other.seen, found, finer=finer)
+        return Varied(_made(name, other, finer=finer), found, term)
+
+
+def _made(name: str, recording: Recording, *, finer: int = 1) -> Made:
+    steps = sum(samples - 1 for samples in recording.seen.samples.values()) // finer
+    ended = recording.ended or {}
+    return Made(name, recording.path, str(ended["ended"]), str(ended.get("error") or ""), steps)
 
 
 def trust(
@@ -208,20 +222,20 @@ def trust(
         seed=seed, begins_s=SEEDED_CLOCK_S,
     )  # fmt: skip
     place = Path("recordings") / f"{Path(target).stem}-trust" if out is None else Path(out)
-    folder = TrustFolder(place.resolve(), force=force)
-    with folder.claimed(program, variations):
-        base = folder.made(BASE) or folder.run(BASE, program, stdout=stdout)
-        if not base.steps:
+    folder = TrustFolder(place.resolve(), _identity(program), force)
+    with folder.claimed((BASE, *variations)):
+        steps = folder.run(BASE, program, stdout=stdout)
+        if not steps:
             raise DropError("{script} makes no step: there is nothing to compare", script=target)
-        most = base.steps if base.ended in STOPPED else base.steps + 1
+        base = _made(BASE, read(folder.recording(BASE)))
+        most = steps if base.ended in STOPPED else steps + 1
         work = RunVariation(replace(program, steps=most, duration_s=None), variations, folder)
         try:
             varied = _run(work, jobs=jobs, ray=ray, progress=progress)
         except BaseException as stop:
             stop.add_note(Message("run the same command again to resume it"))
             raise
-        folder.finish()
-    result = _trust(target, folder, base, varied, variations)
+    result = _trust(target, base, varied, variations)
     write_outputs(result, *outputs, dark=dark, force=force)
     return result
 
@@ -248,7 +262,6 @@ def _run(
 
 def _trust(
     target: str,
-    folder: TrustFolder,
     base: Made,
     varied: dict[str, Varied],
     variations: Mapping[str, Mapping[str, Any]],
@@ -267,8 +280,7 @@ def _trust(
         found = converging([1 / each for each in three], runs)
     stands = standing({name: each.apart for name, each in varied.items()})
     findings = findings_of(varied, stands, grown or None, found, base)
-    return Trust(target, folder.recording(BASE), base, [*varied.values()], stands, grown or None,
-        found, findings)  # fmt: skip
+    return Trust(target, base, [*varied.values()], stands, grown or None, found, findings)
 
 
 # -- the folder -----------------------------------------------------------------------------------
@@ -276,17 +288,25 @@ def _trust(
 
 @dataclass(frozen=True)
 class TrustFolder:
-    """Recordings, and of each what it was when it was written: whole or not there."""
+    """The recordings of a script's runs: each whole, with an id of its own, or not there.
+
+    Parameters
+    ----------
+    path
+        The folder.
+    identity
+        What determines the runs, as far as it is known before.
+    force
+        Whether what is there is replaced.
+    """
 
     path: Path
+    identity: Mapping[str, Any]
     force: bool = False
-    mark: str = ""
 
     @contextlib.contextmanager
-    def claimed(
-        self, program: Program, variations: Mapping[str, Mapping[str, Any]]
-    ) -> Iterator[None]:
-        """Claim the folder for these runs, and lock out others while the block runs.
+    def claimed(self, names: Iterable[str]) -> Iterator[None]:
+        """Claim the folder for runs of these names, and lock out others while the block runs.
 
         Raises
         ------
@@ -294,143 +314,110 @@ class TrustFolder:
             If it holds something else, is in use, or cannot be written.
         """
         make_folder(self.path, "--out")
-        identity = _identity(program)
-        mark = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-        object.__setattr__(self, "mark", mark)
         with opened(self.path / ".lock") as handle:
             lock(handle, Message("another command is writing to {folder}; wait, or choose another "
                 "--out", folder=self.path))  # fmt: skip
-            known = self._described("trust")
-            resumes = known is not None and not known.get("finished") and known["mark"] == mark
-            if not (resumes or self.force):
-                for name in ("trust", BASE, *variations):
-                    for path in (self.recording(name), self._description(name)):
-                        if os.path.lexists(path):
-                            self._refuse(known, mark)
-            if not resumes:
-                for name in (BASE, *variations):
-                    self._description(name).unlink(missing_ok=True)
-            self._describe("trust", {"mark": mark, "finished": False, **identity})
+            known = self._known()
+            ours = known is not None and {**known, "finished": False} == self._described(False)
+            resumes = ours and known is not None and not known["finished"]
+            recordings = [*map(self.recording, names)]
+            there = [each for each in (self._description, *recordings) if os.path.lexists(each)]
+            if there and not (resumes or self.force):
+                if ours:
+                    raise OutputError(
+                        "{folder} has the runs of this command already; run them again with "
+                        "--force, or choose another --out",
+                        folder=self.path,
+                    )
+                raise OutputError(
+                    "{folder} has files of something else; replace them with --force, or choose "
+                    "another --out",
+                    folder=self.path,
+                )
+            if self.force or not resumes:
+                for each in recordings:
+                    each.unlink(missing_ok=True)
+            self._describe(finished=False)
             yield
-
-    def _refuse(self, known: Mapping[str, Any] | None, mark: str) -> None:
-        if known is not None and known.get("finished") and known["mark"] == mark:
-            raise OutputError(
-                "{folder} has the runs of this command already; run them again with --force, or "
-                "choose another --out",
-                folder=self.path,
-            )
-        raise OutputError(
-            "{folder} has files of something else; replace them with --force, or choose another "
-            "--out",
-            folder=self.path,
-        )
-
-    def finish(self) -> None:
-        """Note that all runs are there."""
-        self._describe("trust", {**(self._described("trust") or {}), "finished": True})
+            self._describe(finished=True)
 
     def recording(self, name: str) -> Path:
         """Return the recording of a run."""
-        return self.path / f"{_file_name(name)}.rrd"
+        plain = "".join(each if each.isalnum() or each in "=.-+" else "_" for each in name)
+        return self.path / f"{plain}.rrd"
 
-    def _description(self, name: str) -> Path:
-        return self.path / f"{_file_name(name)}.json"
-
-    def made(self, name: str) -> Made | None:
-        """Return a run that is there; None if it has to be made.
+    def has(self, name: str) -> bool:
+        """Whether a run is there.
 
         Raises
         ------
         OutputError
-            If its recording is not, to the last bit, what was written.
+            If its recording is another, or damaged.
         """
-        known = self._described(name)
-        if known is None or known.pop("mark", None) != self.mark:
-            return None
         path = self.recording(name)
-        if not path.is_file():
-            return None
-        if _digest(path) != (known.get("bytes"), known.get("sha256")):
-            if self.force:
-                return None
-            raise OutputError(
-                "{path} was altered or replaced after it was written; run all again with --force",
-                path=path,
-            )
-        return Made(**known)
+        if not os.path.lexists(path):
+            return False
+        with contextlib.suppress(RecordingError):
+            if read(path).recording_id == self._id(name):
+                return True
+        raise OutputError(
+            "{path} was altered or replaced after it was written; run all again with --force",
+            path=path,
+        )
 
-    def run(self, name: str, program: Program, **streams: int) -> Made:
-        """Run and record a program.
+    def run(self, name: str, program: Program, *, stdout: int, stderr: int | None = None) -> int:
+        """Run and record a program, and return how many steps it made.
 
         Raises
         ------
         DropError
             If it is interrupted, or cannot be started.
         """
-        path = self.recording(name)
-        check_target(path, force=True)
-        recording_id = hashlib.sha256(f"{self.mark} {name}".encode()).hexdigest()[:32]
-        ending, steps = _recorded(program, path, name, recording_id, **streams)
-        if ending.how == "interrupted":
+        variation = {} if name == BASE else {"variation": name}
+        origin = {key: value for key, value in self.identity.items() if key != "python"}
+        recorder = Recorder({schema.ORIGIN_PROPERTY: {**origin, **variation}})
+        with running.Script(program, stdout=stdout, stderr=stderr) as process:
+            ended = written(
+                process, recorder, self.recording(name), recording_id=self._id(name), force=True
+            )
+        if ended.how == "interrupted":
             raise DropError("{name} was interrupted", name=name)
-        size, digest = _digest(path)
-        made = Made(name, ending.how, ending.error, steps, size, digest)
-        self._describe(name, {"mark": self.mark, **vars(made)})
-        return made
+        return process.decoder.steps
 
-    def _describe(self, name: str, facts: Mapping[str, Any]) -> None:
-        with written_whole(self._description(name), force=True, ours=True) as file:
-            file.write(json.dumps(facts, indent=2).encode() + b"\n")
+    def _id(self, name: str) -> str:
+        text = json.dumps([self.identity, name], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:32]
 
-    def _described(self, name: str) -> dict[str, Any] | None:
+    @property
+    def _description(self) -> Path:
+        return self.path / "trust.json"
+
+    def _described(self, finished: bool) -> dict[str, Any]:
+        return {**self.identity, "finished": finished}
+
+    def _describe(self, *, finished: bool) -> None:
+        with written_whole(self._description, force=True, ours=True) as file:
+            file.write(json.dumps(self._described(finished), indent=2).encode() + b"\n")
+
+    def _known(self) -> dict[str, Any] | None:
         try:
-            with self._description(name).open("rb") as file:
+            with self._description.open("rb") as file:
                 known = json.loads(file.read(MOST_BYTES))
-            return known if isinstance(known, dict) and "mark" in known else None
+            return known if isinstance(known, dict) else None
         except (OSError, ValueError, RecursionError):
             return None
 
 
-def _file_name(name: str) -> str:
-    """Return a name as that of a file."""
-    return "".join(each if each.isalnum() or each in "=.-+" else "_" for each in name)
-
-
 def _identity(program: Program) -> dict[str, Any]:
-    """Return what determines the runs, as far as it is known before."""
+    target = program.target
     return {
-        "script": program.target,
-        "script_sha256": digest_of_script(program.target, program.is_module),
-        "arguments": [*program.arguments],
-        "is_module": program.is_module, "python": program.python, "steps": program.steps,
-        "duration_s": program.duration_s, "seed": program.seed,
-        "drop_version": metadata.version("drop-physics"),
-    }  # fmt: skip
-
-
-def _digest(path: Path) -> tuple[int, str]:
-    with path.open("rb") as file:
-        return path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _recorded(
-    program: Program, path: Path, name: str, recording_id: str, *, stdout: int,
-    stderr: int | None = None,
-) -> tuple[Ending, int]:  # fmt: skip
-    """Run and record a program; return how it ended, and the script's number of steps."""
-    origin: dict[str, Any] = {
         "kind": "script",
-        "script": f"-m {program.target}" if program.is_module else Path(program.target).name,
+        "script": f"-m {target}" if program.is_module else Path(target).name,
+        "script_sha256": digest_of_script(target, program.is_module),
         "arguments": [*program.arguments] or None,
         "seed": program.seed,
         "steps": program.steps,
         "duration_s": program.duration_s,
         "drop_version": metadata.version("drop-physics"),
-        **({} if name == BASE else {"variation": name}),
+        "python": program.python,
     }
-    recorder = Recorder({schema.ORIGIN_PROPERTY: origin})
-    with running.Script(program, stdout=stdout, stderr=stderr) as process:
-        ended = written(process, recorder, path, recording_id=recording_id, force=True)
-    finer = (program.variation or {}).get("finer", 1)
-    return ended, process.decoder.steps // finer

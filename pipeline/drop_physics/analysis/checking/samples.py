@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.checking.contact_points import first_contact
@@ -22,11 +20,12 @@ from drop_physics.analysis.checking.difference import (
 from drop_physics.analysis.checking.differences import VECTORS, off, states_off
 from drop_physics.analysis.checking.pairing import Pairing, lengths
 from drop_physics.analysis.checking.tolerance import Tolerance
+from drop_physics.analysis.motions import NOTHING, Motion, motions, together
 from drop_physics.laws.rotations import same_way
 from drop_physics.seen.events import Body
 from drop_physics.seen.history import Piece, Seen
 from drop_physics.seen.poses import MOTION_COLUMNS
-from drop_physics.states import BASE, Joints
+from drop_physics.states import BASE
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -38,29 +37,6 @@ JOINT_QUANTITIES = {
     "joint_effort": ("N m", "N"),
 }  # fmt: skip
 """Units of joints that turn, and of those that slide."""
-
-
-@dataclass(frozen=True)
-class Track:
-    """What was sampled of a body in a piece."""
-
-    steps: Int64
-    base: pl.DataFrame | None
-    joints: Joints | None
-
-    def at(self, rows: NDArray[np.bool_]) -> Track:
-        """Return some of the samples."""
-        base = None if self.base is None else self.base.filter(rows)
-        joints = None if self.joints is None else self.joints.at(rows)
-        return Track(self.steps[rows], base, joints)
-
-    @property
-    def numbers(self) -> Float64:
-        """All numbers, those of the base first, shape (n, numbers)."""
-        parts = [] if self.base is None else [self.base.select(MOTION_COLUMNS).to_numpy()]
-        if self.joints is not None:
-            parts += [self.joints.position, self.joints.velocity, self.joints.effort]
-        return np.hstack(parts) if parts else np.empty((len(self.steps), 0))
 
 
 class Samples:
@@ -110,7 +86,7 @@ class Samples:
         bases = self._pairs.renumbered(theirs.bases, "body")
         numbers = self._pairs.numbers
         joints = {numbers[number]: held for number, held in theirs.joints.items()}
-        tracks = _tracks(mine.bases, mine.joints), _tracks(bases, joints)
+        tracks = motions(mine.bases, mine.joints), motions(bases, joints)
         found = [
             self._first_of_body(number, *(each.get(number, NOTHING) for each in tracks))
             for number in self._pairs.common
@@ -138,15 +114,15 @@ class Samples:
         difference = Difference(step, body.label, link, column, value, golden, part=part)
         return Dated(self._when(number, step), body.client, difference)
 
-    def _first_of_body(self, number: int, mine: Track, theirs: Track) -> Dated | None:
+    def _first_of_body(self, number: int, mine: Motion, theirs: Motion) -> Dated | None:
         """Return the first number of a body that differs, in this piece."""
         dated = [self._lacking(number, mine.steps, theirs.steps)]
-        steps = np.intersect1d(mine.steps, theirs.steps)
-        mine, theirs = (each.at(np.isin(each.steps, steps)) for each in (mine, theirs))
+        mine, theirs = together(mine, theirs)
+        steps = mine.steps
         body, other = self._pairs.common[number], self._pairs.bodies[number]
         columns = _columns(body, mine)
         if columns != _columns(other, theirs):
-            mine, theirs = (Track(each.steps, each.base, None) for each in (mine, theirs))
+            mine, theirs = (Motion(each.steps, each.base, None) for each in (mine, theirs))
             columns = _columns(body, mine)
             if columns != _columns(other, theirs):
                 return earliest(*dated)
@@ -212,7 +188,7 @@ class Samples:
         self,
         number: int,
         columns: list[tuple[str, int]],
-        tracks: tuple[Track, Track],
+        tracks: tuple[Motion, Motion],
         parts: tuple[Float64, Float64],
     ) -> None:
         """Note the largest differences of a body, of each quantity."""
@@ -249,31 +225,7 @@ class Samples:
             )
 
 
-NOTHING = Track(np.empty(0, np.int64), None, None)
-
-
-def _tracks(bases: pl.DataFrame, joints: Mapping[int, Joints]) -> dict[int, Track]:
-    """Return what was sampled of each body."""
-    tables = bases.partition_by("body", as_dict=True, maintain_order=True)
-    tracks = {
-        number: Track(table["step"].to_numpy(), table, None)
-        for (number,), table in tables.items()
-    }  # fmt: skip
-    for number, held in joints.items():
-        track = tracks.get(number)
-        if track is None:
-            tracks[number] = Track(held.steps, None, held)
-            continue
-        track, held = (
-            track.at(np.isin(track.steps, held.steps)),
-            held.at(np.isin(held.steps, track.steps)),
-        )
-        if len(track.steps):
-            tracks[number] = Track(track.steps, track.base, held)
-    return tracks
-
-
-def _columns(body: Body, track: Track) -> list[tuple[str, int]]:
+def _columns(body: Body, track: Motion) -> list[tuple[str, int]]:
     """Return name and link of each of its numbers."""
     columns = [] if track.base is None else [(name, BASE) for name in MOTION_COLUMNS]
     return columns + ([] if track.joints is None else [*_joint_columns(body)])
@@ -286,7 +238,7 @@ def _joint_columns(body: Body) -> Iterator[tuple[str, int]]:
                 yield name, joint.link
 
 
-def _worst(differ: NDArray[np.bool_], base: NDArray[np.bool_] | None, track: Track) -> int:
+def _worst(differ: NDArray[np.bool_], base: NDArray[np.bool_] | None, track: Motion) -> int:
     """Return the number of a body to name: of its base if that is beyond a tolerance."""
     named = differ.copy()
     if base is not None and track.base is not None:
@@ -310,7 +262,7 @@ def _part_of(body: Body, link: int, column: str) -> tuple[str | None, str]:
     return None if link < 0 else body.links[link + 1], QUANTITIES.get(column, "")
 
 
-def _parts(seen: Seen, body: Body, track: Track) -> Float64:
+def _parts(seen: Seen, body: Body, track: Motion) -> Float64:
     """Return the states of base and links, shape (n, links, 13)."""
     if track.base is not None and (len(body.links) == 1 or body.hides_links):
         return track.base.select(MOTION_COLUMNS).to_numpy()[:, None]
