@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -40,6 +41,7 @@ def run(project: Path, tests: dict[str, str], *options: str) -> tuple[int, str]:
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *options, "tests"],
         cwd=project, capture_output=True, text=True, check=False,
+        env={**os.environ, "COLUMNS": "200"},
     )  # fmt: skip
     return done.returncode, done.stdout + done.stderr
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,6 @@ from drop_physics.scenario import Scenario
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from drop_physics.analysis.checking.calls import OtherCall
     from drop_physics.analysis.checking.difference import Largest
     from drop_physics.analysis.comparison import Comparison
     from drop_physics.seen.calls import Call
@@ -109,8 +108,7 @@ def _call_json(call: Call | None) -> dict[str, Any] | None:
 
 def check_lines(check: Check) -> list[str]:
     """Say whether the two are the same, and if not, where and how."""
-    pairs = _told(check)
-    return [line for pair in pairs for line in titled(*pair, column=COLUMN)]
+    return [line for pair in _told(check) for line in titled(*pair, column=COLUMN)]
 
 
 def summary_of(check: Check) -> str:
@@ -131,60 +129,53 @@ def _cell(words: str) -> str:
     return re.sub(r"([\\|`*_<>\[\]])", r"\\\1", translated(words)).replace("\n", " ")
 
 
-def _told(check: Check) -> list[Pair]:
-    """Return what there is to say: titles and words."""
+def _told(check: Check) -> Iterator[Pair]:
+    """Yield what there is to say: titles and words."""
     compared = check.comparison
-    if compared is None:
-        return _updated(check)
-    lines = _verdict(check)
+    if compared is not None:
+        # Nobody knows where something is left out.
+        undecided = check.first is None and bool(check.not_compared)
+        same = Message("same") if check.same else Message("differs")
+        yield (
+            Message("undecided") if undecided else same,
+            Message("{recording} and {golden}", recording=str(check.recording),
+                golden=str(check.golden)),
+        )  # fmt: skip
+        yield from _compared(check, compared)
+    if check.updated:
+        yield GOLDEN, Message("{golden} is now {recording}", golden=str(check.golden),
+            recording=str(check.recording))  # fmt: skip
+
+
+def _compared(check: Check, compared: Comparison) -> Iterator[Pair]:
     if check.not_compared:
-        lines += _line(Message("left out"), _left_out(check.not_compared))
+        yield Message("left out"), _left_out(check.not_compared)
     settings = [each for each in compared.differences if each.step is None]
     for setting in settings:
         if setting.column in Scenario.options():
-            lines += _line(Message("setting"), _option(setting))
+            yield Message("setting"), _option(setting)
         else:
             name = setting.column.removeprefix("engine.")
-            lines += _line(Message("engine"), _beside(name, setting.value, setting.golden))
+            yield Message("engine"), _beside(name, setting.value, setting.golden)
     if check.first is not None:
-        lines += _line(Message("first"), _difference(check.first))
+        yield Message("first"), _difference(check.first)
     if compared.call_before is not None:
-        lines += _line(Message("after"), _call(compared.call_before))
-    if compared.other_call is not None:
-        lines += _line(Message("call"), _other_call(compared.other_call))
-    lines += _distances(check, compared)
+        yield Message("after"), _call(compared.call_before)
+    other = compared.other_call
+    if other is not None:
+        calls = {"call": _call(other.value), "golden": _call(other.golden)}
+        yield Message("call"), Message("{call}, golden {golden}", **calls)
+    yield from _distances(check, compared)
     more = [each for each in compared.differences if each not in (*settings, check.first)]
     for difference in more[:MOST]:
-        lines += _line(Message("also"), _difference(difference))
+        yield Message("also"), _difference(difference)
     if len(more) > MOST:
-        lines += _line("", Message("and {more:,} more: see --json", more=len(more) - MOST))
+        yield "", Message("and {more:,} more: see --json", more=len(more) - MOST)
     if check.engines is not None:
-        lines += _line(Message("engines"), check.engines)
+        yield Message("engines"), check.engines
     if check.frames is not None:
-        lines += _line(Message("frames"), _frames(check.frames))
-    lines += _facts(compared)
-    return [*lines, *_updated(check)] if check.updated else lines
-
-
-def _line(title: str, words: str) -> list[Pair]:
-    return [(title, words)]
-
-
-def _verdict(check: Check) -> list[Pair]:
-    """Say whether two recordings are the same; nobody knows where something is left out."""
-    undecided = check.first is None and bool(check.not_compared)
-    verdict = Message("same") if check.same else Message("differs")
-    both = Message("{recording} and {golden}", recording=str(check.recording),
-                   golden=str(check.golden))  # fmt: skip
-    return _line(Message("undecided") if undecided else verdict, both)
-
-
-def _updated(check: Check) -> list[Pair]:
-    """Say which recording is the golden one now."""
-    words = Message(
-        "{golden} is now {recording}", golden=str(check.golden), recording=str(check.recording)
-    )
-    return _line(GOLDEN, words)
+        yield Message("frames"), _frames(check.frames)
+    yield from _facts(compared)
 
 
 def _left_out(bodies: Sequence[str]) -> Message:
@@ -195,35 +186,29 @@ def _left_out(bodies: Sequence[str]) -> Message:
     )
 
 
-def _distances(check: Check, compared: Comparison) -> list[Pair]:
-    """Say how far apart positions are, and joints."""
+def _distances(check: Check, compared: Comparison) -> Iterator[Pair]:
+    """Yield how far apart positions are, and joints."""
     if compared.largest_difference_m is None:
-        return []
-    by_quantity: dict[str, Largest] = {}
+        return
+    farthest: dict[str, Largest] = {}
     for each in sorted(compared.largest, key=lambda each: -each.difference):
-        by_quantity.setdefault(each.quantity, each)
-    most = by_quantity.get("position")
+        farthest.setdefault(each.quantity, each)
+    most, joint = farthest.get("position"), farthest.get("joint_position")
     if most is None:
         ends = check.first is not None and check.first.column == "there"
-        words = Message("identical, as far as both go") if ends else IDENTICAL
+        yield (
+            Message("positions"),
+            Message("identical, as far as both go") if ends else IDENTICAL,
+        )
     else:
-        words = Message(
+        yield Message("positions"), Message(
             "up to {apart:.3g} m apart ({where}); allowed: {allowed}",
-            apart=most.difference,
-            where=_where(most),
+            apart=most.difference, where=_where(most),
             allowed=_allowed(check.tolerance_m, of_drop=compared.of_drop),
-        )
-    lines = _line(Message("positions"), words)
-    joint = by_quantity.get("joint_position")
+        )  # fmt: skip
     if joint is not None:
-        apart = Message(
-            "up to {apart:.3g} {unit} apart ({where})",
-            apart=joint.difference,
-            unit=joint.unit,
-            where=_where(joint),
-        )
-        lines += _line(Message("joints"), apart)
-    return lines
+        yield Message("joints"), Message("up to {apart:.3g} {unit} apart ({where})",
+            apart=joint.difference, unit=joint.unit, where=_where(joint))  # fmt: skip
 
 
 def _where(place: Largest | Difference) -> Message:
@@ -289,10 +274,6 @@ def _value(value: object) -> str:
     return NONE if value is None else value if isinstance(value, str) else repr(value)
 
 
-def _other_call(other: OtherCall) -> Message:
-    return Message("{call}, golden {golden}", call=_call(other.value), golden=_call(other.golden))
-
-
 def _call(call: Call | None) -> Message:
     if call is None:
         return NONE
@@ -319,27 +300,27 @@ def _frames(frames: Frames) -> Message:
     return counts if frames.why is None else joined("; ", [counts, frames.why])
 
 
-def _facts(compared: Comparison) -> list[Pair]:
-    """Say what differs besides the physics, and what may differ from run to run."""
-    lines: list[Pair] = []
+def _facts(compared: Comparison) -> Iterator[Pair]:
+    """Yield what differs besides the physics, and what may differ from run to run."""
     for setting in compared.script:
         if setting.name == "script_sha256":
-            lines += _line(Message("script"), Message("its text differs"))
+            yield Message("script"), Message("its text differs")
         else:
             value, golden = (
                 " ".join(map(str, each)) if isinstance(each, list) else _value(each)
                 for each in (setting.value, setting.golden)
             )
-            lines += _line(Message("script"), _beside(setting.name, value, golden))
+            yield Message("script"), _beside(setting.name, value, golden)
     if compared.other_call is not None and compared.unseeded:
-        words = Message(
-            "unseeded random numbers at {places}; --seed 0 fixes them",
-            places=", ".join(compared.unseeded[:MOST]),
+        yield (
+            Message("draws"),
+            Message(
+                "unseeded random numbers at {places}; --seed 0 fixes them",
+                places=", ".join(compared.unseeded[:MOST]),
+            ),
         )
-        lines += _line(Message("draws"), words)
     if compared.other_call is not None and compared.real_time:
-        lines += _line(Message("clock"), Message("real-time simulation was asked for"))
+        yield Message("clock"), Message("real-time simulation was asked for")
     for version in compared.versions:
         name = version.name.removesuffix("_version")
-        lines += _line(Message("version"), _beside(name, version.value, version.golden))
-    return lines
+        yield Message("version"), _beside(name, version.value, version.golden)

@@ -245,10 +245,12 @@ def _run(
 ) -> dict[str, Varied]:
     """Run the variations, and return them in order."""
     numbers, jobs = range(len(work.variations)), min(jobs or cores(), len(work.variations))
+    steps = [each.get("finer", 1) for each in work.variations.values()]
+    longest = sorted(numbers, key=lambda number: -steps[number])
     runs = (
-        engines.on_ray(work, numbers, address=ray) if ray is not None
-        else engines.in_this_process(work, numbers) if jobs == 1
-        else engines.in_processes(work, numbers, jobs=jobs)
+        engines.on_ray(work, longest, address=ray) if ray is not None
+        else engines.in_this_process(work, longest) if jobs == 1
+        else engines.in_processes(work, longest, jobs=jobs)
     )  # fmt: skip
     done: dict[int, Varied] = {}
     progress(0, 0, len(numbers))

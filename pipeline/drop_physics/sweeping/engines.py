@@ -74,7 +74,9 @@ def in_processes(
     with ThreadPoolExecutor(jobs) as threads, contextlib.ExitStack() as workers:
 
         def start() -> Worker:
-            return workers.enter_context(_waiting.pop() if _waiting else _started())
+            return workers.enter_context(
+                _waiting.pop() if _waiting else _started(type(work).__module__)
+            )
 
         free = [start() for _ in range(jobs)]
         while True:
@@ -113,6 +115,9 @@ def _answer(worker: Worker, work: Callable[[int], T], shard: int) -> T:
     return answer
 
 
+SHARDS = "drop_physics.stages.sweep_shard"
+"""What a sweep's workers do."""
+
 _waiting: list[Worker] = []
 """Workers that were started in advance."""
 
@@ -120,7 +125,7 @@ _waiting: list[Worker] = []
 def get_ready(jobs: int | None) -> None:
     """Start the workers' imports while this process is still busy with its own."""
     most = cores()
-    _waiting.extend(_started() for _ in range(min(jobs or most, most)))
+    _waiting.extend(_started(SHARDS) for _ in range(min(jobs or most, most)))
 
 
 def dismiss() -> None:
@@ -129,9 +134,9 @@ def dismiss() -> None:
         _waiting.pop().close()
 
 
-def _started() -> Worker:
+def _started(module: str) -> Worker:
     worker = Worker()
-    worker.load("drop_physics.stages.sweep_shard")
+    worker.load(module)
     return worker
 
 
