@@ -701,7 +701,9 @@ def test_a_script_that_waits_for_a_user_is_ended_and_says_why(bench: Bench, loop
     recorded, _ = bench.record(bench.script(scripts.WINDOW + loop))
     assert recorded.ended == "idle"
     assert "stopped after waiting 60 s without a step" in str(recorded)
-    assert json.loads(bench.drop("info", "out.rrd", "--json").stdout)["what"].endswith(", idle")
+    assert json.loads(bench.drop("info", "out.rrd", "--json").stdout)["what"].endswith(
+        ", stopped after waiting 60 s without a step"
+    )
     assert "without a step: 2 bodies" in bench.drop("analyze", "out.rrd").stdout
 
 
@@ -769,7 +771,9 @@ def test_before_the_disk_is_full_the_script_is_ended_and_its_recording_kept(
     assert samples > 1000
     assert sorted(step for step, _ in states(bench.out)) == list(range(samples))
     assert 200_000 < bench.out.stat().st_size < 1_500_000
-    assert json.loads(bench.drop("info", "out.rrd", "--json").stdout)["what"].endswith(", disk")
+    assert json.loads(bench.drop("info", "out.rrd", "--json").stdout)["what"].endswith(
+        ", stopped before the disk was full"
+    )
     assert "stopped before the disk was full" in bench.drop("analyze", "out.rrd").stdout
 
 

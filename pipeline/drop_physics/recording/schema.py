@@ -142,7 +142,7 @@ HEIGHT_SIMULATED = "height/simulated"
 HEIGHT_FREE_FALL = "height/free_fall"
 HEIGHT_DAMPED_FALL = "height/damped_fall"
 
-FOR_LOOKING = (WORLD, COLLISIONS, f"{HEIGHT}/", ENERGIES, CONTACT_FORCES, LOG)
+FOR_LOOKING = (WORLD, COLLISIONS, f"{HEIGHT}/", LOG)
 """Beginnings of the entities from which a script's recording computes nothing."""
 
 # -- the inputs: properties -----------------------------------------------------------------------

@@ -74,9 +74,7 @@ def in_processes(
     with ThreadPoolExecutor(jobs) as threads, contextlib.ExitStack() as workers:
 
         def start() -> Worker:
-            return workers.enter_context(
-                _waiting.pop() if _waiting else _started(type(work).__module__)
-            )
+            return workers.enter_context(_waiting.pop() if _waiting else _started())
 
         free = [start() for _ in range(jobs)]
         while True:
@@ -115,9 +113,6 @@ def _answer(worker: Worker, work: Callable[[int], T], shard: int) -> T:
     return answer
 
 
-SHARDS = "drop_physics.stages.sweep_shard"
-"""What a sweep's workers do."""
-
 _waiting: list[Worker] = []
 """Workers that were started in advance."""
 
@@ -125,7 +120,7 @@ _waiting: list[Worker] = []
 def get_ready(jobs: int | None) -> None:
     """Start the workers' imports while this process is still busy with its own."""
     most = cores()
-    _waiting.extend(_started(SHARDS) for _ in range(min(jobs or most, most)))
+    _waiting.extend(_started() for _ in range(min(jobs or most, most)))
 
 
 def dismiss() -> None:
@@ -134,9 +129,9 @@ def dismiss() -> None:
         _waiting.pop().close()
 
 
-def _started(module: str) -> Worker:
+def _started() -> Worker:
     worker = Worker()
-    worker.load(module)
+    worker.load("drop_physics.stages.sweep_shard")
     return worker
 
 
