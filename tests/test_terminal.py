@@ -970,7 +970,7 @@ def test_a_mesh_that_cannot_be_loaded_is_named(drop: Drop, tmp_path: Path) -> No
     body = '<robot name="a"><link name="a"><collision>{}</collision></link></robot>'
     (tmp_path / "bad.obj").write_text("this is no mesh\n")
     for name, said in (
-        ("no.obj", "there is no mesh 'no.obj'"),
+        ("no.obj", "cannot find 'no.obj'"),
         ("bad.obj", "bad.obj': it has no faces"),
     ):
         (tmp_path / "own.urdf").write_text(body.format(mesh.format(name)))

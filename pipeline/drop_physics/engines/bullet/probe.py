@@ -196,9 +196,11 @@ def _meshes_of(path: str) -> list[Path]:
     with c_output_moved_aside() as printed, contextlib.suppress(p.error):
         body = p.loadURDF(path, physicsClientId=client)
     said = [line for line in _BULLETS.sub("\n", printed[0]).splitlines() if line.strip()]
-    wrong = said if body is None else [line for line in said if "parse" in line]
+    # Warnings come first: what stopped it is what is missing or cannot be parsed.
+    signs = ("parse", "cannot find") if body is None else ("parse",)
+    wrong = [line for line in said if any(sign in line for sign in signs)]
     if body is None or wrong:
-        words = wrong[0].strip()[:200] if wrong else "?"
+        words = next((line.strip()[:200] for line in (*wrong, *said)), "?")
         raise BodyFileError(Message("Bullet cannot load it ({words!r})", words=words))
     links = range(-1, p.getNumJoints(body, client))
     shapes = [one for link in links for one in p.getCollisionShapeData(body, link, client)]
