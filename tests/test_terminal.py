@@ -853,7 +853,7 @@ def test_info_says_what_the_recording_of_a_script_is(drop_process: Drop, tmp_pat
     done = drop_process("info", "s.rrd")
     told = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
     assert len(told) <= 10
-    assert told["script"] == "script.py '--its own', steps"
+    assert told["script"] == "script.py '--its own', stopped after --steps"
     assert told["bodies"] == "0_plane, held still; 1_cube_small, 0.1 kg; 2_cube_small, 0.1 kg"
     assert told["samples"].startswith("61 in 0.25 s, ")
     assert shlex.split(told["again"]) == [
