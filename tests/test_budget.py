@@ -171,9 +171,9 @@ def test_where_an_edge_was_deeper_the_centre_does_not_say_how_deep(
 
 def test_numbers_of_things_are_the_same_as_json(recorded: Recorder) -> None:
     """A message is copied on its way there."""
-    analysis = judge(recorded(engine="mujoco", duration_s=2.0))
+    analysis = judge(recorded(restitution=0.9, height_m=0.1, timestep_s=1 / 960, duration_s=2.0))
     messages = [finding.message for finding in analysis.findings]
-    assert any("carried by 4 points" in one for one in messages)
+    assert messages
     assert [one["message"] for one in analysis.as_json()["findings"]] == messages
 
 

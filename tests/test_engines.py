@@ -244,7 +244,7 @@ def test_how_deep_a_long_step_goes_is_not_blamed_on_a_spring(
     assert depth_m == 0.025 - recording.states["z_m"].min()
     messages = {finding.code: said(finding) for finding in judge(recording).findings}
     assert f"{depth_m * 1e3:.1f} mm into the floor" in messages["deep-penetration"]
-    assert "in a shorter one, how deep it sinks depends on how soft" in messages["deep-penetration"]
+    assert "shorten" not in messages["deep-penetration"]
 
 
 def test_a_soft_contact_lets_a_body_sink_no_less_in_shorter_steps(recorded: Recorder) -> None:
@@ -283,7 +283,6 @@ def test_a_step_past_drakes_floor_is_not_a_collision_filter(
         for finding in judge(recorded(engine="drake", **options)).findings
     }
     assert "m in a step, and contact is checked only between steps" in messages["tunnelled"]
-    assert "disabled" not in messages["tunnelled"]
     shorter = judge(recorded(engine="drake", **{**options, "timestep_s": 1 / 240}))
     assert shorter.impact is not None
 
@@ -323,8 +322,6 @@ def test_drake_rests_as_deep_as_its_modulus_lets_it(recorded: Recorder) -> None:
     assert analysis.rest.error_m is not None
     assert analysis.rest.sinks_m == pytest.approx(0.2 * 9.81 * 0.025 / (1e7 * 0.05**2), rel=1e-12)
     assert analysis.rest.error_m == pytest.approx(-analysis.rest.sinks_m, abs=1e-9)
-    (finding,) = (f for f in analysis.findings if f.code == "rest-below-expected")
-    assert "modulus of 1e+07 Pa" in said(finding)
 
 
 @DRAKE

@@ -223,14 +223,11 @@ def test_the_rest_has_a_closed_form(
     assert rest.error_m == pytest.approx(-rest.sinks_m, abs=1e-9)
     if gravity_m_s2 == -9.81:
         assert rest.sinks_m == pytest.approx(107.755420e-6, abs=1e-12)
-        (finding,) = (f for f in analysis.findings if f.code == "rest-below-expected")
-        assert "107.76 µm" in finding.message
-        assert "0.02 s" in finding.message
 
 
 @pytest.mark.parametrize("timestep_s", [0.01, 0.02])
 def test_no_time_constant_is_below_two_timesteps(recorded: Recorder, timestep_s: float) -> None:
-    """A smaller one changes nothing then, and is not advised alone."""
+    """A smaller one changes nothing then."""
     values = {"body": "cube.urdf", "timestep_s": timestep_s}
     analysis = judge(recorded(engine="mujoco", duration_s=2.0, **values))
     rows = [
@@ -243,8 +240,6 @@ def test_no_time_constant_is_below_two_timesteps(recorded: Recorder, timestep_s:
     assert rows[0][-1, 2] == pytest.approx(rows[1][-1, 2], abs=1e-9)
     assert analysis.rest is not None
     assert analysis.rest.sinks_m == pytest.approx(0.5 - rows[0][-1, 2], abs=1e-9)
-    (finding,) = (each for each in analysis.findings if each.code == "rest-below-expected")
-    assert "with a shorter --timestep only" in finding.message
 
 
 def test_a_shorter_time_constant_is_stiffer() -> None:

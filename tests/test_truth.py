@@ -1224,8 +1224,7 @@ def _find_not_stepped(said: Said, _: str) -> None:
 
 @finds("no-floor")
 def _find_no_floor(said: Said, message: str) -> None:
-    beside = np.abs(said.run.position_m[-1, :2]).max() > EDGE_M
-    hold(not said.drop.floor or beside, "there is a floor")
+    hold(not said.drop.floor, "there is a floor")
     held = said.truth.release_height_m
     hold(held is not None, "without a shape a floor would not hold it")
     lowest = float(said.run.height_m.min())
@@ -1252,13 +1251,6 @@ def _find_mismatch(_: Said, message: str) -> None:
     raise WrongError(f"this engine made it: {message}")
 
 
-@finds("no-damping-in-maximal-coordinates")
-def _find_no_damping(said: Said, _: str) -> None:
-    hold(said.drop.maximal and said.drop.linear_damping is None, "it was chosen")
-    same = said.truth.again(linear_damping=0.0)
-    hold((same.state == said.run.state).all(), "the replay without damping differs")
-
-
 @finds("default-damping")
 def _find_default_damping(said: Said, message: str) -> None:
     moved_mm, time_s = read(f"by {F} mm at {F} s", message)
@@ -1268,13 +1260,6 @@ def _find_default_damping(said: Said, message: str) -> None:
     true_mm = 1e3 * float(said.run.height_m[step] - other.height_m[step])
     # Two decimals, or six digits of a large one.
     near(moved_mm, true_mm, 0.0051 + 1e-5 * abs(true_mm), "replay without damping")
-    if "hides" in message:
-        error_mm, limit_mm = read(f"lead from {F} to {F} mm", message)
-        exact_s = step * said.drop.timestep_s
-        error = 1e3 * float(said.run.height_m[step] - oracle.free_fall_m(said.drop, exact_s))
-        limit = 1e3 * float(oracle.damping_m(said.drop, exact_s)[2])
-        near(error_mm, error, 0.0051 + 1e-5 * abs(error), "error")
-        near(limit_mm, limit, 0.0051 + 1e-5 * abs(limit), "its limit")
 
 
 @finds("velocity-clamped")
@@ -1283,37 +1268,6 @@ def _find_clamped(said: Said, message: str) -> None:
     hold(len(clamped), "nothing was clamped")
     (time_s,) = read(f"at {F} s", message)
     near(time_s, float(clamped[0]) * said.drop.timestep_s, 1e-3 * time_s + 1e-9, "first clamp")
-
-
-@finds("refining-hurts")
-def _find_refining(said: Said, message: str) -> None:
-    (time_s,) = read(f"at {F} s", message)
-    error_mm, limit_mm = read(f"lead from {F} to {F} mm", message)
-    over, rate = re.search(f"a timestep of (1/)?{F} s", message).groups()  # type: ignore[union-attr]
-    rate = float(rate) if over else 1 / float(rate)
-    step = round(time_s / said.drop.timestep_s)
-    exact_s = step * said.drop.timestep_s
-    free = oracle.free_fall_m(said.drop, exact_s)
-    near(error_mm, 1e3 * float(said.run.height_m[step] - free), 0.0051, "error")
-    near(limit_mm, 1e3 * float(oracle.damping_m(said.drop, exact_s)[2]), 0.0051, "its limit")
-    hold(rate > 0, "no timestep")
-    steps = max(1, round(exact_s * rate))
-    if steps > 20_000:
-        return
-    # Each of the engine's own steps as one timestep: of some timesteps Bullet makes one substep
-    # less than it is told, as int(dt / (dt / n)) is n - 1 (`btDiscreteDynamicsWorld.cpp`,
-    # stepSimulation), and falls another way; a scenario rejects such a timestep.
-    each = max(1, said.drop.substeps or 1)
-    fine: dict[str, Any] = {
-        "timestep_s": exact_s / steps / each,
-        "steps": steps * each,
-        "substeps": None,
-    }
-    other = oracle.replay(replace(said.drop, floor=False, **fine))
-    left_mm = 1e3 * float(other.height_m[-1] - free)
-    # The timestep is rounded to a whole number of steps, and to a whole number in the message.
-    blur = abs(limit_mm) * (1 / steps + 0.5 / rate)
-    hold(abs(left_mm) <= 0.02 * abs(limit_mm) + blur + 0.01, f"{left_mm} mm are left at 1/{rate}")
 
 
 @finds("deep-penetration")
@@ -1385,12 +1339,9 @@ def _find_rest_below(said: Said, message: str) -> None:
     slack = 0.0051 + 1e6 * _rest_tilt_m(said)
     near(low_um, 1e6 * (true - float(said.run.height_m[-1])), slack, "how much lower")
     residual = said.drop.solver_residual
-    if residual is None or residual > 0:
-        if "solver" in message and said.drop.contact_erp != 0:
-            settled = float(oracle.replay(_settled(said)).height_m[-1])
-            near(settled, true - SLOP_M, 1e-6 + _rest_tilt_m(said), "a converged solver's rest")
-    else:
-        hold("--solver-residual 0 removes" not in message, "the solver's residual is 0 already")
+    if (residual is None or residual > 0) and "solver" in message and said.drop.contact_erp != 0:
+        settled = float(oracle.replay(_settled(said)).height_m[-1])
+        near(settled, true - SLOP_M, 1e-6 + _rest_tilt_m(said), "a converged solver's rest")
 
 
 @finds("still-airborne")

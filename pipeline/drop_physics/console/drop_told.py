@@ -241,7 +241,7 @@ def _bounces(analysis: DropAnalysis) -> list[str]:
 
 
 def _tumbles(analysis: DropAnalysis, step: int, bounces: Sequence[Bounce]) -> Message:
-    time_s = analysis.table["time_s"][step]
+    time_s = step * analysis.scenario["timestep_s"]
     words = Message(
         "from t = {time:.4g} s (step {step}) on: measured, not predicted", time=time_s, step=step
     )

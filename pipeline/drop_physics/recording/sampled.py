@@ -70,8 +70,10 @@ class RecordedSamples:
 
     @property
     def last(self) -> int:
-        """The last step of which there is anything; -1 if there is none."""
-        return max((max(each.last, default=-1) for each in self.entities.values()), default=-1)
+        """The last step of which there is anything but contacts of a partial one; -1 if none."""
+        ahead = {schema.CONTACTS.entity} if self.partial else set()
+        counted = (each for name, each in self.entities.items() if name not in ahead)
+        return max((max(each.last, default=-1) for each in counted), default=-1)
 
     @property
     def first(self) -> int:

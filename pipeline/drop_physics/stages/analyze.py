@@ -84,7 +84,9 @@ def analyze(
     progress(ANALYZING, 1, _PARTS)
     analysis: Analysis
     if read_back.drop is not None:
-        analysis = drop_analysis_of(read_back.scenario, read_back.engine, read_back.seen, at_s=at_s)
+        analysis = drop_analysis_of(
+            read_back.scenario, read_back.engine, read_back.seen, at_s=at_s, whole=bool(tables)
+        )
     else:
         analysis = _of_script(read_back, at_s, whole=bool(tables))
     progress(ANALYZING, 2, _PARTS)

@@ -104,8 +104,11 @@ def coverage_of(air: Air) -> Coverage:
     if air.clamped_step is not None:
         clamped = Message("a velocity is clamped to Bullet's limit of 100")
         ends.append((air.clamped_step, clamped))
-    fallen = Message("free fall has reached the floor, where theory ends")
-    ends.append((case.lands_at, fallen))
+    if case.floor_height_m is not None:
+        heights_m = case.free_fall_m(case.time_s[: phases.airborne + 1])
+        landed = np.flatnonzero(heights_m <= case.floor_height_m)
+        fallen = Message("free fall has reached the floor, where theory ends")
+        ends += [(step, fallen) for step in landed[:1].tolist()]
     ends.append((phases.airborne, Message("the body is, or has been, in contact")))
     samples, why = min(ends, key=lambda end: end[0])
     if samples < of:

@@ -14,7 +14,6 @@ from drop_physics.analysis.drop.air import Air, coverage_of
 from drop_physics.analysis.drop.case import Case, case_of
 from drop_physics.analysis.drop.energy import contact_energy_j
 from drop_physics.analysis.drop.landing import (
-    Path,
     find_bounces,
     find_contact,
     find_impact,
@@ -22,7 +21,7 @@ from drop_physics.analysis.drop.landing import (
     find_rest,
     law_path,
 )
-from drop_physics.analysis.drop.mechanics import BLOCK, max_relative_drift, mechanics
+from drop_physics.analysis.drop.mechanics import max_relative_drift, mechanics
 from drop_physics.analysis.drop.one_sample import DEFAULT_AT_S
 from drop_physics.analysis.drop.phases import Phases, phases_of, touching
 from drop_physics.analysis.drop.posture import tumbled_step, tumbles
@@ -34,11 +33,21 @@ from drop_physics.analysis.drop.results import (
     Moment,
     Terms,
 )
+from drop_physics.analysis.drop.samples import blocks
+from drop_physics.analysis.rows import SHOWN_PER_S
 from drop_physics.errors import ScenarioError
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Scenario
 
 Float64 = NDArray[np.float64]
+
+DUE = (pl.col("time_s") * SHOWN_PER_S + 1e-9).floor()
+SHOWN = (
+    (DUE.shift(1, fill_value=-1) != DUE)
+    | (pl.col("phase") != pl.col("phase").shift(1, fill_value=""))
+    | (pl.col("timestep_m").is_null() != pl.col("timestep_m").shift(-1).is_null())
+)
+"""The rows that curves show: so many a second, and where something changes."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +57,10 @@ class Fall:
     case: Case
     phases: Phases
     air: Air
-    law: Path | None
-    """The path by the contact law, where that covers the drop."""
     analysis: FallAnalysis
 
 
-def fall_of(case: Case, *, at_s: Sequence[float] = ()) -> Fall:
+def fall_of(case: Case, *, at_s: Sequence[float] = (), whole: bool = True) -> Fall:
     """Analyze the samples of a fall.
 
     Parameters
@@ -62,6 +69,8 @@ def fall_of(case: Case, *, at_s: Sequence[float] = ()) -> Fall:
         What was dropped, how, and its samples.
     at_s
         Times at which to break down the error [s]; without any, 0.3 s where that is in free flight.
+    whole
+        Whether the table has all samples, or those that are shown.
 
     Raises
     ------
@@ -75,14 +84,14 @@ def fall_of(case: Case, *, at_s: Sequence[float] = ()) -> Fall:
         air = Air(case, phases)
     coverage = coverage_of(air)
     parts = decompose(case.law, case.fall, case.samples.position_m[: coverage.samples])
-    table = _table(case, phases, parts)
-    energy_j = table["energy_j"].to_numpy()
+    steps = _steps_at(at_s, case.scenario, coverage)
+    table = _table(case, phases, parts, None if whole else [0, *steps, phases.samples - 1])
     tumbled = tumbled_step(case, touching(case.samples))
     law, landing = law_path(case), find_landing(case)
     analysis = FallAnalysis(
         scenario=asdict(case.scenario),
         engine=case.engine,
-        at=[_moment(table, step) for step in _steps_at(at_s, case.scenario, coverage)],
+        at=[_moment(table, step) for step in steps],
         coverage=coverage,
         airborne=_airborne(parts),
         landing=landing,
@@ -93,10 +102,10 @@ def fall_of(case: Case, *, at_s: Sequence[float] = ()) -> Fall:
         bounces=find_bounces(case, tumbled),
         rest=find_rest(case, phases, tumbled, law),
         conservation=_conservation(case, phases.airborne),
-        contact_j=contact_energy_j(case, energy_j, airborne=phases.airborne),
+        contact_j=contact_energy_j(case, airborne=phases.airborne),
         table=table,
     )
-    return Fall(case, phases, air, law, analysis)
+    return Fall(case, phases, air, analysis)
 
 
 def fall_analysis_of(
@@ -111,19 +120,24 @@ def fall_analysis_of(
     return fall_of(case_of(scenario, engine, states, contacts), at_s=at_s).analysis
 
 
-def _table(case: Case, phases: Phases, parts: Decomposition) -> pl.DataFrame:
-    """Return one row per sample; error terms are null where free flight is not covered."""
-    column = phases.column()
-    return pl.concat([
-        _rows(case, slice(first, first + BLOCK), column, parts)
-        for first in range(0, phases.samples, BLOCK)
-    ])  # fmt: skip
+def _table(
+    case: Case, phases: Phases, parts: Decomposition, kept: Sequence[int] | None
+) -> pl.DataFrame:
+    """Return one row per sample; error terms are null where free flight is not covered.
+
+    `kept`: steps to keep, besides those that are shown; None for all.
+    """
+    parts_of_it = (_rows(case, rows, phases, parts) for rows in blocks(phases.samples))
+    if kept is not None:
+        shown = SHOWN | pl.col("step").is_in(kept)
+        parts_of_it = (rows.filter(shown) for rows in parts_of_it)
+    return pl.concat(parts_of_it)
 
 
-def _rows(case: Case, rows: slice, phase: pl.Series, parts: Decomposition) -> pl.DataFrame:
+def _rows(case: Case, rows: slice, phases: Phases, parts: Decomposition) -> pl.DataFrame:
     """Return some rows of the table."""
-    height_m, time_s = case.samples.height_m[rows], case.time_s[rows]
-    energies = mechanics(case.engine, case.samples, rows)
+    steps, height_m, time_s = np.r_[rows], case.samples.height_m[rows], case.time_s[rows]
+    energies, free_fall_m = mechanics(case.engine, case.samples, rows), case.free_fall_m(time_s)
 
     def explained(values: Float64) -> pl.Series:
         held = values[rows]
@@ -131,13 +145,13 @@ def _rows(case: Case, rows: slice, phase: pl.Series, parts: Decomposition) -> pl
 
     return pl.DataFrame(
         {
-            "step": np.arange(rows.start, rows.start + len(height_m)),
+            "step": steps,
             "time_s": time_s,
-            "phase": phase[rows],
+            "phase": phases.of(steps),
             "simulated_m": height_m,
-            "free_fall_m": case.free_fall_m[rows],
-            "damped_fall_m": case.damped_fall_m[rows],
-            "error_m": height_m - case.free_fall_m[rows],
+            "free_fall_m": free_fall_m,
+            "damped_fall_m": case.damped_fall_m(time_s),
+            "error_m": height_m - free_fall_m,
             **{f"{name}_m": explained(getattr(parts, f"{name}_m")[:, 2]) for name in TERMS},
             "kinetic_linear_j": energies.kinetic_linear_j,
             "kinetic_angular_j": energies.kinetic_angular_j,
@@ -167,7 +181,7 @@ def _steps_at(at_s: Sequence[float], scenario: Scenario, coverage: Coverage) -> 
 
 
 def _moment(table: pl.DataFrame, step: int) -> Moment:
-    row = table.row(step, named=True)
+    row = table.row(by_predicate=pl.col("step") == step, named=True)
     explained = row["timestep_m"] is not None
     return Moment(
         time_s=row["time_s"],

@@ -106,25 +106,15 @@ class Case:
         """
         return self.engine.rest_height_m if self.scenario.floor else None
 
-    @cached_property
-    def free_fall_m(self) -> Float64:
-        """Height by theory without air [m], no lower than the floor lets the centre get."""
-        heights_m = theory.free_fall_height(self.fall, self.time_s)
+    def free_fall_m(self, time_s: Float64) -> Float64:
+        """Return heights by theory without air [m], no lower than the floor lets the centre get."""
+        heights_m = theory.free_fall_height(self.fall, time_s)
         return theory.stopped_by_floor(heights_m, self.floor_height_m)
 
-    @cached_property
-    def damped_fall_m(self) -> Float64:
-        """The same through the engine's damping, in continuous time."""
-        heights_m = theory.damped_fall_height(self.fall, self.time_s)
+    def damped_fall_m(self, time_s: Float64) -> Float64:
+        """Return the same through the engine's damping, in continuous time."""
+        heights_m = theory.damped_fall_height(self.fall, time_s)
         return theory.stopped_by_floor(heights_m, self.floor_height_m)
-
-    @cached_property
-    def lands_at(self) -> int:
-        """The first sample at which free fall has come down to the floor: theory ends before it."""
-        if self.floor_height_m is None:
-            return len(self.time_s)
-        landed = np.flatnonzero(self.free_fall_m <= self.floor_height_m)
-        return int(landed[0]) if len(landed) else len(self.time_s)
 
     @property
     def starts_above(self) -> bool:
@@ -151,6 +141,12 @@ class Case:
     def is_springy(self) -> bool:
         """Whether contact is a spring, which the contact law here does not cover."""
         return self.engine.contact_stiffness_n_m is not None
+
+    @property
+    def is_soft(self) -> bool:
+        """Whether contact gives way, however short the timestep."""
+        engine = self.engine
+        return self.is_springy or engine.modulus_pa is not None or engine.solref is not None
 
     @property
     def is_ball(self) -> bool:
@@ -189,7 +185,7 @@ def case_seen(scenario: Scenario, engine: EngineReport, seen: Seen) -> Case:
                 near.append(piece.contacts)
             its = piece.contacts.with_columns(pl.col("step") - piece.first)
             part = samples_of(joined(seen.parts_of(piece)), its)
-            pushed = pushed or bool((part.contact_force_n > 0).any())
+            pushed = pushed or bool(part.pushed.any())
             yield part
 
     samples = Samples.gathered(parts(), seen.sampled.last + 1)

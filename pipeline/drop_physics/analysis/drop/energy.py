@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.drop.case import Case
-from drop_physics.analysis.drop.mechanics import BLOCK
+from drop_physics.analysis.drop.mechanics import mechanics
+from drop_physics.analysis.drop.samples import BLOCK
 
 Float64 = NDArray[np.float64]
 
 
-def contact_energy_j(case: Case, energy_j: Float64, *, airborne: int) -> float | None:
+def contact_energy_j(case: Case, *, airborne: int) -> float | None:
     """Return the energy that contact gave [J], what the spin lost to damping and turns included.
 
-    `energy_j` is the mechanical energy of each sample. None where no law of the body is known, and
-    of several steps per sample.
+    None where no law of the body is known, and of several steps per sample.
     """
     law = case.law
     if not case.is_rigid or case.substeps > 1 or not law.covers(case.samples).all():
@@ -35,7 +35,9 @@ def contact_energy_j(case: Case, energy_j: Float64, *, airborne: int) -> float |
     if not case.scenario.stepped or len(velocity) < 2:
         return 0.0
     gravity = np.array(law.gravity_m_s2)
-    mass_kg, total_j = case.engine.mass_kg, energy_j[rows]
+    mass_kg, ends = case.engine.mass_kg, (slice(rows.start, rows.start + 1), slice(-1, None))
+    before_j, after_j = (float(mechanics(case.engine, case.samples, end).total_j[0])
+        for end in ends)  # fmt: skip
     taken_j = 0.0
     for first in range(0, len(velocity) - 1, BLOCK):
         block = velocity[first : first + BLOCK + 1]
@@ -44,4 +46,4 @@ def contact_energy_j(case: Case, energy_j: Float64, *, airborne: int) -> float |
         taken_j += float(np.sum(drag * (before + after))) * mass_kg / 2
     if law.semi_implicit:
         taken_j -= mass_kg * dt / 2 * float((velocity[-1] - velocity[0]) @ gravity)
-    return float(total_j[-1] - total_j[0]) - taken_j
+    return after_j - before_j - taken_j

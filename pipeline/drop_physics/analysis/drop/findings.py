@@ -1,140 +1,192 @@
-"""Findings: the common mistakes and surprises that a recording reveals.
+"""Findings: the common mistakes and surprises that a drop reveals.
 
-Each finding says what was seen, with the number, why it is so, and the one call or option that
-changes it.
+Each says what was seen, with the number, why it is so, and where it is sure the one call or option
+that changes it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 
-from drop_physics.analysis.answers.answer import Finding
-from drop_physics.analysis.drop.case import FLOOR_REACH_M, TOUCHING_M, Case
-from drop_physics.analysis.drop.convergence import GROWS, cancelling_timestep
-from drop_physics.analysis.drop.evidence import Evidence, found, shorten_step
-from drop_physics.analysis.drop.findings_on_landing import findings_on_landing
-from drop_physics.analysis.drop.posture import extent_m
-from drop_physics.analysis.drop.results import Moment
-from drop_physics.fields import decimals
+from drop_physics.analysis.answers.answer import Effect, Finding, Level, Span
+from drop_physics.analysis.drop.analysis import Fall
+from drop_physics.analysis.drop.case import TOUCHING_M, Case
+from drop_physics.analysis.drop.landing import CORNERS, episodes, restitution_threshold_m_s
+from drop_physics.analysis.drop.posture import extent_m, tilt_rad
+from drop_physics.fields import counted, decimals
 from drop_physics.messages import Message, joined
 
+LEVEL_OF: dict[str, Level] = {
+    "law-mismatch": "broken", "tunnelled": "broken",
+    "no-gravity": "asked", "not-stepped": "asked", "no-floor": "asked",
+    "starts-in-contact": "asked", "velocity-clamped": "asked", "bounce-swallowed": "asked",
+    "default-damping": "model", "deep-penetration": "model", "restitution-inflated": "model",
+    "rest-below-expected": "model", "tumbled": "note", "still-airborne": "note",
+}  # fmt: skip
+MISTAKES = {
+    "no-gravity": (
+        Message(
+            "PyBullet starts without gravity; call p.setGravity(0, 0, -9.81), i.e. omit "
+            "--no-gravity"
+        ),
+        Message("omit --no-gravity"),
+    ),
+    "not-stepped": (
+        Message(
+            "time passes only in p.stepSimulation(); call it once per sample, i.e. omit --no-step"
+        ),
+        Message("omit --no-step"),
+    ),
+    "no-floor": (
+        Message('call p.loadURDF("plane.urdf"), i.e. omit --no-floor'),
+        Message("omit --no-floor"),
+    ),
+}
+"""How to undo what an option left out: in PyBullet, and in other engines."""
+DEEP_PENETRATION = 0.1
+"""Share of the body's height that it may sink into the floor before it is worth reporting."""
+REST_BELOW_M = 1e-6
+"""A body that rests further than this below its rest height is worth reporting."""
+SOLVER_M = 1e-8
+"""Error of a rest height due to the solver's early stop that is worth reporting."""
+INFLATED = 0.01
+"""Relative excess of a rebound over the restitution asked for that is worth reporting."""
+SWALLOWED_M_S = 0.01
+"""A rebound slower than this is not missed."""
 
-def findings(evidence: Evidence) -> list[Finding]:
-    """Return the findings on a recording, the gravest first."""
+
+def findings(fall: Fall, mismatch_step: int | None) -> list[Finding]:
+    """Return the findings on a drop, the gravest first.
+
+    `mismatch_step`: the first sample that the law covers and does not lead to.
+    """
+    followed = [*_not_stepped(fall), *_no_floor(fall), *_still_airborne(fall)]
+    if mismatch_step is not None:
+        followed = [_law_mismatch(fall.case, mismatch_step)]
     each_found = [
-        *_never_moved(evidence),
-        *_no_floor(evidence),
-        *_tunnelled(evidence),
-        *_law_mismatch(evidence),
-        *_starts_in_contact(evidence),
-        *_damping(evidence),
-        *_velocity_clamped(evidence),
-        *_refining_hurts(evidence),
-        *findings_on_landing(evidence),
-        *_still_airborne(evidence),
-    ]
+        *_no_gravity(fall), *followed, *_tunnelled(fall), *_starts_in_contact(fall),
+        *_default_damping(fall), *_velocity_clamped(fall), *_deep_penetration(fall),
+        *_tumbled(fall), *_inflated(fall), *_swallowed(fall), *_rest_below_expected(fall),
+    ]  # fmt: skip
     return sorted(each_found, key=lambda each: each.rank)
 
 
-def _never_moved(e: Evidence) -> Iterator[Finding]:
-    heights_m, scenario = e.case.samples.height_m, e.case.scenario
-    if not scenario.gravity_set:
+def _found(
+    code: str,
+    message: Message,
+    advice: Message | None = None,
+    *,
+    metres: float | None = None,
+    case: Case | None = None,
+    first: int | None = None,
+) -> Finding:
+    """Return a finding; `metres` are ranked by the body's size, `first` is a step."""
+    size_m = max(case.engine.reach_m, 1e-12) if case is not None else math.inf
+    return Finding(
+        code=code,
+        level=LEVEL_OF[code],
+        message=message,
+        advice=advice,
+        effect=None if metres is None else Effect(abs(metres), "m"),
+        share=0.0 if metres is None else abs(metres) / size_m,
+        steps=None if first is None else Span(first, first, 1),
+    )
+
+
+def _mistake(code: str, message: Message, case: Case) -> Finding:
+    in_bullet, elsewhere = MISTAKES[code]
+    return _found(code, message, in_bullet if case.is_bullet else elsewhere)
+
+
+def _no_gravity(fall: Fall) -> Iterator[Finding]:
+    if not fall.case.scenario.gravity_set:
         seen = Message(
             "the engine's gravity is 0 m/s² and the centre is at {height} m at the end",
-            height=decimals(heights_m[-1], 4),
+            height=decimals(fall.case.samples.height_m[-1], 4),
         )
-        advice = Message(
-            "PyBullet starts without gravity; call p.setGravity(0, 0, -9.81), i.e. omit "
-            "--no-gravity"
-        )
-        if not e.case.is_bullet:
-            advice = Message("omit --no-gravity")
-        yield found("no-gravity", seen, advice)
-    if not scenario.stepped and e.mismatch_step is None:
+        yield _mistake("no-gravity", seen, fall.case)
+
+
+def _not_stepped(fall: Fall) -> Iterator[Finding]:
+    heights_m = fall.case.samples.height_m
+    if not fall.case.scenario.stepped:
         seen = Message(
             "all {samples} samples are the same to the last bit, at {height} m",
             samples=len(heights_m),
             height=decimals(heights_m[0], 4),
         )
-        advice = Message(
-            "time passes only in p.stepSimulation(); call it once per sample, i.e. omit --no-step"
-        )
-        if not e.case.is_bullet:
-            advice = Message("omit --no-step")
-        yield found("not-stepped", seen, advice)
+        yield _mistake("not-stepped", seen, fall.case)
 
 
-def _no_floor(e: Evidence) -> Iterator[Finding]:
-    position_m, floor_m = e.case.samples.position_m, e.case.engine.rest_height_m
-    lowest_m = float(position_m[:, 2].min())
-    if floor_m is None or e.mismatch_step is not None:
-        return
-    if not e.case.scenario.floor and lowest_m < floor_m <= e.case.fall.height_m:
+def _no_floor(fall: Fall) -> Iterator[Finding]:
+    case, floor_m = fall.case, fall.case.engine.rest_height_m
+    lowest_m = float(case.samples.height_m.min())
+    if floor_m is not None and not case.scenario.floor and lowest_m < floor_m <= case.fall.height_m:
         seen = Message(
             "the centre went down to {height} m without a contact: there is nothing to land on",
             height=decimals(lowest_m, 4),
         )
-        advice = Message('call p.loadURDF("plane.urdf"), i.e. omit --no-floor')
-        if not e.case.is_bullet:
-            advice = Message("omit --no-floor")
-        yield found("no-floor", seen, advice)
-    low = position_m[:, 2] + e.case.engine.reach_m < 0
-    if e.case.scenario.floor and low.any() and not e.case.over_floor(position_m[low][:1]):
-        seen = Message(
-            "the centre went down to {height} m past the floor's edge: plane.urdf ends {reach:g} m "
-            "from the origin",
-            height=decimals(lowest_m, 4),
-            reach=FLOOR_REACH_M,
-        )
-        yield found("no-floor", seen, Message("throw less far with --velocity"))
+        yield _mistake("no-floor", seen, case)
 
 
-def _tunnelled(e: Evidence) -> Iterator[Finding]:
-    step, position_m = _through(e), e.case.samples.position_m
+def _law_mismatch(case: Case, step: int) -> Finding:
+    name, version = case.engine_name, case.engine.engine_version
+    if case.is_bullet:
+        name, version = "pybullet", case.engine.pybullet_version
+    seen = Message(
+        "sample {step} is not what {engine} {version} computes from the sample before it",
+        step=step,
+        engine=name,
+        version=version or "?",
+    )
+    if not step or not case.scenario.stepped:
+        seen = Message("sample {step} is not the release that was asked for", step=step)
+    advice = Message(
+        "the state was altered, or another engine made it; record it again with drop simulate"
+    )
+    return _found("law-mismatch", seen, advice, first=step)
+
+
+def _tunnelled(fall: Fall) -> Iterator[Finding]:
+    step, case = _through(fall), fall.case
     if step is None:
         return
+    position_m = case.samples.position_m
     seen = Message(
         "at {time:.4g} s (step {step}) the body is below the floor, its centre at {height} m, and "
         "nothing has touched",
-        time=e.case.time_s[step],
+        time=case.time_s[step],
         step=step,
         height=decimals(position_m[step, 2], 4),
     )
-    reason: Message | None = None
-    advice: Message | None = None
-    if e.case.engine.shape == "none":
-        reason = Message("the body has no collision shape")
-        advice = Message("add a <collision> to the URDF of --body")
-    elif not _overlapped(e.case, step):
-        reason = Message(
+    why, advice = Message("nothing of it collides with the floor"), None
+    if case.engine.shape != "none" and not _overlapped(case, step):
+        why = Message(
             "it moved {moved:.4g} m in a step, and contact is checked only between steps",
             moved=float(np.linalg.norm(position_m[step] - position_m[step - 1])),
         )
-        advice = shorten_step(e.case)
-    elif e.case.is_bullet:
-        reason = Message("it has overlapped the floor without a contact: its collision is disabled")
-        advice = Message(
-            "look for a collision filter in the URDF of --body, or p.setCollisionFilterGroupMask"
-        )
-    yield found("tunnelled", joined(": ", [seen, *filter(None, [reason])]), advice, first=step)
+        advice = Message("shorten the step with --timestep")
+    yield _found("tunnelled", joined(": ", [seen, why]), advice, first=step)
 
 
-def _through(e: Evidence) -> int | None:
+def _through(fall: Fall) -> int | None:
     """Return the first sample at which the body is below the floor as a whole.
 
     None where contact brought it back.
     """
-    if not (e.case.scenario.floor and e.case.starts_above):
+    case, phases = fall.case, fall.phases
+    if not (case.scenario.floor and case.starts_above):
         return None
-    position_m = e.case.samples.position_m
-    below = position_m[:, 2] + e.case.engine.reach_m < 0
-    untouched = np.flatnonzero(below[: e.phases.airborne])
-    returned = e.phases.contact_step is not None and not below[-1]
-    if not len(untouched) or returned or not e.case.over_floor(position_m[untouched[0] :]):
+    below = case.samples.height_m + case.engine.reach_m < 0
+    untouched = np.flatnonzero(below[: phases.airborne])
+    returned = phases.contact_step is not None and not below[-1]
+    if not len(untouched) or returned:
         return None
-    return int(untouched[0])
+    beside = not case.over_floor(case.samples.position_m[untouched[0] :])
+    return None if beside else int(untouched[0])
 
 
 def _overlapped(case: Case, step: int) -> bool:
@@ -151,34 +203,9 @@ def _overlapped(case: Case, step: int) -> bool:
     return bool(inside.any())
 
 
-def _law_mismatch(e: Evidence) -> Iterator[Finding]:
-    if e.mismatch_step is None:
-        return
-    engine = e.case.engine
-    name, version = e.case.engine_name, engine.engine_version
-    if e.case.is_bullet:
-        name, version = "pybullet", engine.pybullet_version
-    advice = Message(
-        "the state was altered, or another engine made it; record it again with drop simulate"
-    )
-    seen = Message(
-        "sample {step} is not what {engine} {version} computes from the sample before it",
-        step=e.mismatch_step,
-        engine=name,
-        version=version or "?",
-    )
-    if not e.mismatch_step:
-        seen = Message("the first sample is not the release that was asked for")
-    elif not e.case.scenario.stepped:
-        seen = Message(
-            "sample {step} is not the release, although no step was taken", step=e.mismatch_step
-        )
-    yield found("law-mismatch", seen, advice, first=e.mismatch_step)
-
-
-def _starts_in_contact(e: Evidence) -> Iterator[Finding]:
-    floor_m, height_m = e.case.floor_height_m, e.case.fall.height_m
-    if floor_m is None or e.case.starts_above:
+def _starts_in_contact(fall: Fall) -> Iterator[Finding]:
+    floor_m, height_m = fall.case.floor_height_m, fall.case.fall.height_m
+    if floor_m is None or fall.case.starts_above:
         return
     seen = Message("the body is released touching the floor")
     if height_m <= floor_m - TOUCHING_M:
@@ -187,135 +214,170 @@ def _starts_in_contact(e: Evidence) -> Iterator[Finding]:
         )
     why = Message("there is no fall to compare with theory")
     advice = Message("release it above {height:.6g} m with --height", height=floor_m)
-    yield found("starts-in-contact", joined(": ", [seen, why]), advice)
+    yield _found("starts-in-contact", joined(": ", [seen, why]), advice)
 
 
-def _damping(e: Evidence) -> Iterator[Finding]:
-    """Report a damping that nobody asked for, or the lack of it."""
-    is_set = e.case.scenario.linear_damping is not None
-    if is_set or not e.case.scenario.stepped or not e.case.is_bullet:
+def _default_damping(fall: Fall) -> Iterator[Finding]:
+    moment = next(iter(fall.analysis.at), None)
+    if fall.case.scenario.linear_damping is not None or not fall.case.is_bullet:
         return
-    if e.case.scenario.coordinates == "maximal":
-        seen = Message(
-            "linear damping is 0: a btRigidBody (useMaximalCoordinates=True) has none by default, "
-            "where a btMultiBody has 0.04"
-        )
-        advice = Message(
-            "--linear-damping sets it, which slows a btRigidBody by another law: "
-            "v' = v (1 - damping)^dt"
-        )
-        yield found("no-damping-in-maximal-coordinates", seen, advice)
-    elif e.moment is not None and e.moment.terms_m is not None and e.moment.terms_m.damping:
+    if moment is not None and moment.terms_m is not None and moment.terms_m.damping:
         # All that would vanish without damping: its effect on the timestep's share too.
-        moves_m = e.moment.terms_m.damping + e.moment.terms_m.interaction
-        how = {"moved": decimals(moves_m * 1e3, 2, "+"), "time": e.moment.time_s}
+        moved_m = moment.terms_m.damping + moment.terms_m.interaction
         seen = Message(
             "damping moves the body by {moved} mm at {time:.4g} s: PyBullet damps every body with "
             "0.04 by default",
-            **how,
+            moved=decimals(moved_m * 1e3, 2, "+"),
+            time=moment.time_s,
         )
-        if _cancelling_s(e) is not None:
-            seen = Message(
-                "damping moves the body by {moved} mm at {time:.4g} s (0.04 by default), and hides "
-                "the timestep's error: shorter steps lead from {error} to {limit} mm",
-                **how,
-                **_refined(e.moment),
-            )
         advice = Message(
             "call p.changeDynamics(body, -1, linearDamping=0), i.e. --linear-damping 0"
         )
-        yield found("default-damping", seen, advice, metres=moves_m, case=e.case)
+        yield _found("default-damping", seen, advice, metres=moved_m, case=fall.case)
 
 
-def _velocity_clamped(e: Evidence) -> Iterator[Finding]:
-    if e.clamped_step is not None:
-        state = e.case.samples
-        fastest = np.abs(np.hstack((state.velocity_m_s, state.spin_rad_s))).max(axis=1)
+def _velocity_clamped(fall: Fall) -> Iterator[Finding]:
+    step, state = fall.air.clamped_step, fall.case.samples
+    if step is not None:
         seen = Message(
             "a velocity reaches {velocity:.6g} (m/s or rad/s) at {time:.4g} s and is clamped "
             "there: a btMultiBody limits every component to ±100",
-            velocity=fastest[e.clamped_step],
-            time=e.case.time_s[e.clamped_step],
+            velocity=np.abs((state.velocity_m_s[step], state.spin_rad_s[step])).max(),
+            time=fall.case.time_s[step],
         )
-        advice = Message("use --coordinates maximal")
-        yield found("velocity-clamped", seen, advice, first=e.clamped_step)
+        yield _found("velocity-clamped", seen, Message("use --coordinates maximal"), first=step)
 
 
-def _refining_hurts(e: Evidence) -> Iterator[Finding]:
-    """Report that a damping which was asked for hides the timestep's error."""
-    cancel_s = _cancelling_s(e)
-    if cancel_s is None or e.moment is None or e.case.scenario.linear_damping is None:
+# -- contact --------------------------------------------------------------------------------------
+
+
+def _deep_penetration(fall: Fall) -> Iterator[Finding]:
+    case, impact, tall_m = fall.case, fall.analysis.impact, extent_m(fall.case)
+    depth_m = None if impact is None else impact.penetration_m
+    if impact is None or depth_m is None or tall_m is None or not case.starts_above:
         return
+    # From the first force on, or in a later landing, how deep it gets is not the step's alone.
+    if impact.lowest_step >= fall.phases.airborne or depth_m <= DEEP_PENETRATION * tall_m:
+        return
+    per_step_m = abs(float(case.samples.velocity_m_s[fall.phases.airborne - 1, 2])) * case.substep_s
     seen = Message(
-        "damping hides the timestep's error: at {time:.4g} s both cancel with a timestep of "
-        "{timestep} s, and shorter steps lead from {error} to {limit} mm",
-        time=e.moment.time_s,
-        timestep=_rate(cancel_s),
-        **_refined(e.moment),
+        "the body sinks {depth} mm into the floor, {share:.0%} of its height: contact acts only "
+        "once it is inside, and it moves {moved} mm down in a step",
+        depth=decimals(depth_m * 1e3, 1),
+        share=depth_m / tall_m,
+        moved=decimals(per_step_m * 1e3, 1),
     )
-    advice = Message(
-        "break the error down before refining, or switch the damping off with --linear-damping 0"
-    )
-    yield found("refining-hurts", seen, advice, metres=e.moment.error_m, case=e.case)
+    advice = None
+    if not case.is_soft:
+        # It cannot get deeper than it moves in a step; a tenth more, for gravity in that step.
+        times = math.ceil(1.1 * per_step_m / (DEEP_PENETRATION * tall_m))
+        advice = Message("shorten the step {times} times with --timestep", times=times)
+    yield _found("deep-penetration", seen, advice, metres=depth_m, case=case, first=impact.step)
 
 
-def _refined(moment: Moment) -> dict[str, str]:
-    """Return the error of a moment, and what it tends to as the timestep shrinks [mm]."""
-    assert moment.terms_m is not None
-    errors_m = {"error": moment.error_m, "limit": moment.terms_m.damping}
-    return {name: decimals(error_m * 1e3, 2, "+") for name, error_m in errors_m.items()}
-
-
-def _cancelling_s(e: Evidence) -> float | None:
-    """Return the timestep at which the damping cancels its error; None where none hides it."""
-    if e.moment is None or e.moment.terms_m is None:
-        return None
-    terms = e.moment.terms_m
-    cancel_s = cancelling_timestep(
-        e.case.timestep_s,
-        timestep_m=terms.timestep,
-        damping_m=terms.damping,
-        interaction_m=terms.interaction,
-    )
-    if cancel_s is None or cancel_s > e.moment.time_s:
-        return None
-    return cancel_s if abs(terms.damping) > GROWS * abs(e.moment.error_m) else None
-
-
-def _rate(timestep_s: float) -> str:
-    """Write a timestep as people set it: 1/341, or 0.4 where that is clearer."""
-    return f"1/{1 / timestep_s:.0f}" if timestep_s < 0.1 else f"{timestep_s:.3g}"
-
-
-def _still_airborne(e: Evidence) -> Iterator[Finding]:
-    case, height_m = e.case, float(e.case.samples.height_m[-1])
-    falling = case.fall.gravity_m_s2 < 0 and case.scenario.stepped and e.mismatch_step is None
-    falling = falling and case.is_rigid  # of links PyBullet does not report every contact
-    floor_m = case.floor_height_m
-    if not falling or floor_m is None or e.phases.contact_step is not None or height_m <= floor_m:
-        return
-    if _through(e) is not None:
-        return
-    if not case.over_floor(case.samples.position_m[-1:]):
-        return
-    outcome = Message("nothing has touched yet")
-    advice = Message("extend --duration to see whether it lands")
-    if e.landing is not None:
-        free_s, damped_s = e.landing.time_free_fall_s, e.landing.time_damped_s
-        outcome = Message(
-            "the recording ends before the impact (free fall lands at {free:.4g} s)", free=free_s
+def _tumbled(fall: Fall) -> Iterator[Finding]:
+    step = fall.analysis.tumbled_step
+    if step is not None:
+        tilt_deg = math.degrees(tilt_rad(fall.case, slice(step, step + 1))[0])
+        seen = Message(
+            "from {time:.4g} s (step {step}) on it is not flat: it touches the floor tilted by "
+            "{tilt}°, so bounces, contact and rest are measured from there on, not predicted",
+            time=fall.case.time_s[step],
+            step=step,
+            tilt=f"{tilt_deg:.2g}" if tilt_deg < 10 else f"{tilt_deg:.0f}",
         )
-        advice = Message("extend it with --duration")
-        if damped_s is not None and any(case.fall.drag) and e.clamped_step is None:
-            outcome = Message(
-                "the recording ends before the impact (free fall lands at {free:.4g} s, damped "
-                "fall at {damped:.4g} s)",
-                free=free_s,
-                damped=damped_s,
+        yield _found("tumbled", seen, first=step)
+
+
+def _inflated(fall: Fall) -> Iterator[Finding]:
+    """Report the first rebound that the position correction makes too fast."""
+    asked = fall.case.engine.pair_restitution
+    if not asked or fall.analysis.impact is None:
+        return
+    for number, bounce in enumerate(fall.analysis.bounces, start=1):
+        added, restitution = bounce.correction_m_s, bounce.effective_restitution
+        if added and restitution and added > 0 and restitution - asked > INFLATED * asked:
+            seen = Message(
+                "bounce {number} has a restitution of {restitution:.4f} where {asked:g} (body × "
+                "floor) was asked for: the position correction, which --contact-erp sets, adds "
+                "{added:.3f} m/s to the rebound",
+                number=number,
+                restitution=restitution,
+                asked=asked,
+                added=added,
             )
-    seen = Message(
-        "after {time:.4g} s the centre is still at {height} m",
-        time=case.time_s[-1],
-        height=decimals(height_m, 4),
+            yield _found("restitution-inflated", seen, first=bounce.step)
+            return
+
+
+def _swallowed(fall: Fall) -> Iterator[Finding]:
+    """Report the first arrival that stays although it would bounce without the threshold."""
+    case, tumbled = fall.case, fall.analysis.tumbled_step
+    threshold_m_s, restitution = restitution_threshold_m_s(case), case.engine.pair_restitution
+    if not restitution or case.is_springy or not case.is_bullet:
+        return
+    # A rebound that gravity stops within a step or two is not a bounce either.
+    least_m_s = max(SWALLOWED_M_S, -2 * case.fall.gravity_m_s2 * case.timestep_s) / restitution
+    points = case.samples.contact_points
+    for number, episode in enumerate(episodes(case)):
+        if tumbled is not None and episode.first >= tumbled:
+            return
+        flat = case.is_ball or (case.is_box and points[episode.first] == CORNERS)
+        if flat and not episode.leaves and least_m_s < episode.approach_m_s < threshold_m_s:
+            seen = Message(
+                "after {bounces} the body arrives at {speed:.3f} m/s and stays: restitution acts "
+                "only from {threshold:g} m/s on",
+                bounces=counted(number, "bounce"),
+                speed=episode.approach_m_s,
+                threshold=threshold_m_s,
+            )
+            advice = Message(
+                "lower that with p.setPhysicsEngineParameter(restitutionVelocityThreshold=…), i.e. "
+                "--restitution-threshold"
+            )
+            yield _found("bounce-swallowed", seen, advice, first=episode.first)
+            return
+
+
+def _rest_below_expected(fall: Fall) -> Iterator[Finding]:
+    rest = fall.analysis.rest
+    if rest is None or rest.terms_m is None or rest.error_m is None:
+        return
+    if rest.error_m >= -REST_BELOW_M:
+        return
+    lower = Message(
+        "the body lies {depth} µm lower than {expected:g} m",
+        depth=decimals(-rest.error_m * 1e6, 2),
+        expected=rest.expected_m,
     )
-    yield found("still-airborne", joined(": ", [seen, outcome]), advice)
+    why = Message(
+        "Bullet leaves a slop of 10 µm uncorrected, unless "
+        "p.setPhysicsEngineParameter(contactSlop=0) is called"
+    )
+    advice = None
+    if abs(rest.terms_m.solver) > SOLVER_M:
+        why = Message("Bullet leaves a slop of 10 µm uncorrected and its solver stops early")
+        advice = Message(
+            "--solver-residual 0 and more --solver-iterations remove the solver's part, the slop "
+            "stays"
+        )
+    yield _found(
+        "rest-below-expected", joined(": ", [lower, why]), advice,
+        metres=rest.error_m, case=fall.case,
+    )  # fmt: skip
+
+
+def _still_airborne(fall: Fall) -> Iterator[Finding]:
+    case, height_m = fall.case, float(fall.case.samples.height_m[-1])
+    floor_m, falling = case.floor_height_m, case.scenario.stepped and case.fall.gravity_m_s2 < 0
+    # Of links PyBullet does not report every contact.
+    touched = fall.phases.contact_step is not None or not case.is_rigid
+    if not falling or touched or floor_m is None or height_m <= floor_m:
+        return
+    if _through(fall) is None and case.over_floor(case.samples.position_m[-1:]):
+        seen = Message(
+            "after {time:.4g} s the centre is still at {height} m: nothing has touched yet",
+            time=case.time_s[-1],
+            height=decimals(height_m, 4),
+        )
+        yield _found("still-airborne", seen, Message("extend it with --duration"))

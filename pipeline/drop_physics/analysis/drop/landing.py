@@ -75,20 +75,19 @@ def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact |
     if phases.contact_step is None or (case.hides_contacts and not case.is_rigid):
         return None  # the first contact may not be reported
     samples, floor_m = case.samples, case.floor_height_m
-    height_m, turned = samples.height_m, turned_rad(case) > FLAT_RAD
+    height_m = samples.height_m
     lowest = int(np.argmin(height_m))
     before = max(phases.contact_step - 1, 0)
     crossing_s = penetration_m = None
     if floor_m is not None and case.is_rigid:
         # With substeps the path between two samples is not straight, and may be deeper than both.
-        if (
-            case.starts_above
-            and not case.hides_contacts
-            and not turned[: phases.contact_step + 1].any()
-        ):
+        fell = slice(phases.contact_step + 1)
+        upright = not (turned_rad(case, fell) > FLAT_RAD).any()
+        if case.starts_above and not case.hides_contacts and upright:
             crossing_s = crossing_time(height_m[: phases.contact_step], floor_m, case.timestep_s)
-        over = case.over_floor(samples.position_m[lowest : lowest + 1])
-        if over and not case.hides_contacts and not turned[lowest]:
+        there = slice(lowest, lowest + 1)
+        flat = turned_rad(case, there)[0] <= FLAT_RAD
+        if case.over_floor(samples.position_m[there]) and not case.hides_contacts and flat:
             penetration_m = max(0.0, floor_m - float(height_m[lowest]))
             if _deepest_point_m(case) > 1.01 * penetration_m + ROUGH_M:
                 penetration_m = None
@@ -106,8 +105,7 @@ def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact |
 
 def _deepest_point_m(case: Case) -> float:
     """Return how deep a point of contact was in the floor [m], at most."""
-    distance_m = case.samples.contact_distance_m
-    return -float(distance_m[np.isfinite(distance_m)].min(initial=0.0))
+    return -float(np.fmin.reduce(case.samples.contact_distance_m, initial=0.0))
 
 
 # -- the contact law ------------------------------------------------------------------------------
@@ -202,8 +200,8 @@ def find_contact(
     """Return how far the recorded heights deviate from the contact law while the body is flat."""
     if law is None or phases.contact_step is None or tumbled_step == phases.contact_step:
         return None
-    deviation_m = np.abs(case.samples.height_m - law.height_m)[:tumbled_step]
-    worst = int(np.argmax(deviation_m))
+    deviation_m = case.samples.height_m[:tumbled_step] - law.height_m[:tumbled_step]
+    worst = int(np.argmax(np.abs(deviation_m, out=deviation_m)))
     return Contact(float(deviation_m[worst]), worst)
 
 
@@ -240,7 +238,7 @@ def episodes(case: Case) -> Iterator[Episode]:
         if approach_m_s <= 0 or (first <= 1 and not case.starts_above):
             continue  # it was in the floor already
         leaves = end < len(touches) and velocity_m_s[end - 1] > 0
-        pushed = np.flatnonzero(case.samples.contact_force_n[first:end] > 0)
+        pushed = np.flatnonzero(case.samples.pushed[first:end])
         if len(pushed):
             yield Episode(first, end - 1, first + int(pushed[-1]), approach_m_s, bool(leaves))
 
@@ -263,7 +261,7 @@ def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
     leaving = [episode for episode in episodes(case) if episode.leaves]
     touches, height_m = touching(case.samples), case.samples.height_m
     following = np.append(np.flatnonzero(touches), len(touches))
-    law = law_path(case, contact_erp=0.0)
+    law = law_path(case, contact_erp=0.0) if leaving else None
     uncorrected_m = [] if law is None else _apexes(law.height_m, floor_m)
     bounces = []
     plain = True

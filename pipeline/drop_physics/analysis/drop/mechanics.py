@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,6 @@ from drop_physics.report import EngineReport
 
 Float64 = NDArray[np.float64]
 
-BLOCK = 1 << 16
-"""Samples computed at a time: of a million, all at once take 100 MB more."""
 ROUNDING = 1e-13
 """Share of the summands that rounding may leave in a sum that is 0."""
 
@@ -67,15 +65,6 @@ def mechanics_of_part(
     part: Motion, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float
 ) -> Mechanics:
     """Return energies and angular momentum of one link; its moments of inertia have shape (3,)."""
-    blocks = [_of_block(part.at(slice(first, first + BLOCK)), mass_kg, inertia_kg_m2, gravity_m_s2)
-        for first in range(0, len(part), BLOCK)]  # fmt: skip
-    return Mechanics(*(np.concatenate([getattr(block, each.name) for block in blocks])
-        for each in fields(Mechanics)))  # fmt: skip
-
-
-def _of_block(
-    part: Motion, mass_kg: float, inertia_kg_m2: Float64, gravity_m_s2: float
-) -> Mechanics:
     spin_body = rotate_inverse(part.orientation, part.spin_rad_s)
     momentum_body = spin_body * inertia_kg_m2
     return Mechanics(

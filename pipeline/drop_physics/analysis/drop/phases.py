@@ -10,7 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.drop.case import Case
-from drop_physics.analysis.drop.samples import Samples
+from drop_physics.analysis.drop.samples import Samples, blocks
 from drop_physics.laws.vectors import largest
 
 Float64 = NDArray[np.float64]
@@ -46,14 +46,11 @@ class Phases:
         """Number of samples before the first contact."""
         return self.samples if self.contact_step is None else self.contact_step
 
-    def column(self) -> pl.Series:
-        """Return the phase of every sample."""
+    def of(self, steps: NDArray[np.int64]) -> pl.Series:
+        """Return the phases of samples."""
         rest_step = self.samples if self.rest_step is None else self.rest_step
-        lengths = (self.airborne, rest_step - self.airborne, self.samples - rest_step)
-        return pl.concat(
-            pl.repeat(phase, length, dtype=pl.String, eager=True)
-            for phase, length in zip(get_args(Phase), lengths, strict=True)
-        )
+        which = np.searchsorted([self.airborne, rest_step], steps, side="right")
+        return pl.Series(get_args(Phase)).gather(which)
 
 
 def touching(samples: Samples) -> NDArray[np.bool_]:
@@ -62,7 +59,7 @@ def touching(samples: Samples) -> NDArray[np.bool_]:
     A contact point alone is not a touch: Bullet keeps points up to 20 mm above the floor.
     """
     with np.errstate(invalid="ignore"):  # no contact, no distance
-        return (samples.contact_force_n > 0) | (samples.contact_distance_m <= 0)
+        return samples.pushed | (samples.contact_distance_m <= 0)
 
 
 def phases_of(case: Case) -> Phases:
@@ -88,11 +85,14 @@ def _moving(samples: Samples, share: float = 1.0) -> NDArray[np.bool_]:
 
     By more than this share of what counts as settled.
     """
-    way_m = largest(samples.position_m - samples.position_m[-1])
-    # |q·q'| of two orientations a turn by θ apart is cos(θ/2).
-    agree = np.abs(samples.orientation @ samples.orientation[-1])
-    turn_rad = 2 * np.arccos(np.minimum(agree, 1.0))
-    return np.asarray((way_m > share * SETTLED_M) | (turn_rad > share * SETTLED_RAD))
+    moving = np.empty(len(samples), np.bool_)
+    for rows in blocks(len(samples)):
+        way_m = largest(samples.position_m[rows] - samples.position_m[-1])
+        # |q·q'| of two orientations a turn by θ apart is cos(θ/2).
+        agree = np.abs(samples.orientation[rows] @ samples.orientation[-1])
+        turn_rad = 2 * np.arccos(np.minimum(agree, 1.0))
+        moving[rows] = (way_m > share * SETTLED_M) | (turn_rad > share * SETTLED_RAD)
+    return moving
 
 
 def crossing_time(height_m: Float64, floor_height_m: float, timestep_s: float) -> float | None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.drop.case import Case
+from drop_physics.analysis.drop.samples import blocks
 from drop_physics.laws.rotations import rotate, rotate_inverse
 from drop_physics.laws.vectors import cross, lengths, sums
 
@@ -19,8 +20,6 @@ law reproduced 500 rebounds to 1.2e-4 of the approach; beyond it corners land on
 (`tests/test_contact_law.py`)."""
 SMALL_RAD = 1e-4
 """Tilt that moves the centre of a small body by no more than the contact slop."""
-BLOCK = 1 << 16
-"""Samples whose posture is computed at a time."""
 _UP = np.array([[0.0, 0.0, 1.0]])
 _ALL = slice(None)
 
@@ -39,9 +38,7 @@ def turned_rad(case: Case, samples: slice = _ALL) -> Float64:
     if case.is_ball:
         return np.zeros(len(range(*samples.indices(len(case.samples)))))
     released = up_in_body(case, slice(1))
-    return np.concatenate(
-        [_angle(up_in_body(case, block), released) for block in _blocks(case, samples)]
-    )
+    return _joined(_angle(up_in_body(case, rows), released) for rows in _blocks(case, samples))
 
 
 def tilt_rad(case: Case, samples: slice = _ALL) -> Float64:
@@ -51,9 +48,7 @@ def tilt_rad(case: Case, samples: slice = _ALL) -> Float64:
     """
     if not case.is_box:
         return turned_rad(case, samples)
-    return np.concatenate(
-        [_from_a_face(_up_in_box(case, block)) for block in _blocks(case, samples)]
-    )
+    return _joined(_from_a_face(_up_in_box(case, rows)) for rows in _blocks(case, samples))
 
 
 def _from_a_face(up: Float64) -> Float64:
@@ -66,10 +61,12 @@ def _from_a_face(up: Float64) -> Float64:
 
 
 def _blocks(case: Case, samples: slice) -> Iterator[slice]:
-    """Yield consecutive samples, few enough that a million do not take much memory."""
     first, end, _ = samples.indices(len(case.samples))
-    for begin in range(first, max(end, first + 1), BLOCK):
-        yield slice(begin, min(begin + BLOCK, end))
+    return blocks(end, first)
+
+
+def _joined(parts: Iterable[Float64]) -> Float64:
+    return np.concatenate([np.empty(0), *parts])
 
 
 def tumbled_step(case: Case, touching: NDArray[np.bool_]) -> int | None:

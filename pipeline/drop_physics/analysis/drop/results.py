@@ -222,7 +222,8 @@ class FallAnalysis:
     contact_j: float | None
     """Energy that contact gave to the body; None without a law. Not in the JSON."""
     table: pl.DataFrame
-    """One row per sample: step, time, phase, heights, error and terms, energies."""
+    """One row per sample: step, time, phase, heights, error and terms, energies; of long recordings
+    only what is shown, unless it was asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -15,17 +15,20 @@ from drop_physics.states import BASE, BODY, FLOOR
 
 Float64 = NDArray[np.float64]
 
+BLOCK = 1 << 16
+"""Samples worked through at a time."""
+
 
 @dataclass(frozen=True)
 class Samples(Motion):
     """The recorded state: the motion of the body, or of its base, and its floor contact."""
 
-    contact_points: Float64
+    contact_points: NDArray[np.int16]
     """Number of contact points, shape (samples,)."""
     contact_distance_m: Float64
     """Their smallest distance to the floor [m], shape (samples,); nan without any."""
-    contact_force_n: Float64
-    """Sum of their normal forces [N], shape (samples,)."""
+    pushed: NDArray[np.bool_]
+    """Whether any of them pushed, shape (samples,)."""
     links: tuple[Motion, ...] = ()
     """The other links of a body with joints, where recorded."""
 
@@ -37,7 +40,9 @@ class Samples(Motion):
         """
         whole, end = None, 0
         for part in parts:
-            whole = whole or part._each(lambda values: np.empty((most, *values.shape[1:])))
+            whole = whole or part._each(
+                lambda values: np.empty((most, *values.shape[1:]), values.dtype)
+            )
             rows, end = slice(end, end + len(part)), end + len(part)
             for mine, its in zip((whole, *whole.links), (part, *part.links), strict=True):
                 for each in fields(type(mine)):
@@ -46,10 +51,10 @@ class Samples(Motion):
         assert whole is not None
         return whole if end == most else whole._each(lambda values: values[:end])
 
-    def _each(self, change: Callable[[Float64], Float64]) -> Samples:
+    def _each(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Samples:
         """Return the same with all arrays changed."""
 
-        def changed(motion: Motion) -> dict[str, Float64]:
+        def changed(motion: Motion) -> dict[str, NDArray[Any]]:
             names = [each.name for each in fields(motion) if each.name != "links"]
             return {name: change(getattr(motion, name)) for name in names}
 
@@ -74,7 +79,7 @@ def samples_of(states: pl.DataFrame, contacts: pl.DataFrame) -> Samples:
     body = states.filter(pl.col("body") == BODY)
     base = motion_of(base_of(states))
     links = sorted(set(body["link"].unique()) - {BASE})
-    points, distance_m, force_n = _contact(contacts, samples=len(base.position_m))
+    points, distance_m, pushed = _contact(contacts, samples=len(base.position_m))
     return Samples(
         position_m=base.position_m,
         orientation=base.orientation,
@@ -82,9 +87,15 @@ def samples_of(states: pl.DataFrame, contacts: pl.DataFrame) -> Samples:
         spin_rad_s=base.spin_rad_s,
         contact_points=points,
         contact_distance_m=distance_m,
-        contact_force_n=force_n,
+        pushed=pushed,
         links=tuple(motion_of(body.filter(pl.col("link") == link)) for link in links),
     )
+
+
+def blocks(end: int, first: int = 0) -> Iterator[slice]:
+    """Yield consecutive samples, few enough that a million do not take much memory."""
+    for begin in range(first, end, BLOCK):
+        yield slice(begin, min(begin + BLOCK, end))
 
 
 def base_of(states: pl.DataFrame) -> pl.DataFrame:
@@ -92,8 +103,10 @@ def base_of(states: pl.DataFrame) -> pl.DataFrame:
     return states.filter((pl.col("body") == BODY) & (pl.col("link") == BASE))
 
 
-def _contact(contacts: pl.DataFrame, samples: int) -> tuple[Float64, Float64, Float64]:
-    """Return number, smallest distance [m] and normal forces [N] of the points on the floor."""
+def _contact(
+    contacts: pl.DataFrame, samples: int
+) -> tuple[NDArray[np.int16], Float64, NDArray[np.bool_]]:
+    """Return the number of points on the floor, their smallest distance [m], whether one pushed."""
     needed = contacts.select("step", "body_a", "body_b", "distance_m", "normal_force_n")
     pair = [BODY, FLOOR]
     touching = needed.filter(
@@ -101,20 +114,16 @@ def _contact(contacts: pl.DataFrame, samples: int) -> tuple[Float64, Float64, Fl
         pl.col("body_b").is_in(pair),
         pl.col("body_a") != pl.col("body_b"),
     )
-    points, distance_m, force_n = np.zeros(samples), np.full(samples, np.nan), np.zeros(samples)
+    points, distance_m = np.zeros(samples, np.int16), np.full(samples, np.nan)
+    pushed = np.zeros(samples, np.bool_)
     steps, first, count = np.unique(
         touching["step"].to_numpy(), return_index=True, return_counts=True
     )
     if len(steps):
         points[steps] = count
         distance_m[steps] = np.minimum.reduceat(touching["distance_m"].to_numpy(), first)
-        forces_n = touching["normal_force_n"].to_list()
-        ends = (first + count).tolist()
-        # Rounded once, so that the order of the points, which is the engine's, does not matter.
-        force_n[steps] = [
-            math.fsum(forces_n[start:end]) for start, end in zip(first.tolist(), ends, strict=True)
-        ]
-    return points, distance_m, force_n
+        pushed[touching["step"].to_numpy()[touching["normal_force_n"].to_numpy() > 0]] = True
+    return points, distance_m, pushed
 
 
 _POSITION, _ORIENTATION = ("x_m", "y_m", "z_m"), ("qx", "qy", "qz", "qw")

@@ -10,11 +10,11 @@ import numpy as np
 from drop_physics.analysis import story
 from drop_physics.analysis.drop.analysis import Fall, fall_of
 from drop_physics.analysis.drop.case import Case, case_seen
-from drop_physics.analysis.drop.evidence import Evidence
 from drop_physics.analysis.drop.findings import findings
 from drop_physics.analysis.drop.results import DropAnalysis
 from drop_physics.analysis.results import Analysis, BodyAnalysis, Explained, Unexplained
 from drop_physics.laws.base import Motion
+from drop_physics.laws.lookup import law_for
 from drop_physics.messages import Message
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Scenario
@@ -36,6 +36,7 @@ def drop_analysis_of(
     seen: Seen,
     *,
     at_s: Sequence[float] = (),
+    whole: bool = False,
 ) -> DropAnalysis:
     """Analyze the recording of a drop.
 
@@ -50,32 +51,28 @@ def drop_analysis_of(
     at_s
         Times at which to break down the error, and to report steps as sums [s]; without any, the
         error at 0.3 s where that is in free flight.
+    whole
+        Whether the table has all samples, also of a long recording.
 
     Raises
     ------
     ScenarioError
         If a time lies outside the recording.
     """
+    samples = seen.sampled.last + 1
+    seen = replace(seen, samples={0: samples}, machine=engine.machine or "")
+    other = None if scenario.engine == "bullet" else law_for(scenario, engine)
+    walked = story.analysis_of(seen, {}, at_s=at_s, sums_at_s=at_s, answers=(), other=other)
     case = case_seen(scenario, engine, seen)
-    seen = replace(seen, samples={0: len(case.samples)}, machine=engine.machine or "")
-    other = None if case.is_bullet else case.law
-    whole = story.analysis_of(seen, {}, at_s=at_s, sums_at_s=at_s, answers=(), other=other)
-    fall = fall_of(case, at_s=at_s)
-    whole = _checked(whole, case)
-    (body,) = (each for each in whole.bodies if each.id == BODY)
-    mismatch_step = _mismatch_step(fall, body)
-    evidence = Evidence(
-        case=case, phases=fall.phases, mismatch_step=mismatch_step,
-        clamped_step=fall.air.clamped_step, moment=next(iter(fall.analysis.at), None),
-        landing=fall.analysis.landing, impact=fall.analysis.impact,
-        tumbled_step=fall.analysis.tumbled_step, bounces=fall.analysis.bounces,
-        rest=fall.analysis.rest, law=fall.law,
-    )  # fmt: skip
+    fall = fall_of(case, at_s=at_s, whole=whole or samples <= story.WHOLE)
+    walked = _checked(walked, case)
+    (body,) = (each for each in walked.bodies if each.id == BODY)
     of_drop = vars(fall.analysis) | {
-        "origin": None, "kind": "drop", "findings": findings(evidence), "segments": body.segments,
-        "flights": body.flights, "explained": _explained(whole.by_body[BODY], body, case),
+        "origin": None, "kind": "drop", "segments": body.segments,
+        "findings": findings(fall, _mismatch_step(fall, body)),
+        "flights": body.flights, "explained": _explained(walked.by_body[BODY], body, case),
     }  # fmt: skip
-    return DropAnalysis(**(vars(whole) | of_drop))
+    return DropAnalysis(**(vars(walked) | of_drop))
 
 
 def _mismatch_step(fall: Fall, body: BodyAnalysis) -> int | None:
