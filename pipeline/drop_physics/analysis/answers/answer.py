@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from collections.abc import Hashable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeVar, get_args
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import JointTable
@@ -107,6 +110,46 @@ class Scene:
     def body(self, number: int) -> Body:
         """Return a body by its number."""
         return self.seen.bodies[number]
+
+    def site(self, number: float) -> str | None:
+        """Return file and line of a call that commanded joints, by the number of its site."""
+        site = self.joints.site(number)
+        return None if site is None else site_of(site)
+
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+@dataclass
+class Noted:
+    """Steps in which something holds, and what was there in the worst of them."""
+
+    first: int
+    last: int = 0
+    count: int = 0
+    most: float = -np.inf
+    at: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def span(self) -> Span:
+        """These steps, as a finding says them."""
+        return Span(self.first, self.last, self.count)
+
+
+class Notes(dict[Key, Noted]):
+    """By what they are about."""
+
+    def add(
+        self, key: Key, steps: NDArray[np.int64], sizes: NDArray[np.float64],
+        numbers: Mapping[str, NDArray[Any]] | None = None, **about: object,
+    ) -> None:  # fmt: skip
+        """Add some steps, in order and not none; of the largest, keep what is told about it."""
+        noted = self.setdefault(key, Noted(int(steps[0])))
+        noted.last, noted.count = int(steps[-1]), noted.count + len(steps)
+        worst = int(np.argmax(sizes))
+        if not noted.at or sizes[worst] > noted.most:
+            told = {name: each[worst].tolist() for name, each in (numbers or {}).items()}
+            noted.most, noted.at = float(sizes[worst]), {**about, **told}
 
 
 class Answer(ABC):

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene, site_of
 from drop_physics.analysis.answers.asked_of_bodies import size_m
 from drop_physics.analysis.contact_points import Points
 from drop_physics.analysis.explained.bodies import records_of
@@ -30,21 +29,6 @@ SAME_M = 1e-3
 """Points of a link this close are looked at once."""
 
 
-@dataclass(frozen=True)
-class Touched:
-    """A mesh that is touched off its surface, by another body."""
-
-    off_m: float
-    first: int
-    last: int
-    count: int
-
-    def then(self, more: Touched) -> Touched:
-        """Return both as one."""
-        return replace(self, off_m=max(self.off_m, more.off_m), last=more.last,
-            count=self.count + more.count)  # fmt: skip
-
-
 class CollidesAsHull(Answer):
     """The engine says where bodies touch; how far that is off the file's surface is geometry."""
 
@@ -60,7 +44,7 @@ class CollidesAsHull(Answer):
                 del self._surfaces[number, link]  # another of its shapes may be what is touched
         self._records = records_of(scene.seen) if self._surfaces else {}
         self._loaded: dict[tuple[int, int], str] = {}
-        self._found: dict[tuple[int, int], Touched] = {}
+        self._found: Notes[tuple[int, int]] = Notes()
 
     def see(self, explained: Explained) -> None:
         """Take a piece."""
@@ -96,11 +80,9 @@ class CollidesAsHull(Answer):
         off = gaps_m[which.ravel()] > slack
         for other in np.unique(points.body[rows[off], 1 - side]).tolist():
             its = np.flatnonzero(off & (points.body[rows, 1 - side] == other))
-            steps = points.step[rows[its]]
-            more = Touched(float(gaps_m[which.ravel()[its]].max()), int(steps[0]), int(steps[-1]),
-                len(np.unique(steps)))  # fmt: skip
-            known_one = self._found.get((number, other))
-            self._found[number, other] = more if known_one is None else known_one.then(more)
+            steps, first = np.unique(points.step[rows[its]], return_index=True)
+            most = np.maximum.reduceat(gaps_m[which.ravel()[its]], first)
+            self._found.add((number, other), steps, most)
 
     def _local_m(
         self, number: int, link: int, at_m: Float64, ends: Int64, explained: Explained
@@ -125,7 +107,7 @@ class CollidesAsHull(Answer):
         """Yield each mesh with what touches it farthest off its surface."""
         for number in dict.fromkeys(number for number, _ in self._found):
             mine = {other: each for (one, other), each in self._found.items() if one == number}
-            other, found = max(mine.items(), key=lambda each: each[1].off_m)
+            other, found = max(mine.items(), key=lambda each: each[1].most)
             body = self.scene.body(number)
             yield Finding(
                 code="collides-as-hull",
@@ -133,7 +115,7 @@ class CollidesAsHull(Answer):
                 message=Message(
                     "{other} touches it {off:.3g} mm off the surface of its mesh: PyBullet "
                     "collides the convex hull of a mesh, which closes its hollows",
-                    other=self.scene.body(other).label, off=found.off_m * 1e3,
+                    other=self.scene.body(other).label, off=found.most * 1e3,
                 ),
                 advice=Message(
                     "if it never moves, p.createCollisionShape(…, "
@@ -142,9 +124,9 @@ class CollidesAsHull(Answer):
                 ),
                 body=body.label,
                 other=self.scene.body(other).label,
-                effect=Effect(found.off_m, "m"),
-                share=found.off_m / size_m(body),
-                steps=Span(found.first, found.last, found.count),
+                effect=Effect(found.most, "m"),
+                share=found.most / size_m(body),
+                steps=found.span,
                 site=self._loaded.get((body.client, body.engine_id)),
             )  # fmt: skip
 

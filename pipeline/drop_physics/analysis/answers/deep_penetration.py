@@ -23,46 +23,44 @@ SOON = 4
 """Steps in which an impact is over."""
 GROWS = 10
 """In fewer steps than this nothing presses it in."""
+CONSTRAINT, MOTOR = "constraint", "motor"
 RATIO, MOST_RATIO = 10.0, 2e3
 """Of masses, beyond which it takes the solver many iterations; and beyond which, more than 500."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Overlap:
     """Consecutive steps in which a pair overlaps."""
 
     first: int
     last: int
-    came_m: float
-    """How far they approached each other until it was deepest, step by step."""
-    all_m: float
-    """The same until the last of them."""
-    fastest_m: float
-    """The most of it in a step."""
-    began_m: float
-    """How deep it was then."""
     placed: bool
     """Whether a call had placed one of them for it."""
-    depth_m: float
-    deepest: int
-    links: tuple[int, int]
-    """Those that overlap most."""
     carried: int
     """In how many steps a call had placed one of them, without a velocity."""
     presses: str
     """What presses them together: `constraint`, `motor` or nothing."""
+    began_m: float
+    """How deep it was at first."""
+    depth_m: float
+    deepest: int
+    links: tuple[int, int]
+    """Those that overlap most."""
+    came_m: float
+    """How far they approached each other until it was deepest, step by step; the most in a step."""
+    fastest_m: float
+    all_m: float
+    """How far until the last of them."""
 
     def then(self, more: Overlap) -> Overlap:
         """Return both as one."""
-        whole = replace(
-            self, last=more.last, all_m=self.all_m + more.all_m,
-            presses=self.presses or more.presses, carried=self.carried + more.carried,
-        )  # fmt: skip
-        if more.depth_m <= self.depth_m:
-            return whole
+        deeper = more if more.depth_m > self.depth_m else self
+        before_m = self.all_m if deeper is more else 0.0
         return replace(
-            whole, depth_m=more.depth_m, deepest=more.deepest, links=more.links,
-            came_m=self.all_m + more.came_m, fastest_m=max(self.fastest_m, more.fastest_m),
+            deeper, first=self.first, last=more.last, placed=self.placed, began_m=self.began_m,
+            carried=self.carried + more.carried, presses=self.presses or more.presses,
+            came_m=before_m + deeper.came_m, all_m=self.all_m + more.all_m,
+            fastest_m=max(self.fastest_m, deeper.fastest_m),
         )  # fmt: skip
 
 
@@ -82,32 +80,27 @@ class DeepPenetration(Answer):
         for number, judged in explained.bodies.items():
             self._end[number] = int(judged.steps[-1])
         pairs = self.scene.touches.pairs
-        deep = (pairs.depth_m > OVERLAP_M) & (pairs.body[:, 0] != pairs.body[:, 1])
-        for first, second in np.unique(pairs.body[deep], axis=0).tolist():
-            rows = np.flatnonzero(deep & (pairs.body == [first, second]).all(axis=1))
+        for *both, rows in pairs.by_pair(pairs.depth_m > OVERLAP_M):
             for part in np.split(rows, np.flatnonzero(np.diff(pairs.step[rows]) != 1) + 1):
-                self._take((first, second), self._overlap(pairs, part, explained))
+                if both[0] != both[1]:
+                    self._take((both[0], both[1]), self._overlap(pairs, part, explained))
 
     def _overlap(self, pairs: Pairs, rows: NDArray[np.intp], explained: Explained) -> Overlap:
         steps, bodies, points = pairs.step[rows], pairs.body[rows], pairs.points
         moved = self._placing.moved(bodies, steps[:, None])
+        still = ~points.began_m_s[pairs.starts[rows]].any(axis=2)
         came_m = pairs.most(points.approach_m_s)[rows].clip(0.0) * pairs.timestep_s[rows]
         until = int(np.argmax(pairs.depth_m[rows]))
-        at = rows[until]
-        its = np.flatnonzero(pairs.row == at)
-        point = its[int(np.argmin(points.distance_m[its]))]
-        still = ~points.began_m_s[pairs.starts[rows]].any(axis=2)
-        first, second = points.link[point].tolist()
+        its = np.flatnonzero(pairs.row == rows[until])
+        first, second = points.link[its[int(np.argmin(points.distance_m[its]))]].tolist()
         return Overlap(
-            first=int(steps[0]), last=int(steps[-1]),
-            came_m=float(came_m[: until + 1].sum()), all_m=float(came_m.sum()),
-            fastest_m=float(came_m[: until + 1].max()),
-            began_m=float(pairs.depth_m[rows[0]]),
-            placed=bool(moved[0].any()),
-            depth_m=float(pairs.depth_m[at]), deepest=int(pairs.step[at]),
-            links=(first, second),
+            first=int(steps[0]), last=int(steps[-1]), placed=bool(moved[0].any()),
             carried=int((moved & still).any(axis=1).sum()),
             presses=max(_presses(explained, each, steps) for each in bodies[0].tolist()),
+            began_m=float(pairs.depth_m[rows[0]]), depth_m=float(pairs.depth_m[rows[until]]),
+            deepest=int(steps[until]), links=(first, second),
+            came_m=float(came_m[: until + 1].sum()), fastest_m=float(came_m[: until + 1].max()),
+            all_m=float(came_m.sum()),
         )  # fmt: skip
 
     def _take(self, both: tuple[int, int], overlap: Overlap) -> None:
@@ -146,7 +139,8 @@ class DeepPenetration(Answer):
         )  # fmt: skip
         return Finding(
             code="deep-penetration",
-            level="broken" if stays and share > MOST else "model",
+            # What a constraint holds inside, a call asked for.
+            level="broken" if stays and share > MOST > (overlap.presses == CONSTRAINT) else "model",
             message=message if cause is None else joined(": ", [message, cause]),
             advice=advice,
             body=self.scene.body(body).label,
@@ -158,42 +152,38 @@ class DeepPenetration(Answer):
 
     def _cause(self, body: int, other: int, overlap: Overlap) -> tuple[str | None, str | None]:
         """Return why, and what changes it; None where that is not sure."""
+        took, client = overlap.deepest - overlap.first, self.scene.body(body).client
+        grows = took >= GROWS and overlap.depth_m > 2 * overlap.began_m
+        stiffness_n_m, ratio = self._stiffness_n_m(body, other), self._ratio(body, other)
+        early = any(each.client == client and each.steps for each in self.scene.seen.solvers)
         if overlap.carried > (overlap.last - overlap.first) / 2:
             return (
                 Message("a call moves one of them in each step, and it has no velocity"),
                 Message("give it the velocity that it moves with: p.resetBaseVelocity(…)"),
             )
-        took, stiffness_n_m = overlap.deepest - overlap.first, self._stiffness_n_m(body, other)
-        if stiffness_n_m and took < GROWS:
-            return None, None
-        if stiffness_n_m:
-            return (
-                Message("contact there is as soft as {stiffness:.3g} N/m", stiffness=stiffness_n_m),
-                Message("raise p.changeDynamics(…, contactStiffness=…), or do without"),
-            )
-        if took < SOON and overlap.depth_m <= 1.05 * overlap.came_m:
-            way_m = overlap.fastest_m
-            return (
-                Message("they approach by {way:.3g} mm in one step", way=way_m * 1e3),
-                Message("use a shorter timestep: p.setTimeStep(…)"),
-            )
-        grows = took >= GROWS and overlap.depth_m > 2 * overlap.began_m
-        if grows and overlap.presses == "constraint":
+        if grows and overlap.presses == CONSTRAINT:
             return (
                 Message("a constraint presses them together, and the solver ends before it can "
                     "tell which of both has to give"),
                 Message("give it less force: p.changeConstraint(…, maxForce=…)"),
             )  # fmt: skip
-        if grows and overlap.presses == "motor":
+        if stiffness_n_m and took >= GROWS:
+            return (
+                Message("contact there is as soft as {stiffness:.3g} N/m", stiffness=stiffness_n_m),
+                Message("raise p.changeDynamics(…, contactStiffness=…), or do without"),
+            )
+        if took < SOON and not stiffness_n_m and overlap.depth_m <= 1.05 * overlap.came_m:
+            return (
+                Message("they approach by {way:.3g} mm in one step", way=overlap.fastest_m * 1e3),
+                Message("use a shorter timestep: p.setTimeStep(…)"),
+            )
+        if grows and overlap.presses == MOTOR:
             return (
                 Message("motors press them together, and the solver ends before it can tell which "
                     "of both has to give"),
                 Message("give the motors less force, or raise "
                     "p.setPhysicsEngineParameter(numSolverIterations=500)"),
             )  # fmt: skip
-        ratio = self._ratio(body, other)
-        client = self.scene.body(body).client
-        early = any(each.client == client and each.steps for each in self.scene.seen.solvers)
         if RATIO <= ratio <= MOST_RATIO and early and took >= GROWS:
             return (
                 Message("one is {ratio:.3g} times as heavy as the other, and the solver uses up "
@@ -237,7 +227,7 @@ def _presses(explained: Explained, body: int, steps: Int64) -> str:
         if not len(at) or not each.terms:
             continue
         contacts = each.terms["contacts"][at]
-        for term, name in (("constraints", "constraint"), ("motors", "motor")):
+        for term, name in (("constraints", CONSTRAINT), ("motors", MOTOR)):
             against = -np.minimum(each.terms[term][at] * contacts, 0.0).sum(axis=1)
             if (against > 0.5 * (contacts**2).sum(axis=1)).any():
                 return name

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
-from drop_physics.analysis.answers.held_off import effort, units_of
-from drop_physics.analysis.answers.off_target import name_of
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Noted, Scene
+from drop_physics.analysis.answers.joint import effort, name_of, units_of
 from drop_physics.analysis.controls import DEFAULT
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import EXPLAINED
@@ -19,48 +18,46 @@ from drop_physics.laws.dynamics import mass_matrix
 from drop_physics.laws.kinematics import kinematics
 from drop_physics.messages import Message
 
-Float64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
 MOST = 0.5
 """A motor that cancels more of what acts on its joint than that holds it."""
 MOVES = 0.05
 """What would give a joint less speed than that over the run [rad/s or m/s] moves nothing."""
 NOTHING = 1e-3
 """What is below this share of the largest term that acts on a joint is what remains of others."""
-TURN_OFF = Message("turn it off: p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)")
 
 
-@dataclass(eq=False)
+@dataclass
 class _Held:
     """One joint, in the steps in which a motor that was not asked to hold it could have."""
 
+    name: str
+    unit: str
+    noted: Noted
+    own: bool = True
+    """Whether the motor is PyBullet's own."""
+    motor: str | None = None
+    torque: str | None = None
+    """Where the motor was set, and the torque."""
     acting: float = 0.0
-    """Σ |what acts on it, motor apart| [N s or N m s]."""
+    """Σ |what acts on it, motor apart| [N s or N m s]; then gravity's part, and the contacts'."""
     weight: float = 0.0
-    """The part of it that is gravity's."""
     hit: float = 0.0
-    """The part that is the contacts'."""
     taken: float = 0.0
     """What the motor took of it."""
     most: float = 0.0
     """The largest effort of the motor."""
+    limit: float = 0.0
     time_s: float = 0.0
     """Of the steps in which anything acts."""
-    limit: float = 0.0
     inertia: float = np.inf
-    first: int = -1
-    last: int = -1
-    count: int = 0
-    name: str = ""
-    unit: str = ""
-    since: float = np.nan
-    """The step of the first torque command; of several, between which it got a motor, -1."""
-    own: bool = True
-    """Whether the motor is PyBullet's own."""
-    motor: float = np.nan
-    torque: float = np.nan
-    """Sites of the calls that set the motor, and the torque."""
+    since: set[float] = field(default_factory=set)
+    """The steps of first torque commands: of several, it got a motor between them."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether a motor that nobody asked for holds a joint that would move."""
+        moves = len(self.since) < 2 and self.acting > MOVES * self.inertia
+        return moves and self.taken > MOST * self.acting
 
 
 class DefaultMotor(Answer):
@@ -69,6 +66,7 @@ class DefaultMotor(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._joints: dict[int, dict[tuple[int, bool], _Held]] = {}
+        """By body, by rate and whether torques drive it."""
         self._asked: set[int] = set()
         """Robots of which any motor was commanded."""
 
@@ -76,39 +74,67 @@ class DefaultMotor(Answer):
         """Take a piece."""
         for number in explained.bodies:
             for driven in self.scene.joints.latest.get(number, []):
-                asked = driven.asked
-                if ((asked.mode != DEFAULT) | ~np.isnan(asked.torque_since)).any():
+                asked, steps = driven.asked, driven.steps
+                default, torqued = asked.mode == DEFAULT, ~np.isnan(asked.torque_since)
+                if (~default | torqued).any():
                     self._asked.add(number)
-                if driven.steps.covered:
-                    joints = self._joints.setdefault(number, {})
-                    for k in range(asked.mode.shape[1]):
-                        _add(joints, driven, k)
+                if not steps.covered or driven.body.before:
+                    continue
+                on = (asked.impulse > 0) & (asked.pd != 1)
+                on &= (steps.unexplained <= EXPLAINED)[:, None]
+                # What carries a body that is not fixed is not told apart from what should move it.
+                own = on & ~torqued & default & steps.law.tree.fixed
+                for torque, which in ((True, on & torqued), (False, own)):
+                    for k in np.flatnonzero(which.any(axis=0)).tolist():
+                        self._add(driven, k, np.flatnonzero(which[:, k]), torque=torque)
+
+    def _add(self, driven: Driven, k: int, rows: NDArray[np.intp], *, torque: bool) -> None:
+        steps, asked, row = driven.steps, driven.asked, rows[-1]
+        first = Noted(int(steps.steps[rows[0]]))
+        held = self._joints.setdefault(driven.body.number, {}).setdefault(
+            (k, torque), _Held(name_of(driven, k), units_of(driven, k)[1], first)
+        )
+        rate = steps.law.tree.first_rate + k
+        terms = {name: each[rows, rate] for name, each in steps.terms.items()}
+        motor = terms.pop("motors")
+        acting = np.asarray(sum(terms.values()))
+        real = np.abs(acting) > NOTHING * np.max([np.abs(each) for each in terms.values()], axis=0)
+        acting, sign = np.abs(acting[real]), np.sign(acting[real])
+        held.acting += float(acting.sum())
+        held.weight += float((terms["gravity"][real] * sign).sum())
+        held.hit += float((terms["contacts"][real] * sign).sum())
+        held.taken += float(np.clip(-motor[real] * sign, 0, acting).sum())
+        held.time_s += float(steps.reported.timestep_s[rows][real].sum())
+        (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(rows[-1:])))
+        held.inertia = float(matrix[rate, rate])
+        held.most = max(held.most, float(np.abs(driven.torque[rows, k]).max()))
+        held.limit, held.own = float(driven.limit[row, k]), bool(asked.mode[row, k] == DEFAULT)
+        held.motor = self.scene.site(asked.site[row, k])
+        held.torque = self.scene.site(asked.torque_site[row, k])
+        if torque:
+            held.since |= {*asked.torque_since[rows, k].tolist()}
+        held.noted.last = int(steps.steps[row])
+        held.noted.count += len(rows)
 
     def findings(self) -> Iterator[Finding]:
         """Yield a line per robot."""
         for number, joints in self._joints.items():
-            body = self.scene.body(number)
-            if body.before:
-                continue
-            held = [
-                (each, torque)
-                for (_, torque), each in joints.items()
-                if _holds(each) and (torque or max(each.weight, each.hit) > MOST * each.acting)
-            ]
+            held = {
+                key: each
+                for key, each in joints.items()
+                if each.holds and (key[1] or max(each.weight, each.hit) > MOST * each.acting)
+            }
             # Where torques are commanded, they are what the reader asks about.
-            held = [pair for pair in held if pair[1]] or held
+            held = {key: each for key, each in held.items() if key[1]} or held
             if held:
-                worst, torque = max(held, key=lambda pair: pair[0].taken)
-                note = not torque and number in self._asked
-                yield self._finding(body.label, worst, len(held), torque=torque, note=note)
+                k, torque = max(held, key=lambda key: held[key].taken)
+                yield self._finding(number, held[k, torque], torque=torque)
 
-    def _finding(self, label: str, held: _Held, count: int, *, torque: bool, note: bool) -> Finding:
-        motor, told = (self.scene.joints.site(site) for site in (held.motor, held.torque))
+    def _finding(self, number: int, held: _Held, *, torque: bool) -> Finding:
         values: dict[str, object] = {
-            "joint": held.name, "count": count, "most": effort(held.most, held.unit),
+            "joint": held.name, "most": effort(held.most, held.unit), "site": held.motor,
             "limit": effort(held.limit, held.unit), "share": min(held.taken / held.acting, 1.0),
             "weight": effort(held.weight / max(held.time_s, 1e-300), held.unit),
-            "site": "" if motor is None else site_of(motor),
         }  # fmt: skip
         if torque and held.own:
             template = Message(
@@ -132,65 +158,13 @@ class DefaultMotor(Answer):
             )
         return Finding(
             code="default-motor",
-            level="note" if note else "asked",
+            level="note" if not torque and number in self._asked else "asked",
             message=Message(template, **values),
-            advice=TURN_OFF,
-            body=label,
+            advice=Message("turn it off: p.setJointMotorControl2(…, p.VELOCITY_CONTROL, force=0)"),
+            body=self.scene.body(number).label,
             joint=held.name,
             effect=Effect(held.most, held.unit),
             share=min(held.taken / held.acting, 1.0),
-            steps=Span(held.first, held.last, held.count),
-            site=None if told is None else site_of(told),
+            steps=held.noted.span,
+            site=held.torque,
         )
-
-
-def _add(joints: dict[tuple[int, bool], _Held], driven: Driven, k: int) -> None:
-    asked, steps = driven.asked, driven.steps
-    torqued = ~np.isnan(asked.torque_since[:, k])
-    on = (asked.impulse[:, k] > 0) & (asked.pd[:, k] != 1) & (steps.unexplained <= EXPLAINED)
-    default = asked.mode[:, k] == DEFAULT
-    for torque, which in ((True, on & torqued), (False, on & ~torqued & default)):
-        # What carries a body that is not fixed is not told apart from what should move it.
-        if not which.any() or not (torque or steps.law.tree.fixed):
-            continue
-        _count(joints.setdefault((k, torque), _Held()), driven, k, np.flatnonzero(which))
-
-
-def _count(held: _Held, driven: Driven, k: int, rows: NDArray[np.intp]) -> None:
-    steps, asked = driven.steps, driven.asked
-    tree = steps.law.tree
-    rate = tree.first_rate + k
-    terms = {name: each[rows, rate] for name, each in steps.terms.items()}
-    motor = terms.pop("motors")
-    acting = np.asarray(sum(terms.values()))
-    largest = np.max([np.abs(each) for each in terms.values()], axis=0)
-    real = np.abs(acting) > NOTHING * largest
-    sign = np.sign(acting[real])
-    held.acting += float(np.abs(acting[real]).sum())
-    held.weight += float((terms["gravity"][real] * sign).sum())
-    held.time_s += float(steps.reported.timestep_s[rows][real].sum())
-    held.hit += float((terms["contacts"][real] * sign).sum())
-    held.taken += float(np.clip(-motor[real] * sign, 0, np.abs(acting[real])).sum())
-    row = rows[-1]
-    (matrix,) = mass_matrix(kinematics(tree, steps.before.at(np.array([row]))))
-    held.inertia = float(matrix[rate, rate])
-    held.most = max(held.most, float(np.abs(driven.torque[rows, k]).max()))
-    held.limit = float(driven.limit[row, k])
-    held.name, held.unit = name_of(driven, k), units_of(driven, k)[1]
-    held.first = held.first if held.count else int(steps.steps[rows[0]])
-    held.last, held.count = int(steps.steps[row]), held.count + len(rows)
-    held.own = bool(asked.mode[row, k] == DEFAULT)
-    held.motor, held.torque = float(asked.site[row, k]), float(asked.torque_site[row, k])
-    since = np.unique(asked.torque_since[rows, k])
-    if np.isfinite(since).all() and not np.isnan(held.since):
-        since = np.unique(np.append(since, held.since))
-    held.since = float(since[0]) if len(since) == 1 else -1.0
-
-
-def _holds(held: _Held) -> bool:
-    """Return whether a motor that nobody asked for holds a joint that would move."""
-    return (
-        held.since != -1.0
-        and held.acting > MOVES * held.inertia
-        and held.taken > MOST * held.acting
-    )

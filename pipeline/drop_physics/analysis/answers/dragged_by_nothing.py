@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene
 from drop_physics.analysis.answers.asked_of_bodies import size_m
 from drop_physics.analysis.answers.placing import NEAR, Placing
 from drop_physics.analysis.contact_points import Pairs
@@ -38,69 +38,65 @@ class DraggedByNothing(Answer):
                 self._moves[number] = np.array([*told], np.int64), np.array([*told.values()])
         self._ways: dict[tuple[int, int], Float64] = {}
         """Of the support and of what lies on it [m], shape (2, 3), by both."""
-        self._spans: dict[tuple[int, int], Span] = {}
+        self._notes: Notes[tuple[int, int]] = Notes()
 
     def see(self, explained: Explained) -> None:
         """Take a piece."""
         self._placing.see(explained)
         pairs = self.scene.touches.pairs
         fixed = ~pairs.points.moves[pairs.starts]
-        for support in self._moves:
-            for side in (0, 1):
-                its = (pairs.body[:, side] == support) & fixed[:, side] & ~fixed[:, 1 - side]
-                rows = np.flatnonzero(its & (pairs.available_n > 0))  # without friction none would
-                for other in np.unique(pairs.body[rows, 1 - side]).tolist():
-                    self._add(pairs, rows[pairs.body[rows, 1 - side] == other], side)
+        slides = pairs.available_n > 0  # without friction no velocity would drag
+        for *both, rows in pairs.by_pair(slides) if self._moves else ():
+            for side, support in enumerate(both):
+                if support in self._moves:
+                    its = rows[fixed[rows, side] & ~fixed[rows, 1 - side]]
+                    self._add(pairs, its, side, support, both[1 - side])
 
-    def _add(self, pairs: Pairs, rows: NDArray[np.intp], side: int) -> None:
-        support, body = pairs.body[rows[0], side], pairs.body[rows[0], 1 - side]
-        steps, bases = self._moves[int(support)]
-        at = np.searchsorted(steps, pairs.step[rows])
-        held = np.minimum(at, len(steps) - 1)
-        moved = (at > 0) & (steps[held] == pairs.step[rows])
+    def _add(
+        self, pairs: Pairs, rows: NDArray[np.int64], side: int, support: int, body: int
+    ) -> None:
+        steps, bases = self._moves[support]
+        held = np.minimum(np.searchsorted(steps, pairs.step[rows]), len(steps) - 1)
+        moved = (held > 0) & (steps[held] == pairs.step[rows])
         moved &= steps[held] - steps[held - 1] <= NEAR
+        moved &= np.linalg.norm(bases[held, 7:10], axis=1) < 1e-9
         rows, held = rows[moved], held[moved]
-        way = bases[held, :3] - bases[held - 1, :3]
-        still = np.linalg.norm(bases[held, 7:10], axis=1) < 1e-9
-        rows, way = rows[still], way[still]
         if not len(rows):
             return
-        line = pairs.line[rows]
         weights = pairs.points.normal_n[:, None]
         going = pairs.summed(weights * pairs.points.ended_m_s[:, 1 - side])[rows]
         going = going / pairs.normal_n[rows, None] * pairs.timestep_s[rows, None]
+        line = pairs.line[rows]
         ways = [(each - np.einsum("mi,mi->m", each, line)[:, None] * line).sum(axis=0)
-            for each in (way, going)]  # fmt: skip
-        key = int(support), int(body)
+            for each in (bases[held, :3] - bases[held - 1, :3], going)]  # fmt: skip
+        key = support, body
         self._ways[key] = self._ways.get(key, np.zeros((2, 3))) + np.array(ways)
-        span = self._spans.get(key, Span(int(pairs.step[rows[0]]), 0, 0))
-        self._spans[key] = Span(span.first, int(pairs.step[rows[-1]]), span.count + len(rows))
+        self._notes.add(key, pairs.step[rows], pairs.normal_n[rows])
 
     def findings(self) -> Iterator[Finding]:
         """Yield each body that stays behind its support."""
-        for (support, body), (way, going) in self._ways.items():
-            behind = float(np.linalg.norm(way - going))
-            ahead = float(np.linalg.norm(way))
-            went = float(np.linalg.norm(going))
-            if went > STAYS * ahead or behind < LEAST * size_m(self.scene.body(body)):
+        for (support, body), ways in self._ways.items():
+            behind, (ahead, went) = np.linalg.norm(ways[0] - ways[1]), np.linalg.norm(ways, axis=1)
+            size = size_m(self.scene.body(body))
+            if went > STAYS * ahead or behind < LEAST * size:
                 continue
-            span = self._spans[support, body]
+            span, on = self._notes[support, body].span, self.scene.body(support)
             yield Finding(
                 code="dragged-by-nothing",
                 level="asked",
                 message=Message(
                     "stays behind while calls move {other} by {ahead:.3g} m under it: a body that "
                     "is set where it is has no velocity, and drags nothing",
-                    other=self.scene.body(support).label, ahead=ahead,
+                    other=on.label, ahead=float(ahead),
                 ),
                 advice=Message(
                     "set the velocity, too: p.resetBaseVelocity({other}, …), each step",
-                    other=self.scene.body(support).label,
+                    other=on.label,
                 ),
                 body=self.scene.body(body).label,
-                other=self.scene.body(support).label,
-                effect=Effect(behind, "m"),
-                share=behind / size_m(self.scene.body(body)),
+                other=on.label,
+                effect=Effect(float(behind), "m"),
+                share=float(behind) / size,
                 steps=span,
-                site=self._placing.site(self.scene.body(support), span.last),
+                site=self._placing.site(on, span.last),
             )  # fmt: skip

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.messages import Message
 
@@ -17,18 +16,6 @@ MORE = 1.1
 """Of μN: more than a cone gives, in the median step."""
 LEAST = 10
 """Sliding steps of which that is said."""
-
-
-@dataclass
-class Sliding:
-    """Steps in which a pair slides."""
-
-    first: int
-    last: int = 0
-    steps: int = 0
-    more: int = 0
-    """In how many of them friction was more than MORE."""
-    most: float = 0.0
 
 
 class FrictionPyramid(Answer):
@@ -41,29 +28,26 @@ class FrictionPyramid(Answer):
             for each in scene.seen.settings
             if float(np.ravel(each.values.get(SETTING, 1.0))[0]) == 0
         }
-        self._found: dict[tuple[int, int], Sliding] = {}
+        self._slides: Notes[tuple[int, int, bool]] = Notes()
+        """By both bodies, and whether friction was more."""
 
     def see(self, _: Explained) -> None:
         """Take a piece."""
         pairs = self.scene.touches.pairs
-        if not self._clients:
-            return
         slides = (pairs.slip_m_s > SLIDES_M_S) & (pairs.available_n > 0)
-        for first, second in np.unique(pairs.body[slides], axis=0).tolist():
-            if self.scene.body(first).client not in self._clients or first == second:
-                continue
-            rows = np.flatnonzero(slides & (pairs.body == [first, second]).all(axis=1))
-            used = np.linalg.norm(pairs.tangential_n[rows], axis=1) / pairs.available_n[rows]
-            steps = pairs.step[rows]
-            found = self._found.setdefault((first, second), Sliding(int(steps[0])))
-            found.last, found.steps = int(steps[-1]), found.steps + len(rows)
-            found.more += int((used > MORE).sum())
-            found.most = max(found.most, float(used.max()))
+        for first, second, rows in pairs.by_pair(slides) if self._clients else ():
+            if self.scene.body(first).client in self._clients and first != second:
+                used = np.linalg.norm(pairs.tangential_n[rows], axis=1) / pairs.available_n[rows]
+                for more in (False, True):
+                    its = (used > MORE) == more
+                    if its.any():
+                        self._slides.add((first, second, more), pairs.step[rows[its]], used[its])
 
     def findings(self) -> Iterator[Finding]:
         """Yield each pair that friction brakes more than its coefficient allows."""
-        for (first, second), found in self._found.items():
-            if found.steps < LEAST or found.more <= found.steps / 2:
+        for (first, second, more), found in self._slides.items():
+            less = self._slides.get((first, second, False))
+            if not more or found.count < LEAST or (less and less.count >= found.count):
                 continue
             yield Finding(
                 code="friction-pyramid",
@@ -78,5 +62,5 @@ class FrictionPyramid(Answer):
                 other=self.scene.body(first).label,
                 effect=Effect(found.most, "1"),
                 share=found.most,
-                steps=Span(found.first, found.last, found.more),
+                steps=found.span,
             )  # fmt: skip

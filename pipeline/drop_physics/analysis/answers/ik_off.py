@@ -9,7 +9,7 @@ import numpy as np
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
 from drop_physics.analysis.answers.arguments import calls_of, given, number
-from drop_physics.analysis.answers.held_off import distance
+from drop_physics.analysis.answers.joint import distance
 from drop_physics.analysis.controls import places_of
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven, target_of

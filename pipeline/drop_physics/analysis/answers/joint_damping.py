@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
-from drop_physics.analysis.answers.held_off import effort
-from drop_physics.analysis.controls import places_of
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Noted, Scene
+from drop_physics.analysis.answers.joint import effort, link_of
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven
 from drop_physics.laws.dynamics import mass_matrix
@@ -25,22 +24,20 @@ OTHERS = ("contacts", "constraints", "rolling", "stops", "clamp", "motors")
 """Where one of these acts on a joint, it is not damping that decides."""
 
 
-@dataclass(eq=False)
+@dataclass
 class _Damped:
     """One joint, in the steps in which only torques and gravity drive it."""
 
     damping: float
-    site: float
-    first: int
+    site: str | None
+    noted: Noted
     driven: float = 0.0
     """Σ |torque and gravity| [N s or N m s]."""
     net: float = 0.0
     """The same with its sign."""
     taken: float = 0.0
     """Σ |joint damping|."""
-    inertia: float = np.inf
-    last: int = 0
-    count: int = 0
+    inertia: float = field(default=np.inf)
 
     @property
     def share(self) -> float:
@@ -59,22 +56,42 @@ class JointDamping(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._joints: dict[int, dict[int, _Damped]] = {}
-        """By body and joint."""
+        """By body and link."""
 
     def see(self, explained: Explained) -> None:
         """Take a piece."""
         for number in explained.bodies:
             for driven in self.scene.joints.latest.get(number, []):
-                torqued = np.asarray(np.isfinite(driven.asked.torque_since).any(axis=0))
-                if not driven.steps.covered or not torqued.any():
-                    continue
-                joints = self._joints.setdefault(number, {})
-                for link, place in enumerate(places_of(driven.body)):
+                torqued = np.isfinite(driven.asked.torque_since).any(axis=0)
+                for k in np.flatnonzero(torqued).tolist() if driven.steps.covered else ():
+                    link = link_of(driven.body, k)
                     told = driven.body.joints[link].damping
-                    for k in range(place.start, place.stop):
-                        # One that a call set is meant.
-                        if torqued[k] and 0 < told == driven.steps.law.joint_damping[k]:
-                            _add(joints, driven, link, k)
+                    # One that a call set is meant.
+                    if 0 < told == driven.steps.law.joint_damping[k]:
+                        self._add(self._joints.setdefault(number, {}), driven, link, k)
+
+    def _add(self, joints: dict[int, _Damped], driven: Driven, link: int, k: int) -> None:
+        """Add what drives a joint, and what damping takes of it."""
+        steps, asked = driven.steps, driven.asked
+        rate = steps.law.tree.first_rate + k
+        terms = {name: each[:, rate] for name, each in steps.terms.items()}
+        alone = ~np.any([terms[name] != 0 for name in OTHERS if name in terms], axis=0)
+        rows = np.flatnonzero(alone & (terms["applied"] != 0) & ~np.isnan(asked.torque_since[:, k]))
+        if not len(rows):
+            return
+        first, site = (
+            Noted(int(steps.steps[rows[0]])),
+            self.scene.site(asked.torque_site[rows[0], k]),
+        )
+        held = joints.setdefault(link, _Damped(float(steps.law.joint_damping[k]), site, first))
+        drive = (terms["applied"] + terms["gravity"])[rows]
+        held.driven += float(np.abs(drive).sum())
+        held.net += float(drive.sum())
+        held.taken += float(np.abs(terms["joint damping"][rows]).sum())
+        (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(rows[-1:])))
+        held.inertia = float(matrix[rate, rate])
+        held.noted.last = int(steps.steps[rows[-1]])
+        held.noted.count += len(rows)
 
     def findings(self) -> Iterator[Finding]:
         """Yield a line per robot."""
@@ -84,7 +101,7 @@ class JointDamping(Answer):
                 continue
             link = max(found, key=lambda link: found[link].share)
             worst, body = found[link], self.scene.body(number)
-            joint, site = body.joints[link], self.scene.joints.site(worst.site)
+            joint = body.joints[link]
             unit = "N s" if joint.kind == "prismatic" else "N m s"
             yield Finding(
                 code="joint-damping", level="model", body=body.label, joint=joint.name,
@@ -101,27 +118,5 @@ class JointDamping(Answer):
                     "for it: p.calculateInverseDynamics leaves it out", link=link,
                 ),
                 effect=Effect(worst.taken, unit), share=min(worst.share, 1.0),
-                steps=Span(worst.first, worst.last, worst.count),
-                site=None if site is None else site_of(site),
+                steps=worst.noted.span, site=worst.site,
             )  # fmt: skip
-
-
-def _add(joints: dict[int, _Damped], driven: Driven, link: int, k: int) -> None:
-    """Add what drives a joint, and what damping takes of it."""
-    steps, asked = driven.steps, driven.asked
-    tree = steps.law.tree
-    rate = tree.first_rate + k
-    terms = {name: each[:, rate] for name, each in steps.terms.items()}
-    alone = ~np.any([terms[name] != 0 for name in OTHERS if name in terms], axis=0)
-    rows = np.flatnonzero(alone & (terms["applied"] != 0) & ~np.isnan(asked.torque_since[:, k]))
-    if not len(rows):
-        return
-    site, first = float(asked.torque_site[rows[0], k]), int(steps.steps[rows[0]])
-    held = joints.setdefault(link, _Damped(float(steps.law.joint_damping[k]), site, first))
-    drive = (terms["applied"] + terms["gravity"])[rows]
-    held.driven += float(np.abs(drive).sum())
-    held.net += float(drive.sum())
-    held.taken += float(np.abs(terms["joint damping"][rows]).sum())
-    (matrix,) = mass_matrix(kinematics(tree, steps.before.at(rows[-1:])))
-    held.inertia = float(matrix[rate, rate])
-    held.last, held.count = int(steps.steps[rows[-1]]), held.count + len(rows)

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene
-from drop_physics.analysis.answers.held_off import distance, units_of
+from drop_physics.analysis.answers.joint import distance, units_of
 from drop_physics.analysis.controls import DEFAULT, places_of
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven
 from drop_physics.messages import Message
-from drop_physics.seen.events import Body, Mimic
+from drop_physics.seen.events import Mimic
 
 FOLLOWS = 0.01
 """A joint that is off by less than this share of its range follows."""
 
 
-@dataclass(kw_only=True)
+@dataclass
 class _Off:
     mimic: Mimic
     unit: str
@@ -31,9 +31,14 @@ class _Off:
     """Whether a call drives either joint."""
     moved: float = 0.0
     """How much that changed."""
-    off: float = 0.0
-    """The largest gap at rest, and at the end."""
+    rested: float = 0.0
+    """The largest gap at rest."""
     now: float = 0.0
+
+    @property
+    def share(self) -> float:
+        """The gap, over the range; 0 where it never changed."""
+        return max(self.rested, self.now) / self.extent * (self.moved > FOLLOWS * self.extent)
 
 
 class MimicIgnored(Answer):
@@ -47,68 +52,55 @@ class MimicIgnored(Answer):
         """Take a piece."""
         for number in explained.bodies:
             for driven in self.scene.joints.latest.get(number, []):
-                rates = _rates(driven.body)
-                for mimic in driven.body.asked.mimics:
-                    if mimic.joint in rates and mimic.of in rates:
-                        self._see(driven, mimic, rates[mimic.joint], rates[mimic.of])
+                if driven.body.asked.mimics:
+                    places = zip(driven.body.joints, places_of(driven.body), strict=True)
+                    rates = {
+                        joint.name: at.start for joint, at in places if at.stop - at.start == 1
+                    }
+                    for mimic in driven.body.asked.mimics:
+                        if mimic.joint in rates and mimic.of in rates:
+                            self._look(driven, mimic, [rates[mimic.joint], rates[mimic.of]])
 
-    def _see(self, driven: Driven, mimic: Mimic, k: int, leads: int) -> None:
+    def _look(self, driven: Driven, mimic: Mimic, rates: list[int]) -> None:
         joint = next(each for each in driven.body.joints if each.name == mimic.joint)
         lower, upper = joint.limits
-        lead, own = driven.after[:, leads], driven.after[:, k]
-        first, led = driven.before[0, k], driven.before[0, leads]
-        began = float(first - mimic.multiplier * led - mimic.offset)
+        first, apart = (own - mimic.multiplier * leads - mimic.offset
+            for own, leads in (driven.before[0, rates], driven.after[:, rates].T))  # fmt: skip
         off = self._joints.setdefault(driven.body.number, {}).setdefault(
             mimic.joint,
-            _Off(
-                mimic=mimic, unit=units_of(driven, k)[0], began=began,
-                extent=upper - lower if upper > lower else 1.0,
-            ),
+            _Off(mimic, units_of(driven, rates[0])[0], upper - lower if upper > lower else 1.0,
+                float(first)),
         )  # fmt: skip
-        apart = own - mimic.multiplier * lead - mimic.offset
         gaps, asked = np.abs(apart), driven.asked
-        off.sent |= bool(((asked.mode != DEFAULT) & (asked.force != 0))[:, [k, leads]].any())
-        rested = driven.resting[:, k] & driven.resting[:, leads]
+        off.sent |= bool(((asked.mode != DEFAULT) & (asked.force != 0))[:, rates].any())
         off.moved = max(off.moved, float(np.abs(apart - off.began).max()))
-        off.off = max(off.off, float(gaps[rested].max(initial=0.0)))
-        off.now = float(gaps[-1])
+        rested = driven.resting[:, rates].all(axis=1)
+        off.rested, off.now = max(off.rested, gaps[rested].max(initial=0.0)), float(gaps[-1])
 
     def findings(self) -> Iterator[Finding]:
         """Yield a line per robot."""
         for number, joints in self._joints.items():
-            missed = [
-                each
-                for each in joints.values()
-                if max(each.off, each.now) > FOLLOWS * each.extent
-                and each.moved > FOLLOWS * each.extent
-            ]
+            missed = [each for each in joints.values() if each.share > FOLLOWS]
             if not missed:
                 continue
-            worst = max(missed, key=lambda each: max(each.off, each.now) / each.extent)
-            sent = any(each.sent for each in missed)
-            gap = max(worst.off, worst.now)
+            worst = max(missed, key=lambda each: each.share)
+            gap, mimic = worst.share * worst.extent, worst.mimic
             yield Finding(
                 code="mimic-ignored",
-                level="asked" if sent else "note",
+                level="asked" if any(each.sent for each in missed) else "note",
                 message=Message(
                     "{joint} is {gap} from where its file wants it to follow {of}: PyBullet "
                     "ignores <mimic> (joints that do not follow: {count})",
-                    joint=worst.mimic.joint, gap=distance(gap, worst.unit), of=worst.mimic.of,
+                    joint=mimic.joint, gap=distance(gap, worst.unit), of=mimic.of,
                     count=len(missed),
                 ),
                 advice=Message(
                     "join them: c = p.createConstraint(…, p.JOINT_GEAR, …); "
                     "p.changeConstraint(c, gearRatio={ratio}, maxForce=…)",
-                    ratio={1.0: "-1", -1.0: "1"}.get(worst.mimic.multiplier, "…"),
+                    ratio={1.0: "-1", -1.0: "1"}.get(mimic.multiplier, "…"),
                 ),
                 body=self.scene.body(number).label,
-                joint=worst.mimic.joint,
+                joint=mimic.joint,
                 effect=Effect(gap, worst.unit),
-                share=gap / worst.extent,
+                share=worst.share,
             )  # fmt: skip
-
-
-def _rates(body: Body) -> dict[str, int]:
-    """Return the place of each joint with one degree of freedom among all rates, by name."""
-    places = zip(body.joints, places_of(body), strict=True)
-    return {joint.name: at.start for joint, at in places if at.stop - at.start == 1}

@@ -60,6 +60,10 @@ class Placing:
         """Return whether each body was placed for a step."""
         return np.isin(bodies * STEPS + steps, self._every)
 
+    def restored(self, body: int, steps: Int64) -> Flags:
+        """Return whether each step began with a restored state."""
+        return np.isin(body * STEPS + steps, [*self._restored])
+
     def loaded(self, body: int, step: int) -> bool:
         """Return whether it was loaded for a step."""
         return bool(np.isin(body * STEPS + step, self._came))

@@ -9,9 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
-from drop_physics.analysis.answers.held_off import distance, place, units_of
-from drop_physics.analysis.answers.off_target import OFF, name_of
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.joint import OFF, distance, name_of, place, units_of
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven, target_of
 from drop_physics.messages import Message
@@ -96,7 +95,6 @@ class ResetLeaves(Answer):
             if not found:
                 continue
             worst = max(found.values(), key=lambda each: (each.back, each.off))
-            site = self.scene.joints.site(worst.site)
             yield Finding(
                 code="reset-leaves",
                 level="asked" if worst.back else "note",
@@ -115,7 +113,7 @@ class ResetLeaves(Answer):
                 effect=Effect(worst.off, worst.unit),
                 share=worst.off,
                 steps=Span(worst.first, worst.last, worst.last - worst.first + 1),
-                site=None if site is None else site_of(site),
+                site=self.scene.site(worst.site),
             )  # fmt: skip
 
     def _see(self, joint: _Joint, driven: Driven, k: int, target: NDArray[np.float64]) -> None:

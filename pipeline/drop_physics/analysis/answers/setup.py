@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene, site_of
 from drop_physics.analysis.answers.arguments import number
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.fields import fraction
@@ -100,122 +99,72 @@ class Unseeded(Answer):
         )  # fmt: skip
 
 
-@dataclass
-class _Episode:
-    """From p.resetSimulation to the next."""
-
-    client: int
-    after_g: float = 0.0
-    """Gravity before the reset that began it [m/s²]."""
-    call: Call | None = None
-    """That reset."""
-    told: bool = False
-    """Whether gravity was set, or something pushed a body."""
-    free: str | None = None
-    """Label of a body that nothing holds."""
-    moved: bool = False
-    first: int = -1
-    steps: int = 0
-
-    def finding(self) -> Finding | None:
-        if self.told or self.free is None:
-            return None
-        advice, site = Message("call p.setGravity(0, 0, -9.81)"), None
-        if self.call is not None and self.after_g > 0:
-            site = site_of(self.call)
-            message = Message(
-                "gravity is 0 from step {step:,} on, so {body} does not fall: p.resetSimulation() "
-                "sets it from {gravity:.3g} m/s² back to 0",
-                step=self.first - 1, body=self.free, gravity=self.after_g,
-            )  # fmt: skip
-            advice = Message("call p.setGravity(0, 0, -9.81) after each p.resetSimulation()")
-        else:
-            message = Message(
-                "gravity is 0, so {body} does not fall: PyBullet starts without it", body=self.free
-            )
-        # What moves without gravity may be meant to.
-        level = "note" if self.moved and site is None else "asked"
-        span = Span(self.first, self.first + self.steps - 1, self.steps)
-        return Finding(code="no-gravity", level=level, message=message, body=self.free,  # type: ignore[arg-type]
-            advice=advice, site=site, steps=span)  # fmt: skip
-
-
 class NoGravity(Answer):
-    """Bodies that nothing holds, and that do not fall."""
+    """Bodies that nothing holds, and that do not fall; from each p.resetSimulation to the next."""
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._now: dict[int, _Episode] = {}
-        self._found: dict[tuple[int, bool], Finding] = {}
+        self._resets: dict[int, list[tuple[Call, float]]] = {}
+        """By client, with the gravity that each found [m/s²]."""
         self._gravity: dict[int, float] = {}
+        self._told: set[tuple[int, int]] = set()
+        """Clients and episodes in which gravity was set, or something pushed a body."""
+        self._floats: dict[tuple[int, int], Notes[str]] = {}
+        """By client and episode, the bodies that nothing holds: how fast they move."""
 
     def see(self, explained: Explained) -> None:
         """Follow what was asked for and what moved, episode by episode."""
-        calls = [c for c in explained.piece.calls
-            if c.function in ("resetSimulation", "setGravity", "createConstraint")
-            or c.function.startswith("applyExternal")]  # fmt: skip
-        ends = [c for c in calls if c.function == "resetSimulation"]
-        starts = {c.client: explained.piece.first for c in ends}
-        for call in calls:
-            now = self._now.setdefault(call.client, _Episode(call.client))
+        for call in explained.piece.calls:
+            resets = self._resets.setdefault(call.client, [])
             if call.function == "resetSimulation":
-                first = starts[call.client]
-                self._look(explained, call.client, first, call.at.step)
-                starts[call.client] = call.at.step + 1
-                self._close(now)
-                before = self._gravity.pop(call.client, 0.0)
-                self._now[call.client] = _Episode(call.client, before, call)
-            else:
-                now.told = True
+                resets.append((call, self._gravity.pop(call.client, 0.0)))
+            elif call.function.startswith(("setGravity", "createConstraint", "applyExternal")):
+                self._told.add((call.client, len(resets)))
                 if call.function == "setGravity":
                     xyz = [number(call, f"grav{axis}", 0.0) for axis in "XYZ"]
                     self._gravity[call.client] = float(np.linalg.norm(xyz))
-        for client in {body.client for body in self.scene.seen.bodies.values()}:
-            first = starts.get(client, explained.piece.first)
-            self._look(explained, client, first, explained.piece.end)
-
-    def _look(self, explained: Explained, client: int, first: int, last: int) -> None:
-        """Note what moved in the steps that led to samples `first` to `last`."""
-        now = self._now.setdefault(client, _Episode(client))
         for judged in explained.bodies.values():
-            body = judged.body
-            if body.client != client or not body.base_moves:
-                continue
-            for steps in judged.stretches:
-                rows = np.flatnonzero((steps.steps >= first) & (steps.steps <= last))
-                if not len(rows):
-                    continue
-                if steps.reported.gravity_m_s2[rows].any():
-                    now.told = True
-                now.free = now.free or body.label
-                now.moved |= bool(steps.after.velocity[rows].any())
-                if now.first < 0:
-                    now.first = int(steps.steps[rows[0]])
-                now.steps = max(now.steps, int(steps.steps[rows[-1]]) - now.first + 1)
-
-    def _close(self, episode: _Episode) -> None:
-        found = episode.finding()
-        if found is not None:
-            self._found.setdefault((episode.client, episode.after_g > 0), found)
+            body, client = judged.body, judged.body.client
+            resets = self._resets.get(client, [])
+            for steps in judged.stretches if body.base_moves else ():
+                began = [call.at.step for call, _ in resets]
+                episodes = np.searchsorted(began, steps.steps, side="left")
+                for episode in np.unique(episodes).tolist():
+                    rows, key = np.flatnonzero(episodes == episode), (client, episode)
+                    if steps.reported.gravity_m_s2[rows].any():
+                        self._told.add(key)
+                    speed = np.abs(steps.after.velocity[rows]).max(axis=1)
+                    self._floats.setdefault(key, Notes()).add(body.label, steps.steps[rows], speed)
 
     def findings(self) -> Iterator[Finding]:
-        """Yield the first episode of each kind."""
-        for episode in self._now.values():
-            self._close(episode)
-        yield from self._found.values()
+        """Yield the first episode of each simulation, and the first that lost its gravity."""
+        found: dict[tuple[int, bool], Finding] = {}
+        for (client, episode), floats in self._floats.items():
+            resets = self._resets.get(client, [])
+            call, before = resets[episode - 1] if episode else (None, 0.0)
+            if (client, episode) not in self._told and (client, before > 0) not in found:
+                found[client, before > 0] = _floats(floats, call, before)
+        yield from found.values()
 
 
-@dataclass
-class _Changes:
-    """Of the timestep of one simulation."""
-
-    step: int
-    """Steps before the first."""
-    before_s: float
-    after_s: float
-    last: int
-    count: int = 0
-    call: Call | None = None
+def _floats(floats: Notes[str], call: Call | None, before: float) -> Finding:
+    body, first = next(iter(floats.items()))
+    message = Message(
+        "gravity is 0, so {body} does not fall: PyBullet starts without it", body=body
+    )
+    advice, lost = Message("call p.setGravity(0, 0, -9.81)"), call is not None and before > 0
+    if lost:
+        message = Message(
+            "gravity is 0 from step {step:,} on, so {body} does not fall: p.resetSimulation() "
+            "sets it from {gravity:.3g} m/s² back to 0",
+            step=first.first - 1, body=body, gravity=before,
+        )  # fmt: skip
+        advice = Message("call p.setGravity(0, 0, -9.81) after each p.resetSimulation()")
+    moves = any(each.most > 0 for each in floats.values())  # what moves without may be meant to
+    return Finding(
+        code="no-gravity", level="note" if moves and not lost else "asked", message=message,
+        body=body, advice=advice, steps=first.span, site=site_of(call) if lost and call else None,
+    )  # fmt: skip
 
 
 class TimestepChanged(Answer):
@@ -225,7 +174,8 @@ class TimestepChanged(Answer):
         super().__init__(scene)
         self._last: dict[int, tuple[int, float]] = {}
         """By body, life and timestep of its last step."""
-        self._changes: dict[int, _Changes] = {}
+        self._changes: Notes[int] = Notes()
+        """By client."""
 
     def see(self, explained: Explained) -> None:
         """Compare each step's timestep with that of the step before."""
@@ -234,42 +184,34 @@ class TimestepChanged(Answer):
             for steps in judged.stretches:
                 timestep_s, life = steps.reported.timestep_s, steps.epoch.life
                 lived, last_s = self._last.get(judged.body.number, (life, timestep_s[0]))
-                before_s = np.concatenate(([last_s if lived == life else timestep_s[0]],
-                    timestep_s[:-1]))  # fmt: skip
+                before_s = np.append(last_s if lived == life else timestep_s[0], timestep_s[:-1])
                 for row in np.flatnonzero(timestep_s != before_s).tolist():
                     change = float(before_s[row]), float(timestep_s[row])
                     found.setdefault(judged.body.client, {})[int(steps.steps[row]) - 1] = change
                 self._last[judged.body.number] = life, float(timestep_s[-1])
         for client, changes in found.items():
-            first = min(changes)
-            new = _Changes(first, *changes[first], first)
-            known = self._changes.setdefault(client, new)
-            known.count += len(changes)
-            known.last = max(changes)
-            for call in explained.piece.calls if known is new else ():
-                if call.function in SETS_TIMESTEP and (call.client, call.at.step) == (
-                    client,
-                    first,
-                ):
-                    known.call = call
+            first, at = min(changes), np.array(sorted(changes))
+            sites = [site_of(each) for each in explained.piece.calls if each.client == client
+                and each.function in SETS_TIMESTEP and each.at.step == first]  # fmt: skip
+            # Of all the first is told.
+            self._changes.add(client, at, np.full(len(at), -float(first)), change=changes[first],
+                site=sites[-1] if sites else None)  # fmt: skip
 
     def findings(self) -> Iterator[Finding]:
         """Yield the first change of each simulation."""
         for each in self._changes.values():
+            (before_s, after_s), site = each.at["change"], each.at["site"]
             more = Message(" (the first of {n:,} changes)", n=each.count) if each.count > 1 else ""
             message = Message(
                 "the timestep changes from {before} s to {after} s at step {step:,}{more}: motors "
                 "and constraints keep force × timestep of their call, and a position motor closes "
                 "a share of its gap per step",
-                before=fraction(each.before_s), after=fraction(each.after_s), step=each.step,
-                more=more,
+                before=fraction(before_s), after=fraction(after_s), step=each.first, more=more,
             )  # fmt: skip
-            low_s, high_s = sorted((each.before_s, each.after_s))
+            low_s, high_s = sorted((before_s, after_s))
             ratio = high_s / low_s if low_s > 0 else 0.0
             yield Finding(
                 code="timestep-changed", level="model", message=message,
                 advice=Message("call p.setTimeStep once, before the first motor"),
-                effect=Effect(ratio, "1"), share=ratio,
-                steps=Span(each.step, each.last, each.count),
-                site=None if each.call is None else site_of(each.call),
+                effect=Effect(ratio, "1"), share=ratio, steps=each.span, site=site,
             )  # fmt: skip

@@ -2,110 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
-from drop_physics.analysis.answers.arguments import calls_of, given, number
-from drop_physics.analysis.explained.recording import Explained
+from drop_physics.analysis.answers.answer import Effect, Noted
+from drop_physics.analysis.answers.joint import JointAnswer
+from drop_physics.analysis.joints import Driven
 from drop_physics.messages import Message
-from drop_physics.seen.calls import Call
-from drop_physics.seen.events import Body
+from drop_physics.seen.calls import POSITION
 
-POSITION_CONTROL = 2
 BEYOND = 0.01
 """Share of a joint's range by which a target must miss it: a rounded limit does not."""
-LIMITS = "jointLowerLimit", "jointUpperLimit"
 
 
-@dataclass
-class _Beyond:
-    """Targets of one joint beyond its limits."""
-
-    call: Call
-    target: float
-    limits: tuple[float, float]
-    over: float
-    first: int
-    last: int
-    count: int
-
-
-class TargetClamped(Answer):
+class TargetClamped(JointAnswer):
     """PyBullet moves a position target to the limit that it is beyond of."""
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._limits: dict[tuple[int, int], tuple[float, float]] = {}
-        self._beyond: dict[int, dict[int, _Beyond]] = {}
-        """By body and joint."""
+    code, level = "target-clamped", "asked"
 
-    def see(self, explained: Explained) -> None:
-        """Compare targets with the limits that hold when they are given."""
-        names = "setJointMotorControl", "changeDynamics", "load"
-        for call, body in calls_of(explained.piece, self.scene.seen.appearances, *names):
-            if call.function == "changeDynamics":
-                self._change(call, body)
-            elif int(number(call, "controlMode", -1.0)) == POSITION_CONTROL:
-                forces = given(call, "forces") or given(call, "force")
-                if forces and not any(forces):
-                    continue  # a motor without force has no target
-                joints = given(call, "jointIndices") or given(call, "jointIndex")
-                targets = given(call, "targetPositions") or given(call, "targetPosition")
-                for joint, target in zip(joints, targets, strict=False):
-                    self._compare(call, body, int(joint), target)
+    def look(self, driven: Driven) -> None:
+        """Note where targets are beyond the limits that hold."""
+        asked, law = driven.asked, driven.steps.law
+        lower, upper = (
+            np.broadcast_to(each, asked.target.shape) for each in (law.lower, law.upper)
+        )
+        with np.errstate(invalid="ignore"):
+            over = np.maximum(lower - asked.target, asked.target - upper)
+            beyond = (lower < upper) & (over > BEYOND * (upper - lower))
+            on = (asked.mode == POSITION) & (asked.impulse > 0) & (asked.pd != 1)
+        self.note(driven, on & beyond, over, target=asked.target, lower=lower, upper=upper)
 
-    def _change(self, call: Call, body: Body) -> None:
-        low, high = (number(call, name, default)
-            for name, default in zip(LIMITS, (1.0, -1.0), strict=True))  # fmt: skip
-        if low <= high:
-            self._limits[body.number, int(number(call, "linkIndex", -1.0))] = low, high
-
-    def _compare(self, call: Call, body: Body, joint: int, target: float) -> None:
-        if not 0 <= joint < len(body.joints):
-            return
-        told = body.joints[joint]
-        low, high = self._limits.get((body.number, joint), told.limits)
-        over = max(low - target, target - high)
-        if told.kind not in ("revolute", "prismatic") or not low < high:
-            return
-        if not over > BEYOND * (high - low):
-            return
-        found = self._beyond.setdefault(body.number, {})
-        step, known = call.at.step + 1, found.get(joint)
-        if known is None:
-            found[joint] = _Beyond(call, target, (low, high), over, step, step, 1)
-            return
-        known.count += step != known.last
-        known.last = step
-        if over > known.over:
-            known.call, known.target, known.limits, known.over = call, target, (low, high), over
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield the worst joint of each body."""
-        for number_, found in self._beyond.items():
-            joint, worst = max(found.items(), key=lambda pair: pair[1].over)
-            body = self.scene.body(number_)
-            told = body.joints[joint]
-            unit = "m" if told.kind == "prismatic" else "rad"
-            side = int(worst.target > worst.limits[1])
-            more = Message(" (and {n} more)", n=len(found) - 1) if len(found) > 1 else ""
-            message = Message(
-                "{joint}{more} is sent to {target:.4g} {unit}, beyond its {side} limit of "
-                "{limit:.4g} {unit}: PyBullet takes the limit as the target",
-                joint=told.name, more=more, target=worst.target, unit=unit,
-                side=Message("upper") if side else Message("lower"), limit=worst.limits[side],
-            )  # fmt: skip
-            yield Finding(
-                code="target-clamped", level="asked", message=message, body=body.label,
-                advice=Message(
-                    "give a target within {low:.4g} and {high:.4g}, or other limits by "
-                    "p.changeDynamics(body, {link}, jointLowerLimit=…, jointUpperLimit=…)",
-                    low=worst.limits[0], high=worst.limits[1], link=joint,
-                ),
-                joint=told.name, effect=Effect(worst.over, unit),
-                share=worst.over if unit == "rad" else worst.over / float(np.ptp(worst.limits)),
-                steps=Span(worst.first, worst.last, worst.count), site=site_of(worst.call),
-            )  # fmt: skip
+    def words(self, worst: Noted) -> dict[str, Any]:
+        """Return what is said of the joint whose target is farthest beyond."""
+        target, low, high = (worst.at[name] for name in ("target", "lower", "upper"))
+        unit, _ = worst.at["units"]
+        more = (
+            Message(" (and {n} more)", n=worst.at["joints"] - 1) if worst.at["joints"] > 1 else ""
+        )
+        message = Message(
+            "{joint}{more} is sent to {target:.4g} {unit}, beyond its {side} limit of {limit:.4g} "
+            "{unit}: PyBullet takes the limit as the target",
+            joint=worst.at["joint"], more=more, target=target, unit=unit,
+            side=Message("upper") if target > high else Message("lower"),
+            limit=high if target > high else low,
+        )  # fmt: skip
+        advice = Message(
+            "give a target within {low:.4g} and {high:.4g}, or other limits by "
+            "p.changeDynamics(body, {link}, jointLowerLimit=…, jointUpperLimit=…)",
+            low=low, high=high, link=worst.at["link"],
+        )  # fmt: skip
+        return {
+            "message": message, "advice": advice, "effect": Effect(worst.most, unit),
+            "share": worst.most if unit == "rad" else worst.most / (high - low),
+        }  # fmt: skip

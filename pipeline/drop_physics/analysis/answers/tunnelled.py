@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene
 from drop_physics.analysis.explained.bodies import records_of
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.laws.columns import rotation
@@ -19,17 +18,6 @@ Float64 = NDArray[np.float64]
 
 FILTERS = "setCollisionFilter"
 """Functions, by the beginning of their names, after which bodies may pass each other."""
-
-
-@dataclass(frozen=True)
-class Passage:
-    """A step in which a body went through a box."""
-
-    step: int
-    way_m: float
-    thick_m: float
-    """Edge of the box along the face that it went through."""
-    timestep_s: float
 
 
 class Tunnelled(Answer):
@@ -47,7 +35,7 @@ class Tunnelled(Answer):
                 self._boxes[number] = body.collisions[0]
         self._thinnest_m = min((min(each.size_m) for each in self._boxes.values()), default=np.inf)
         self._filtered = False
-        self._found: dict[tuple[int, int], Passage] = {}
+        self._found: Notes[tuple[int, int]] = Notes()
 
     def see(self, explained: Explained) -> None:
         """Take a piece."""
@@ -67,11 +55,12 @@ class Tunnelled(Answer):
                         continue
                     base = self._records[other].told(steps.steps[rows])
                     axis = _through(before_m[rows], after_m[rows], base, box)
-                    for k in np.flatnonzero(axis >= 0)[:1].tolist():
-                        timestep_s = float(steps.reported.timestep_s[rows[k]])
-                        passage = Passage(int(steps.steps[rows[k]]), float(ways_m[rows[k]]),
-                            box.size_m[axis[k]], timestep_s)  # fmt: skip
-                        self._found.setdefault((number, other), passage)
+                    through = np.flatnonzero(axis >= 0)
+                    if len(through):
+                        thick_m = np.array(box.size_m)[axis[through]]
+                        at = {"step": steps.steps[rows][through], "thick": thick_m,
+                            "timestep": steps.reported.timestep_s[rows][through]}  # fmt: skip
+                        self._found.add((number, other), at["step"], ways_m[rows][through], at)
 
     def findings(self) -> Iterator[Finding]:
         """Yield each body that went through a box without touching it."""
@@ -88,18 +77,18 @@ class Tunnelled(Answer):
                 message=Message(
                     "passes through {other} at {time:.4g} s without touching it: it goes "
                     "{way:.3g} m in one step, and {other} is {thick:.3g} m thick",
-                    other=box.label, way=found.way_m, thick=found.thick_m,
-                    time=self.scene.times[body.client].of(found.step),
+                    other=box.label, way=found.most, thick=found.at["thick"],
+                    time=self.scene.times[body.client].of(found.at["step"]),
                 ),
                 advice=Message(
                     "use a timestep in which it goes less than that: p.setTimeStep({shorter:.1g})",
-                    shorter=found.timestep_s * found.thick_m / found.way_m / 2,
+                    shorter=found.at["timestep"] * found.at["thick"] / found.most / 2,
                 ),
                 body=body.label,
                 other=box.label,
-                effect=Effect(found.way_m, "m"),
-                share=found.way_m / found.thick_m,
-                steps=Span(found.step, found.step, 1),
+                effect=Effect(found.most, "m"),
+                share=found.most / found.at["thick"],
+                steps=found.span,
             )  # fmt: skip
 
 

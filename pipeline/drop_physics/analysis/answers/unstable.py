@@ -8,7 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
+from drop_physics.analysis.answers.answer import (
+    Answer,
+    Effect,
+    Finding,
+    Noted,
+    Notes,
+    Scene,
+    Span,
+    site_of,
+)
 from drop_physics.analysis.explained.judged import Judged
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
@@ -23,6 +32,8 @@ Int64 = NDArray[np.int64]
 
 OFTEN = 8
 """Changes of sign, from step to step, that are no chance."""
+RATTLE = "contacts", "rolling"
+"""Terms that turn around the rates of what lies on something: it trembles, and no more."""
 SHARE, LEAST = 0.01, 1e-2
 """Of its greatest, and in rad/s or m/s: a slower rate is noise."""
 AXES = ("spin about x", "spin about y", "spin about z", "velocity along x", "velocity along y",
@@ -124,31 +135,15 @@ class _Rates:
     greatest: Float64
     run: Int64
     """Changes of sign in a row, until now."""
-    strongest: Float64
-    """The largest rate in a run that is long enough."""
-    first: Int64
-    last: Int64
-    count: Int64
     turned: dict[str, Float64]
     """By each term, the sum of its impulses against the rate in such runs [N s] or [N m s]."""
-    energy_j: dict[str, Float64]
-    """Put in by each term there."""
-    clamped: Int64
-    """Steps in which the clamp took something."""
+    rings: Notes[int]
+    """By degree of freedom, the steps in runs that are long enough: the rate there."""
+    clamped: Notes[int]
+    """Those in which the clamp took something: how much [N s] or [N m s]."""
     taken: Float64
-    """The sum of what it took [N s] or [N m s]."""
-    bounds: Int64
-    """First and last step of that, shape (2, size)."""
     limit: float = 0.0
     steps: int = 0
-
-    @staticmethod
-    def of(body: Body, steps: Steps) -> _Rates:
-        zeros = np.zeros(steps.law.tree.size)
-        none = zeros.astype(np.int64)
-        return _Rates(body=body, tree=steps.law.tree, greatest=zeros, run=none, strongest=zeros,
-            first=none - 1, last=none - 1, count=none.copy(), turned={}, energy_j={},
-            clamped=none.copy(), taken=zeros, bounds=np.full((2, len(none)), -1))  # fmt: skip
 
 
 class Unstable(Answer):
@@ -164,81 +159,62 @@ class Unstable(Answer):
             for steps in judged.stretches:
                 if not len(steps) or not steps.terms:
                     continue
-                known = self._rates.get(number)
-                if known is None or known.greatest.shape != (steps.law.tree.size,):
-                    known = self._rates[number] = _Rates.of(judged.body, steps)
-                gained = self._gained(number, steps)
+                known, tree = self._rates.get(number), steps.law.tree
+                if known is None or known.greatest.shape != (tree.size,):
+                    none = np.zeros(tree.size)
+                    known = _Rates(judged.body, tree, none, none.astype(np.int64), {}, Notes(),
+                        Notes(), none)  # fmt: skip
+                    self._rates[number] = known
+                # What a motor's gains turn around is motor-gain's.
+                own = np.ones(len(steps), np.bool_)
+                for driven in self.scene.joints.latest.get(number, []):
+                    if driven.steps is steps:
+                        own &= ~(flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
                 with np.errstate(invalid="ignore", over="ignore"):
-                    _ring(known, steps, ~gained)
-                    _clamp(known, steps, judged, ~gained)
-
-    def _gained(self, number: int, steps: Steps) -> NDArray[np.bool_]:
-        """Return the steps in which gains of a motor turn rates around: that is motor-gain's."""
-        found = np.zeros(len(steps), np.bool_)
-        for driven in self.scene.joints.latest.get(number, []):
-            if driven.steps is steps:
-                found |= (flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
-        return found
+                    _ring(known, steps, own)
+                    _clamp(known, steps, judged, own)
 
     def findings(self) -> Iterator[Finding]:
         """Yield the worst degree of freedom of each body."""
         for each in self._rates.values():
-            rings = each.strongest > np.maximum(SHARE * each.greatest, LEAST)
-            if rings.any():
-                yield _unstable(each, np.flatnonzero(rings))
-            elif each.clamped.any():
-                yield _clamped(each)
+            rings = {row: noted for row, noted in each.rings.items()
+                if noted.most > max(SHARE * each.greatest[row], LEAST)}  # fmt: skip
+            found = _unstable(each, rings) if rings else None
+            if found is None and each.clamped:
+                found = _clamped(each)
+            if found is not None:
+                yield found
 
 
 def _ring(known: _Rates, steps: Steps, own: NDArray[np.bool_]) -> None:
-    """Note runs of changes of sign, and the energy that each term puts in there."""
+    """Note runs of changes of sign, and what turns the rates around there."""
     before, after = steps.before.velocity, steps.after.velocity
     size = np.minimum(np.abs(before), np.abs(after))
-    greatest = np.maximum.accumulate(np.abs(after), axis=0)
-    greatest = np.maximum(greatest, known.greatest)
+    greatest = np.maximum(np.maximum.accumulate(np.abs(after), axis=0), known.greatest)
     turns = (before * after < 0) & (size > np.maximum(SHARE * greatest, LEAST))
     turns &= (own & ~steps.put)[:, None]
     known.greatest, known.steps = greatest[-1], known.steps + len(steps)
-    if not (turns.any() or known.run.any()):
-        return
     rows = np.arange(len(steps))[:, None]
     broken = np.maximum.accumulate(np.where(turns, -1, rows), axis=0)
     run = np.where(broken < 0, rows + 1 + known.run, rows - broken)
-    known.run = run[-1]
-    rings = run >= OFTEN
-    if not rings.any():
-        return
-    ends = np.where(rings, steps.steps[:, None], -1)
-    some = rings.any(axis=0)
-    known.first = np.where(some & (known.first < 0), steps.steps[rings.argmax(axis=0)], known.first)
-    known.last = np.maximum(known.last, ends.max(axis=0))
-    known.count += rings.sum(axis=0)
-    known.strongest = np.maximum(known.strongest, np.where(rings, size, 0.0).max(axis=0))
-    mean, against = (
-        np.where(rings, 0.5 * (before + after), 0.0),
-        np.where(rings, -np.sign(before), 0),
-    )
-    for name, term in steps.terms.items():
-        for sums, factor in ((known.energy_j, mean), (known.turned, against)):
-            sums[name] = sums.get(name, 0.0) + (factor * term).sum(axis=0)
+    known.run, rings = run[-1], run >= OFTEN
+    for row in np.flatnonzero(rings.any(axis=0)).tolist():
+        known.rings.add(row, steps.steps[rings[:, row]], size[rings[:, row], row])
+    against = np.where(rings, -np.sign(before), 0)
+    for name, term in steps.terms.items() if rings.any() else ():
+        known.turned[name] = known.turned.get(name, 0.0) + (against * term).sum(axis=0)
 
 
 def _clamp(known: _Rates, steps: Steps, judged: Judged, own: NDArray[np.bool_]) -> None:
     """Note what the clamp took, in steps that are explained."""
     taken = np.abs(steps.terms["clamp"])
-    if not taken.any():
-        return
-    where = np.searchsorted(judged.steps, steps.steps)
+    explained = judged.explained[np.searchsorted(judged.steps, steps.steps)]
     # What rounding leaves is none.
-    held = (taken > 1e-9 * steps.largest[:, None]) & (own & judged.explained[where])[:, None]
-    taken, some = np.where(held, taken, 0.0), held.any(axis=0)
-    known.clamped += held.sum(axis=0)
-    known.taken = known.taken + taken.sum(axis=0)
+    held = (taken > 1e-9 * steps.largest[:, None]) & (own & explained)[:, None]
+    for row in np.flatnonzero(held.any(axis=0)).tolist():
+        known.clamped.add(row, steps.steps[held[:, row]], taken[held[:, row], row])
+    known.taken = known.taken + np.where(held, taken, 0.0).sum(axis=0)
     known.limit = steps.law.velocity_limit
-    first = steps.steps[held.argmax(axis=0)]
-    last = steps.steps[len(steps) - 1 - held[::-1].argmax(axis=0)]
-    known.bounds[0] = np.where(some & (known.bounds[0] < 0), first, known.bounds[0])
-    known.bounds[1] = np.where(some, last, known.bounds[1])
 
 
 def _place(known: _Rates, row: int) -> tuple[str | None, str, str]:
@@ -251,54 +227,42 @@ def _place(known: _Rates, row: int) -> tuple[str | None, str, str]:
     return joint.name, joint.name, "m/s" if joint.kind == "prismatic" else "rad/s"
 
 
-def _unstable(known: _Rates, rows: Int64) -> Finding:
-    row = int(rows[np.argmax(known.strongest[rows])])
+def _unstable(known: _Rates, rings: dict[int, Noted]) -> Finding | None:
+    row, worst = max(rings.items(), key=lambda pair: pair[1].most)
     joint, name, unit = _place(known, row)
     # The clamp ends what others feed.
     turned = {term: float(each[row]) for term, each in known.turned.items() if term != "clamp"}
     most = max(turned, key=turned.__getitem__)
+    if most in RATTLE:
+        return None
     fed = turned[most] > 0.5 * sum(each for each in turned.values() if each > 0)
-    energy_j = float(known.energy_j[most][row])
-    more = Message(" (and {n} more)", n=len(rows) - 1) if len(rows) > 1 else ""
+    more = Message(" (and {n} more)", n=len(rings) - 1) if len(rings) > 1 else ""
     message = Message(
         "{name}{more} changes its sign with every step, at up to {rate:.3g} {unit}, in {count:,} "
         "steps{why}",
-        name=name, more=more, rate=known.strongest[row], unit=unit,
-        count=int(known.count[row]) + OFTEN - 1,
-        why=_why(most, energy_j) if fed else "",
+        name=name, more=more, rate=worst.most, unit=unit, count=worst.count + OFTEN - 1,
+        why=Message(": the term {term} turns it around", term=most) if fed else "",
     )  # fmt: skip
-    advice = ADVICE.get(most, Message("use a smaller timestep")) if fed else None
-    rattles = fed and most == "contacts"  # where they feed it, energy-gained says so
     return Finding(
-        code="unstable", level="model" if rattles else "broken", message=message, advice=advice,
-        body=known.body.label, joint=joint, effect=Effect(float(known.strongest[row]), unit),
-        share=float(known.strongest[row] / known.greatest[row]),
-        steps=Span(int(known.first[row]), int(known.last[row]), int(known.count[row])),
+        code="unstable", level="broken", message=message, body=known.body.label, joint=joint,
+        advice=ADVICE.get(most, Message("use a smaller timestep")) if fed else None,
+        effect=Effect(worst.most, unit), share=worst.most / float(known.greatest[row]),
+        steps=worst.span,
     )  # fmt: skip
-
-
-def _why(term: str, energy_j: float) -> Message:
-    turns = Message(": the term {term} turns it around", term=term)
-    if energy_j <= 0:  # what it put in at first, it takes from a rate that has stopped to grow
-        return turns
-    return Message("{turns}, and puts in {energy:.3g} J", turns=turns, energy=energy_j)
 
 
 def _clamped(known: _Rates) -> Finding:
-    row = int(np.argmax(known.clamped))
+    row, worst = max(known.clamped.items(), key=lambda pair: pair[1].count)
     joint, name, unit = _place(known, row)
+    taken = Effect(float(known.taken[row]), "N m s" if unit == "rad/s" else "N s")
     message = Message(
         "{name} reaches {limit:g} {unit}, where PyBullet clamps every rate: in {count:,} steps it "
         "takes {taken:.3g} {of} away",
-        name=name, limit=known.limit, unit=unit, count=int(known.clamped[row]),
-        taken=known.taken[row], of="N m s" if unit == "rad/s" else "N s",
+        name=name, limit=known.limit, unit=unit, count=worst.count, taken=taken.value,
+        of=taken.unit,
     )  # fmt: skip
-    advice = Message("p.changeDynamics(body, -1, maxJointVelocity=…) raises the limit")
-    first, last = known.bounds[:, row].tolist()
-    count = int(known.clamped[row])
     return Finding(
-        code="velocity-clamped", level="asked", message=message, advice=advice,
-        body=known.body.label, joint=joint, share=count / known.steps,
-        effect=Effect(float(known.taken[row]), "N m s" if unit == "rad/s" else "N s"),
-        steps=Span(first, last, count),
+        code="velocity-clamped", level="asked", message=message, body=known.body.label, joint=joint,
+        advice=Message("p.changeDynamics(body, -1, maxJointVelocity=…) raises the limit"),
+        share=worst.count / known.steps, effect=taken, steps=worst.span,
     )  # fmt: skip
