@@ -34,6 +34,27 @@ SILENT = {
         "    p.applyExternalForce(b, -1, [0, 1, 0], [0, 0, 0], p.WORLD_FRAME)\n    steps(1)",
         "force-off-centre",
     ),
+    "a box that trembles as it slides": (
+        "p.setGravity(0, 0, -9.81)\n"
+        "f = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))\n"
+        "box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .03])\n"
+        "b = p.createMultiBody(1, box, -1, [0, 0, .03])\nsteps(60)\n"
+        "p.resetBaseVelocity(b, [2, 2, 0])\nsteps(110)",
+        "unstable",
+    ),
+    "a setter of the value that was there": (
+        "p.setGravity(0, 0, -9.81)\nc = p.loadURDF('cube_small.urdf')\ns = p.saveState()\n"
+        "steps(30)\n"
+        "p.setTimeStep(1 / 240)\np.changeDynamics(c, -1, lateralFriction=1)\n"
+        "p.restoreState(s)\np.applyExternalForce(c, -1, [1, 0, 0], [0, 0, 0], p.LINK_FRAME)\n"
+        "steps(30)",
+        "restore-differs",
+    ),
+    "wheels that turn on": (
+        FLOOR + "c = p.loadURDF('racecar/racecar.urdf', [0, 0, .2])\nsteps(60)\n"
+        "p.resetBasePositionAndOrientation(c, [1, 0, .2], [0, 0, 0, 1])\nsteps(20)",
+        "reset-leaves",
+    ),
     "a mass that changes in flight": (
         "box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .2, .3])\n"
         "b = p.createMultiBody(1, box)\np.resetBaseVelocity(b, [0, 0, 0], [0.1, 0.1, 0.1])\n"
@@ -43,6 +64,87 @@ SILENT = {
     ),
 }
 """Scene, and what is not said of it."""
+
+
+GRIPPER = """
+def box(mass, at, half):
+    return p.createMultiBody(mass, p.createCollisionShape(p.GEOM_BOX, halfExtents=half), -1, at)
+shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.01] * 3)
+g = p.createMultiBody(0, -1, -1, [0, 0, 1], [0, 0, 0, 1], linkMasses=[.5] * 2,
+    linkCollisionShapeIndices=[shape] * 2, linkVisualShapeIndices=[-1] * 2,
+    linkPositions=[[0, -.035, 0], [0, .035, 0]], linkOrientations=[[0, 0, 0, 1]] * 2,
+    linkInertialFramePositions=[[0] * 3] * 2, linkInertialFrameOrientations=[[0, 0, 0, 1]] * 2,
+    linkParentIndices=[0, 0], linkJointTypes=[p.JOINT_PRISMATIC] * 2,
+    linkJointAxis=[[0, 1, 0], [0, -1, 0]])
+p.setPhysicsEngineParameter(numSolverIterations=200)
+bar = box(.3, [{off}, 0, 1], [.3, .02, .02])
+for j in (0, 1):
+    p.changeDynamics(g, j, lateralFriction=1)
+    p.setJointMotorControl2(g, j, p.VELOCITY_CONTROL, targetVelocity=.1, force={force})
+p.changeDynamics(bar, -1, lateralFriction=1)
+steps(120)
+p.setGravity(0, 0, -9.81)
+steps(180)
+"""
+BILLIARD = """
+shape = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
+for x in (0, .25):
+    b = p.createMultiBody(1, shape, -1, [x, 0, 0])
+    p.changeDynamics(b, -1, restitution=.95, linearDamping=0, angularDamping=0)
+p.resetBaseVelocity(0, [{speed}, 0, 0])
+steps(120)
+"""
+WHEELS = (
+    FLOOR
+    + """
+c = p.loadURDF("racecar/racecar.urdf", [0, 0, .2])
+for j in range(p.getNumJoints(c)):
+    p.setJointMotorControl2(c, j, p.VELOCITY_CONTROL, targetVelocity=20, force=50)
+steps(120)
+for j in range(p.getNumJoints(c)):
+    p.setJointMotorControl2(c, j, p.VELOCITY_CONTROL, force=0)
+{more}
+p.resetBasePositionAndOrientation(c, [0, 0, .2], [0, 0, 0, 1])
+steps(20)
+"""
+)
+STILL = "for j in range(p.getNumJoints(c)):\n    p.resetJointState(c, j, 0)"
+PENDULUM = """
+p.setGravity(0, 0, -9.81)
+k = p.loadURDF("pendulum5.urdf", useFixedBase=True)
+{more}
+for j in range(p.getNumJoints(k)):
+    p.setJointMotorControl2(k, j, p.VELOCITY_CONTROL, force=0)
+    p.resetJointState(k, j, .3)
+steps(240)
+"""
+SAID = {
+    "a bar turns in a grip": (
+        GRIPPER.format(off=0.2, force=10), "slides", "turns in the grip of 0_box",
+        GRIPPER.format(off=0, force=10),
+    ),
+    "slower than Bullet's threshold": (
+        BILLIARD.format(speed=0.19), "no-restitution", "slower than 0.2 m/s",
+        BILLIARD.format(speed=0.25),
+    ),
+    "wheels turn on": (
+        WHEELS.format(more=""), "reset-leaves", "still turns at", WHEELS.format(more=STILL),
+    ),
+    "a pendulum is damped": (
+        PENDULUM.format(more=""), "default-damping", "loses",
+        PENDULUM.format(more="p.changeDynamics(k, -1, linearDamping=0, angularDamping=0)"),
+    ),
+}  # fmt: skip
+"""Scene, code, words, and the scene cured."""
+
+
+@pytest.mark.parametrize("what", SAID)
+def test_what_was_once_missed(what: str, tmp_path: Path) -> None:
+    scene, code, words, cured = SAID[what]
+    said = [each.message for each in findings(scene, tmp_path / "a.rrd") if each.code == code]
+    assert len(said) == 1
+    assert words in said[0]
+    assert code not in codes(cured, tmp_path / "b.rrd")
 
 
 @pytest.mark.parametrize("what", SILENT)

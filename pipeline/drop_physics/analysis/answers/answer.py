@@ -147,7 +147,7 @@ class Notes(dict[Key, Noted]):
         noted = self.setdefault(key, Noted(int(steps[0])))
         noted.last, noted.count = int(steps[-1]), noted.count + len(steps)
         worst = int(np.argmax(sizes))
-        if not noted.at or sizes[worst] > noted.most:
+        if not sizes[worst] <= noted.most:  # nan too
             told = {name: each[worst].tolist() for name, each in (numbers or {}).items()}
             noted.most, noted.at = float(sizes[worst]), {**about, **told}
 

@@ -9,7 +9,6 @@ from drop_physics.analysis.answers.answer import Answer, Finding
 from drop_physics.analysis.answers.beyond_urdf import BeyondUrdf
 from drop_physics.analysis.answers.bounces import EnergyGained, NoRestitution
 from drop_physics.analysis.answers.collides_as_hull import CollidesAsHull
-from drop_physics.analysis.answers.creeps import Creeps
 from drop_physics.analysis.answers.deep_penetration import DeepPenetration
 from drop_physics.analysis.answers.default_motor import DefaultMotor
 from drop_physics.analysis.answers.dragged_by_nothing import DraggedByNothing
@@ -25,7 +24,7 @@ from drop_physics.analysis.answers.motor_gain import MotorGain
 from drop_physics.analysis.answers.off_target import OffTarget
 from drop_physics.analysis.answers.other_force import SubstepsScaleMotors, TimestepAfterMotor
 from drop_physics.analysis.answers.pushes import ForceOffCentre, PushLastedAStep
-from drop_physics.analysis.answers.reset_leaves import ResetLeaves
+from drop_physics.analysis.answers.reset_leaves import RatesLeft, ResetLeaves
 from drop_physics.analysis.answers.restored import RestoreDiffers
 from drop_physics.analysis.answers.script_failed import ScriptFailed
 from drop_physics.analysis.answers.setup import (
@@ -35,7 +34,7 @@ from drop_physics.analysis.answers.setup import (
     TimestepChanged,
     Unseeded,
 )
-from drop_physics.analysis.answers.slides import Slides
+from drop_physics.analysis.answers.slides import Creeps, Slides
 from drop_physics.analysis.answers.starts_in_contact import StartsInContact
 from drop_physics.analysis.answers.still import Asleep, Massless
 from drop_physics.analysis.answers.targets import TargetClamped
@@ -52,6 +51,7 @@ ANSWERS: tuple[type[Answer], ...] = (
     TimestepAfterMotor,
     MotorGain,
     ResetLeaves,
+    RatesLeft,
     JointDamping,
     BeyondUrdf,
     MimicIgnored,

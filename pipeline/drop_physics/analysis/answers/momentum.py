@@ -12,7 +12,6 @@ from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene,
 from drop_physics.analysis.explained.judged import Judged
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
-from drop_physics.laws.columns import cross
 from drop_physics.laws.dynamics import angular_momenta
 from drop_physics.laws.kinematics import kinematics, motion
 from drop_physics.laws.tree import BASE, Tree
@@ -130,51 +129,41 @@ def _free(judged: Judged, steps: Steps) -> NDArray[np.bool_]:
 def _turning(steps: Steps, first: int, end: int) -> Float64:
     """Return the angular momentum before and after some steps, shape (2, 3)."""
     tree, found = steps.law.tree, []
+    masses = tree.masses_kg
     for states, row in ((steps.before, first), (steps.after, end - 1)):
-        one = states.at(np.array([row]))
-        kin = kinematics(tree, one)
-        moved = motion(kin, one.velocity)
-        masses = tree.masses_kg / tree.masses_kg.sum()
-        parts = [(masses[link + 1], kin.centres[link + 1], moved.velocities[link + 1])
-            for link in range(BASE, tree.links)]  # fmt: skip
-        centre, velocity = (sum(part[0] * part[k] for part in parts) for k in (1, 2))
-        turning = sum(angular_momenta(kin, moved).values())
-        for mass, place, speed in parts:
-            arm = cross(place - centre, speed - velocity)
-            turning = turning + mass * tree.masses_kg.sum() * arm
-        found.append(np.broadcast_to(turning, (3, 1))[:, 0])
+        kin = kinematics(tree, states.at(np.array([row])))
+        moved = motion(kin, states.velocity[[row]])
+        places, speeds = (np.array([each[link + 1][:, 0] for link in range(BASE, tree.links)])
+            for each in (kin.centres, moved.velocities))  # fmt: skip
+        arms, own = (each - masses @ each / masses.sum() for each in (places, speeds))
+        turning = sum(np.ravel(each) for each in angular_momenta(kin, moved).values())
+        found.append(turning + masses @ np.cross(arms, own))
     return np.array(found)
 
 
 def _finding(free: _Free) -> Finding | None:
     count = free.last - free.first + 1
-    span = Span(free.first, free.last, count)
-    advice = Message("it halves with the timestep: p.setTimeStep(…)")
-    linear = float(np.linalg.norm(free.drift))
-    if linear > DRIFT * free.greatest > 0:
-        message = Message(
-            "{body} gains {drift:.3g} kg m/s in {count:,} steps in which nothing outside acts on "
-            "it: that is the error of the explicit step",
-            body=free.body.label, drift=linear, count=count,
-        )  # fmt: skip
-        return Finding(
-            code="momentum-drift", level="model", message=message, advice=advice,
-            body=free.body.label, effect=Effect(linear, "kg m/s"), share=linear / free.greatest,
-            steps=span,
-        )  # fmt: skip
-    if free.after is None or not free.undamped:
+    drift, size = float(np.linalg.norm(free.drift)), free.greatest
+    message, unit = Message(
+        "{body} gains {drift:.3g} kg m/s in {count:,} steps in which nothing outside acts on it: "
+        "that is the error of the explicit step",
+        body=free.body.label, drift=drift, count=count,
+    ), "kg m/s"  # fmt: skip
+    if not drift > DRIFT * size > 0:
+        if free.after is None or not free.undamped:
+            return None
+        before, after = (float(np.linalg.norm(each)) for each in (free.turning, free.after))
+        drift, size = float(np.linalg.norm(free.after - free.turning)), max(before, after)
+        message, unit = Message(
+            "the angular momentum of {body} goes from {before:.4g} to {after:.4g} kg m²/s in "
+            "{count:,} steps in which nothing outside acts on it: that is the error of the "
+            "explicit step",
+            body=free.body.label, before=before, after=after, count=count,
+        ), "kg m²/s"  # fmt: skip
+    if not drift > DRIFT * size > 0:
         return None
-    before, after = (float(np.linalg.norm(each)) for each in (free.turning, free.after))
-    changed = float(np.linalg.norm(free.after - free.turning))
-    if not changed > DRIFT * max(before, after) > 0:
-        return None
-    message = Message(
-        "the angular momentum of {body} goes from {before:.4g} to {after:.4g} kg m²/s in {count:,} "
-        "steps in which nothing outside acts on it: that is the error of the explicit step",
-        body=free.body.label, before=before, after=after, count=count,
-    )  # fmt: skip
     return Finding(
-        code="momentum-drift", level="model", message=message, advice=advice,
-        body=free.body.label, effect=Effect(changed, "kg m²/s"),
-        share=changed / max(before, after), steps=span,
+        code="momentum-drift", level="model", message=message, body=free.body.label,
+        advice=Message("it halves with the timestep: p.setTimeStep(…)"),
+        effect=Effect(drift, unit), share=drift / size, steps=Span(free.first, free.last, count),
     )  # fmt: skip

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
 from drop_physics.analysis.answers.arguments import given
+from drop_physics.analysis.answers.joint import distance
 from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.messages import Message
@@ -25,6 +26,8 @@ SETS = ("changeDynamics", "setGravity", "createConstraint", "changeConstraint",
     "removeConstraint", "setJointMotorControl", "setPhysicsEngineParameter", "setTimeStep",
     "setCollisionFilter")  # fmt: skip
 """Beginnings of functions whose effect none of these takes back,"""
+SETTINGS = "setGravity", "setTimeStep", "setPhysicsEngineParameter"
+"""Those of the engine's own settings."""
 IDS = "Id", "Index", "Indices", "Mode"
 """Ends of the arguments that name what is set."""
 CLEARED = "setTimeStep", "setPhysicsEngineParameter"
@@ -49,6 +52,8 @@ class _Episode:
         default_factory=dict
     )
     """What was set in it, by what it names: the numbers before it, and the latest call."""
+    units: dict[Key, list[str]] = field(default_factory=dict)
+    """Of a body's numbers."""
     touched: bool = False
     """Whether there were contacts in its first step."""
 
@@ -103,6 +108,19 @@ class RestoreDiffers(Answer):
         first = now is None or now.begin.at.step != call.at.step
         return first and call.function.startswith(BY_HAND)
 
+    def _changes(self, call: Call) -> bool:
+        """Return whether a setter's first call changed what the engine reports, if it does."""
+        seen, body = self.scene.seen, given(call, "bodyUniqueId")
+        if call.function == "changeDynamics":
+            ends = [each.at for each in seen.dynamics
+                if (each.body.client, each.body.engine_id) == (call.client, *body)]  # fmt: skip
+        elif call.function in SETTINGS:
+            ends = [each.at for each in seen.settings if each.client == call.client]
+        else:
+            return True
+        # A row is written where one changed, before the next step.
+        return any(at.step == call.at.step and at.call >= call.at.call for at in ends)
+
     def _close(self, client: int) -> None:
         """Compare an episode that has ended with the one before."""
         episode = self._now.pop(client, None)
@@ -134,17 +152,19 @@ class RestoreDiffers(Answer):
         last = max(step for _, step in apart if step <= same)
         # Of those that differ first the one that ends farthest apart: sets have no order.
         body, step = min(differ, key=lambda key: (key[1], -apart.get((key[0], last), 0.0), key))
-        gap = apart.get((body, last), apart[body, step])
+        at = (body, last) if (body, last) in apart else (body, step)
+        gap, axis = apart[at], int(np.abs(first.states[at] - second.states[at]).argmax())
+        unit = second.units[body][axis]
         begin = second.begin.at.step
         message = Message(
             "{body} runs differently after p.{function}(…) although the calls are the same: from "
-            "step {step:,} on, and by {gap:.2g} after {last:,} steps; {why}",
-            body=body[1], step=begin + step, gap=gap, last=last, why=why,
+            "step {step:,} on, and by {gap} after {last:,} steps; {why}",
+            body=body[1], step=begin + step, gap=distance(gap, unit), last=last, why=why,
             function=second.begin.function,
         )  # fmt: skip
         return Finding(
             code="restore-differs", level="asked", message=message,
-            body=body[1], effect=Effect(gap, "m or rad"),
+            body=body[1], effect=Effect(gap, unit),
             share=min(gap, 1.0), site=site_of(call or second.begin),
             steps=Span(begin + step, begin + last, last - step + 1),
         )  # fmt: skip
@@ -158,7 +178,7 @@ class RestoreDiffers(Answer):
             waits = call.function.startswith("applyExternal") and call.at.step == last
             if waits or call.function.startswith(SETS):
                 named = _named(call)
-                if episode is not None:
+                if episode is not None and (named in self._set or self._changes(call)):
                     before, _ = episode.sets.get(named, (self._set.get(named), call))
                     episode.sets[named] = before, call
                 if not waits:
@@ -185,6 +205,10 @@ def _keep(episode: _Episode, key: Key, steps: Steps, last: int) -> None:
             episode.states[key, 0] = np.hstack(
                 (first.position_m, first.orientation, first.joints, first.velocity)
             )[0]
+            tree, slides = steps.law.tree, ["m"] * 3
+            for joint, at in zip(tree.joints, tree.coordinates, strict=True):
+                slides += ["m" if joint == "prismatic" else "rad"] * (at.stop - at.start)
+            episode.units[key] = slides
             episode.touched |= bool((steps.sides.step == start + 1).any())
         episode.states[key, step] = np.concatenate((after.position_m[row], after.joints[row]))
 

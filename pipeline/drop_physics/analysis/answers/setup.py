@@ -133,7 +133,7 @@ class NoGravity(Answer):
                     rows, key = np.flatnonzero(episodes == episode), (client, episode)
                     if steps.reported.gravity_m_s2[rows].any():
                         self._told.add(key)
-                    speed = np.abs(steps.after.velocity[rows]).max(axis=1)
+                    speed = np.abs(steps.after.velocity[rows]).max(axis=1, initial=0.0)
                     self._floats.setdefault(key, Notes()).add(body.label, steps.steps[rows], speed)
 
     def findings(self) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""`slides`: what rests on something, or is held by it, slips: friction there is not enough."""
+"""`slides`, `creeps`: what rests on something, or is held by it, slips: fast, or slowly."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Level, Scene, Span
 from drop_physics.analysis.answers.asked_of_bodies import AskedOfBodies, size_m
 from drop_physics.analysis.contact_points import Pairs
 from drop_physics.analysis.explained.judged import Judged
@@ -32,6 +32,18 @@ GRIPPED = 0.1
 """Share of the normal forces that is left of them as a sum, where they press from both sides."""
 SLIDING = 0.8
 """What slips less at the contact than its centre moves rolls or tumbles."""
+AT_LIMIT = 0.9
+LASTS = 100
+"""Steps: shorter, it comes to rest."""
+STEADY = 10
+"""Times its mean, up to which it is at its fastest: faster, it settled."""
+STRAIGHT = 0.5
+"""Of the ways, what is left where they are added up: what trembles gets nowhere, and what rolls
+slips less than it goes."""
+SUMS = ("slid", "moved", "time", "normal", "available", "used", "turning", "held")
+"""Of slip [m], way of the centre [m], time [s]; normal, available, used impulse [N s]; in a grip
+the moment about the contact of what moving with the support takes, and what friction can give of
+it [N m s]."""
 
 
 @dataclass
@@ -47,8 +59,7 @@ class Run:
     """How fast it slipped as the first of them began."""
     most_m_s: float
     sums: Float64
-    """Of slip [m], way of the centre [m], time [s], normal, available, used impulse [N s], the
-    impulse that moving with the support takes [N s], three numbers, and the way, three numbers."""
+    """SUMS, then the impulse that moving with the support takes [N s], and the way, as vectors."""
 
     def then(self, more: Run) -> Run:
         """Return both as one."""
@@ -56,19 +67,18 @@ class Run:
         return Run(self.first, more.last, self.began_m_s, most_m_s, self.sums + more.sums)
 
     @property
-    def slid_m(self) -> float:
-        """How far it slipped."""
-        return float(self.sums[0])
-
-    @property
-    def needed_n_s(self) -> float:
-        """The impulse that moving with the support takes."""
-        return float(np.linalg.norm(self.sums[6:9]))
+    def of(self) -> dict[str, float]:
+        """The sums by their names, with the sizes of the vectors: `needed` and `went`."""
+        needed, went = np.linalg.norm(self.sums[len(SUMS) :].reshape(2, 3), axis=1).tolist()
+        sums = dict(zip(SUMS, self.sums.tolist(), strict=False))
+        return {**sums, "needed": needed, "went": went}
 
 
 class Slides(Answer):
     """Needed is what gravity and the support's acceleration ask of friction, not a push."""
 
+    code = "slides"
+    level: Level = "asked"
     speeds_m_s = SLIPS_M_S, np.inf
     """Of the slips that it looks at."""
 
@@ -87,10 +97,11 @@ class Slides(Answer):
         for *both, rows in pairs.by_pair(slips):
             for side, number in enumerate(both):
                 judged = explained.bodies.get(number)
-                if judged is None or both[0] == both[1] or _jointed(judged):
+                if judged is None or both[0] == both[1]:
                     continue
-                for run in _runs(pairs, rows, side, judged):
-                    self._take(number, both[1 - side], run)
+                if all(steps.law.tree.size == 6 for steps in judged.stretches):
+                    for run in _runs(pairs, rows, side, judged):
+                        self._take(number, both[1 - side], run)
 
     def _take(self, body: int, other: int, run: Run) -> None:
         last = self._open.get((body, other))
@@ -106,18 +117,18 @@ class Slides(Answer):
         if run is None or not self.says(run, size_m(self.scene.body(body))):
             return
         found = self._found.get((body, other))
-        if found is None or run.slid_m > found.slid_m:
+        if found is None or run.of["slid"] > found.of["slid"]:
             self._found[body, other] = run
 
     def says(self, run: Run, body_m: float) -> bool:
         """Whether friction was not enough for what was at rest."""
-        slid, moved, _, normal, available = run.sums[:5]
+        of = run.of
+        slides = of["needed"] > of["available"] and of["slid"] >= SLIDING * of["moved"]
         return bool(
-            slid > max(LEAST_M, LEAST_SHARE * body_m)
+            of["slid"] > max(LEAST_M, LEAST_SHARE * body_m)
             and run.began_m_s <= FROM_REST * run.most_m_s
-            and run.needed_n_s > available
-            and normal > NONE * run.needed_n_s  # else it hardly touches it
-            and slid >= SLIDING * moved
+            and (slides or of["turning"] > of["held"] > 0)
+            and of["normal"] > NONE * of["needed"]  # else it hardly touches it
         )
 
     def findings(self) -> Iterator[Finding]:
@@ -125,43 +136,86 @@ class Slides(Answer):
         for body, other in [*self._open]:
             self._close(body, other)
         for (body, other), run in self._found.items():
-            yield self.finding(body, other, run)
+            message, advice, effect_m = self.words(run, self.scene.body(other).label)
+            yield Finding(
+                code=self.code, level=self.level, message=message, advice=advice,
+                body=self.scene.body(body).label, other=self.scene.body(other).label,
+                effect=Effect(effect_m, "m"), share=effect_m / size_m(self.scene.body(body)),
+                steps=Span(run.first, run.last, run.last - run.first + 1),
+                site=self._asked.site(body) or self._asked.site(other),
+            )  # fmt: skip
 
-    def finding(self, body: int, other: int, run: Run) -> Finding:
-        """Return what is said of a body and what it slips on."""
-        slid, _, seconds, normal, available, *_ = run.sums.tolist()
-        on, needed = self.scene.body(other).label, run.needed_n_s
-        return Finding(
-            code="slides",
-            level="asked",
-            message=Message(
+    def words(self, run: Run, on: str) -> tuple[Message, Message, float]:
+        """Return what is said of a body that slips on another, the cure, and how far it went."""
+        of, seconds = run.of, run.of["time"]
+        values: dict[str, object] = {
+            "slid": of["slid"], "on": on, "available": of["available"] / seconds,
+            "given": of["available"] / of["normal"], "needed": of["needed"] / seconds,
+            "wanted": of["needed"] / of["normal"], "held": of["held"] / seconds,
+            "turning": of["turning"] / seconds,
+        }  # fmt: skip
+        if of["needed"] <= of["available"]:
+            return (
+                Message(
+                    "turns in the grip of {on}, {slid:.3g} m at the contact: friction there gives "
+                    "at most {held:.3g} N m about it, and its weight beside it takes {turning:.3g} "
+                    "on average",
+                    **values,
+                ),
+                Message("grip it at its centre of mass, or with more force or friction"),
+                of["slid"],
+            )
+        return (
+            Message(
                 "slides {slid:.3g} m on {on}: friction there gives at most {available:.3g} N "
                 "(coefficient {given:.3g}), staying takes {needed:.3g} N ({wanted:.3g})",
-                slid=slid, on=on, available=available / seconds, given=available / normal,
-                needed=needed / seconds, wanted=needed / normal,
+                **values,
             ),
-            advice=Message(
+            Message(
                 "raise the product of both bodies' coefficients well above {wanted:.3g} with "
                 "p.changeDynamics(…, lateralFriction=…), or press them together with more force",
-                wanted=needed / normal,
+                **values,
             ),
-            body=self.scene.body(body).label,
-            other=on,
-            effect=Effect(slid, "m"),
-            share=slid / size_m(self.scene.body(body)),
-            steps=Span(run.first, run.last, run.last - run.first + 1),
-            site=self._asked.site(body) or self._asked.site(other),
+            of["slid"],
+        )
+
+
+class Creeps(Slides):
+    """The solver ends before contacts are at rest: once it changes little, or has no iterations."""
+
+    code = "creeps"
+    level: Level = "model"
+    speeds_m_s = 1e-7, 0.02
+
+    def says(self, run: Run, body_m: float) -> bool:
+        """Whether it went somewhere that friction could have kept it from."""
+        of = run.of
+        return bool(
+            run.last - run.first >= LASTS
+            and of["went"] > max(LEAST_M, LEAST_SHARE * body_m)
+            and min(of["slid"], of["went"]) > STRAIGHT * max(of["slid"], of["moved"])
+            and run.most_m_s * of["time"] < STEADY * of["went"]
+            and max(of["needed"], abs(of["used"])) < AT_LIMIT * of["available"]
+        )
+
+    def words(self, run: Run, on: str) -> tuple[Message, Message, float]:
+        """Return what is said of a body and what it creeps on."""
+        of, seconds = run.of, run.of["time"]
+        message = Message(
+            "creeps {moved:.3g} mm on {on} in {time:.3g} s: friction there could give "
+            "{available:.3g} N and staying takes {needed:.3g} N, but the solver ends before the "
+            "contact is at rest",
+            moved=of["went"] * 1e3, on=on, time=seconds, available=of["available"] / seconds,
+            needed=of["needed"] / seconds,
         )  # fmt: skip
-
-
-def _jointed(judged: Judged) -> bool:
-    """Whether it is something else than one rigid body that moves."""
-    return any(steps.law.tree.size != 6 for steps in judged.stretches)
+        return message, Message(
+            "call p.setPhysicsEngineParameter(solverResidualThreshold=0, numSolverIterations=500)"
+        ), of["went"]  # fmt: skip
 
 
 def _runs(pairs: Pairs, rows: Rows, side: int, judged: Judged) -> Iterator[Run]:
     """Yield runs of consecutive steps of a pair."""
-    needed, others, pushed, pressed, way = _forces(pairs, rows, side, judged)
+    needed, others, pushed, pressed, way, turning = _forces(pairs, rows, side, judged)
     normal = pairs.normal_n[rows]
     # What is held from both sides hangs back, whoever else carries it; elsewhere that is a push.
     gripped = np.linalg.norm(pairs.pressed_n[rows], axis=1) < GRIPPED * normal
@@ -178,9 +232,10 @@ def _runs(pairs: Pairs, rows: Rows, side: int, judged: Judged) -> Iterator[Run]:
     size = np.linalg.norm(needed, axis=1)
     towards = np.divide(needed, size[:, None], out=np.zeros_like(needed), where=size[:, None] > 0)
     used = np.einsum("ni,ni->n", pairs.tangential_n[rows], towards) * (-1.0 if side else 1.0)
-    forces = [np.ones(len(rows)), normal, available, used, *needed.T]
-    ways = [slip, np.linalg.norm(way, axis=1)]
-    numbers = np.column_stack([*ways, *(each * steady for each in forces), way]) * dt[:, None]
+    turned = turning[alone] * gripped[:, None]
+    forces = np.column_stack([np.ones(len(rows)), normal, available, used, turned, needed])
+    ways = slip, np.linalg.norm(way, axis=1)
+    numbers = np.column_stack([*ways, forces * steady[:, None], way]) * dt[:, None]
     starts = np.flatnonzero(np.diff(step, prepend=step[0] - 2) != 1)
     sums, most = np.add.reduceat(numbers, starts), np.maximum.reduceat(slip, starts)
     began = pairs.began_slip_m_s[rows][starts]
@@ -191,20 +246,27 @@ def _runs(pairs: Pairs, rows: Rows, side: int, judged: Judged) -> Iterator[Run]:
 
 def _forces(
     pairs: Pairs, rows: Rows, side: int, judged: Judged
-) -> tuple[Float64, Float64, Float64, Float64, Float64]:
+) -> tuple[Float64, Float64, Float64, Float64, Float64, Float64]:
     """Return what of a body's weight and inertia friction has to carry, shape (n, 3) [N].
 
     Then what other bodies do to it, what pushes and constraints do, what of its weight and inertia
-    presses it on [N], shape (n,) each, and how its centre moves along the contact [m/s], shape
-    (n, 3). NaN where the sum says nothing.
+    presses it on [N], shape (n,) each, how its centre moves along the contact [m/s], shape (n, 3),
+    and the moment about the contact of the first, and what friction can give of that [N m], shape
+    (n, 2). NaN where the sum says nothing.
     """
     needed, moved = np.full((2, len(rows), 3), np.nan)
     other, pushed, pressed = np.full((3, len(rows)), np.nan)
     points, weights = pairs.points, pairs.points.normal_n[:, None]
-    held = (points.ended_m_s - points.began_m_s)[:, 1 - side]
-    support = pairs.summed(weights * held)[rows] / pairs.normal_n[rows, None]
-    mean = pairs.summed(weights * points.ended_m_s[:, 1 - side])[rows] / pairs.normal_n[rows, None]
+
+    def mean(values: Float64) -> Float64:
+        return np.asarray(pairs.summed(weights * values) / pairs.normal_n[:, None].clip(1e-300))
+
+    support = mean((points.ended_m_s - points.began_m_s)[:, 1 - side])[rows]
+    goes, centre = mean(points.ended_m_s[:, 1 - side])[rows], mean(points.at_m[:, side])
     sign, line, dt = (-1.0 if side else 1.0), pairs.line[rows], pairs.timestep_s[rows, None]
+    arms = np.linalg.norm(np.cross(points.at_m[:, side] - centre[pairs.row], points.normal), axis=1)
+    turning = np.full((len(rows), 2), np.nan)
+    turning[:, 1] = pairs.summed(points.friction * points.normal_n * arms)[rows]
     for steps in judged.stretches:
         its = np.flatnonzero(np.isin(pairs.step[rows], steps.steps))
         if not len(its) or not steps.terms:
@@ -217,6 +279,8 @@ def _forces(
         others = steps.terms["contacts"][at, 3:6] / dt[its] - sign * pairs.force_n[rows][its]
         more = (steps.terms["constraints"] + steps.terms["applied"])[at, 3:6] / dt[its]
         other[its], pushed[its] = (np.linalg.norm(each, axis=1) for each in (others, more))
-        way = steps.after.velocity[at, 3:6] - mean[its]
+        way = steps.after.velocity[at, 3:6] - goes[its]
         moved[its] = way - np.einsum("ni,ni->n", way, line[its])[:, None] * line[its]
-    return needed, other, pushed, pressed, moved
+        moment = np.cross(steps.before.position_m[at] - centre[rows][its], asked)
+        turning[its, 0] = np.abs(np.einsum("ni,ni->n", moment, line[its]))
+    return needed, other, pushed, pressed, moved, turning

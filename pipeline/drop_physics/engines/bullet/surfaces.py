@@ -19,6 +19,8 @@ MOST_BYTES = 1 << 24
 MOST_TRIANGLES = 1 << 16
 HOLLOW_M = 2e-3
 """A surface that lies less deep below its hull is its hull."""
+OPEN = 0.98
+"""A surface of less than this share of its hull's is open somewhere: the hull closes that, too."""
 ALIKE = 1e-2
 """Share of its size by which the corners of a hull may be off those of the file that it is of."""
 FEW = 64
@@ -50,7 +52,7 @@ def _placed(corners_m: Float64, shape: Collision) -> Float64:
 
 
 def _is_hollow(corners_m: Float64, triangles: Int64, hull_m: Float64) -> bool:
-    """Whether a surface lies below its hull; not where several hulls are held for it."""
+    """Whether a surface lies below its hull or is open; not where several hulls are held for it."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -59,7 +61,10 @@ def _is_hollow(corners_m: Float64, triangles: Int64, hull_m: Float64) -> bool:
         return False
     if len(hull.vertices) < len(hull_m):
         return False
-    middles_m = corners_m[triangles].mean(axis=1)
+    a, b, c = np.moveaxis(corners_m[triangles], 1, 0)
+    if np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 < OPEN * hull.area:
+        return True
+    middles_m = (a + b + c) / 3
     for some in (middles_m[:: len(middles_m) // FEW + 1], middles_m):
         depths_m = -(hull.equations[:, :3] @ some.T + hull.equations[:, 3:]).max(axis=0)
         if depths_m.max() > HOLLOW_M:
