@@ -14,7 +14,8 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import polars as pl
 from drop_physics.analysis import apart, standing
@@ -38,7 +39,6 @@ from drop_physics.analysis.drop.results import (
 from drop_physics.analysis.drop.statistics import Summary
 from drop_physics.analysis.joints import JointRow
 from drop_physics.analysis.touches import Touch
-from drop_physics.fields import UNIONS
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Scenario
 from drop_physics.seen.calls import Call
@@ -394,7 +394,7 @@ def _schema(hint: Any) -> Schema:  # noqa: ANN401
         return {"type": "array", "items": _schema(hint[0])}
     if isinstance(hint, tuple):
         return _nullable(_schema(hint[0]))
-    if get_origin(hint) in UNIONS:  # of one type and None, or of several scalars
+    if get_origin(hint) in (Union, UnionType):  # of one type and None, or of several scalars
         kinds = [SCALARS[kind]["type"] for kind in arguments if kind in SCALARS]
         if len(kinds) > 1:
             return {"type": [*kinds, "null"]}

@@ -6,7 +6,7 @@ Each command imports what it needs when it runs, so that `drop --help` is quick.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -28,73 +28,65 @@ app = App(
     epilog="Start with: drop run",
 )
 
+
+def takes(metavar: str, text: str, *names: str, **how: Any) -> Any:  # noqa: ANN401
+    """Return an option that takes a value."""
+    return typer.Option(*names, metavar=metavar, help=text, **how)
+
+
+def flag(text: str, *names: str) -> Any:  # noqa: ANN401
+    """Return an option without one."""
+    return typer.Option(*names, help=text)
+
+
 Run = Annotated[Path, typer.Argument(metavar="RUN.rrd", help="The recording to read.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, for scripts.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+Json = Annotated[bool, flag("Print one JSON object, for scripts.", "--json")]
+Force = Annotated[bool, flag("Replace files that exist.", "--force")]
 Verbose = Annotated[
-    bool,
-    typer.Option("--verbose", "-v", help="Show all: flights, contacts, every joint and finding."),
+    bool, flag("Show all: flights, contacts, every joint and finding.", "--verbose", "-v")
 ]
 OfBody = Annotated[
-    str | None,
-    typer.Option("--body", metavar="NAME|ID", help="For a script's recording: this body only."),
+    str | None, takes("NAME|ID", "For a script's recording: this body only.", "--body")
 ]
 At = Annotated[
     list[str] | None,
-    typer.Option(
-        metavar="SECONDS",
-        help="Time at which to break the error down [s]; repeatable. [default: 0.3]",
-    ),
+    takes("SECONDS", "Time at which to break the error down [s]; repeatable. [default: 0.3]"),
 ]
 Fps = Annotated[
     float | None,
-    typer.Option(
-        parser=a_number,
-        metavar="NUMBER",
-        help="Pictures per second of the gif, at most 50. [default: 20]",
-    ),
+    takes("NUMBER", "Pictures per second of the gif, at most 50. [default: 20]", parser=a_number),
 ]
 Speed = Annotated[
     float | None,
-    typer.Option(
-        parser=a_number,
-        metavar="NUMBER",
-        help="Simulated seconds per second: 1 is real time, 0.25 slow motion.",
+    takes(
+        "NUMBER", "Simulated seconds per second: 1 is real time, 0.25 slow motion.", parser=a_number
     ),
 ]
-Caption = Annotated[
-    bool, typer.Option("--caption", help="Write time, height and error below each frame.")
-]
-Dark = Annotated[bool, typer.Option("--dark", help="Draw plots for a dark page.")]
-Ray = Annotated[
-    str | None,
-    typer.Option(metavar="ADDRESS", help="Run on a Ray cluster: auto, local or its address."),
-]
-Python = Annotated[
-    str | None,
-    typer.Option(metavar="PATH", help="The interpreter to run it with; 3.9 or later."),
-]
-Steps = Annotated[
-    int | None,
-    typer.Option(parser=an_integer, metavar="N", help="Stop it after N steps."),
-]
+Caption = Annotated[bool, flag("Write time, height and error below each frame.", "--caption")]
+Dark = Annotated[bool, flag("Draw plots for a dark page.", "--dark")]
+Ray = Annotated[str | None, takes("ADDRESS", "Run on a Ray cluster: auto, local or its address.")]
+Python = Annotated[str | None, takes("PATH", "The interpreter to run it with; 3.9 or later.")]
+Steps = Annotated[int | None, takes("N", "Stop it after N steps.", parser=an_integer)]
 Duration = Annotated[
-    float | None,
-    typer.Option(parser=a_number, metavar="SECONDS", help="Stop it after this simulated time [s]."),
+    float | None, takes("SECONDS", "Stop it after this simulated time [s].", parser=a_number)
 ]
 WithPlot = Annotated[
     bool,
-    typer.Option(
-        "--with-plot",
-        help="Plot heights and error, or of a script its findings, beside the frames.",
-    ),
+    flag("Plot heights and error, or of a script its findings, beside the frames.", "--with-plot"),
 ]
+
+
+Program = Annotated[
+    list[str],
+    typer.Argument(metavar="SCRIPT.py …", help="The script to run, and its arguments."),
+]
+Module = Annotated[bool, flag("Run a module by its name, as python -m does.", "-m")]
 
 
 @app.callback(invoke_without_command=True)
 def _drop(
     context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    version: Annotated[bool, flag("Print the version.", "--version")] = False,
 ) -> None:
     if version:
         from drop_physics.stages.info import versions
@@ -112,13 +104,10 @@ def _drop(
 @takes_scenario
 def simulate(
     *,
-    out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="RUN.rrd", help="The recording to write.")
-    ],
-    spawn: Annotated[bool, typer.Option("--spawn", help="Show the fall live in a viewer.")] = False,
+    out: Annotated[Path, takes("RUN.rrd", "The recording to write.", "--out", "-o")],
+    spawn: Annotated[bool, flag("Show the fall live in a viewer.", "--spawn")] = False,
     connect: Annotated[
-        str | None,
-        typer.Option(metavar="URL", help="Show it live in a viewer that is already open."),
+        str | None, takes("URL", "Show it live in a viewer that is already open.")
     ] = None,
     force: Force = False,
     json: Json = False,
@@ -152,16 +141,10 @@ def analyze(
     at: At = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="LAYER.rrd",
-            help="The layer to write. [default: RUN.analysis.rrd]",
-        ),
+        takes("LAYER.rrd", "The layer to write. [default: RUN.analysis.rrd]", "--out", "-o"),
     ] = None,
     table: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write every sample to a .parquet or .csv file."),
+        Path | None, takes("FILE", "Write every sample to a .parquet or .csv file.")
     ] = None,
     body: OfBody = None,
     force: Force = False,
@@ -194,12 +177,7 @@ def render(
     *,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="FILE",
-            help="The .gif, .webp, .apng or .mp4 to write. [default: RUN.gif]",
-        ),
+        takes("FILE", "The .gif, .webp, .apng or .mp4 to write. [default: RUN.gif]", "--out", "-o"),
     ] = None,
     fps: Fps = None,
     speed: Speed = None,
@@ -207,12 +185,10 @@ def render(
     with_plot: WithPlot = False,
     dark: Dark = False,
     plot: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="The plot, .png or .svg. [default: RUN.png]"),
+        Path | None, takes("FILE", "The plot, .png or .svg. [default: RUN.png]")
     ] = None,
     view: Annotated[
-        View | None,
-        typer.Option("--camera", help="For a script's recording: draw its poses with this camera."),
+        View | None, flag("For a script's recording: draw its poses with this camera.", "--camera")
     ] = None,
     body: OfBody = None,
     force: Force = False,
@@ -244,10 +220,7 @@ def render(
 def run(
     *,
     out_dir: Annotated[
-        Path,
-        typer.Option(
-            "--out-dir", "-o", metavar="DIR", help="Folder for the files; created if missing."
-        ),
+        Path, takes("DIR", "Folder for the files; created if missing.", "--out-dir", "-o")
     ] = Path("recordings"),
     at: At = None,
     fps: Fps = None,
@@ -281,26 +254,20 @@ def run(
 def check(
     run: Run,
     *,
-    against: Annotated[
-        Path, typer.Option(metavar="GOLDEN.rrd", help="The recording to compare with.")
-    ],
+    against: Annotated[Path, takes("GOLDEN.rrd", "The recording to compare with.")],
     tolerance: Annotated[
         float,
-        typer.Option(
+        takes(
+            "METRES",
+            "Largest difference that passes; for a velocity, the distance per step. 0: bit "
+            "for bit, but 1e-9 m for a drop in contact.",
             parser=a_number,
-            metavar="METRES",
-            help="Largest difference that passes; for a velocity, the distance per step. "
-            "0: bit for bit, but 1e-9 m for a drop in contact.",
         ),
     ] = 0.0,
-    update: Annotated[
-        bool, typer.Option("--update", help="Make RUN.rrd the golden recording.")
-    ] = False,
+    update: Annotated[bool, flag("Make RUN.rrd the golden recording.", "--update")] = False,
     summary: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help="Append the verdict to this file, as Markdown for a CI's summary."
-        ),
+        takes("FILE", "Append the verdict to this file, as Markdown for a CI's summary."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -330,56 +297,46 @@ def sweep(
     *,
     out: Annotated[
         Path,
-        typer.Option(
+        takes(
+            "DIR",
+            "Folder for results and recordings; run the command again to resume.",
             "--out",
             "-o",
-            metavar="DIR",
-            help="Folder for results and recordings; run the command again to resume.",
         ),
     ],
-    at: Annotated[
-        str, typer.Option(metavar="SECONDS", help="Time at which to break the error down [s].")
-    ] = "0.3",
+    at: Annotated[str, takes("SECONDS", "Time at which to break the error down [s].")] = "0.3",
     samples: Annotated[
-        int | None,
-        typer.Option(
-            parser=an_integer, metavar="N", help="Runs of each scenario, drawn with --vary."
-        ),
+        int | None, takes("N", "Runs of each scenario, drawn with --vary.", parser=an_integer)
     ] = None,
-    seed: Annotated[int, typer.Option(parser=an_integer, metavar="S", help="Random seed.")] = 0,
+    seed: Annotated[int, takes("S", "Random seed.", parser=an_integer)] = 0,
     vary: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=DISTRIBUTION",
-            help="Draw an option, such as height=uniform:0.5:2 or velocity_z=normal:0:1; "
+        takes(
+            "NAME=DISTRIBUTION",
+            "Draw an option, such as height=uniform:0.5:2 or velocity_z=normal:0:1; "
             "repeatable. Also loguniform, truncnormal, lognormal, triangular, exponential, "
             "integers and choice.",
         ),
     ] = None,
     until_ci: Annotated[
         float | None,
-        typer.Option(
+        takes(
+            "METRES",
+            "Stop when the 95 % confidence interval of the mean error is this narrow, "
+            "after 30 samples or more.",
             parser=a_number,
-            metavar="METRES",
-            help="Stop when the 95 % confidence interval of the mean error is this narrow, after "
-            "30 samples or more.",
         ),
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option(
-            parser=an_integer,
-            metavar="N",
-            help="Worker processes; by default one per core where that pays off.",
+        takes(
+            "N", "Worker processes; by default one per core where that pays off.", parser=an_integer
         ),
     ] = None,
     ray: Ray = None,
-    no_record: Annotated[
-        bool, typer.Option("--no-record", help="Keep the numbers, but no recordings.")
-    ] = False,
+    no_record: Annotated[bool, flag("Keep the numbers, but no recordings.", "--no-record")] = False,
     plot: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Plot errors over the timestep, as .png or .svg."),
+        Path | None, takes("FILE", "Plot errors over the timestep, as .png or .svg.")
     ] = None,
     dark: Dark = False,
     force: Force = False,
@@ -405,19 +362,9 @@ def sweep(
     plan = plan_of(lists, samples=samples, seed=seed, vary=vary or [])
     with sweep_progress() as report:
         result = sweep(
-            plan,
-            out,
-            at_s=times([at])[0],
-            record=not no_record,
-            camera=camera,
-            jobs=jobs,
-            ray=ray,
-            until_ci_m=until_ci,
-            plot=plot,
-            dark=dark,
-            force=force,
-            progress=report,
-        )
+            plan, out, at_s=times([at])[0], record=not no_record, camera=camera, jobs=jobs,
+            ray=ray, until_ci_m=until_ci, plot=plot, dark=dark, force=force, progress=report,
+        )  # fmt: skip
     raise typer.Exit(show_sweep(result, as_json=json))
 
 
@@ -428,38 +375,29 @@ def sweep(
 )
 def record(
     context: typer.Context,
-    program: Annotated[
-        list[str],
-        typer.Argument(metavar="SCRIPT.py …", help="The script to run, and its arguments."),
-    ],
+    program: Program,
     *,
-    module: Annotated[
-        bool, typer.Option("-m", help="Run a module by its name, as python -m does.")
-    ] = False,
+    module: Module = False,
     out: Annotated[
         Path | None,
-        typer.Option(
+        takes(
+            "RUN.rrd",
+            "The recording to write. [default: recordings/SCRIPT.rrd, numbered]",
             "--out",
             "-o",
-            metavar="RUN.rrd",
-            help="The recording to write. [default: recordings/SCRIPT.rrd, numbered]",
         ),
     ] = None,
     steps: Steps = None,
     duration: Duration = None,
     seed: Annotated[
-        int | None,
-        typer.Option(parser=an_integer, metavar="N", help="Seed random and numpy.random with N."),
+        int | None, takes("N", "Seed random and numpy.random with N.", parser=an_integer)
     ] = None,
     twice: Annotated[
-        bool, typer.Option("--twice", help="Run it again, and report the first step that differs.")
+        bool, flag("Run it again, and report the first step that differs.", "--twice")
     ] = False,
     python: Python = None,
     keep_sleeping: Annotated[
-        bool,
-        typer.Option(
-            "--keep-sleeping", help="Let its sleeps take time; else its clock is virtual."
-        ),
+        bool, flag("Let its sleeps take time; else its clock is virtual.", "--keep-sleeping")
     ] = False,
     force: Force = False,
     json: Json = False,
@@ -496,60 +434,44 @@ def record(
 )
 def trust(
     context: typer.Context,
-    program: Annotated[
-        list[str],
-        typer.Argument(metavar="SCRIPT.py …", help="The script to run, and its arguments."),
-    ],
+    program: Program,
     *,
-    module: Annotated[
-        bool, typer.Option("-m", help="Run a module by its name, as python -m does.")
-    ] = False,
+    module: Module = False,
     vary: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=V,…",
-            help="In place of the usual variations: values of a parameter of the engine, of "
-            "gravity [m/s2], or factors of friction or mass; timestep/8, iterations*2, nudge, "
-            "seed; repeatable.",
+        takes(
+            "NAME=V,…",
+            "In place of the usual variations: values of a parameter of the engine, of "
+            "gravity [m/s2], or factors of friction or mass; timestep/8, iterations*2, "
+            "nudge, seed; repeatable.",
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="DIR",
-            help="Folder for the recordings. [default: recordings/SCRIPT-trust]",
+        takes(
+            "DIR", "Folder for the recordings. [default: recordings/SCRIPT-trust]", "--out", "-o"
         ),
     ] = None,
     within: Annotated[
         str | None,
-        typer.Option(
-            metavar="LENGTH",
-            help="Exit with 3 if a variation ends farther apart: 1mm, 0.5deg, or both with a "
+        takes(
+            "LENGTH",
+            "Exit with 3 if a variation ends farther apart: 1mm, 0.5deg, or both with a "
             "comma; without a unit, metres.",
         ),
     ] = None,
     steps: Steps = None,
     duration: Duration = None,
-    seed: Annotated[
-        int,
-        typer.Option(parser=an_integer, metavar="N", help="Seed random and numpy.random with N."),
-    ] = 0,
+    seed: Annotated[int, takes("N", "Seed random and numpy.random with N.", parser=an_integer)] = 0,
     jobs: Annotated[
-        int | None,
-        typer.Option(
-            parser=an_integer, metavar="N", help="Worker processes; by default one per core."
-        ),
+        int | None, takes("N", "Worker processes; by default one per core.", parser=an_integer)
     ] = None,
     ray: Ray = None,
     table: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Also write all distances to a .csv or .parquet file."),
+        Path | None, takes("FILE", "Also write all distances to a .csv or .parquet file.")
     ] = None,
     plot: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Also plot them over time, as .png or .svg."),
+        Path | None, takes("FILE", "Also plot them over time, as .png or .svg.")
     ] = None,
     dark: Dark = False,
     python: Python = None,
@@ -602,13 +524,10 @@ def info(run: Run, *, json: Json = False) -> None:
 def view(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN.rrd", help="The recordings to open.")],
     *,
-    web: Annotated[bool, typer.Option("--web", help="Open them in a browser.")] = False,
+    web: Annotated[bool, flag("Open them in a browser.", "--web")] = False,
     against: Annotated[
         Path | None,
-        typer.Option(
-            metavar="GOLDEN.rrd",
-            help="Show this recording in grey beside it, at the first difference.",
-        ),
+        takes("GOLDEN.rrd", "Show this recording in grey beside it, at the first difference."),
     ] = None,
     json: Json = False,
 ) -> None:

@@ -98,13 +98,7 @@ class OutputError(DropError):
 
 
 def check_suffix(option: str, path: Path, suffixes: Iterable[str]) -> None:
-    """Check that a file's suffix names a format that can be written.
-
-    Raises
-    ------
-    ScenarioError
-        If it does not.
-    """
+    """Check that a file's suffix names a format that can be written."""
     *others, last = suffixes
     if path.suffix in (*others, last):
         return

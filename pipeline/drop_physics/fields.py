@@ -5,7 +5,6 @@ One declaration serves the command line, the recording and sweeps.
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import math
 import sys
@@ -13,8 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from fractions import Fraction
 from numbers import Integral, Real
-from types import NoneType, UnionType
-from typing import Any, Literal, Self, Union, get_args, get_origin, get_type_hints
+from typing import Any, Self
 
 from drop_physics.errors import ScenarioError
 from drop_physics.kinds import TEXT, Kind
@@ -78,6 +76,8 @@ def exact(value: object) -> str:
     return ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)
 
 
+_NUMBERS: dict[type, type] = {float: Real, int: Integral}
+
 # -- one field: its option, its domain ------------------------------------------------------------
 
 
@@ -109,13 +109,7 @@ class Option:
         return self.name.startswith("--no-")
 
     def read(self, raw: str) -> Any:  # noqa: ANN401
-        """Read one value; `default` is None where the engine has a value of its own.
-
-        Raises
-        ------
-        ScenarioError
-            If the text cannot be read.
-        """
+        """Read one value; `default` is None where the engine has a value of its own."""
         if self.is_left and raw == "default":
             return None
         try:
@@ -137,13 +131,7 @@ class Option:
         return str(value)
 
     def read_list(self, raw: str) -> tuple[Any, ...]:
-        """Read values separated by commas, or by semicolons where values have commas of their own.
-
-        Raises
-        ------
-        ScenarioError
-            If one of them cannot be read, or is outside the domain.
-        """
+        """Read values separated by commas, or by semicolons where they have commas themselves."""
         by_semicolon = bool(self.kind.components) or ";" in raw
         parts = raw.split(";" if by_semicolon else ",")
         values = tuple(self.read(part.strip(" \t")) for part in parts)
@@ -170,17 +158,39 @@ class Option:
         return above_low and value <= self.high and abs(value) <= sys.float_info.max
 
     def check(self, value: object) -> None:
-        """Check that the numbers in a value are in the domain.
-
-        Raises
-        ------
-        ScenarioError
-            If one is outside it.
-        """
+        """Check that the numbers in a value are in the domain."""
         for part in value if isinstance(value, tuple) else (value,):
             is_number = isinstance(part, int | float) and not isinstance(part, bool)
             if is_number and not self.contains(part):
                 raise self._outside(part)
+
+    def accepted(self, value: Any) -> Any:  # noqa: ANN401
+        """Return a value, its type and domain checked; a whole number becomes a float."""
+        if value is None and self.is_left:
+            return None
+        lengths, of = self.kind.lengths, bool if self.is_flag else self.kind.of
+        several = isinstance(value, tuple | list) and len(value) in lengths
+        parts = value if several else [value]
+        is_of = all(isinstance(part, _NUMBERS.get(of, of)) for part in parts)
+        bools = any(isinstance(part, bool) for part in parts)  # which are ints to Python, not to us
+        chosen = not self.choices or value in self.choices
+        try:
+            if several != bool(lengths) or not is_of or bools != (of is bool) or not chosen:
+                raise TypeError
+            made = tuple(map(of, parts)) if several else of(value)
+        except (TypeError, OverflowError):
+            raise outside(self.name, self._type_in_words(), value) from None
+        self.check(made)
+        return made
+
+    def _type_in_words(self) -> str:
+        if self.choices or self.is_flag:
+            return alternatives(self.choices or ("True", "False"))
+        one = {
+            float: Message("a number"), int: Message("a whole number"), str: Message("text")
+        }[self.kind.of]  # fmt: skip
+        times = (Message("{n} times {kind}", n=n, kind=one) for n in self.kind.lengths)
+        return alternatives(times) if self.kind.lengths else one
 
     def _outside(self, value: float) -> ScenarioError:
         """Return the error; for 240 in place of 1/240 it asks whether the fraction was meant."""
@@ -225,70 +235,27 @@ class Optioned:
 
     @classmethod
     def from_text(cls, given: Mapping[str, str | bool | None]) -> Self:
-        """Build from command-line values by field name; absent or None means the default.
-
-        Raises
-        ------
-        ScenarioError
-            If a value cannot be read, or is outside its domain.
-        """
-        values: dict[str, Any] = {}
-        for name, spec in cls.options().items():
-            raw = given.get(name)
-            if isinstance(raw, bool):
-                values[name] = raw
-            elif raw is not None:
-                values[name] = spec.read(raw)
+        """Build from command-line values by field name; absent or None means the default."""
+        values: dict[str, Any] = {
+            name: spec.read(raw) if isinstance(raw, str) else raw
+            for name, spec in cls.options().items()
+            if (raw := given.get(name)) is not None
+        }
         return cls(**values)
 
     @classmethod
-    def checked(cls, name: str, given: object) -> Any:  # noqa: ANN401
-        """Return a field's value, its type and domain checked; a whole number becomes a float.
-
-        Raises
-        ------
-        ScenarioError
-            If it is of another type, or outside its domain.
-        """
-        spec, hint = cls.options()[name], _hints(cls)[name]  # type: ignore[arg-type]
-        try:
-            value = _of_kind(given, hint)
-        except (TypeError, OverflowError):
-            raise outside(spec.name, _kind(hint), given) from None
-        spec.check(value)
-        return value
-
-    @classmethod
     def listed(cls, name: str, given: object) -> tuple[Any, ...]:
-        """Return several values of a field, from command-line text, a list, or a single value.
-
-        Raises
-        ------
-        ScenarioError
-            If one of them is invalid.
-        """
+        """Return several values of a field, from command-line text, a list, or a single value."""
+        option = cls.options()[name]
         if isinstance(given, str):
-            return cls.options()[name].read_list(given)
+            return option.read_list(given)
         values = given if isinstance(given, Iterable) and not isinstance(given, tuple) else [given]
-        return tuple(cls.checked(name, value) for value in values)
+        return tuple(map(option.accepted, values))
 
     def check_domains(self) -> None:
-        """Check every value's type and domain; a whole number becomes a float where declared so.
-
-        Raises
-        ------
-        ScenarioError
-            If one is of another type, or outside its domain.
-        """
-        for name in self.options():
-            value = self.checked(name, getattr(self, name))
-            object.__setattr__(self, name, value)  # the dataclass is frozen
-
-
-UNIONS = (UnionType, Union)
-"""The origin of `X | None` is one of these: the second where X is a Literal."""
-
-# -- types ----------------------------------------------------------------------------------------
+        """Check every value's type and domain; a whole number becomes a float where it is one."""
+        for name, option in self.options().items():  # the dataclass is frozen
+            object.__setattr__(self, name, option.accepted(getattr(self, name)))
 
 
 def shown(value: object) -> str:
@@ -310,47 +277,3 @@ def outside(option: str, domain: str, value: object) -> ScenarioError:
 @functools.cache
 def _options(kind: Any) -> dict[str, Option]:  # noqa: ANN401 - as below
     return {f.name: f.metadata["option"] for f in fields(kind) if "option" in f.metadata}
-
-
-@functools.cache
-def _hints(kind: Any) -> dict[str, Any]:  # noqa: ANN401 - a class; mypy doubts its hash
-    return get_type_hints(kind)  # evaluating every annotation takes ten times as long as the checks
-
-
-def _of_kind(value: Any, hint: Any) -> Any:  # noqa: ANN401
-    """Return a value as a field's declared type; TypeError if it is of another."""
-    arguments = get_args(hint)
-    if get_origin(hint) is Literal:
-        if value in arguments:
-            return value
-    elif get_origin(hint) in UNIONS:
-        if value is None and NoneType in arguments:
-            return None
-        for argument in arguments:
-            with contextlib.suppress(TypeError):
-                return _of_kind(value, argument)
-    elif get_origin(hint) is tuple:
-        if isinstance(value, tuple | list) and len(value) == len(arguments):
-            return tuple(map(_of_kind, value, arguments))
-    elif hint in (bool, str) or isinstance(value, bool):  # which is an int to Python, not to us
-        if isinstance(value, hint) and isinstance(value, bool) == (hint is bool):
-            return value
-    elif isinstance(value, Real if hint is float else Integral):
-        return hint(value)
-    raise TypeError
-
-
-def _kind(hint: Any) -> str:  # noqa: ANN401
-    arguments = get_args(hint)
-    if get_origin(hint) is Literal:
-        return alternatives(arguments)
-    if get_origin(hint) in UNIONS:
-        return alternatives(_kind(argument) for argument in arguments if argument is not NoneType)
-    if get_origin(hint) is tuple:
-        return Message("{n} times {kind}", n=len(arguments), kind=_kind(arguments[0]))
-    return {
-        float: Message("a number"),
-        int: Message("a whole number"),
-        bool: "True or False",
-        str: Message("text"),
-    }[hint]

@@ -26,13 +26,7 @@ def number(text: str) -> float:
 
 
 def _digits(text: str) -> str:
-    """Return a number's text as it is, unless only Python would read it: `1_0`, or `١` for 1.
-
-    Raises
-    ------
-    ValueError
-        If only Python would.
-    """
+    """Return a number's text, unless only Python would read it: `1_0`, or `١` for 1."""
     if "_" in text or not text.isascii():
         raise ValueError
     return text
@@ -74,19 +68,8 @@ def size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def text(value: str) -> str:
-    """Return the text as it is."""
-    return value
-
-
 def times(texts: Sequence[str]) -> list[float]:
-    """Read the times of `--at` [s].
-
-    Raises
-    ------
-    ScenarioError
-        If one of them is not a number.
-    """
+    """Read the times of `--at` [s]."""
     try:
         return [number(text) for text in texts]
     except ScenarioError as error:
@@ -106,6 +89,8 @@ class Kind:
     """Its placeholder in `--help`."""
     of: type[float | int | str]
     """Its type, or that of its parts."""
+    lengths: tuple[int, ...] = ()
+    """How many parts it may have; empty where it is one."""
     components: tuple[str, ...] = ()
     """The names of its parts, where each can be given alone."""
     joined: str = ","
@@ -114,7 +99,7 @@ class Kind:
 
 NUMBER = Kind(number, "NUMBER", float)
 INTEGER = Kind(integer, "N", int)
-VECTOR = Kind(vector, "X,Y,Z", float, ("x", "y", "z"))
-ORIENTATION = Kind(orientation, "R,P,Y|X,Y,Z,W", float, ("roll", "pitch", "yaw"))
-SIZE = Kind(size, "WIDTHxHEIGHT", int, joined="x")
-TEXT = Kind(text, "TEXT", str)
+VECTOR = Kind(vector, "X,Y,Z", float, (3,), ("x", "y", "z"))
+ORIENTATION = Kind(orientation, "R,P,Y|X,Y,Z,W", float, (3, 4), ("roll", "pitch", "yaw"))
+SIZE = Kind(size, "WIDTHxHEIGHT", int, (2,), joined="x")
+TEXT = Kind(str, "TEXT", str)

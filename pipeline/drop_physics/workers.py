@@ -71,13 +71,7 @@ def users_environment() -> dict[str, str]:
 
 
 def check_limits() -> None:
-    """Make sure that our libraries can open files and map memory: where they cannot, some abort.
-
-    Raises
-    ------
-    DropError
-        If this process may have too few open files, or too little address space.
-    """
+    """Make sure that our libraries can open files and map memory: where they cannot, some abort."""
     try:
         import resource
     except ImportError:  # Windows
@@ -139,11 +133,6 @@ class Worker:
 
     It starts at once, and imports a function's module when it is first asked for. Questions are
     answered in order. Take all answers before asking another large question.
-
-    Raises
-    ------
-    DropError
-        If the process cannot be started.
     """
 
     def __init__(self) -> None:
@@ -185,11 +174,6 @@ class Worker:
         """Call a function, `module:name`, in the process; its module need not be imported here.
 
         If it returns an iterator, each of its elements is an answer.
-
-        Raises
-        ------
-        WorkerDiedError
-            If the process died.
         """
         assert self._process.stdin is not None
         try:
@@ -199,13 +183,7 @@ class Worker:
             raise self._died() from None
 
     def answer(self) -> Any:  # noqa: ANN401
-        """Return the next answer, or raise what the function raised.
-
-        Raises
-        ------
-        WorkerDiedError
-            If the process died.
-        """
+        """Return the next answer, or raise what the function raised."""
         assert self._process.stdout is not None
         if hasattr(signal, "siginterrupt"):
             # Once Polars is imported, a blocking read would continue after Ctrl-C.

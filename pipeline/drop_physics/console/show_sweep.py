@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
+from rich.text import Text
 
 from drop_physics.console.output import (
     columns_of,
@@ -24,7 +25,7 @@ from drop_physics.console.output import (
 )
 from drop_physics.console.words import PLOT, TERMS
 from drop_physics.fields import decimals, fraction
-from drop_physics.messages import Message, joined, localized, translated
+from drop_physics.messages import Message, localized, translated
 
 if TYPE_CHECKING:
     from drop_physics.analysis.drop.convergence import Study
@@ -36,18 +37,6 @@ MOST_ROWS = 30
 MOST_STUDIES = 6
 LONGEST = 20
 """Characters of a value in the table."""
-HEADS = {
-    "impact": Message("impact"),
-    "deepest": Message("deepest"),
-    "at rest": Message("at rest"),
-    "cause": Message("cause"),
-    "contact": Message("contact"),
-    "a step": Message("a step"),
-    "angular momentum": Message("angular momentum"),
-    "order": Message("order"),
-    "energy": Message("energy"),
-}
-"""Of the columns that compare engines."""
 STUDY = 24
 """Column in which a study's sentences begin."""
 COLUMNS = {"error_m": "total"} | {f"{name}_m": name for name in TERMS if name != "total"}
@@ -131,7 +120,30 @@ def _json(sweep: Sweep) -> dict[str, Any]:
     }
 
 
-# -- every run ------------------------------------------------------------------------------------
+# -- tables ---------------------------------------------------------------------------------------
+
+Column = tuple[str, list[str], bool]
+"""Its head, its cells, and whether they are right-aligned."""
+
+
+def _table(columns: list[Column], failed: Sequence[bool] = ()) -> list[str]:
+    aligned = []
+    for head, cells, to_the_right in columns:
+        texts = [translated(head), *cells]
+        wide = max(8 if to_the_right else 0, *map(columns_of, texts))
+        aligned.append([(right if to_the_right else left)(text, wide) for text in texts])
+    heads, *rows = (escape("  ".join(row).rstrip()) for row in zip(*aligned, strict=True))
+    reds = [*failed, *[False] * (len(rows) - len(failed))]
+    return [
+        f"[dim]{heads}[/]",
+        *(f"[red]{row}[/]" if red else row for row, red in zip(rows, reds, strict=True)),
+    ]
+
+
+def _labels(sweep: Sweep, rows: Sequence[dict[str, Any]]) -> list[Column]:
+    """Return a column for each field that differs between the runs."""
+    return [(name, [_cut(sweep.written(field, row[field])) for row in rows], False)
+            for field, name in sweep.axes]  # fmt: skip
 
 
 def _rows(sweep: Sweep) -> list[str]:
@@ -140,42 +152,27 @@ def _rows(sweep: Sweep) -> list[str]:
     Columns that do not fit in a line are left out, from the right, but never the total.
     """
     shown = sweep.table(MOST_ROWS).to_dicts()
-    labels = [[name, *(_cut(sweep.written(field, row[field])) for row in shown)]
-              for field, name in sweep.axes]  # fmt: skip
-    errors = [
-        [translated(TERMS[name]), *(_mm(row[column]) for row in shown)]
-        for column, name in COLUMNS.items()
-    ]
-    columns = [_aligned(label, left) for label in labels]
-    columns += [_aligned(error, right) for error in errors]
-    total = len(labels)
+    total, *terms = (
+        (TERMS[name], [_mm(row[column]) for row in shown], True) for column, name in COLUMNS.items()
+    )
+    labels, failed = _labels(sweep, shown), [row["error"] is not None for row in shown]
     left_out: list[str] = []
-    while len(columns) > 1 and sum(columns_of(column[0]) + 2 for column in columns) - 2 > width():
-        at = -1 if len(columns) > total + 1 else total - 1
-        total -= at == total - 1
-        left_out.insert(0, columns.pop(at)[0].strip())
-    lines = []
-    for number, cells in enumerate(zip(*columns, strict=True)):
-        line = escape("  ".join(cells).rstrip())
-        failed = number and shown[number - 1]["error"] is not None
-        lines.append(f"[dim]{line}[/]" if not number else f"[red]{line}[/]" if failed else line)
+    while columns_of(Text.from_markup(_table([*labels, total, *terms])[0]).plain) > width():
+        if not (terms or labels):
+            break
+        left_out.insert(0, translated((terms or labels).pop()[0]))
+    lines = _table([*labels, total, *terms], failed)
+    results = str(sweep.results)
     if left_out:
-        without = Message(
-            "without {columns}: see {results}",
-            columns=joined(", ", left_out),
-            results=str(sweep.results),
+        words = Message(
+            "without {columns}: see {results}", columns=", ".join(left_out), results=results
         )
-        lines += [f"[dim]{line}[/]" for line in titled("", without, column=0)]
+        lines += [f"[dim]{line}[/]" for line in titled("", words, column=0)]
     if sweep.runs > len(shown):
-        more, results = sweep.runs - len(shown), escape(str(sweep.results))
+        more = sweep.runs - len(shown)
         more_rows = localized("… and {more:,} more in {results}", more=more, results=results)
-        lines.append(f"[dim]{more_rows}[/]")
+        lines.append(f"[dim]{escape(more_rows)}[/]")
     return lines
-
-
-def _aligned(cells: list[str], align: Callable[[str, int], str]) -> list[str]:
-    width = max(8 if align is right else 0, *map(columns_of, cells))
-    return [align(cell, width) for cell in cells]
 
 
 def _cut(text: str) -> str:
@@ -278,41 +275,27 @@ def _orders(orders: Sequence[float | None], last: int, width: int, decimals: int
 def _engines(sweep: Sweep) -> list[str]:
     """Return a table of what each engine does on the floor, and a table of drifts."""
     runs, table = sweep.engine_runs, sweep.table(MOST_ROWS).to_dicts()
-    labels = [
-        [name, *(_cut(sweep.written(field, table[run.run][field])) for run in runs)]
-        for field, name in sweep.axes
+    labels = _labels(sweep, [table[run.run] for run in runs])
+    floor = [
+        (Message("impact"), [_unit(run.impact_s, 1, "s", 4) for run in runs], True),
+        (Message("deepest"), [_unit(run.penetration_m, 1e3, "mm", 2) for run in runs], True),
+        (Message("at rest"), [_unit(run.rest_error_m, 1e6, "µm", 2, "+") for run in runs], True),
+        (Message("cause"), [translated(run.rest_cause or "–") for run in runs], False),
+        (Message("contact"), [_unit(run.contact_j, 1, "J", 4, "+") for run in runs], True),
+        (Message("a step"), [f"{run.step_us:6.1f} µs" for run in runs], True),
     ]
-    floor = {
-        "impact": [_unit(run.impact_s, 1, "s", 4) for run in runs],
-        "deepest": [_unit(run.penetration_m, 1e3, "mm", 2) for run in runs],
-        "at rest": [_unit(run.rest_error_m, 1e6, "µm", 2, "+") for run in runs],
-        "cause": [translated(run.rest_cause or "–") for run in runs],
-        "contact": [_unit(run.contact_j, 1, "J", 4, "+") for run in runs],
-        "a step": [f"{run.step_us:6.1f} µs" for run in runs],
-    }
-    drift = {
-        "angular momentum": [_drift(run.angular_momentum_drift) for run in runs],
-        "order": [_unit(run.order, 1, "", 3) for run in runs],
-        "energy": [_drift(run.energy_drift) for run in runs],
-    }
+    drift = [
+        (Message("angular momentum"), [_drift(run.angular_momentum_drift) for run in runs], True),
+        (Message("order"), [_unit(run.order, 1, "", 3) for run in runs], True),
+        (Message("energy"), [_drift(run.energy_drift) for run in runs], True),
+    ]
     lines = []
     if any(run.impact_s is not None or run.penetration_m is not None for run in runs):
-        lines += [*_heading(Message("on the floor")), *_table(labels, floor)]
+        lines += [*_heading(Message("on the floor")), *_table([*labels, *floor])]
     if any(run.angular_momentum_drift is not None for run in runs):
         lines += [""] if lines else []
-        lines += [*_heading(Message("drift before the first contact")), *_table(labels, drift)]
+        lines += [*_heading(Message("drift before the first contact")), *_table([*labels, *drift])]
     return lines
-
-
-def _table(labels: list[list[str]], columns: dict[str, list[str]]) -> list[str]:
-    cells = [_aligned(label, left) for label in labels]
-    for name, values in columns.items():
-        align = left if name == "cause" else right
-        column = [translated(HEADS[name]), *values]
-        width = max(map(columns_of, column))
-        cells.append([align(cell, width) for cell in column])
-    rows = [escape("  ".join(row).rstrip()) for row in zip(*cells, strict=True)]
-    return [f"[dim]{rows[0]}[/]", *rows[1:]]
 
 
 def _unit(value: float | None, per_si: float, unit: str, places: int, sign: str = "") -> str:
@@ -330,44 +313,32 @@ def _drift(value: float | None) -> str:
 
 def _statistics(group: Group) -> list[str]:
     lines = _heading(group.label) if group.label else []
-    quantiles = list(group.statistics[0].quantiles) if group.statistics else []
-    head = [localized("mean"), "± 95 %", localized("spread"), *quantiles]
-    lines.append(_cells("", head, style="dim"))
-    for statistic in group.statistics:
-        half = (
-            None
-            if statistic.interval is None
-            else (statistic.interval[1] - statistic.interval[0]) / 2
-        )
-        widths = [_mm(width).removeprefix("+") for width in (half, statistic.spread)]
-        cells = [_mm(statistic.mean), *widths, *map(_mm, statistic.quantiles.values())]
-        lines.append(_cells(TERMS[COLUMNS[statistic.quantity]], cells))
-    count = group.statistics[0].count if group.statistics else 0
-    samples = counted(group.samples, "sample")
-    over = samples
+    found, samples = group.statistics, counted(group.samples, "sample")
+    if not found:
+        failed = Message("all {samples} failed", samples=samples)
+        return [*lines, translated(failed if group.samples > 1 else Message("the sample failed"))]
+
+    def wide(value_m: float | None) -> str:
+        return _mm(value_m).removeprefix("+")
+
+    halves = [one.interval and (one.interval[1] - one.interval[0]) / 2 for one in found]
+    lines += _table([
+        ("", [translated(TERMS[COLUMNS[one.quantity]]) for one in found], False),
+        (Message("mean"), [_mm(one.mean) for one in found], True),
+        ("± 95 %", [*map(wide, halves)], True),
+        (Message("spread"), [wide(one.spread) for one in found], True),
+        *((head, [_mm(one.quantiles[head]) for one in found], True) for head in found[0].quantiles),
+    ])  # fmt: skip
+    over, count = samples, found[0].count
     if count != group.samples:
         over = Message("{count:,} of {samples}", count=count, samples=samples)
-    if not count and group.samples > 1:
-        lines.append(localized("all {samples} failed", samples=samples))
-    elif not count:
-        lines.append(localized("the sample failed"))
-    elif group.in_the_air:
-        air = localized(
-            "over the {samples} in the air, in theory too; ± 95 % is that of the mean", samples=over
-        )
-        lines.append(f"[dim]{air}[/]")
-    else:
-        floor = localized(
-            "over {samples}; none was in the air, in theory too, so there is only the total",
-            samples=over,
-        )
-        lines.append(f"[dim]{floor}[/]")
-    return lines
-
-
-def _cells(name: str, cells: Sequence[str], style: str = "") -> str:
-    line = left(translated(name), 12) + "".join(right(cell, 11) for cell in cells)
-    return f"[{style}]{line}[/]" if style else line
+    words = Message(
+        "over the {samples} in the air, in theory too; ± 95 % is that of the mean", samples=over
+    ) if group.in_the_air else Message(
+        "over {samples}; none was in the air, in theory too, so there is only the total",
+        samples=over,
+    )  # fmt: skip
+    return [*lines, f"[dim]{translated(words)}[/]"]
 
 
 # -- failures and files ---------------------------------------------------------------------------

@@ -31,13 +31,7 @@ def part_of(path: Path) -> Path:
 
 
 def free_part_of(path: Path) -> Path:
-    """Return the first of `.part`, `.2.part` and so on that is free.
-
-    Raises
-    ------
-    OutputError
-        If there are `MOST_PARTS` already.
-    """
+    """Return the first of `.part`, `.2.part` and so on that is free."""
     others = (path.with_name(f"{path.name}.{number}.part") for number in range(2, MOST_PARTS + 1))
     for part in (part_of(path), *others):
         if not any(map(os.path.lexists, (part, sealed_of(part)))):
@@ -61,14 +55,7 @@ def is_part(path: Path) -> bool:
 
 
 def check_target(path: Path, *, force: bool) -> None:
-    """Make sure a file can be written, before any work is done for it.
-
-    Raises
-    ------
-    OutputError
-        If it exists and `force` is not given, is not a regular file, or its folder is missing or
-        read-only.
-    """
+    """Make sure a file can be written, before any work is done for it."""
     folder = path.parent
     try:
         str(path).encode()
@@ -106,13 +93,7 @@ def check_target(path: Path, *, force: bool) -> None:
 
 
 def check_apart(outputs: Sequence[Path], *, inputs: Sequence[Path]) -> None:
-    """Make sure that no output is an input or another output, under whatever name or link.
-
-    Raises
-    ------
-    OutputError
-        If writing one would replace what the same command reads or writes.
-    """
+    """Make sure that no output is an input or another output, under whatever name or link."""
     written: list[Path] = []
     for output in outputs:
         part = part_of(output)
@@ -148,13 +129,7 @@ HEAD_BYTES = 4096
 
 
 def check_kind(path: Path, beginning: bytes, mark: bytes) -> None:
-    """Make sure that an output with a default name replaces only a file that has our mark.
-
-    Raises
-    ------
-    OutputError
-        If another file has its name.
-    """
+    """Make sure that an output with a default name replaces only a file that has our mark."""
     with output_errors(path), contextlib.suppress(FileNotFoundError), path.open("rb") as file:
         head = file.read(HEAD_BYTES)
         if not head.startswith(beginning) or mark not in head:
@@ -176,11 +151,6 @@ def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[P
 
     An empty `.part` file, which only one process can create, reserves it. `also` are the endings of
     the files that will be written beside it.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be written to.
     """
     for number in itertools.count(1):
         name = stem if number == 1 else f"{stem}-{number}"
@@ -203,13 +173,7 @@ def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[P
 
 
 def make_folder(path: Path, option: str) -> None:
-    """Create a folder for outputs, and its parents, where they are missing.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be created; the message names the option it was given with.
-    """
+    """Create a folder for outputs, and its parents, where they are missing."""
     _check_home(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -224,13 +188,7 @@ def make_folder(path: Path, option: str) -> None:
 
 
 def _check_home(folder: Path) -> None:
-    """Make sure that no folder called `~` is created: shells do not expand the one in `--out=~/x`.
-
-    Raises
-    ------
-    OutputError
-        If the folder is in a home directory, and no folder here has that name.
-    """
+    """Refuse to create a folder called `~`: shells do not expand the one in `--out=~/x`."""
     home = os.path.expanduser(folder)  # noqa: PTH111 - unlike pathlib's, it never fails
     if home != str(folder) and not Path(folder.parts[0]).exists():
         raise OutputError(
@@ -241,25 +199,13 @@ def _check_home(folder: Path) -> None:
 
 
 def check_regular(path: Path) -> None:
-    """Make sure that a file would not be written through a link, or into a pipe.
-
-    Raises
-    ------
-    OutputError
-        If anything but a regular file has its name.
-    """
+    """Make sure that a file would not be written through a link, or into a pipe."""
     if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
         raise OutputError("{path} is in the way and is not a regular file; remove it", path=path)
 
 
 def check_room(path: Path, needed_bytes: int) -> None:
-    """Make sure that there is room on the disk for a file, before any work is done for it.
-
-    Raises
-    ------
-    OutputError
-        If there is not.
-    """
+    """Make sure that there is room on the disk for a file, before any work is done for it."""
     free = shutil.disk_usage(path.parent).free
     if needed_bytes > free:
         raise OutputError(

@@ -151,13 +151,7 @@ def drawn(
 
 
 def variations_of(texts: Sequence[str]) -> tuple[Variation, ...]:
-    """Read `--vary` options; they are drawn in the order of the scenario's options.
-
-    Raises
-    ------
-    ScenarioError
-        If one cannot be read, or two vary the same field.
-    """
+    """Read `--vary` options; they are drawn in the order of the scenario's options."""
     order = list(Scenario.options())
     variations = sorted(
         map(_variation, texts), key=lambda varied: (order.index(varied.field), varied.axis or 0)
@@ -172,57 +166,46 @@ def variations_of(texts: Sequence[str]) -> tuple[Variation, ...]:
 
 
 def _variation(text: str) -> Variation:
+    try:
+        return _read(text)
+    except (ScenarioError, ValueError, OverflowError) as error:  # numpy's: of too wide a range
+        reason = error.in_options if isinstance(error, ScenarioError) else str(error)
+        raise ScenarioError(
+            "--vary {text!r} cannot be drawn: {reason}", text=text, reason=reason
+        ) from None
+
+
+def _read(text: str) -> Variation:
+    """Read NAME=DISTRIBUTION, and draw once; an error says what it must be."""
     target, equals, form = text.partition("=")
     kind, *parameters = form.strip().split(":")
     if not equals:
-        raise ScenarioError(
-            "--vary takes NAME=DISTRIBUTION such as height=uniform:0.5:2, got {text!r}", text=text
-        )
-    field, axis = _target(target.strip().replace("-", "_"), text)
+        raise ScenarioError("it must be NAME=DISTRIBUTION, such as height=uniform:0.5:2")
+    field, axis = _target(target.strip().replace("-", "_"))
     option = Scenario.options()[field]
     if kind == "choice" and len(parameters) > 1:
-        try:
-            values = tuple(map(option.read if axis is None else number, parameters))
-            for value in values:
-                option.check(value)
-        except ScenarioError as error:
-            raise ScenarioError(
-                "--vary {text!r} cannot be drawn: {reason}", text=text, reason=error.in_options
-            ) from None
-        return Variation(field, axis, kind, values)
-    if kind not in DISTRIBUTIONS or len(parameters) != len(DISTRIBUTIONS[kind].parameters):
-        raise ScenarioError("--vary takes one of {forms}, got {text!r}", forms=FORMS, text=text)
+        chosen = tuple(map(option.read if axis is None else number, parameters))
+        for value in chosen:
+            option.check(value)
+        return Variation(field, axis, kind, chosen)
+    distribution = DISTRIBUTIONS.get(kind)
+    if distribution is None or len(parameters) != len(distribution.parameters):
+        raise ScenarioError("it must be one of {forms}", forms=FORMS)
     if axis is None and (option.kind is TEXT or option.kind.components):
-        raise ScenarioError(
-            "--vary takes choice:A:B:… for {field}, got {text!r}", field=target, text=text
-        )
+        raise ScenarioError("{field} takes choice:A:B:…", field=target)
     if (option.kind is INTEGER) != (kind == "integers"):
-        raise ScenarioError(
-            "--vary takes integers:LOW:HIGH for whole numbers only, got {text!r}", text=text
-        )
+        raise ScenarioError("integers:LOW:HIGH is for whole numbers, and for these only")
     try:
-        values = tuple(number(parameter) for parameter in parameters)
+        values = tuple(map(number, parameters))
     except ScenarioError:
-        raise ScenarioError(
-            "--vary takes numbers after {kind}, got {text!r}", kind=kind, text=text
-        ) from None
-    if not (all(map(math.isfinite, values)) and DISTRIBUTIONS[kind].is_valid(values)):
-        raise ScenarioError(
-            "--vary must have {rule} for {kind}, got {text!r}",
-            rule=DISTRIBUTIONS[kind].rule,
-            kind=kind,
-            text=text,
-        )
-    try:
-        DISTRIBUTIONS[kind].draw(stream_of(0, 0), values)
-    except (ValueError, OverflowError) as error:  # a range that is too wide for numpy
-        raise ScenarioError(
-            "--vary {text!r} cannot be drawn: {reason}", text=text, reason=str(error)
-        ) from None
+        raise ScenarioError("{kind} takes numbers", kind=kind) from None
+    if not (all(map(math.isfinite, values)) and distribution.is_valid(values)):
+        raise ScenarioError("{kind} must have {rule}", kind=kind, rule=distribution.rule)
+    distribution.draw(stream_of(0, 0), values)
     return Variation(field, axis, kind, values)
 
 
-def _target(name: str, text: str) -> tuple[str, int | None]:
+def _target(name: str) -> tuple[str, int | None]:
     """Return the field, and its component, of a name such as `height` or `velocity_z`."""
     targets: dict[str, tuple[str, int | None]] = {}
     for field, option in Scenario.options().items():
@@ -232,16 +215,8 @@ def _target(name: str, text: str) -> tuple[str, int | None]:
         parts = enumerate(option.kind.components)
         targets |= {f"{short}_{part}": (field, axis) for axis, part in parts}
     if name not in targets:
-        near = get_close_matches(name, targets, n=1)
-        if near:
-            raise ScenarioError(
-                "--vary takes the name of a scenario option, got {text!r}; did you mean {name}?",
-                text=text,
-                name=near[0],
-            )
+        near = get_close_matches(name, targets, n=1) or targets
         raise ScenarioError(
-            "--vary takes the name of a scenario option, got {text!r}; one of {names}",
-            text=text,
-            names=", ".join(targets),
+            "it must name a scenario option, such as {names}", names=", ".join(near)
         )
     return targets[name]

@@ -66,13 +66,7 @@ class BodyFileError(Exception):
 
 
 def read(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Return the content of a regular file of bounded size.
-
-    Raises
-    ------
-    BodyFileError
-        If it is not a regular file, too large, or cannot be read.
-    """
+    """Return the content of a regular file of bounded size."""
     shown = str(path)[-100:]
     try:
         if not stat.S_ISREG(path.stat().st_mode):
@@ -89,13 +83,7 @@ def read(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def check_urdf(path: Path) -> None:
-    """Make sure that Bullet reads the numbers of a URDF as they are written.
-
-    Raises
-    ------
-    BodyFileError
-        If it is not well-formed XML, a number in it is malformed, or it has too many joints.
-    """
+    """Make sure that Bullet reads the numbers of a URDF as they are written."""
     if len(os.fsencode(path)) > LONGEST_VALUE:
         raise BodyFileError(Message("its path has more than {most:,} bytes", most=LONGEST_VALUE))
     data = read(path, MOST_URDF_BYTES)
@@ -105,13 +93,7 @@ def check_urdf(path: Path) -> None:
 
 
 def check_mesh(path: Path) -> None:
-    """Make sure that Bullet reads a mesh as it is written; only .obj and .stl are checked.
-
-    Raises
-    ------
-    BodyFileError
-        If it would read something else.
-    """
+    """Make sure that Bullet reads a mesh as it is written; only .obj and .stl are checked."""
     check: Callable[[bytes], str] | None = {".obj": _obj_problem, ".stl": _stl_problem}.get(
         path.suffix.lower()
     )

@@ -70,11 +70,6 @@ def try_body(path: Path) -> str:
     Returns
     -------
     The digest of the URDF and its meshes.
-
-    Raises
-    ------
-    ScenarioError
-        If it is not safe to load, or Bullet fails on it, crashes, hangs or takes too much memory.
     """
     if _trying:
         return ""
@@ -182,13 +177,7 @@ def trial(path: str, limits: Limits) -> tuple[str, list[Path]]:
 
 
 def _meshes_of(path: str) -> list[Path]:
-    """Load a URDF, and return its meshes, where Bullet has found them.
-
-    Raises
-    ------
-    BodyFileError
-        If Bullet cannot load it, in its own words, or could not parse a number.
-    """
+    """Load a URDF, and return its meshes, where Bullet has found them."""
     from drop_physics.engines.bullet.engine import p
 
     client = p.connect(p.DIRECT)
