@@ -904,7 +904,10 @@ def test_the_examples_work_one_after_the_other(drop: Drop, tmp_path: Path, stand
         (["foo"], "no such command 'foo'; see: drop --help"),
         (["simulat"], "no such command 'simulat'; did you mean 'simulate'?; see: drop --help"),
         (["simulate", "--out", "a.rrd", "--higth", "2"], "--height"),
-        (["sweep", "--out", "s", "--samples", "2", "--vary", "hight=uniform:1:2"], "such as height"),
+        (
+            ["sweep", "--out", "s", "--samples", "2", "--vary", "hight=uniform:1:2"],
+            "such as height",
+        ),
         (["sweep", "--out", "s", "--samples", "2", "--vary", "zzz=uniform:1:2"], "velocity_z"),
         (
             ["render", "run.rrd", "--fps", "fast"],

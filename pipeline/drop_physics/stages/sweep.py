@@ -389,7 +389,7 @@ def _plot_engines(path: Path, plan: Plan, falls: list[Fall], *, dark: bool, forc
     if not falls:
         raise DropError(
             "--plot has nothing to show: engines are compared in sweeps of up to {most} runs "
-            "without --samples",
+            "without --samples; list fewer values, or omit --plot",
             most=MOST_RUNS,
         )
     curves = [

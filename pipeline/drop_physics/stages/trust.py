@@ -226,7 +226,11 @@ def trust(
     with folder.claimed((BASE, *variations)):
         steps = folder.run(BASE, program, stdout=stdout)
         if not steps:
-            raise DropError("{script} makes no step: there is nothing to compare", script=target)
+            raise DropError(
+                "{script} makes no step, so there is nothing to compare; give it the arguments "
+                "with which it steps",
+                script=target,
+            )
         base = _made(BASE, read(folder.recording(BASE)))
         most = steps if base.ended in STOPPED else steps + 1
         work = RunVariation(replace(program, steps=most, duration_s=None), variations, folder)
@@ -383,7 +387,7 @@ class TrustFolder:
                 process, recorder, self.recording(name), recording_id=self._id(name), force=True
             )
         if ended.how == "interrupted":
-            raise DropError("{name} was interrupted", name=name)
+            raise DropError("{name} was interrupted; run the same command again", name=name)
         return process.decoder.steps
 
     def _id(self, name: str) -> str:

@@ -59,7 +59,7 @@ def _named(text: str) -> Variations:
     if not equals or not name:
         raise _refused(text)
     if name in ("fixedTimeStep", "numSubSteps", "timestep"):
-        raise ScenarioError("--vary takes no {name}: timestep/2 and timestep/4 vary it", name=name)
+        raise ScenarioError("--vary takes no {name}; vary it with timestep/2", name=name)
     return {f"{name}={each:g}": _with(name, each, text) for each in _numbers(values, text)}
 
 
