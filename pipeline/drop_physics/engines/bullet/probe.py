@@ -53,6 +53,8 @@ Verdicts = Mapping[Path, Verdict]
 """By the resolved path of a URDF."""
 
 STANDARD_LIMITS = Limits()
+LONGEST_WORDS = 200
+"""Characters of what Bullet says that are quoted: the last ones."""
 STEPS = 3
 """From inside the floor: already the first step has contact, where meshes fail."""
 
@@ -184,13 +186,11 @@ def _meshes_of(path: str) -> list[Path]:
     body = None
     with c_output_moved_aside() as printed, contextlib.suppress(p.error):
         body = p.loadURDF(path, physicsClientId=client)
-    said = [line for line in _BULLETS.sub("\n", printed[0]).splitlines() if line.strip()]
-    # Warnings come first: what stopped it is what is missing or cannot be parsed.
-    signs = ("parse", "cannot find") if body is None else ("parse",)
-    wrong = [line for line in said if any(sign in line for sign in signs)]
-    if body is None or wrong:
-        words = next((line.strip()[:200] for line in (*wrong, *said)), "?")
-        raise BodyFileError(Message("Bullet cannot load it ({words!r})", words=words))
+    said = [line.strip() for line in _BULLETS.sub("\n", printed[0]).splitlines() if line.strip()]
+    if body is None or any("Couldn't parse" in line for line in said):
+        # It ends with what it fails on; before that it may have warned of other things.
+        words = ", ".join(dict.fromkeys(said))[-LONGEST_WORDS:]
+        raise BodyFileError(Message("Bullet cannot load it (… {words!r})", words=words))
     links = range(-1, p.getNumJoints(body, client))
     shapes = [one for link in links for one in p.getCollisionShapeData(body, link, client)]
     names = [one[4] for one in (*shapes, *p.getVisualShapeData(body, physicsClientId=client))]
