@@ -8,6 +8,7 @@ from typing import Any
 
 import pybullet as p
 import pytest
+from clients import release_clients
 from conftest import some
 from drop_physics.analysis.joints import JointRow
 from scenes import HEAD
@@ -39,6 +40,7 @@ J2, J4 = "lbr_iiwa_joint_2", "lbr_iiwa_joint_4"
 
 def run(scene: str) -> dict[str, Any]:
     """Run a scene in bare PyBullet; return its names, its client still connected."""
+    release_clients()  # what a scene calls is client 0
     names: dict[str, Any] = {}
     exec(HEAD, names)
     exec(textwrap.dedent(scene), names)
