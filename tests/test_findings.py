@@ -20,7 +20,7 @@ CASES: dict[str, tuple[dict[str, object], str, dict[str, object]]] = {
     "not-stepped": ({"stepped": False}, "241 samples", {}),
     "no-gravity": ({"gravity_set": False}, "1.0000 m", {}),
     "no-floor": ({"floor": False}, "-3.5783 m", {}),
-    "default-damping": ({}, "+4.31 mm", {"linear_damping": 0.04}),
+    "default-damping": ({}, "from -1.82 to +4.31 mm", {"linear_damping": 0.04}),
     "velocity-clamped": (FAST, "reaches 100", {**FAST, "coordinates": "maximal"}),
     "deep-penetration": ({}, "8.8 mm", {"timestep_s": 1 / 960}),
     "rest-below-expected": ({}, "11.98 µm", {"duration_s": 0.3}),

@@ -1260,6 +1260,13 @@ def _find_default_damping(said: Said, message: str) -> None:
     true_mm = 1e3 * float(said.run.height_m[step] - other.height_m[step])
     # Two decimals, or six digits of a large one.
     near(moved_mm, true_mm, 0.0051 + 1e-5 * abs(true_mm), "replay without damping")
+    if "hides" in message:
+        error_mm, limit_mm = read(f"lead from {F} to {F} mm", message)
+        exact_s = step * said.drop.timestep_s
+        error = 1e3 * float(said.run.height_m[step] - oracle.free_fall_m(said.drop, exact_s))
+        limit = 1e3 * float(oracle.damping_m(said.drop, exact_s)[2])
+        near(error_mm, error, 0.0051 + 1e-5 * abs(error), "error")
+        near(limit_mm, limit, 0.0051 + 1e-5 * abs(limit), "its limit")
 
 
 @finds("velocity-clamped")

@@ -224,12 +224,21 @@ def _default_damping(fall: Fall) -> Iterator[Finding]:
     if moment is not None and moment.terms_m is not None and moment.terms_m.damping:
         # All that would vanish without damping: its effect on the timestep's share too.
         moved_m = moment.terms_m.damping + moment.terms_m.interaction
+        values = {"moved": decimals(moved_m * 1e3, 2, "+"), "time": moment.time_s}
         seen = Message(
             "damping moves the body by {moved} mm at {time:.4g} s: PyBullet damps every body with "
             "0.04 by default",
-            moved=decimals(moved_m * 1e3, 2, "+"),
-            time=moment.time_s,
+            **values,
         )
+        # With the timestep, all terms but this one vanish.
+        if abs(moment.terms_m.damping) > abs(moment.error_m):
+            seen = Message(
+                "damping moves the body by {moved} mm at {time:.4g} s (0.04 by default), and hides "
+                "the timestep's error: shorter steps lead from {error} to {limit} mm",
+                error=decimals(moment.error_m * 1e3, 2, "+"),
+                limit=decimals(moment.terms_m.damping * 1e3, 2, "+"),
+                **values,
+            )
         advice = Message(
             "call p.changeDynamics(body, -1, linearDamping=0), i.e. --linear-damping 0"
         )
