@@ -188,7 +188,8 @@ def render(
         Path | None, takes("FILE", "The plot, .png or .svg. [default: RUN.png]")
     ] = None,
     view: Annotated[
-        View | None, flag("For a script's recording: draw its poses with this camera.", "--camera")
+        View | None,
+        typer.Option("--camera", help="For a script's recording: draw its poses with this camera."),
     ] = None,
     body: OfBody = None,
     force: Force = False,

@@ -98,7 +98,13 @@ class OutputError(DropError):
 
 
 def check_suffix(option: str, path: Path, suffixes: Iterable[str]) -> None:
-    """Check that a file's suffix names a format that can be written."""
+    """Check that a file's suffix names a format that can be written.
+
+    Raises
+    ------
+    ScenarioError
+        If it does not.
+    """
     *others, last = suffixes
     if path.suffix in (*others, last):
         return

@@ -109,7 +109,13 @@ class Option:
         return self.name.startswith("--no-")
 
     def read(self, raw: str) -> Any:  # noqa: ANN401
-        """Read one value; `default` is None where the engine has a value of its own."""
+        """Read one value; `default` is None where the engine has a value of its own.
+
+        Raises
+        ------
+        ScenarioError
+            If the text cannot be read.
+        """
         if self.is_left and raw == "default":
             return None
         try:
@@ -131,7 +137,13 @@ class Option:
         return str(value)
 
     def read_list(self, raw: str) -> tuple[Any, ...]:
-        """Read values separated by commas, or by semicolons where they have commas themselves."""
+        """Read values separated by commas, or by semicolons where they have commas themselves.
+
+        Raises
+        ------
+        ScenarioError
+            If one of them cannot be read, or is outside the domain.
+        """
         by_semicolon = bool(self.kind.components) or ";" in raw
         parts = raw.split(";" if by_semicolon else ",")
         values = tuple(self.read(part.strip(" \t")) for part in parts)
@@ -158,14 +170,26 @@ class Option:
         return above_low and value <= self.high and abs(value) <= sys.float_info.max
 
     def check(self, value: object) -> None:
-        """Check that the numbers in a value are in the domain."""
+        """Check that the numbers in a value are in the domain.
+
+        Raises
+        ------
+        ScenarioError
+            If one is outside it.
+        """
         for part in value if isinstance(value, tuple) else (value,):
             is_number = isinstance(part, int | float) and not isinstance(part, bool)
             if is_number and not self.contains(part):
                 raise self._outside(part)
 
     def accepted(self, value: Any) -> Any:  # noqa: ANN401
-        """Return a value, its type and domain checked; a whole number becomes a float."""
+        """Return a value, its type and domain checked; a whole number becomes a float.
+
+        Raises
+        ------
+        ScenarioError
+            If it is of another type, or outside its domain.
+        """
         if value is None and self.is_left:
             return None
         lengths, of = self.kind.lengths, bool if self.is_flag else self.kind.of
@@ -235,7 +259,13 @@ class Optioned:
 
     @classmethod
     def from_text(cls, given: Mapping[str, str | bool | None]) -> Self:
-        """Build from command-line values by field name; absent or None means the default."""
+        """Build from command-line values by field name; absent or None means the default.
+
+        Raises
+        ------
+        ScenarioError
+            If a value cannot be read, or is outside its domain.
+        """
         values: dict[str, Any] = {
             name: spec.read(raw) if isinstance(raw, str) else raw
             for name, spec in cls.options().items()
@@ -245,7 +275,13 @@ class Optioned:
 
     @classmethod
     def listed(cls, name: str, given: object) -> tuple[Any, ...]:
-        """Return several values of a field, from command-line text, a list, or a single value."""
+        """Return several values of a field, from command-line text, a list, or a single value.
+
+        Raises
+        ------
+        ScenarioError
+            If one of them is invalid.
+        """
         option = cls.options()[name]
         if isinstance(given, str):
             return option.read_list(given)
@@ -253,7 +289,13 @@ class Optioned:
         return tuple(map(option.accepted, values))
 
     def check_domains(self) -> None:
-        """Check every value's type and domain; a whole number becomes a float where it is one."""
+        """Check every value's type and domain; a whole number becomes a float where it is one.
+
+        Raises
+        ------
+        ScenarioError
+            If one is of another type, or outside its domain.
+        """
         for name, option in self.options().items():  # the dataclass is frozen
             object.__setattr__(self, name, option.accepted(getattr(self, name)))
 

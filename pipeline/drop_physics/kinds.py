@@ -26,7 +26,13 @@ def number(text: str) -> float:
 
 
 def _digits(text: str) -> str:
-    """Return a number's text, unless only Python would read it: `1_0`, or `١` for 1."""
+    """Return a number's text, unless only Python would read it: `1_0`, or `١` for 1.
+
+    Raises
+    ------
+    ValueError
+        If only Python would.
+    """
     if "_" in text or not text.isascii():
         raise ValueError
     return text
@@ -69,7 +75,13 @@ def size(text: str) -> tuple[int, int]:
 
 
 def times(texts: Sequence[str]) -> list[float]:
-    """Read the times of `--at` [s]."""
+    """Read the times of `--at` [s].
+
+    Raises
+    ------
+    ScenarioError
+        If one of them is not a number.
+    """
     try:
         return [number(text) for text in texts]
     except ScenarioError as error:

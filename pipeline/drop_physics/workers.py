@@ -71,7 +71,13 @@ def users_environment() -> dict[str, str]:
 
 
 def check_limits() -> None:
-    """Make sure that our libraries can open files and map memory: where they cannot, some abort."""
+    """Make sure that our libraries can open files and map memory: where they cannot, some abort.
+
+    Raises
+    ------
+    DropError
+        If this process may have too few open files, or too little address space.
+    """
     try:
         import resource
     except ImportError:  # Windows
@@ -133,6 +139,11 @@ class Worker:
 
     It starts at once, and imports a function's module when it is first asked for. Questions are
     answered in order. Take all answers before asking another large question.
+
+    Raises
+    ------
+    DropError
+        If the process cannot be started.
     """
 
     def __init__(self) -> None:
@@ -174,6 +185,11 @@ class Worker:
         """Call a function, `module:name`, in the process; its module need not be imported here.
 
         If it returns an iterator, each of its elements is an answer.
+
+        Raises
+        ------
+        WorkerDiedError
+            If the process died.
         """
         assert self._process.stdin is not None
         try:
@@ -183,7 +199,13 @@ class Worker:
             raise self._died() from None
 
     def answer(self) -> Any:  # noqa: ANN401
-        """Return the next answer, or raise what the function raised."""
+        """Return the next answer, or raise what the function raised.
+
+        Raises
+        ------
+        WorkerDiedError
+            If the process died.
+        """
         assert self._process.stdout is not None
         if hasattr(signal, "siginterrupt"):
             # Once Polars is imported, a blocking read would continue after Ctrl-C.

@@ -67,7 +67,13 @@ class DartSession:
                 surface.setRestitutionCoeff(scenario.restitution)
 
     def step(self) -> None:
-        """Take one timestep."""
+        """Take one timestep.
+
+        Raises
+        ------
+        RuntimeError
+            If the body is so far away that the collision detector would abort.
+        """
         if not (np.abs(self._joint.getPositions()[3:]) < FARTHEST_M).all():
             raise RuntimeError("the body is too far away")
         self._world.step()

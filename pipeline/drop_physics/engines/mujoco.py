@@ -63,7 +63,13 @@ class MujocoSession:
         self._unstable = data.warning.number[bad.mjWARN_BADQPOS : bad.mjWARN_BADQACC + 1]
 
     def step(self) -> None:
-        """Take one timestep."""
+        """Take one timestep.
+
+        Raises
+        ------
+        RuntimeError
+            If a number is not finite, or over 1e10: MuJoCo has set all of them to 0, and goes on.
+        """
         mujoco.mj_step(self._model, self._data)
         if any(self._unstable.tolist()):
             raise RuntimeError("MuJoCo has started again from 0")

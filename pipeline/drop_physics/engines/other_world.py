@@ -57,6 +57,11 @@ class OtherWorld:
         What to drop, and how.
     build
         Builds the session, given scenario and body; None for that of the scenario's engine.
+
+    Raises
+    ------
+    ScenarioError
+        If the engine is not installed, or does not support the body.
     """
 
     def __init__(self, scenario: Scenario, build: Build | None = None) -> None:
@@ -149,7 +154,13 @@ class OtherWorld:
             ) from None
 
     def height_m(self) -> float:
-        """Return the height of the centre at the end of the fall [m]."""
+        """Return the height of the centre at the end of the fall [m].
+
+        Raises
+        ------
+        DropError
+            If it is not finite.
+        """
         state = self._session.state()
         if not all(map(math.isfinite, state)):
             raise non_finite(self.scenario.steps)
@@ -164,6 +175,11 @@ class OtherWorld:
         ----------
         batch
             Most samples in one batch.
+
+        Raises
+        ------
+        DropError
+            If a state or a contact becomes non-finite, or too large for a recording.
         """
         session, samples = self._session, self.scenario.steps + 1
         for start in range(0, samples, batch):
@@ -195,7 +211,13 @@ def other_versions(engines: Iterable[Engine]) -> dict[str, str]:
 
 
 def rigid_body(world: World, report: EngineReport) -> RigidBody:
-    """Return the body that PyBullet has read from a URDF."""
+    """Return the body that PyBullet has read from a URDF.
+
+    Raises
+    ------
+    ScenarioError
+        If it has joints, or shapes that not every engine supports.
+    """
     body, shapes = world.scenario.body, world.shapes()
     if report.joints:
         raise ScenarioError(

@@ -11,7 +11,13 @@ from drop_physics.scenario import Scenario
 
 
 def world_of(scenario: Scenario) -> World | OtherWorld:
-    """Return the world of a scenario, in the engine that it names; use it in `with`."""
+    """Return the world of a scenario, in the engine that it names; use it in `with`.
+
+    Raises
+    ------
+    ScenarioError
+        If the engine is not installed, or the body cannot be found, loaded or dropped by it.
+    """
     return World(scenario) if scenario.engine == "bullet" else OtherWorld(scenario)
 
 
@@ -22,7 +28,13 @@ class Worlds:
         self._kept: LastingWorld | None = None
 
     def world_of(self, scenario: Scenario) -> LastingWorld | OtherWorld:
-        """Return a world at its release; the one returned before is no longer valid."""
+        """Return a world at its release; the one returned before is no longer valid.
+
+        Raises
+        ------
+        ScenarioError
+            As `world_of` raises it.
+        """
         if scenario.engine != "bullet":
             return OtherWorld(scenario)
         kept, self._kept = self._kept, None  # not kept if anything fails from here on

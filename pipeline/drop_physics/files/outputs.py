@@ -31,7 +31,13 @@ def part_of(path: Path) -> Path:
 
 
 def free_part_of(path: Path) -> Path:
-    """Return the first of `.part`, `.2.part` and so on that is free."""
+    """Return the first of `.part`, `.2.part` and so on that is free.
+
+    Raises
+    ------
+    OutputError
+        If there are `MOST_PARTS` already.
+    """
     others = (path.with_name(f"{path.name}.{number}.part") for number in range(2, MOST_PARTS + 1))
     for part in (part_of(path), *others):
         if not any(map(os.path.lexists, (part, sealed_of(part)))):
@@ -55,7 +61,14 @@ def is_part(path: Path) -> bool:
 
 
 def check_target(path: Path, *, force: bool) -> None:
-    """Make sure a file can be written, before any work is done for it."""
+    """Make sure a file can be written, before any work is done for it.
+
+    Raises
+    ------
+    OutputError
+        If it exists and `force` is not given, is not a regular file, or its folder is missing or
+        read-only.
+    """
     folder = path.parent
     try:
         str(path).encode()
@@ -93,7 +106,13 @@ def check_target(path: Path, *, force: bool) -> None:
 
 
 def check_apart(outputs: Sequence[Path], *, inputs: Sequence[Path]) -> None:
-    """Make sure that no output is an input or another output, under whatever name or link."""
+    """Make sure that no output is an input or another output, under whatever name or link.
+
+    Raises
+    ------
+    OutputError
+        If writing one would replace what the same command reads or writes.
+    """
     written: list[Path] = []
     for output in outputs:
         part = part_of(output)
@@ -129,7 +148,13 @@ HEAD_BYTES = 4096
 
 
 def check_kind(path: Path, beginning: bytes, mark: bytes) -> None:
-    """Make sure that an output with a default name replaces only a file that has our mark."""
+    """Make sure that an output with a default name replaces only a file that has our mark.
+
+    Raises
+    ------
+    OutputError
+        If another file has its name.
+    """
     with output_errors(path), contextlib.suppress(FileNotFoundError), path.open("rb") as file:
         head = file.read(HEAD_BYTES)
         if not head.startswith(beginning) or mark not in head:
@@ -151,6 +176,11 @@ def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[P
 
     An empty `.part` file, which only one process can create, reserves it. `also` are the endings of
     the files that will be written beside it.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be written to.
     """
     for number in itertools.count(1):
         name = stem if number == 1 else f"{stem}-{number}"
@@ -173,7 +203,13 @@ def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[P
 
 
 def make_folder(path: Path, option: str) -> None:
-    """Create a folder for outputs, and its parents, where they are missing."""
+    """Create a folder for outputs, and its parents, where they are missing.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be created; the message names the option it was given with.
+    """
     _check_home(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -188,7 +224,13 @@ def make_folder(path: Path, option: str) -> None:
 
 
 def _check_home(folder: Path) -> None:
-    """Refuse to create a folder called `~`: shells do not expand the one in `--out=~/x`."""
+    """Refuse to create a folder called `~`: shells do not expand the one in `--out=~/x`.
+
+    Raises
+    ------
+    OutputError
+        If the folder is in a home directory, and no folder here has that name.
+    """
     home = os.path.expanduser(folder)  # noqa: PTH111 - unlike pathlib's, it never fails
     if home != str(folder) and not Path(folder.parts[0]).exists():
         raise OutputError(
@@ -199,13 +241,25 @@ def _check_home(folder: Path) -> None:
 
 
 def check_regular(path: Path) -> None:
-    """Make sure that a file would not be written through a link, or into a pipe."""
+    """Make sure that a file would not be written through a link, or into a pipe.
+
+    Raises
+    ------
+    OutputError
+        If anything but a regular file has its name.
+    """
     if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
         raise OutputError("{path} is in the way and is not a regular file; remove it", path=path)
 
 
 def check_room(path: Path, needed_bytes: int) -> None:
-    """Make sure that there is room on the disk for a file, before any work is done for it."""
+    """Make sure that there is room on the disk for a file, before any work is done for it.
+
+    Raises
+    ------
+    OutputError
+        If there is not.
+    """
     free = shutil.disk_usage(path.parent).free
     if needed_bytes > free:
         raise OutputError(

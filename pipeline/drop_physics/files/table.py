@@ -17,13 +17,27 @@ PROBE_BYTES = 1 << 16
 
 
 def check_table(path: Path, *, force: bool) -> None:
-    """Make sure that a table can be written, before any work is done for it."""
+    """Make sure that a table can be written, before any work is done for it.
+
+    Raises
+    ------
+    ScenarioError
+        If the suffix is neither .parquet nor .csv.
+    OutputError
+        If the file exists and `force` is not given, or cannot be written.
+    """
     check_suffix("--table", path, (".parquet", ".csv"))
     check_target(path, force=force)
 
 
 def write_table(path: Path, samples: pl.DataFrame, *, force: bool) -> None:
-    """Write a table whole; CSV keeps every digit."""
+    """Write a table whole; CSV keeps every digit.
+
+    Raises
+    ------
+    OutputError
+        If the file exists and `force` is not given, or cannot be written.
+    """
     with written_by_polars(path, force=force) as file:
         if path.suffix == ".csv":
             samples.write_csv(file)
@@ -33,7 +47,13 @@ def write_table(path: Path, samples: pl.DataFrame, *, force: bool) -> None:
 
 @contextlib.contextmanager
 def written_by_polars(path: Path, *, force: bool, ours: bool = False) -> Iterator[BinaryIO]:
-    """Yield a file as `written_whole` does, for polars to write to."""
+    """Yield a file as `written_whole` does, for polars to write to.
+
+    Raises
+    ------
+    OutputError
+        As for `written_whole`.
+    """
     with written_whole(path, force=force, ours=ours) as file:
         try:
             yield file

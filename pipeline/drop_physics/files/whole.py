@@ -30,6 +30,11 @@ def written_whole(path: Path, *, force: bool, ours: bool = False) -> Iterator[Bi
     ----------
     path, force, ours
         As for `replaced`.
+
+    Raises
+    ------
+    OutputError
+        As for `replaced`; what was there before is untouched.
     """
     with replaced(path, force=force, ours=ours) as part, part.open("w+b") as handle:
         yield handle
@@ -47,6 +52,12 @@ def replaced(path: Path, *, force: bool, ours: bool = False) -> Iterator[Path]:
         Whether an existing file may be replaced, and an existing `.part`.
     ours
         Whether an existing file is known to be ours, and may be replaced without `force`.
+
+    Raises
+    ------
+    OutputError
+        As `check_target`; if another process is writing the same file; if there are too many
+        unfinished ones; if the disk is full.
     """
     check_target(path, force=force or ours)
     with output_errors(path), growing(path, force=force) as part:
@@ -60,14 +71,26 @@ def replaced(path: Path, *, force: bool, ours: bool = False) -> Iterator[Path]:
 
 
 def onto_disk(paths: Iterable[Path]) -> None:
-    """Wait until files are on the disk, so that they outlive a power failure."""
+    """Wait until files are on the disk, so that they outlive a power failure.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written there.
+    """
     for path in paths:
         with output_errors(path), path.open("rb+") as handle:
             os.fsync(handle.fileno())
 
 
 def renamed(part: Path, path: Path, *, force: bool) -> None:
-    """Give a finished file its name; an existing file is replaced with `force` only."""
+    """Give a finished file its name; an existing file is replaced with `force` only.
+
+    Raises
+    ------
+    OutputError
+        If another process has created a file of that name in the meantime.
+    """
     if force:
         part.replace(path)
         return
@@ -120,7 +143,13 @@ def growing(path: Path, *, force: bool) -> Iterator[Path]:
 
 
 def opened(path: Path) -> BinaryIO:
-    """Open a file of ours to append to, created if missing; links are not followed."""
+    """Open a file of ours to append to, created if missing; links are not followed.
+
+    Raises
+    ------
+    OutputError
+        If anything but a regular file has its name.
+    """
     check_regular(path)
     # If a link or a pipe appears there just now, opening fails: it is not followed or waited for.
     careful = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
@@ -128,7 +157,13 @@ def opened(path: Path) -> BinaryIO:
 
 
 def lock(handle: BinaryIO, refusal: Message) -> None:
-    """Lock an open file against other processes until it is closed."""
+    """Lock an open file against other processes until it is closed.
+
+    Raises
+    ------
+    OutputError
+        With `refusal`, if another process has locked it.
+    """
     try:
         import fcntl
     except ImportError:  # Windows: there, two writers of one file are not detected

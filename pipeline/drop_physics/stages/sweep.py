@@ -261,6 +261,11 @@ def _done(folder: Folder, plan: Plan, *, force: bool) -> dict[int, ShardDone]:
     """Return the shards that are done; those whose recordings are gone are done again.
 
     With `force`, so are those that were altered.
+
+    Raises
+    ------
+    OutputError
+        If a part or a recording is not what this sweep wrote there, and `force` is not given.
     """
     done = {}
     for shard in sorted(folder.finished()):

@@ -81,7 +81,13 @@ class RunShard:
     """Whether recordings that are not this sweep's may be replaced."""
 
     def __call__(self, shard: int) -> ShardDone:
-        """Run a shard and write its part."""
+        """Run a shard and write its part.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be written, as that concerns more than one scenario.
+        """
         believe(self.tried)
         rows = []
         for run in self.plan.runs_of(shard):

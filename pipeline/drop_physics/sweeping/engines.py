@@ -62,6 +62,11 @@ def in_processes(
         Their numbers.
     jobs
         How many processes.
+
+    Raises
+    ------
+    DropError
+        If workers cannot be started, or die repeatedly on one shard.
     """
     todo, again, deaths = iter(shards), deque[int](), Counter[int]()
     under_way: dict[Future[T], tuple[int, Worker]] = {}
@@ -147,6 +152,11 @@ def on_ray(
         As for `in_processes`.
     address
         Of the cluster; `auto` for the one that this machine belongs to, or `local` for a new one.
+
+    Raises
+    ------
+    DropError
+        If Ray is not installed or no cluster answers.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:

@@ -102,7 +102,13 @@ class Folder:
 
     @contextlib.contextmanager
     def claimed(self, identity: Mapping[str, Any]) -> Iterator[None]:
-        """Claim the folder for one sweep, and lock out others while the block runs."""
+        """Claim the folder for one sweep, and lock out others while the block runs.
+
+        Raises
+        ------
+        OutputError
+            If it holds another sweep, is in use by another process, or cannot be created.
+        """
         make_folder(self.path, "--out")
         make_folder(self._parts, "--out")
         try:
@@ -162,7 +168,13 @@ class Folder:
         return {shard for shard in shards if self.part(shard).name in names}
 
     def check_replaceable(self, plan: Plan, *, recorded: bool) -> None:
-        """Make sure that a sweep replaces nothing but its own files."""
+        """Make sure that a sweep replaces nothing but its own files.
+
+        Raises
+        ------
+        OutputError
+            If another file has one of their names.
+        """
         if os.path.lexists(self.results):
             with self._own(self.results):
                 pass
@@ -173,14 +185,26 @@ class Folder:
                 self.check_recording(plan, run)
 
     def write(self, shard: int, rows: Sequence[Row]) -> pl.DataFrame:
-        """Write the part of a shard, and return it."""
+        """Write the part of a shard, and return it.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written.
+        """
         part = pl.DataFrame([row | self._written(row) for row in rows], schema=SCHEMA | _WRITTEN)
         with self._stamped(self.part(shard)) as file:
             part.write_parquet(file, metadata=UNSTAMPED)
         return part
 
     def read(self, shard: int) -> pl.DataFrame:
-        """Return the part of a shard."""
+        """Return the part of a shard.
+
+        Raises
+        ------
+        OutputError
+            If any bit of it has changed since this sweep wrote it.
+        """
         with self._own(self.part(shard)) as file:
             return pl.read_parquet(file)
 
@@ -223,7 +247,13 @@ class Folder:
         return hashlib.sha256(f"{self.mark} {run}".encode()).hexdigest()[:32]
 
     def check_recording(self, plan: Plan, run: int) -> None:
-        """Make sure that no recording of a run exists, or one that this sweep made."""
+        """Make sure that no recording of a run exists, or one that this sweep made.
+
+        Raises
+        ------
+        OutputError
+            If another file has its name.
+        """
         path = self.recording(plan, run)
         if os.path.lexists(path) and not self._is_own(path, run):
             raise OutputError(
@@ -234,7 +264,13 @@ class Folder:
             )
 
     def lacks_recording(self, plan: Plan, rows: pl.DataFrame) -> bool:
-        """Return whether a recording that was made with these rows is gone."""
+        """Return whether a recording that was made with these rows is gone.
+
+        Raises
+        ------
+        OutputError
+            If one is there that is not, to the last bit, what this sweep wrote.
+        """
         lacks = False
         made = rows.filter(pl.col("recording").is_not_null())
         for run, *known in made["run", *_WRITTEN].rows():
@@ -286,7 +322,13 @@ class Folder:
         self.part(shard).unlink()
 
     def merge(self, shards: int) -> pl.LazyFrame:
-        """Merge the first parts into the results, and return them, without loading all rows."""
+        """Merge the first parts into the results, and return them, without loading all rows.
+
+        Raises
+        ------
+        OutputError
+            If they cannot be written.
+        """
         with self._stamped(self.results) as file:
             parts = pl.scan_parquet([self.part(shard) for shard in range(shards)])
             parts.drop(*_WRITTEN).sink_parquet(file, metadata=UNSTAMPED)

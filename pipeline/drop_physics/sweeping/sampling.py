@@ -151,7 +151,13 @@ def drawn(
 
 
 def variations_of(texts: Sequence[str]) -> tuple[Variation, ...]:
-    """Read `--vary` options; they are drawn in the order of the scenario's options."""
+    """Read `--vary` options; they are drawn in the order of the scenario's options.
+
+    Raises
+    ------
+    ScenarioError
+        If one cannot be read, or two vary the same field.
+    """
     order = list(Scenario.options())
     variations = sorted(
         map(_variation, texts), key=lambda varied: (order.index(varied.field), varied.axis or 0)

@@ -66,7 +66,13 @@ class BodyFileError(Exception):
 
 
 def read(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Return the content of a regular file of bounded size."""
+    """Return the content of a regular file of bounded size.
+
+    Raises
+    ------
+    BodyFileError
+        If it is not a regular file, too large, or cannot be read.
+    """
     shown = str(path)[-100:]
     try:
         if not stat.S_ISREG(path.stat().st_mode):

@@ -29,6 +29,11 @@ def find_body(body: str) -> Path:
     """Return the URDF file of a name: a path, or a file of `pybullet_data`.
 
     The default is always that of `pybullet_data`, so that it is the same drop in every folder.
+
+    Raises
+    ------
+    ScenarioError
+        If neither place has such a file, or it is the user's own and Bullet cannot load it.
     """
     return _found(body)[0]
 

@@ -72,6 +72,11 @@ def try_body(path: Path) -> str:
     Returns
     -------
     The digest of the URDF and its meshes.
+
+    Raises
+    ------
+    ScenarioError
+        If it is not safe to load, or Bullet fails on it, crashes, hangs or takes too much memory.
     """
     if _trying:
         return ""

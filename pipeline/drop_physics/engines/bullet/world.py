@@ -52,6 +52,11 @@ class World:
     round_cylinders
         Whether a `<cylinder>` is loaded as one; by default Bullet makes it a hull of points, and
         computes the body's inertia from that.
+
+    Raises
+    ------
+    ScenarioError
+        If the body cannot be found or loaded, or has no mass.
     """
 
     def __init__(self, scenario: Scenario, *, round_cylinders: bool = False) -> None:
@@ -361,6 +366,11 @@ class World:
         ----------
         batch
             Most samples in one batch.
+
+        Raises
+        ------
+        DropError
+            If a state or a contact becomes non-finite, or too large for a recording.
         """
         pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
         touching, body, client = p.getContactPoints, self._body, self._client
@@ -465,7 +475,13 @@ class World:
 
 
 def check_numbers(rows: Rows) -> None:
-    """Make sure that states or contacts are numbers that a recording can hold."""
+    """Make sure that states or contacts are numbers that a recording can hold.
+
+    Raises
+    ------
+    DropError
+        If one is not finite, or too large.
+    """
     lost = np.zeros(len(rows), dtype=bool)
     for name in rows.dtype.names or ():
         values = rows[name]
