@@ -117,12 +117,15 @@ def simulate(
     """Drop the body and record everything that happens."""
     from drop_physics.console.show_run import show_simulation
     from drop_physics.errors import ScenarioError
-    from drop_physics.stages import view
     from drop_physics.stages.simulate import simulate
 
     if spawn and connect is not None:
         raise ScenarioError("--spawn and --connect exclude each other; give one of them")
-    viewer = view.spawn if spawn else None if connect is None else view.connection(connect)
+    viewer = None
+    if spawn or connect is not None:
+        from drop_physics.stages import view  # with the analysis, which takes half a second
+
+        viewer = view.spawn if connect is None else view.connection(connect)
     with progress() as report:
         simulation = simulate(
             scenario, out, camera=camera, force=force,
