@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scenes
 from conftest import Drop, some
 from drop_physics.errors import RecordingError, ScenarioError
 from drop_physics.figures.playback import Animation
+from drop_physics.recording.scene import parts_of
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
 from drop_physics.stages.render import render
@@ -114,6 +116,30 @@ def test_a_body_is_drawn_as_it_looked_at_the_time(record: Record, tmp_path: Path
     blue = [bool(len(redness(picture[..., ::-1]))) for picture in shown]
     assert red == [True] * 5 + [False] * 4 + [True] * 2
     assert blue == [False] * 5 + [True] * 2 + [False] * 4
+
+
+SWINGING = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("kuka_iiwa/model.urdf", [0.3, 0, 0], [0, 0, 0.6, 0.8], useFixedBase=True)
+for joint in range(7):
+    p.resetJointState(0, joint, 0.3)
+    p.setJointMotorControl2(0, joint, p.VELOCITY_CONTROL, force=0)
+steps(120)
+"""
+
+
+def test_a_link_is_drawn_where_kinematics_has_it(tmp_path: Path) -> None:
+    """Each is recorded in its parent's frame, as float32."""
+    recording = scenes.record(SWINGING, tmp_path / "arm.rrd")
+    seen, steps = recording.seen, np.array([0, 60, 120])
+    (piece,), (body,) = seen.pieces(), seen.bodies.values()
+    motions = seen.motions(body, piece.joints[0].steps, None, piece.joints[0])[steps]
+    parts = parts_of(recording.path, seen)
+    drawn = np.stack([part.at(steps / 240) for part in parts], axis=1)
+    assert drawn[..., :3] == pytest.approx(motions[..., :3], abs=1e-6)
+    turned = np.abs((drawn[..., 3:] * motions[..., 3:7]).sum(axis=-1))
+    assert turned == pytest.approx(1.0, abs=1e-6)
+    assert np.ptp(drawn[:, -1, :3], axis=0).max() > 0.1
 
 
 @pytest.mark.parametrize("how", some(["p.removeBody(body)", "p.resetSimulation()"], 1))

@@ -79,7 +79,7 @@ CURVES = {
 DRAWN = {
     schema.WORLD: "z is up",
     f"{schema.FLOOR}/base/0": "the floor, its surface at z = 0",
-    f"{schema.BOX}/base": "where the body is; of a body with joints each link has such an entity",
+    f"{schema.BOX}/base": "where the body is; below it a robot's links, each in its parent's frame",
     f"{schema.BOX}/base/0": "the body's shape",
     schema.TRAIL: "where the body was, at about forty times",
     schema.CAMERA: "the camera: its lens and pose",

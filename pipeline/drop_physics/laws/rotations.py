@@ -26,6 +26,13 @@ def rotate_inverse(orientation: Float64, vectors: Float64) -> Float64:
     return rotate(orientation * [-1, -1, -1, 1], vectors)
 
 
+def products(a: Float64, b: Float64) -> Float64:
+    """Return Hamilton's products of quaternions x, y, z, w, shape (n, 4): b's rotation first."""
+    axis_a, w_a, axis_b, w_b = a[:, :3], a[:, 3:], b[:, :3], b[:, 3:]
+    axes = w_a * axis_b + w_b * axis_a + cross(axis_a, axis_b)
+    return np.hstack((axes, w_a * w_b - sums(axis_a * axis_b)[:, None]))
+
+
 def same_way(orientation: Float64, reference: Float64) -> Float64:
     """Return quaternions, (n, 4), with the signs of others: q and -q are the same orientation."""
     agree = sums(orientation * reference)[:, None]

@@ -35,7 +35,7 @@ from drop_physics.seen.events import (
     Shape,
     Site,
 )
-from drop_physics.seen.poses import inertial_frames, links_of, tree_of
+from drop_physics.seen.poses import inertial_frames, links_of, tree_of, within
 
 Float64 = NDArray[np.float64]
 
@@ -79,6 +79,8 @@ class Drawing:
         self._log = Gathering(pictures.log, most=LINES_TOGETHER)
         self._lenses: dict[int, object] = {}
         self._shown_at: dict[int, int] = {}
+        self._placed: dict[str, NDArray[np.float32]] = {}
+        """The last pose of each link, by entity."""
         self._drawn: dict[int, tuple[Any, ...]] = {}
         self._undrawn: dict[int, str] = {}
         """Labels of bodies with a shape that cannot be drawn, by number."""
@@ -143,6 +145,8 @@ class Drawing:
                 yield pictures.cleared(f"{schema.COLLISIONS}/{body.label}", at)
             self._drawn.pop(body.number, None)
             self._shown_at.pop(body.number, None)
+            for gone in range(-1, len(body.joints)):
+                self._placed.pop(part_path(body, gone), None)
             return
         if body.number not in self._drawn:
             for number, touched in enumerate(body.collisions):
@@ -167,9 +171,7 @@ class Drawing:
         self._bases[put.body.number] = put.base
         if put.body.number in self._trees:
             parts = links_of(self._trees[put.body.number], put.base[None], put.joints)
-            for column in range(parts.shape[1]):
-                entity = part_path(put.body, column - 1)
-                yield from self._poses.add(entity, _at(put.at), parts[:, column, :7])
+            yield from self._place(put.body, _at(put.at), parts)
 
     # -- samples ----------------------------------------------------------------------------------
 
@@ -191,9 +193,7 @@ class Drawing:
             joints = seen.joints.get(number)
             drawn = base[shown]
             parts = links_of(self._trees[number], drawn, joints and joints.at(shown))
-            for column in range(parts.shape[1]):
-                entity = part_path(body, column - 1)
-                yield from self._poses.add(entity, at, parts[:, column, :7])
+            yield from self._place(body, at, parts)
             self._reach(parts[..., :3].reshape(-1, 3))
             if not self._of_drop and len(self._bodies) <= MOST_TRAILS + 1:
                 yield from self._trail(body, at, parts[:, _end_of(body), :3])
@@ -201,6 +201,16 @@ class Drawing:
                 yield from self._curves.add(f"{schema.HEIGHT}/{body.label}", at, drawn[:, 2:3])
         if not self._of_drop:
             yield from self._points(seen)
+
+    def _place(self, body: Body, at: Times, parts: Float64) -> Iterator[Chunk]:
+        """Yield the poses of base and links, where they change."""
+        for entity, rows in poses_in_tree(body, parts):
+            shown = rows.astype(np.float32)
+            before = self._placed.get(entity, np.full(7, np.nan, np.float32))
+            changed = (np.vstack([before, shown[:-1]]) != shown).any(axis=1)
+            self._placed[entity] = shown[-1]
+            if changed.any():
+                yield from self._poses.add(entity, at.only(changed), rows[changed])
 
     def _reach(self, positions_m: Float64) -> None:
         """Extend the box by positions, shape (n, 3), except of what has flown off."""
@@ -226,9 +236,7 @@ class Drawing:
         shown = shown[~(np.abs(places_m[shown] - before_m).max(axis=1) < TRAIL_M)]
         if len(shown):
             self._ways[body.number] = int(due[shown[-1]]), places_m[shown[-1]]
-            calls = None if at.calls is None else at.calls[shown]
-            its = Times(at.steps[shown], at.times_s[shown], calls)
-            yield from self._trails.add(entity, its, places_m[shown])
+            yield from self._trails.add(entity, at.only(shown), places_m[shown])
 
     def _points(self, seen: Samples) -> Iterator[Chunk]:
         """Yield contact points, and the forces there as arrows."""
@@ -316,13 +324,34 @@ def _looks_alike(shape: Shape, touched: Collision) -> bool:
 
 
 def part_path(body: Body, link: int) -> str:
-    """Return the entity of a link in the scene; its shapes are below it, by number."""
-    name = "base" if link < 0 else f"{link}_{body.links[link + 1]}"
-    plain = "".join(
+    """Return the entity of a link in the scene: below its parent's, as its pose is relative to it.
+
+    Its shapes are below it, by number.
+    """
+    names = list[str]()
+    while link >= 0:
+        names.append(_plain(f"{link}_{body.links[link + 1]}"))
+        link = body.joints[link].parent
+    return "/".join([schema.WORLD, body.label, "base", *reversed(names)])
+
+
+def _plain(name: str) -> str:
+    return "".join(
         letter if letter.isascii() and (letter.isalnum() or letter in "_-") else "_"
         for letter in name
     )
-    return f"{schema.WORLD}/{body.label}/{plain}"
+
+
+def poses_in_tree(body: Body, parts: Float64) -> Iterator[tuple[str, Float64]]:
+    """Yield the entity of base and links each, and its poses, shape (n, 7), in its parent's frame.
+
+    `parts` are poses in the world, shape (n, links + 1, 7 or more).
+    """
+    for column in range(parts.shape[1]):
+        poses = parts[:, column, :7]
+        if column:
+            poses = within(parts[:, body.joints[column - 1].parent + 1, :7], poses)
+        yield part_path(body, column - 1), poses
 
 
 def _end_of(body: Body) -> int:

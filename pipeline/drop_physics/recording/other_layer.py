@@ -84,10 +84,10 @@ def is_drawn(recording: Path) -> bool:
 
 
 def shapes_in(recording: Path) -> Iterator[Chunk]:
-    """Yield the shapes of a script's recording: they are below its links, `world/BODY/LINK`."""
+    """Yield the shapes of a script's recording: numbers below their links."""
     for chunk in _read(recording):
         top, rest = _parted(chunk.entity_path.removeprefix("/"))
-        if top.startswith(f"{schema.WORLD}/") and len(rest) > 1:
+        if top.startswith(f"{schema.WORLD}/") and rest and rest[-1].isdigit():
             yield chunk
 
 

@@ -21,6 +21,7 @@ from drop_physics.recording.drawing import FARTHEST_M, part_path
 from drop_physics.recording.rrd import Chunk
 from drop_physics.seen.events import Body, Model
 from drop_physics.seen.history import Seen
+from drop_physics.seen.poses import placed
 
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -46,6 +47,12 @@ class Part:
         found = np.full((len(times_s), 7), np.nan)
         found[rows >= 0] = self.poses[rows[rows >= 0]]
         return found
+
+    def on(self, parent: Part) -> Part:
+        """Return the same link, whose poses are in the frame of another, in the world's."""
+        times_s = np.unique(np.concatenate([parent.times_s, self.times_s]))
+        poses = placed(parent.at(times_s), self.at(times_s))
+        return replace(self, times_s=times_s, poses=poses.astype(np.float32))
 
     def in_looks(self, looks: Sequence[tuple[float, tuple[Model, ...]]]) -> Iterator[Part]:
         """Yield the same link once for each look, drawn while it looks like that.
@@ -86,12 +93,16 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
             its = looks.setdefault(part_path(appearance.body, link), [])
             its.append((appearance.at.time_s, models))
     found: list[Part] = []
+    whole: dict[tuple[int, int], Part] = {}
     for entity, (body, link) in links.items():
         if read := poses.get(entity):
             times_s = np.concatenate([times_s for times_s, _ in read])
             order = np.argsort(times_s, kind="stable")
             rows = np.concatenate([rows for _, rows in read])[order]
             part = Part(body.number, (), _radius_m(body, link), times_s[order], rows)
+            if link >= 0 and (parent := whole.get((body.number, body.joints[link].parent))):
+                part = part.on(parent)
+            whole[body.number, link] = part
             found += part.in_looks(looks.get(entity, ()))
     return [part for part in found if part.models]
 

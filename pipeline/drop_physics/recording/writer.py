@@ -11,6 +11,7 @@ import os
 import shutil
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -153,6 +154,18 @@ def _strict() -> Iterator[None]:
 # -- chunks ---------------------------------------------------------------------------------------
 
 
+def named(chunks: Iterable[Chunk], name: str) -> Iterator[Chunk]:
+    """Yield chunks, and after the first of them, which tells the kind, name and start time.
+
+    Where Rerun's own `send_recording_name` and `send_recording_start_time_nanos` put them.
+    """
+    info = rr.archetypes.RecordingInfo.columns(name=[name], start_time=[time.time_ns()])
+    for number, chunk in enumerate(chunks):
+        yield chunk
+        if number == 0:
+            yield _static("__properties", info)
+
+
 def property_chunk(name: str, values: Mapping[str, Value | None]) -> Chunk:
     """Return a property of the recording; a value of None is left out."""
     given: dict[str, Any] = {
@@ -221,6 +234,11 @@ class Times(NamedTuple):
     """Shape (n,)."""
     calls: Steps | None = None
     """How many calls of the script came before, for the timeline of calls."""
+
+    def only(self, which: NDArray[np.bool_] | Steps) -> Times:
+        """Return those of some rows."""
+        calls = None if self.calls is None else self.calls[which]
+        return Times(self.steps[which], self.times_s[which], calls)
 
 
 def times(at: Times) -> list[rr.TimeColumn]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.laws.kinematics import kinematics, motion
-from drop_physics.laws.rotations import quaternions, rotate_inverse
+from drop_physics.laws.rotations import products, quaternions, rotate, rotate_inverse
 from drop_physics.laws.tree import Joint as Kind
 from drop_physics.laws.tree import States, Tree
 from drop_physics.seen.events import Joint
@@ -95,6 +95,23 @@ def links_of(tree: Tree, base: Float64, joints: Joints | None) -> Float64:
         motions[:, link + 1, 7:10] = moves.velocities[link + 1].T
         motions[:, link + 1, 10:13] = moves.spins[link + 1].T
     return motions
+
+
+def within(frames: Float64, poses: Float64) -> Float64:
+    """Return poses in other frames: position and orientation each, shape (n, 7)."""
+    backwards = frames[:, 3:] * [-1.0, -1.0, -1.0, 1.0]
+    return np.hstack(
+        (rotate_inverse(frames[:, 3:], poses[:, :3] - frames[:, :3]),
+         products(backwards, poses[:, 3:]))
+    )  # fmt: skip
+
+
+def placed(frames: Float64, poses: Float64) -> Float64:
+    """Return poses in frames as poses in the world: the inverse of `within`."""
+    return np.hstack(
+        (frames[:, :3] + rotate(frames[:, 3:], poses[:, :3]),
+         products(frames[:, 3:], poses[:, 3:]))
+    )  # fmt: skip
 
 
 def rows_of(number: int, steps: NDArray[np.int64], motions: Float64) -> Rows:

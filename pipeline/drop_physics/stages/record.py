@@ -241,7 +241,11 @@ def written(
         process.events(), ending, lambda ended: about_script(origin, recorder, ended)
     )
     writer.record(
-        path, chunks, recording_id=recording_id, blueprint=lambda: layout(recorder.look()), **how
+        path,
+        writer.named(chunks, path.stem),
+        recording_id=recording_id,
+        blueprint=lambda: layout(recorder.look()),
+        **how,
     )
     return endings[0]
 

@@ -157,13 +157,12 @@ def _record(request: dict[str, Any]) -> dict[str, Any]:
     }
     recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, drawn=request["drawn"])
     listener = BlockListener(request["reading"], request["block"], process=request["process"])
+    chunks = recorder.chunks(
+        listener.events(), listener.ending, lambda ended: about_script(origin, recorder, ended)
+    )
     writer.record(
         path,
-        recorder.chunks(
-            listener.events(),
-            listener.ending,
-            lambda ended: about_script(origin, recorder, ended),
-        ),
+        writer.named(chunks, path.stem),
         recording_id=recording_id,
         blueprint=(lambda: layout(recorder.look())) if request["drawn"] else None,
         force=request["force"],

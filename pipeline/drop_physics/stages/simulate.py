@@ -126,7 +126,7 @@ def simulate(
         stack.enter_context(world)
         for sentence in world.notes():
             note(sentence)
-        chunks = recorded(world, photographer, batch, progress)
+        chunks = writer.named(recorded(world, photographer, batch, progress), path.stem)
         if url is not None:
             chunks = shown(chunks, url=url, recording_id=recording_id, look=look, note=note)
         writer.record(

@@ -177,7 +177,9 @@ class RunShard:
                 # One picture at a time: the other cores run other shards.
                 photographer = Photographer(world.scenario, self.camera, frames=1)
                 stack.enter_context(photographer)
-            chunks: Iterable[writer.Chunk] = recorded(world, photographer, BATCH, lambda *_: None)
+            chunks: Iterable[writer.Chunk] = writer.named(
+                recorded(world, photographer, BATCH, lambda *_: None), path.stem
+            )
             if world.scenario.steps < BATCH:
                 # Rerun's writer takes chunks in its own thread. With ready ones it does not wait
                 # for Python's lock, which saves a tenth of a short run's time.

@@ -18,7 +18,7 @@ from drop_physics.analysis.times import Times
 from drop_physics.errors import ScenarioError
 from drop_physics.recording import pictures, schema, viewer, writer
 from drop_physics.recording.contents import is_script
-from drop_physics.recording.drawing import part_path
+from drop_physics.recording.drawing import poses_in_tree
 from drop_physics.recording.layer import layer_of
 from drop_physics.recording.layout import layout, look_of_drop
 from drop_physics.recording.other_layer import Style, is_drawn, shapes_in, write_other_layer
@@ -132,9 +132,8 @@ def _poses(seen: Seen) -> Iterator[Chunk]:
                 continue
             at = writer.Times(steps, times.of_all(steps))
             motions = seen.motions(body, steps, base, joints)
-            for column in range(motions.shape[1]):
-                poses = [motions[:, column, :7]]
-                yield pictures.poses(part_path(body, column - 1), at, poses)
+            for entity, poses in poses_in_tree(body, motions):
+                yield pictures.poses(entity, at, [poses])
             if not body.joints:
                 yield pictures.curves(f"{schema.HEIGHT}/{body.label}", at, [motions[:, 0, 2:3]])
 
