@@ -12,7 +12,7 @@ from drop_physics.console.findings_told import finding_lines
 from drop_physics.console.flights_told import contact_lines, flight_lines
 from drop_physics.console.output import columns_of, counted, cut, left, right, titled, wrapped
 from drop_physics.console.output import width as columns
-from drop_physics.console.words import kinds_of_samples
+from drop_physics.console.words import CAUSES, SEGMENTS, kinds_of_samples
 from drop_physics.messages import Message, joined, localized, translated
 from drop_physics.seen.events import ENDED
 
@@ -225,18 +225,21 @@ def _facts(body: BodyAnalysis, *, verbose: bool) -> Message:
     facts = joined(": ", [mass, kinds_of_samples(rest)])
     if body.energy is None:
         return facts
-    changes = f"{body.energy.start_j + 0.0:.4g} → {body.energy.end_j + 0.0:.4g} J"
+    changes: str = f"{body.energy.start_j + 0.0:.4g} → {body.energy.end_j + 0.0:.4g} J"
     causes = sorted(body.energy.by_cause_j.items(), key=lambda cause: -abs(cause[1]))
-    named = [f"{name} {value:+.3g}" for name, value in causes[: 2 * verbose]
-        if abs(value) > 1e-9]  # fmt: skip
-    return joined("; ", [facts, changes + (f" ({', '.join(named)})" if named else "")])
+    named = [
+        Message("{joules} {cause}", joules=f"{value:+.3g}", cause=CAUSES[name])
+        for name, value in causes[: 2 * verbose]
+        if abs(value) > 1e-9
+    ]
+    return joined("; ", [facts, joined(": ", [changes, joined(", ", named)]) if named else changes])
 
 
 def sum_lines(body: BodyAnalysis, each: StepSum) -> list[str]:
     """Return a step as its sum: a row per term, a column per degree of freedom."""
     title = localized(
         "[bold]{body}[/] at {time:.4g} s, step {step}: {segment}",
-        body=escape(body.label), time=each.time_s, step=each.step, segment=each.segment,
+        body=escape(body.label), time=each.time_s, step=each.step, segment=SEGMENTS[each.segment],
     )  # fmt: skip
     if each.terms is None or each.remainder is None:
         return [title]
@@ -251,7 +254,10 @@ def sum_lines(body: BodyAnalysis, each: StepSum) -> list[str]:
     lines = [title]
     for number, head in enumerate(heads):
         if number < len(each.remainder):
-            terms = ", ".join(f"{name} {term[number]:+.3e}" for name, term in rows.items()
-                if term[number])  # fmt: skip
-            lines += titled(head, terms or "0", column=min(28, max(map(columns_of, heads)) + 2))
+            terms = [Message("{term} {distance}", term=CAUSES.get(name, name),
+                distance=f"{term[number]:+.3e}")
+                for name, term in rows.items() if term[number]]  # fmt: skip
+            lines += titled(
+                head, joined(", ", terms or ["0"]), column=min(28, max(map(columns_of, heads)) + 2)
+            )
     return lines

@@ -6,14 +6,15 @@ import json
 import os
 import re
 import sys
-import textwrap
 import unicodedata
 from collections.abc import Sequence
 from typing import Any, TextIO
 
 from drop_physics.fields import counted as counted
 from drop_physics.fields import decimals
+from drop_physics.messages import columns_of as columns_of
 from drop_physics.messages import translated
+from drop_physics.messages import wrapped as wrapped
 
 WIDTH = 80
 """Width of a line in a pipe, unless a name in it is longer."""
@@ -71,15 +72,6 @@ def millimetres(value_m: float) -> str:
     return f"{text:>10} mm"
 
 
-def columns_of(text: str) -> int:
-    """Return how many columns a text takes: Chinese and Japanese characters take two."""
-    if text.isascii():
-        return len(text)
-    from rich.cells import cell_len
-
-    return cell_len(text)
-
-
 def left(text: str, columns: int) -> str:
     """Left-align a text in columns."""
     return text + " " * (columns - columns_of(text))
@@ -95,34 +87,6 @@ def cut(text: str, columns: int) -> str:
     from rich.cells import set_cell_size
 
     return set_cell_size(text, columns)
-
-
-_WIDE = "\u2e80-\ua4cf\uf900-\ufaff\uff01-\uff60"
-_UNBROKEN = re.compile(rf"[「\uff08(]*(?:[^{_WIDE}]+|.)[、。」ー\uff09):;,.…]*")
-"""Japanese has no spaces: a line may end after any character, but not before `、` or after `「`."""
-
-
-class _Part(str):
-    __slots__ = ()
-
-    def __len__(self) -> int:
-        return columns_of(str(self))
-
-
-class _Wrapper(textwrap.TextWrapper):
-    """Wraps at spaces and between Japanese characters, counting columns; never inside a name."""
-
-    def _split(self, text: str) -> list[str]:
-        chunks: list[str] = super()._split(text)
-        return [_Part(part) for chunk in chunks for part in _UNBROKEN.findall(chunk)]
-
-
-def wrapped(words: str, columns: int, indent: str = "") -> list[str]:
-    """Wrap words to a number of columns; all lines but the first are indented."""
-    wrapper = _Wrapper(
-        columns, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
-    )
-    return wrapper.wrap(words)
 
 
 def beside(title: str, words: str, column: int) -> list[tuple[str, str]]:

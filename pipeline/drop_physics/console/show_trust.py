@@ -22,7 +22,7 @@ from drop_physics.console.output import (
     width,
     wrapped,
 )
-from drop_physics.messages import Message, translated
+from drop_physics.messages import Message, joined, translated
 from drop_physics.stages.trust_findings import BY_STEP, TERMS, part_of, readable
 
 if TYPE_CHECKING:
@@ -111,9 +111,9 @@ def _verdict(trust: Trust) -> Message:
             script=script, steps=steps)  # fmt: skip
     if not stands:
         return Message("{script}, {steps}: depends on {depends}", script=script, steps=steps,
-            depends=", ".join(depends))  # fmt: skip
+            depends=joined(", ", depends))  # fmt: skip
     return Message("{script}, {steps}: depends on {depends}; hardly on {stands}", script=script,
-        steps=steps, depends=", ".join(depends), stands=", ".join(stands))  # fmt: skip
+        steps=steps, depends=joined(", ", depends), stands=joined(", ", stands))  # fmt: skip
 
 
 def _variations(trust: Trust) -> Iterator[list[str]]:

@@ -30,6 +30,8 @@ SEGMENTS = {
 }
 """The kinds of samples."""
 CAUSES = {
+    "gravity": Message("gravity"),
+    "bias": Message("Coriolis and gyroscopic forces"),
     "damping": Message("damping"),
     "joint damping": Message("joint damping"),
     "motors": Message("motors"),
@@ -43,7 +45,7 @@ CAUSES = {
     "integrator": Message("integrator"),
     "remainder": Message("remainder"),
 }
-"""What changes an energy."""
+"""What changes an energy or a momentum."""
 
 
 def kinds_of_samples(counts: Mapping[str, int]) -> Message:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -17,7 +16,7 @@ from drop_physics import colours
 from drop_physics.figures import style
 from drop_physics.figures.story import Curve, Panel, Story
 from drop_physics.figures.style import Ink, Unit
-from drop_physics.messages import Message
+from drop_physics.messages import Message, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -97,8 +96,7 @@ def told_story(story: Story, format: str, dark: bool) -> bytes:  # noqa: A002
 
 
 def _wrapped(texts: Sequence[str], width: int, most: int) -> list[str]:
-    lines = [line for text in texts
-        for line in textwrap.wrap(style.words(text), width, break_on_hyphens=False)]  # fmt: skip
+    lines = [line for text in texts for line in wrapped(style.words(text), width)]
     return [*lines[: most - 1], lines[most - 1] + " …"] if len(lines) > most else lines
 
 
@@ -208,9 +206,8 @@ def _name(axes: Axes, curves: Sequence[Curve], ink: Ink, width: int, size: float
             ends.append((min(max(end, 0.0), 1.0), curve))
     ends.sort(key=lambda each: each[0])
     for place, (_, curve) in zip(_spread([end for end, _ in ends]), ends, strict=True):
-        name = textwrap.shorten(style.words(curve.name), 2 * NAME, placeholder="…")
         axes.annotate(
-            textwrap.fill(name, width, break_long_words=False), (1, place),
+            "\n".join(_wrapped([curve.name], width, 2 * NAME // width)), (1, place),
             xycoords="axes fraction", xytext=(6, 0), textcoords="offset points", va="center",
             size=size, color=_colour(curve, ink),
             annotation_clip=False, linespacing=0.95,

@@ -10,7 +10,7 @@ import functools
 import logging
 import math
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -55,10 +55,23 @@ JAPANESE = (
 @functools.cache
 def japanese_font() -> str | None:
     """Return a font for Japanese; None where none is installed."""
-    fonts = {
-        font.name for font in font_manager.fontManager.ttflist if pathlib.Path(font.fname).is_file()
-    }
-    return next((name for name in JAPANESE if name in fonts), None)
+    manager = font_manager.fontManager
+    return _first_japanese(manager.ttflist) or _first_japanese(_installed_since(manager))
+
+
+def _first_japanese(fonts: Iterable[font_manager.FontEntry]) -> str | None:
+    names = {font.name for font in fonts if pathlib.Path(font.fname).is_file()}
+    return next((name for name in JAPANESE if name in names), None)
+
+
+def _installed_since(manager: font_manager.FontManager) -> list[font_manager.FontEntry]:
+    """Return the fonts that were installed after matplotlib had made its list, and add them."""
+    known = {font.fname for font in manager.ttflist}
+    for path in font_manager.findSystemFonts():
+        if path not in known:
+            with contextlib.suppress(OSError, RuntimeError):  # a font that cannot be read
+                manager.addfont(path)
+    return [font for font in manager.ttflist if font.fname not in known]
 
 
 def words(template: str, /, **values: object) -> str:

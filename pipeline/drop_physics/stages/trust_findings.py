@@ -35,14 +35,6 @@ BY_STEP = {
     ),
 }
 """Why a term depends on the timestep."""
-DIVERGES = (
-    "{part} does not converge with the timestep: it ends at {coarse:.9g}, {middle:.9g} and "
-    "{fine:.9g} {unit}"
-)
-NO_ORDER = (
-    "{part} shows no order of convergence with the timestep: it ends at {coarse:.9g}, {middle:.9g} "
-    "and {fine:.9g} {unit}"
-)
 REPEATS = ("nudge", "seed")
 """Variations that another run may have of itself."""
 SMALL = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
@@ -171,11 +163,20 @@ def _converges(found: list[Converging]) -> Iterator[Finding]:
         coarse, middle, fine = each.ends
         if each.order is None:
             shrinks = abs(fine - middle) < abs(middle - coarse)
-            template = NO_ORDER if shrinks else DIVERGES
+            said = (
+                Message(
+                    "{part} shows no order of convergence with the timestep",
+                    part=part,
+                )
+                if shrinks
+                else Message("{part} does not converge with the timestep", part=part)
+            )
             yield Finding(
                 code="no-order" if shrinks else "does-not-converge", level="model",
-                message=Message(template, part=part, coarse=coarse, middle=middle, fine=fine,
-                    unit=each.unit),
+                message=Message(
+                    "{said}: it ends at {coarse:.9g}, {middle:.9g} and {fine:.9g} {unit}",
+                    said=said, coarse=coarse, middle=middle, fine=fine, unit=each.unit,
+                ),
                 body=each.body, joint=each.joint,
             )  # fmt: skip
         else:
