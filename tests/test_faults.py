@@ -702,10 +702,14 @@ def test_a_recording_that_does_not_verify_is_not_reported_as_kept(
 ) -> None:
     real = sealing._rerun
 
-    def no_verdict(*arguments: str | Path, **how: Any) -> str:
-        return "" if arguments[1] == "verify" else real(*arguments, **how)
+    def damaging(*arguments: str | Path, **how: Any) -> str:
+        printed = real(*arguments, **how)
+        how["stdout"].seek(how["stdout"].tell() // 4)
+        how["stdout"].write(bytes(64))
+        how["stdout"].flush()
+        return printed
 
-    monkeypatch.setattr(sealing, "_rerun", no_verdict)
+    monkeypatch.setattr(sealing, "_rerun", damaging)
     new = run_rrd.with_name("new.rrd")
     with pytest.raises(OutputError, match="does not verify") as raised:
         simulate(Scenario(duration_s=0.1), new, camera=None)

@@ -15,7 +15,7 @@ from rich.filesize import decimal
 from drop_physics.fields import all_of
 from drop_physics.laws.tree import Tree
 from drop_physics.messages import Message
-from drop_physics.recording import pictures, schema
+from drop_physics.recording import pictures, schema, writer
 from drop_physics.recording.gathering import Gathering
 from drop_physics.recording.told import Event
 from drop_physics.recording.writer import Chunk, Times
@@ -198,7 +198,9 @@ class Drawing:
             if not self._of_drop and len(self._bodies) <= MOST_TRAILS + 1:
                 yield from self._trail(body, at, parts[:, _end_of(body), :3])
             if not body.joints and not self._of_drop:
-                yield from self._curves.add(f"{schema.HEIGHT}/{body.label}", at, drawn[:, 2:3])
+                yield from _thinned(
+                    self._curves, f"{schema.HEIGHT}/{body.label}", at, drawn[:, 2:3]
+                )
         if not self._of_drop:
             yield from self._points(seen)
 
@@ -261,6 +263,16 @@ class Drawing:
             arrows_m *= np.minimum(1.0, longest_m / np.maximum(lengths_m, longest_m))
             at = Times(seen.steps[due], seen.times_s[due], np.full(due.sum(), seen.call))
             counts = np.diff(np.searchsorted(points["step"], [*at.steps, at.steps[-1] + 1]))
+            if len(set(counts.tolist())) == 1:  # the same points, perhaps at rest
+                seen_as = np.hstack((places_m, arrows_m)).reshape(len(counts), -1)
+                kept = writer.noticed(seen_as, schema.POSE_RESOLUTION)
+                its = np.repeat(kept, counts)
+                at, counts, places_m, arrows_m = (
+                    at.only(kept),
+                    counts[kept],
+                    places_m[its],
+                    arrows_m[its],
+                )
             yield pictures.contact_points(schema.CONTACT_POINTS, at, places_m, arrows_m, counts)
             self._touching = True
 
@@ -311,6 +323,12 @@ class Drawing:
     def on_raised(self, seen: Raised) -> Iterator[Chunk]:
         """Yield what a call raised."""
         yield from self._log.add(schema.LOG, _at(seen.at), (f"raised {seen.error}", True))
+
+
+def _thinned(gathered: Gathering, entity: str, at: Times, values: Float64) -> Iterator[Chunk]:
+    """Add rows, shape (n, k), without those that look like the ones before and after."""
+    kept = writer.noticed(values, schema.POSE_RESOLUTION)
+    yield from gathered.add(entity, at.only(kept), values[kept])
 
 
 def _looks_alike(shape: Shape, touched: Collision) -> bool:

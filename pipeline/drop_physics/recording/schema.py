@@ -125,8 +125,8 @@ ABOUT = "about"
 
 COLLISIONS = "collisions"
 """Below it what is touched of each link; hidden, but of a body that a finding says it of."""
-POSE_RESOLUTION = 1e-4
-"""A box that moved by less [m], or whose quaternion changed by less, looks the same."""
+POSE_RESOLUTION = 1e-5
+"""What moved by less [m], or whose quaternion changed by less, looks the same."""
 HEIGHT_RESOLUTION_M = 1e-9
 """A height curve that stays within this [m] is level."""
 

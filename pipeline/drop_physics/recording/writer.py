@@ -74,8 +74,7 @@ def record(
     recording_id
         Files of one id open as one recording.
     blueprint
-        The viewer's layout, or a function called for it after the chunks; None leaves it out, and
-        the file is verified without another program.
+        The viewer's layout, or a function called for it after the chunks; None leaves it out.
     force, ours, salvage, note
         As for `unfinished`.
     full
@@ -351,11 +350,11 @@ def curve_chunk(
     Of a stretch that is level to within `resolution`, only the ends are kept: the viewer connects
     them with a straight line.
     """
-    kept = _noticed(values.reshape(-1, 1), resolution)
+    kept = noticed(values.reshape(-1, 1), resolution)
     return numbers_chunk(entity, steps[kept], timestep_s, values[kept])
 
 
-def _noticed(values: Float64, resolution: float) -> NDArray[np.bool_]:
+def noticed(values: Float64, resolution: float) -> NDArray[np.bool_]:
     """Return which rows of values, shape (n, k), begin or end a change, or are first or last."""
     marks = np.round(values / resolution)
     changes = (marks[1:] != marks[:-1]).any(axis=1)
