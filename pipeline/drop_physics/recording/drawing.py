@@ -79,8 +79,8 @@ class Drawing:
         self._log = Gathering(pictures.log, most=LINES_TOGETHER)
         self._lenses: dict[int, object] = {}
         self._shown_at: dict[int, int] = {}
-        self._placed: dict[str, NDArray[np.float32]] = {}
-        """The last pose of each link, by entity."""
+        self._placed: dict[str, Float64] = {}
+        """The last pose of each link, by entity, in units of `POSE_RESOLUTION`."""
         self._drawn: dict[int, tuple[Any, ...]] = {}
         self._undrawn: dict[int, str] = {}
         """Labels of bodies with a shape that cannot be drawn, by number."""
@@ -207,8 +207,8 @@ class Drawing:
     def _place(self, body: Body, at: Times, parts: Float64) -> Iterator[Chunk]:
         """Yield the poses of base and links, where they change."""
         for entity, rows in poses_in_tree(body, parts):
-            shown = rows.astype(np.float32)
-            before = self._placed.get(entity, np.full(7, np.nan, np.float32))
+            shown = np.round(rows / schema.POSE_RESOLUTION)
+            before = self._placed.get(entity, np.full(7, np.nan))
             changed = (np.vstack([before, shown[:-1]]) != shown).any(axis=1)
             self._placed[entity] = shown[-1]
             if changed.any():
