@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 from conftest import some
 from drop_physics import Scenario, simulate
@@ -48,6 +49,20 @@ def told(scene: str, path: Path) -> tuple[Analysis, Story]:
 
 
 # -- of a drop ------------------------------------------------------------------------------------
+
+
+def test_the_impact_is_enlarged_with_every_sample_around_it(standard: Run) -> None:
+    with style.plain(style.LIGHT):
+        figure = build_story(story_of(standard.analysis), style.LIGHT)
+    (enlarged,) = figure.axes[0].child_axes
+    simulated = enlarged.lines[-1].get_xydata()
+    impact = standard.analysis.impact
+    assert impact is not None
+    assert impact.step is not None
+    table = standard.analysis.table.filter(
+        pl.col("step").is_between(impact.step - 4, impact.step + 10)
+    )
+    assert np.array_equal(simulated, table.select("time_s", "simulated_m").to_numpy())
 
 
 def test_a_drop_shows_its_fall_beside_theory_and_its_error_by_terms(standard: Run) -> None:
@@ -178,11 +193,14 @@ def test_the_viewer_shows_few_joints_and_no_joint_for_what_its_file_lacks(tmp_pa
     panels, bodies = viewed(analysis, record(ARM.format(force=20), tmp_path / "b.rrd").seen.bodies)
     assert bodies == ["0_model"]
     positions, motors, *_ = panels
-    assert (positions.title, positions.unit, motors.unit) == ("Joint positions", "rad", "N m")
+    assert (positions.unit, motors.unit) == ("rad", "N m")
+    assert [panel.title.split(",")[0] for panel in (positions, motors)] == [
+        "Joint positions", "Motors",
+    ]  # fmt: skip
     assert positions.curves[0].name == analysis.findings[0].joint
-    assert motors.curves[1].name == f"{analysis.findings[0].joint} limit"
+    assert (motors.curves[1].name, motors.curves[1].look) == (motors.curves[0].name, "dashed")
     assert set(np.abs(motors.curves[1].values)) == {20.0}
-    assert sum(not curve.name.endswith(("target", "est")) for curve in positions.curves) == 4
+    assert sum(curve.look != "dashed" for curve in positions.curves) == 4
     for panel in panels:
         assert all(len(curve.steps) == len(curve.values) for curve in panel.curves)
     assert any("energy of 0_model" in panel.title for panel in panels)

@@ -133,8 +133,8 @@ def test_a_robot_opens_with_its_joints_its_energy_and_its_contacts(tmp_path: Pat
     energy = "energy of 1_model since the start, by cause [J]"
     shown: dict[str, tuple[str, ...]] = {
         "World": (),
-        "Joint positions [rad]": (colours.JOINTS[0],),
-        "Motors [N m]": (colours.JOINTS[0],),
+        "Joint positions, thin: targets and stops [rad]": (colours.JOINTS[0],),
+        "Motors, thin: limits [N m]": (colours.JOINTS[0],),
         energy: (colours.CAUSES["motors"], colours.CAUSES["contacts"]),
         "What each body does": (),
         "Findings": (),
@@ -353,7 +353,7 @@ def test_the_names_of_a_scripts_curves_stand_where_no_flight_is() -> None:
         if one.name and one.properties.get("PlotLegend")
     }
     wanted = {
-        "Simulated minus free fall": rrb.Corner2D.LeftTop,
+        "Simulated minus free fall": rrb.Corner2D.LeftBottom,
         "Heights of free bodies": rrb.Corner2D.RightTop,
     }
     found = {name: corner.as_arrow_array().to_pylist() for name, corner in corners.items()}

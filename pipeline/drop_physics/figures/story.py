@@ -31,6 +31,15 @@ class Curve:
     """Of the values, shape (n,); empty where only times are known."""
 
 
+@dataclass(frozen=True)
+class Detail:
+    """A short time that is drawn once more, enlarged, with each sample."""
+
+    title: str
+    first_s: float
+    last_s: float
+
+
 @dataclass(frozen=True, eq=False)
 class Panel:
     """Curves of one unit; what finding they show, and when it holds."""
@@ -48,6 +57,7 @@ class Panel:
     """Whether the curves after the first add up to it: areas, from zero up and down."""
     log: bool = False
     """Whether the scale is logarithmic."""
+    enlarged: Detail | None = None
 
 
 @dataclass(frozen=True, eq=False)

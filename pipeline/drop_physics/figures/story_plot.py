@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from drop_physics import colours
 from drop_physics.figures import style
-from drop_physics.figures.story import Curve, Panel, Story
+from drop_physics.figures.story import Curve, Detail, Panel, Story
 from drop_physics.figures.style import Ink, Unit
 from drop_physics.messages import Message, wrapped
 
@@ -36,6 +36,10 @@ APART = 0.135
 BESIDE, BESIDE_TITLE, BESIDE_NAME = 2, 50, 12
 """Panels beside a film, and characters in a line of its title and of a curve's name."""
 OPACITY = 0.75
+WIDTHS = {"line": 1.8, "broad": 3.6, "wide": 6.0, "dashed": 1.5}
+"""Of curves [points]."""
+INSET, INSET_TALLER = (0.62, 0.36, 0.36, 0.5), 1.5
+"""Place of what is enlarged, as shares of its panel, which is so many times taller."""
 USUAL, TALLER = 98.0, 3.0
 """Peaks over TALLER times this percentile of a panel are cut off."""
 
@@ -46,7 +50,8 @@ def build_story(story: Story, ink: Ink) -> Figure:
     lines = _wrapped(story.lines, LINE, MOST_LINES)
     head_in = HEAD_IN + 1.2 * LINE_IN * len(title) + LINE_IN * 0.8 * len(lines) + GAP_IN
     count = len(story.panels)
-    height_in = head_in + count * PANEL_IN + max(0, count - 1) * GAP_IN + FOOT_IN
+    tall = [INSET_TALLER if panel.enlarged else 1.0 for panel in story.panels]
+    height_in = head_in + sum(tall) * PANEL_IN + max(0, count - 1) * GAP_IN + FOOT_IN
     figure = Figure(figsize=(WIDTH_IN, height_in), dpi=150)
     at = 1 - 0.6 * HEAD_IN / height_in
     figure.text(0.02, at, "\n".join(title), size=14, weight="bold", va="top", linespacing=1.25)
@@ -57,15 +62,18 @@ def build_story(story: Story, ink: Ink) -> Figure:
     end_s = max((float(curve.times_s[-1]) for panel in story.panels for curve in panel.curves
         if len(curve.times_s)), default=0.0)  # fmt: skip
     time = style.unit_for(end_s, style.SECONDS, usual="s")
-    axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+    axes = figure.subplots(count, 1, sharex=True, squeeze=False, height_ratios=tall)[:, 0]
     figure.subplots_adjust(
-        LEFT, FOOT_IN / height_in, RIGHT, 1 - head_in / height_in, hspace=GAP_IN / PANEL_IN
-    )
+        LEFT, FOOT_IN / height_in, RIGHT, 1 - head_in / height_in,
+        hspace=GAP_IN / (PANEL_IN * sum(tall) / count),
+    )  # fmt: skip
     axes[-1].set_xlim(0, end_s * time.per_si or 1)
     axes[-1].set_xlabel(style.words("time [{unit}]", unit=time.name))
     for number, (each, panel) in enumerate(zip(axes, story.panels, strict=True)):
         each.set_label(f"panel {number}")
         _draw(each, panel, time, ink)
+        if panel.enlarged is not None:
+            _enlarge(each, panel, panel.enlarged, time, ink)
     figure.align_ylabels(axes)
     return figure
 
@@ -121,7 +129,7 @@ def _draw(
         axes.plot(
             curve.times_s * time.per_si, curve.values,
             color=_colour(curve, ink),
-            lw={"line": 1.8, "broad": 3.6, "wide": 6.0, "dashed": 1.5}[curve.look],
+            lw=WIDTHS[curve.look],
             linestyle=style.DASHED if curve.look == "dashed" else "-",
             marker=None if thin else "o", markersize=4,
             solid_capstyle="butt", zorder=2 + 0.01 * order,
@@ -133,6 +141,25 @@ def _draw(
     else:
         _limit(axes, panel, ink)
     _name(axes, panel.curves, ink, name, size)
+
+
+def _enlarge(axes: Axes, panel: Panel, detail: Detail, time: Unit, ink: Ink) -> None:
+    """Draw a short time of a panel once more, in its corner, with each sample as a point."""
+    inner = axes.inset_axes(INSET)
+    shown = []
+    for curve in panel.curves:
+        within = (curve.times_s >= detail.first_s) & (curve.times_s <= detail.last_s)
+        shown.append(replace(curve, times_s=curve.times_s[within], values=curve.values[within]))
+    near = _readable(replace(panel, curves=shown, enlarged=None))
+    for curve in near.curves:
+        thin = curve.look == "line"
+        inner.plot(curve.times_s * time.per_si, curve.values, color=_colour(curve, ink),
+            lw=0.8 * WIDTHS[curve.look], marker="o" if thin else None, markersize=3,
+            solid_capstyle="butt")  # fmt: skip
+    inner.set_title(
+        f"{style.words(detail.title)} [{near.unit}]", loc="left", size=9, pad=3, color=ink.faint
+    )
+    inner.tick_params(labelsize=8)
 
 
 def _stack(axes: Axes, curves: Sequence[Curve], time: Unit) -> None:

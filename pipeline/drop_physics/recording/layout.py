@@ -129,11 +129,13 @@ def layout(look: Look) -> rrb.Blueprint:
                            plot_legend=rrb.PlotLegend(RIGHT_TOP))
         for number, title in enumerate(look.panels)
     ]  # fmt: skip
-    # A fall begins at the upper left, its error at zero, and at first it goes below.
-    errors = _curves(look, schema.ERROR_MM, "Simulated minus free fall [mm]", Corner2D.LeftTop)
+    of_drop = schema.HEIGHT_SIMULATED in look.entities
+    # A fall begins at the upper left. Its error begins at zero and goes below, and of a drop,
+    # where its terms are shown, up as well.
+    corner = Corner2D.LeftTop if of_drop else Corner2D.LeftBottom
+    errors = _curves(look, schema.ERROR_MM, "Simulated minus free fall [mm]", corner)
     energies = _curves(look, schema.ENERGY, "Energy [J]", RIGHT_TOP)
     heights = [view for views in measured for view in views]
-    of_drop = schema.HEIGHT_SIMULATED in look.entities
     curves = [*heights, *errors, *energies] if of_drop else [*panels, *errors, *heights]
     middle = [*curves[:MOST_ROWS], *([_tabs(curves[MOST_ROWS:])] if curves[MOST_ROWS:] else [])]
     columns = [left, *([_rows(middle)] if middle else []), _texts(look)]

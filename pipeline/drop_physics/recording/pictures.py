@@ -26,6 +26,8 @@ BEYOND_M = 1e-3
 """By which a hull is drawn larger, lest it flicker where the mesh lies in it: its margin."""
 MESH_SUFFIXES = (".obj", ".stl", ".dae", ".gltf", ".glb")
 LARGEST_MESH_BYTES = 1 << 26
+BRIGHTEST = 217
+"""Of 255, of a white body: PyBullet's default would vanish on a light page."""
 TRAIL_RADIUS, TRAIL_COLOUR = -1.5, 0x56B4E9FF
 """Negative: in screen points, whatever the distance."""
 CONTACT_COLOUR = 0xE69F00FF
@@ -85,8 +87,9 @@ def cleared(entity: str, at: Times) -> Chunk:
 
 def shape(entity: str, at: Times, seen: Shape) -> Iterator[Chunk]:
     """Yield a shape and its pose on its link, if it can be drawn."""
-    rgba = [round(255 * min(1.0, max(0.0, value))) for value in seen.rgba]
-    colour = int.from_bytes(bytes(rgba or [200, 200, 200, 255]), "big")
+    rgba = [min(1.0, max(0.0, value)) for value in seen.rgba] or [1.0] * 4
+    shades = [round(BRIGHTEST * value) for value in rgba[:3]]
+    colour = int.from_bytes(bytes([*shades, round(255 * rgba[3])]), "big")
     solid = [rr.components.FillMode.Solid]
     a, b, *_ = (*seen.size_m, 0.0, 0.0)
     offset, scale = (0.0, 0.0, 0.0), None

@@ -16,7 +16,7 @@ from drop_physics.analysis.drop.results import FallAnalysis
 from drop_physics.analysis.joints import JointRow
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.fields import fraction
-from drop_physics.figures.story import Curve, Look, Panel, Story
+from drop_physics.figures.story import Curve, Detail, Look, Panel, Story
 from drop_physics.messages import Message, joined
 from drop_physics.scenario import Scenario
 from drop_physics.seen.events import Body
@@ -25,6 +25,8 @@ from drop_physics.sweeping.plan import label_of
 Float64 = NDArray[np.float64]
 
 MOST_PANELS, MOST_CAUSES = 4, 4
+BEFORE, AFTER = 4, 10
+"""Steps before and after an impact that are drawn enlarged."""
 NOTHING_MM = 1e-9
 """Errors of a drop below this are rounding, and have no panel."""
 NAMES = {"contacts": Message("contact"), "rolling": Message("rolling friction"),
@@ -90,8 +92,9 @@ def _story_of_drop(analysis: FallAnalysis) -> Story:
     covered = table["timestep_m"].is_not_null().to_numpy()
     curves = [Curve(Message("simulated"), times_s, simulated_m, colours.SIMULATED)]
     panels = [
-        Panel(Message("height of the centre"), "m", curves, zero=bool(simulated_m.min() >= 0))
-    ]
+        Panel(Message("height of the centre"), "m", curves, zero=bool(simulated_m.min() >= 0),
+              enlarged=_impact(analysis, timestep_s))
+    ]  # fmt: skip
     if covered.any():
         free_m, damped_m = (np.where(covered, table[name].to_numpy(), np.nan)
             for name in ("free_fall_m", "damped_fall_m"))  # fmt: skip
@@ -108,6 +111,15 @@ def _story_of_drop(analysis: FallAnalysis) -> Story:
                 for name, values in errors_mm.items())
             ], zero=True, stacked=True))  # fmt: skip
     return Story(_dropped(analysis), [*_said_of_drop(analysis, timestep_s)], panels)
+
+
+def _impact(analysis: FallAnalysis, timestep_s: float) -> Detail | None:
+    """Return the steps around the impact, if it is seen in the whole fall as a kink only."""
+    impact = analysis.impact
+    if impact is None or impact.time_simulated_s is None or impact.step is None:
+        return None
+    first, last = impact.step - BEFORE - 0.5, impact.step + AFTER + 0.5
+    return Detail(Message("impact, enlarged"), first * timestep_s, last * timestep_s)
 
 
 def _dropped(analysis: FallAnalysis) -> Message:
@@ -256,14 +268,17 @@ class _Told:
             kinds["torque"] += _limits(its, REACHED)
             for which, others in kinds.items():
                 lines[which].append(self._curve(body, its, which, name, colour))
-                for each in others:
-                    said = f"{name} {each.strip('-').split('_')[0]}"
-                    if np.isfinite(its.columns[each]).any():
-                        lines[which].append(self._curve(body, its, each, said, colour, dashed=True))
+                # Under the same name, which the viewer lists once.
+                lines[which] += [self._curve(body, its, each, name, colour, dashed=True)
+                    for each in others if np.isfinite(its.columns[each]).any()]  # fmt: skip
             length, force = ("m", "N") if row.kind == "prismatic" else ("rad", "N m")
             units[what][length if what == "position" else f"{length}/s"] = None
             units["torque"][force] = None
-        titles = {"position": "Joint positions", "rate": "Joint rates", "torque": "Motors"}
+        titles = {
+            "position": "Joint positions, thin: targets and stops",
+            "rate": "Joint rates, thin: targets",
+            "torque": "Motors, thin: limits",
+        }
         for what, title in titles.items():
             if lines[what]:
                 yield Panel(title, ", ".join(units[what]), lines[what])
