@@ -207,8 +207,8 @@ def test_pieces_say_the_same(steps: int, tmp_path: Path) -> None:
         )  # fmt: skip
         answer = OffTarget(answers)
         for explained in Explanation(seen).pieces(number):
-            answers.joints.add(explained)
-            answer.see(explained)
+            answers.see(explained)
+            answer.see()
         return ranked(answer.findings())
 
     whole, parts = of(0), of(steps)

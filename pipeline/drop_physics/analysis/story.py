@@ -85,17 +85,15 @@ class Story:
 
     def see(self, explained: recording.Explained) -> None:
         """Take a piece."""
-        self.scene.joints.add(explained)
-        self.scene.touches.add(explained)
+        self.scene.see(explained)
         self.curves.add(explained, self.scene.joints, self.scene.touches)
         for answer in self._answers:
-            answer.see(explained)
+            answer.see()
         for number, judged in explained.bodies.items():
             chain = explained.chains[number]
             rows = self.bodies[number].add(judged, chain, detailed=self._detailed)
             self._rows.append(shown(rows, per_s=self._shown_per_s))
-        self.scene.joints.forget()
-        self.scene.touches.forget()
+        self.scene.forget()
 
     def see_all(self) -> None:
         """Take all pieces; each is freed before the next is made."""

@@ -10,14 +10,19 @@ from typing import Any, Literal, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.analysis.answers.arguments import calls_of, site_of
+from drop_physics.analysis.answers.asked_of_bodies import AskedOfBodies
+from drop_physics.analysis.answers.placing import Placing
+from drop_physics.analysis.explained.judged import Judged
 from drop_physics.analysis.explained.recording import Explained
-from drop_physics.analysis.joints import JointTable
+from drop_physics.analysis.explained.steps import Steps
+from drop_physics.analysis.joints import Driven, JointTable
 from drop_physics.analysis.times import Times
 from drop_physics.analysis.touches import TouchTable
-from drop_physics.messages import joined
+from drop_physics.messages import Message, joined
 from drop_physics.seen.calls import Call
-from drop_physics.seen.events import Body, Site
-from drop_physics.seen.history import Seen
+from drop_physics.seen.events import Body
+from drop_physics.seen.history import Piece, Seen
 
 Level = Literal["broken", "asked", "model", "repeat", "note"]
 LEVELS: tuple[Level, ...] = get_args(Level)
@@ -91,7 +96,7 @@ class Finding:
         return LEVELS.index(self.level), -self.share
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True)
 class Scene:
     """What answers may read besides the pieces of a recording.
 
@@ -106,6 +111,44 @@ class Scene:
     """By client."""
     joints: JointTable
     touches: TouchTable
+    asked: AskedOfBodies = field(init=False)
+    placing: Placing = field(init=False)
+    piece: Piece = field(init=False)
+    """The latest, and what its bodies did in it, by their numbers."""
+    judged: Mapping[int, Judged] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.asked, self.placing = AskedOfBodies(self.seen.appearances), Placing(self.seen)
+
+    def see(self, explained: Explained) -> None:
+        """Take a piece, before any answer does."""
+        self.piece, self.judged = explained.piece, explained.bodies
+        self.joints.add(explained)
+        self.touches.add(explained)
+        self.asked.see(self.piece)
+        self.placing.see(self.piece)
+
+    def forget(self) -> None:
+        """Free the latest piece."""
+        del self.piece, self.judged
+        self.joints.forget()
+        self.touches.forget()
+
+    def calls_of(self, *functions: str) -> Iterator[tuple[Call, Body]]:
+        """Yield calls of the latest piece by the beginning of their names, each with its body."""
+        return calls_of(self.piece, self.seen.appearances, *functions)
+
+    def driven(self) -> Iterator[Driven]:
+        """Yield the joints of each body in the steps of the latest piece."""
+        for found in self.joints.latest.values():
+            yield from found
+
+    def stretches(self, *bodies: int) -> Iterator[tuple[Judged, Steps]]:
+        """Yield bodies of the latest piece, all or those of some numbers, each with its steps."""
+        for number in bodies or self.judged:
+            for steps in self.judged[number].stretches if number in self.judged else ():
+                if len(steps):
+                    yield self.judged[number], steps
 
     def body(self, number: int) -> Body:
         """Return a body by its number."""
@@ -130,6 +173,10 @@ class Noted:
     most: float = -np.inf
     at: dict[str, Any] = field(default_factory=dict)
 
+    def go_on(self, steps: NDArray[np.int64]) -> None:
+        """Add some steps, in order and not none."""
+        self.last, self.count = int(steps[-1]), self.count + len(steps)
+
     @property
     def span(self) -> Span:
         """These steps, as a finding says them."""
@@ -145,7 +192,7 @@ class Notes(dict[Key, Noted]):
     ) -> None:  # fmt: skip
         """Add some steps, in order and not none; of the largest, keep what is told about it."""
         noted = self.setdefault(key, Noted(int(steps[0])))
-        noted.last, noted.count = int(steps[-1]), noted.count + len(steps)
+        noted.go_on(steps)
         worst = int(np.argmax(sizes))
         if not sizes[worst] <= noted.most:  # nan too
             told = {name: each[worst].tolist() for name, each in (numbers or {}).items()}
@@ -158,14 +205,14 @@ class Answer(ABC):
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
 
-    def see(self, explained: Explained) -> None:  # noqa: B027
-        """Take a piece; by default nothing of it is needed."""
+    def see(self) -> None:  # noqa: B027
+        """Take the scene's latest piece; by default nothing of it is needed."""
 
     @abstractmethod
     def findings(self) -> Iterator[Finding]:
         """Yield what is sure, after the last piece."""
 
 
-def site_of(where: Call | Site) -> str:
-    """Return file and line of a call, as findings cite it."""
-    return f"{where.file}:{where.line}"
+def and_more(number: int) -> str:
+    """Return what follows the name of one of so many."""
+    return Message(" (and {n} more)", n=number - 1) if number > 1 else ""

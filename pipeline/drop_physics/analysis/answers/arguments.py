@@ -1,4 +1,4 @@
-"""Which body a call names, and which of its numbers are which argument."""
+"""Which body a call names, which of its numbers are which argument, and where it stands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from heapq import merge
 
 from drop_physics.analysis.called import called
 from drop_physics.seen.calls import Call
-from drop_physics.seen.events import Appearance, Body
+from drop_physics.seen.events import Appearance, Body, Site
 from drop_physics.seen.history import Piece
 
 
@@ -32,3 +32,8 @@ def number(call: Call, name: str, default: float = math.nan) -> float:
     """Return the number of an argument that is one."""
     numbers = given(call, name)
     return numbers[0] if numbers else default
+
+
+def site_of(where: Call | Site) -> str:
+    """Return file and line of a call, as findings cite it."""
+    return f"{where.file}:{where.line}"

@@ -1,52 +1,74 @@
-"""Which calls set a property of bodies, and how large bodies are."""
+"""Which calls loaded bodies and set their properties, and how large bodies are."""
 
 from __future__ import annotations
 
+from collections import defaultdict
+from dataclasses import dataclass, field
+
 import numpy as np
 
-from drop_physics.analysis.answers.answer import Scene, site_of
-from drop_physics.analysis.explained.recording import Explained
-from drop_physics.seen.calls import Meanings
-from drop_physics.seen.events import Body
+from drop_physics.analysis.answers.arguments import calls_of, site_of
+from drop_physics.seen.calls import Call
+from drop_physics.seen.events import Appearance, Body
+from drop_physics.seen.history import Piece
+
+
+@dataclass
+class Asked:
+    """What calls of `changeDynamics` made of a property; all by the number of a body."""
+
+    values: dict[int, float] = field(default_factory=dict)
+    """The greatest that a call set."""
+    since: dict[int, int] = field(default_factory=dict)
+    """After which step it was set first."""
+    sites: dict[int, str] = field(default_factory=dict)
+    """File and line of the last call."""
+    changed: set[int] = field(default_factory=set)
+    """Bodies of which calls set different values, one after the other."""
+
+    def site(self, *bodies: int) -> str | None:
+        """Return file and line of the call for the first of some bodies that has one."""
+        return next((self.sites[each] for each in bodies if each in self.sites), None)
 
 
 class AskedOfBodies:
-    """The last `changeDynamics` of each body that set one of some properties."""
+    """Grows piece by piece, for all answers."""
 
-    def __init__(self, scene: Scene, *names: str) -> None:
-        self._scene, self._names = scene, {*names}
-        self._sites: dict[int, str] = {}
-        self.values: dict[int, float] = {}
-        """By the number of a body: the greatest that a call set."""
-        self.since: dict[int, int] = {}
-        """After which step it was set first."""
-        self.changed: set[int] = set()
-        """Bodies of which calls set different values, one after the other."""
+    def __init__(self, appearances: list[Appearance]) -> None:
+        self._appearances = appearances
+        self._came = {each.body.number: each.at.call for each in appearances if each.came}
+        self._loads: dict[tuple[int, int], list[Call]] = {}
+        """By client and the engine's id."""
+        self.of: defaultdict[str, Asked] = defaultdict(Asked)
+        """By the name of an argument."""
 
-    def see(self, explained: Explained) -> None:
+    def see(self, piece: Piece) -> None:
         """Take a piece."""
-        meanings = Meanings(explained.piece.calls, self._scene.seen.appearances)
-        for call, _, came in meanings.of_bodies("changeDynamics"):
-            values, number = call.values, came.body.number
-            for name in self._names & values.keys():
-                self._sites[number] = site_of(call)
-                value = float(values[name][0])
-                self.since.setdefault(number, call.at.step)
-                if value != self.values.get(number, value):
-                    self.changed.add(number)
-                self.values[number] = max(self.values.get(number, value), value)
+        for call in piece.calls:
+            if call.function.startswith(("load", "createMultiBody")) and np.isfinite(call.result):
+                self._loads.setdefault((call.client, int(call.result)), []).append(call)
+        for call, body in calls_of(piece, self._appearances, "changeDynamics"):
+            for name, numbers in call.values.items():
+                asked, value = self.of[name], float(numbers[0])
+                asked.sites[body.number] = site_of(call)
+                asked.since.setdefault(body.number, call.at.step)
+                if value != asked.values.get(body.number, value):
+                    asked.changed.add(body.number)
+                asked.values[body.number] = max(asked.values.get(body.number, value), value)
 
-    def site(self, body: int) -> str | None:
-        """Return file and line of that call."""
-        return self._sites.get(body)
+    def load(self, body: Body) -> Call | None:
+        """Return the call that made a body: ids are used again."""
+        came = self._came.get(body.number, -1)
+        made = self._loads.get((body.client, body.engine_id), [])
+        return next((each for each in reversed(made) if each.at.call <= came), None)
 
-
-def edges_m(body: Body) -> list[float]:
-    """Return the edges of the boxes around its links, the shortest first, as it was added."""
-    boxes = np.reshape(body.bounds_m, (-1, 2, 3))
-    return sorted(np.ravel(boxes[:, 1] - boxes[:, 0]).tolist()) or [1.0]
+    def loaded(self, body: Body) -> str | None:
+        """Return file and line of the call that made a body."""
+        call = self.load(body)
+        return None if call is None else site_of(call)
 
 
 def size_m(body: Body) -> float:
     """Return the longest edge of the box around a body, as it was added; 1 if it is unknown."""
-    return max(edges_m(body)[-1], 1e-9)
+    boxes = np.reshape(body.bounds_m, (-1, 2, 3))
+    return max(float(np.max(boxes[:, 1] - boxes[:, 0])) if len(boxes) else 1.0, 1e-9)

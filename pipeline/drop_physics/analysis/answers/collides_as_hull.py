@@ -7,11 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene, site_of
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene
 from drop_physics.analysis.answers.asked_of_bodies import size_m
 from drop_physics.analysis.contact_points import Points
 from drop_physics.analysis.explained.bodies import records_of
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.laws.columns import rotation
 from drop_physics.laws.kinematics import kinematics
 from drop_physics.laws.tree import BASE
@@ -43,16 +42,12 @@ class CollidesAsHull(Answer):
             if len(shapes) > len(self._surfaces[number, link]):
                 del self._surfaces[number, link]  # another of its shapes may be what is touched
         self._records = records_of(scene.seen) if self._surfaces else {}
-        self._loaded: dict[tuple[int, int], str] = {}
         self._found: Notes[tuple[int, int]] = Notes()
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
         if not self._surfaces:
             return
-        for call in explained.piece.calls:
-            if call.function.startswith(("load", "createMultiBody")) and np.isfinite(call.result):
-                self._loaded.setdefault((call.client, int(call.result)), site_of(call))
         points = self.scene.touches.pairs.points
         acts = (points.normal_n > 0) & (points.step % EVERY == 0)
         acts &= points.body[:, 0] != points.body[:, 1]
@@ -61,14 +56,14 @@ class CollidesAsHull(Answer):
                 its = (points.body[:, side] == number) & (points.link[:, side] == link)
                 rows = np.flatnonzero(acts & its)
                 if len(rows):
-                    self._look(number, link, surfaces, points, rows, side, explained)
+                    self._look(number, link, surfaces, points, rows, side)
 
     def _look(
         self, number: int, link: int, surfaces: list[Surface], points: Points,
-        rows: NDArray[np.intp], side: int, explained: Explained,
+        rows: NDArray[np.intp], side: int,
     ) -> None:  # fmt: skip
         """Compare points of contact with the surfaces of a link."""
-        local_m = self._local_m(number, link, points.at_m[rows, side], points.step[rows], explained)
+        local_m = self._local_m(number, link, points.at_m[rows, side], points.step[rows])
         cells, which = np.unique((local_m / SAME_M).round(), axis=0, return_inverse=True)
         known = np.isfinite(cells).all(axis=1)
         gaps_m = np.full(len(cells), -1.0)
@@ -84,17 +79,14 @@ class CollidesAsHull(Answer):
             most = np.maximum.reduceat(gaps_m[which.ravel()[its]], first)
             self._found.add((number, other), steps, most)
 
-    def _local_m(
-        self, number: int, link: int, at_m: Float64, ends: Int64, explained: Explained
-    ) -> Float64:
+    def _local_m(self, number: int, link: int, at_m: Float64, ends: Int64) -> Float64:
         """Return points in the axes of a link as steps began; nan where its pose is not known."""
         local_m = np.full((len(at_m), 3), np.nan)
-        judged = explained.bodies.get(number)
-        if judged is None and link == BASE:
+        if number not in self.scene.judged and link == BASE:
             base = self._records[number].told(ends)
             turns = np.moveaxis(rotation(base[:, 3:7].T), -1, 0)
             return np.asarray(np.einsum("nji,nj->ni", turns, at_m - base[:, :3]))
-        for steps in () if judged is None else judged.stretches:
+        for _, steps in self.scene.stretches(number):
             rows = np.flatnonzero(np.isin(ends, steps.steps))
             if len(rows) and steps.covered:
                 at = np.searchsorted(steps.steps, ends[rows])
@@ -127,7 +119,7 @@ class CollidesAsHull(Answer):
                 effect=Effect(found.most, "m"),
                 share=found.most / size_m(body),
                 steps=found.span,
-                site=self._loaded.get((body.client, body.engine_id)),
+                site=self.scene.asked.loaded(body),
             )  # fmt: skip
 
 

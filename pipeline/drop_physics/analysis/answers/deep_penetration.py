@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
-from drop_physics.analysis.answers.placing import Placing
+from drop_physics.analysis.answers.runs import Runs, consecutive
 from drop_physics.analysis.contact_points import Pairs
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.messages import Message, joined
 
 Int64 = NDArray[np.int64]
@@ -69,25 +68,20 @@ class DeepPenetration(Answer):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._placing = Placing(scene)
-        self._open: dict[tuple[int, int], Overlap] = {}
-        self._found: dict[tuple[int, int], Overlap] = {}
+        self._runs: Runs[Overlap] = Runs(lambda _, each: each.depth_m)
         self._end: dict[int, int] = {}
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
-        self._placing.see(explained)
-        for number, judged in explained.bodies.items():
+        for number, judged in self.scene.judged.items():
             self._end[number] = int(judged.steps[-1])
         pairs = self.scene.touches.pairs
-        for *both, rows in pairs.by_pair(pairs.depth_m > OVERLAP_M):
-            for part in np.split(rows, np.flatnonzero(np.diff(pairs.step[rows]) != 1) + 1):
-                if both[0] != both[1]:
-                    self._take((both[0], both[1]), self._overlap(pairs, part, explained))
+        for both, rows in consecutive(pairs, pairs.depth_m > OVERLAP_M):
+            self._runs.add(both, self._overlap(pairs, rows))
 
-    def _overlap(self, pairs: Pairs, rows: NDArray[np.intp], explained: Explained) -> Overlap:
+    def _overlap(self, pairs: Pairs, rows: NDArray[np.intp]) -> Overlap:
         steps, bodies, points = pairs.step[rows], pairs.body[rows], pairs.points
-        moved = self._placing.moved(bodies, steps[:, None])
+        moved = self.scene.placing.moved(bodies, steps[:, None])
         still = ~points.began_m_s[pairs.starts[rows]].any(axis=2)
         came_m = pairs.most(points.approach_m_s)[rows].clip(0.0) * pairs.timestep_s[rows]
         until = int(np.argmax(pairs.depth_m[rows]))
@@ -96,25 +90,16 @@ class DeepPenetration(Answer):
         return Overlap(
             first=int(steps[0]), last=int(steps[-1]), placed=bool(moved[0].any()),
             carried=int((moved & still).any(axis=1).sum()),
-            presses=max(_presses(explained, each, steps) for each in bodies[0].tolist()),
+            presses=max(_presses(self.scene, each, steps) for each in bodies[0].tolist()),
             began_m=float(pairs.depth_m[rows[0]]), depth_m=float(pairs.depth_m[rows[until]]),
             deepest=int(steps[until]), links=(first, second),
             came_m=float(came_m[: until + 1].sum()), fastest_m=float(came_m[: until + 1].max()),
             all_m=float(came_m.sum()),
         )  # fmt: skip
 
-    def _take(self, both: tuple[int, int], overlap: Overlap) -> None:
-        last = self._open.get(both)
-        if last is not None and last.last + 1 == overlap.first:
-            overlap = last.then(overlap)
-        self._open[both] = overlap
-        found = self._found.get(both)
-        if found is None or found.first == overlap.first or overlap.depth_m > found.depth_m:
-            self._found[both] = overlap
-
     def findings(self) -> Iterator[Finding]:
         """Yield the deepest overlap of each pair that had not been placed so."""
-        for (first, second), overlap in self._found.items():
+        for first, second, overlap in self._runs.most():
             if overlap.placed and overlap.carried <= 1:
                 continue  # `starts-in-contact`
             if not {first, second} & self._end.keys():
@@ -219,10 +204,9 @@ class DeepPenetration(Answer):
         return max(masses) / min(masses)
 
 
-def _presses(explained: Explained, body: int, steps: Int64) -> str:
+def _presses(scene: Scene, body: int, steps: Int64) -> str:
     """Return what acts against the contacts of a body in some steps."""
-    judged = explained.bodies.get(body)
-    for each in () if judged is None else judged.stretches:
+    for _, each in scene.stretches(body):
         at = np.flatnonzero(np.isin(each.steps, steps))
         if not len(at) or not each.terms:
             continue

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Noted, Scene
 from drop_physics.analysis.answers.joint import effort, name_of, units_of
 from drop_physics.analysis.controls import DEFAULT
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import EXPLAINED
 from drop_physics.analysis.joints import Driven
 from drop_physics.laws.dynamics import mass_matrix
@@ -70,23 +69,22 @@ class DefaultMotor(Answer):
         self._asked: set[int] = set()
         """Robots of which any motor was commanded."""
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
-        for number in explained.bodies:
-            for driven in self.scene.joints.latest.get(number, []):
-                asked, steps = driven.asked, driven.steps
-                default, torqued = asked.mode == DEFAULT, ~np.isnan(asked.torque_since)
-                if (~default | torqued).any():
-                    self._asked.add(number)
-                if not steps.covered or driven.body.before:
-                    continue
-                on = (asked.impulse > 0) & (asked.pd != 1)
-                on &= (steps.unexplained <= EXPLAINED)[:, None]
-                # What carries a body that is not fixed is not told apart from what should move it.
-                own = on & ~torqued & default & steps.law.tree.fixed
-                for torque, which in ((True, on & torqued), (False, own)):
-                    for k in np.flatnonzero(which.any(axis=0)).tolist():
-                        self._add(driven, k, np.flatnonzero(which[:, k]), torque=torque)
+        for driven in self.scene.driven():
+            asked, steps = driven.asked, driven.steps
+            default, torqued = asked.mode == DEFAULT, ~np.isnan(asked.torque_since)
+            if (~default | torqued).any():
+                self._asked.add(driven.body.number)
+            if not steps.covered or driven.body.before:
+                continue
+            on = (asked.impulse > 0) & (asked.pd != 1)
+            on &= (steps.unexplained <= EXPLAINED)[:, None]
+            # What carries a body that is not fixed is not told apart from what should move it.
+            own = on & ~torqued & default & steps.law.tree.fixed
+            for torque, which in ((True, on & torqued), (False, own)):
+                for k in np.flatnonzero(which.any(axis=0)).tolist():
+                    self._add(driven, k, np.flatnonzero(which[:, k]), torque=torque)
 
     def _add(self, driven: Driven, k: int, rows: NDArray[np.intp], *, torque: bool) -> None:
         steps, asked, row = driven.steps, driven.asked, rows[-1]
@@ -113,8 +111,7 @@ class DefaultMotor(Answer):
         held.torque = self.scene.site(asked.torque_site[row, k])
         if torque:
             held.since |= {*asked.torque_since[rows, k].tolist()}
-        held.noted.last = int(steps.steps[row])
-        held.noted.count += len(rows)
+        held.noted.go_on(steps.steps[rows])
 
     def findings(self) -> Iterator[Finding]:
         """Yield a line per robot."""

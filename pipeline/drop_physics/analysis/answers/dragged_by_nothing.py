@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene
 from drop_physics.analysis.answers.asked_of_bodies import size_m
-from drop_physics.analysis.answers.placing import NEAR, Placing
+from drop_physics.analysis.answers.placing import NEAR
 from drop_physics.analysis.contact_points import Pairs
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.messages import Message
 
 Float64 = NDArray[np.float64]
@@ -28,7 +27,6 @@ class DraggedByNothing(Answer):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._placing = Placing(scene)
         self._moves: dict[int, tuple[Int64, Float64]] = {}
         puts: dict[int, dict[int, Float64]] = {}
         for each in scene.seen.puts:  # of several for a step, the last counts
@@ -40,9 +38,8 @@ class DraggedByNothing(Answer):
         """Of the support and of what lies on it [m], shape (2, 3), by both."""
         self._notes: Notes[tuple[int, int]] = Notes()
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
-        self._placing.see(explained)
         pairs = self.scene.touches.pairs
         fixed = ~pairs.points.moves[pairs.starts]
         slides = pairs.available_n > 0  # without friction no velocity would drag
@@ -98,5 +95,5 @@ class DraggedByNothing(Answer):
                 effect=Effect(float(behind), "m"),
                 share=float(behind) / size,
                 steps=span,
-                site=self._placing.site(on, span.last),
+                site=self.scene.placing.site(on, span.last),
             )  # fmt: skip

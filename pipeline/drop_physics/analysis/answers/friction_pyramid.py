@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.messages import Message
 
 SETTING = "set_enableConeFriction"
@@ -31,7 +30,7 @@ class FrictionPyramid(Answer):
         self._slides: Notes[tuple[int, int, bool]] = Notes()
         """By both bodies, and whether friction was more."""
 
-    def see(self, _: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
         pairs = self.scene.touches.pairs
         slides = (pairs.slip_m_s > SLIDES_M_S) & (pairs.available_n > 0)

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
-from drop_physics.analysis.answers.arguments import calls_of, given, number
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.arguments import given, number, site_of
 from drop_physics.analysis.answers.joint import distance
 from drop_physics.analysis.controls import places_of
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven, target_of
 from drop_physics.laws.kinematics import kinematics
 from drop_physics.messages import Message
@@ -56,14 +55,14 @@ class IkOff(Answer):
         self._sent: dict[int, list[_Sent]] = {}
         self._off: dict[int, _Off] = {}
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Match targets with answers, and look where those that stood until rest led."""
         for number_, sent in self._sent.items():
             self._sent[number_] = sent[-1:]
-        if not any(each.function == IK for each in explained.piece.calls) and not self._sent:
+        if not any(each.function == IK for each in self.scene.piece.calls) and not self._sent:
             return
         names = IK, "setJointMotorControl"
-        for call, body in calls_of(explained.piece, self.scene.seen.appearances, *names):
+        for call, body in self.scene.calls_of(*names):
             if call.function == IK:
                 self._asked[body.number] = call
             elif number(call, "controlMode") == POSITION:

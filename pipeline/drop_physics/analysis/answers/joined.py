@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
-from drop_physics.analysis.answers.arguments import given, number
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.arguments import given, number, site_of
 from drop_physics.analysis.called import LIVES
 from drop_physics.analysis.explained.joined import FIXED, POINT
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.laws.kinematics import kinematics
 from drop_physics.laws.rotations import matrix
 from drop_physics.laws.tree import BASE
@@ -74,19 +73,19 @@ class Joined(Answer):
         self._touched: dict[int, int] = {}
         """By the number of a body, the last sample that a contact led to."""
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take calls, then the points' ways."""
-        self._told(explained)
+        self._told()
         pairs = self.scene.touches.pairs
         for step, bodies in zip(pairs.step.tolist(), pairs.body.tolist(), strict=True):
             self._touched |= dict.fromkeys(bodies, step)
-        for key, (steps, forces) in explained.piece.forces.items():
+        for key, (steps, forces) in self.scene.piece.forces.items():
             joined = self._now.get(key)
             if joined is not None and len(steps):
-                self._follow(explained, joined, steps, forces)
+                self._follow(joined, steps, forces)
 
-    def _told(self, explained: Explained) -> None:
-        calls = explained.piece.calls
+    def _told(self) -> None:
+        calls = self.scene.piece.calls
         made = [each for each in calls if each.function.startswith((*LIVES, "createConstraint"))]
         meanings = Meanings(made, self.scene.seen.appearances)
         for call in calls:
@@ -137,11 +136,11 @@ class Joined(Answer):
             if call.at.step == joined.call.at.step:
                 joined.first_pivots_m.append([*joined.pivots_m])
 
-    def _follow(self, explained: Explained, joined: _Joined, steps: Int64, forces: Float64) -> None:
+    def _follow(self, joined: _Joined, steps: Int64, forces: Float64) -> None:
         if joined.gap_m is None and steps[0] == joined.call.at.step + 1:
             gaps = []
             for pivots in joined.first_pivots_m:
-                points = [self._point(explained, joined, side, steps[:1], pivots[side], after=False)
+                points = [self._point(joined, side, steps[:1], pivots[side], after=False)
                     for side in range(2)]  # fmt: skip
                 if points[0] is not None and points[1] is not None:
                     gaps.append(float(np.linalg.norm(points[0] - points[1])))
@@ -151,7 +150,7 @@ class Joined(Answer):
         full = np.abs(forces[:, :3]).max(axis=1) >= joined.impulse_n_s / timestep_s * FULL
         joined.full += int((full & (steps > joined.since)).sum())
         tail = steps[-TAIL - 1 :]
-        points = [self._point(explained, joined, side, tail, joined.pivots_m[side], after=True)
+        points = [self._point(joined, side, tail, joined.pivots_m[side], after=True)
             for side in range(2)]  # fmt: skip
         if points[0] is None or points[1] is None:
             joined.tail = joined.tail[:0]
@@ -161,21 +160,22 @@ class Joined(Answer):
         joined.forces = np.concatenate((joined.forces, forces[-TAIL:, :3]))[-TAIL:]
 
     def _point(
-        self, explained: Explained, joined: _Joined, side: int, ends: Int64,
+        self, joined: _Joined, side: int, ends: Int64,
         pivot_m: tuple[float, ...], *, after: bool,
     ) -> Float64 | None:  # fmt: skip
         """Return where a point is at samples, or at the beginning of the steps to them, (n, 3)."""
         body, link = joined.bodies[side], joined.links[side]
         if body is None:
             return np.tile(pivot_m, (len(ends), 1))
-        judged = explained.bodies.get(body.number)
         found: list[Float64] = []
-        for steps in judged.stretches if judged is not None else ():
+        for _, steps in self.scene.stretches(body.number):
             rows = np.flatnonzero(np.isin(steps.steps, ends))
             if len(rows) and link < steps.law.tree.links:
                 states = (steps.after if after else steps.before).at(rows)
                 found.append(kinematics(steps.law.tree, states).point_m(link, pivot_m))
-        if judged is None and link == BASE:  # it stands fast, where calls put it
+        if (
+            body.number not in self.scene.judged and link == BASE
+        ):  # it stands fast, where calls put it
             puts = [each for each in self.scene.seen.puts if each.body.number == body.number]
             bases = [each.base for each in puts if each.at.step < ends[-1]][-1:]
             found = [np.tile(base[:3] + matrix(base[3:7].tolist()) @ pivot_m, (len(ends), 1))

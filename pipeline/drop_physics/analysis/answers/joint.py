@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Finding, Level, Noted, Notes, Scene
 from drop_physics.analysis.controls import places_of
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven
 from drop_physics.seen.events import Body
 
@@ -33,11 +32,10 @@ class JointAnswer(Answer):
         self.noted: dict[int, Notes[tuple[int, str]]] = {}
         """By the number of a robot, its joints, and what is noted of them."""
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
-        for number in explained.bodies:
-            for driven in self.scene.joints.latest.get(number, []):
-                self.look(driven)
+        for driven in self.scene.driven():
+            self.look(driven)
 
     @abstractmethod
     def look(self, driven: Driven) -> None:

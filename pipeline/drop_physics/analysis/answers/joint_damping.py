@@ -9,7 +9,6 @@ import numpy as np
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Noted, Scene
 from drop_physics.analysis.answers.joint import effort, link_of
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven
 from drop_physics.laws.dynamics import mass_matrix
 from drop_physics.laws.kinematics import kinematics
@@ -58,17 +57,16 @@ class JointDamping(Answer):
         self._joints: dict[int, dict[int, _Damped]] = {}
         """By body and link."""
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
-        for number in explained.bodies:
-            for driven in self.scene.joints.latest.get(number, []):
-                torqued = np.isfinite(driven.asked.torque_since).any(axis=0)
-                for k in np.flatnonzero(torqued).tolist() if driven.steps.covered else ():
-                    link = link_of(driven.body, k)
-                    told = driven.body.joints[link].damping
-                    # One that a call set is meant.
-                    if 0 < told == driven.steps.law.joint_damping[k]:
-                        self._add(self._joints.setdefault(number, {}), driven, link, k)
+        for driven in self.scene.driven():
+            torqued = np.isfinite(driven.asked.torque_since).any(axis=0)
+            for k in np.flatnonzero(torqued).tolist() if driven.steps.covered else ():
+                link = link_of(driven.body, k)
+                told = driven.body.joints[link].damping
+                # One that a call set is meant.
+                if 0 < told == driven.steps.law.joint_damping[k]:
+                    self._add(self._joints.setdefault(driven.body.number, {}), driven, link, k)
 
     def _add(self, joints: dict[int, _Damped], driven: Driven, link: int, k: int) -> None:
         """Add what drives a joint, and what damping takes of it."""
@@ -90,8 +88,7 @@ class JointDamping(Answer):
         held.taken += float(np.abs(terms["joint damping"][rows]).sum())
         (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(rows[-1:])))
         held.inertia = float(matrix[rate, rate])
-        held.noted.last = int(steps.steps[rows[-1]])
-        held.noted.count += len(rows)
+        held.noted.go_on(steps.steps[rows])
 
     def findings(self) -> Iterator[Finding]:
         """Yield a line per robot."""

@@ -10,7 +10,6 @@ import numpy as np
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene
 from drop_physics.analysis.answers.joint import distance, units_of
 from drop_physics.analysis.controls import DEFAULT, places_of
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven
 from drop_physics.messages import Message
 from drop_physics.seen.events import Mimic
@@ -48,18 +47,15 @@ class MimicIgnored(Answer):
         super().__init__(scene)
         self._joints: dict[int, dict[str, _Off]] = {}
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
-        for number in explained.bodies:
-            for driven in self.scene.joints.latest.get(number, []):
-                if driven.body.asked.mimics:
-                    places = zip(driven.body.joints, places_of(driven.body), strict=True)
-                    rates = {
-                        joint.name: at.start for joint, at in places if at.stop - at.start == 1
-                    }
-                    for mimic in driven.body.asked.mimics:
-                        if mimic.joint in rates and mimic.of in rates:
-                            self._look(driven, mimic, [rates[mimic.joint], rates[mimic.of]])
+        for driven in self.scene.driven():
+            if driven.body.asked.mimics:
+                places = zip(driven.body.joints, places_of(driven.body), strict=True)
+                rates = {joint.name: at.start for joint, at in places if at.stop - at.start == 1}
+                for mimic in driven.body.asked.mimics:
+                    if mimic.joint in rates and mimic.of in rates:
+                        self._look(driven, mimic, [rates[mimic.joint], rates[mimic.of]])
 
     def _look(self, driven: Driven, mimic: Mimic, rates: list[int]) -> None:
         joint = next(each for each in driven.body.joints if each.name == mimic.joint)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, and_more
 from drop_physics.analysis.answers.asked_of_bodies import size_m
 from drop_physics.analysis.answers.held_off import Cause, at_limit, cause_of
 from drop_physics.analysis.answers.joint import (
@@ -18,7 +18,6 @@ from drop_physics.analysis.answers.joint import (
     place,
     units_of,
 )
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven
 from drop_physics.analysis.targets import Stood, Targets, rings_with
 from drop_physics.messages import Message
@@ -75,9 +74,9 @@ class OffTarget(Answer):
         self._targets: dict[int, Targets] = {}
         self._joints: dict[int, dict[int, _Joint]] = {}
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
-        for number in explained.bodies:
+        for number in self.scene.judged:
             targets = self._targets.setdefault(number, Targets())
             joints = self._joints.setdefault(number, {})
             for driven in self.scene.joints.latest.get(number, []):
@@ -174,9 +173,8 @@ class OffTarget(Answer):
 def _finding(label: str, found: list[Missed]) -> Finding:
     worst = max(found, key=lambda each: each.share)
     assert worst.cause is not None
-    more = Message(" (and {n} more)", n=len(found) - 1) if len(found) > 1 else ""
     values: dict[str, object] = {
-        "joint": worst.joint, "more": more, "why": worst.cause.why,
+        "joint": worst.joint, "more": and_more(len(found)), "why": worst.cause.why,
         "off": distance(worst.off, worst.unit),
         "target": place(float(worst.stood.target[0]), worst.unit),
     }  # fmt: skip

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Scene, site_of
-from drop_physics.analysis.explained.recording import Explained
+from drop_physics.analysis.answers.arguments import site_of
 from drop_physics.seen.events import Body
+from drop_physics.seen.history import Piece, Seen
 
 Int64 = NDArray[np.int64]
 Flags = NDArray[np.bool_]
@@ -22,8 +22,7 @@ NEAR = 3
 class Placing:
     """The steps that began with a body where a call had placed it, and the calls."""
 
-    def __init__(self, scene: Scene) -> None:
-        seen = scene.seen
+    def __init__(self, seen: Seen) -> None:
         came = [(each.body.number, each.at.step + 1) for each in seen.appearances if each.came]
         moved = [(each.body.number, each.at.step + 1) for each in seen.puts]
         self._every = np.unique([number * STEPS + step for number, step in [*came, *moved]])
@@ -33,10 +32,10 @@ class Placing:
         """Keys of bodies and steps that begin with a restored state: no call chose where."""
         self._bodies = seen.bodies
 
-    def see(self, explained: Explained) -> None:
+    def see(self, piece: Piece) -> None:
         """Take a piece."""
         self._sites = {key: told[-1:] for key, told in self._sites.items()}
-        for call in explained.piece.calls:
+        for call in piece.calls:
             if call.raised or not call.function.startswith(PLACES):
                 continue
             if call.function == "restoreState":

@@ -9,19 +9,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene, Span
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.analysis.answers.joint import OFF, distance, name_of, place, units_of
-from drop_physics.analysis.answers.placing import Placing
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.joints import Driven, target_of
 from drop_physics.messages import Message
 
 WATCHED = 240
 """For how many steps after it was put somewhere a joint is watched."""
-
-KEPT, TURNS = 1e-9, 0.1
-"""A base or a joint that was put is farther from where it was [m, rad]; a rate that is not rest
-[rad/s, m/s]."""
 SAME = 1e-6
 """Closer than that [rad] or [m] it is back: one that is put there with some noise is not."""
 
@@ -77,18 +71,18 @@ class ResetLeaves(Answer):
         self._restored: dict[int, set[int]] = {}
         """By client, after which steps a state was restored, in this piece or just before it."""
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
         steps = {client: {max(held)} for client, held in self._restored.items()}
-        for call in explained.piece.calls:
+        for call in self.scene.piece.calls:
             if call.function == "restoreState":
                 steps.setdefault(call.client, set()).add(call.at.step)
         self._restored = steps
-        for number in explained.bodies:
-            for driven in self.scene.joints.latest.get(number, []):
-                joints, targets = self._joints.setdefault(number, {}), target_of(driven)
-                for k in range(targets.shape[1]):
-                    self._see(joints.setdefault(k, _Joint()), driven, k, targets[:, k])
+        for driven in self.scene.driven():
+            joints = self._joints.setdefault(driven.body.number, {})
+            targets = target_of(driven)
+            for k in range(targets.shape[1]):
+                self._see(joints.setdefault(k, _Joint()), driven, k, targets[:, k])
 
     def findings(self) -> Iterator[Finding]:
         """Yield a line per robot."""
@@ -176,57 +170,6 @@ class ResetLeaves(Answer):
         known = found.get(put.joint)
         if known is None or (put.back, put.off) > (known.back, known.off):
             found[put.joint] = put
-
-
-class RatesLeft(Answer):
-    """`resetBasePositionAndOrientation` stops a base, and leaves the rates of its joints."""
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._placing = Placing(scene)
-        self._after: dict[int, tuple[int, NDArray[np.float64]]] = {}
-        """By body: its last step, and where its base and joints were after it."""
-        self._found: Notes[int] = Notes()
-
-    def see(self, explained: Explained) -> None:
-        """Note where a base was put, once, while joints turned that no call put."""
-        self._placing.see(explained)
-        for number in explained.bodies:
-            for driven in self.scene.joints.latest.get(number, []):
-                steps, none = driven.steps, np.zeros((0, 3 + driven.after.shape[1]))
-                now = np.hstack([steps.after.position_m, driven.after])
-                last, came = self._after.get(number, (-1, none))
-                came = np.vstack([came if last + 1 == steps.steps[0] else now[:1], now[:-1]])
-                self._after[number] = int(steps.steps[-1]), now[-1:]
-                moved = np.abs(np.hstack([steps.before.position_m, driven.before]) - came) > KEPT
-                rates = np.abs(steps.before.velocity[:, steps.law.tree.first_rate :])
-                put = steps.put & moved[:, :3].any(axis=1) & ~moved[:, 3:].any(axis=1)
-                put &= self._placing.placed(np.full(len(steps), number), steps.steps)
-                rows = np.flatnonzero(put & (rates.max(axis=1) > TURNS))
-                if len(rows) and not steps.law.tree.fixed:
-                    most = rates[rows].argmax(axis=1)
-                    k = int(most[rates[rows].max(axis=1).argmax()])
-                    asked = driven.asked.target_velocity[rows[0], k]
-                    self._found.add(
-                        number, steps.steps[rows], rates[rows].max(axis=1), driven=asked != 0,
-                        joint=name_of(driven, k), unit=units_of(driven, k)[0],
-                    )  # fmt: skip
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield a line per robot."""
-        for number, each in self._found.items():
-            body, unit = self.scene.body(number), f"{each.at['unit']}/s"
-            yield Finding(
-                code="reset-leaves", level="note" if each.at["driven"] else "asked",
-                message=Message(
-                    "{joint} still turns at {rate:.3g} {unit} where a call puts {body}: it sets "
-                    "the base, and leaves the rates of joints",
-                    joint=each.at["joint"], rate=each.most, unit=unit, body=body.label,
-                ),
-                advice=Message("call p.resetJointState(body, joint, position, 0) for each, too"),
-                body=body.label, joint=each.at["joint"], effect=Effect(each.most, unit),
-                steps=each.span, site=self._placing.site(body, each.first),
-            )  # fmt: skip
 
 
 def _watch(put: _Put, driven: Driven, k: int, first: int, end: int) -> None:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from drop_physics.analysis.answers.answer import Answer, Finding, Scene, site_of
-from drop_physics.analysis.answers.arguments import given
+from drop_physics.analysis.answers.answer import Answer, Finding, Scene
+from drop_physics.analysis.answers.arguments import given, site_of
 from drop_physics.analysis.called import LIVES
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.messages import Message
 from drop_physics.seen.calls import BODY_NAMES, Call, Meanings
 from drop_physics.seen.events import Body
@@ -25,12 +24,12 @@ class ScriptFailed(Answer):
         self._raised: Call | None = None
         self._meanings = Meanings([], [])
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Keep the last call that raised."""
-        for call in explained.piece.calls:
+        for call in self.scene.piece.calls:
             if call.raised:
                 self._raised = call
-                made = [each for each in explained.piece.calls if each.function.startswith(LIVES)]
+                made = [each for each in self.scene.piece.calls if each.function.startswith(LIVES)]
                 self._meanings = Meanings(made, self.scene.seen.appearances)
 
     def findings(self) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""`slides`, `creeps`: what rests on something, or is held by it, slips: fast, or slowly."""
+"""`slides`: what rests on something, or is held by it, slips."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Level, Scene, Span
-from drop_physics.analysis.answers.asked_of_bodies import AskedOfBodies, size_m
+from drop_physics.analysis.answers.asked_of_bodies import size_m
+from drop_physics.analysis.answers.runs import Runs
 from drop_physics.analysis.contact_points import Pairs
 from drop_physics.analysis.explained.judged import Judged
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.messages import Message
 
 Float64 = NDArray[np.float64]
 Rows = NDArray[np.intp]
-
 SLIPS_M_S = 1e-3
 """Slower is creep."""
 FROM_REST = 0.1
@@ -32,14 +31,6 @@ GRIPPED = 0.1
 """Share of the normal forces that is left of them as a sum, where they press from both sides."""
 SLIDING = 0.8
 """What slips less at the contact than its centre moves rolls or tumbles."""
-AT_LIMIT = 0.9
-LASTS = 100
-"""Steps: shorter, it comes to rest."""
-STEADY = 10
-"""Times its mean, up to which it is at its fastest: faster, it settled."""
-STRAIGHT = 0.5
-"""Of the ways, what is left where they are added up: what trembles gets nowhere, and what rolls
-slips less than it goes."""
 SUMS = ("slid", "moved", "time", "normal", "available", "used", "turning", "held")
 """Of slip [m], way of the centre [m], time [s]; normal, available, used impulse [N s]; in a grip
 the moment about the contact of what moving with the support takes, and what friction can give of
@@ -47,7 +38,7 @@ it [N m s]."""
 
 
 @dataclass
-class Run:
+class Slip:
     """Consecutive steps in which a body slips on another, and nothing else pushes it.
 
     Sums over them; those of forces in a grip without the steps in which it closes.
@@ -61,10 +52,10 @@ class Run:
     sums: Float64
     """SUMS, then the impulse that moving with the support takes [N s], and the way, as vectors."""
 
-    def then(self, more: Run) -> Run:
+    def then(self, more: Slip) -> Slip:
         """Return both as one."""
         most_m_s = max(self.most_m_s, more.most_m_s)
-        return Run(self.first, more.last, self.began_m_s, most_m_s, self.sums + more.sums)
+        return Slip(self.first, more.last, self.began_m_s, most_m_s, self.sums + more.sums)
 
     @property
     def of(self) -> dict[str, float]:
@@ -84,43 +75,27 @@ class Slides(Answer):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._asked = AskedOfBodies(scene, "lateralFriction")
-        self._open: dict[tuple[int, int], Run] = {}
-        self._found: dict[tuple[int, int], Run] = {}
+        self._runs: Runs[Slip] = Runs(self._size)
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
-        self._asked.see(explained)
         pairs = self.scene.touches.pairs
         low_m_s, high_m_s = self.speeds_m_s
         slips = (pairs.slip_m_s > low_m_s) & (pairs.slip_m_s < high_m_s) & (pairs.normal_n > 0)
         for *both, rows in pairs.by_pair(slips):
             for side, number in enumerate(both):
-                judged = explained.bodies.get(number)
+                judged = self.scene.judged.get(number)
                 if judged is None or both[0] == both[1]:
                     continue
                 if all(steps.law.tree.size == 6 for steps in judged.stretches):
                     for run in _runs(pairs, rows, side, judged):
-                        self._take(number, both[1 - side], run)
+                        self._runs.add((number, both[1 - side]), run)
 
-    def _take(self, body: int, other: int, run: Run) -> None:
-        last = self._open.get((body, other))
-        if last is not None and last.last + 1 == run.first:
-            run = last.then(run)
-        else:
-            self._close(body, other)
-        self._open[body, other] = run
+    def _size(self, both: tuple[int, int], run: Slip) -> float:
+        """Return how far a body slips that friction could not stop."""
+        return run.of["slid"] if self.says(run, size_m(self.scene.body(both[0]))) else 0.0
 
-    def _close(self, body: int, other: int) -> None:
-        """Keep the longest slip of those that friction could not stop."""
-        run = self._open.pop((body, other), None)
-        if run is None or not self.says(run, size_m(self.scene.body(body))):
-            return
-        found = self._found.get((body, other))
-        if found is None or run.of["slid"] > found.of["slid"]:
-            self._found[body, other] = run
-
-    def says(self, run: Run, body_m: float) -> bool:
+    def says(self, run: Slip, body_m: float) -> bool:
         """Whether friction was not enough for what was at rest."""
         of = run.of
         slides = of["needed"] > of["available"] and of["slid"] >= SLIDING * of["moved"]
@@ -133,19 +108,17 @@ class Slides(Answer):
 
     def findings(self) -> Iterator[Finding]:
         """Yield each body that slides, with what it slides on."""
-        for body, other in [*self._open]:
-            self._close(body, other)
-        for (body, other), run in self._found.items():
+        for body, other, run in self._runs.most():
             message, advice, effect_m = self.words(run, self.scene.body(other).label)
             yield Finding(
                 code=self.code, level=self.level, message=message, advice=advice,
                 body=self.scene.body(body).label, other=self.scene.body(other).label,
                 effect=Effect(effect_m, "m"), share=effect_m / size_m(self.scene.body(body)),
                 steps=Span(run.first, run.last, run.last - run.first + 1),
-                site=self._asked.site(body) or self._asked.site(other),
+                site=self.scene.asked.of["lateralFriction"].site(body, other),
             )  # fmt: skip
 
-    def words(self, run: Run, on: str) -> tuple[Message, Message, float]:
+    def words(self, run: Slip, on: str) -> tuple[Message, Message, float]:
         """Return what is said of a body that slips on another, the cure, and how far it went."""
         of, seconds = run.of, run.of["time"]
         values: dict[str, object] = {
@@ -180,40 +153,7 @@ class Slides(Answer):
         )
 
 
-class Creeps(Slides):
-    """The solver ends before contacts are at rest: once it changes little, or has no iterations."""
-
-    code = "creeps"
-    level: Level = "model"
-    speeds_m_s = 1e-7, 0.02
-
-    def says(self, run: Run, body_m: float) -> bool:
-        """Whether it went somewhere that friction could have kept it from."""
-        of = run.of
-        return bool(
-            run.last - run.first >= LASTS
-            and of["went"] > max(LEAST_M, LEAST_SHARE * body_m)
-            and min(of["slid"], of["went"]) > STRAIGHT * max(of["slid"], of["moved"])
-            and run.most_m_s * of["time"] < STEADY * of["went"]
-            and max(of["needed"], abs(of["used"])) < AT_LIMIT * of["available"]
-        )
-
-    def words(self, run: Run, on: str) -> tuple[Message, Message, float]:
-        """Return what is said of a body and what it creeps on."""
-        of, seconds = run.of, run.of["time"]
-        message = Message(
-            "creeps {moved:.3g} mm on {on} in {time:.3g} s: friction there could give "
-            "{available:.3g} N and staying takes {needed:.3g} N, but the solver ends before the "
-            "contact is at rest",
-            moved=of["went"] * 1e3, on=on, time=seconds, available=of["available"] / seconds,
-            needed=of["needed"] / seconds,
-        )  # fmt: skip
-        return message, Message(
-            "call p.setPhysicsEngineParameter(solverResidualThreshold=0, numSolverIterations=500)"
-        ), of["went"]  # fmt: skip
-
-
-def _runs(pairs: Pairs, rows: Rows, side: int, judged: Judged) -> Iterator[Run]:
+def _runs(pairs: Pairs, rows: Rows, side: int, judged: Judged) -> Iterator[Slip]:
     """Yield runs of consecutive steps of a pair."""
     needed, others, pushed, pressed, way, turning = _forces(pairs, rows, side, judged)
     normal = pairs.normal_n[rows]
@@ -241,7 +181,7 @@ def _runs(pairs: Pairs, rows: Rows, side: int, judged: Judged) -> Iterator[Run]:
     began = pairs.began_slip_m_s[rows][starts]
     lasts = np.append(starts[1:], len(rows)) - 1
     for k, (start, end) in enumerate(zip(starts.tolist(), lasts.tolist(), strict=True)):
-        yield Run(int(step[start]), int(step[end]), float(began[k]), float(most[k]), sums[k])
+        yield Slip(int(step[start]), int(step[end]), float(began[k]), float(most[k]), sums[k])
 
 
 def _forces(

@@ -8,8 +8,6 @@ import numpy as np
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Noted, Notes, Scene
 from drop_physics.analysis.answers.asked_of_bodies import size_m
-from drop_physics.analysis.answers.placing import Placing
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.messages import Message
 
 OVERLAP_M = 1e-3
@@ -24,25 +22,23 @@ class StartsInContact(Answer):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._placing = Placing(scene)
         self._found: Notes[tuple[int, int]] = Notes()
         """By the body that was placed last, and the other: how fast they part."""
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
-        self._placing.see(explained)
         pairs = self.scene.touches.pairs
         points = pairs.points
         # How fast the deepest parts leave each other after the step.
         parting = pairs.most(np.where(points.distance_m < -OVERLAP_M, points.parting_m_s, 0.0))
         deep = (pairs.depth_m > OVERLAP_M) & (pairs.normal_n > 0) & (parting > PUSHED_M_S)
         rows = np.flatnonzero(deep)
-        placed = self._placing.placed(pairs.body[rows], pairs.step[rows, None])
+        placed = self.scene.placing.placed(pairs.body[rows], pairs.step[rows, None])
         for row, (first, second) in zip(rows.tolist(), placed.tolist(), strict=True):
             if first or second:
                 # Of two, that which was loaded last, or which alone was placed.
                 body, other = pairs.body[row].tolist()[:: -1 if second else 1]
-                site = self._placing.site(self.scene.body(body), int(pairs.step[row]))
+                site = self.scene.placing.site(self.scene.body(body), int(pairs.step[row]))
                 self._found.add(
                     (body, other), pairs.step[[row]], parting[[row]], site=site,
                     depth=float(pairs.depth_m[row]), step=int(pairs.step[row]),
@@ -74,7 +70,7 @@ class StartsInContact(Answer):
                 "load it without URDF_USE_SELF_COLLISION, or call p.setCollisionFilterPair(…, 0) "
                 "for these links"
             )
-        elif self._placing.loaded(number, found.at["step"]):
+        elif self.scene.placing.loaded(number, found.at["step"]):
             message = Message(
                 "is loaded {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed apart at "
                 "{speed:.3g} m/s",

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene
 from drop_physics.analysis.explained.bodies import records_of
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.laws.columns import rotation
 from drop_physics.messages import Message
 from drop_physics.seen.events import Collision
@@ -37,12 +36,12 @@ class Tunnelled(Answer):
         self._filtered = False
         self._found: Notes[tuple[int, int]] = Notes()
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
-        self._filtered |= any(each.function.startswith(FILTERS) for each in explained.piece.calls)
+        self._filtered |= any(each.function.startswith(FILTERS) for each in self.scene.piece.calls)
         if not self._boxes or self._filtered:
             return
-        for number, judged in explained.bodies.items():
+        for number, judged in self.scene.judged.items():
             body = judged.body
             if body.joints or not body.base_moves or not body.collisions:
                 continue

@@ -1,4 +1,4 @@
-"""Whether what happened is still physics: numbers that are none, rates that ring, the clamp."""
+"""Whether what happened is still physics: rates that ring, and what the clamp takes."""
 
 from __future__ import annotations
 
@@ -15,21 +15,17 @@ from drop_physics.analysis.answers.answer import (
     Noted,
     Notes,
     Scene,
-    Span,
-    site_of,
+    and_more,
 )
 from drop_physics.analysis.explained.judged import Judged
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.analysis.targets import flips
 from drop_physics.laws.tree import Tree
 from drop_physics.messages import Message
-from drop_physics.seen.calls import BODY_NAMES, Call
 from drop_physics.seen.events import Body
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
-
 OFTEN = 8
 """Changes of sign, from step to step, that are no chance."""
 RATTLE = "contacts", "rolling"
@@ -53,77 +49,6 @@ ADVICE: Mapping[str, Message] = {
     ),
     "motors": Message("lower the motor's positionGain, and keep its velocityGain at 1"),
 }
-
-
-class NotFinite(Answer):
-    """States that are no numbers."""
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._found: dict[int, tuple[int, str, Call | None]] = {}
-        """By body: the first step, the term that was first, the call."""
-
-    def see(self, explained: Explained) -> None:
-        """Keep the first of each body."""
-        for number, judged in explained.bodies.items():
-            for steps in judged.stretches:
-                if number in self._found:
-                    break
-                wrong = ~np.isfinite(steps.after.velocity).all(axis=1)
-                for name in ("position_m", "orientation", "joints"):
-                    wrong |= ~np.isfinite(getattr(steps.after, name)).all(axis=1)
-                for impulses in steps.terms.values():  # too large for a sum
-                    wrong |= ~np.isfinite(impulses).all(axis=1)
-                rows = np.flatnonzero(wrong)
-                if not len(rows):
-                    continue
-                row = int(rows[0])
-                step = int(steps.steps[row])
-                terms = [n for n, each in steps.terms.items() if not np.isfinite(each[row]).all()]
-                call = _without_number(explained.piece.calls, judged.body, step)
-                self._found[number] = step, terms[0] if len(terms) == 1 else "", call
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield the first body of each simulation, one that a call names before others."""
-        by_client: dict[int, list[int]] = {}
-        for number in self._found:
-            by_client.setdefault(self.scene.body(number).client, []).append(number)
-        for numbers in by_client.values():
-            first = min(numbers, key=lambda n: (self._found[n][0], self._found[n][2] is None))
-            step, term, call = self._found[first]
-            body = self.scene.body(first)
-            why = Message(", first in the term {term}", term=term) if term else ""
-            if call is not None:
-                why = Message(
-                    ": p.{function}({arguments}) was given it",
-                    function=call.function, arguments=call.arguments,
-                )  # fmt: skip
-            message = Message(
-                "{body} has a state that is no number (nan or infinite) from step {step:,} on{why}",
-                body=body.label, step=step, why=why,
-            )  # fmt: skip
-            yield Finding(
-                code="not-finite", level="broken", message=message, body=body.label, share=1.0,
-                bodies=len(numbers), steps=Span(step, step, 1),
-                site=None if call is None else site_of(call),
-            )  # fmt: skip
-
-
-def _without_number(calls: list[Call], body: Body, step: int) -> Call | None:
-    """Return the last call for a body, or for all, that was given a number that is none."""
-    return next(
-        (
-            each
-            for each in reversed(calls)
-            if each.client == body.client and each.at.step < step
-            if not np.isfinite(each.numbers).all()
-            if next(
-                (each.values[name][0] for name in BODY_NAMES if name in each.values), body.number
-            )
-            == body.number
-        ),
-        None,
-    )
 
 
 @dataclass
@@ -153,26 +78,26 @@ class Unstable(Answer):
         super().__init__(scene)
         self._rates: dict[int, _Rates] = {}
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Follow each rate."""
-        for number, judged in explained.bodies.items():
-            for steps in judged.stretches:
-                if not len(steps) or not steps.terms:
-                    continue
-                known, tree = self._rates.get(number), steps.law.tree
-                if known is None or known.greatest.shape != (tree.size,):
-                    none = np.zeros(tree.size)
-                    known = _Rates(judged.body, tree, none, none.astype(np.int64), {}, Notes(),
-                        Notes(), none)  # fmt: skip
-                    self._rates[number] = known
-                # What a motor's gains turn around is motor-gain's.
-                own = np.ones(len(steps), np.bool_)
-                for driven in self.scene.joints.latest.get(number, []):
-                    if driven.steps is steps:
-                        own &= ~(flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
-                with np.errstate(invalid="ignore", over="ignore"):
-                    _ring(known, steps, own)
-                    _clamp(known, steps, judged, own)
+        for judged, steps in self.scene.stretches():
+            number = judged.body.number
+            if not len(steps) or not steps.terms:
+                continue
+            known, tree = self._rates.get(number), steps.law.tree
+            if known is None or known.greatest.shape != (tree.size,):
+                none = np.zeros(tree.size)
+                known = _Rates(judged.body, tree, none, none.astype(np.int64), {}, Notes(),
+                    Notes(), none)  # fmt: skip
+                self._rates[number] = known
+            # What a motor's gains turn around is motor-gain's.
+            own = np.ones(len(steps), np.bool_)
+            for driven in self.scene.joints.latest.get(number, []):
+                if driven.steps is steps:
+                    own &= ~(flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
+            with np.errstate(invalid="ignore", over="ignore"):
+                _ring(known, steps, own)
+                _clamp(known, steps, judged, own)
 
     def findings(self) -> Iterator[Finding]:
         """Yield the worst degree of freedom of each body."""
@@ -236,11 +161,11 @@ def _unstable(known: _Rates, rings: dict[int, Noted]) -> Finding | None:
     if most in RATTLE:
         return None
     fed = turned[most] > 0.5 * sum(each for each in turned.values() if each > 0)
-    more = Message(" (and {n} more)", n=len(rings) - 1) if len(rings) > 1 else ""
     message = Message(
         "{name}{more} changes its sign with every step, at up to {rate:.3g} {unit}, in {count:,} "
         "steps{why}",
-        name=name, more=more, rate=worst.most, unit=unit, count=worst.count + OFTEN - 1,
+        name=name, more=and_more(len(rings)), rate=worst.most, unit=unit,
+        count=worst.count + OFTEN - 1,
         why=Message(": the term {term} turns it around", term=most) if fed else "",
     )  # fmt: skip
     return Finding(

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
-from drop_physics.analysis.answers.asked_of_bodies import AskedOfBodies
 from drop_physics.analysis.contact_points import Points
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.analysis.joints import Driven
 from drop_physics.laws.kinematics import kinematics
@@ -66,20 +64,17 @@ class WheelSlip(Answer):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self._asked = AskedOfBodies(scene, "lateralFriction")
         self._wheels: dict[tuple[int, int], Wheel] = {}
         """By body and joint."""
         self._steps: dict[int, NDArray[np.int64]] = {}
         """By body, in which something else holds it, and the others."""
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Take a piece."""
-        self._asked.see(explained)
-        for number in explained.bodies:
-            for driven in self.scene.joints.latest.get(number, []):
-                drives = (driven.asked.mode == VELOCITY) & (driven.asked.impulse > 0)
-                if driven.steps.terms and not driven.steps.law.tree.fixed and drives.any():
-                    self._see(driven, drives)
+        for driven in self.scene.driven():
+            drives = (driven.asked.mode == VELOCITY) & (driven.asked.impulse > 0)
+            if driven.steps.terms and not driven.steps.law.tree.fixed and drives.any():
+                self._see(driven, drives)
 
     def _see(self, driven: Driven, drives: Flags) -> None:
         """Take steps of a robot whose base can move."""
@@ -153,7 +148,7 @@ class WheelSlip(Answer):
             effect=Effect(abs(slipped), "m"),
             share=wheel.share,
             steps=Span(wheel.first, wheel.last, wheel.count),
-            site=self._asked.site(number) or self._asked.site(wheel.ground),
+            site=self.scene.asked.of["lateralFriction"].site(number, wheel.ground),
         )
 
 

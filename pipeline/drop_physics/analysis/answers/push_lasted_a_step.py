@@ -1,4 +1,4 @@
-"""Forces and torques from calls: how long they last, and where they act."""
+"""Forces and torques from calls act in one step."""
 
 from __future__ import annotations
 
@@ -13,21 +13,15 @@ from drop_physics.analysis.answers.answer import (
     Effect,
     Finding,
     Noted,
-    Notes,
     Scene,
-    site_of,
 )
-from drop_physics.analysis.answers.arguments import calls_of, given, number
-from drop_physics.analysis.explained.recording import Explained
+from drop_physics.analysis.answers.arguments import given, number, site_of
 from drop_physics.analysis.explained.steps import Steps
-from drop_physics.laws.kinematics import kinematics
-from drop_physics.laws.tree import BASE
 from drop_physics.messages import Message
-from drop_physics.seen.calls import WORLD_FRAME, Call
+from drop_physics.seen.calls import Call
 from drop_physics.seen.events import Body
 
 Float64 = NDArray[np.float64]
-
 TORQUE_CONTROL = 1
 SOON = 10
 """Steps: what is gone by then was no kick that stays; given again by then, it was to last."""
@@ -90,10 +84,10 @@ class PushLastedAStep(Answer):
         """By body, function, and link or joints."""
         self._fastest_m_s: dict[int, float] = {}
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Follow the pushes of each body, and what the first one changed."""
         names = "applyExternal", "setJointMotorControl"
-        for call, body in calls_of(explained.piece, self.scene.seen.appearances, *names):
+        for call, body in self.scene.calls_of(*names):
             torque = number(call, "controlMode") == TORQUE_CONTROL
             if torque or call.function.startswith("applyExternal"):
                 where = given(call, "linkIndex") or given(call, "jointIndices")
@@ -103,15 +97,15 @@ class PushLastedAStep(Answer):
                     self._pushes[key].add(step)
                 elif np.isfinite(size := _size(call)) and size > 0:
                     self._pushes[key] = _Pushes(body, call, size, Noted(step, step, 1))
-        for number_, judged in explained.bodies.items():
-            for steps in judged.stretches:
-                if not steps.law.tree.fixed and len(steps):
-                    speed_m_s = np.linalg.norm(steps.after.velocity[:, 3:6], axis=1).max()
-                    fastest = max(self._fastest_m_s.get(number_, 0.0), float(speed_m_s))
-                    self._fastest_m_s[number_] = fastest
-                    for (pushed, function, _), push in self._pushes.items():
-                        if pushed == number_ and function == "applyExternalForce":
-                            push.follow(steps)
+        for judged, steps in self.scene.stretches():
+            number_ = judged.body.number
+            if not steps.law.tree.fixed and len(steps):
+                speed_m_s = np.linalg.norm(steps.after.velocity[:, 3:6], axis=1).max()
+                fastest = max(self._fastest_m_s.get(number_, 0.0), float(speed_m_s))
+                self._fastest_m_s[number_] = fastest
+                for (pushed, function, _), push in self._pushes.items():
+                    if pushed == number_ and function == "applyExternalForce":
+                        push.follow(steps)
 
     def findings(self) -> Iterator[Finding]:
         """Yield those that were to last."""
@@ -156,71 +150,3 @@ def _unit(push: _Pushes) -> str:
     kinds = {push.body.joints[int(joint)].kind for joint in joints}
     force = push.call.function == "applyExternalForce" or kinds == {"prismatic"}
     return "N" if force else "N m"
-
-
-class ForceOffCentre(Answer):
-    """A point of the body, given as one of the world."""
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._off: Notes[int] = Notes()
-        self._late: list[tuple[Call, Body]] = []
-        """Those whose step is in the next piece."""
-
-    def see(self, explained: Explained) -> None:
-        """Compare where forces of the world's frame act with where their bodies are."""
-        appearances, end = self.scene.seen.appearances, explained.piece.end
-        calls = [*self._late, *calls_of(explained.piece, appearances, "applyExternalForce")]
-        self._late = [pair for pair in calls if pair[0].at.step + 1 >= end]
-        by_body: dict[int, list[Call]] = {}
-        for call, body in calls:
-            world = int(number(call, "flags", 0.0)) == WORLD_FRAME
-            vectors = len(given(call, "posObj")) == len(given(call, "forceObj")) == 3
-            if world and vectors and call.at.step + 1 < end:
-                by_body.setdefault(body.number, []).append(call)
-        for number_, its in by_body.items():
-            judged = explained.bodies.get(number_)
-            for steps in () if judged is None else judged.stretches:
-                for link in {int(number(call, "linkIndex", float(BASE))) for call in its}:
-                    if BASE <= link < steps.law.tree.links:
-                        told = [call for call in its
-                            if int(number(call, "linkIndex", float(BASE))) == link]  # fmt: skip
-                        self._compare(self.scene.body(number_), link, steps, told)
-
-    def _compare(self, body: Body, link: int, steps: Steps, calls: list[Call]) -> None:
-        """Note forces that act beside the body, and within it if they were in its own frame."""
-        tree, ends = steps.law.tree, np.array([call.at.step + 1 for call in calls])
-        rows = np.minimum(np.searchsorted(steps.steps, ends), max(len(steps) - 1, 0))
-        known = np.flatnonzero(steps.steps[rows] == ends) if len(steps) else np.empty(0, int)
-        if tree.fixed or not (tree.inertias_kg_m2 > 0).all() or not len(known):
-            return  # it may not be free to turn
-        points, forces = (np.array([given(calls[k], name) for k in known])
-            for name in ("posObj", "forceObj"))  # fmt: skip
-        centre = kinematics(tree, steps.before.at(rows[known])).position_m(link)
-        strength = np.maximum(np.linalg.norm(forces, axis=1), 1e-300)
-        arms = np.linalg.norm(np.cross(points - centre, forces), axis=1) / strength
-        box = np.array(body.bounds_m[6 * (link + 1) : 6 * (link + 2)])
-        size_m = float(np.linalg.norm(box[3:] - box[:3])) / 2 if len(box) == 6 else 0.0
-        off = np.flatnonzero((arms > size_m) & (size_m >= np.linalg.norm(points, axis=1)))
-        if len(off):
-            first = calls[known[off[0]]]
-            ends, at = np.unique(ends[known[off]], return_index=True)
-            told = {"point": points[off[at]], "arm": arms[off[at]]}
-            order = -ends.astype(float)  # of all the first is told
-            self._off.add(body.number, ends, order, told, size=size_m, site=site_of(first))
-
-    def findings(self) -> Iterator[Finding]:
-        """Yield the first such force of each body."""
-        for number_, each in self._off.items():
-            body, arm = self.scene.body(number_).label, each.at["arm"]
-            message = Message(
-                "{body} is pushed beside itself: the point ({point}) is in the world's frame, "
-                "{arm:.3g} m off its centre, so the force spins it",
-                body=body, point=", ".join(f"{x:g}" for x in each.at["point"]), arm=arm,
-            )  # fmt: skip
-            yield Finding(
-                code="force-off-centre", level="asked", message=message, body=body,
-                advice=Message("give it in p.LINK_FRAME, or at the body's position"),
-                effect=Effect(arm, "m"), share=arm / each.at["size"], steps=each.span,
-                site=each.at["site"],
-            )  # fmt: skip

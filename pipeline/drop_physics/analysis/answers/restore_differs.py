@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, site_of
-from drop_physics.analysis.answers.arguments import given
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.answers.arguments import given, site_of
 from drop_physics.analysis.answers.joint import distance
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.messages import Message
 from drop_physics.seen.calls import Call
@@ -79,21 +78,21 @@ class RestoreDiffers(Answer):
         """The numbers of the latest call of each setter."""
         self._found: dict[tuple[object, ...], Finding] = {}
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Follow the episodes of each simulation."""
-        piece = explained.piece
+        piece = self.scene.piece
         for client in {each.client for each in self.scene.seen.bodies.values()}:
             own: list[Call] = []
             for call in piece.calls:
                 if call.client != client or call.raised:
                     continue
                 if self._begins(client, call):
-                    self._follow(explained, client, own, call.at.step)
+                    self._follow(client, own, call.at.step)
                     self._close(client)
                     self._now[client], own = _Episode(call), []
                 else:
                     own.append(call)
-            self._follow(explained, client, own, piece.end)
+            self._follow(client, own, piece.end)
 
     def findings(self) -> Iterator[Finding]:
         """Yield the first episodes of each kind that differ."""
@@ -169,7 +168,7 @@ class RestoreDiffers(Answer):
             steps=Span(begin + step, begin + last, last - step + 1),
         )  # fmt: skip
 
-    def _follow(self, explained: Explained, client: int, calls: list[Call], last: int) -> None:
+    def _follow(self, client: int, calls: list[Call], last: int) -> None:
         """Take the states and calls of an episode in a piece, up to sample `last`."""
         episode = self._now.get(client)
         start = 0 if episode is None else episode.begin.at.step
@@ -185,9 +184,9 @@ class RestoreDiffers(Answer):
                     self._set[named] = call.numbers
             if episode is not None and call.at.step - start < MOST_STEPS:
                 episode.calls.setdefault(call.at.step - start, []).append(call)
-        if episode is None or (last < explained.piece.end and last - start < LEAST_STEPS):
+        if episode is None or (last < self.scene.piece.end and last - start < LEAST_STEPS):
             return
-        for judged in explained.bodies.values():
+        for judged in self.scene.judged.values():
             if judged.body.client == client:
                 for steps in judged.stretches:
                     _keep(episode, (judged.body.engine_id, judged.body.label), steps, last)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
 from drop_physics.analysis.explained.judged import Judged
-from drop_physics.analysis.explained.recording import Explained
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.laws.dynamics import angular_momenta
 from drop_physics.laws.kinematics import kinematics, motion
@@ -56,9 +55,9 @@ class MomentumDrift(Answer):
         self._now: dict[int, _Free] = {}
         self._found: dict[int, Finding] = {}
 
-    def see(self, explained: Explained) -> None:
+    def see(self) -> None:
         """Follow the steps in which nothing outside acts."""
-        for number, judged in explained.bodies.items():
+        for number, judged in self.scene.judged.items():
             for steps in judged.stretches:
                 if steps.law.tree.fixed or not steps.terms:
                     self._end(number)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from drop_physics.analysis.answers.answer import Effect, Noted
+from drop_physics.analysis.answers.answer import Effect, Noted, and_more
 from drop_physics.analysis.answers.joint import JointAnswer
 from drop_physics.analysis.joints import Driven
 from drop_physics.messages import Message
@@ -37,13 +37,10 @@ class TargetClamped(JointAnswer):
         """Return what is said of the joint whose target is farthest beyond."""
         target, low, high = (worst.at[name] for name in ("target", "lower", "upper"))
         unit, _ = worst.at["units"]
-        more = (
-            Message(" (and {n} more)", n=worst.at["joints"] - 1) if worst.at["joints"] > 1 else ""
-        )
         message = Message(
             "{joint}{more} is sent to {target:.4g} {unit}, beyond its {side} limit of {limit:.4g} "
             "{unit}: PyBullet takes the limit as the target",
-            joint=worst.at["joint"], more=more, target=target, unit=unit,
+            joint=worst.at["joint"], more=and_more(worst.at["joints"]), target=target, unit=unit,
             side=Message("upper") if target > high else Message("lower"),
             limit=high if target > high else low,
         )  # fmt: skip

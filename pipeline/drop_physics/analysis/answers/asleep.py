@@ -1,0 +1,81 @@
+"""Why a body does not move: it sleeps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.analysis.answers.answer import (
+    Answer,
+    Effect,
+    Finding,
+    Notes,
+    Scene,
+)
+from drop_physics.analysis.answers.joint import OFF, units_of
+from drop_physics.analysis.explained.steps import Steps
+from drop_physics.analysis.joints import target_of
+from drop_physics.messages import Message
+
+UNBALANCED = 0.1
+"""Of the largest term, what is left of the sum: more than the solver leaves of one at rest."""
+
+
+class Asleep(Answer):
+    """A body whose state stays the same to the bit, though something was to move it."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self._asleep: Notes[int] = Notes()
+
+    def see(self) -> None:
+        """Note steps in which a body that may sleep does not answer."""
+        for judged, steps in self.scene.stretches():
+            if "asleep" in steps.epoch.reasons and steps.terms:
+                unbalanced = steps.unexplained > UNBALANCED
+                rows = np.flatnonzero(_still(steps) & (unbalanced | self._off_target(steps)))
+                if len(rows):
+                    left = np.abs(steps.remainder)
+                    force = left.max(axis=1)[rows] / steps.reported.timestep_s[rows]
+                    row = int(rows[force.argmax()])
+                    axis = left[row].argmax()
+                    term = max(steps.terms, key=lambda name: abs(steps.terms[name][row, axis]))
+                    self._asleep.add(judged.body.number, steps.steps[rows], force,
+                        term=term if unbalanced[row] else "motors")  # fmt: skip
+
+    def _off_target(self, steps: Steps) -> NDArray[np.bool_]:
+        """Return in which steps motors that sleep, and report no torque, have something to do."""
+        off = np.zeros(len(steps), np.bool_)
+        for driven in self.scene.driven():
+            if driven.steps is steps:
+                least = [OFF[units_of(driven, k)[0]] for k in range(driven.after.shape[1])]
+                far = np.abs(driven.after - target_of(driven)) > least
+                off |= (far & (driven.torque == 0) & (driven.limit > 0)).any(axis=1)
+        return off
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield the bodies that slept through something."""
+        for number_, each in self._asleep.items():
+            body = self.scene.body(number_).label
+            message = Message(
+                "{body} sleeps from step {first:,} on: it does not move in {count:,} steps in "
+                "which the sum of what acts on it is not zero, most of all {term}",
+                body=body, first=each.first, count=each.count, term=each.at["term"],
+            )  # fmt: skip
+            yield Finding(
+                code="asleep", level="asked", message=message, body=body, share=1.0,
+                advice=Message("wake it and keep it awake: p.changeDynamics(body, -1, "
+                    "activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)"),
+                effect=Effect(each.most, "N or N m"), steps=each.span,
+            )  # fmt: skip
+
+
+def _still(steps: Steps) -> NDArray[np.bool_]:
+    """Return which steps leave the state to the bit; not those that a call set anew."""
+    moves = steps.put | steps.after.velocity.any(axis=1)
+    for name in ("position_m", "orientation", "joints", "velocity"):
+        before, after = getattr(steps.before, name), getattr(steps.after, name)
+        moves |= (before != after).any(axis=1)
+    return ~moves

@@ -1,0 +1,87 @@
+"""Why something does not bounce: the engine multiplies both restitutions, that of most is 0."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.messages import Message
+
+THRESHOLD_M_S = 0.2
+"""Bullet's own: slower contacts do not bounce."""
+PLACED_S = 1 / 60
+"""A body that is placed, not dropped, comes at what gravity gives it in that time, or slower."""
+SOFTLY = 0.5
+"""Share of the approach that is left of what takes longer than a step to stop."""
+SWALLOWED = 0.5
+"""Share of what was asked for, below which it does not bounce: overlap alone lifts a little."""
+
+
+class NoRestitution(Answer):
+    """The engine multiplies both bodies' restitution; that of most files is 0."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self._asked = scene.asked.of["restitution"]
+        self._met: dict[tuple[int, int], tuple[int, float, float, float]] = {}
+        """The fastest approach of a pair: step, approach, rebound, restitution."""
+
+    def see(self) -> None:
+        """Take a piece."""
+        pairs = self.scene.touches.pairs
+        wanted = [number for number, value in self._asked.values.items() if value > 0]
+        if not wanted or not len(pairs.starts):
+            return
+        approach, rebound = pairs.approach_m_s, pairs.parting_m_s
+        meets = np.isin(pairs.body, wanted).any(axis=1) & (pairs.body[:, 0] != pairs.body[:, 1])
+        meets &= (approach > 9.81 * PLACED_S) & (rebound > -SOFTLY * approach)
+        for row in np.flatnonzero(meets).tolist():
+            both = tuple(pairs.body[row].tolist())
+            if approach[row] > self._met.get(both, (0, 0.0))[1]:
+                numbers = float(approach[row]), float(rebound[row]), float(pairs.restitution[row])
+                self._met[both] = int(pairs.step[row]), *numbers
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield each pair of which one was to bounce."""
+        for (first, second), (step, approach, rebound, product) in self._met.items():
+            given, none = (first, second) if first in self._asked.values else (second, first)
+            asked, other = (self._asked.values.get(each, 0.0) for each in (given, none))
+            if given in self._asked.changed or self._asked.since[given] >= step:
+                continue  # it may have been another when they met
+            if {first, second} & self.scene.asked.of["contactStiffness"].values.keys():
+                continue  # what is soft rebounds by a law of its own
+            slow = product > 0 and approach < THRESHOLD_M_S
+            if not slow and (product > 0 or other > 0):
+                continue  # it bounces as the engine has it: a link has none, or it came later
+            wanted = product if slow else asked
+            if rebound > SWALLOWED * wanted * approach or (approach < THRESHOLD_M_S and not slow):
+                continue
+            # What moves is what bounces.
+            body, on = (given, none) if self.scene.body(given).moving else (none, given)
+            why, advice = _cause(asked, self.scene.body(none).label, slow=slow)
+            yield Finding(
+                code="no-restitution", level="asked",
+                message=Message(
+                    "does not bounce off {other}: it meets it at {speed:.3g} m/s and leaves at "
+                    "{rebound:.3g} m/s; {why}",
+                    other=self.scene.body(on).label, speed=approach, rebound=max(rebound, 0.0),
+                    why=why,
+                ),
+                advice=advice, body=self.scene.body(body).label, other=self.scene.body(on).label,
+                effect=Effect(wanted * approach, "m/s"), share=wanted, steps=Span(step, step, 1),
+                site=self._asked.site(given),
+            )  # fmt: skip
+
+
+def _cause(asked: float, none: str, *, slow: bool) -> tuple[Message, Message | None]:
+    """Return why it does not bounce, and what changes it."""
+    if slow:
+        return Message("PyBullet lets nothing bounce that comes slower than 0.2 m/s"), Message(
+            "p.setPhysicsEngineParameter(restitutionVelocityThreshold=…) sets that speed"
+        )
+    return (
+        Message("restitution is the product of both bodies', {asked:.3g} × 0", asked=asked),
+        Message("give {other} restitution, too: p.changeDynamics(…, restitution=1)", other=none),
+    )
