@@ -23,7 +23,8 @@ from drop_physics import Camera, DropError, Scenario, analyze, check, run, simul
 from drop_physics.cli import app
 from drop_physics.console import running
 from drop_physics.engines.bullet.body_files import BodyFileError, check_urdf
-from drop_physics.engines.bullet.engine import find_body, p
+from drop_physics.engines.bullet.engine import p
+from drop_physics.engines.bullet.found import find_body
 from drop_physics.engines.bullet.world import World
 from drop_physics.errors import OutputError, ScenarioError
 from drop_physics.fields import Option, Optioned

@@ -27,7 +27,7 @@ from drop_physics.engines.bullet.body_files import (
     check_mesh,
     check_urdf,
 )
-from drop_physics.engines.bullet.engine import find_body
+from drop_physics.engines.bullet.found import find_body
 from drop_physics.engines.bullet.probe import Limits, problem_of
 from drop_physics.engines.bullet.world import World
 from drop_physics.errors import ScenarioError

@@ -15,6 +15,7 @@ from conftest import Recorder, some
 from drop_physics import Camera, Scenario, simulate
 from drop_physics.engines.bullet import probe
 from drop_physics.engines.bullet.engine import p
+from drop_physics.engines.bullet.jointed import JointStates
 from drop_physics.engines.bullet.world import World
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.recording.reader import frames, read
@@ -359,8 +360,8 @@ def test_nor_may_a_contact_be_no_number(
 def test_nor_may_the_state_of_a_joint_be_no_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = World._joint_state
-    monkeypatch.setattr(World, "_joint_state", lambda self: [*told(self)[:-1], math.nan])
+    told = JointStates.now
+    monkeypatch.setattr(JointStates, "now", lambda self: [*told(self)[:-1], math.nan])
     with pytest.raises(DropError, match="becomes non-finite at step 0"):
         simulate(Scenario(body="r2d2.urdf", duration_s=0.1), tmp_path / "run.rrd", camera=None)
 

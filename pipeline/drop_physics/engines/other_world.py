@@ -14,7 +14,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.engines.bullet.world import World, check_numbers, non_finite
+from drop_physics.engines.bullet.world import World
+from drop_physics.engines.finite import check_numbers, non_finite
 from drop_physics.engines.session import RigidBody, Session
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import counted

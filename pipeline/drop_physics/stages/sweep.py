@@ -18,7 +18,8 @@ import polars as pl
 from drop_physics import colours
 from drop_physics.analysis.drop.one_sample import DEFAULT_AT_S
 from drop_physics.analysis.drop.statistics import Moments
-from drop_physics.engines.bullet.engine import body_digest, engine_versions, find_body
+from drop_physics.engines.bullet.engine import engine_versions
+from drop_physics.engines.bullet.found import body_digest, find_body
 from drop_physics.engines.bullet.probe import verdicts
 from drop_physics.engines.other_world import other_versions
 from drop_physics.errors import DropError, OutputError, ScenarioError

@@ -9,7 +9,9 @@ import math
 from collections.abc import Callable, Iterator
 
 from drop_physics.engines.bullet.engine import p
-from drop_physics.engines.bullet.world import FAR_M, World, non_finite
+from drop_physics.engines.bullet.touching import FAR_M
+from drop_physics.engines.bullet.world import World
+from drop_physics.engines.finite import non_finite
 from drop_physics.scenario import Scenario
 from drop_physics.states import Batch
 

@@ -6,22 +6,16 @@ limits of time and memory, before this process touches it; its meshes are those 
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import os
 import re
 import signal
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
 
-from drop_physics.engines.bullet.body_files import LARGEST, BodyFileError, check_mesh, check_urdf
-from drop_physics.engines.bullet.c_output import c_output_moved_aside
-from drop_physics.errors import DropError, ScenarioError
+from drop_physics.engines.bullet.body_files import BodyFileError, check_mesh, check_urdf
+from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
-from drop_physics.scenario import STANDARD_CAMERA, Coordinates, Scenario
 from drop_physics.workers import Worker, WorkerDiedError
 
 
@@ -53,14 +47,12 @@ Verdicts = Mapping[Path, Verdict]
 """By the resolved path of a URDF."""
 
 STANDARD_LIMITS = Limits()
-LONGEST_WORDS = 200
-"""Characters of what Bullet says that are quoted: the last ones."""
-STEPS = 3
-"""From inside the floor: already the first step has contact, where meshes fail."""
+TRIAL = "drop_physics.engines.bullet.trial:trial"
+"""What the separate process runs; this one must not import it."""
 
 _TOO_LONG = [getattr(signal, name, None) for name in ("SIGALRM", "SIGXCPU")]
 _verdicts: dict[Path, Verdict] = {}
-_trying = False
+trying = False
 """Whether this process is the trial."""
 
 
@@ -78,7 +70,7 @@ def try_body(path: Path) -> str:
     ScenarioError
         If it is not safe to load, or Bullet fails on it, crashes, hangs or takes too much memory.
     """
-    if _trying:
+    if trying:
         return ""
     name = path.resolve()
     verdict = _verdicts.get(name)
@@ -122,7 +114,7 @@ def problem_of(path: Path, limits: Limits = STANDARD_LIMITS) -> tuple[str, list[
         return error.problem, []
     with Worker() as worker:
         try:
-            worker.ask(f"{__name__}:trial", str(path), limits)
+            worker.ask(TRIAL, str(path), limits)
             found: tuple[str, list[Path]] = worker.answer()
         except WorkerDiedError as error:
             if error.signal in _TOO_LONG:
@@ -138,7 +130,7 @@ def problem_of(path: Path, limits: Limits = STANDARD_LIMITS) -> tuple[str, list[
                     how=error.how,
                 )
             beside = _named_beside(path)
-            return _first_problem(beside) or problem, beside
+            return first_problem(beside) or problem, beside
         return found
 
 
@@ -149,94 +141,11 @@ def _named_beside(path: Path) -> list[Path]:
     return [file for file in beside if file.is_file()]
 
 
-def _first_problem(meshes: Sequence[Path]) -> str:
+def first_problem(meshes: Sequence[Path]) -> str:
+    """Return what is wrong with the first mesh that Bullet would misread, or ''."""
     try:
         for mesh in meshes:
             check_mesh(mesh)
     except BodyFileError as error:
         return error.problem
     return ""
-
-
-def trial(path: str, limits: Limits) -> tuple[str, list[Path]]:
-    """Load, drop and photograph a URDF in this process: return what is wrong, and its meshes.
-
-    What a drop itself reports as an error is left to it.
-    """
-    global _trying
-    _trying = True
-    _limit(limits)
-    meshes: list[Path] = []
-    try:
-        meshes += _meshes_of(path)
-        if problem := _first_problem(meshes):
-            return problem, meshes
-        with c_output_moved_aside():
-            for coordinates in get_args(Coordinates):
-                with contextlib.suppress(DropError):
-                    _drop(path, coordinates)
-    except BodyFileError as error:
-        return error.problem, meshes
-    except Exception as error:  # noqa: BLE001 - whatever it is, it is the body's
-        kind, text = type(error).__name__, str(error)[:100]
-        return Message("Bullet fails on it ({kind}: {error!r})", kind=kind, error=text), meshes
-    return "", meshes
-
-
-def _meshes_of(path: str) -> list[Path]:
-    """Load a URDF, and return its meshes, where Bullet has found them."""
-    from drop_physics.engines.bullet.engine import p
-
-    client = p.connect(p.DIRECT)
-    body = None
-    with c_output_moved_aside() as printed, contextlib.suppress(p.error):
-        body = p.loadURDF(path, physicsClientId=client)
-    said = [line.strip() for line in _BULLETS.sub("\n", printed[0]).splitlines() if line.strip()]
-    if body is None or any("Couldn't parse" in line for line in said):
-        # It ends with what it fails on; before that it may have warned of other things.
-        words = ", ".join(dict.fromkeys(said))[-LONGEST_WORDS:]
-        raise BodyFileError(Message("Bullet cannot load it (… {words!r})", words=words))
-    links = range(-1, p.getNumJoints(body, client))
-    shapes = [one for link in links for one in p.getCollisionShapeData(body, link, client)]
-    names = [one[4] for one in (*shapes, *p.getVisualShapeData(body, physicsClientId=client))]
-    p.disconnect(client)
-    return [Path(os.fsdecode(name)) for name in dict.fromkeys(filter(None, names))]
-
-
-_BULLETS = re.compile(r"b3\w+\[[^]]*\]:")
-"""Where in its own source Bullet prints."""
-
-
-def _drop(path: str, coordinates: Coordinates) -> None:
-    from drop_physics.engines.bullet.visible_world import VisibleWorld
-
-    scenario = Scenario(
-        body=path, coordinates=coordinates, height_m=0.05, duration_s=STEPS * Scenario().timestep_s
-    )
-    with VisibleWorld(scenario, "tiny") as world:
-        world.report()
-        if not max(abs(world.half_size_m)) <= LARGEST:
-            raise BodyFileError(
-                Message("its size must be finite and at most {largest:g} m", largest=LARGEST)
-            )
-        for _ in world.samples(STEPS):
-            pass
-        world.photograph(STANDARD_CAMERA)
-
-
-def _limit(limits: Limits) -> None:
-    """Let the system end this process, without a core dump, if it takes too much."""
-    if sys.platform == "win32":
-        return
-    import resource
-
-    signal.alarm(limits.wall_s)
-    for kind, most in (
-        (resource.RLIMIT_CPU, limits.cpu_s),
-        (resource.RLIMIT_AS, limits.memory_bytes),
-        (resource.RLIMIT_CORE, 0),
-    ):
-        _, hard = resource.getrlimit(kind)
-        allowed = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        with contextlib.suppress(ValueError, OSError):  # macOS has no RLIMIT_AS
-            resource.setrlimit(kind, (allowed, hard))

@@ -8,10 +8,16 @@ it is exact, but known only while they touch.
 from __future__ import annotations
 
 from collections.abc import Callable
+from operator import itemgetter
+
+from drop_physics.engines.bullet.engine import p
+from drop_physics.kinds import Quaternion
 
 Distance = Callable[[float], float | None]
 """From a height of the body's centre to its distance from the floor [m]; None if unknown."""
 
+FAR_M = 1e3
+"""A height from which no body reaches the floor."""
 FIRST_DEPTH_M = 1e-6
 ROUNDING_M = 1e-14
 """The floor is a box of 10 m, so distances are rounded to 8.9e-16 m; heights are sums of them."""
@@ -49,3 +55,38 @@ def touching_height(
                 return None
         height_m -= depth_m + distance_m
     return height_m
+
+
+def distances(
+    body: int, floor: int | None, turned: Quaternion, client: int
+) -> tuple[Distance, Distance]:
+    """Return the two distances of a body from the floor, when it is apart and when it touches.
+
+    Parameters
+    ----------
+    body, floor, client
+        PyBullet's numbers.
+    turned
+        The body's orientation, a quaternion x, y, z, w.
+    """
+
+    def place(height_m: float) -> None:
+        p.resetBasePositionAndOrientation(body, (0.0, 0.0, height_m), turned, client)
+
+    def apart(height_m: float) -> float | None:
+        place(height_m)
+        points = p.getClosestPoints(body, floor, FAR_M, physicsClientId=client)
+        return min(map(_DISTANCE, points), default=None)
+
+    def touching(height_m: float) -> float | None:
+        # Far from the floor the engine forgets the contacts at the previous height.
+        for height in (FAR_M, height_m):
+            place(height)
+            p.performCollisionDetection(physicsClientId=client)
+        return min(map(_DISTANCE, p.getContactPoints(body, floor, -2, -2, client)), default=None)
+
+    return apart, touching
+
+
+_DISTANCE = itemgetter(8)
+"""Of a point of `getContactPoints`."""

@@ -20,23 +20,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engines.bullet.c_output import c_output_moved_aside
-from drop_physics.engines.bullet.described import JOINT_KINDS, reported_of
-from drop_physics.engines.bullet.engine import data_folder, find_body, p
-from drop_physics.engines.bullet.touching import ROUNDING_M, touching_height
+from drop_physics.engines.bullet.described import reported_of
+from drop_physics.engines.bullet.engine import data_folder, p
+from drop_physics.engines.bullet.found import find_body
+from drop_physics.engines.bullet.jointed import JointStates, joints_of
+from drop_physics.engines.bullet.touching import ROUNDING_M, distances, touching_height
+from drop_physics.engines.finite import check_numbers
 from drop_physics.engines.session import Shape
-from drop_physics.errors import DropError, ScenarioError
+from drop_physics.errors import ScenarioError
 from drop_physics.kinds import Quaternion
 from drop_physics.laws.tree import Tree
-from drop_physics.report import LARGEST, EngineReport
+from drop_physics.report import EngineReport
 from drop_physics.scenario import Coordinates, Scenario
 from drop_physics.seen.events import GIVEN, Joint
 from drop_physics.seen.poses import MOTION, links_of, rows_of, tree_of
-from drop_physics.states import BASE, BODY, CONTACT, FLOOR, STATE, Batch, Int64, Joints, Rows
+from drop_physics.states import BASE, BODY, CONTACT, FLOOR, STATE, Batch
 
 Float64 = NDArray[np.float64]
-
-FAR_M = 1e3
-"""A height from which no body reaches the floor."""
 
 SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
 """pybullet's GEOM_ constants."""
@@ -256,7 +256,7 @@ class World:
             substeps=engine["numSubSteps"],
             solver_iterations=engine["numSolverIterations"],
             gravity_m_s2=tuple(engine[f"gravityAcceleration{axis}"] for axis in "XYZ"),
-            body_name=_name(twin._body, twin._client),
+            body_name=p.getBodyInfo(twin._body, twin._client)[1].decode(errors="replace"),
             body_sha256=self._body_sha256,
             body_type={1: "btRigidBody", 2: "btMultiBody"}.get(body[10], str(body[10])),
             joints=len(links),
@@ -334,25 +334,11 @@ class World:
         self.place((0.0, 0.0, 0.0), turned)
         by_box_m = -float(self._box()[0][2])
         size_m = 2 * float(np.linalg.norm(self.half_size_m))
-
-        def apart(height_m: float) -> float | None:
-            self.place((0.0, 0.0, height_m), turned)
-            points = p.getClosestPoints(
-                self._body, self._floor, FAR_M, physicsClientId=self._client
-            )
-            return min(map(_DISTANCE, points), default=None)
-
-        def touching(height_m: float) -> float | None:
-            # Far from the floor the engine forgets the contacts at the previous height.
-            for height in (FAR_M, height_m):
-                self.place((0.0, 0.0, height), turned)
-                p.performCollisionDetection(physicsClientId=self._client)
-            return min(
-                map(_DISTANCE, p.getContactPoints(self._body, self._floor, -2, -2, self._client)),
-                default=None,
-            )
-
-        height_m = touching_height(apart, touching, start_m=size_m + 1.0, size_m=size_m)
+        height_m = touching_height(
+            *distances(self._body, self._floor, turned, self._client),
+            start_m=size_m + 1.0,
+            size_m=size_m,
+        )
         if height_m is None:
             return None
         # Without a margin, the bounding box has it to the last bit.
@@ -374,7 +360,7 @@ class World:
         """
         pose, velocity, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
         touching, body, client = p.getContactPoints, self._body, self._client
-        stepped, moving = self.scenario.stepped, self._moving
+        stepped, joints = self.scenario.stepped, self._joint_states
         samples = self.scenario.steps + 1
         for start in range(0, samples, batch):
             # New memory for each batch: the recorder keeps it.
@@ -390,8 +376,8 @@ class World:
                     memory, place, sample, body, BASE, *position, *orientation, *linear, *angular
                 )
                 place += _STATE_BYTES
-                if moving:
-                    driven.append(self._joint_state())
+                if joints.moving:
+                    driven.append(joints.now())
                 # Of all bodies: asked about two, the engine turns the normal towards the first,
                 # but not the directions of friction. By position, which is 0.2 µs faster; -1 is
                 # any body, -2 any link. Unpacked to the last number, which is faster than indexing.
@@ -406,60 +392,24 @@ class World:
             points = np.frombuffer(contacts, CONTACT)
             check_numbers(states)
             check_numbers(points)
-            joints = self._joints(states["step"], np.array(driven)) if moving else None
+            sampled = None
+            if joints.moving:
+                sampled = joints.table(states["step"], np.array(driven), self.scenario.timestep_s)
             if self._links:
                 base = np.hstack([states[name] for name in MOTION])
-                motions = links_of(self._tree, base, joints)
+                motions = links_of(self._tree, base, sampled)
                 states = rows_of(self._body, states["step"], motions)
                 check_numbers(states)
-            yield Batch(states, points, joints)
-
-    def _joint_state(self) -> list[float]:
-        """Return the positions, then the velocities, then the efforts of all joints."""
-        ask = p.getJointStatesMultiDof if self._multi else p.getJointStates
-        found = ask(self._body, self._moving, physicsClientId=self._client)
-        if self._multi:
-            return [number for of in (0, 1, 3) for joint in found for number in joint[of]]
-        return [joint[of] for of in (0, 1, 3) for joint in found]
-
-    def _joints(self, steps: Int64, values: Float64) -> Joints:
-        lost = ~(np.abs(values) <= LARGEST).all(axis=1)
-        if lost.any():
-            raise non_finite(steps[lost][0])
-        counts = np.sum([joint.widths for joint in self.joints], axis=0)
-        columns = np.split(values, np.cumsum(counts)[:2], axis=1)
-        times_s = np.asarray(steps * self.scenario.timestep_s, dtype=np.float64)
-        return Joints(steps, times_s, *columns)
+            yield Batch(states, points, sampled)
 
     @functools.cached_property
     def joints(self) -> tuple[Joint, ...]:
         """What connects the body's links, in order."""
-        infos = [p.getJointInfo(self._body, link, self._client) for link in self._links]
-        return tuple(
-            Joint(
-                info[0], info[1].decode(errors="replace"), JOINT_KINDS.get(info[2], str(info[2])),
-                info[16], self._widths(info),
-                (info[8], info[9]), info[13], info[14], info[15], info[6], info[7], info[10],
-                info[11],
-            )
-            for info in infos
-        )  # fmt: skip
-
-    def _widths(self, info: Any) -> tuple[int, int, int]:  # noqa: ANN401 - as PyBullet returns it
-        """Return how many positions, velocities and efforts a joint has."""
-        if info[2] == p.JOINT_FIXED:
-            return 0, 0, 0
-        state = p.getJointStateMultiDof(self._body, info[0], physicsClientId=self._client)
-        return len(state[0]), len(state[1]), len(state[3])
+        return joints_of(self._body, self._links, self._client)
 
     @functools.cached_property
-    def _multi(self) -> bool:
-        """Whether a joint has several numbers."""
-        return any(max(joint.widths) > 1 for joint in self.joints)
-
-    @functools.cached_property
-    def _moving(self) -> list[int]:
-        return [joint.link for joint in self.joints if any(joint.widths)]
+    def _joint_states(self) -> JointStates:
+        return JointStates(self._body, self._client, self.joints)
 
     @functools.cached_property
     def _tree(self) -> Tree:
@@ -474,37 +424,9 @@ class World:
         return np.array([[*each[3], *each[4]] for each in dynamics])
 
 
-def check_numbers(rows: Rows) -> None:
-    """Make sure that states or contacts are numbers that a recording can hold.
-
-    Raises
-    ------
-    DropError
-        If one is not finite, or too large.
-    """
-    lost = np.zeros(len(rows), dtype=bool)
-    for name in rows.dtype.names or ():
-        values = rows[name]
-        lost |= ~(np.abs(values) <= LARGEST).all(axis=tuple(range(1, values.ndim)))
-    if lost.any():
-        raise non_finite(rows["step"][lost][0])
-
-
-def non_finite(step: int) -> DropError:
-    """Return the error for an engine whose state is no longer finite."""
-    return DropError(
-        "the engine's state becomes non-finite at step {step} (or over {largest:g}); try "
-        "a shorter --timestep, less --spin or --velocity, or another --body",
-        step=step,
-        largest=LARGEST,
-    )
-
-
 _put_state, _STATE_BYTES = struct.Struct("<3q13d").pack_into, STATE.itemsize
 """Fills rows of an array three times faster than converting a list of numbers."""
 _packed_contact = struct.Struct("<5q19d").pack
-_DISTANCE = itemgetter(8)
-"""Of a point of `getContactPoints`."""
 
 
 @functools.lru_cache(maxsize=1024)
@@ -525,8 +447,3 @@ def _rest_height(
     scenario = Scenario(body=body, mass_kg=1.0, orientation=orientation_xyzw)
     with World(scenario, round_cylinders=round_cylinders) as world:
         return world._touching_height()
-
-
-def _name(body: int, client: int) -> str:
-    name: bytes = p.getBodyInfo(body, physicsClientId=client)[1]
-    return name.decode(errors="replace")
