@@ -1517,6 +1517,7 @@ def test_a_recording_ends_where_the_script_takes_the_pipe_and_says_so(
     told = f"the recording ends after {counted}: the script {why} drop's pipe"
     assert notes == ([told] if why else [])
     assert len(states(bench.out)) == recorded.samples
+    assert info(bench.out).notes == notes
 
 
 TAKES_PART = {

@@ -50,6 +50,7 @@ def info_lines(info: Info) -> list[str]:
         Message("bodies"): "; ".join(bodies) if bodies else NONE,
         Message("samples"): samples,
         Message("frames"): f"{info.frames:,}" if info.frames else NONE,
+        **({Message("lacks"): "; ".join(info.notes)} if info.notes else {}),
         Message("engine"): info.engine,
         Message("id"): info.recording_id,
     }

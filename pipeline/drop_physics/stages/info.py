@@ -65,6 +65,8 @@ class Info(Shown, lines_of="drop_physics.console.show_info:info_lines"):
     for a block of Python, and where a name or an argument is not UTF-8."""
     layer: Path | None
     """The analysis beside it; None if there is none, or it is of another recording."""
+    notes: list[str]
+    """What it lacks, and from where on, in a sentence each."""
 
     def as_json(self) -> dict[str, object]:
         """Return the contract's JSON object."""
@@ -106,6 +108,7 @@ def info(recording: Path | str) -> Info:
         engine=engine,
         command=command,
         layer=_layer(path, held.recording_id),
+        notes=listed(ended.get("notes")),
     )
 
 
