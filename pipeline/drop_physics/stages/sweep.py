@@ -6,18 +6,15 @@ import contextlib
 import itertools
 import math
 import platform
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import polars as pl
 
-from drop_physics import colours
 from drop_physics.analysis.drop.one_sample import DEFAULT_AT_S
-from drop_physics.analysis.drop.statistics import Moments
 from drop_physics.engines.bullet.engine import engine_versions
 from drop_physics.engines.bullet.found import body_digest, find_body
 from drop_physics.engines.bullet.probe import verdicts
@@ -25,32 +22,24 @@ from drop_physics.engines.other_world import other_versions
 from drop_physics.errors import DropError, OutputError, ScenarioError
 from drop_physics.fields import counted, outside
 from drop_physics.files.outputs import check_apart, check_room, check_target
-from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
-from drop_physics.scenario import ENGINES, Camera, Scenario
+from drop_physics.scenario import Camera, Scenario
 from drop_physics.shown import Shown
 from drop_physics.stages.sweep_groups import Group, statistics_of, studies_of
+from drop_physics.stages.sweep_ledger import LEAST_SAMPLES, Ledger, Progress
 from drop_physics.stages.sweep_shard import RunShard, ShardDone, release_world
 from drop_physics.sweeping import engines
-from drop_physics.sweeping.folder import TERMS, Folder, mark_of
-from drop_physics.sweeping.plan import Plan, label_of, name_of, plan_of
+from drop_physics.sweeping.folder import Folder, mark_of
+from drop_physics.sweeping.plan import Plan, name_of, plan_of
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
     from drop_physics.stages.sweep_engines import EngineRun, Fall
 
-MOST_RUNS = 30
-"""A sweep over engines of more runs does not drop them again to compare the engines."""
 SHORT_STEPS = 200_000
 """A sweep of fewer steps is over before a second process would have started."""
-LEAST_SAMPLES = 30
-"""Of fewer, `--until-ci` would stop at a chance: checked after each, 95 % intervals then cover the
-mean of a uniform distribution in 83 to 92 % of all sweeps, and from 30 on in 94 to 95 %."""
 LEAST_BYTES = 50_000
 """Minimum size of a run's recording: one of 13 samples has 75 kB."""
-
-Progress = Callable[[int, int, int], None]
-"""Called with the number of runs that are done, of those that failed, and of all."""
 
 
 @dataclass(frozen=True)
@@ -160,76 +149,30 @@ def sweep(
     _check(plan, until_ci_m=until_ci_m, jobs=jobs, at_s=at_s)
     bodies = _bodies(plan)
     if plot is not None:
-        from drop_physics.figures.convergence_plot import check_plot
-
-        timesteps = len(dict(plan.lists).get("timestep_s", ()))
-        check_plot(Path(plot), timesteps=timesteps, engines="engine" in plan.axes)
-        check_target(Path(plot), force=force)
-        check_apart([Path(plot)], inputs=bodies)
+        _check_plot(Path(plot), plan, bodies, force=force)
     work = RunShard(plan, Path(out).resolve(), at_s, record, camera, verdicts(), force=force)
     identity = _identity(work)
     work = replace(work, mark=mark_of(identity))
     folder = Folder(Path(out), work.mark)
     with folder.claimed(identity):
-        if not force:
-            folder.check_replaceable(plan, recorded=record)
-        before = _done(folder, plan, force=force)
-        if record and until_ci_m is None:
-            runs = plan.runs - sum(len(plan.runs_of(shard)) for shard in before)
-            check_room(folder.path / "recordings", runs * LEAST_BYTES)
-        ledger = _Ledger(plan, dict(before), until_ci_m, progress)
-        left = (shard for shard in range(plan.shards) if shard not in before)
-        # Shards under way are finished, and discarded below: a worker leaves nothing half written.
-        todo = itertools.takewhile(lambda _: ledger.needed is None, left)
-        try:
-            if ledger.needed is None:
-                # Closing it also ends the workers.
-                with contextlib.closing(_engine(work, todo, jobs=jobs, ray=ray)) as finished:
-                    for shard, done in finished:
-                        ledger.enter(shard, done)
-        except BaseException as stop:
-            stop.add_note(
-                Message(
-                    "{done:,} of {runs} done in {folder}; run the same command again to resume",
-                    done=sum(len(plan.runs_of(shard)) for shard in folder.finished()),
-                    runs=counted(plan.runs, "run"),
-                    folder=folder.path,
-                )
-            )
-            raise
-        finally:
-            release_world()
-        shards = plan.shards if ledger.needed is None else ledger.needed
-        # What an earlier command finished stays, though this one needs less.
-        for shard in folder.finished() - set(range(shards)) - set(before):
-            folder.discard(plan, shard)
-        results = folder.merge(shards)
-        kept = [ledger.done[shard] for shard in range(shards)]
-        runs, failed = sum(shard.runs for shard in kept), sum(shard.failed for shard in kept)
-        if failed == runs:
-            error = results.select("error").first().collect().item()
-            if runs == 1:
-                raise DropError("the run failed with: {error}", error=error)
-            raise DropError(
-                "all {runs:,} runs failed, the first with: {error}", runs=runs, error=error
-            )
+        ledger, computed = _run(work, folder, until_ci_m, progress, jobs=jobs, ray=ray)
+        results = folder.merge(len(ledger.kept))
+        _check_any(ledger, results)
         studies, falls = studies_of(plan, results), _falls(plan, results)
         at_samples = _at_samples(results, at_s)
-        if plot is not None and "timestep_s" not in plan.axes:
-            _plot_engines(Path(plot), plan, falls, dark=dark, force=force)
-        elif plot is not None:
-            title = Message("The error after {at:g} s, by timestep", at=at_s)
-            if not at_samples:
-                title = Message(
-                    "The error at the samples nearest to {at:g} s, by timestep", at=at_s
-                )
-            _plot(Path(plot), studies, title, dark=dark, force=force)
+        if plot is not None:
+            from drop_physics.stages.sweep_plot import plot_sweep
+
+            plot_sweep(
+                Path(plot), plan, studies, falls, at_s=at_s, at_samples=at_samples, dark=dark,
+                force=force,
+            )  # fmt: skip
     return Sweep(
         plan=plan,
         at_s=at_s,
-        runs=runs,
-        failed=failed,
-        computed=sum(ledger.done[shard].runs for shard in set(range(shards)) - set(before)),
+        runs=sum(shard.runs for shard in ledger.kept),
+        failed=sum(shard.failed for shard in ledger.kept),
+        computed=computed,
         results=folder.results,
         plot=None if plot is None else Path(plot),
         studies=studies,
@@ -238,6 +181,72 @@ def sweep(
         engine_runs=[fall.run for fall in falls],
         narrow_enough=None if until_ci_m is None else ledger.narrow,
     )
+
+
+def _run(
+    work: RunShard,
+    folder: Folder,
+    until_ci_m: float | None,
+    progress: Progress,
+    *,
+    jobs: int | None,
+    ray: str | None,
+) -> tuple[Ledger, int]:
+    """Run the shards that are not yet in the folder; return all, and how many runs were made."""
+    plan = work.plan
+    if not work.force:
+        folder.check_replaceable(plan, recorded=work.recorded)
+    before = _done(folder, plan, force=work.force)
+    if work.recorded and until_ci_m is None:
+        runs = plan.runs - sum(len(plan.runs_of(shard)) for shard in before)
+        check_room(folder.path / "recordings", runs * LEAST_BYTES)
+    ledger = Ledger(plan, dict(before), until_ci_m, progress)
+    left = (shard for shard in range(plan.shards) if shard not in before)
+    # Shards under way are finished, and discarded below: a worker leaves nothing half written.
+    todo = itertools.takewhile(lambda _: ledger.needed is None, left)
+    try:
+        if ledger.needed is None:
+            # Closing it also ends the workers.
+            with contextlib.closing(_engine(work, todo, jobs=jobs, ray=ray)) as finished:
+                for shard, done in finished:
+                    ledger.enter(shard, done)
+    except BaseException as stop:
+        stop.add_note(
+            Message(
+                "{done:,} of {runs} done in {folder}; run the same command again to resume",
+                done=sum(len(plan.runs_of(shard)) for shard in folder.finished()),
+                runs=counted(plan.runs, "run"),
+                folder=folder.path,
+            )
+        )
+        raise
+    finally:
+        release_world()
+    shards = set(range(len(ledger.kept)))
+    # What an earlier command finished stays, though this one needs less.
+    for shard in folder.finished() - shards - set(before):
+        folder.discard(plan, shard)
+    return ledger, sum(ledger.done[shard].runs for shard in shards - set(before))
+
+
+def _check_any(ledger: Ledger, results: pl.LazyFrame) -> None:
+    """Make sure that one run did not fail."""
+    runs = sum(shard.runs for shard in ledger.kept)
+    if sum(shard.failed for shard in ledger.kept) < runs:
+        return
+    error = results.select("error").first().collect().item()
+    if runs == 1:
+        raise DropError("the run failed with: {error}", error=error)
+    raise DropError("all {runs:,} runs failed, the first with: {error}", runs=runs, error=error)
+
+
+def _check_plot(plot: Path, plan: Plan, bodies: list[Path], *, force: bool) -> None:
+    from drop_physics.figures.convergence_plot import check_plot
+
+    timesteps = len(dict(plan.lists).get("timestep_s", ()))
+    check_plot(plot, timesteps=timesteps, engines="engine" in plan.axes)
+    check_target(plot, force=force)
+    check_apart([plot], inputs=bodies)
 
 
 def _check(plan: Plan, *, until_ci_m: float | None, jobs: int | None, at_s: float) -> None:
@@ -334,120 +343,11 @@ def _engine(
     return engines.in_processes(work, todo, jobs=jobs)
 
 
-class _Ledger:
-    """Which shards are done, and whether they are enough.
-
-    Shards finish in any order. Only the first ones without a gap decide whether they are enough, so
-    that the answer is the same for any number of workers.
-    """
-
-    def __init__(
-        self, plan: Plan, done: dict[int, ShardDone], until_ci_m: float | None, progress: Progress
-    ) -> None:
-        self.done = done
-        self.needed: int | None = None
-        """How many shards are enough; None if that is not known yet, or all are needed."""
-        self.narrow = False
-        """Whether the interval is narrow enough after the shards followed so far."""
-        self.runs = sum(shard.runs for shard in done.values())
-        self.failed = sum(shard.failed for shard in done.values())
-        self._total, self._until_ci_m, self._progress = plan.runs, until_ci_m, progress
-        self._followed, self._errors, self._explained = 0, Moments(), Moments()
-        self._follow()
-
-    def enter(self, shard: int, done: ShardDone) -> None:
-        """Add a shard."""
-        self.done[shard] = done
-        self.runs += done.runs
-        self.failed += done.failed
-        self._follow()
-
-    def _follow(self) -> None:
-        self._progress(self.runs, self.failed, self._total)
-        while self.needed is None and self._until_ci_m is not None and self._followed in self.done:
-            done = self.done[self._followed]
-            self._errors = self._errors.merged(done.error_m)
-            self._explained = self._explained.merged(done.explained_m)
-            self._followed += 1
-            # Over the same samples as the statistics.
-            samples = self._explained if self._explained.count else self._errors
-            if samples.count < LEAST_SAMPLES or (interval := samples.interval) is None:
-                continue
-            # Equal samples do not say how much the next one differs.
-            self.narrow = interval[1] - interval[0] <= self._until_ci_m
-            if self.narrow and samples.squares > 0:
-                self.needed = self._followed
-
-
 def _falls(plan: Plan, results: pl.LazyFrame) -> list[Fall]:
     """Return what each run does beyond its error, in sweeps over engines or of spinning bodies."""
     spins = "spin_rad_s" in dict(plan.lists)
-    if plan.samples is not None or plan.runs > MOST_RUNS or not ("engine" in plan.axes or spins):
+    if plan.samples is not None or not ("engine" in plan.axes or spins):
         return []
-    from drop_physics.stages.sweep_engines import engine_falls
+    from drop_physics.stages.sweep_engines import MOST_RUNS, engine_falls
 
-    return engine_falls(plan, results)
-
-
-def _plot_engines(path: Path, plan: Plan, falls: list[Fall], *, dark: bool, force: bool) -> None:
-    from drop_physics.figures.engines_plot import Curve, plot_engines
-
-    if not falls:
-        raise DropError(
-            "--plot has nothing to show: engines are compared in sweeps of up to {most} runs "
-            "without --samples; list fewer values, or omit --plot",
-            most=MOST_RUNS,
-        )
-    curves = [
-        Curve(
-            label=_short_label(plan, fall.run.run),
-            colour=colours.ENGINES[fall.run.engine],
-            time_s=np.arange(len(fall.height_m)) * np.float64(fall.run.timestep_s),
-            height_m=fall.height_m,
-            floor_height_m=fall.floor_height_m,
-        )
-        for fall in falls
-    ]
-    with written_whole(path, force=force) as file:
-        plot_engines(curves, file, format="svg" if path.suffix == ".svg" else "png", dark=dark)
-
-
-def _short_label(plan: Plan, run: int) -> str:
-    """Return an engine's name, and the other values that differ."""
-    values = plan.values(run)
-    others = {name: values[name] for name in plan.axes if name != "engine"}
-    name = ENGINES[values["engine"]]
-    return f"{name}, {label_of(others)}" if others else name
-
-
-def _plot(path: Path, studies: list[Group], title: str, *, dark: bool, force: bool) -> None:
-    from drop_physics.figures.convergence_plot import Panel, plot_convergence
-
-    if not studies:
-        raise DropError(
-            "--plot has nothing to show: the error is broken down for fewer than two timesteps at "
-            "one time; try another --at",
-        )
-    panels = [
-        Panel(
-            title=group.label or Message("all else at its default"),
-            timesteps_s=np.array([run.timestep_s for run in group.study.runs]),
-            errors_m={
-                name.removesuffix("_m").replace("error", "total"): np.array(
-                    [getattr(run, name) for run in group.study.runs]
-                )
-                for name in TERMS
-            },
-            cancelling_timestep_s=group.study.cancelling_timestep_s,
-        )
-        for group in studies
-        if group.study is not None
-    ]
-    with written_whole(path, force=force) as file:
-        plot_convergence(
-            panels,
-            file,
-            format="svg" if path.suffix == ".svg" else "png",
-            title=title,
-            dark=dark,
-        )
+    return engine_falls(plan, results) if plan.runs <= MOST_RUNS else []

@@ -29,6 +29,8 @@ from drop_physics.sweeping.plan import Plan
 
 Float64 = NDArray[np.float64]
 
+MOST_RUNS = 30
+"""A sweep over engines of more runs does not drop them again to compare the engines."""
 TIMED_STEPS, TIMED_FALLS = 1000, 3
 """Steps that are timed at most, and how many times: the fastest counts."""
 
