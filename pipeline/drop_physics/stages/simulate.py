@@ -100,16 +100,7 @@ def simulate(
     check_target(path, force=force)
     check_suffix("--out", path, (".rrd",))
     _check_size(path, scenario.steps + 1, note)
-    if scenario.effective_gravity_m_s2 > 0:
-        up = scenario.gravity_m_s2
-        note(
-            Message(
-                "gravity points upwards: {up:+g} m/s²; the body will rise; try --gravity {down:g} "
-                "to let it fall",
-                up=up,
-                down=-up,
-            )
-        )
+    _note_gravity(scenario, note)
     check_apart([path], inputs=[find_body(scenario.body)])
     recording_id = uuid.uuid4().hex
     frames = 0 if camera is None else camera.frames_of(scenario.steps)
@@ -141,6 +132,20 @@ def simulate(
         bytes=path.stat().st_size,
         wall_s=time.perf_counter() - began,
     )
+
+
+def _note_gravity(scenario: Scenario, note: Callable[[str], None]) -> None:
+    """Note that gravity points upwards."""
+    up = scenario.gravity_m_s2
+    if scenario.effective_gravity_m_s2 > 0:
+        note(
+            Message(
+                "gravity points upwards: {up:+g} m/s²; the body will rise; try --gravity {down:g} "
+                "to let it fall",
+                up=up,
+                down=-up,
+            )
+        )
 
 
 def _check_size(path: Path, samples: int, note: Callable[[str], None]) -> None:

@@ -120,25 +120,53 @@ def plan_of(
     ScenarioError
         If a value cannot be read or is outside its domain, or the options contradict each other.
     """
-    lists: list[tuple[str, tuple[Any, ...]]] = []
+    lists = _lists_of(given)
+    variations = variations_of(vary)
+    _check_sampling(samples, seed, variations)
+    _check_variations(lists, variations)
+    if "floor" not in lists:
+        chosen = (
+            value
+            for variation in variations
+            if variation.kind == "choice"
+            for value in variation.values
+            if variation.field == "height_m"
+        )
+        for height_m in (*lists.get("height_m", ()), *chosen):
+            Scenario(height_m=height_m)
+    plan = Plan(tuple(lists.items()), variations, samples, seed)
+    if plan.runs > MOST_RUNS:
+        raise ScenarioError(
+            "a sweep has at most {most:,} runs, got {runs:,}; give fewer values, or --samples",
+            most=MOST_RUNS,
+            runs=plan.runs,
+        )
+    return plan
+
+
+def _lists_of(given: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
+    """Return the values of each field, in the order of the scenario's options."""
     for name in given.keys() - Scenario.options().keys():
         raise ScenarioError(
             "a sweep takes fields of Scenario, got {name!r}; they are: {fields}",
             name=name,
             fields=", ".join(Scenario.options()),
         )
+    lists: dict[str, tuple[Any, ...]] = {}
     for name, spec in Scenario.options().items():
         raw = given.get(name)
         if isinstance(raw, bool):
-            lists += [] if raw else [(name, (False,))]
+            lists |= {} if raw else {name: (False,)}
         elif raw is not None:
-            values = Scenario.listed(name, raw)
-            if len(set(values)) < len(values):
+            lists[name] = Scenario.listed(name, raw)
+            if len(set(lists[name])) < len(lists[name]):
                 raise ScenarioError(
                     "{option} must list each value once, got {given!r}", option=spec.name, given=raw
                 )
-            lists.append((name, values))
-    variations = variations_of(vary)
+    return lists
+
+
+def _check_sampling(samples: int | None, seed: int, variations: Sequence[Variation]) -> None:
     if samples is not None and samples < 1:
         raise outside("--samples", Message("at least {low}", low=1), samples)
     if seed < 0:
@@ -149,37 +177,25 @@ def plan_of(
         )
     if variations and samples is None:
         raise ScenarioError("--vary needs the number of samples; add --samples 1000")
+
+
+def _check_variations(
+    lists: Mapping[str, tuple[Any, ...]], variations: Sequence[Variation]
+) -> None:
+    """Make sure that nothing is both listed and drawn, and that angles are drawn of angles."""
     for variation in variations:
-        if variation.axis is None and variation.field in dict(lists):
+        if variation.axis is None and variation.field in lists:
             option = Scenario.options()[variation.field].name
             raise ScenarioError(
                 "{option} is given and drawn by --vary; leave one of them out", option=option
             )
         if variation.field == "orientation" and any(
-            len(q) == 4 for q in dict(lists).get(variation.field, ())
+            len(q) == 4 for q in lists.get(variation.field, ())
         ):
             raise ScenarioError(
                 "--orientation must be angles R,P,Y where --vary draws one of them, got a "
                 "quaternion; give R,P,Y"
             )
-    if "floor" not in dict(lists):
-        chosen = (
-            value
-            for variation in variations
-            if variation.kind == "choice"
-            for value in variation.values
-            if variation.field == "height_m"
-        )
-        for height_m in (*dict(lists).get("height_m", ()), *chosen):
-            Scenario(height_m=height_m)
-    plan = Plan(tuple(lists), variations, samples, seed)
-    if plan.runs > MOST_RUNS:
-        raise ScenarioError(
-            "a sweep has at most {most:,} runs, got {runs:,}; give fewer values, or --samples",
-            most=MOST_RUNS,
-            runs=plan.runs,
-        )
-    return plan
 
 
 def label_of(values: Mapping[str, Any]) -> str:
