@@ -228,10 +228,11 @@ def test_caption_and_plot_are_those_of_the_step_that_is_shown(
     monkeypatch.setattr(composition, "caption", noted)
     table, picture = standard.analysis.table, Image.new("RGB", (240, 180), "white")
     story = story_of(standard.analysis)
-    both = composition.Composition(table, picture.size, story, dark=False)
+    captions = composition.Captions(table)
+    both = composition.Composition(picture.size, story, captions, dark=False)
     plot = GrowingStory(story, picture.size, dark=False)
     for step in (0, 72, 107, 108, 240):
-        whole = both.composed(picture, step)
+        whole = both.composed(picture, step / 240)
         row, error_m = table.row(step, named=True), table["error_m"][min(step, 107)]
         assert captioned.pop() == (row["time_s"], row["simulated_m"], error_m, step > 107)
         beside = np.asarray(whole)[:180, 240:]
@@ -271,8 +272,9 @@ def test_the_plot_grows_with_time(standard: Run) -> None:
 
 def test_a_caption_needs_no_plot(standard: Run) -> None:
     picture = Image.new("RGB", (480, 360), "white")
-    bare = composition.Composition(standard.analysis.table, picture.size, None, dark=False)
-    start, later = (bare.composed(picture, step) for step in (0, 72))
+    captions = composition.Captions(standard.analysis.table)
+    bare = composition.Composition(picture.size, None, captions, dark=False)
+    start, later = (bare.composed(picture, time_s) for time_s in (0.0, 0.3))
     assert start.width == 480
     assert start.height > 360
     assert start.tobytes() != later.tobytes()

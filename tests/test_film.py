@@ -290,11 +290,27 @@ def test_bodies_far_apart_are_seen_though_nothing_is_in_their_middle(
     assert render(path, out=tmp_path / "far.gif", view="standard").frames == 1
 
 
-def test_a_drop_has_its_frames_already(drop: Drop) -> None:
+@pytest.mark.parametrize("view", some(["standard", "follow"], 1))
+def test_the_poses_of_a_drop_are_drawn_near_where_a_camera_is_named(
+    drop: Drop, tmp_path: Path, view: str
+) -> None:
+    """On a floor of tiles; as often as frames are taken, and up to the end, where it is at rest."""
+    drop("simulate", "--height", "0.5", "--duration", "0.7", "--out", "run.rrd")
+    assert drop("render", "run.rrd", "--camera", view).returncode == 0
+    shown = pictures(tmp_path / "run.gif")
+    assert len(shown) == 29
+    for picture in shown:
+        blue = np.argwhere(picture[..., 2].astype(int) - picture[..., 0] > 60)
+        assert np.ptp(blue, axis=0).min() > 40
+    assert len(np.unique(shown[0][300, :, 0])) > 1
+    done = drop("render", "run.rrd", "--body", "box", "--force")
+    assert (done.returncode, "a drop has one body" in done.stderr) == (2, True)
+
+
+def test_a_drop_without_frames_has_no_gif_unless_a_camera_is_named(drop: Drop) -> None:
     drop("simulate", "--no-camera", "--duration", "0.1", "--out", "run.rrd")
-    done = drop("render", "run.rrd", "--camera", "follow")
-    assert done.returncode != 0
-    assert "a drop's frames are taken when it is recorded" in done.stderr
+    assert "gif" not in drop("render", "run.rrd").stdout
+    assert "run.gif   3 frames" in drop("render", "run.rrd", "--camera", "follow").stdout
 
 
 RIGID = """

@@ -192,7 +192,7 @@ def render(
     ] = None,
     view: Annotated[
         View | None,
-        typer.Option("--camera", help="For a script's recording: draw its poses with this camera."),
+        typer.Option("--camera", help="Draw the recorded poses with this camera."),
     ] = None,
     body: OfBody = None,
     force: Force = False,
@@ -200,8 +200,8 @@ def render(
 ) -> None:
     """Make a gif of the recorded frames, and a plot of heights and errors.
 
-    For a script's recording: a gif of the images it took; with --camera, or if it took none, of
-    the recorded poses; and a plot of what its findings are about.
+    With --camera, or if a script took no images, the gif shows the recorded poses; the plot of a
+    script is about its findings.
     """
     from drop_physics.console.show_run import show_rendering
     from drop_physics.figures.playback import Animation

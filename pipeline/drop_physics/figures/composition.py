@@ -1,8 +1,9 @@
-"""A camera picture with a caption below it and a growing plot beside it."""
+"""A picture with a caption below it and a growing plot beside it."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
 import matplotlib
 import numpy as np
@@ -19,51 +20,48 @@ GREYS = 8
 
 
 class Composition:
-    """Adds captions, and optionally a plot, to the pictures of one drop.
+    """Adds a caption below pictures, and a plot that grows beside them.
 
     Parameters
     ----------
-    table
-        One row per sample, at least one: `time_s`, `simulated_m`, and `error_m`, which is null
-        where no law explains it.
     size_px
-        Width and height of the camera's pictures [px].
+        Width and height of the pictures [px].
     story
         What grows beside them; None for no plot.
+    captions
+        Of each moment, given its time [s]; None for none.
     dark
         Whether it is for a dark page.
     """
 
     def __init__(
-        self, table: pl.DataFrame, size_px: tuple[int, int], story: Story | None, *, dark: bool
+        self,
+        size_px: tuple[int, int],
+        story: Story | None,
+        captions: Callable[[float], str] | None,
+        *,
+        dark: bool,
     ) -> None:
-        self._columns = {
-            name: table[name].to_numpy() for name in ("time_s", "simulated_m", "error_m")
-        }
-        explained = np.flatnonzero(table["timestep_m"].is_not_null())
-        self._last = int(explained[-1]) if len(explained) else 0
-        """The last sample whose error the plot explains."""
-        self._ink = style.DARK if dark else style.LIGHT
+        self._captions, self._ink = captions, style.DARK if dark else style.LIGHT
         width, height = size_px
         self._plot = None if story is None else GrowingStory(story, size_px, dark=dark)
         self._letters = max(9, min(round(width / 31), round(height / 18)))
-        self._font = _font(self._letters)
-        self._size = (width * (1 if story is None else 2), height + 2 * self._letters)
+        below = 2 * self._letters if captions else 0
+        self._size = (width * (1 if story is None else 2), height + below)
 
-    def composed(self, picture: Image.Image, step: int) -> Image.Image:
-        """Return a camera's picture of a step, with its caption and plot."""
-        step = min(step, len(self._columns["time_s"]) - 1)
-        time_s, height_m, _ = (float(column[step]) for column in self._columns.values())
-        error_m = float(self._columns["error_m"][min(step, self._last)])
+    def composed(self, picture: Image.Image, time_s: float) -> Image.Image:
+        """Return a picture of a moment with its caption and plot."""
         whole = Image.new("RGB", self._size, self._ink.page)
         whole.paste(picture)
         if self._plot is not None:
             whole.paste(self._plot.at(time_s), (picture.width, 0))
+        if self._captions is None:
+            return whole
         shade = Image.new("L", (self._size[0], 2 * self._letters))
         ImageDraw.Draw(shade).text(
             (self._letters // 2, self._letters),
-            caption(time_s, height_m, error_m, ended=step > self._last),
-            font=self._font,
+            self._captions(time_s),
+            font=_font(self._letters),
             fill=255,
             anchor="lm",
         )
@@ -71,6 +69,32 @@ class Composition:
         few = np.round(np.round(np.asarray(shade) / step_of_grey) * step_of_grey).astype(np.uint8)
         whole.paste(self._ink.text, (0, picture.height), Image.fromarray(few))
         return whole
+
+
+class Captions:
+    """The caption of each moment of a drop.
+
+    Parameters
+    ----------
+    table
+        One row per sample, at least one: `time_s`, `simulated_m`, and `error_m`, which is null
+        where no law explains it.
+    """
+
+    def __init__(self, table: pl.DataFrame) -> None:
+        self._times_s, self._heights_m, self._errors_m = (
+            table[name].to_numpy() for name in ("time_s", "simulated_m", "error_m")
+        )
+        explained = np.flatnonzero(table["timestep_m"].is_not_null())
+        self._last = int(explained[-1]) if len(explained) else 0
+        """The last sample whose error the plot explains."""
+
+    def __call__(self, time_s: float) -> str:
+        """Return the caption of the sample that is nearest."""
+        row = int(np.abs(self._times_s - time_s).argmin())
+        error_m = float(self._errors_m[min(row, self._last)])
+        height_m = float(self._heights_m[row])
+        return caption(float(self._times_s[row]), height_m, error_m, ended=row > self._last)
 
 
 def with_clock(picture: Image.Image, time_s: float, ink: Ink) -> Image.Image:

@@ -104,7 +104,8 @@ def shape(entity: str, at: Times, seen: Shape) -> Iterator[Chunk]:
         drawn = rr.Capsules3D.columns(lengths=[a], radii=[b], colors=[colour], fill_mode=solid)
         offset = (0.0, 0.0, -a / 2)  # Rerun's begins at the origin
     elif seen.kind == "plane":
-        half, offset = [[PLANE_M / 2, PLANE_M / 2, 0.005]], (0.0, 0.0, -0.005)
+        side_m = a if len(seen.size_m) == 2 else PLANE_M
+        half, offset = [[side_m / 2, side_m / 2, 0.005]], (0.0, 0.0, -0.005)
         drawn = rr.Boxes3D.columns(half_sizes=half, colors=[PLANE_COLOUR], fill_mode=solid)
     else:
         mesh = _mesh(seen.file) if seen.kind == "mesh" else None

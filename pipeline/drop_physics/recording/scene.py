@@ -27,6 +27,10 @@ Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 
+ORIGIN = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]], np.float32)
+"""As a pose."""
+
+
 @dataclass(frozen=True, eq=False)
 class Part:
     """A link that is drawn, as it looks for a time, and its poses."""
@@ -95,7 +99,9 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
     found: list[Part] = []
     whole: dict[tuple[int, int], Part] = {}
     for entity, (body, link) in links.items():
-        if read := poses.get(entity):
+        # A body that is never placed, as a drop's floor, is where its parent is, as in the viewer.
+        read = poses.get(entity, [(np.zeros(1), ORIGIN)] if link < 0 else [])
+        if read:
             times_s = np.concatenate([times_s for times_s, _ in read])
             order = np.argsort(times_s, kind="stable")
             rows = np.concatenate([rows for _, rows in read])[order]

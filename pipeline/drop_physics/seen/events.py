@@ -40,7 +40,8 @@ class Shape:
     kind: str
     """`box`, `sphere`, `cylinder`, `capsule`, `mesh`, `plane`, or the engine's number."""
     size_m: tuple[float, ...]
-    """Whole lengths of a box; radius of a sphere; length and radius; the scale of a mesh."""
+    """Whole lengths of a box; radius of a sphere; length and radius; the scale of a mesh; of a
+    plane of which only a part is drawn, its two sides."""
     file: str
     """Of a mesh; empty if it has none."""
     position_m: tuple[float, ...]

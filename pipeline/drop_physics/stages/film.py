@@ -1,27 +1,26 @@
-"""Make an animation of a script's recording: of the images it took, or of its recorded poses."""
+"""The pictures of an animation: frames that were recorded, or recorded poses, drawn."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.analysis.times import Times
 from drop_physics.errors import DropError, RecordingError
-from drop_physics.figures.animation import MAX_FPS, decoded, write_animation
+from drop_physics.figures.animation import decoded
 from drop_physics.figures.playback import Animation, Playback, playback
-from drop_physics.figures.story import Story
-from drop_physics.files.whole import written_whole
 from drop_physics.messages import shell_command
-from drop_physics.recording.reader import Recording
+from drop_physics.recording.reader import Recording, frames
 from drop_physics.recording.scene import Part, frames_of_cameras, parts_of
 from drop_physics.scenario import STANDARD_CAMERA, Camera, View
 from drop_physics.seen.history import Seen, body_named
-from drop_physics.workers import Worker, WorkerDiedError
+from drop_physics.workers import Worker, WorkerDiedError, cores
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -30,6 +29,8 @@ Float64 = NDArray[np.float64]
 
 DRAWN_PER_S = 20.0
 """Pictures drawn from poses per second of simulated time."""
+PER_WORKER = 32
+"""About as many as are drawn while a process starts."""
 MOST_DRAWN = 600
 """Pictures in an animation at most; a longer one shows every second, third … of them."""
 SHARE_OF_HEIGHT = 1 / 4
@@ -60,106 +61,112 @@ def _axes() -> Float64:
 AXES = _axes()
 
 
-def film(
+@dataclass(frozen=True)
+class Film:
+    """Pictures to be made, one after the other."""
+
+    pictures: Iterator[Image.Image]
+    times_s: Sequence[float]
+    """Of each picture."""
+    played: Playback
+
+
+def frames_film(held: Recording, animation: Animation, most_fps: float) -> Film | None:
+    """Return a film of the frames that were recorded, by the busiest camera; None without any.
+
+    Raises
+    ------
+    RecordingError
+        If the recording is damaged.
+    ScenarioError
+        If it cannot be shown at that speed.
+    """
+    if held.drop is None:
+        taken = max(frames_of_cameras(held.path).values(), key=len, default=[])
+        times_s, pngs = [time_s for _, time_s, _ in taken], [png for *_, png in taken]
+        interval_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
+    elif held.camera is not None:
+        timestep_s = held.scenario.timestep_s
+        recorded = [*frames(held.path)]
+        times_s, pngs = [step * timestep_s for step, _ in recorded], [png for _, png in recorded]
+        interval_s = held.camera.capture_every * timestep_s
+    else:
+        return None
+    if not pngs:
+        return None
+    played = playback(animation, len(pngs), interval_s or 1 / DRAWN_PER_S, most_fps=most_fps)
+    pictures = decoded(pngs[number] for number in played.frames)
+    return Film(pictures, [times_s[number] for number in played.frames], played)
+
+
+def poses_film(
     held: Recording,
-    gif: Path,
-    *,
     animation: Animation,
-    view: View | None,
+    most_fps: float,
+    *,
+    view: View,
     body: str | None,
     dark: bool,
-    story: Story | None,
-    force: bool,
-    ours: bool,
-    report: Callable[[int, int], None],
-) -> tuple[int, Playback]:
-    """Write an animation of a script's recording; return its pictures, and how it plays.
+    clock: bool,
+) -> Film:
+    """Return a film of the recorded poses.
 
     Parameters
     ----------
     held
         The recording.
-    gif
-        The `.gif`, `.webp`, `.apng` or `.mp4` to write.
-    animation
-        How it plays.
+    animation, most_fps
+        How it plays; pictures per second that its format can show.
     view
-        The camera that looks at the recorded poses: `standard` sees everything that moves, `close`
-        where a body ends up, `follow` moves along with it. None shows the images that the script
-        took, or if it took none, `standard`.
+        The camera that looks at them: `standard` sees everything that moves, `close` where a body
+        ends up, `follow` moves along with it.
     body
         The body for `close` and `follow`, by name or number; None for the one that moves farthest.
     dark
-        Whether what is drawn is for a dark page.
-    story
-        What grows in a plot beside it; None for no plot.
-    force, ours
-        As for `written_whole`.
-    report
-        Called with how many pictures are written, and how many there are.
+        Whether it is for a dark page.
+    clock
+        Whether it shows the time.
 
     Raises
     ------
     RecordingError
         If the recording has nothing to show.
     ScenarioError
-        If there is no such body.
-    OutputError
-        If the file cannot be written.
+        If there is no such body, or it cannot be shown at that speed.
     """
-    taken = max(frames_of_cameras(held.path).values(), key=len, default=[])
-    most_fps = MAX_FPS[gif.suffix]
-    if view is None and taken:
-        times_s = [time_s for _, time_s, _ in taken]
-        interval_s = float(np.median(np.diff(times_s))) if len(taken) > 1 else 0.0
-        played = playback(animation, len(taken), interval_s or 1 / 20, most_fps=most_fps)
-        pictures = decoded([taken[number][2] for number in played.frames])
-    else:
-        parts = parts_of(held.path, held.seen)
-        if not parts:
-            raise RecordingError(
-                "{path} has nothing to show: no body with a shape that drop draws was recorded; "
-                "what was: {command}",
-                path=held.path,
-                command=shell_command("drop", "info", held.path),
-            )
-        times_s = _drawn_at(parts)
-        interval_s = times_s[1] - times_s[0] if len(times_s) > 1 else 1 / DRAWN_PER_S
-        played = playback(animation, len(times_s), interval_s, most_fps=most_fps)
-        shown_s = np.array(times_s)[played.frames]
-        poses = np.stack([part.at(shown_s) for part in parts], axis=1)
-        cameras = _cameras(held.seen, parts, poses, view or "standard", body)
-        pictures = _drawn(parts, poses, shown_s, cameras, dark)
-    if story is not None:
-        pictures = _with_plot(pictures, np.array(times_s)[played.frames], story, dark)
-    with written_whole(gif, force=force, ours=ours) as file:
-        reported = _reported(pictures, len(played.frames), report)
-        count = write_animation(reported, file, suffix=gif.suffix, fps=played.fps)
-    return count, played
+    parts = parts_of(held.path, held.seen)
+    if not parts:
+        raise RecordingError(
+            "{path} has nothing to show: no body with a shape that drop draws was recorded; "
+            "what was: {command}",
+            path=held.path,
+            command=shell_command("drop", "info", held.path),
+        )
+    taken = held.camera if held.drop is not None else None
+    every_s = taken.capture_every * held.scenario.timestep_s if taken else 1 / DRAWN_PER_S
+    times_s = _drawn_at(_end_s(held.seen, parts), every_s)
+    interval_s = times_s[1] - times_s[0] if len(times_s) > 1 else 1 / DRAWN_PER_S
+    played = playback(animation, len(times_s), interval_s, most_fps=most_fps)
+    shown_s = np.array(times_s)[played.frames]
+    poses = np.stack([part.at(shown_s) for part in parts], axis=1)
+    size_px = (taken or STANDARD_CAMERA).size_px
+    cameras = [replace(camera, size_px=size_px)
+        for camera in _cameras(held.seen, parts, poses, view, body)]  # fmt: skip
+    pictures = _drawn(parts, poses, shown_s, cameras, dark, clock=clock)
+    return Film(pictures, shown_s.tolist(), played)
 
 
-def _with_plot(
-    pictures: Iterator[Image.Image], times_s: Float64, story: Story, dark: bool
-) -> Iterator[Image.Image]:
-    from PIL import Image
-
-    from drop_physics.figures.growing_plot import GrowingStory  # loads matplotlib
-
-    plot: GrowingStory | None = None
-    for picture, time_s in zip(pictures, times_s.tolist(), strict=True):
-        plot = plot or GrowingStory(story, picture.size, dark=dark)
-        both = Image.new("RGB", (2 * picture.width, picture.height))
-        both.paste(picture)
-        both.paste(plot.at(time_s), (picture.width, 0))
-        yield both
+def _end_s(seen: Seen, parts: Sequence[Part]) -> float:
+    """Return when the last sample was taken, or the last call moved what is drawn."""
+    sampled_s = [Times(seen, client).of(count - 1) for client, count in seen.samples.items()]
+    return max(*sampled_s, *(float(part.times_s[-1]) for part in parts), 0.0)
 
 
-def _drawn_at(parts: Sequence[Part]) -> list[float]:
+def _drawn_at(end_s: float, interval_s: float) -> list[float]:
     """Return the times at which pictures are drawn: evenly spaced, at most `MOST_DRAWN`."""
-    last_s = max(float(part.times_s[-1]) for part in parts)
-    count = int(last_s * DRAWN_PER_S + 1e-9) + 1
+    count = int(end_s / interval_s + 1e-9) + 1
     every = -(-count // MOST_DRAWN)
-    return [number * every / DRAWN_PER_S for number in range(-(-count // every))]
+    return [number * every * interval_s for number in range(-(-count // every))]
 
 
 def _cameras(
@@ -181,8 +188,10 @@ def _cameras(
         )
     first = int(finite.any(axis=0).argmax())
     way_m = _held(its[:, first : first + 1])[:, 0]
-    edges = np.reshape(seen.bodies[number].bounds_m, (-1, 6))
-    extent_m = float(np.linalg.norm(edges[:, 3:].max(axis=0) - edges[:, :3].min(axis=0)))
+    extent_m = 2 * max(part.radius_m for part in parts if part.number == number)
+    if seen.bodies[number].bounds_m:
+        edges = np.reshape(seen.bodies[number].bounds_m, (-1, 6))
+        extent_m = float(np.linalg.norm(edges[:, 3:].max(axis=0) - edges[:, :3].min(axis=0)))
     share = SHARE_OF_HEIGHT * STANDARD_CAMERA.size_px[1]
     distance_m = STANDARD_CAMERA.focal_length_px * extent_m / share
     targets_m = way_m if view == "follow" else np.repeat(way_m[-1:], len(way_m), axis=0)
@@ -275,6 +284,8 @@ def _drawn(
     times_s: Float64,
     cameras: Sequence[Camera],
     dark: bool,
+    *,
+    clock: bool,
 ) -> Iterator[Image.Image]:
     from PIL import Image
 
@@ -283,25 +294,20 @@ def _drawn(
 
     ink = DARK if dark else LIGHT
     page = tuple(bytes.fromhex(ink.page.removeprefix("#")))
-    with Worker() as worker:
-        models = [part.models for part in parts]
-        asked = models, poses, cameras, page, TILES[dark]
-        worker.ask("drop_physics.engines.bullet.scene_pictures:drawn", *asked)
-        for time_s in times_s.tolist():
+    models = [part.models for part in parts]
+    count = min(cores(), 1 + len(poses) // PER_WORKER)
+    with ExitStack() as stack:
+        workers = [stack.enter_context(Worker()) for _ in range(count)]
+        for first, worker in enumerate(workers):
+            asked = models, poses[first::count], cameras[first::count], page, TILES[dark]
+            worker.ask("drop_physics.engines.bullet.scene_pictures:drawn", *asked)
+        for number, time_s in enumerate(times_s.tolist()):
             try:
-                picture = Image.fromarray(worker.answer())
+                picture = Image.fromarray(workers[number % count].answer())
             except WorkerDiedError as died:
                 raise DropError(
                     "drawing the recorded shapes ended with {how}: a mesh is more than Bullet's "
                     "renderer can take; without --camera the images that the script took are shown",
                     how=died.how,
                 ) from None
-            yield with_clock(picture, time_s, ink)
-
-
-def _reported(
-    pictures: Iterator[Image.Image], count: int, report: Callable[[int, int], None]
-) -> Iterator[Image.Image]:
-    for done, picture in enumerate(pictures, start=1):
-        yield picture
-        report(done, count)
+            yield with_clock(picture, time_s, ink) if clock else picture

@@ -44,8 +44,8 @@ from drop_physics.states import BASE, BODY, BODY_LABEL, FLOOR, FLOOR_LABEL, Batc
 BATCH = 8192
 """Samples in one chunk of a recording: the most that a killed run loses. Longer chunks take memory
 while they are packed, shorter ones for the index at the end of the file."""
-FLOOR_M, FLOOR_RGBA = (1.5, 1.5, 0.01), (0.54, 0.58, 0.63, 1.0)
-"""The part of the floor that is drawn."""
+FLOOR_M = (1.5, 1.5)
+"""The part of the floor that the viewer draws."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 ORIGIN = np.array([[0.0, 0.0, 0.0, *UPRIGHT]])
 
@@ -128,7 +128,7 @@ def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event
         },
     )  # fmt: skip
     if scenario.floor:
-        plane = Shape(BASE, "box", FLOOR_M, "", (0.0, 0.0, -FLOOR_M[2] / 2), UPRIGHT, FLOOR_RGBA)
+        plane = Shape(BASE, "plane", FLOOR_M, "", (0.0, 0.0, 0.0), UPRIGHT, (1.0, 1.0, 1.0, 1.0))
         floor = Body(FLOOR, FLOOR_LABEL, "plane.urdf", FLOOR, 0, ("base",), (), (), soft=False,
             shapes=(plane,))  # fmt: skip
         yield Appearance(at, floor, there=True, came=True)

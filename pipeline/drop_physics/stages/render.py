@@ -1,9 +1,9 @@
-"""Render a recording: its frames as a gif, its heights and errors as a plot."""
+"""Render a recording: its frames or its poses as a gif, what it means as a plot."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,27 +15,29 @@ from drop_physics.analysis.drop.results import FallAnalysis
 from drop_physics.analysis.results import Analysis
 from drop_physics.analysis.story import analysis_of
 from drop_physics.errors import RecordingError, ScenarioError, check_suffix
-from drop_physics.figures.animation import MAX_FPS, check_animation, decoded, write_animation
+from drop_physics.figures.animation import MAX_FPS, check_animation, write_animation
 from drop_physics.figures.gif import MADE_BY_DROP
-from drop_physics.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation, Playback, playback
+from drop_physics.figures.playback import EVERY_FRAME, STANDARD_FPS, Animation
 from drop_physics.figures.story import Story
 from drop_physics.files.outputs import check_apart, check_kind, check_target
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
 from drop_physics.recording.checks import damaged
 from drop_physics.recording.contents import is_script
-from drop_physics.recording.reader import Recording, frames, read
+from drop_physics.recording.reader import Recording, read
 from drop_physics.scenario import View
 from drop_physics.shown import Shown
-from drop_physics.stages.film import film
+from drop_physics.stages.film import Film, frames_film, poses_film
 from drop_physics.stages.telling import story_of
 from drop_physics.workers import Worker
 
 if TYPE_CHECKING:
     from PIL import Image
 
-    from drop_physics.figures.composition import Composition
     from drop_physics.recording.falling import Progress  # its module loads Rerun
+
+
+DRAW_PLOT = "drop_physics.figures.story_plot:told_story"
 
 
 @dataclass(frozen=True)
@@ -84,9 +86,11 @@ def render(
         A `.png` or `.svg` file for the plot; None puts a .png beside the recording.
     dark
         Whether plots and captions are for a dark page.
-    view, body
-        Of a script: the camera that looks at its recorded poses, and the body that it looks at,
-        as for `film`.
+    view
+        The camera that looks at the recorded poses, as for `poses_film`; None for the frames that
+        were recorded, or of a script that took none, for `standard`.
+    body
+        The body of a script that it looks at; None for the one that moves farthest.
     force
         Whether existing files may be replaced; a gif and a plot under their default names are
         replaced anyway if drop made them.
@@ -112,14 +116,55 @@ def render(
     """
     path = Path(recording)
     of_drop = not is_script(path)
-    if not of_drop:
-        if animation.caption:
-            raise ScenarioError("--caption needs a theory, which only a drop has; omit it")
-    elif view is not None or body is not None:
-        raise ScenarioError(
-            "--camera and --body are for recordings of scripts; a drop's frames are taken when it "
-            "is recorded, with: drop simulate --camera"
+    if not of_drop and animation.caption:
+        raise ScenarioError("--caption needs a theory, which only a drop has; omit it")
+    if of_drop and body is not None:
+        raise ScenarioError("--body is for recordings of scripts: a drop has one body")
+    gif, plotted = _targets(path, out, plot, animation, force=force)
+    held = read(path)
+    analysis = _analysis_of(held)
+    story = story_of(analysis)
+    if assistant is not None:
+        assistant.ask(DRAW_PLOT, story, plotted.suffix[1:], dark)
+    made = _film(held, animation, MAX_FPS[gif.suffix], view, body, dark)
+    if made is None and out is not None:
+        raise RecordingError(
+            "{path} has no frames to make {gif} from; record it without --no-camera",
+            path=path,
+            gif=gif,
         )
+    pictured = 0
+    if made is not None:
+        check_animation(gif, made.played.fps)
+        beside = story if animation.with_plot and story.panels else None
+        captions = _captions(analysis, animation)
+        pictures = _composed(made, beside, captions, dark)
+        count = len(made.times_s)
+        report = functools.partial(progress, Message("writing {suffix}", suffix=gif.suffix[1:]))
+        with written_whole(gif, force=force, ours=out is None) as file, _refused(path):
+            shown = _reported(pictures, count, report)
+            pictured = write_animation(shown, file, suffix=gif.suffix, fps=made.played.fps)
+    with written_whole(plotted, force=force, ours=plot is None) as file:
+        drawn = _plot(story, plotted.suffix[1:], dark) if assistant is None else assistant.answer()
+        file.write(drawn)
+    return Rendering(
+        gif=gif if pictured else None,
+        frames=pictured,
+        fps=made.played.fps if made else animation.fps or STANDARD_FPS,
+        plot=plotted,
+        speed=made.played.speed if made else None,
+    )
+
+
+def _targets(
+    path: Path,
+    out: Path | str | None,
+    plot: Path | str | None,
+    animation: Animation,
+    *,
+    force: bool,
+) -> tuple[Path, Path]:
+    """Return the files of the animation and of the plot, once it is checked that they can be."""
     gif = path.with_suffix(".gif") if out is None else Path(out)
     plotted = path.with_suffix(".png") if plot is None else Path(plot)
     written = [(gif, out, b"GIF8"), (plotted, plot, b"\x89PNG")]
@@ -130,52 +175,69 @@ def render(
         check_target(target, force=force or named is None)
         if named is None and not force:
             check_kind(target, beginning, MADE_BY_DROP)
+    return gif, plotted
 
-    report = functools.partial(progress, Message("writing {suffix}", suffix=gif.suffix[1:]))
-    read_back = read(path)
-    analysis: Analysis | FallAnalysis
-    if of_drop:
-        analysis = fall_of(case_seen(read_back.scenario, read_back.engine, read_back.seen)).analysis
-    else:
-        ended = {name: (read_back.ended or {}).get(name) for name in ("ended", "error")}
-        analysis = analysis_of(read_back.seen, read_back.origin | ended)
-    drawing = (story_of(analysis), plotted.suffix[1:], dark)
-    if assistant is not None:
-        assistant.ask("drop_physics.figures.story_plot:told_story", *drawing)
-    beside = drawing[0] if animation.with_plot and drawing[0].panels else None
-    pictured, plays = 0, None
-    if not isinstance(analysis, FallAnalysis):
-        pictured, plays = film(
-            read_back, gif, animation=animation, view=view, body=body, dark=dark, story=beside,
-            force=force, ours=out is None, report=report,
-        )  # fmt: skip
-    elif read_back.camera is not None:
-        recorded = list(frames(path))
-        plays = _played(read_back, len(recorded), animation, gif)
-        composition = None
-        if animation.caption or animation.with_plot:
-            from drop_physics.figures.composition import Composition  # loads matplotlib
 
-            size_px = read_back.camera.size_px
-            composition = Composition(analysis.table, size_px, beside, dark=dark)
-        pictures = _pictures(recorded, plays, composition, report)
-        with written_whole(gif, force=force, ours=out is None) as file, _refused(path):
-            pictured = write_animation(pictures, file, suffix=gif.suffix, fps=plays.fps)
-    elif out is not None:
-        raise RecordingError(
-            "{path} has no frames to make {gif} from; record it without --no-camera",
-            path=path,
-            gif=gif,
-        )
-    with written_whole(plotted, force=force, ours=plot is None) as file:
-        file.write(_plot(*drawing) if assistant is None else assistant.answer())
-    return Rendering(
-        gif=gif if pictured else None,
-        frames=pictured,
-        fps=plays.fps if plays else animation.fps or STANDARD_FPS,
-        plot=plotted,
-        speed=plays.speed if plays else None,
-    )
+def _analysis_of(held: Recording) -> Analysis | FallAnalysis:
+    if held.drop is not None:
+        return fall_of(case_seen(held.scenario, held.engine, held.seen)).analysis
+    ended = {name: (held.ended or {}).get(name) for name in ("ended", "error")}
+    return analysis_of(held.seen, held.origin | ended)
+
+
+def _film(
+    held: Recording,
+    animation: Animation,
+    most_fps: float,
+    view: View | None,
+    body: str | None,
+    dark: bool,
+) -> Film | None:
+    """Return the frames that were recorded; where a camera is named, or a script took none, poses.
+
+    None for a drop without frames.
+    """
+    if view is None and (taken := frames_film(held, animation, most_fps)) is not None:
+        return taken
+    if view is None and held.drop is not None:
+        return None
+    captioned = held.drop is not None and (animation.caption or animation.with_plot)
+    return poses_film(
+        held, animation, most_fps, view=view or "standard", body=body, dark=dark,
+        clock=not captioned,
+    )  # fmt: skip
+
+
+def _captions(
+    analysis: Analysis | FallAnalysis, animation: Animation
+) -> Callable[[float], str] | None:
+    if not isinstance(analysis, FallAnalysis) or not (animation.caption or animation.with_plot):
+        return None
+    from drop_physics.figures.composition import Captions  # loads matplotlib
+
+    return Captions(analysis.table)
+
+
+def _composed(
+    film: Film, story: Story | None, captions: Callable[[float], str] | None, dark: bool
+) -> Iterator[Image.Image]:
+    if story is None and captions is None:
+        yield from film.pictures
+        return
+    from drop_physics.figures.composition import Composition  # loads matplotlib
+
+    composition: Composition | None = None
+    for picture, time_s in zip(film.pictures, film.times_s, strict=True):
+        composition = composition or Composition(picture.size, story, captions, dark=dark)
+        yield composition.composed(picture, time_s)
+
+
+def _reported(
+    pictures: Iterator[Image.Image], count: int, report: Callable[[int, int], None]
+) -> Iterator[Image.Image]:
+    for done, picture in enumerate(pictures, start=1):
+        yield picture
+        report(done, count)
 
 
 def plot_of(analysis: Analysis | FallAnalysis, *, dark: bool = False) -> bytes:
@@ -196,25 +258,3 @@ def _refused(path: Path) -> Iterator[None]:
         yield
     except ValueError as error:
         raise damaged(path, error.args[0]) from None
-
-
-def _played(recording: Recording, count: int, animation: Animation, out: Path) -> Playback:
-    assert recording.camera is not None
-    interval_s = recording.camera.capture_every * recording.scenario.timestep_s
-    played = playback(animation, max(count, 1), interval_s, most_fps=MAX_FPS[out.suffix])
-    check_animation(out, played.fps)
-    return played
-
-
-def _pictures(
-    recorded: Sequence[tuple[int, bytes]],
-    played: Playback,
-    composition: Composition | None,
-    report: Callable[[int, int], None],
-) -> Iterator[Image.Image]:
-    """Yield the animation, picture by picture, and report each one."""
-    shown = [recorded[number] for number in played.frames] if recorded else []
-    pictures = zip(shown, decoded(png for _, png in shown), strict=True)
-    for done, ((step, _), picture) in enumerate(pictures, start=1):
-        yield picture if composition is None else composition.composed(picture, step)
-        report(done, len(shown))

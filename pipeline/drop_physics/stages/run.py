@@ -69,8 +69,11 @@ def run(
             scenario, path, camera=camera, note=note, progress=progress, assistant=assistant
         )
         analysis = analyze(path, at_s=at_s, progress=progress)
+        # In the standard camera's frames, which golden recordings have, the body is a dot.
+        near = camera is not None and camera.view == "standard"
         rendering = render(
-            path, animation=animation, dark=dark, progress=progress, assistant=assistant
-        )
+            path, animation=animation, dark=dark, view="standard" if near else None,
+            progress=progress, assistant=assistant,
+        )  # fmt: skip
     assert isinstance(analysis, DropAnalysis)  # of a drop
     return Run(simulation, analysis, rendering)
