@@ -304,7 +304,7 @@ def test_the_poses_of_a_drop_are_drawn_near_where_a_camera_is_named(
         assert np.ptp(blue, axis=0).min() > 40
     assert len(np.unique(shown[0][300, :, 0])) > 1
     done = drop("render", "run.rrd", "--body", "box", "--force")
-    assert (done.returncode, "a drop has one body" in done.stderr) == (2, True)
+    assert (done.returncode, "a drop has only one body" in done.stderr) == (2, True)
 
 
 def test_a_drop_without_frames_has_no_gif_unless_a_camera_is_named(drop: Drop) -> None:

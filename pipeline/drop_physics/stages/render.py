@@ -119,7 +119,9 @@ def render(
     if not of_drop and animation.caption:
         raise ScenarioError("--caption needs a theory, which only a drop has; omit it")
     if of_drop and body is not None:
-        raise ScenarioError("--body is for recordings of scripts: a drop has one body")
+        raise ScenarioError(
+            "--body is for recordings of scripts, and a drop has only one body; omit it"
+        )
     gif, plotted = _targets(path, out, plot, animation, force=force)
     held = read(path)
     analysis = _analysis_of(held)
