@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from drop_physics.analysis.answers.answer import Finding
     from drop_physics.analysis.apart import Distance
     from drop_physics.analysis.standing import Standing
-    from drop_physics.stages.trust import Trust, Varied
+    from drop_physics.stages.trust import Trust
+    from drop_physics.stages.trust_runs import Varied
 
 MOST_PARTS = 6
 """Positions that are listed; all are in the JSON."""

@@ -76,7 +76,7 @@ class Recorder:
         of_drop: bool = False,
         drawn: bool = True,
     ) -> None:
-        self.inputs, self._compared, self._drawn = inputs, compared, drawn
+        self.inputs, self._compared, self.drawn = inputs, compared, drawn
         self.samples = self.frames = 0
         self.bodies: dict[int, Body] = {}
         """All that ever existed, by number."""
@@ -119,7 +119,7 @@ class Recorder:
         """
         for chunk in self._chunks(events, ending, about, beside):
             entity = chunk.entity_path.removeprefix("/")
-            if self._drawn or not _is_for_looking(entity):
+            if self.drawn or not _is_for_looking(entity):
                 self._entities.add(entity)
                 yield chunk
 
@@ -142,7 +142,8 @@ class Recorder:
     ) -> Iterator[Chunk]:
         for name, values in self.inputs.items():
             yield writer.property_chunk(name, values)
-        yield from self.drawing.scene()
+        if self.drawn:
+            yield from self.drawing.scene()
         yield from beside.begin() if beside else ()
         for event in events:
             yield from self._on(event)
@@ -197,7 +198,7 @@ class Recorder:
 
     def _tell(self, event: told.Event) -> Iterator[Chunk]:
         """Add a row of JSON; yield rows when there are enough."""
-        if isinstance(event, Surface) and not self._drawn:
+        if isinstance(event, Surface) and not self.drawn:
             return
         if isinstance(event, Site):
             self.sites[event.number] = event
@@ -212,7 +213,8 @@ class Recorder:
         text = told.packed(values)
         self._told_rows.update(entity, at.step, at.call, text)
         yield from self._rows.add(entity, times_of(at), text)
-        yield from self.drawing.on(event)
+        if self.drawn:
+            yield from self.drawing.on(event)
 
     def _names_of_joints(self, body: Body) -> Iterator[Chunk]:
         if any(any(joint.widths) for joint in body.joints):
@@ -249,7 +251,8 @@ class Recorder:
         if len(states):
             yield writer.rows_chunk(schema.STATES, states, at)
         self._commands.on_samples(seen)
-        yield from self.drawing.on_samples(seen)
+        if self.drawn:
+            yield from self.drawing.on_samples(seen)
 
     def _on_series(self, entity: str, at: Times, values: NDArray[np.float64]) -> Iterator[Chunk]:
         """Yield one number per row and joint."""
@@ -290,7 +293,8 @@ class Recorder:
         self._calls.setdefault(seen.client, CallsDigest()).update(seen, widths)
         yield writer.calls_chunk(seen, widths)
         yield from self._commands.on_calls(seen, self.sites, widths)
-        yield from self.drawing.on_calls(seen, self.sites, widths)
+        if self.drawn:
+            yield from self.drawing.on_calls(seen, self.sites, widths)
 
     # -- everything else --------------------------------------------------------------------------
 

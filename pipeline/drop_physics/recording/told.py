@@ -80,11 +80,13 @@ def packed(values: Values) -> str:
 
 
 def _plain_body(body: Body) -> Values:
-    plain = asdict(body)
+    # `asdict` copies numbers one by one: corners of hulls are added after it.
+    bare = tuple(replace(shape, hull_m=()) for shape in body.collisions)
+    plain = asdict(replace(body, collisions=bare))
     for shape in (*plain["shapes"], *plain["collisions"]):
         shape["file"] = PurePath(shape["file"]).name
-    for shape in plain["collisions"]:  # to a micrometre, as surfaces
-        shape["hull_m"] = [round(each, 6) for each in shape["hull_m"]]
+    for shape, held in zip(plain["collisions"], body.collisions, strict=True):
+        shape["hull_m"] = [round(each, 6) for each in held.hull_m]  # to a micrometre, as surfaces
     return plain
 
 

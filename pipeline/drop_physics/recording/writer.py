@@ -103,7 +103,7 @@ def record(
             failures.append(failure)
 
     kept = unfinished(path, force=force, ours=ours, salvage=salvage, note=note)
-    with kept as part, _strict():
+    with kept as part, strict():
         try:
             LazyChunkStream.from_iter(counted()).write_rrd(
                 part, application_id=schema.APPLICATION_ID, recording_id=recording_id
@@ -135,8 +135,11 @@ def _is_short_of_room(part: Path) -> bool:
 
 
 @contextmanager
-def _strict() -> Iterator[None]:
-    """Make bad calls raise, where Rerun would warn and lose the data; override `RERUN=off`."""
+def strict() -> Iterator[None]:
+    """Make bad calls raise, where Rerun would warn and lose the data; override `RERUN=off`.
+
+    Of the whole process: what records in several threads enters it around them.
+    """
     strict, switch = rr.strict_mode(), os.environ.get("RERUN")
     rr.set_strict_mode(True)
     os.environ["RERUN"] = "on"

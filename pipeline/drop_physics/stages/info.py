@@ -27,7 +27,7 @@ from drop_physics.states import BODY_LABEL, FLOOR_LABEL
 from drop_physics.sweeping.plan import replay_command
 
 REPLACED = "\ufffd"
-"""Recorded for each byte that is not UTF-8; see `drop_physics.stages.record.encodable`."""
+"""Recorded for each byte that is not UTF-8; see `drop_physics.stages.program.encodable`."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,8 @@ from drop_physics.recording import schema, writer
 from drop_physics.recording.about import about_script
 from drop_physics.recording.layout import layout
 from drop_physics.recording.recorder import Recorder
-from drop_physics.stages.record import Recorded, checked_limits, recorded_of
+from drop_physics.stages.program import checked_limits
+from drop_physics.stages.record import Recorded, recorded_of
 from drop_physics.workers import our_environment
 
 BLOCK = "a block of Python"

@@ -11,7 +11,7 @@ from drop_physics.analysis.standing import Converging, Growth, Standing
 from drop_physics.messages import Message
 
 if TYPE_CHECKING:
-    from drop_physics.stages.trust import Made, Varied
+    from drop_physics.stages.trust_runs import Made, Varied
 
 TERMS = {
     "gravity": Message("gravity"), "bias": Message("Coriolis and gyroscopic forces"),

@@ -46,6 +46,34 @@ def in_this_process(work: Callable[[int], T], shards: Iterable[int]) -> Generato
         yield shard, work(shard)
 
 
+def in_threads(
+    work: Callable[[int], T], shards: Iterable[int], *, jobs: int, stop: Callable[[], None]
+) -> Generator[tuple[int, T]]:
+    """Run shards in threads of this process, which wait for processes of their own.
+
+    Parameters
+    ----------
+    work
+        Function of a shard's number.
+    shards
+        Their numbers.
+    jobs
+        How many threads.
+    stop
+        Called when nobody wants more results, to end the processes that are at work.
+    """
+    with ThreadPoolExecutor(jobs) as threads:
+        under_way = {threads.submit(work, shard): shard for shard in shards}
+        try:
+            while under_way:
+                for future in wait(under_way, HEARTBEAT_S, FIRST_COMPLETED).done:
+                    yield under_way.pop(future), future.result()
+        finally:
+            for future in under_way:
+                future.cancel()
+            stop()
+
+
 # -- processes ------------------------------------------------------------------------------------
 
 

@@ -1,0 +1,112 @@
+"""What a script is run with, checked: itself, its arguments, and where it stops."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import operator
+import os
+from collections.abc import Sequence
+from numbers import Real
+from pathlib import Path
+
+from drop_physics.errors import ScenarioError
+from drop_physics.fields import outside, shown
+from drop_physics.messages import Message
+
+STOPPED = ("steps", "duration", "disk", "interrupted")
+"""How a script ended that would have gone on."""
+LARGEST_INT = 2**63 - 1
+"""The largest whole number in a recording."""
+SEEDED_CLOCK_S = 1e9
+"""The time at which the clock of a seeded script starts [s]: a morning in September 2001."""
+
+
+def checked_limits(
+    steps: int | None, duration_s: float | None, seed: int | None
+) -> tuple[int | None, float | None, int | None]:
+    """Return the limits of a recording and its seed as Python's own numbers.
+
+    Raises
+    ------
+    ScenarioError
+        If one is of another type, or a limit that no script can reach.
+    """
+    steps, seed = _integer("--steps", steps), _integer("--seed", seed)
+    if duration_s is not None:
+        try:
+            if not isinstance(duration_s, Real) or isinstance(duration_s, bool):
+                raise TypeError
+            duration_s = float(duration_s)
+        except (TypeError, OverflowError):
+            raise outside("--duration", Message("a number"), duration_s) from None
+    if steps is not None and not 1 <= steps <= LARGEST_INT:
+        raise outside("--steps", Message("at least 1 and below 2**63"), steps)
+    if duration_s is not None and not 0 < duration_s < float("inf"):
+        raise outside("--duration", Message("finite and above {low:g}", low=0), duration_s)
+    if seed is not None and abs(seed) > LARGEST_INT:
+        raise outside("--seed", Message("between -2**63 and 2**63"), seed)
+    return steps, duration_s, seed
+
+
+def _integer(option: str, value: object) -> int | None:
+    """Return a whole number of any library as Python's."""
+    if value is None:
+        return None
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        return operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        raise outside(option, Message("a whole number"), value) from None
+
+
+def digest_of_script(target: str, is_module: bool) -> str | None:
+    """Return the digest of a script's text; None for a module, which is not looked up here."""
+    if not isinstance(target, str | os.PathLike):
+        raise ScenarioError(
+            "the script must be the name of a file, got {value}; its arguments are a list of their "
+            'own: record_script("sim.py", ["--fast"], out="sim.rrd")',
+            value=shown(target),
+        )
+    if is_module:
+        return None
+    try:
+        if Path(target).is_fifo():  # what is read here would be missing in the script
+            raise OSError(errno.EINVAL, "a pipe can be read only once")
+        return hashlib.sha256(Path(target).read_bytes()).hexdigest()
+    except (OSError, ValueError) as error:  # ValueError: the name has a null character
+        raise ScenarioError(
+            "the script must be a Python file, got {path!r}: {reason}; a module is run with -m",
+            path=target,
+            reason=getattr(error, "strerror", None) or str(error),
+        ) from None
+
+
+def texts_of(arguments: Sequence[str]) -> list[str]:
+    """Return a script's arguments as a list of texts that a process can be given."""
+    try:
+        if isinstance(arguments, str | bytes):
+            raise TypeError
+        texts = [*map(os.fsdecode, arguments)]
+        if any("\0" in text for text in texts):
+            raise ValueError
+        for text in texts:
+            os.fsencode(text)
+    except (TypeError, ValueError):
+        if isinstance(arguments, str | os.PathLike):
+            raise ScenarioError(
+                "arguments must be a list, the script's own, got {value}; name the recording with: "
+                "out={value}",
+                value=shown(os.fspath(arguments)),
+            ) from None
+        raise ScenarioError(
+            "arguments must be a list of texts without null characters, got {value}",
+            value=shown(arguments),
+        ) from None
+    return texts
+
+
+def encodable(text: str) -> str:
+    """Return a text as UTF-8 can hold it: a byte that is not UTF-8 becomes U+FFFD."""
+    return text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
