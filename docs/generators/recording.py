@@ -14,7 +14,7 @@ from drop_physics import Camera, Scenario, analyze, simulate
 from drop_physics.analysis.decomposition import TERMS
 from drop_physics.fields import Option
 from drop_physics.recording import rrd, schema
-from drop_physics.recording.layer import layer_of
+from drop_physics.recording.layer_file import layer_of
 from drop_physics.report import EngineReport
 
 from generators.typed import run_python

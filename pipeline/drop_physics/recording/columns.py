@@ -236,3 +236,12 @@ def _between(lists: pa.Array) -> pa.Array:
 
 def _is_list_of(is_right: Callable[[Any], bool]) -> Callable[[Any], bool]:
     return lambda kind: pa.types.is_list(kind) and is_right(kind.value_type)
+
+
+def times_s(chunk: Chunk) -> NDArray[np.float64]:
+    """Return the simulated time of each row [s], shape (rows,); of static rows 0."""
+    index = chunk.batch.schema.get_field_index(schema.TIME_TIMELINE)
+    if index < 0:
+        return np.zeros(chunk.batch.num_rows)
+    times = chunk.batch.column(index).cast(pa.int64()).to_numpy(zero_copy_only=False)
+    return np.asarray(times / 1e9, np.float64)

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from rerun.chunk import Chunk
 
 from drop_physics import colours
-from drop_physics.errors import RecordingError
 from drop_physics.recording import pictures, schema, writer
 from drop_physics.recording.drawing import SHOWN_PER_S
 from drop_physics.recording.layout import Look, eye_around, layout, look_of_drop, series_of
-from drop_physics.recording.reader import Recording, entities
+from drop_physics.recording.reader import Recording
 from drop_physics.recording.scene import parts_of, reach_of
 from drop_physics.recording.writer import Times
 
@@ -50,12 +49,6 @@ _SHOWN = (pl.col("time_s") * SHOWN_PER_S + 1e-9).floor()
 DUE = _SHOWN.shift(1, fill_value=-1) != _SHOWN
 """Whether a point of a script's curve is due."""
 
-_TOP = {
-    schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.EVENTS, schema.FINDINGS,
-    schema.SEGMENTS, schema.PANELS, "energies",
-}  # fmt: skip
-"""First parts of a layer's entity paths, with those that it had once."""
-
 
 class Line(NamedTuple):
     """A curve of a panel."""
@@ -79,19 +72,6 @@ class Shown(NamedTuple):
     """Labels of those that matter, in this order."""
     touched: frozenset[str] = frozenset()
     """Labels of bodies whose collision shapes are shown."""
-
-
-def layer_of(recording: Path) -> Path:
-    """Return the layer's name beside a recording: `run.rrd` has `run.analysis.rrd`."""
-    return recording.with_name(recording.name.removesuffix(".rrd") + ".analysis.rrd")
-
-
-def is_layer(path: Path) -> bool:
-    """Whether a file is an analysis layer and nothing else."""
-    try:
-        return all(entity.split("/")[0] in _TOP for entity in entities(path))
-    except RecordingError:
-        return False
 
 
 def write_layer(

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from drop_physics.messages import Message
-from drop_physics.recording import columns, schema
+from drop_physics.recording import columns
 from drop_physics.recording.checks import damaged, wrong_count
-from drop_physics.recording.columns import Properties
-from drop_physics.recording.contents import chunks_of, closing_of, gather
-from drop_physics.recording.digest import FrameDigest
+from drop_physics.recording.contents import chunks_of
 from drop_physics.recording.drawing import FARTHEST_M, part_path
 from drop_physics.recording.rrd import Chunk
 from drop_physics.seen.events import Body, Model
@@ -151,40 +147,6 @@ def _models(body: Body, link: int, meshes: Mapping[str, bytes]) -> tuple[Model, 
     )
 
 
-def frames_of_cameras(path: Path) -> dict[int, list[tuple[int, float, bytes]]]:
-    """Return the frames of the script's cameras, by camera: step, time [s] and PNG, in order.
-
-    Raises
-    ------
-    RecordingError
-        If the recording is damaged.
-    """
-    frames: dict[int, list[tuple[int, float, bytes]]] = {}
-    properties: dict[str, Properties] = {}
-    for chunk in chunks_of(path):
-        camera = _CAMERA.fullmatch(chunk.entity)
-        if camera is not None:
-            images = zip(columns.images(chunk, path), _times_s(chunk).tolist(), strict=False)
-            taken = [(step, time_s, png) for (step, png), time_s in images]
-            frames.setdefault(int(camera[1]), []).extend(taken)
-        elif chunk.entity.startswith("__properties/"):
-            gather(properties, chunk, path)
-    closing = closing_of(properties, path)
-    digests = []
-    for _, taken in sorted(frames.items()):
-        digest = FrameDigest()
-        for step, _, png in taken:
-            digest.update(step, png)
-        digests.append(digest.hexdigest())
-    frames_sha256 = digests[0] if len(digests) == 1 else digests or None
-    if closing is not None and closing.get("frames_sha256") != frames_sha256:
-        raise damaged(path, Message("its frames fail their checksum"))
-    return {camera: sorted(taken, key=lambda frame: frame[0]) for camera, taken in frames.items()}
-
-
-_CAMERA = re.compile(r"camera/(\d{1,9})/image")
-
-
 def _poses(chunk: Chunk, path: Path) -> Iterator[tuple[Float64, Float32]]:
     """Yield times and poses, where a chunk has any; nan where a number is not finite."""
     names = "Transform3D:translation", "Transform3D:quaternion"
@@ -192,15 +154,7 @@ def _poses(chunk: Chunk, path: Path) -> Iterator[tuple[Float64, Float32]]:
         poses = np.hstack([_numbers(chunk, name, width, path)
             for name, width in zip(names, (3, 4), strict=True)])  # fmt: skip
         poses[~np.isfinite(poses).all(axis=1)] = np.nan
-        yield _times_s(chunk), poses
-
-
-def _times_s(chunk: Chunk) -> Float64:
-    index = chunk.batch.schema.get_field_index(schema.TIME_TIMELINE)
-    if index < 0:
-        return np.zeros(chunk.batch.num_rows)
-    times = chunk.batch.column(index).cast(pa.int64()).to_numpy(zero_copy_only=False)
-    return np.asarray(times / 1e9, np.float64)
+        yield columns.times_s(chunk), poses
 
 
 def _numbers(chunk: Chunk, name: str, width: int, path: Path) -> Float32:

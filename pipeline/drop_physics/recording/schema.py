@@ -150,6 +150,8 @@ FOR_LOOKING = (WORLD, COLLISIONS, f"{HEIGHT}/", LOG)
 SCENARIO_PROPERTY = "scenario"
 ORIGIN_PROPERTY = "origin"
 """Of a script's recording: the script, the digest of its text, its arguments."""
+BLOCK = "a block of Python"
+"""Recorded where a script has its name."""
 ENGINE_PROPERTY = "engine"
 CAMERA_PROPERTY = "camera"
 RECORDING_PROPERTY = "recording"

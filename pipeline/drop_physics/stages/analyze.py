@@ -17,8 +17,9 @@ from drop_physics.files.outputs import check_apart, check_target, refused
 from drop_physics.files.table import check_table, write_table
 from drop_physics.messages import Message
 from drop_physics.recording.contents import is_script
-from drop_physics.recording.layer import Line, is_layer, layer_of, write_layer
+from drop_physics.recording.layer import Line, write_layer
 from drop_physics.recording.layer import Shown as LayerShown
+from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, read
 from drop_physics.seen.history import Seen, body_named
 from drop_physics.stages.narrative import events, findings_markdown

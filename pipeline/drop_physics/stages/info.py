@@ -15,14 +15,13 @@ from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, shell_command
 from drop_physics.recording import schema
 from drop_physics.recording.about import engine_in_words
-from drop_physics.recording.layer import is_layer, layer_of
+from drop_physics.recording.camera_images import frames_of_cameras
+from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Drop, Recording, frames, listed, read, recording_id
-from drop_physics.recording.scene import frames_of_cameras
 from drop_physics.scenario import Scenario
 from drop_physics.seen.events import ENDED, Body, Dynamics
 from drop_physics.seen.history import Seen
 from drop_physics.shown import Shown
-from drop_physics.stages.record_block import BLOCK
 from drop_physics.states import BODY_LABEL, FLOOR_LABEL
 from drop_physics.sweeping.plan import replay_command
 
@@ -141,9 +140,9 @@ def _of_script(held: Recording) -> tuple[str, str | None, str]:
         for word in (f"--{name.removesuffix('_s')}", _digits(value))
     ]
     program = [*_program(script), *arguments]
-    what = script if script == BLOCK else shell_command(*program)
+    what = script if script == schema.BLOCK else shell_command(*program)
     command = None
-    if script != BLOCK and not any(REPLACED in word for word in program):
+    if script != schema.BLOCK and not any(REPLACED in word for word in program):
         options_end = ["--"] if program[0].startswith("-") and program[0] != "-m" else []
         command = shell_command("drop", "record", *options, *options_end, *program)
     engine: str = "PyBullet"

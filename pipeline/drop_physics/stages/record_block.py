@@ -38,9 +38,6 @@ from drop_physics.stages.program import checked_limits
 from drop_physics.stages.record import Recorded, recorded_of
 from drop_physics.workers import our_environment
 
-BLOCK = "a block of Python"
-"""Recorded where a script has its name."""
-
 
 class Block:
     """A block that is being recorded; `recorded` is the result, once it has ended."""
@@ -153,7 +150,7 @@ def _record(request: dict[str, Any]) -> dict[str, Any]:
     path, recording_id = Path(request["out"]), uuid.uuid4().hex
     origin = {
         "kind": "script",
-        "script": BLOCK,
+        "script": schema.BLOCK,
         "drop_version": metadata.version("drop-physics"),
     }
     recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, drawn=request["drawn"])
@@ -169,7 +166,9 @@ def _record(request: dict[str, Any]) -> dict[str, Any]:
         force=request["force"],
         full=lambda: listener.stop("disk"),
     )
-    recorded = recorded_of(recorder, listener.ending(), path, recording_id=recording_id, name=BLOCK)
+    recorded = recorded_of(
+        recorder, listener.ending(), path, recording_id=recording_id, name=schema.BLOCK
+    )
     wall_s = time.perf_counter() - began
     return asdict(recorded) | {"recording": str(path), "wall_s": wall_s}
 

@@ -19,7 +19,7 @@ from drop_physics.errors import ScenarioError
 from drop_physics.recording import pictures, schema, viewer, writer
 from drop_physics.recording.contents import is_script
 from drop_physics.recording.drawing import poses_in_tree
-from drop_physics.recording.layer import layer_of
+from drop_physics.recording.layer_file import layer_of
 from drop_physics.recording.layout import layout, look_of_drop
 from drop_physics.recording.other_layer import Style, is_drawn, shapes_in, write_other_layer
 from drop_physics.recording.reader import read, recording_id

@@ -1,0 +1,28 @@
+"""Which file is the analysis layer of a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from drop_physics.errors import RecordingError
+from drop_physics.recording import schema
+from drop_physics.recording.reader import entities
+
+_TOP = {
+    schema.ERROR, schema.ERROR_MM, schema.ENERGY, schema.EVENTS, schema.FINDINGS,
+    schema.SEGMENTS, schema.PANELS, "energies",
+}  # fmt: skip
+"""First parts of a layer's entity paths, with those that it had once."""
+
+
+def layer_of(recording: Path) -> Path:
+    """Return the layer's name beside a recording: `run.rrd` has `run.analysis.rrd`."""
+    return recording.with_name(recording.name.removesuffix(".rrd") + ".analysis.rrd")
+
+
+def is_layer(path: Path) -> bool:
+    """Whether a file is an analysis layer and nothing else."""
+    try:
+        return all(entity.split("/")[0] in _TOP for entity in entities(path))
+    except RecordingError:
+        return False
