@@ -50,7 +50,9 @@ def block(body: str, name: str = "'box'") -> str:
     return f"    with golden_recording({name}):\n        {body}\n"
 
 
-def test_a_golden_is_made_and_then_holds(project: Path) -> None:
+def test_a_golden_is_made_and_then_holds(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    summary = project / "summary.md"
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(summary))
     right, wrong = {"box": block("box.drop(1)")}, {"box": block("box.drop(1.001)")}
     code, text = run(project, right)
     assert code == 1
@@ -59,12 +61,14 @@ def test_a_golden_is_made_and_then_holds(project: Path) -> None:
     golden = project / "tests/golden/box.rrd"
     before = golden.read_bytes()
     assert run(project, right, "-n", "2")[0] == 0
+    assert not summary.exists()
     code, text = run(project, wrong)
     assert code == 1
     assert "differs" in text
     assert "step 0" in text
     assert "1.001" in text
     assert golden.read_bytes() == before
+    assert "1.001" in summary.read_text()
 
 
 def test_a_tolerance_passes_what_is_within(project: Path) -> None:

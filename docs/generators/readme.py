@@ -8,10 +8,13 @@ from __future__ import annotations
 import shutil
 import sys
 import tempfile
+import textwrap
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from drop_physics.figures import style
+from matplotlib import get_data_path
+from PIL import Image, ImageDraw, ImageFont
 
 from generators.pictures import small
 from generators.typed import ROOT, run_command
@@ -54,6 +57,29 @@ DRAWN = (
     "recordings/run.png",
     "run-dark.png",
 )
+CI = "ci.png"
+TEST = """import pybullet as p, pybullet_data
+
+def run_my_simulation():
+    p.connect(p.DIRECT)
+    p.setAdditionalSearchPath(pybullet_data.getDataPath())
+    p.setGravity(0, 0, -9.81)
+    p.loadURDF("plane.urdf")
+    p.loadURDF("cube_small.urdf", [0, 0, 0.5])
+    for _ in range(240):
+        p.stepSimulation()
+
+def test_pick(golden_recording):
+    with golden_recording("pick"):
+        run_my_simulation()
+"""
+FAILS = (
+    "python -m pytest -q --update-golden --basetemp=new",
+    "sed -i 's/0.5]/0.51]/' test_pick.py",
+    "python -m pytest -q --basetemp=new || true",
+)
+"""What the picture of a test that fails shows the last one of."""
+LETTERS_PX, MARGIN_PX = 15, 18
 VIEWER = IMAGES / "viewer.png"
 TITLE_BAR_PX = 38
 """Left out: it shows details of the machine, which has no display."""
@@ -73,7 +99,22 @@ def made() -> dict[Path, bytes]:
         folder = Path(name)
         shutil.copytree(ROOT / "docs/examples", folder / "docs/examples")
         _type(COMMANDS, folder)
-        return {IMAGES / Path(file).name: small(folder / file) for file in DRAWN}
+        (folder / "test_pick.py").write_text(TEST)
+        _terminal(_type(FAILS, folder).replace(f"{folder.resolve()}/", ""), folder / CI)
+        return {IMAGES / Path(file).name: small(folder / file) for file in (*DRAWN, CI)}
+
+
+def _terminal(printed: str, path: Path) -> None:
+    """Draw what a terminal shows."""
+    lines = [part for line in printed.splitlines() for part in textwrap.wrap(line, 80) or [""]]
+    font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSansMono.ttf", LETTERS_PX)
+    size = round(80 * font.getlength("x")), round(1.4 * LETTERS_PX * len(lines))
+    picture = Image.new("RGB", (size[0] + 2 * MARGIN_PX, size[1] + 2 * MARGIN_PX), style.DARK.page)
+    for number, line in enumerate(lines):
+        fails = line.startswith(("FAILED", "F ", "___", "differs")) or " failed" in line
+        at = MARGIN_PX, round(MARGIN_PX + 1.4 * LETTERS_PX * number)
+        ImageDraw.Draw(picture).text(at, line, "#ff7b72" if fails else style.DARK.text, font)
+    picture.save(path)
 
 
 def viewer_picture() -> dict[Path, bytes]:
@@ -98,8 +139,11 @@ def viewer_picture() -> dict[Path, bytes]:
         return {VIEWER: small(folder / "viewer.png")}
 
 
-def _type(commands: tuple[str, ...] | list[str], folder: Path) -> None:
+def _type(commands: tuple[str, ...] | list[str], folder: Path) -> str:
+    """Run commands, and return what the last one prints."""
+    printed = ""
     for command in commands:
         code, printed = run_command(command, folder)
         if code:
             raise RuntimeError(f"`{command}` exits with {code}: {printed}")
+    return printed

@@ -11,6 +11,7 @@ the fixture is used.
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
@@ -118,6 +119,10 @@ def _failure(path: Path, golden: Path, tolerance_m: float, *, update: bool) -> s
     checked = check(path, golden, tolerance_m=tolerance_m)
     if checked.same:
         return ""
+    if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
+        from drop_physics.console.show_check import append_summary
+
+        append_summary(checked, Path(summary))
     return (
         f"{checked}\nif the change is intended: pytest --update-golden; to look at both: "
         f"drop view {path} {golden}"
