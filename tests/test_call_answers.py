@@ -560,6 +560,35 @@ def test_a_constraint_that_gives_way(scene: str, limit: str, stronger: str, tmp_
     assert not ask(stronger, tmp_path, "weak-constraint")
 
 
+PENDULUMS = """
+p.setGravity(0, 0, -9.81)
+s = p.createCollisionShape(p.GEOM_SPHERE, radius=0.05)
+n = {n}
+b = p.createMultiBody(.2, s, -1, [0, 0, 1], linkMasses=[.2] * n, linkCollisionShapeIndices=[s] * n,
+    linkVisualShapeIndices=[-1] * n, linkPositions=[[.2, 0, 0]] * n,
+    linkOrientations=[[0, 0, 0, 1]] * n, linkInertialFramePositions=[[0, 0, 0]] * n,
+    linkInertialFrameOrientations=[[0, 0, 0, 1]] * n, linkParentIndices=range(n),
+    linkJointTypes=[p.JOINT_REVOLUTE] * n, linkJointAxis=[[0, 1, 0]] * n)
+for j in range(n):
+    p.setJointMotorControl2(b, j, p.VELOCITY_CONTROL, force=0.01)
+c = p.createConstraint(b, -1, -1, -1, p.JOINT_POINT2POINT, [0, 0, 0], [0, 0, 0], [0, 0, 1])
+d = p.createConstraint(b, n - 1, -1, -1, p.JOINT_POINT2POINT, [0, 0, 0], [0, 0, 0],
+    [.2 * n, 0, {z}])
+p.changeConstraint(d, maxForce=200)
+p.changeConstraint(c, maxForce={force})
+steps(1200)
+"""
+
+
+@pytest.mark.parametrize("force", [3, 5])
+def test_what_hangs_there_may_still_swing(force: float, tmp_path: Path) -> None:
+    weak, strong = (PENDULUMS.format(n=2, z=1, force=each) for each in (force, 50))
+    assert f"limit of {force} N" in one(weak, tmp_path, "weak-constraint").message
+    assert not ask(strong, tmp_path, "weak-constraint")
+    off = [abs(record(each, tmp_path / "x.rrd").seen.bases["x_m"][-1]) for each in (weak, strong)]
+    assert off[0] > 8e-3 > 10 * off[1]
+
+
 DRAG = """
 for i in range({n}):
     p.changeConstraint(c, [{x}, 0, 1], maxForce=40)
@@ -603,6 +632,16 @@ steps(9)
 """
 
 
+NO_SHAPE = """
+b = p.createMultiBody(1, -1, -1, [0, 0, {z}], linkMasses=[1], linkCollisionShapeIndices=[-1],
+    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0, 0, -.5]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[1, 0, 0]])
+p.createConstraint(b, -1, -1, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0, 0, 2])
+steps(9)
+"""
+
+
 @pytest.mark.parametrize(
     ("scene", "gap", "met"),
     [
@@ -613,6 +652,7 @@ steps(9)
          TWO.format(kind="FIXED", at="[0.5, 0, 0]").replace("Body(1", "Body(1 - (x == 0)")),
         (AT_WORLD.format(at="[0, 0, 0.7]", change=""), 0.3,
          AT_WORLD.format(at="[0, 0, 1]", change="")),
+        (NO_SHAPE.format(z=0), 2, NO_SHAPE.format(z=2)),
     ],
 )  # fmt: skip
 def test_points_that_do_not_meet(scene: str, gap: float | None, met: str, tmp_path: Path) -> None:

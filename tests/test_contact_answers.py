@@ -223,6 +223,39 @@ def test_what_was_placed_or_bounces_has_restitution(scene: str, tmp_path: Path) 
     assert not found(scene, tmp_path, "no-restitution")
 
 
+AT_A_WALL = (
+    BOX
+    + """
+w = box(0, (1.1, 0, 0), (.1, 1, 1))
+shape = p.createCollisionShape({shape}, radius={size}, height=.3)
+b = p.createMultiBody(.2, shape, -1, [{x}, 0, 0], [1, 0, 0, 1])
+for each in (w, b):
+    p.changeDynamics(each, -1, restitution={r}, linearDamping=0, angularDamping=0{more})
+p.resetBaseVelocity(b, ({v}, 0, 0))
+steps(480)
+"""
+)
+EARLY = [
+    ("p.GEOM_SPHERE", 0.2, 0, 1, 1),
+    ("p.GEOM_CYLINDER", 0.1, 0.002, 0.5, 0.8),
+    ("p.GEOM_CAPSULE", 0.1, 0.002, 0.5, 0.8),
+]
+
+
+@pytest.mark.parametrize(("shape", "size", "x", "v", "r"), some(EARLY, 1))
+def test_a_contact_acts_before_it_touches(
+    shape: str, size: float, x: float, v: float, r: float, tmp_path: Path
+) -> None:
+    scene, cured = (AT_A_WALL.format(shape=shape, size=size, x=x, v=v, r=r, more=more)
+        for more in ("", ", contactProcessingThreshold=0"))  # fmt: skip
+    (one,) = found(scene, tmp_path, "no-restitution")
+    assert f"{v} m/s and leaves at 0 m/s" in one.message
+    assert "before they touch" in one.message
+    assert abs(bare(scene)["velocity"][0]) < 0.01 * v
+    assert bare(cured)["velocity"][0] < -0.9 * r**2 * v
+    assert not found(cured, tmp_path, "no-restitution")
+
+
 # -- friction-pyramid -----------------------------------------------------------------------------
 
 ALONG = (

@@ -20,6 +20,12 @@ LOOSE = "p.setPhysicsEngineParameter(solverResidualThreshold={threshold})\n"
 CREEPS = {
     "slope": (SLOPE.format(degrees=20, mu=0.9, above=0, steps=600), 1e-3),
     "flatter": (SLOPE.format(degrees=10, mu=0.5, above=0, steps=600), 3e-3),
+    "large": (
+        SLOPE.format(degrees=10, mu=0.5, above=0, steps=600).replace(
+            "[0, 0, 0.05 + 0]", "[0, 0, .25], (.25, .25, .25)"
+        ),
+        3e-4,
+    ),
 }
 
 

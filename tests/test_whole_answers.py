@@ -7,10 +7,14 @@ Where PyBullet alone can tell, it does: change the one thing, and the symptom go
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pybullet as p
 import pytest
+from clients import release_clients
 from conftest import some
-from scenes import analyze, record, site
+from scenes import HEAD, analyze, record, site
 from scenes import found as of_code
 from test_call_answers import AIR, CUBE, FLOOR, KUKA, ask, one
 
@@ -242,9 +246,58 @@ def test_momentum_that_nothing_gave(scene: str, unit: str, tmp_path: Path) -> No
     assert found.effect.unit == unit
 
 
+SWAYING = """
+import math
+k = p.loadURDF("{file}", [0, 0, 2])
+p.setTimeStep(1 / {rate})
+J = [j for j in range(p.getNumJoints(k)) if p.getJointInfo(k, j)[2] == 0]
+p.changeDynamics(k, -1, linearDamping=0, angularDamping=0)
+for i in range(2 * {rate}):
+    for j in J:
+        p.setJointMotorControl2(k, j, p.POSITION_CONTROL, .8 * math.sin(6 * i / {rate}), force=200,
+            positionGain=24 / {rate})
+    p.stepSimulation()
+"""
+ITS_CENTRE = """
+def centre(x=0, mass=0):
+    for j in range(-1, p.getNumJoints(k)):
+        m = p.getDynamicsInfo(k, j)[0]
+        at = p.getLinkState(k, j, computeForwardKinematics=1) if j >= 0 else (
+            p.getBasePositionAndOrientation(k))
+        x, mass = x + m * np.array(at[0]), mass + m
+    return x / mass
+"""
+
+
+@pytest.mark.parametrize(
+    "file",
+    some(["kuka_iiwa/model_free_base.urdf", "franka_panda/panda.urdf", "a1/a1.urdf"], 1),
+)
+def test_a_robot_that_sways_in_empty_space_drifts(file: str, tmp_path: Path) -> None:
+    said, ways = [], []
+    for rate in (240, 480):
+        scene = SWAYING.format(file=file, rate=rate)
+        (found,) = ask(scene, tmp_path, "momentum-drift")
+        assert found.effect is not None
+        said.append(found.effect.value)
+        ways.append(np.linalg.norm(centre_of(scene) - centre_of(scene.split("for i in")[0])))
+    assert said[0] == pytest.approx(2 * said[1], rel=0.15)
+    assert ways[0] == pytest.approx(2 * ways[1], rel=0.2)
+
+
+def centre_of(scene: str) -> Any:
+    """Return where the centre of mass of k ends up, in plain PyBullet."""
+    names: dict[str, Any] = {}
+    release_clients()
+    exec(HEAD + "import numpy as np\n" + scene + ITS_CENTRE + "end = centre()", names)
+    p.disconnect()
+    return names["end"]
+
+
 @pytest.mark.parametrize(
     "scene",
     [
+        SWAYING.format(file="husky/husky.urdf", rate=240),  # its wheels turn, and it stays
         TUMBLING.format(rate=240, spin="[0, 10, 0]", n=300),  # about one axis
         AIR + CUBE + "steps(90)",
         FLOOR + "p.loadURDF('cube_small.urdf', [0, 0, 0.3], [0.3, 0.2, 0.1, 0.9])\nsteps(240)",

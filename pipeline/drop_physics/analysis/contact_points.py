@@ -190,6 +190,11 @@ class Pairs:
         return self._weighted(self.points.parting_m_s)
 
     @cached_property
+    def gap_m(self) -> Float64:
+        """How far from each other their points still were as the step began, likewise."""
+        return self._weighted(np.maximum(self.points.distance_m, 0.0))
+
+    @cached_property
     def restitution(self) -> Float64:
         """The greatest product of both sides' coefficients, shape (m,)."""
         return self.most(self.points.restitution)

@@ -46,11 +46,11 @@ class BeyondUrdf(JointAnswer):
         message = Message(
             "{joint} reaches {most} where its file allows {limit}, in {steps} steps: PyBullet's "
             "motors do not heed that limit (joints beyond theirs: {count})",
-            joint=worst.at["joint"], most=effort(most, unit), limit=f"{limit:.3g} {unit}",
+            joint=worst.at["joint"], most=effort(most, unit), limit=f"{limit:g} {unit}",
             steps=worst.count, count=worst.at["joints"],
         )  # fmt: skip
         name = "maxVelocity" if fast else "force"
-        advice = Message("p.setJointMotorControl2(…, {name}={limit:.3g})", name=name, limit=limit)
+        advice = Message("p.setJointMotorControl2(…, {name}={limit:g})", name=name, limit=limit)
         return {
             "message": message, "advice": advice, "effect": Effect(most - limit, unit),
             "share": worst.most,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drop_physics.analysis.answers.answer import Level
-from drop_physics.analysis.answers.slides import LEAST_M, LEAST_SHARE, Slides, Slip
+from drop_physics.analysis.answers.slides import LEAST_M, Slides, Slip
 from drop_physics.messages import Message
 
 AT_LIMIT = 0.9
@@ -23,12 +23,12 @@ class Creeps(Slides):
     level: Level = "model"
     speeds_m_s = 1e-7, 0.02
 
-    def says(self, run: Slip, body_m: float) -> bool:
+    def says(self, run: Slip, _body_m: float) -> bool:
         """Whether it went somewhere that friction could have kept it from."""
         of = run.of
         return bool(
             run.last - run.first >= LASTS
-            and of["went"] > max(LEAST_M, LEAST_SHARE * body_m)
+            and of["went"] > LEAST_M
             and min(of["slid"], of["went"]) > STRAIGHT * max(of["slid"], of["moved"])
             and run.most_m_s * of["time"] < STEADY * of["went"]
             and max(of["needed"], abs(of["used"])) < AT_LIMIT * of["available"]

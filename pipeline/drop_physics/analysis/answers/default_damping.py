@@ -15,7 +15,7 @@ from drop_physics.analysis.answers.answer import (
     Scene,
 )
 from drop_physics.analysis.explained.changes import energy_of
-from drop_physics.analysis.explained.judged import FLIGHT
+from drop_physics.analysis.explained.judged import DRIVEN, FLIGHT
 from drop_physics.messages import Message
 
 DAMPED = 0.01
@@ -45,7 +45,9 @@ class DefaultDamping(Answer):
             if damping is None or steps.epoch.damping != (None, None):
                 continue
             kinds = judged.segment[np.searchsorted(judged.steps, steps.steps)]
-            rows = np.flatnonzero(kinds == FLIGHT)
+            # A robot whose motors hold its joints is in the air, too; an arm is mounted.
+            air = (FLIGHT,) if steps.law.tree.fixed else (FLIGHT, DRIVEN)
+            rows = np.flatnonzero(np.isin(kinds, air))
             if len(rows):
                 first = _Damped(Noted(int(steps.steps[rows[0]])))
                 known = self._damped.setdefault((number, steps.epoch.life), first)

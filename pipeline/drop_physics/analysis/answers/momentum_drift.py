@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span
+from drop_physics.analysis.explained.changes import energy_of
 from drop_physics.analysis.explained.judged import Judged
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.laws.dynamics import angular_momenta
@@ -22,6 +23,9 @@ Float64 = NDArray[np.float64]
 OUTSIDE = "contacts", "constraints", "rolling", "clamp"
 DRIFT = 0.02
 """Of the largest momentum."""
+LEAST_MOVED = 0.1
+"""Of mass × speed of the base, or of the sum of what the links have: what is left where these
+cancel is small against it."""
 LEAST = 10
 """Steps in a row in which nothing outside acts."""
 
@@ -41,8 +45,14 @@ class _Free:
     """Whether nothing damps its rotation."""
     drift: Float64
     """Linear momentum that the integrator gave it [kg m/s], shape (3,)."""
+    momentum: Float64
+    """Linear momentum at the end [kg m/s], shape (3,)."""
     greatest: float = 0.0
-    """Mass × speed of the base, the greatest."""
+    """Of the linear momentum [kg m/s]."""
+    moved: float = 0.0
+    """Mass × speed of the base, the greatest [kg m/s]."""
+    turned: float = 0.0
+    """Sum of the sizes of all links' angular momenta, the greatest [kg m²/s]."""
     after: Float64 | None = None
     """Angular momentum at the end."""
 
@@ -78,18 +88,23 @@ class MomentumDrift(Answer):
         ):
             self._end(number)
             known = None
-        turning = _turning(steps, first, end)
+        turning, turned = _turning(steps, first, end)
         undamped = steps.law.angular_damping == 0 and not steps.law.joint_damping.any()
         if known is None:
             known = self._now[number] = _Free(body, steps.law.tree, began, began,
-                float(steps.law.tree.masses_kg.sum()), turning[0], undamped,
-                np.zeros(3))  # fmt: skip
+                float(steps.law.tree.masses_kg.sum()), turning[0], undamped, np.zeros(3),
+                energy_of(steps.law, steps.before.at(np.array([first])), np.zeros((1, 3)))[1][0],
+            )  # fmt: skip
         known.last, known.after = int(steps.steps[end - 1]), turning[1]
         known.undamped &= undamped
-        drift = steps.changes.momentum_kg_m_s["integrator"][first:end]
-        known.drift = known.drift + drift.sum(axis=0)
+        causes = {name: each[first:end] for name, each in steps.changes.momentum_kg_m_s.items()}
+        known.drift = known.drift + causes["integrator"].sum(axis=0)
+        momenta = known.momentum + np.cumsum(sum(causes.values()), axis=0)
+        known.momentum = momenta[-1]
+        known.greatest = max(known.greatest, float(np.linalg.norm(momenta, axis=1).max()))
         speed_m_s = np.linalg.norm(steps.after.velocity[first:end, 3:6], axis=1).max()
-        known.greatest = max(known.greatest, known.mass_kg * float(speed_m_s))
+        known.turned = max(known.turned, turned)
+        known.moved = max(known.moved, known.mass_kg * float(speed_m_s))
 
     def _end(self, number: int) -> None:
         known = self._now.pop(number, None)
@@ -125,24 +140,31 @@ def _free(judged: Judged, steps: Steps) -> NDArray[np.bool_]:
     return np.asarray(free & ~pushed)
 
 
-def _turning(steps: Steps, first: int, end: int) -> Float64:
-    """Return the angular momentum before and after some steps, shape (2, 3)."""
-    tree, found = steps.law.tree, []
+def _turning(steps: Steps, first: int, end: int) -> tuple[Float64, float]:
+    """Return the angular momentum before and after some steps, shape (2, 3).
+
+    And the sum of the sizes of the links', after them or where the rates are greatest.
+    """
+    tree, found, parts = steps.law.tree, [], []
     masses = tree.masses_kg
-    for states, row in ((steps.before, first), (steps.after, end - 1)):
+    fastest = first + int(np.argmax(np.linalg.norm(steps.after.velocity[first:end], axis=1)))
+    for states, row in ((steps.before, first), (steps.after, fastest), (steps.after, end - 1)):
         kin = kinematics(tree, states.at(np.array([row])))
         moved = motion(kin, states.velocity[[row]])
         places, speeds = (np.array([each[link + 1][:, 0] for link in range(BASE, tree.links)])
             for each in (kin.centres, moved.velocities))  # fmt: skip
         arms, own = (each - masses @ each / masses.sum() for each in (places, speeds))
-        turning = sum(np.ravel(each) for each in angular_momenta(kin, moved).values())
-        found.append(turning + masses @ np.cross(arms, own))
-    return np.array(found)
+        links = masses[:, None] * np.cross(arms, own)
+        for link, turning in angular_momenta(kin, moved).items():
+            links[link + 1] += np.ravel(turning)
+        found.append(links.sum(axis=0))
+        parts.append(float(np.linalg.norm(links, axis=1).sum()))
+    return np.array(found)[[0, 2]], max(parts)
 
 
 def _finding(free: _Free) -> Finding | None:
     count = free.last - free.first + 1
-    drift, size = float(np.linalg.norm(free.drift)), free.greatest
+    drift, size = float(np.linalg.norm(free.drift)), max(free.greatest, LEAST_MOVED * free.moved)
     message, unit = Message(
         "{body} gains {drift:.3g} kg m/s in {count:,} steps in which nothing outside acts on it: "
         "that is the error of the explicit step",
@@ -152,7 +174,10 @@ def _finding(free: _Free) -> Finding | None:
         if free.after is None or not free.undamped:
             return None
         before, after = (float(np.linalg.norm(each)) for each in (free.turning, free.after))
-        drift, size = float(np.linalg.norm(free.after - free.turning)), max(before, after)
+        drift, size = (
+            float(np.linalg.norm(free.after - free.turning)),
+            max(before, after, LEAST_MOVED * free.turned),
+        )
         message, unit = Message(
             "the angular momentum of {body} goes from {before:.4g} to {after:.4g} kg m²/s in "
             "{count:,} steps in which nothing outside acts on it: that is the error of the "
