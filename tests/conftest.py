@@ -34,6 +34,15 @@ settings.load_profile("drop")
 Drop = Callable[..., subprocess.CompletedProcess[str]]
 
 
+LONGEST = ("test_every_statement_is_confirmed", "test_what_a_page_says_to_type")
+"""Tests that take half a minute and more."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let the longest begin first: at the end, all processes have something to do."""
+    items.sort(key=lambda item: not item.name.startswith(LONGEST))
+
+
 def pytest_collection_finish() -> None:
     """Let the garbage collector pass over what is imported and collected: it stays."""
     gc.freeze()
