@@ -30,6 +30,7 @@ from drop_physics.shown import Shown
 
 Image = tuple[int, int, int]
 """Step, camera, and how many images that took there before."""
+NEITHER = Message("neither has images")
 
 
 @dataclass(frozen=True)
@@ -232,7 +233,7 @@ def _compare_frames(run: Recording, golden: Recording, *, until: int | None) -> 
     if (why := _incomparable(run, golden)) is not None:
         return Frames(0, 0, None, why)
     if not mine and not theirs:
-        return Frames(0, 0, None, Message("neither has images"))
+        return Frames(0, 0, None, NEITHER)
     keys = sorted(mine.keys() | theirs.keys())
     compared = [key for key in keys if until is None or key[0] < until]
     differing = [
@@ -247,11 +248,9 @@ def _incomparable(run: Recording, golden: Recording) -> Message | None:
     """Return why the pictures of two drops say nothing about their physics."""
     if run.drop is None or golden.drop is None:
         return None
-    if run.camera is None and golden.camera is None:
-        return Message("neither {one} nor {other} has frames", one=run.path, other=golden.path)
-    if run.camera is None or golden.camera is None:
-        without = run.path if run.camera is None else golden.path
-        return Message("{path} has no frames", path=without)
+    without = [each.path for each in (run, golden) if each.camera is None]
+    if without:
+        return NEITHER if len(without) > 1 else Message("{path} has no frames", path=without[0])
     if run.camera != golden.camera:
         return Message("the cameras differ")
     if run.engine.machine != golden.engine.machine:

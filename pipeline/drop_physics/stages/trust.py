@@ -187,5 +187,5 @@ def _trust(
         runs = [None if each == 1 else finer[each].apart for each in three]
         found = converging([1 / each for each in three], runs)
     stands = standing({name: each.apart for name, each in varied.items()})
-    findings = findings_of(varied, stands, grown or None, found, base)
+    findings = findings_of(varied, grown or None, found, base)
     return Trust(target, base, [*varied.values()], stands, grown or None, found, findings)

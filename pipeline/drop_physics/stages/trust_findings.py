@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from drop_physics.analysis.answers.answer import Effect, Finding, Level
-from drop_physics.analysis.standing import Converging, Growth, Standing
+from drop_physics.analysis.answers.answer import Finding
+from drop_physics.analysis.standing import Converging, Growth
 from drop_physics.messages import Message
 
 if TYPE_CHECKING:
@@ -35,8 +35,6 @@ BY_STEP = {
     ),
 }
 """Why a term depends on the timestep."""
-REPEATS = ("nudge", "seed")
-"""Variations that another run may have of itself."""
 SMALL = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
@@ -61,19 +59,11 @@ def part_of(body: str, joint: str | None, unit: str = "m") -> str:
 
 
 def findings_of(
-    varied: Mapping[str, Varied],
-    stands: list[Standing],
-    grown: Growth | None,
-    found: list[Converging],
-    base: Made,
+    varied: Mapping[str, Varied], grown: Growth | None, found: list[Converging], base: Made
 ) -> list[Finding]:
     """Return what was found, the gravest first."""
-    moved = {(each.body, each.joint, each.unit): each.moved for each in stands}
-    every = [*_ending(varied, base), *_apart(varied, moved)]
-    if grown is not None:
-        every.append(_grows(grown))
-    every += _converges(found)
-    return sorted(every, key=lambda each: each.rank)
+    grows = [] if grown is None else [_grows(grown)]
+    return sorted([*_ending(varied, base), *grows, *_converges(found)], key=lambda each: each.rank)
 
 
 def _ending(varied: Mapping[str, Varied], base: Made) -> Iterator[Finding]:
@@ -97,46 +87,6 @@ def _ending(varied: Mapping[str, Varied], base: Made) -> Iterator[Finding]:
                 message=Message("with {name} the script ends after {steps} of {all} steps",
                     name=name, steps=each.made.steps, all=base.steps),
             )  # fmt: skip
-
-
-def _apart(
-    varied: Mapping[str, Varied], moved: Mapping[tuple[str, str | None, str], float]
-) -> Iterator[Finding]:
-    for name, each in varied.items():
-        first = each.apart.first
-        if first is None:
-            continue
-        level: Level = "repeat" if name.partition("=")[0] in REPEATS else "model"
-        for worst in each.apart.most:
-            track = next(one for one in each.apart.tracks if (one.body, one.joint, one.unit)
-                == (worst.body, worst.joint, worst.unit))  # fmt: skip
-            if track.from_step is None:
-                continue
-            by = Message(", first by {term}", term=TERMS[each.term]) if each.term else ""
-            part = part_of(worst.body, worst.joint, worst.unit)
-            reach = moved.get((track.body, track.joint, track.unit), 0.0)
-            yield Finding(
-                code=f"depends-on-{_kind(name)}", level=level,
-                message=Message(
-                    "{name}: {part} ends {end} away, at worst {most} at {time:.4g} s; runs are "
-                    "apart from {from_s:.4g} s on{by}",
-                    name=name, part=part, end=readable(track.end, track.unit),
-                    most=readable(track.most, track.unit), time=track.most_s,
-                    from_s=first.from_s, by=by,
-                ),
-                advice=_advice(name, each.term), body=track.body, joint=track.joint,
-                effect=Effect(track.end, track.unit),
-                share=min(track.end / reach, 1e300) if reach else 1.0,
-            )  # fmt: skip
-
-
-def _kind(name: str) -> str:
-    kind = name.partition("=")[0].partition("/")[0].partition("*")[0].partition(" ")[0]
-    return kind if kind in ("timestep", "iterations", "residual", *REPEATS) else "parameter"
-
-
-def _advice(name: str, term: str | None) -> str | None:
-    return BY_STEP.get(term or "") if _kind(name) == "timestep" else None
 
 
 def _grows(grown: Growth) -> Finding:

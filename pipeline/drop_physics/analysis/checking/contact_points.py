@@ -6,10 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
-from drop_physics.analysis.checking.difference import FIRST, LED, Dated, Difference, When
-from drop_physics.analysis.checking.differences import off
+from drop_physics.analysis.checking.difference import FIRST, LED, Dated, Difference, When, off
 from drop_physics.analysis.checking.pairing import Pairing
 from drop_physics.seen.history import Seen
 
@@ -37,44 +35,26 @@ def first_contact(
     clients = {body.client for body in run.bodies.values()}
     if len(clients) > 1:
         mine, golden = (_by_client(run, table) for table in (mine, golden))
-    places = []
-    counted = _first_count(mine, golden)
-    if counted is not None:
-        step, values = counted
-        side = mine if values[0] > values[1] else golden
-        row = int(np.searchsorted(side["step"].to_numpy(), step))
-        places.append((step, side.row(row, named=True), "contact_points", *values))
-        mine, golden = (table.filter(pl.col("step") < step) for table in (mine, golden))
     x, y = (_points(table) for table in (mine, golden))
+    both = min(len(x), len(y))
     tolerated = np.array([allowed.get(name, 0.0) for name in x.columns])
-    differ = off(x.to_numpy(), y.to_numpy(), tolerated)
-    for row, column in np.argwhere(differ)[:1].tolist():
-        name = x.columns[column]
-        point = mine.row(row, named=True)
-        places.insert(
-            0, (point["step"], point, f"contact_{name}", x[name][row], y[name][row])
-        )  # fmt: skip
-    for step, point, column, value, other in places[:1]:
-        body, link = _part(run, pairs, point)
-        client = run.bodies[point["body_a"]].client if point["body_a"] in run.bodies else 0
-        difference = Difference(step, body, link, column, value, other)
-        return Dated(When(step, LED if step else FIRST), client, difference)
-    return None
-
-
-def _first_count(mine: pl.DataFrame, golden: pl.DataFrame) -> tuple[int, tuple[int, int]] | None:
-    """Return the first step in which the numbers of points differ, and both."""
-    first = min((table["step"][0] for table in (mine, golden) if len(table)), default=0)
-    end = max((table["step"][-1] for table in (mine, golden) if len(table)), default=0) + 1
-    counts = [
-        np.bincount(table["step"].to_numpy() - first, minlength=end - first)
-        for table in (mine, golden)
-    ]
-    differing: NDArray[np.int64] = np.flatnonzero(counts[0] != counts[1])
-    if not len(differing):
+    differ = off(x[:both].to_numpy(), y[:both].to_numpy(), tolerated)
+    rows = np.flatnonzero(differ.any(axis=1)).tolist()
+    if not rows and len(x) == len(y):
         return None
-    step = int(differing[0])
-    return first + step, (int(counts[0][step]), int(counts[1][step]))
+    row = rows[0] if rows else both
+    step = min(int(table["step"][row]) for table in (mine, golden) if row < len(table))
+    here, there = (table.filter(pl.col("step") == step) for table in (mine, golden))
+    if len(here) != len(there):
+        point = (here if len(here) > len(there) else there).row(0, named=True)
+        column, value, other = "contact_points", len(here), len(there)
+    else:
+        point, name = mine.row(row, named=True), x.columns[int(np.argmax(differ[row]))]
+        column, value, other = f"contact_{name}", x[name][row], y[name][row]
+    body, link = _part(run, pairs, point)
+    client = run.bodies[point["body_a"]].client if point["body_a"] in run.bodies else 0
+    difference = Difference(step, body, link, column, value, other)
+    return Dated(When(step, LED if step else FIRST), client, difference)
 
 
 def _points(contacts: pl.DataFrame) -> pl.DataFrame:
@@ -84,9 +64,7 @@ def _points(contacts: pl.DataFrame) -> pl.DataFrame:
         + pl.col("friction_2_n") * pl.col(f"f2{axis}")
         for axis in "xyz"
     }
-    parts = pl.exclude(
-        "step", "friction_1_n", "f1x", "f1y", "f1z", "friction_2_n", "f2x", "f2y", "f2z"
-    )
+    parts = pl.exclude("friction_1_n", "f1x", "f1y", "f1z", "friction_2_n", "f2x", "f2y", "f2z")
     return contacts.select(parts, **friction)
 
 

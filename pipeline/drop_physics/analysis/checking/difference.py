@@ -6,9 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Scenario
 from drop_physics.seen.history import Seen
+
+Float64 = NDArray[np.float64]
 
 Value = Any
 """A number, a text, a flag, a vector; None where there is none."""
@@ -133,3 +138,11 @@ def earliest(*differences: Dated | None) -> Dated | None:
 def differs(value: Value, other: Value) -> bool:
     """Whether two values differ; nan equals nan."""
     return bool(value != other and (value == value or other == other))
+
+
+def off(mine: Float64, golden: Float64, allowed: Float64 | float = 0.0) -> NDArray[np.bool_]:
+    """Return which numbers differ by more than allowed; nan equals nan."""
+    with np.errstate(invalid="ignore"):  # of infinite numbers
+        near = np.abs(mine - golden) <= allowed
+    differ: NDArray[np.bool_] = ~((mine == golden) | near | (np.isnan(mine) & np.isnan(golden)))
+    return differ

@@ -6,9 +6,9 @@ those of clients; and bodies are numbered as they come, which depends on how thr
 
 from __future__ import annotations
 
-import hashlib
-from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+import itertools
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -48,9 +48,8 @@ class Pairing:
 def pairing(run: Seen, golden: Seen) -> Pairing:
     """Return which simulations and bodies correspond.
 
-    Simulations correspond that have the same bodies and calls, else the same bodies, else one of
-    the same name, else in the order of their numbers; of two such simulations bodies correspond
-    that have the same name, in the order in which they came.
+    Simulations correspond in the order of their connections, without those that are not used; of
+    two such simulations bodies correspond that have the same name, in the order in which they came.
     """
     clients = _clients(run, golden)
     mine = _named(run, {client: client for client in _used(run)})
@@ -103,39 +102,6 @@ def _name(body: Body) -> str:
 
 def _clients(run: Seen, golden: Seen) -> dict[int, int]:
     """Return the number in the checked recording of each client of the golden one."""
-    names = [_names(seen) for seen in (run, golden)]
-    several = max(map(len, names)) > 1
-    calls = [_digests(seen) if several else {} for seen in (run, golden)]
-    pairs: dict[int, int] = {}
-
-    def pair(alike: Callable[[int, int], bool]) -> None:
-        for client in sorted(names[1].keys() - pairs.keys()):
-            free = sorted(names[0].keys() - pairs.values())
-            if (found := next((each for each in free if alike(each, client)), None)) is not None:
-                pairs[client] = found
-
-    pair(lambda mine, theirs: calls[0].get(mine) == calls[1].get(theirs) and several)
-    pair(lambda mine, theirs: names[0][mine] == names[1][theirs])
-    pair(lambda mine, theirs: bool({*names[0][mine]} & {*names[1][theirs]}))
-    pair(lambda *_: True)
-    unused = max(names[0], default=-1) + 1
-    rest = sorted(names[1].keys() - pairs.keys())
-    return pairs | {client: unused + number for number, client in enumerate(rest)}
-
-
-def _names(seen: Seen) -> dict[int, list[str]]:
-    """Return the names of each client's bodies, in the order in which they came."""
-    names: dict[int, list[str]] = {client: [] for client in sorted(_used(seen))}
-    for _, body in sorted(seen.bodies.items()):
-        names[body.client].append(_name(body))
-    return names
-
-
-def _digests(seen: Seen) -> dict[int, bytes]:
-    """Return a digest of each client's calls."""
-    digests: dict[int, hashlib._Hash] = defaultdict(hashlib.sha256)
-    for piece in seen.pieces():
-        for call in piece.calls:
-            said = call.function, call.site.form, call.numbers
-            digests[call.client].update(repr(said).encode())
-    return {client: digest.digest() for client, digest in digests.items()}
+    mine, theirs = sorted(_used(run)), sorted(_used(golden))
+    unused = itertools.count(max(mine, default=-1) + 1)
+    return dict(zip(theirs, itertools.chain(mine, unused), strict=False))

@@ -16,8 +16,8 @@ from drop_physics.analysis.checking.difference import (
     Largest,
     When,
     earliest,
+    off,
 )
-from drop_physics.analysis.checking.differences import VECTORS, off, states_off
 from drop_physics.analysis.checking.pairing import Pairing, lengths
 from drop_physics.analysis.checking.tolerance import Tolerance
 from drop_physics.analysis.motions import NOTHING, Motion, motions, together
@@ -31,6 +31,8 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Forces = Mapping[tuple[int, int], tuple[Int64, Float64]]
 
+VECTORS = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13))
+"""The columns of a state: position, quaternion, velocity, spin."""
 QUANTITIES = {"position": "m", "orientation": "rad", "velocity": "m/s", "spin": "rad/s"}
 JOINT_QUANTITIES = {
     "joint_position": ("rad", "m"), "joint_velocity": ("rad/s", "m/s"),
@@ -251,7 +253,23 @@ def _beyond(mine: Float64, golden: Float64, allowed: Float64) -> NDArray[np.bool
     x, y, most = (each.reshape(-1, 13) for each in (mine, golden.copy(), allowed))
     turns = VECTORS[1]  # a quaternion of the other sign is the same orientation
     y[:, turns] = same_way(y[:, turns], x[:, turns])
-    return states_off(x, y, most).reshape(mine.shape)
+    return _states_off(x, y, most).reshape(mine.shape)
+
+
+def _states_off(mine: Float64, golden: Float64, allowed: Float64) -> NDArray[np.bool_]:
+    """Return which numbers of states differ by more than allowed, all of shape (rows, 13).
+
+    A tolerance is that of a whole vector: where a difference is too long, though none of its
+    components is, the largest of them is off.
+    """
+    differ = off(mine, golden, allowed)
+    with np.errstate(invalid="ignore", over="ignore"):
+        size = np.abs(mine - golden)
+        for columns in VECTORS:
+            long = np.linalg.norm(size[:, columns], axis=1) > allowed[:, columns].max(axis=1)
+            (rows,) = np.nonzero(long & ~differ[:, columns].any(axis=1))
+            differ[rows, columns.start + np.argmax(size[rows, columns], axis=1)] = True
+    return differ
 
 
 def _part_of(body: Body, link: int, column: str) -> tuple[str | None, str]:
