@@ -129,22 +129,22 @@ def test_the_catalogue_is_the_one_that_its_generator_makes() -> None:
 @pytest.mark.parametrize(
     ("variables", "expected"),
     [
-        ({}, "Flights"),
-        ({"LANG": "ja_JP.UTF-8"}, "飛行"),
-        ({"LANG": "ja"}, "飛行"),
-        ({"LC_ALL": "ja_JP.UTF-8", "LANG": "en_US.UTF-8"}, "飛行"),
-        ({"LC_MESSAGES": "ja_JP.UTF-8", "LANG": "de_DE.UTF-8"}, "飛行"),
-        ({"LANG": "en_US.UTF-8"}, "Flights"),
-        ({"LANG": "C"}, "Flights"),
-        ({"LANG": "xx_YY.UTF-8"}, "Flights"),
-        ({"DROP_LANG": "ja"}, "飛行"),
-        ({"DROP_LANG": "ja", "LANG": "en_US.UTF-8", "LC_ALL": "C"}, "飛行"),
-        ({"DROP_LANG": "en", "LANG": "ja_JP.UTF-8"}, "Flights"),
-        ({"DROP_LANG": "xx", "LANG": "ja_JP.UTF-8"}, "Flights"),
-        ({"DROP_LANG": "", "LANG": "ja_JP.UTF-8"}, "飛行"),
-        ({"DROP_LANG": "en", "LANGUAGE": "ja"}, "Flights"),
-        ({"LANGUAGE": "ja:en", "LANG": "en_US.UTF-8"}, "飛行"),
-        ({"LANGUAGE": "en:ja", "LANG": "ja_JP.UTF-8"}, "Flights"),
+        ({}, "Contacts"),
+        ({"LANG": "ja_JP.UTF-8"}, "接触"),
+        ({"LANG": "ja"}, "接触"),
+        ({"LC_ALL": "ja_JP.UTF-8", "LANG": "en_US.UTF-8"}, "接触"),
+        ({"LC_MESSAGES": "ja_JP.UTF-8", "LANG": "de_DE.UTF-8"}, "接触"),
+        ({"LANG": "en_US.UTF-8"}, "Contacts"),
+        ({"LANG": "C"}, "Contacts"),
+        ({"LANG": "xx_YY.UTF-8"}, "Contacts"),
+        ({"DROP_LANG": "ja"}, "接触"),
+        ({"DROP_LANG": "ja", "LANG": "en_US.UTF-8", "LC_ALL": "C"}, "接触"),
+        ({"DROP_LANG": "en", "LANG": "ja_JP.UTF-8"}, "Contacts"),
+        ({"DROP_LANG": "xx", "LANG": "ja_JP.UTF-8"}, "Contacts"),
+        ({"DROP_LANG": "", "LANG": "ja_JP.UTF-8"}, "接触"),
+        ({"DROP_LANG": "en", "LANGUAGE": "ja"}, "Contacts"),
+        ({"LANGUAGE": "ja:en", "LANG": "en_US.UTF-8"}, "接触"),
+        ({"LANGUAGE": "en:ja", "LANG": "ja_JP.UTF-8"}, "Contacts"),
     ],
 )
 def test_the_language_is_that_of_drop_lang_else_of_the_locale(
@@ -154,7 +154,7 @@ def test_the_language_is_that_of_drop_lang_else_of_the_locale(
         monkeypatch.delenv(name, raising=False)
     for name, text in variables.items():
         monkeypatch.setenv(name, text)
-    assert localized("Flights") == expected
+    assert localized("Contacts") == expected
 
 
 @pytest.mark.usefixtures("japanese")

@@ -138,22 +138,25 @@ def pasteable(title: str, command: str, *, column: int, style: str = "") -> list
     return [a + escape(b) + c for a, b, c in zip(heads, lines, ends, strict=True)]
 
 
-def listed(title: str, pairs: Sequence[tuple[str, str]], *, column: int) -> list[str]:
-    """Return a table beside its title, with Rich's markup; the first row is its heading.
+Column = tuple[str, Sequence[str], bool]
+"""Of a table: its head, its cells, and whether they are numbers, aligned to the right."""
 
-    Each row has two parts; on a narrow terminal the second is below the first.
-    """
+
+def table(columns: Sequence[Column], *, red: Sequence[bool] = ()) -> list[str]:
+    """Return a table with Rich's markup; `red` are rows in which something failed."""
     from rich.markup import escape
 
-    wide = column + max(columns_of(first + second) for first, second in pairs) <= width()
-    heading, *rows = (
-        [first + second] if wide else [first.rstrip(), *([f"  {second}"] if second else [])]
-        for first, second in pairs
-    )
-    indent = " " * (column if wide else 2)
-    lines = [f"[bold]{left(translated(title), column)}[/][dim]{heading[0]}[/]"]
-    lines += [f"{indent}[dim]{part}[/]" for part in heading[1:]]
-    return [*lines, *(f"{indent}{escape(part)}" for row in rows for part in row)]
+    aligned = []
+    for head, cells, numbers in columns:
+        texts = [translated(head), *cells]
+        wide = max(8 if numbers else 0, *map(columns_of, texts))
+        aligned.append([(right if numbers else left)(text, wide) for text in texts])
+    heads, *rows = (escape("  ".join(row).rstrip()) for row in zip(*aligned, strict=True))
+    reds = [*red, *[False] * (len(rows) - len(red))]
+    return [
+        f"[dim]{heads}[/]",
+        *(f"[red]{row}[/]" if is_red else row for row, is_red in zip(rows, reds, strict=True)),
+    ]
 
 
 def made(title: str, path: object, facts: str = "", *, column: int) -> list[str]:
@@ -164,8 +167,9 @@ def made(title: str, path: object, facts: str = "", *, column: int) -> list[str]
     head = f"[dim]{title}[/]{left('', column - columns_of(title))}{escape(str(path))}"
     if not facts:
         return [head]
-    fits = column + columns_of(str(path)) + 3 + columns_of(facts) <= width()
-    return [f"{head}   {facts}"] if fits else [head, f"{left('', column)}{facts}"]
+    if column + columns_of(str(path)) + 3 + columns_of(facts) <= width():
+        return [f"{head}   {facts}"]
+    return [head, *(left("", column) + line for line in wrapped(facts, width() - column))]
 
 
 def print_json(value: dict[str, Any]) -> None:

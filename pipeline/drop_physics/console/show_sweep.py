@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from drop_physics.console.output import (
+    Column,
     columns_of,
     counted,
     error,
@@ -19,7 +20,7 @@ from drop_physics.console.output import (
     millimetres,
     print_json,
     print_lines,
-    right,
+    table,
     titled,
     width,
 )
@@ -122,23 +123,6 @@ def _json(sweep: Sweep) -> dict[str, Any]:
 
 # -- tables ---------------------------------------------------------------------------------------
 
-Column = tuple[str, list[str], bool]
-"""Its head, its cells, and whether they are right-aligned."""
-
-
-def _table(columns: list[Column], failed: Sequence[bool] = ()) -> list[str]:
-    aligned = []
-    for head, cells, to_the_right in columns:
-        texts = [translated(head), *cells]
-        wide = max(8 if to_the_right else 0, *map(columns_of, texts))
-        aligned.append([(right if to_the_right else left)(text, wide) for text in texts])
-    heads, *rows = (escape("  ".join(row).rstrip()) for row in zip(*aligned, strict=True))
-    reds = [*failed, *[False] * (len(rows) - len(failed))]
-    return [
-        f"[dim]{heads}[/]",
-        *(f"[red]{row}[/]" if red else row for row, red in zip(rows, reds, strict=True)),
-    ]
-
 
 def _labels(sweep: Sweep, rows: Sequence[dict[str, Any]]) -> list[Column]:
     """Return a column for each field that differs between the runs."""
@@ -157,11 +141,11 @@ def _rows(sweep: Sweep) -> list[str]:
     )
     labels, failed = _labels(sweep, shown), [row["error"] is not None for row in shown]
     left_out: list[str] = []
-    while columns_of(Text.from_markup(_table([*labels, total, *terms])[0]).plain) > width():
+    while columns_of(Text.from_markup(table([*labels, total, *terms])[0]).plain) > width():
         if not (terms or labels):
             break
         left_out.insert(0, translated((terms or labels).pop()[0]))
-    lines = _table([*labels, total, *terms], failed)
+    lines = table([*labels, total, *terms], red=failed)
     results = str(sweep.results)
     if left_out:
         words = Message(
@@ -274,8 +258,8 @@ def _orders(orders: Sequence[float | None], last: int, width: int, decimals: int
 
 def _engines(sweep: Sweep) -> list[str]:
     """Return a table of what each engine does on the floor, and a table of drifts."""
-    runs, table = sweep.engine_runs, sweep.table(MOST_ROWS).to_dicts()
-    labels = _labels(sweep, [table[run.run] for run in runs])
+    runs, rows = sweep.engine_runs, sweep.table(MOST_ROWS).to_dicts()
+    labels = _labels(sweep, [rows[run.run] for run in runs])
     floor = [
         (Message("impact"), [_unit(run.impact_s, 1, "s", 4) for run in runs], True),
         (Message("deepest"), [_unit(run.penetration_m, 1e3, "mm", 2) for run in runs], True),
@@ -291,10 +275,10 @@ def _engines(sweep: Sweep) -> list[str]:
     ]
     lines = []
     if any(run.impact_s is not None or run.penetration_m is not None for run in runs):
-        lines += [*_heading(Message("on the floor")), *_table([*labels, *floor])]
+        lines += [*_heading(Message("on the floor")), *table([*labels, *floor])]
     if any(run.angular_momentum_drift is not None for run in runs):
         lines += [""] if lines else []
-        lines += [*_heading(Message("drift before the first contact")), *_table([*labels, *drift])]
+        lines += [*_heading(Message("drift before the first contact")), *table([*labels, *drift])]
     return lines
 
 
@@ -322,7 +306,7 @@ def _statistics(group: Group) -> list[str]:
         return _mm(value_m).removeprefix("+")
 
     halves = [one.interval and (one.interval[1] - one.interval[0]) / 2 for one in found]
-    lines += _table([
+    lines += table([
         ("", [translated(TERMS[COLUMNS[one.quantity]]) for one in found], False),
         (Message("mean"), [_mm(one.mean) for one in found], True),
         ("± 95 %", [*map(wide, halves)], True),

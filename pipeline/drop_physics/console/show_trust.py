@@ -13,12 +13,11 @@ from rich.markup import escape
 from drop_physics.analysis.jsonable import jsonable
 from drop_physics.analysis.results import renamed
 from drop_physics.console.output import (
-    columns_of,
     counted,
-    left,
     made,
     print_json,
     print_lines,
+    table,
     width,
     wrapped,
 )
@@ -39,6 +38,10 @@ APART = 3
 NONE = "–"
 LEAST = 1e-6
 """Of positions that are less apart [m], orientations are shown instead, if they are more [rad]."""
+VARIATIONS = ("", Message("ends apart"), "", Message("at worst"), "", Message("apart from"),
+              Message("first by"))  # fmt: skip
+STANDING = ("", Message("moves"), Message("its end stands to"), Message("but for"),
+            Message("at worst"), Message("but for"))  # fmt: skip
 CONVERGENCE = ("converges", "does-not-converge", "no-order")
 
 
@@ -84,10 +87,10 @@ def json_of(trust: Trust) -> dict[str, Any]:
 
 def trust_lines(trust: Trust) -> list[str]:
     """Return what the terminal prints."""
-    lines = [*wrapped(translated(_verdict(trust)), width()), "", *_table(_variations(trust))]
+    lines = [*wrapped(translated(_verdict(trust)), width()), "", *_variations(trust)]
     stands = trust.standing[:MOST_PARTS]
     if stands:
-        lines += ["", *_table([_head(), *map(_stands, stands)])]
+        lines += ["", *_table(STANDING, [*map(_stands, stands)])]
         if len(trust.standing) > len(stands):
             more = Message("and {more} more: --json",
                 more=counted(len(trust.standing) - len(stands), "position"))  # fmt: skip
@@ -117,10 +120,8 @@ def _verdict(trust: Trust) -> Message:
         steps=steps, depends=joined(", ", depends), stands=joined(", ", stands))  # fmt: skip
 
 
-def _variations(trust: Trust) -> Iterator[list[str]]:
-    yield ["", "ends apart", "", "at worst", "", "apart from", "first by"]
-    for each in trust.variations:
-        yield [each.name, *_distances(each, trust)]
+def _variations(trust: Trust) -> list[str]:
+    return _table(VARIATIONS, [[each.name, *_distances(each, trust)] for each in trust.variations])
 
 
 def _distances(each: Varied, trust: Trust) -> list[str]:
@@ -142,10 +143,6 @@ def _farthest(found: Sequence[Distance]) -> tuple[str, str]:
     return readable(worst.value, worst.unit), translated(part)
 
 
-def _head() -> list[str]:
-    return ["", "moves", "ends stand to", "by", "worst", "by"]
-
-
 def _stands(each: Standing) -> list[str]:
     return [
         translated(part_of(each.body, each.joint, each.unit)), readable(each.moved, each.unit),
@@ -161,21 +158,8 @@ def _digits(digits: int | None, off: float, unit: str) -> str:
         off=readable(off, unit)))  # fmt: skip
 
 
-HEADS = {
-    "": "", "ends apart": Message("ends apart"), "at worst": Message("at worst"),
-    "apart from": Message("apart from"), "first by": Message("first by"),
-    "moves": Message("moves"), "ends stand to": Message("its end stands to"),
-    "by": Message("but for"), "worst": Message("at worst"),
-}  # fmt: skip
-
-
-def _table(rows: Sequence[Sequence[str]] | Iterator[list[str]]) -> list[str]:
-    head, *rest = rows
-    cells = [[translated(HEADS[each]) for each in head], *rest]
-    wide = [max(map(columns_of, column)) for column in zip(*cells, strict=True)]
-    lines = ["  ".join(left(cell, size) for cell, size in zip(row, wide, strict=True)).rstrip()
-        for row in cells]  # fmt: skip
-    return [f"[dim]{escape(lines[0])}[/]", *map(escape, lines[1:])]
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return table([(head, [row[at] for row in rows], False) for at, head in enumerate(heads)])
 
 
 def _sentences(trust: Trust) -> Iterator[str]:

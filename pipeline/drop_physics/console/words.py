@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from drop_physics.console.output import counted, right
-from drop_physics.messages import Message, joined, localized
+from drop_physics.console.output import counted
+from drop_physics.messages import Message, joined
 
-CONTACTS, EXPLAINED, FLIGHTS = Message("Contacts"), Message("Explained"), Message("Flights")
+CONTACTS, EXPLAINED = Message("Contacts"), Message("Explained")
 NONE, PLOT = Message("none"), Message("plot")
 RECORDING, SCRIPT = Message("recording"), Message("script")
 TERMS = {
@@ -68,13 +68,3 @@ def unfinished(recording: object, samples: int) -> Message:
         recording=str(recording),
         samples=counted(samples, "sample"),
     )
-
-
-def span() -> str:
-    """Return the heading of two columns of times: the first and the last."""
-    return " ".join(right(end, 9) for end in (localized("from"), localized("to")))
-
-
-def errors_by_axis() -> str:
-    """Return the heading of three columns of errors."""
-    return " ".join(right(localized("{axis} off", axis=axis), 12) for axis in "xyz")
