@@ -21,7 +21,7 @@ from drop_physics.figures.animation import check_animation, write_animation
 from drop_physics.figures.composition import caption
 from drop_physics.figures.growing_plot import GrowingStory
 from drop_physics.figures.playback import Animation, playback
-from drop_physics.recording.reader import frames
+from drop_physics.recording.frames import frames
 from drop_physics.stages.render import render
 from drop_physics.stages.run import Run
 from drop_physics.stages.telling import story_of

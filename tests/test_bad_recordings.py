@@ -29,7 +29,8 @@ from drop_physics import Camera, Scenario, analyze, check, render, simulate
 from drop_physics.errors import RecordingError
 from drop_physics.recording import columns, reader, rrd, schema, writer
 from drop_physics.recording.digest import FrameDigest, closing_digest
-from drop_physics.recording.reader import contents, digests, frames, read
+from drop_physics.recording.frames import frames
+from drop_physics.recording.reader import contents, digests, read
 from drop_physics.workers import Worker
 from PIL import Image
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader

@@ -33,7 +33,8 @@ from drop_physics.analysis.checking.tolerance import IN_CONTACT_M
 from drop_physics.analysis.comparison import Comparison, compare
 from drop_physics.errors import OutputError, RecordingError
 from drop_physics.recording import schema
-from drop_physics.recording.reader import Recording, frames, read
+from drop_physics.recording.frames import frames
+from drop_physics.recording.reader import Recording, read
 from drop_physics.stages.check import Check, check
 from drop_physics.stages.record import record_script
 from drop_physics.stages.run import Run

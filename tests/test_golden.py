@@ -8,7 +8,7 @@ import io
 import numpy as np
 import pytest
 from conftest import Recorder, judge
-from drop_physics.recording.reader import frames
+from drop_physics.recording.frames import frames
 from drop_physics.stages.run import Run
 from engine import ROUNDS_ONCE, drive
 from PIL import Image

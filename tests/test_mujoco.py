@@ -19,7 +19,8 @@ from drop_physics.engines import other_world
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.laws.mujoco_contact import rest_depth_m
 from drop_physics.laws.rotations import rotate
-from drop_physics.recording.reader import Recording, frames, read
+from drop_physics.recording.frames import frames
+from drop_physics.recording.reader import Recording, read
 from drop_physics.recording.rows import tables_of
 from drop_physics.scenario import INTEGRATORS
 from drop_physics.stages.check import check

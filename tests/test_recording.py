@@ -140,7 +140,7 @@ def test_the_pinhole_sees_what_pybullets_camera_saw(standard: Run) -> None:
     import io
 
     from drop_physics.engines.bullet.visible_world import world_from_camera
-    from drop_physics.recording.reader import frames
+    from drop_physics.recording.frames import frames
     from PIL import Image
 
     recording = read(standard.simulation.recording)

@@ -14,7 +14,8 @@ from conftest import Drop, rerun_rrd, some
 from drop_physics import Analysis, analyze
 from drop_physics.errors import RecordingError
 from drop_physics.recording import schema, writer
-from drop_physics.recording.reader import frames, read
+from drop_physics.recording.frames import frames
+from drop_physics.recording.reader import read
 from drop_physics.stages.run import Run
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 

@@ -18,7 +18,8 @@ from drop_physics.engines.bullet.engine import p
 from drop_physics.engines.bullet.jointed import JointStates
 from drop_physics.engines.bullet.world import World
 from drop_physics.errors import DropError, ScenarioError
-from drop_physics.recording.reader import frames, read
+from drop_physics.recording.frames import frames
+from drop_physics.recording.reader import read
 from drop_physics.report import LARGEST
 from drop_physics.stages.sweep_shard import RunShard
 from drop_physics.states import BODY, FLOOR, Batch

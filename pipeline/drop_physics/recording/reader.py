@@ -7,26 +7,23 @@ fails a check is damaged, and the error says why in one line.
 
 from __future__ import annotations
 
-import dataclasses
-import itertools
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.errors import RecordingError, ScenarioError
-from drop_physics.fields import counted, shown
+from drop_physics.errors import RecordingError
+from drop_physics.fields import counted
 from drop_physics.messages import Message
-from drop_physics.recording import columns, png, rows, rrd, schema
+from drop_physics.recording import columns, rows, rrd, schema
 from drop_physics.recording import told as saying
 from drop_physics.recording.checks import (
-    check_camera,
     check_contacts,
     check_engine,
     check_parts,
@@ -37,11 +34,11 @@ from drop_physics.recording.checks import (
 from drop_physics.recording.columns import Properties
 from drop_physics.recording.contents import chunks_of, closing_of, gather
 from drop_physics.recording.digest import (
-    FrameDigest,
     ToldDigest,
     closing_digest,
     inputs_digest,
 )
+from drop_physics.recording.inputs import Drop, check_inputs, drop_of
 from drop_physics.recording.sampled import Digests, RecordedSamples, is_series
 from drop_physics.recording.told import Told
 from drop_physics.report import EngineReport
@@ -51,22 +48,6 @@ from drop_physics.seen.history import Seen, joined
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
-
-T = TypeVar("T")
-
-MOST_HELD = 4
-"""Times a file's size, for its frames: PNG is already compressed, and equal ones are held once."""
-FREELY_HELD = 1 << 26
-"""Bytes of frames that any file may have."""
-
-
-@dataclass(frozen=True)
-class Drop:
-    """What the recording of a drop holds besides."""
-
-    scenario: Scenario
-    engine: EngineReport
-    camera: Camera | None
 
 
 @dataclass(frozen=True)
@@ -136,7 +117,7 @@ def read(path: Path) -> Recording:
     """
     held = contents(path)
     closing = closing_of(held.properties, path)
-    _check_inputs(held.properties, path)
+    check_inputs(held.properties, path)
     held.sampled.partial = closing is None
     try:
         told = held.told()
@@ -150,7 +131,7 @@ def read(path: Path) -> Recording:
                 raise damaged(path, Message("its section {name} fails its checksum", name=name))
     origin, drop = held.properties.get(schema.ORIGIN_PROPERTY, {}), None
     if not origin:
-        drop = _drop(held.properties, path)
+        drop = drop_of(held.properties, path)
         if schema.IMAGE in held.entities and drop.camera is None:
             raise damaged(path, Message("it has frames, but no camera"))
     recording = Recording(path, held.recording_id, origin, drop, closing, seen, held.entities)
@@ -387,114 +368,3 @@ def entities(path: Path) -> Iterator[str]:
         If it is missing, damaged, or not one of ours.
     """
     return (chunk.entity for chunk in chunks_of(path))
-
-
-def frames(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield the camera frames of a recording in step order: step and PNG.
-
-    Raises
-    ------
-    RecordingError
-        If the recording is missing or damaged.
-    """
-    pictures: dict[int, bytes] = {}
-    properties: dict[str, Properties] = {}
-    held, last = 0, b""
-    for chunk in chunks_of(path):
-        if chunk.entity == schema.IMAGE:
-            for step, picture in columns.images(chunk, path):
-                if pictures.get(step, picture) != picture:
-                    raise damaged(path, Message("it has two frames of step {step}", step=step))
-                if picture != last:
-                    held, last = held + len(picture), picture
-                if held > FREELY_HELD + MOST_HELD * path.stat().st_size:
-                    raise damaged(path, Message("its frames take over {size:,} bytes", size=held))
-                pictures[step] = last
-        elif chunk.entity.startswith("__properties/"):
-            gather(properties, chunk, path)
-
-    closing, (scenario, camera) = closing_of(properties, path), _inputs(properties, path)
-    pictures = dict(sorted(pictures.items()))
-    _check_frames(pictures, scenario, camera, closing, path)
-    yield from pictures.items()
-
-
-def _check_frames(
-    pictures: Mapping[int, bytes],
-    scenario: Scenario,
-    camera: Camera | None,
-    closing: Properties | None,
-    path: Path,
-) -> None:
-    """Check that the frames are those that the camera takes; an unfinished recording has fewer."""
-    due = range(0, scenario.steps + 1, camera.capture_every) if camera else range(0)
-    expected = due if closing is not None else due[: len(pictures)]
-    if list(pictures) != list(itertools.islice(expected, len(pictures) + 1)):
-        what = Message(
-            "it must hold {frames}, got {count:,}",
-            frames=counted(len(due), "frame"),
-            count=len(pictures),
-        )
-        raise damaged(path, what)
-    for step, picture in pictures.items():
-        # A decoder allocates what the header claims.
-        if camera is None or png.size_px(picture) != camera.size_px:
-            what = Message("its frame at step {step} is not a PNG of the camera's size", step=step)
-            raise damaged(path, what)
-    if closing is None:
-        return
-    digest = FrameDigest()
-    for step, picture in pictures.items():
-        digest.update(step, picture)
-    if (closing.get("frames"), closing.get("frames_sha256")) != (
-        len(due),
-        digest.hexdigest() if pictures else None,
-    ):
-        raise damaged(path, Message("its frames fail their checksum"))
-
-
-# -- properties -----------------------------------------------------------------------------------
-
-
-def _check_inputs(properties: Mapping[str, Properties], path: Path) -> None:
-    """Check that a recording says what was recorded."""
-    if schema.ORIGIN_PROPERTY not in properties:
-        for name in (schema.SCENARIO_PROPERTY, schema.ENGINE_PROPERTY):
-            if name not in properties:
-                raise damaged(path, Message("it lacks its {name} property", name=name))
-
-
-def _drop(properties: Mapping[str, Properties], path: Path) -> Drop:
-    """Return what was dropped, checked."""
-    scenario, camera = _inputs(properties, path)
-    return Drop(scenario, _engine(properties[schema.ENGINE_PROPERTY], path), camera)
-
-
-def _inputs(properties: Mapping[str, Properties], path: Path) -> tuple[Scenario, Camera | None]:
-    """Return scenario and camera, checked."""
-    camera = properties.get(schema.CAMERA_PROPERTY)
-    try:
-        scenario = _dataclass(Scenario, properties[schema.SCENARIO_PROPERTY])
-        if camera is None:
-            return scenario, None
-        taken = _dataclass(Camera, camera)
-    except (TypeError, ScenarioError) as error:
-        what = Message("its scenario or camera is invalid ({error})", error=str(error))
-        raise damaged(path, what) from None
-    check_camera(taken, path)
-    return scenario, taken
-
-
-def _engine(values: Properties, path: Path) -> EngineReport:
-    try:
-        return EngineReport.from_properties(values)
-    except RecordingError as error:
-        raise damaged(path, error.in_options) from None
-
-
-def _dataclass(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Return the dataclass that a property holds; an unknown name is a ScenarioError."""
-    unknown = values.keys() - {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    if unknown:
-        raise ScenarioError("this drop does not know {name}", name=shown(min(unknown)))
-    return kind(**{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()})

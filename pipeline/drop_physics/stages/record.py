@@ -140,18 +140,8 @@ def record_script(
     program = Program(
         target, arguments, interpreter, is_module, steps, duration_s, keep_sleeping, seed, begins_s
     )
-    origin: dict[str, Any] = {
-        "kind": "script",
-        "script": encodable(f"-m {target}" if is_module else Path(target).name),
-        "script_sha256": digest,
-        "arguments": [*map(encodable, arguments)] or None,
-        "seed": seed,
-        "steps": steps,
-        "duration_s": duration_s,
-        "drop_version": metadata.version("drop-physics"),
-    }
+    recorder = Recorder({schema.ORIGIN_PROPERTY: _origin(program, digest)}, compared=twice)
     recording_id = uuid.uuid4().hex
-    recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, compared=twice)
     with _target(target, out, force=force) as path:
         if not is_module:
             check_apart([path], inputs=[Path(target)])
@@ -165,13 +155,45 @@ def record_script(
                 process, recorder, path, recording_id=recording_id, force=force, note=note,
                 full=lambda: process.stop("disk"),
             )  # fmt: skip
-    if not recorder.samples and not process.decoder.cut_off:
+    for sentence in _worth_knowing(process, recorder, ended, keep_sleeping=keep_sleeping):
+        note(sentence)
+    compared, again = False, None
+    if twice:
+        last = process.decoder.steps, ended.how
+        compared, again = _again(program, last, recorder, note, progress or _silent)
+    recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=target)
+    return replace(
+        recorded, wall_s=time.perf_counter() - began, twice=compared, first_difference=again
+    )
+
+
+def _origin(program: Program, digest: str | None) -> dict[str, Any]:
+    """Return what says which script was run, and how."""
+    target = program.target
+    return {
+        "kind": "script",
+        "script": encodable(f"-m {target}" if program.is_module else Path(target).name),
+        "script_sha256": digest,
+        "arguments": [*map(encodable, program.arguments)] or None,
+        "seed": program.seed,
+        "steps": program.steps,
+        "duration_s": program.duration_s,
+        "drop_version": metadata.version("drop-physics"),
+    }
+
+
+def _worth_knowing(
+    process: running.Script, recorder: Recorder, ended: Ending, *, keep_sleeping: bool
+) -> Iterator[str]:
+    """Yield what is worth knowing of a script that has ended."""
+    decoder = process.decoder
+    if not recorder.samples and not decoder.cut_off:
         nothing = Message(
             "nothing was simulated: the script did not connect to PyBullet, or loaded nothing"
         )
         early = Message("nothing was simulated: the script ended before its first step")
-        note(early if ended.how == "failed" else nothing)
-    if process.decoder.real_time:
+        yield early if ended.how == "failed" else nothing
+    if decoder.real_time:
         virtual = Message(
             "the script asked for real-time simulation, which needs a window: it was stepped by a "
             "virtual clock"
@@ -180,38 +202,20 @@ def record_script(
             "the script asked for real-time simulation, which needs a window: it was stepped by "
             "the machine's clock"
         )
-        note(real if keep_sleeping else virtual)
-    if process.decoder.timing and not process.decoder.real_time:
-        note(
-            Message(
-                "the clock that the script reads at {place} shows simulated time; with "
-                "--keep-sleeping it shows the machine's",
-                place=process.decoder.timing,
-            )
+        yield real if keep_sleeping else virtual
+    elif decoder.timing:
+        yield Message(
+            "the clock that the script reads at {place} shows simulated time; with "
+            "--keep-sleeping it shows the machine's",
+            place=decoder.timing,
         )
-    for sentence in ended.notes:
-        note(sentence)
-    if process.decoder.unseeded:
-        note(
-            Message(
-                "unseeded random numbers are drawn by {names}; --seed 0 makes them the same in "
-                "every run",
-                names=all_of(process.decoder.unseeded),
-            )
+    yield from ended.notes
+    if decoder.unseeded:
+        yield Message(
+            "unseeded random numbers are drawn by {names}; --seed 0 makes them the same in "
+            "every run",
+            names=all_of(decoder.unseeded),
         )
-    made = process.decoder.steps
-    compared = twice and (made > 0 or ended.how not in ("disk", "interrupted"))
-    if twice and not compared:
-        note(Message("not run again: the first run was stopped before its first step"))
-    again = None
-    if compared:
-        # One more would be a difference, where the script ended by itself.
-        most = made if made and ended.how in STOPPED else made + 1
-        compared, again = _again(replace(program, steps=most), recorder, note, progress or _silent)
-    recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=target)
-    return replace(
-        recorded, wall_s=time.perf_counter() - began, twice=compared, first_difference=again
-    )
 
 
 def written(
@@ -295,14 +299,24 @@ def _named_later(note: Callable[[str], None]) -> Callable[[float, int], None]:
 @np.errstate(all="ignore")
 def _again(
     program: Program,
+    last: tuple[int, str],
     recorder: Recorder,
     note: Callable[[str], None],
     tell: Callable[[float, int], None],
 ) -> tuple[bool, int | None]:
-    """Run a program again; return whether it was compared, and the first step that differs."""
+    """Run a program again; return whether it was compared, and the first step that differs.
+
+    `last` is how many steps the first run made, and how it ended.
+    """
+    made, how = last
+    if not made and how in ("disk", "interrupted"):
+        note(Message("not run again: the first run was stopped before its first step"))
+        return False, None
+    # One more would be a difference, where the script ended by itself.
+    most = made if made and how in STOPPED else made + 1
     other, null = Recorder({}), os.open(os.devnull, os.O_WRONLY)
     try:
-        again = replace(program, perturb=running.OTHER_PERTURB)
+        again = replace(program, steps=most, perturb=running.OTHER_PERTURB)
         with (
             running.Script(again, stdout=null, stderr=null, tell=tell) as process,
             _interrupts(process.interrupt),

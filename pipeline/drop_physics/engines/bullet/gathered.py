@@ -21,10 +21,12 @@ BASE_WIDTH = 13
 """Numbers of the state of a base: position, orientation, velocity, spin."""
 POINT = 23
 """Numbers of a contact point: those of `CONTACT` but for the step, in their order."""
-BATCH = 1024
-"""Samples that are yielded together."""
-BATCH_BYTES = 1 << 21
+BATCH, MOST_SAMPLES = 1 << 10, 1 << 13
+"""Samples that are yielded together, at first and at most."""
+BATCH_BYTES, MOST_BYTES = 1 << 21, 1 << 22
 """Or this many bytes of them."""
+OF_ALL = 16
+"""Later this part of all samples so far: Rerun holds an index of all pieces in memory."""
 CALLS_TOGETHER = 1 << 14
 
 
@@ -75,6 +77,10 @@ class World:
         """Ids, and how many forces they have."""
         self._size = pipe.HEAD.size
         """Bytes of a sample without contact points."""
+        self._room, self._room_bytes = BATCH, BATCH_BYTES
+        """How many samples, and bytes of them, are gathered."""
+        self._all = self._all_bytes = 0
+        """How many have been yielded."""
         self._samples: list[bytes] = []
         self._first = self._call = self._bytes = 0
         """Step of the first of these samples, calls before the last, and their bytes."""
@@ -102,8 +108,8 @@ class World:
     def is_full(self) -> bool:
         """Whether enough is gathered to be yielded."""
         return (
-            len(self._samples) >= BATCH
-            or self._bytes > BATCH_BYTES
+            len(self._samples) >= self._room
+            or self._bytes > self._room_bytes
             or len(self._calls) > CALLS_TOGETHER
         )
 
@@ -151,6 +157,9 @@ class World:
 
     def _sampled(self) -> Samples:
         samples, size = self._samples, self._size
+        self._all, self._all_bytes = self._all + len(samples), self._all_bytes + self._bytes
+        self._room = max(BATCH, min(self._all // OF_ALL, MOST_SAMPLES))
+        self._room_bytes = max(BATCH_BYTES, min(self._all_bytes // OF_ALL, MOST_BYTES))
         self._samples, self._bytes = [], 0
         steps = np.arange(self._first, self._first + len(samples), dtype=np.int64)
         times_s = self.times_s(steps)

@@ -178,7 +178,7 @@ def _set_engine(world: World, name: str, arguments: dict[str, Any]) -> None:
     if "reportSolverAnalytics" in arguments and name == "setPhysicsEngineParameter":
         value = int(arguments["reportSolverAnalytics"])
         if value >= 0:  # otherwise the engine leaves it unchanged
-            world.returns_analytics = bool(value & 1)
+            world.solver.returns = bool(value & 1)
     if name in ("setPhysicsEngineParameter", "setDefaultContactERP"):
         world.given.update(values(arguments))
 

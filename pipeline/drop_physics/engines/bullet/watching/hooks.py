@@ -20,9 +20,10 @@ from .clock import CALL_S, Clock
 from .handlers import handler
 from .pipe import Pipe
 from .quiet import Window
+from .solver import ASKED_EVERY
 from .turns import Turn
 from .varied import Variation
-from .worlds import ALL, ASKED_EVERY, World
+from .worlds import ALL, World
 
 IDLE_S = 60.0
 """A script that sleeps or asks for input this long [s] without a step waits for a user who is not
@@ -279,7 +280,7 @@ class Watch:
             result = original(*args, **kwargs)
         finally:
             if asks:
-                world.report_solver(on=False)
+                world.solver.report(on=False)
         try:
             world.after_step(result)
         except Exception as error:  # noqa: BLE001 - likewise

@@ -6,7 +6,6 @@ Everything is read with PyBullet's own functions, and nothing here changes a num
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Mapping
 from types import MappingProxyType, SimpleNamespace
@@ -16,14 +15,8 @@ from . import pipe as protocol
 from .bodies import BASE, RIGID, Body, Loaded, plain
 from .capsules import lay
 from .pipe import BLOCK, BLOCK_BYTES, Pipe
+from .solver import Solver
 
-LEAST_CHANGE = 0.01
-"""If the last iteration changes a velocity by more, further ones were needed [m/s, rad/s].
-"""
-ASKED_EVERY = 8
-"""One step in this many returns what the solver did: asking takes as long as recording a box."""
-MOST_ISLANDS = 64
-"""Groups of touching bodies that PyBullet has room for in what a step returns."""
 GEAR = 6
 """Type of constraint, as in `getConstraintInfo`."""
 ALL = None
@@ -82,14 +75,9 @@ class World:
         self.may_sleep = False
         self.held: set[int] = set()
         """Constraints that calls have created."""
-        self.returns_analytics: bool | None = None if method == "before" else False
-        """Whether the script itself has steps return what the solver did; None if unknown."""
+        self.solver = Solver(p, client, returns=None if method == "before" else False)
         self.bodies: dict[int, Body] = {}
         self.timestep_s = 0.0
-        self._has_analytics = True
-        """Whether this PyBullet can return what the solver did."""
-        self._early: dict[int, dict[str, Any]] = {}
-        """By iteration limit: how often the solver was seen to reach it."""
         self.sampled = False
         """Whether a sample has been sent."""
         self._since, self._steps_since = first_time_s, 0
@@ -141,7 +129,7 @@ class World:
         self.fresh, self.moved, self.changed, self.recoloured = set(), {}, set(), set()
         self.stale_bodies = self.stale_engine = self.stale_constraints = self.touched = True
         self.given, self.added, self._constraints, self.held = {}, {}, [], set()
-        self.returns_analytics = self.may_sleep = False
+        self.solver.returns = self.may_sleep = False
         self._lay_out()
 
     def before_mass(self, engine_id: int) -> None:
@@ -384,32 +372,14 @@ class World:
         self.touched = False
 
     def asks_solver(self) -> bool:
-        """Have the next step return what the solver did, if it is due; return whether it will.
-
-        Only every few steps, since it takes two calls. It changes nothing else, but the engine has
-        room for a limited number of islands of bodies, and reads beyond it.
-        """
-        if (
-            self._has_analytics and self.returns_analytics is False and self.step % ASKED_EVERY == 0
-            and len(self._moving) <= MOST_ISLANDS
-        ):  # fmt: skip
-            return self.report_solver(on=True)
-        return False
-
-    def report_solver(self, *, on: bool) -> bool:
-        """Have steps return what the solver did, or not; return whether this PyBullet can."""
-        try:
-            self._p.setPhysicsEngineParameter(
-                reportSolverAnalytics=int(on), physicsClientId=self.client
-            )
-        except TypeError:
-            self._has_analytics = False
-        return self._has_analytics
+        """Have the next step return what the solver did; return whether it will."""
+        return self.solver.ask(len(self._moving))
 
     def after_step(self, islands: Any) -> None:
         """Send the sample after a step, and note its solver's residual."""
         if islands and self._engine is not None:
-            self._note_solver(islands[:MOST_ISLANDS], int(self._engine["numSolverIterations"]))
+            most = int(self._engine["numSolverIterations"])
+            self.solver.note(islands, most, self.step + 1)
         self.step += 1
         self._steps_since += 1
         self.time_s = self._since + self._steps_since * self.timestep_s
@@ -417,33 +387,11 @@ class World:
             self._read_constraints()
         self.sample()
 
-    def _note_solver(self, islands: Any, most: int) -> None:
-        """Note whether the solver reached its limit, and by how much the last iteration acted.
-
-        That is a change of velocity, non-finite for an island whose body the engine has lost.
-        """
-        early = self._early.setdefault(most, {"iterations": most, "looked": 0, "steps": 0,
-            "first_step": 0, "last_change": 0.0, "worst_step": 0})  # fmt: skip
-        early["looked"] += 1
-        acted = [
-            island["remainingResidual"] for island in islands if island["numIterationsUsed"] >= most
-        ]
-        last = max((change for change in acted if math.isfinite(change)), default=0.0) ** 0.5
-        if last <= LEAST_CHANGE:
-            return
-        step = self.step + 1
-        early["first_step"] = early["first_step"] or step
-        early["steps"] += 1
-        if last > early["last_change"]:
-            early.update(last_change=last, worst_step=step)
-
     def end(self) -> None:
         """Send what is left of a simulation that is over, as far as is known."""
         self.sync(sample_follows=not self.sampled)
-        for early in self._early.values():
-            if early["steps"]:
-                self._pipe.note("solver", world=self.number, **early)
-        self._early = {}
+        for early in self.solver.noted():
+            self._pipe.note("solver", world=self.number, **early)
         if not self.sampled and self.bodies:
             self.sample()
         self._pipe.note("over", world=self.number, step=self.step)

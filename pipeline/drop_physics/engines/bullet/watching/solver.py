@@ -1,0 +1,75 @@
+"""Whether the contact solver of a simulation stopped before it converged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+LEAST_CHANGE = 0.01
+"""If the last iteration changes a velocity by more, further ones were needed [m/s, rad/s].
+"""
+ASKED_EVERY = 8
+"""One step in this many returns what the solver did: asking takes as long as recording a box."""
+MOST_ISLANDS = 64
+"""Groups of touching bodies that PyBullet has room for in what a step returns."""
+
+
+class Solver:
+    """What steps return of one client's solver, where they are asked to."""
+
+    def __init__(self, p: SimpleNamespace, client: int, *, returns: bool | None) -> None:
+        self._p, self._client = p, client
+        self.returns = returns
+        """Whether the script itself has steps return what the solver did; None if unknown."""
+        self._can = True
+        """Whether this PyBullet can return it."""
+        self._early: dict[int, dict[str, Any]] = {}
+        """By iteration limit: how often the solver was seen to reach it."""
+
+    def ask(self, moving: int) -> bool:
+        """Have the next step return what the solver did; return whether it will.
+
+        Only every few steps, since it takes two calls. It changes nothing else, but the engine has
+        room for a limited number of islands of bodies, of which `moving` move, and reads beyond it.
+        """
+        if self._can and self.returns is False and moving <= MOST_ISLANDS:
+            return self.report(on=True)
+        return False
+
+    def report(self, *, on: bool) -> bool:
+        """Have steps return what the solver did, or not; return whether this PyBullet can."""
+        try:
+            self._p.setPhysicsEngineParameter(
+                reportSolverAnalytics=int(on), physicsClientId=self._client
+            )
+        except TypeError:
+            self._can = False
+        return self._can
+
+    def note(self, islands: Any, most: int, step: int) -> None:
+        """Note whether the solver reached its limit, and by how much the last iteration acted.
+
+        That is a change of velocity, non-finite for an island whose body the engine has lost.
+        """
+        early = self._early.setdefault(most, {"iterations": most, "looked": 0, "steps": 0,
+            "first_step": 0, "last_change": 0.0, "worst_step": 0})  # fmt: skip
+        early["looked"] += 1
+        acted = [
+            island["remainingResidual"]
+            for island in islands[:MOST_ISLANDS]
+            if island["numIterationsUsed"] >= most
+        ]
+        last = max((change for change in acted if math.isfinite(change)), default=0.0) ** 0.5
+        if last <= LEAST_CHANGE:
+            return
+        early["first_step"] = early["first_step"] or step
+        early["steps"] += 1
+        if last > early["last_change"]:
+            early.update(last_change=last, worst_step=step)
+
+    def noted(self) -> Iterator[dict[str, Any]]:
+        """Yield, for each iteration limit that was not enough, how often; then begin anew."""
+        early, self._early = self._early, {}
+        return (each for each in early.values() if each["steps"])
