@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import polars as pl
-from drop_physics.analysis.drop.air import Air
 from drop_physics.analysis.drop.case import Case
-from drop_physics.analysis.drop.phases import phases_of
+from drop_physics.analysis.drop.course import Course
 from drop_physics.analysis.drop.results import DropAnalysis
+from drop_physics.analysis.drop.samples import Samples
 from drop_physics.analysis.drop.story import drop_analysis_of
 from drop_physics.engines.bullet.world import World
 from drop_physics.recording.rows import tables_of
@@ -40,9 +41,12 @@ class Sampled:
         return Piece(first, end, bases, joints, {}, self.contacts.filter(its), [])
 
 
-def departs(case: Case) -> int | None:
+def departs(case: Case, samples: Iterable[Samples]) -> int | None:
     """Return the first sample in the air that the law does not lead to."""
-    return Air(case, phases_of(case)).departs
+    course = Course(case)
+    for part in samples:
+        course.add(part)
+    return course.air.departs
 
 
 def analysis_of_world(world: World) -> DropAnalysis:

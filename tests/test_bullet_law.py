@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from conftest import some
 from drop_physics.laws import bullet_air, theory
-from drop_physics.laws.base import ExactPath
+from drop_physics.laws.base import ExactPath, exactly
 from drop_physics.laws.bullet import BulletLaw
 from drop_physics.laws.bullet_air import effective_damping
 from drop_physics.laws.lookup import fall_of
@@ -38,7 +38,8 @@ def thrown(
 
 
 def exact_path(law: BulletLaw, *, steps: int, velocity_m_s: Any = (0.0, 0.0, 0.0)) -> ExactPath:
-    return law.exact_path((0.0, 0.0, 1.0), velocity_m_s, steps=steps)
+    start_m = (0.0, 0.0, 1.0)
+    return exactly(law.exact_path(start_m, velocity_m_s), steps + 1, start_m)
 
 
 def assert_same(actual: np.ndarray, expected: np.ndarray) -> None:
@@ -234,7 +235,8 @@ def test_exact_heights_hold_thirty_digits() -> None:
 def test_exact_paths_go_sideways_too() -> None:
     # Maximal coordinates have no drag by default: x = x0 + v t, from any start.
     law = law_of(coordinates="maximal")
-    exact = law.exact_path((1.0, -2.0, 3.0), (0.1, 0.3, 0.0), steps=100, first=100)
+    start_m = (1.0, -2.0, 3.0)
+    exact = exactly(law.exact_path(start_m, (0.1, 0.3, 0.0), first=100), 1, start_m)
     dt = Decimal(1 / 240)
     for axis, start, speed in ((0, 1.0, 0.1), (1, -2.0, 0.3)):
         held = Decimal(exact.nearest_m[0, axis]) + Decimal(exact.left_out_m[0, axis])

@@ -72,14 +72,15 @@ def fall_of(
 def predicted(
     fall: Dropped, rate: float, steps: int, *, substeps: int = 1, **contact: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    return bullet_contact.flat_drop(
+    path = bullet_contact.flat_drop(
         fall.law(rate, substeps),
         height_m=fall.height_m,
         velocity_m_s=fall.velocity_m_s,
-        steps=steps,
         rest_height_m=REST_HEIGHT_M,
         **contact,
     )
+    heights, velocities = np.array([*itertools.islice(path, steps + 1)]).T
+    return heights, velocities
 
 
 class Bounce(NamedTuple):

@@ -20,6 +20,7 @@ from drop_physics import Scenario, colours, simulate
 from drop_physics.analysis.comparison import Comparison
 from drop_physics.analysis.decomposition import TERMS
 from drop_physics.analysis.drop.case import Case, case_of
+from drop_physics.analysis.drop.samples import Samples
 from drop_physics.engines import other_world
 from drop_physics.engines.bullet.world import World
 from drop_physics.errors import DropError, ScenarioError
@@ -76,21 +77,22 @@ def drawn(engine: str, seed: int) -> Scenario:
     return Scenario(**values)  # type: ignore[arg-type]
 
 
-def dropped(scenario: Scenario) -> Case:
+def dropped(scenario: Scenario) -> tuple[Case, Samples]:
     with other_world.OtherWorld(scenario) as world:
         states, contacts = tables_of(Batch.joined(world.samples(1000)))
-        return case_of(scenario, made_with(world), states, contacts)
+        case, (samples,) = case_of(scenario, made_with(world), states, contacts)
+        return case, samples
 
 
 @pytest.mark.parametrize("engine", OTHERS)
 def test_every_step_in_the_air_follows_the_law(engine: str) -> None:
     to_the_bit = 0
     for seed in range(100):
-        case = dropped(drawn(engine, seed))
-        assert departs(case) is None, (seed, departs(case))
-        after = case.law.step(case.samples.before())
-        same = np.array_equal(after.velocity_m_s[1:], case.samples.velocity_m_s[1:])
-        to_the_bit += same and np.array_equal(after.position_m[1:], case.samples.position_m[1:])
+        case, samples = dropped(drawn(engine, seed))
+        assert departs(case, [samples]) is None, seed
+        after = case.law.step(samples.before())
+        same = np.array_equal(after.velocity_m_s[1:], samples.velocity_m_s[1:])
+        to_the_bit += same and np.array_equal(after.position_m[1:], samples.position_m[1:])
     # MuJoCo and DART: those that fall straight, without spin. Drake and PhysX: all of them.
     assert to_the_bit >= {"mujoco": 33, "dart": 33, "drake": 100, "physx": 100}[engine]
 
@@ -125,16 +127,16 @@ def test_a_long_flight_follows_the_law_as_well(values: dict[str, Any], tmp_path:
     if values.pop("heavy", False):
         values["body"] = str(tmp_path / "heavy.urdf")
         Path(values["body"]).write_text(HEAVY)
-    case = dropped(Scenario(**values, floor=False))
-    assert departs(case) is None
+    case, samples = dropped(Scenario(**values, floor=False))
+    assert departs(case, [samples]) is None
 
 
 @PHYSX
 def test_physx_spins_by_its_law_to_the_bit() -> None:
     for seed in range(0, 60, 3):
-        case = dropped(drawn("physx", seed))
-        after = case.law.step(case.samples.before())
-        assert np.array_equal(after.spin_rad_s[1:], case.samples.spin_rad_s[1:])
+        case, samples = dropped(drawn("physx", seed))
+        after = case.law.step(samples.before())
+        assert np.array_equal(after.spin_rad_s[1:], samples.spin_rad_s[1:])
 
 
 @PHYSX
@@ -168,8 +170,8 @@ def test_terms_add_up_though_physx_rounds_the_release_to_single_precision(
 
 @pytest.mark.parametrize("engine", OTHERS)
 def test_an_altered_sample_is_noticed(engine: str) -> None:
-    case = dropped(drawn(engine, 9))
-    assert departs(case) is None
+    case, samples = dropped(drawn(engine, 9))
+    assert departs(case, [samples]) is None
     scenario = case.scenario
     with other_world.OtherWorld(scenario) as world:
         states, contacts = tables_of(Batch.joined(world.samples(1000)))
@@ -178,7 +180,7 @@ def test_an_altered_sample_is_noticed(engine: str) -> None:
     for column in ("x_m", "vz_m_s", "wy_rad_s", "qx"):
         moved = pl.when(pl.col("step") == 30).then(pl.col(column) + off).otherwise(column)
         altered = case_of(scenario, report, states.with_columns(moved.alias(column)), contacts)
-        assert departs(altered) == 30, column
+        assert departs(*altered) == 30, column
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,12 @@ import pytest
 from conftest import Drop, Recorder, judge, some
 from drop_physics import Scenario, simulate
 from drop_physics.analysis.drop.case import case_of
-from drop_physics.analysis.drop.engines_apart import apart
+from drop_physics.analysis.drop.engines_apart import apart, flight_of
 from drop_physics.analysis.drop.mechanics import max_relative_drift
 from drop_physics.analysis.explained.segments import FLIGHT, segments_of
 from drop_physics.engines import other_world
 from drop_physics.errors import DropError, ScenarioError
+from drop_physics.laws.lookup import law_for
 from drop_physics.laws.mujoco_contact import rest_depth_m
 from drop_physics.laws.rotations import rotate
 from drop_physics.recording.frames import frames
@@ -62,13 +63,13 @@ def test_every_step_in_the_air_follows_the_law(integrator: str) -> None:
         scenario = Scenario(**drawn(seed), **body, integrator=integrator)  # type: ignore[arg-type]
         with other_world.OtherWorld(scenario) as world:
             states, contacts = tables_of(Batch.joined(world.samples(100)))
-            case = case_of(scenario, made_with(world), states, contacts)
-        assert departs(case) is None, (seed, departs(case))
+            case, (samples,) = case_of(scenario, made_with(world), states, contacts)
+        assert departs(case, [samples]) is None, seed
         if seed % 2 or seed % 3 == 0 or integrator == "rk4":
             continue
-        after = case.law.step(case.samples.before())  # straight up or down
-        to_the_bit += np.array_equal(after.velocity_m_s[1:], case.samples.velocity_m_s[1:])
-        to_the_bit += np.array_equal(after.position_m[1:], case.samples.position_m[1:])
+        after = case.law.step(samples.before())  # straight up or down
+        to_the_bit += np.array_equal(after.velocity_m_s[1:], samples.velocity_m_s[1:])
+        to_the_bit += np.array_equal(after.position_m[1:], samples.position_m[1:])
     assert to_the_bit == (0 if integrator == "rk4" else 2 * 10)
 
 
@@ -115,12 +116,11 @@ def test_a_law_that_is_another_one_is_noticed(recorded: Recorder) -> None:
         moved = pl.when(pl.col("step") == 100).then(pl.col(column) + off).otherwise(column)
         altered = states.with_columns(moved.alias(column))
         case = case_of(recording.scenario, recording.engine, altered, recording.contacts)
-        assert departs(case) == 100, column
-    case = case_of(recording.scenario, recording.engine, states, recording.contacts)
+        assert departs(*case) == 100, column
+    _, (samples,) = case_of(recording.scenario, recording.engine, states, recording.contacts)
     for integrator in ("rk4", "implicit"):
         other = Scenario(**{**vars_of(recording.scenario), "integrator": integrator})
-        law = case_of(other, recording.engine, states, recording.contacts).law
-        found = segments_of(case.samples, law, case.touches)
+        found = segments_of(samples, law_for(other, recording.engine), samples.touches)
         assert found.code[1] != FLIGHT, integrator
 
 
@@ -391,11 +391,11 @@ def test_nothing_is_promised_that_the_law_does_not_give(recorded: Recorder) -> N
     golden = recorded()
     run = recorded(engine="mujoco")
     states = run.states.with_columns(pl.col("z_m") + 1e-6 * pl.col("step"))
-    cases = (
-        case_of(run.scenario, run.engine, states, run.contacts),
-        case_of(golden.scenario, golden.engine, golden.states, golden.contacts),
+    flights = (
+        flight_of(*case_of(run.scenario, run.engine, states, run.contacts)),
+        flight_of(*case_of(golden.scenario, golden.engine, golden.states, golden.contacts)),
     )
-    assert "agree" not in apart(*cases, parts_at=1)
+    assert "agree" not in apart(*flights, parts_at=1)
 
 
 def test_another_mass_is_another_experiment(recorded: Recorder) -> None:

@@ -10,14 +10,15 @@ arithmetic. Rounding is what the simulation's double precision adds to that.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import Self
+from decimal import Decimal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.laws import theory
-from drop_physics.laws.base import Law, Motion
+from drop_physics.laws.base import Law, Motion, exactly
 from drop_physics.laws.theory import Fall
 
 Float64 = NDArray[np.float64]
@@ -53,12 +54,13 @@ class Decomposition:
     interaction_m: Float64
     rounding_m: Float64
 
-    def first(self, samples: int) -> Self:
-        """Return the first of the samples."""
-        return type(self)(*(getattr(self, field.name)[:samples] for field in fields(self)))
+
+Path = Iterator[Sequence[Decimal]]
 
 
-def decompose(law: Law, fall: Fall, simulated_m: Float64, *, first: int = 0) -> Decomposition:
+def decompose(
+    law: Law, fall: Fall, simulated_m: Float64, *, first: int = 0, path: Path | None = None
+) -> Decomposition:
     """Break down simulated minus free-fall position, sample by sample.
 
     Parameters
@@ -72,6 +74,8 @@ def decompose(law: Law, fall: Fall, simulated_m: Float64, *, first: int = 0) -> 
         the air.
     first
         Step number of the first of them; 0 is the start.
+    path
+        The law's exact path, which has come to that sample; None begins it.
 
     Returns
     -------
@@ -86,7 +90,8 @@ def decompose(law: Law, fall: Fall, simulated_m: Float64, *, first: int = 0) -> 
     if law.semi_implicit:
         timestep_m = theory.timestep_displacement(fall, time_s, law.step_s)
     damping_m = theory.damping_displacement(fall, time_s)
-    law_m = law.exact_path(fall.position_m, fall.velocity_m_s, steps=last, first=first)
+    path = path or law.exact_path(fall.position_m, fall.velocity_m_s, first=first)
+    law_m = exactly(path, len(simulated_m), fall.position_m)
     explained_m = free_fall_m + timestep_m + damping_m
     return Decomposition(
         free_fall_m=free_fall_m,

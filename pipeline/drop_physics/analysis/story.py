@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from drop_physics.analysis.rows import COLUMNS, SHOWN_PER_S, shown
 from drop_physics.analysis.times import Times
 from drop_physics.analysis.touches import TouchTable
 from drop_physics.laws.base import Law
-from drop_physics.seen.history import Seen
+from drop_physics.seen.history import Piece, Seen
 
 WHOLE = 1 << 17
 """Rows that a table has at most, but for changes of segment, without being asked for."""
@@ -47,6 +47,8 @@ class Story:
         The questions to answer.
     other
         The law of one body in flight, where another engine than PyBullet steps it.
+    also
+        Called with each piece.
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class Story:
         detailed: bool = False,
         answers: Sequence[type[Answer]] = ANSWERS,
         other: Law | None = None,
+        also: Callable[[Piece], None] | None = None,
     ) -> None:
         clients = {each.client for each in seen.settings}
         self.explanation = Explanation(seen, other)
@@ -72,7 +75,7 @@ class Story:
         )
         self.curves = CurveTable(seen, self.scene.times)
         self._answers = [question(self.scene) for question in answers]
-        self._detailed = detailed
+        self._detailed, self._also = detailed, also
         self._rows: list[pl.DataFrame] = []
         ends_s = [self.scene.times[body.client].of(seen.samples.get(body.client, 1) - 1)
             for body in seen.bodies.values()]  # fmt: skip
@@ -86,6 +89,8 @@ class Story:
     def see(self, explained: recording.Explained) -> None:
         """Take a piece."""
         self.scene.see(explained)
+        if self._also is not None:
+            self._also(explained.piece)
         self.curves.add(explained, self.scene.joints, self.scene.touches)
         for answer in self._answers:
             answer.see()
@@ -129,12 +134,16 @@ def analysis_of(
     whole: bool = False,
     answers: Sequence[type[Answer]] = ANSWERS,
     other: Law | None = None,
+    also: Callable[[Piece], None] | None = None,
 ) -> Analysis:
-    """Analyze a recording; the parameters are those of `Story`."""
+    """Analyze a recording; the parameters are those of `Story`.
+
+    `also` is called with each piece.
+    """
     samples = sum(seen.samples.values()) * max(1, len(seen.bodies))
     story = Story(
         seen, origin, at_s=at_s, sums_at_s=sums_at_s, whole=whole or samples <= WHOLE,
-        detailed=whole, answers=answers, other=other,
+        detailed=whole, answers=answers, other=other, also=also,
     )  # fmt: skip
     story.see_all()
     totals = story.explanation.totals

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
+from decimal import Context, Decimal, localcontext
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -68,6 +71,21 @@ class ExactPath(NamedTuple):
         subtraction rounds.
         """
         return (reference_m - self.nearest_m) - self.left_out_m
+
+
+def exactly(path: Iterator[Sequence[Decimal]], samples: int, start_m: Vector) -> ExactPath:
+    """Return the next positions of a path (`Law.exact_path`), computed with 40 digits.
+
+    What a vertical path leaves out are x and y of its start.
+    """
+    nearest = np.tile(np.array(start_m, np.float64), (samples, 1))
+    left_out = np.zeros((samples, 3))
+    with localcontext(Context(prec=40)):
+        for row, position in enumerate(itertools.islice(path, samples)):
+            for axis, exact in enumerate(position, 3 - len(position)):
+                nearest[row, axis] = near = float(exact)
+                left_out[row, axis] = float(exact - Decimal(near))
+    return ExactPath(nearest, left_out)
 
 
 class Law(Protocol):
@@ -167,6 +185,9 @@ class Law(Protocol):
         """Return velocities clamped to the engine's limit [m/s], shape (n, 3)."""
 
     def exact_path(
-        self, position_m: Vector, velocity_m_s: Vector, *, steps: int, first: int = 0
-    ) -> ExactPath:
-        """Return the positions from sample `first` to `steps` of a flight, in exact arithmetic."""
+        self, position_m: Vector, velocity_m_s: Vector, *, first: int = 0
+    ) -> Iterator[Sequence[Decimal]]:
+        """Yield the positions of a flight from sample `first` on, for `exactly`.
+
+        Only z of a flight that is vertical.
+        """

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from decimal import Decimal
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.laws import bullet_air, bullet_spin
-from drop_physics.laws.base import ORIENTED, Drag, ExactPath, Motion
+from drop_physics.laws.base import ORIENTED, Drag, Motion
 from drop_physics.laws.base import Vector as Triple
 from drop_physics.laws.bullet_air import EPSILON, BulletBody
 from drop_physics.laws.bullet_spin import ARRAYS, Quaternion, Vector
@@ -165,13 +167,14 @@ class BulletLaw(BulletBody):
         return np.clip(velocity_m_s, -self.velocity_limit, self.velocity_limit)
 
     def exact_path(
-        self, position_m: Triple, velocity_m_s: Triple, *, steps: int, first: int = 0
-    ) -> ExactPath:
-        """Return the positions from sample `first` to `steps` of a flight, in exact arithmetic.
+        self, position_m: Triple, velocity_m_s: Triple, *, first: int = 0
+    ) -> Iterator[Sequence[Decimal]]:
+        """Yield the positions of a flight from sample `first` on, for `exactly`.
 
-        Spin is left out: it changes a flight only by rounding.
+        Only z of a flight that is vertical. Spin is left out: it changes a flight only by rounding.
         """
-        return bullet_air.exact_path(self, position_m, velocity_m_s, steps=steps, first=first)
+        path = bullet_air.exact_path(self, position_m, velocity_m_s)
+        return itertools.islice(path, first * self.substeps, None, self.substeps)
 
 
 def _in_blocks(change: Callable[..., Columns], motion: Motion) -> Motion:

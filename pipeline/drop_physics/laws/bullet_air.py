@@ -8,20 +8,17 @@ are bullet3's.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from decimal import Context, Decimal, localcontext
+from decimal import Decimal
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drop_physics.laws.base import ExactPath, Vector
+from drop_physics.laws.base import Vector
 from drop_physics.scenario import Coordinates
 
-Float64 = NDArray[np.float64]
 Number = TypeVar("Number", float, Decimal)
 
 DEFAULT_DAMPING = {"reduced": float(np.float32(0.04)), "maximal": 0.0}
@@ -121,29 +118,16 @@ def vertical_velocity_law(
 
 
 def exact_path(
-    body: BulletBody, position_m: Vector, velocity_m_s: Vector, *, steps: int, first: int = 0
-) -> ExactPath:
-    """Return the positions of the law in exact arithmetic: 40 digits, in which the mass cancels.
+    body: BulletBody, position_m: Vector, velocity_m_s: Vector
+) -> Iterator[Sequence[Decimal]]:
+    """Yield the positions before each step: z alone of a vertical flight, else x, y, z.
 
-    From sample `first` on, shape (steps + 1 - first, 3). The doubles of timestep, gravity, damping
-    and start are taken as exact; so is the timestep divided by the substeps.
+    The doubles of timestep, gravity, damping and start are taken as exact; so is the timestep
+    divided by the substeps. The mass cancels.
     """
-    samples = steps + 1 - first
     body = replace(body, mass_kg=1.0)
     vertical = not any((*velocity_m_s[:2], *body.gravity_m_s2[:2]))
-    axes = slice(2, 3) if vertical else slice(3)
-    nearest, left_out = np.empty((2, samples * (1 if vertical else 3)))
-    with localcontext(Context(prec=40)):
-        path = (_vertical if vertical else _in_space)(body, position_m, velocity_m_s)
-        last = steps * body.substeps
-        seen = itertools.islice(path, first * body.substeps, last + 1, body.substeps)
-        for place, coordinate in enumerate(itertools.chain.from_iterable(seen)):
-            nearest[place] = near = float(coordinate)
-            left_out[place] = float(coordinate - Decimal(near))
-    path_m = ExactPath(np.tile(np.array(position_m, float), (samples, 1)), np.zeros((samples, 3)))
-    path_m.nearest_m[:, axes] = nearest.reshape(samples, -1)
-    path_m.left_out_m[:, axes] = left_out.reshape(samples, -1)
-    return path_m
+    return (_vertical if vertical else _in_space)(body, position_m, velocity_m_s)
 
 
 def _vertical(

@@ -10,8 +10,9 @@ numbers are bullet3's.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,51 +31,52 @@ FLOOR_HALF_THICKNESS_M = 5.0
 """plane.urdf is a box of 10 m; distances are rounded relative to its centre, to 8.9e-16 m."""
 
 
+LONGEST_CYCLE = 1 << 12
+"""Samples of which rest may be a cycle."""
+
+
 def flat_drop(
     body: BulletBody,
     *,
     height_m: float,
     velocity_m_s: float,
-    steps: int,
     rest_height_m: float,
     restitution: float = 0.0,
     contact_erp: float = CONTACT_ERP,
     restitution_threshold_m_s: float = RESTITUTION_THRESHOLD_M_S,
-) -> tuple[Float64, Float64]:
-    """Return heights [m] and vertical velocities [m/s] before each step and after the last.
+) -> Iterator[tuple[float, float]]:
+    """Yield height [m] and vertical velocity [m/s] of each sample, without end.
 
-    Shape (steps + 1,) each, from an initial height and vertical velocity. `rest_height_m` is that
-    of the body's centre where it just touches the floor, `restitution` that of the pair: body's
-    times floor's (`btManifoldResult.cpp` 68-71). With d the distance to the floor and v' the
-    velocity after a step in the air, contact gives (`btMultiBodyConstraintSolver.cpp` 723-836):
+    From an initial height and vertical velocity. `rest_height_m` is that of the body's centre where
+    it just touches the floor, `restitution` that of the pair: body's times floor's
+    (`btManifoldResult.cpp` 68-71). With d the distance to the floor and v' the velocity after a
+    step in the air, contact gives (`btMultiBodyConstraintSolver.cpp` 723-836):
 
         gap = d + slop;  v' = max(v', rebound - gap erp/dt)  or, where gap > 0, rebound - gap/dt
-
-    With substeps, only the last of each timestep is returned.
     """
-    timestep_s, steps = body.step_s, steps * body.substeps
-    free = vertical_velocity_law(body, float)
+    step_s, free = body.step_s, vertical_velocity_law(body, float)
     z, v = height_m, velocity_m_s
-    heights, velocities = np.full(steps + 1, z, float), np.full(steps + 1, v, float)
-    seen, seen_step = (z, v), 0
-    for step in range(1, steps + 1):
-        v = free(v)
-        distance = ((z + FLOOR_HALF_THICKNESS_M) - rest_height_m) - FLOOR_HALF_THICKNESS_M
-        if distance <= 0:
-            gap = distance + CONTACT_SLOP_M
-            bounce = rebound_speed(v, restitution, threshold_m_s=restitution_threshold_m_s)
-            v = max(v, bounce - gap * (contact_erp if gap <= 0 else 1.0) / timestep_s)
-        z = z + timestep_s * v
-        heights[step], velocities[step] = z, v
+    seen = z, v
+    since: list[tuple[float, float]] = []
+    yield z, v
+    for sample in itertools.count(1):
+        for _ in range(body.substeps):
+            v = free(v)
+            distance = ((z + FLOOR_HALF_THICKNESS_M) - rest_height_m) - FLOOR_HALF_THICKNESS_M
+            if distance <= 0:
+                gap = distance + CONTACT_SLOP_M
+                bounce = rebound_speed(v, restitution, threshold_m_s=restitution_threshold_m_s)
+                v = max(v, bounce - gap * (contact_erp if gap <= 0 else 1.0) / step_s)
+            z = z + step_s * v
+        yield z, v
         # Rest is a cycle of a few states, some 1e-17 m apart. Once a state recurs, so does all that
         # followed it: a long rest costs nothing (Brent's algorithm).
-        if (z, v) == seen:
-            for series in (heights, velocities):
-                series[step:] = np.resize(series[seen_step:step], steps + 1 - step)
-            break
-        if step & (step - 1) == 0:
-            seen, seen_step = (z, v), step
-    return heights[:: body.substeps], velocities[:: body.substeps]
+        if len(since) < LONGEST_CYCLE:
+            since.append((z, v))
+        if (z, v) == seen and since[-1] == seen:
+            yield from itertools.cycle(since)
+        if sample & (sample - 1) == 0:
+            seen, since = (z, v), []
 
 
 def rebound_speed(

@@ -9,16 +9,17 @@ and its own law of spin.
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from decimal import Context, Decimal, localcontext
+from decimal import Decimal
 from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.laws.base import ORIENTED, Drag, ExactPath, Motion, Vector
+from drop_physics.laws.base import ORIENTED, Drag, Motion, Vector
 from drop_physics.laws.rotations import rotate, rotate_inverse
 
 Float64 = NDArray[np.float64]
@@ -131,38 +132,25 @@ class TextbookLaw(ABC):
         return velocity_m_s
 
     def exact_path(
-        self, position_m: Vector, velocity_m_s: Vector, *, steps: int, first: int = 0
-    ) -> ExactPath:
-        """Return the positions from sample `first` to `steps` of a flight, in exact arithmetic.
-
-        With 40 digits.
-        """
-        nearest, left_out = np.empty((2, steps + 1 - first, 3))
+        self, position_m: Vector, velocity_m_s: Vector, *, first: int = 0
+    ) -> Iterator[Sequence[Decimal]]:
+        """Yield the positions of a flight from sample `first` on, for `exactly`."""
         path = self._damped if self.linear_damping else self._undamped
-        with localcontext(Context(prec=40)):
-            for axis, start in enumerate(
-                zip(position_m, velocity_m_s, self.gravity_m_s2, strict=True)
-            ):
-                x, v, g = map(Decimal, start)
-                for row, exact in enumerate(path(x, v, g, first, steps)):
-                    nearest[row, axis] = near = float(exact)
-                    left_out[row, axis] = float(exact - Decimal(near))
-        return ExactPath(nearest, left_out)
+        axes = zip(position_m, velocity_m_s, self.gravity_m_s2, strict=True)
+        return zip(
+            *(path(Decimal(x), Decimal(v), Decimal(g), first) for x, v, g in axes), strict=True
+        )
 
-    def _undamped(
-        self, x: Decimal, v: Decimal, g: Decimal, first: int, last: int
-    ) -> Iterator[Decimal]:
+    def _undamped(self, x: Decimal, v: Decimal, g: Decimal, first: int) -> Iterator[Decimal]:
         """Yield x0 + n dt v0 + dt² g n (n + 1)/2, or n² for n (n + 1) where the step is exact."""
         dt, more = Decimal(self.timestep_s), int(self.semi_implicit)
-        for n in range(first, last + 1):
+        for n in itertools.count(first):
             yield x + n * dt * v + dt * dt * g * (n * (n + more)) / 2
 
-    def _damped(
-        self, x: Decimal, v: Decimal, g: Decimal, first: int, last: int
-    ) -> Iterator[Decimal]:
+    def _damped(self, x: Decimal, v: Decimal, g: Decimal, first: int) -> Iterator[Decimal]:
         """Yield the same step by step."""
         dt, kept = Decimal(self.timestep_s), self.kept(Decimal)
-        for n in range(last + 1):
+        for n in itertools.count():
             if n >= first:
                 yield x
             v = kept * (v + dt * g)

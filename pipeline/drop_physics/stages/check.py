@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from drop_physics.analysis.checking.difference import Difference, Drop, Side
 from drop_physics.analysis.comparison import Comparison, compare
 from drop_physics.analysis.drop.case import case_seen
-from drop_physics.analysis.drop.engines_apart import apart
+from drop_physics.analysis.drop.engines_apart import apart, flight_of
 from drop_physics.errors import OutputError, RecordingError, check_suffix
 from drop_physics.fields import outside
 from drop_physics.figures.animation import decoded
@@ -176,9 +176,10 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
         pictures = replace(pictures, first_step=None)
     engines = None
     if [each.column for each in comparison.differences] == ["engine"]:
-        cases = [case_seen(each.scenario, each.engine, each.seen) for each in (run, golden)]
+        flights = [flight_of(*case_seen(each.scenario, each.engine, each.seen))
+            for each in (run, golden)]  # fmt: skip
         first = comparison.first
-        engines = apart(*cases, parts_at=None if first is None else first.step)
+        engines = apart(*flights, parts_at=None if first is None else first.step)
     return Check(run.path, golden.path, tolerance_m, comparison, pictures, engines)
 
 

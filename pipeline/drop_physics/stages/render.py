@@ -182,7 +182,7 @@ def _targets(
 
 def _analysis_of(held: Recording) -> Analysis | FallAnalysis:
     if held.drop is not None:
-        return fall_of(case_seen(held.scenario, held.engine, held.seen)).analysis
+        return fall_of(*case_seen(held.scenario, held.engine, held.seen)).analysis
     ended = {name: (held.ended or {}).get(name) for name in ("ended", "error")}
     return analysis_of(held.seen, held.origin | ended)
 

@@ -197,7 +197,7 @@ class RunShard:
 
         recording = read(path)
         case = case_seen(recording.scenario, recording.engine, recording.seen)
-        return fall_of(case, at_s=[self.at_s]).analysis.at[0]
+        return fall_of(*case, at_s=[self.at_s]).analysis.at[0]
 
     def _analyzed(self, world: LastingWorld | OtherWorld, fall: Batch) -> Moment:
         from drop_physics.analysis.drop.analysis import fall_analysis_of

@@ -2,38 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.decomposition import TERMS, Decomposition, decompose
-from drop_physics.analysis.drop.air import Air, coverage_of
 from drop_physics.analysis.drop.case import Case, case_of
-from drop_physics.analysis.drop.energy import contact_energy_j
-from drop_physics.analysis.drop.landing import (
-    find_bounces,
-    find_contact,
-    find_impact,
-    find_landing,
-    find_rest,
-    law_path,
-)
-from drop_physics.analysis.drop.mechanics import max_relative_drift, mechanics
+from drop_physics.analysis.drop.course import Course
+from drop_physics.analysis.drop.energy import Energies
+from drop_physics.analysis.drop.landing import ContactLaw, find_bounces, find_landing, find_rest
+from drop_physics.analysis.drop.mechanics import Mechanics, mechanics
 from drop_physics.analysis.drop.one_sample import DEFAULT_AT_S
-from drop_physics.analysis.drop.phases import Phases, phases_of, touching
-from drop_physics.analysis.drop.posture import tumbled_step, tumbles
-from drop_physics.analysis.drop.results import (
-    Airborne,
-    Conservation,
-    Coverage,
-    FallAnalysis,
-    Moment,
-    Terms,
-)
-from drop_physics.analysis.drop.samples import blocks
+from drop_physics.analysis.drop.phases import Phases
+from drop_physics.analysis.drop.results import Airborne, FallAnalysis, Moment, Terms
+from drop_physics.analysis.drop.samples import Samples
 from drop_physics.analysis.rows import SHOWN_PER_S
 from drop_physics.errors import ScenarioError
 from drop_physics.report import EngineReport
@@ -42,31 +27,29 @@ from drop_physics.scenario import Scenario
 Float64 = NDArray[np.float64]
 
 DUE = (pl.col("time_s") * SHOWN_PER_S + 1e-9).floor()
-SHOWN = (
-    (DUE.shift(1, fill_value=-1) != DUE)
-    | (pl.col("phase") != pl.col("phase").shift(1, fill_value=""))
-    | (pl.col("timestep_m").is_null() != pl.col("timestep_m").shift(-1).is_null())
+SHOWN = (DUE.shift(1, fill_value=-1) != DUE) | (
+    pl.col("timestep_m").is_null() != pl.col("timestep_m").shift(-1).is_null()
 )
-"""The rows that curves show: so many a second, and where something changes."""
+"""The rows that curves show: so many a second, and at the ends of free flight."""
 
 
 @dataclass(frozen=True)
 class Fall:
-    """A fall: what it is about, what was found, and when it touched."""
+    """A fall: what it is about, what its samples show, and what was found."""
 
     case: Case
+    course: Course
     phases: Phases
-    air: Air
     analysis: FallAnalysis
 
 
-def fall_of(case: Case, *, at_s: Sequence[float] = (), whole: bool = True) -> Fall:
-    """Analyze the samples of a fall.
+class Falling:
+    """Analyzes a fall while its samples are added in their order.
 
     Parameters
     ----------
     case
-        What was dropped, how, and its samples.
+        What was dropped, and how.
     at_s
         Times at which to break down the error [s]; without any, 0.3 s where that is in free flight.
     whole
@@ -77,35 +60,86 @@ def fall_of(case: Case, *, at_s: Sequence[float] = (), whole: bool = True) -> Fa
     ScenarioError
         If a time lies outside the recording.
     """
-    phases = phases_of(case)
-    air = Air(case, phases)
-    if air.touched_step is not None:
-        phases = replace(phases, contact_step=air.touched_step)
-        air = Air(case, phases)
-    coverage = coverage_of(air)
-    parts = decompose(case.law, case.fall, case.samples.position_m[: coverage.samples])
-    steps = _steps_at(at_s, case.scenario, coverage)
-    table = _table(case, phases, parts, None if whole else [0, *steps, phases.samples - 1])
-    tumbled = tumbled_step(case, touching(case.samples))
-    law, landing = law_path(case), find_landing(case)
-    analysis = FallAnalysis(
-        scenario=asdict(case.scenario),
-        engine=case.engine,
-        at=[_moment(table, step) for step in steps],
-        coverage=coverage,
-        airborne=_airborne(parts),
-        landing=landing,
-        impact=find_impact(case, phases, landing),
-        tumbled_step=tumbled,
-        tumbles=tumbled is not None and tumbles(case, tumbled),
-        contact=find_contact(case, phases, tumbled, law),
-        bounces=find_bounces(case, tumbled),
-        rest=find_rest(case, phases, tumbled, law),
-        conservation=_conservation(case, phases.airborne),
-        contact_j=contact_energy_j(case, airborne=phases.airborne),
-        table=table,
-    )
-    return Fall(case, phases, air, analysis)
+
+    def __init__(self, case: Case, *, at_s: Sequence[float] = (), whole: bool = True) -> None:
+        self._case, self._whole = case, whole
+        self._asked = _asked(at_s, case)
+        self._course, self._law, self._energies = Course(case), ContactLaw(case), Energies(case)
+        self._errors = _Errors(case)
+        self._rows: list[pl.DataFrame] = []
+
+    def add(self, part: Samples) -> None:
+        """Take further samples."""
+        course = self._course
+        before, changes = course.add(part)
+        tumbled = course.tumbled_step
+        flat = len(part) if tumbled is None else tumbled - part.first
+        self._law.add(part, min(max(flat, 0), len(part)))
+        energies = mechanics(self._case.engine, part)
+        self._energies.add(part, before, energies, course.air.airborne)
+        rows = _rows(self._case, part, energies, self._errors.add(part, course.air.covered))
+        if not self._whole:
+            kept = [0, *self._asked, *changes, self._case.samples - 1]
+            rows = rows.filter(SHOWN | pl.col("step").is_in(kept))
+        self._rows.append(rows)
+
+    def fall(self) -> Fall:
+        """Return what was found, after the last sample."""
+        case, course = self._case, self._course
+        phases, tumbled = course.phases(), course.tumbled_step
+        coverage, landing = course.air.coverage(), find_landing(case)
+        table = pl.concat(self._rows)
+        table.insert_column(2, phases.of(table["step"].to_numpy()).alias("phase"))
+        steps, standard = self._asked, round(DEFAULT_AT_S / case.timestep_s)
+        if not steps and coverage.samples > 1:  # the release alone has no error
+            steps = [standard if standard < coverage.samples else (coverage.samples - 1) // 2]
+        analysis = FallAnalysis(
+            scenario=asdict(case.scenario),
+            engine=case.engine,
+            at=[self._moment(table, step) for step in steps],
+            coverage=coverage,
+            airborne=self._errors.airborne(),
+            landing=landing,
+            impact=course.impact(landing),
+            tumbled_step=tumbled,
+            tumbles=course.tumbles,
+            contact=self._law.contact(phases, tumbled),
+            bounces=find_bounces(case, course.touchdowns.episodes(), tumbled),
+            rest=find_rest(case, phases, tumbled, self._law),
+            conservation=self._energies.conservation(),
+            contact_j=self._energies.contact_j(),
+            table=table,
+        )
+        return Fall(case, course, phases, analysis)
+
+    def _moment(self, table: pl.DataFrame, step: int) -> Moment:
+        found = table.filter(pl.col("step") == step)
+        if found.is_empty():  # it was not asked for, and its row is not shown
+            case, sample = self._case, self._case.sample(step)
+            parts = decompose(case.law, case.fall, sample.position_m, first=step)
+            found = _rows(case, sample, mechanics(case.engine, sample), parts)
+            found = found.with_columns(pl.lit("falling").alias("phase"))
+        row = found.row(0, named=True)
+        explained = row["timestep_m"] is not None
+        return Moment(
+            time_s=row["time_s"],
+            step=step,
+            phase=row["phase"],
+            simulated_m=row["simulated_m"],
+            free_fall_m=row["free_fall_m"],
+            error_m=row["error_m"],
+            terms_m=Terms(**{name: row[f"{name}_m"] for name in TERMS}) if explained else None,
+        )
+
+
+def fall_of(
+    case: Case, samples: Iterable[Samples], *, at_s: Sequence[float] = (), whole: bool = True
+) -> Fall:
+    """Analyze the samples of a fall: see `Falling`."""
+    falling = Falling(case, at_s=at_s, whole=whole)
+    for _ in map(falling.add, samples):  # `map` keeps none while the next are read
+        pass
+    return falling.fall()
 
 
 def fall_analysis_of(
@@ -116,42 +150,57 @@ def fall_analysis_of(
     *,
     at_s: Sequence[float] = (),
 ) -> FallAnalysis:
-    """Return the analysis of a fall from the tables of its recording: see `case_of`, `fall_of`."""
-    return fall_of(case_of(scenario, engine, states, contacts), at_s=at_s).analysis
+    """Return the analysis of a fall from the tables of its recording: see `case_of`, `Falling`."""
+    return fall_of(*case_of(scenario, engine, states, contacts), at_s=at_s).analysis
 
 
-def _table(
-    case: Case, phases: Phases, parts: Decomposition, kept: Sequence[int] | None
-) -> pl.DataFrame:
-    """Return one row per sample; error terms are null where free flight is not covered.
+class _Errors:
+    """The error of the samples in free flight, broken down while they are added."""
 
-    `kept`: steps to keep, besides those that are shown; None for all.
-    """
-    parts_of_it = (_rows(case, rows, phases, parts) for rows in blocks(phases.samples))
-    if kept is not None:
-        shown = SHOWN | pl.col("step").is_in(kept)
-        parts_of_it = (rows.filter(shown) for rows in parts_of_it)
-    return pl.concat(parts_of_it)
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self._path = case.law.exact_path(case.fall.position_m, case.fall.velocity_m_s)
+        self._samples, self._largest_m, self._rounding_m = 0, 0.0, 0.0
+        self._squares_m2: list[float] = []
+
+    def add(self, part: Samples, covered: int) -> Decomposition:
+        """Take further samples, of which the first so many of all are covered."""
+        flown_m = part.position_m[: max(covered - part.first, 0)]
+        parts = decompose(
+            self._case.law, self._case.fall, flown_m, first=part.first, path=self._path
+        )
+        if len(flown_m):
+            error_m, rounding_m = parts.total_m[:, 2], parts.rounding_m[:, 2]
+            self._samples += len(error_m)
+            self._largest_m = max(self._largest_m, float(np.abs(error_m).max()))
+            self._rounding_m = max(self._rounding_m, float(np.abs(rounding_m).max()))
+            self._squares_m2.append(float(np.sum(error_m**2)))
+        return parts
+
+    def airborne(self) -> Airborne:
+        """Return the error over all of them."""
+        if not self._samples:
+            return Airborne(0, None, None, None)
+        rms_m = float(np.sqrt(sum(self._squares_m2) / self._samples))
+        return Airborne(self._samples, self._largest_m, rms_m, self._rounding_m)
 
 
-def _rows(case: Case, rows: slice, phases: Phases, parts: Decomposition) -> pl.DataFrame:
-    """Return some rows of the table."""
-    steps, height_m, time_s = np.r_[rows], case.samples.height_m[rows], case.time_s[rows]
-    energies, free_fall_m = mechanics(case.engine, case.samples, rows), case.free_fall_m(time_s)
+def _rows(case: Case, part: Samples, energies: Mechanics, parts: Decomposition) -> pl.DataFrame:
+    """Return a row per sample but for its phase; terms are null where flight is not covered."""
+    time_s = part.times_s(case.timestep_s)
+    free_fall_m = case.free_fall_m(time_s)
 
     def explained(values: Float64) -> pl.Series:
-        held = values[rows]
-        return pl.Series(held, dtype=pl.Float64).extend_constant(None, len(height_m) - len(held))
+        return pl.Series(values, dtype=pl.Float64).extend_constant(None, len(part) - len(values))
 
     return pl.DataFrame(
         {
-            "step": steps,
+            "step": part.steps,
             "time_s": time_s,
-            "phase": phases.of(steps),
-            "simulated_m": height_m,
+            "simulated_m": part.height_m,
             "free_fall_m": free_fall_m,
             "damped_fall_m": case.damped_fall_m(time_s),
-            "error_m": height_m - free_fall_m,
+            "error_m": part.height_m - free_fall_m,
             **{f"{name}_m": explained(getattr(parts, f"{name}_m")[:, 2]) for name in TERMS},
             "kinetic_linear_j": energies.kinetic_linear_j,
             "kinetic_angular_j": energies.kinetic_angular_j,
@@ -161,58 +210,13 @@ def _rows(case: Case, rows: slice, phases: Phases, parts: Decomposition) -> pl.D
     )
 
 
-def _steps_at(at_s: Sequence[float], scenario: Scenario, coverage: Coverage) -> list[int]:
-    """Return the samples nearest to the times asked for, or the default one."""
-    last, covered = coverage.of - 1, coverage.samples
-    end_s = last * scenario.timestep_s
+def _asked(at_s: Sequence[float], case: Case) -> list[int]:
+    """Return the samples nearest to the times asked for."""
     for time_s in at_s:
-        if not 0 <= time_s <= end_s * (1 + 1e-12):
+        if not 0 <= time_s <= case.end_s * (1 + 1e-12):
             raise ScenarioError(
                 "--at must lie within the recording, 0 to {end:g} s, got {time:g}",
-                end=end_s,
+                end=case.end_s,
                 time=time_s,
             )
-    if at_s:
-        return [min(last, round(time_s / scenario.timestep_s)) for time_s in at_s]
-    if covered < 2:  # the release alone has no error
-        return []
-    standard = round(DEFAULT_AT_S / scenario.timestep_s)
-    return [standard if standard < covered else (covered - 1) // 2]
-
-
-def _moment(table: pl.DataFrame, step: int) -> Moment:
-    row = table.row(by_predicate=pl.col("step") == step, named=True)
-    explained = row["timestep_m"] is not None
-    return Moment(
-        time_s=row["time_s"],
-        step=step,
-        phase=row["phase"],
-        simulated_m=row["simulated_m"],
-        free_fall_m=row["free_fall_m"],
-        error_m=row["error_m"],
-        terms_m=Terms(**{name: row[f"{name}_m"] for name in TERMS}) if explained else None,
-    )
-
-
-def _airborne(parts: Decomposition) -> Airborne:
-    error_m = parts.total_m[:, 2]
-    if not len(error_m):
-        return Airborne(0, None, None, None)
-    return Airborne(
-        samples=len(error_m),
-        max_abs_error_m=float(np.abs(error_m).max()),
-        rms_error_m=float(np.sqrt(np.mean(error_m**2))),
-        max_abs_rounding_m=float(np.abs(parts.rounding_m[:, 2]).max()),
-    )
-
-
-def _conservation(case: Case, airborne: int) -> Conservation:
-    energies = mechanics(case.engine, case.samples, slice(max(airborne, 1)))
-    initial_j = float(energies.total_j[0])
-    if case.substeps > 1 and not case.is_rigid:  # when it first touched is not known
-        return Conservation(initial_j, None, None)
-    return Conservation(
-        energy_initial_j=initial_j,
-        energy_max_rel_drift=max_relative_drift(energies.total_j),
-        angular_momentum_max_rel_drift=max_relative_drift(energies.angular_momentum_kg_m2_s),
-    )
+    return [min(case.samples - 1, round(time_s / case.timestep_s)) for time_s in at_s]

@@ -1,8 +1,9 @@
-"""What the analysis is about: a body's scenario, what the engine reported, and its samples."""
+"""What the analysis is about: a scenario, what the engine reported, how it began and ended."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,8 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from drop_physics.analysis.drop.samples import Samples, samples_of
-from drop_physics.analysis.explained.contacts import Touches, touches_of
+from drop_physics.analysis.drop.samples import Samples, samples_in, samples_of
 from drop_physics.laws import theory
 from drop_physics.laws.base import EXACT_MACHINES, Law, Motion
 from drop_physics.laws.lookup import fall_of, law_for
@@ -19,8 +19,7 @@ from drop_physics.laws.rotations import same_way
 from drop_physics.laws.theory import Fall
 from drop_physics.report import EngineReport
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS, Scenario
-from drop_physics.seen.history import Seen, joined
-from drop_physics.states import BODY
+from drop_physics.seen.history import Piece, Seen, joined
 
 Float64 = NDArray[np.float64]
 
@@ -34,13 +33,24 @@ FLOOR_REACH_M = 100.0
 
 @dataclass(frozen=True)
 class Case:
-    """One drop, as all parts of the analysis get it; arrays have one row per sample."""
+    """One drop, as all parts of the analysis get it; its samples come some at a time."""
 
     scenario: Scenario
     engine: EngineReport
-    samples: Samples
-    touches: Touches
-    """Its contact points, or those of its base, at least until the first that pushes."""
+    samples: int
+    """How many there are."""
+    sample: Callable[[int], Samples]
+    """Returns one of them."""
+
+    @cached_property
+    def start(self) -> Samples:
+        """The first sample."""
+        return self.sample(0)
+
+    @cached_property
+    def end(self) -> Samples:
+        """The last sample."""
+        return self.sample(self.samples - 1)
 
     @cached_property
     def fall(self) -> Fall:
@@ -60,7 +70,7 @@ class Case:
     @property
     def released(self) -> bool:
         """Whether the first sample is the release that was asked for, as the engine rounds it."""
-        scenario, mine = self.scenario, self.samples.at(slice(1))
+        scenario, mine = self.scenario, self.start
         asked = (self.fall.position_m, scenario.orientation_xyzw, scenario.velocity_m_s,
             scenario.spin_rad_s)  # fmt: skip
         start = self.law.released(Motion(*(np.array([each]) for each in asked)))
@@ -93,10 +103,10 @@ class Case:
         """Timestep of the integrator [s]: with `--substeps`, several make a sample."""
         return self.scenario.timestep_s / self.substeps
 
-    @cached_property
-    def time_s(self) -> Float64:
-        """Time of each sample [s]."""
-        return np.arange(len(self.samples.height_m), dtype=np.float64) * self.timestep_s
+    @property
+    def end_s(self) -> float:
+        """Time of the last sample [s]."""
+        return (self.samples - 1) * self.timestep_s
 
     @property
     def floor_height_m(self) -> float | None:
@@ -169,24 +179,34 @@ class Case:
 
 def case_of(
     scenario: Scenario, engine: EngineReport, states: pl.DataFrame, contacts: pl.DataFrame
-) -> Case:
-    """Return the case that tables hold: one row per sample and part, one per contact point."""
-    return Case(scenario, engine, samples_of(states, contacts), touches_of(contacts, BODY))
+) -> tuple[Case, Iterable[Samples]]:
+    """Return the case that tables hold, and its samples in order.
+
+    The tables have one row per sample and part, and one per contact point.
+    """
+
+    def sample(step: int) -> Samples:
+        its = pl.col("step") == step
+        return samples_of(states.filter(its), contacts.filter(its))
+
+    last: int = states["step"].max()  # type: ignore[assignment]
+    return Case(scenario, engine, last + 1, sample), samples_in(states, contacts)
 
 
-def case_seen(scenario: Scenario, engine: EngineReport, seen: Seen) -> Case:
-    """Return the case of a recording, which is read piece by piece."""
-    near: list[pl.DataFrame] = []
+def case_seen(
+    scenario: Scenario, engine: EngineReport, seen: Seen
+) -> tuple[Case, Iterable[Samples]]:
+    """Return the case of a recording, and its samples in order, which are read piece by piece."""
 
-    def parts() -> Iterator[Samples]:
-        pushed = False
-        for piece in seen.pieces():
-            if not pushed:
-                near.append(piece.contacts)
-            its = piece.contacts.with_columns(pl.col("step") - piece.first)
-            part = samples_of(joined(seen.parts_of(piece)), its)
-            pushed = pushed or bool(part.pushed.any())
-            yield part
+    def sample(step: int) -> Samples:
+        return samples_seen(seen, seen.sampled.piece(step, step + 1))
 
-    samples = Samples.gathered(parts(), seen.sampled.last + 1)
-    return Case(scenario, engine, samples, touches_of(pl.concat(near), BODY))
+    def samples() -> Iterator[Samples]:
+        yield from map(functools.partial(samples_seen, seen), seen.pieces())
+
+    return Case(scenario, engine, seen.sampled.last + 1, sample), samples()
+
+
+def samples_seen(seen: Seen, piece: Piece) -> Samples:
+    """Return the samples of a piece of a recording."""
+    return samples_of(joined(seen.parts_of(piece)), piece.contacts)

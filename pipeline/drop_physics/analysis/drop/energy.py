@@ -1,4 +1,4 @@
-"""The energy that contact gave to a falling body, in any engine whose law is known.
+"""The energy that contact gave to a falling body, and what is conserved before it.
 
 Of one step of semi-implicit Euler, v' = v + dt (g + d) + J/m and x' = x + dt v', the energy changes
 by exactly
@@ -16,34 +16,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.drop.case import Case
-from drop_physics.analysis.drop.mechanics import mechanics
-from drop_physics.analysis.drop.samples import BLOCK
+from drop_physics.analysis.drop.mechanics import Drift, Mechanics
+from drop_physics.analysis.drop.results import Conservation
+from drop_physics.analysis.drop.samples import Samples
+from drop_physics.laws.base import Motion
 
 Float64 = NDArray[np.float64]
 
 
-def contact_energy_j(case: Case, *, airborne: int) -> float | None:
-    """Return the energy that contact gave [J], what the spin lost to damping and turns included.
+class Energies:
+    """What is conserved until the first contact, and what contact gave; grow part by part."""
 
-    None where no law of the body is known, and of several steps per sample.
-    """
-    law = case.law
-    if not case.is_rigid or case.substeps > 1 or not law.covers(case.samples).all():
-        return None
-    rows, dt = slice(max(airborne - 1, 0), None), case.timestep_s
-    velocity = case.samples.velocity_m_s[rows]
-    if not case.scenario.stepped or len(velocity) < 2:
-        return 0.0
-    gravity = np.array(law.gravity_m_s2)
-    mass_kg, ends = case.engine.mass_kg, (slice(rows.start, rows.start + 1), slice(-1, None))
-    before_j, after_j = (float(mechanics(case.engine, case.samples, end).total_j[0])
-        for end in ends)  # fmt: skip
-    taken_j = 0.0
-    for first in range(0, len(velocity) - 1, BLOCK):
-        block = velocity[first : first + BLOCK + 1]
-        before, after = block[:-1], block[1:]
-        drag = law.held(law.free_velocities(before)) - before - dt * gravity
-        taken_j += float(np.sum(drag * (before + after))) * mass_kg / 2
-    if law.semi_implicit:
-        taken_j -= mass_kg * dt / 2 * float((velocity[-1] - velocity[0]) @ gravity)
-    return after_j - before_j - taken_j
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self._known = case.is_rigid and case.substeps == 1
+        """Whether the law of the body is known, as far as was seen."""
+        self._energy, self._momentum = Drift(), Drift()
+        self._last_j = 0.0
+        self._before_j: float | None = None
+        """The energy before the first contact."""
+        self._start_m_s = np.zeros(3)
+        """The velocity then."""
+        self._taken_j = 0.0
+        """What the drag took from then on."""
+
+    def add(self, part: Samples, before: Motion, energies: Mechanics, airborne: int) -> None:
+        """Take further samples; so many are before the first contact, as far as is known."""
+        first = max(airborne, 1) - part.first
+        if first > 0:
+            self._energy.add(energies.total_j[:first])
+            self._momentum.add(energies.angular_momentum_kg_m2_s[:first])
+        self._known = self._known and bool(self._case.law.covers(part).all())
+        if self._known and first < len(part):
+            self._touch(before, part, energies, max(first, 0))
+        self._last_j = float(energies.total_j[-1])
+
+    def _touch(self, before: Motion, part: Samples, energies: Mechanics, row: int) -> None:
+        """Take the steps to samples from this row on, the first of which may have touched."""
+        case, then, after = self._case, before.velocity_m_s[row:], part.velocity_m_s[row:]
+        if self._before_j is None:
+            self._before_j = float(energies.total_j[row - 1]) if row else self._last_j
+            self._start_m_s = then[0].copy()
+        gravity = case.timestep_s * np.array(case.law.gravity_m_s2)
+        drag = case.law.held(case.law.free_velocities(then)) - then - gravity
+        self._taken_j += float(np.sum(drag * (then + after))) * case.engine.mass_kg / 2
+
+    def conservation(self) -> Conservation:
+        """Return what was conserved until the first contact."""
+        if self._case.substeps > 1 and not self._case.is_rigid:  # when it first touched is unknown
+            return Conservation(self._energy.start, None, None)
+        return Conservation(self._energy.start, self._energy.relative, self._momentum.relative)
+
+    def contact_j(self) -> float | None:
+        """Return what contact gave [J], what the spin lost to damping and turns included.
+
+        None where no law of the body is known, and of several steps per sample.
+        """
+        case = self._case
+        if not self._known:
+            return None
+        if self._before_j is None or not case.scenario.stepped:
+            return 0.0
+        taken_j = self._taken_j
+        if case.law.semi_implicit:
+            gained_m_s = case.end.velocity_m_s[0] - self._start_m_s
+            pull = float(gained_m_s @ np.array(case.law.gravity_m_s2))
+            taken_j -= case.engine.mass_kg * case.timestep_s / 2 * pull
+        return self._last_j - self._before_j - taken_j

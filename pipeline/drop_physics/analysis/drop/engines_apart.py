@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.analysis.decomposition import TERMS, error_and_terms
 from drop_physics.analysis.drop.case import Case
+from drop_physics.analysis.drop.samples import Samples
 from drop_physics.fields import decimals
 from drop_physics.laws.base import Law, Motion
 from drop_physics.laws.bullet import BulletLaw
@@ -35,7 +37,27 @@ NAMES = {
 """Of the terms."""
 
 
-def apart(run: Case, golden: Case, *, parts_at: int | None) -> Message:
+@dataclass(frozen=True)
+class Flight:
+    """A drop up to its first contact point."""
+
+    case: Case
+    motion: Motion
+    """The samples before the first that a contact led to."""
+
+
+def flight_of(case: Case, samples: Iterable[Samples]) -> Flight:
+    """Return a drop's flight; no sample after it is read."""
+    parts: list[Motion] = []
+    for part in samples:
+        near = np.flatnonzero(part.contact_points)
+        parts.append(part.at(slice(int(near[0]) if len(near) else len(part))))
+        if len(near):
+            break
+    return Flight(case, _one(parts))
+
+
+def apart(run: Flight, golden: Flight, *, parts_at: int | None) -> Message:
     """Say how two engines differ that were given the same scenario.
 
     Parameters
@@ -45,8 +67,9 @@ def apart(run: Case, golden: Case, *, parts_at: int | None) -> Message:
     parts_at
         The first sample that differs; None where none does.
     """
-    names = {"run": ENGINES[run.scenario.engine], "golden": ENGINES[golden.scenario.engine]}
-    touch = min(_first_touch(run), _first_touch(golden))
+    names = {name: ENGINES[flight.case.scenario.engine]
+        for name, flight in (("run", run), ("golden", golden))}  # fmt: skip
+    touch = min(len(run.motion), len(golden.motion))
     if parts_at is None:
         return Message("{run} and {golden} agree to the bit", **names)
     if parts_at >= touch:
@@ -58,35 +81,31 @@ def apart(run: Case, golden: Case, *, parts_at: int | None) -> Message:
         )
     last = touch - 1
     clauses = [Message("{run} and {golden} diverge at step {step}", step=parts_at, **names)]
-    if last > parts_at and run.is_rigid and golden.is_rigid:
+    if last > parts_at and run.case.is_rigid and golden.case.is_rigid:
         clauses.append(_distance(run, golden, last))
     advice = [_undamped(run, golden, last), _undamped(golden, run, last)]
     return joined("; ", [*clauses, *filter(None, advice)])
 
 
-def _first_touch(case: Case) -> int:
-    """Return the first sample that a contact led to; the number of samples if there is none."""
-    near = np.flatnonzero(case.samples.contact_points)
-    return int(near[0]) if len(near) else len(case.samples)
-
-
-def _distance(run: Case, golden: Case, last: int) -> Message:
+def _distance(run: Flight, golden: Flight, last: int) -> Message:
     """Say how far apart they are along the axis where that is most, and by which terms."""
-    apart_m = run.samples.position_m[last] - golden.samples.position_m[last]
+    apart_m = run.motion.position_m[last] - golden.motion.position_m[last]
+    time_s = last * run.case.timestep_s
     axis = int(np.argmax(np.abs(apart_m)))
     if abs(apart_m[axis]) < LEAST_M:
         return Message(
-            "in the air, at {time:.4g} s, they are less than 0.0001 mm apart", time=run.time_s[last]
+            "in the air, at {time:.4g} s, they are less than 0.0001 mm apart", time=time_s
         )
     distance = Message(
         "in the air, at {time:.4g} s, they are {distance} mm apart along {axis}",
-        time=run.time_s[last],
+        time=time_s,
         distance=decimals(apart_m[axis] * 1e3, 4, "+"),
         axis="xyz"[axis],
     )
     parts = []
-    for case in (run, golden):
-        held = np.flatnonzero(case.law.limited(case.samples.before())[: last + 1])
+    for flight in (run, golden):
+        case, motion = flight.case, flight.motion
+        held = np.flatnonzero(case.law.limited(motion.before())[: last + 1])
         if len(held):
             clamped = Message(
                 "{engine} clamps a velocity in step {step}",
@@ -94,10 +113,10 @@ def _distance(run: Case, golden: Case, last: int) -> Message:
                 step=int(held[0]),
             )
             return joined("; ", [distance, clamped])
-        if not case.law.covers(case.samples.at(slice(last))).all():
+        if not case.law.covers(motion.at(slice(last))).all():
             return distance
-        start = case.samples.at(slice(0, 1))
-        _, terms = error_and_terms(start, case.samples.position_m[last], case.law, steps=last)
+        start = motion.at(slice(0, 1))
+        _, terms = error_and_terms(start, motion.position_m[last], case.law, steps=last)
         parts.append(terms)
     if None in parts:
         return distance
@@ -112,17 +131,17 @@ def _distance(run: Case, golden: Case, last: int) -> Message:
     return joined(": ", [distance, joined(", ", shares)]) if shares else distance
 
 
-def _undamped(case: Case, other: Case, last: int) -> Message | None:
+def _undamped(flight: Flight, other: Flight, last: int) -> Message | None:
     """Say that Bullet without its damping agrees with the other engine, where it does."""
-    law = case.law
+    law = flight.case.law
     if not isinstance(law, BulletLaw) or not (law.linear_damping or law.angular_damping):
         return None
     if last > REPLAYED:
         return None
     undamped = replace(law, linear_damping=0.0, angular_damping=0.0)
-    off_m, to_the_bit = _off(_path(undamped, case, last), undamped, other)
+    off_m, to_the_bit = _off(_path(undamped, flight.motion, last), undamped, other)
     options = ["--linear-damping 0"] if law.linear_damping else []
-    spins = case.samples.spin_rad_s[: last + 1].any()
+    spins = flight.motion.spin_rad_s[: last + 1].any()
     options += ["--angular-damping 0"] if law.angular_damping and spins else []
     if not options:
         return None
@@ -141,25 +160,25 @@ def _undamped(case: Case, other: Case, last: int) -> Message | None:
     return None
 
 
-def _path(law: Law, case: Case, last: int) -> Motion:
+def _path(law: Law, motion: Motion, last: int) -> Motion:
     """Return where a law leads from the release, step by step; last + 1 rows."""
-    motions = [case.samples.at(slice(0, 1))]
+    motions = [motion.at(slice(0, 1))]
     for _ in range(last):
         motions.append(law.step(motions[-1]))
-    return Motion(
-        *(
-            np.concatenate([getattr(motion, each.name) for motion in motions])
-            for each in fields(Motion)
-        )
-    )
+    return _one(motions)
 
 
-def _off(path: Motion, law: Law, other: Case) -> tuple[float, bool]:
+def _one(motions: list[Motion]) -> Motion:
+    names = [each.name for each in fields(Motion)]
+    return Motion(*(np.concatenate([getattr(each, name) for each in motions]) for name in names))
+
+
+def _off(path: Motion, law: Law, other: Flight) -> tuple[float, bool]:
     """Return how far a path leads from another engine's [m], and whether not by one bit.
 
     An orientation counts as what it moves the body's surface by.
     """
-    samples = other.samples.at(slice(len(path)))
+    samples = other.motion.at(slice(len(path)))
     mine, theirs = path.orientation, samples.orientation
     mine = np.where((mine * theirs).sum(axis=1, keepdims=True) < 0, -mine, mine)  # -q turns like q
     turn_rad = 2 * np.linalg.norm(mine - theirs, axis=1).max()
@@ -168,4 +187,6 @@ def _off(path: Motion, law: Law, other: Case) -> tuple[float, bool]:
         np.array_equal(getattr(path, each.name), getattr(samples, each.name))
         for each in fields(Motion)
     )
-    return max(off_m, float(turn_rad) * other.engine.reach_m), same and bool(law.bits(path).all())
+    return max(off_m, float(turn_rad) * other.case.engine.reach_m), same and bool(
+        law.bits(path).all()
+    )

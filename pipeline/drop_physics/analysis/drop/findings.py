@@ -14,7 +14,7 @@ import numpy as np
 from drop_physics.analysis.answers.answer import Effect, Finding, Level, Span
 from drop_physics.analysis.drop.analysis import Fall
 from drop_physics.analysis.drop.case import TOUCHING_M, Case
-from drop_physics.analysis.drop.landing import CORNERS, episodes, restitution_threshold_m_s
+from drop_physics.analysis.drop.landing import restitution_threshold_m_s
 from drop_physics.analysis.drop.posture import extent_m, tilt_rad
 from drop_physics.fields import counted, decimals
 from drop_physics.messages import Message, joined
@@ -105,31 +105,35 @@ def _no_gravity(fall: Fall) -> Iterator[Finding]:
     if not fall.case.scenario.gravity_set:
         seen = Message(
             "the engine's gravity is 0 m/s² and the centre is at {height} m at the end",
-            height=decimals(fall.case.samples.height_m[-1], 4),
+            height=decimals(fall.case.end.height_m[0], 4),
         )
         yield _mistake("no-gravity", seen, fall.case)
 
 
 def _not_stepped(fall: Fall) -> Iterator[Finding]:
-    heights_m = fall.case.samples.height_m
     if not fall.case.scenario.stepped:
         seen = Message(
             "all {samples} samples are the same to the last bit, at {height} m",
-            samples=len(heights_m),
-            height=decimals(heights_m[0], 4),
+            samples=fall.case.samples,
+            height=decimals(fall.case.start.height_m[0], 4),
         )
         yield _mistake("not-stepped", seen, fall.case)
 
 
 def _no_floor(fall: Fall) -> Iterator[Finding]:
     case, floor_m = fall.case, fall.case.engine.rest_height_m
-    lowest_m = float(case.samples.height_m.min())
+    lowest_m = _lowest_m(fall)
     if floor_m is not None and not case.scenario.floor and lowest_m < floor_m <= case.fall.height_m:
         seen = Message(
             "the centre went down to {height} m without a contact: there is nothing to land on",
             height=decimals(lowest_m, 4),
         )
         yield _mistake("no-floor", seen, case)
+
+
+def _lowest_m(fall: Fall) -> float:
+    assert fall.course.lowest is not None
+    return float(fall.course.lowest[0].position_m[0, 2])
 
 
 def _law_mismatch(case: Case, step: int) -> Finding:
@@ -151,56 +155,25 @@ def _law_mismatch(case: Case, step: int) -> Finding:
 
 
 def _tunnelled(fall: Fall) -> Iterator[Finding]:
-    step, case = _through(fall), fall.case
-    if step is None:
+    step, case, through = fall.course.through_step(), fall.case, fall.course.through
+    if step is None or through is None:
         return
-    position_m = case.samples.position_m
+    before_m, position_m = through[0].position_m[0], case.sample(step).position_m[0]
     seen = Message(
         "at {time:.4g} s (step {step}) the body is below the floor, its centre at {height} m, and "
         "nothing has touched",
-        time=case.time_s[step],
+        time=step * case.timestep_s,
         step=step,
-        height=decimals(position_m[step, 2], 4),
+        height=decimals(position_m[2], 4),
     )
     why, advice = Message("nothing of it collides with the floor"), None
-    if case.engine.shape != "none" and not _overlapped(case, step):
+    if case.engine.shape != "none" and not fall.course.overlapped:
         why = Message(
             "it moved {moved:.4g} m in a step, and contact is checked only between steps",
-            moved=float(np.linalg.norm(position_m[step] - position_m[step - 1])),
+            moved=float(np.linalg.norm(position_m - before_m)),
         )
         advice = Message("shorten the step with --timestep")
     yield _found("tunnelled", joined(": ", [seen, why]), advice, first=step)
-
-
-def _through(fall: Fall) -> int | None:
-    """Return the first sample at which the body is below the floor as a whole.
-
-    None where contact brought it back.
-    """
-    case, phases = fall.case, fall.phases
-    if not (case.scenario.floor and case.starts_above):
-        return None
-    below = case.samples.height_m + case.engine.reach_m < 0
-    untouched = np.flatnonzero(below[: phases.airborne])
-    returned = phases.contact_step is not None and not below[-1]
-    if not len(untouched) or returned:
-        return None
-    beside = not case.over_floor(case.samples.position_m[untouched[0] :])
-    return None if beside else int(untouched[0])
-
-
-def _overlapped(case: Case, step: int) -> bool:
-    """Whether a step before a sample began inside the floor; also where none can meet it.
-
-    PyBullet's floor is 10 m thick. Of other engines' only the surface is known to be met.
-    """
-    floor_m, tall_m, heights_m = case.floor_height_m, extent_m(case), case.samples.height_m[:step]
-    if floor_m is None:
-        return True
-    inside = heights_m < floor_m - 1e-6
-    if not case.is_bullet and tall_m is not None:
-        inside &= heights_m > floor_m - tall_m
-    return bool(inside.any())
 
 
 def _starts_in_contact(fall: Fall) -> Iterator[Finding]:
@@ -246,13 +219,14 @@ def _default_damping(fall: Fall) -> Iterator[Finding]:
 
 
 def _velocity_clamped(fall: Fall) -> Iterator[Finding]:
-    step, state = fall.air.clamped_step, fall.case.samples
+    step = fall.course.air.clamped_step
     if step is not None:
+        state = fall.case.sample(step)
         seen = Message(
             "a velocity reaches {velocity:.6g} (m/s or rad/s) at {time:.4g} s and is clamped "
             "there: a btMultiBody limits every component to ±100",
-            velocity=np.abs((state.velocity_m_s[step], state.spin_rad_s[step])).max(),
-            time=fall.case.time_s[step],
+            velocity=np.abs((state.velocity_m_s, state.spin_rad_s)).max(),
+            time=step * fall.case.timestep_s,
         )
         yield _found("velocity-clamped", seen, Message("use --coordinates maximal"), first=step)
 
@@ -268,7 +242,7 @@ def _deep_penetration(fall: Fall) -> Iterator[Finding]:
     # From the first force on, or in a later landing, how deep it gets is not the step's alone.
     if impact.lowest_step >= fall.phases.airborne or depth_m <= DEEP_PENETRATION * tall_m:
         return
-    per_step_m = abs(float(case.samples.velocity_m_s[fall.phases.airborne - 1, 2])) * case.substep_s
+    per_step_m = abs(float(fall.course.arriving.velocity_m_s[0, 2])) * case.substep_s
     seen = Message(
         "the body sinks {depth} mm into the floor, {share:.0%} of its height: contact acts only "
         "once it is inside, and it moves {moved} mm down in a step",
@@ -287,11 +261,11 @@ def _deep_penetration(fall: Fall) -> Iterator[Finding]:
 def _tumbled(fall: Fall) -> Iterator[Finding]:
     step = fall.analysis.tumbled_step
     if step is not None:
-        tilt_deg = math.degrees(tilt_rad(fall.case, slice(step, step + 1))[0])
+        tilt_deg = math.degrees(tilt_rad(fall.case, fall.case.sample(step).orientation)[0])
         seen = Message(
             "from {time:.4g} s (step {step}) on it is not flat: it touches the floor tilted by "
             "{tilt}°, so bounces, contact and rest are measured from there on, not predicted",
-            time=fall.case.time_s[step],
+            time=step * fall.case.timestep_s,
             step=step,
             tilt=f"{tilt_deg:.2g}" if tilt_deg < 10 else f"{tilt_deg:.0f}",
         )
@@ -327,11 +301,10 @@ def _swallowed(fall: Fall) -> Iterator[Finding]:
         return
     # A rebound that gravity stops within a step or two is not a bounce either.
     least_m_s = max(SWALLOWED_M_S, -2 * case.fall.gravity_m_s2 * case.timestep_s) / restitution
-    points = case.samples.contact_points
-    for number, episode in enumerate(episodes(case)):
+    for number, episode in enumerate(fall.course.touchdowns.episodes()):
         if tumbled is not None and episode.first >= tumbled:
             return
-        flat = case.is_ball or (case.is_box and points[episode.first] == CORNERS)
+        flat = case.is_ball or (case.is_box and episode.lands_flat)
         if flat and not episode.leaves and least_m_s < episode.approach_m_s < threshold_m_s:
             seen = Message(
                 "after {bounces} the body arrives at {speed:.3f} m/s and stays: restitution acts "
@@ -377,16 +350,16 @@ def _rest_below_expected(fall: Fall) -> Iterator[Finding]:
 
 
 def _still_airborne(fall: Fall) -> Iterator[Finding]:
-    case, height_m = fall.case, float(fall.case.samples.height_m[-1])
+    case, height_m = fall.case, float(fall.case.end.height_m[0])
     floor_m, falling = case.floor_height_m, case.scenario.stepped and case.fall.gravity_m_s2 < 0
     # Of links PyBullet does not report every contact.
     touched = fall.phases.contact_step is not None or not case.is_rigid
     if not falling or touched or floor_m is None or height_m <= floor_m:
         return
-    if _through(fall) is None and case.over_floor(case.samples.position_m[-1:]):
+    if fall.course.through_step() is None and case.over_floor(case.end.position_m):
         seen = Message(
             "after {time:.4g} s the centre is still at {height} m: nothing has touched yet",
-            time=case.time_s[-1],
+            time=case.end_s,
             height=decimals(height_m, 4),
         )
         yield _found("still-airborne", seen, Message("extend it with --duration"))

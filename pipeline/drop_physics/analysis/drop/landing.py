@@ -1,45 +1,33 @@
-"""Impact, contact, bounces and rest: what was recorded beside what Bullet's law predicts.
+"""Contact, bounces and rest: what was recorded beside what Bullet's law predicts.
 
 Any body is measured; causes are given only where the contact law covers it: see `covers`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import itertools
+from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drop_physics.analysis.drop.case import Case
-from drop_physics.analysis.drop.phases import Phases, crossing_time, touching
-from drop_physics.analysis.drop.posture import (
-    FLAT_RAD,
-    face_up,
-    flat_height_m,
-    stands,
-    tilt_rad,
-    turned_rad,
-)
-from drop_physics.analysis.drop.results import Bounce, Contact, Impact, Landing, Rest, RestTerms
+from drop_physics.analysis.drop.phases import Phases
+from drop_physics.analysis.drop.posture import face_up, flat_height_m, stands, tilt_rad
+from drop_physics.analysis.drop.results import Bounce, Contact, Landing, Rest, RestTerms
+from drop_physics.analysis.drop.samples import Samples
+from drop_physics.analysis.drop.touchdowns import Episode
 from drop_physics.laws import bullet_contact, mujoco_contact, theory
 from drop_physics.laws.bullet import BulletLaw
 from drop_physics.laws.bullet_contact import CONTACT_ERP, CONTACT_SLOP_M, RESTITUTION_THRESHOLD_M_S
 
-Float64 = NDArray[np.float64]
-
 LONGEST_THROW_S = 3600.0
-CORNERS = 4
-"""Contact points of a box that lies flat."""
 REPRODUCED = 1e-3
 """Share of the approach by which a rebound may deviate from the contact law and still be explained:
 ten times the largest effect of the solver's early stop that was measured."""
 ROUNDED = 1e-9
 """Share of the approach by which two ways to compute a rebound may differ."""
-AT_REST_M_S = 1e-4
-"""A predicted path slower than this has come to rest."""
-ROUGH_M = 1e-6
-"""By how much a contact point may be deeper than the centre shows."""
+AT_REST_M_S, LAST = 1e-4, 10
+"""A predicted path that is slower than this at so many last samples has come to rest."""
 SUNK_M = 1e-9
 """How far a body at rest may be from a closed form of its contact to be explained by it."""
 
@@ -70,44 +58,6 @@ def find_landing(case: Case) -> Landing | None:
     return Landing(time_free_fall_s=free_s, time_damped_s=damped_s)
 
 
-def find_impact(case: Case, phases: Phases, landing: Landing | None) -> Impact | None:
-    """Return the impact on the floor, or None if there is none."""
-    if phases.contact_step is None or (case.hides_contacts and not case.is_rigid):
-        return None  # the first contact may not be reported
-    samples, floor_m = case.samples, case.floor_height_m
-    height_m = samples.height_m
-    lowest = int(np.argmin(height_m))
-    before = max(phases.contact_step - 1, 0)
-    crossing_s = penetration_m = None
-    if floor_m is not None and case.is_rigid:
-        # With substeps the path between two samples is not straight, and may be deeper than both.
-        fell = slice(phases.contact_step + 1)
-        upright = not (turned_rad(case, fell) > FLAT_RAD).any()
-        if case.starts_above and not case.hides_contacts and upright:
-            crossing_s = crossing_time(height_m[: phases.contact_step], floor_m, case.timestep_s)
-        there = slice(lowest, lowest + 1)
-        flat = turned_rad(case, there)[0] <= FLAT_RAD
-        if case.over_floor(samples.position_m[there]) and not case.hides_contacts and flat:
-            penetration_m = max(0.0, floor_m - float(height_m[lowest]))
-            if _deepest_point_m(case) > 1.01 * penetration_m + ROUGH_M:
-                penetration_m = None
-    return Impact(
-        time_free_fall_s=landing.time_free_fall_s if landing else None,
-        time_damped_s=landing.time_damped_s if landing else None,
-        time_simulated_s=crossing_s,
-        step=phases.contact_step,
-        speed_m_s=float(np.linalg.norm(samples.velocity_m_s[before])),
-        lowest_m=float(height_m[lowest]),
-        lowest_step=lowest,
-        penetration_m=penetration_m,
-    )
-
-
-def _deepest_point_m(case: Case) -> float:
-    """Return how deep a point of contact was in the floor [m], at most."""
-    return -float(np.fmin.reduce(case.samples.contact_distance_m, initial=0.0))
-
-
 # -- the contact law ------------------------------------------------------------------------------
 
 
@@ -127,55 +77,78 @@ def covers(case: Case) -> bool:
         and floor_m is not None
         and case.engine.pair_restitution is not None
         and not sideways
-        and float(tilt_rad(case, slice(1))[0]) < 1e-9
+        and float(tilt_rad(case, case.start.orientation)[0]) < 1e-9
         and stands(case)
         and case.starts_above
     )
 
 
-@dataclass(frozen=True)
-class Path:
-    """Heights [m] and vertical velocities [m/s] of the contact law, shape (samples,) each."""
-
-    height_m: Float64
-    velocity_m_s: Float64
-
-
-def law_path(case: Case, *, contact_erp: float | None = None) -> Path | None:
-    """Return the path by the contact law from the release on, or None where it does not apply.
+def _path(
+    case: Case, height_m: float, velocity_m_s: float, *, contact_erp: float | None = None
+) -> Iterator[tuple[float, float]]:
+    """Yield heights [m] and vertical velocities [m/s] of the contact law.
 
     `contact_erp` replaces the scenario's.
     """
-    if not covers(case):
-        return None
-    fall, steps = case.fall, len(case.samples.height_m) - 1
-    path = _law(case, fall.height_m, fall.velocity_m_s[2], steps, contact_erp=contact_erp)
-    return path if float(path.height_m.min()) > _deepest_m(case) else None
-
-
-def _law(
-    case: Case,
-    height_m: float,
-    velocity_m_s: float,
-    steps: int,
-    *,
-    contact_erp: float | None = None,
-) -> Path:
     assert isinstance(case.law, BulletLaw)
     assert case.floor_height_m is not None
     assert case.engine.pair_restitution is not None
-    return Path(
-        *bullet_contact.flat_drop(
-            case.law,
-            height_m=height_m,
-            velocity_m_s=velocity_m_s,
-            steps=steps,
-            rest_height_m=case.floor_height_m,
-            restitution=case.engine.pair_restitution,
-            contact_erp=_contact_erp(case) if contact_erp is None else contact_erp,
-            restitution_threshold_m_s=restitution_threshold_m_s(case),
-        )
+    return bullet_contact.flat_drop(
+        case.law,
+        height_m=height_m,
+        velocity_m_s=velocity_m_s,
+        rest_height_m=case.floor_height_m,
+        restitution=case.engine.pair_restitution,
+        contact_erp=_contact_erp(case) if contact_erp is None else contact_erp,
+        restitution_threshold_m_s=restitution_threshold_m_s(case),
     )
+
+
+def _fall(case: Case, *, contact_erp: float | None = None) -> Iterator[tuple[float, float]]:
+    """Yield the same from the release on, as far as the recording goes."""
+    path = _path(case, case.fall.height_m, case.fall.velocity_m_s[2], contact_erp=contact_erp)
+    return itertools.islice(path, case.samples)
+
+
+class ContactLaw:
+    """The recorded heights beside those of the contact law; samples are added in their order."""
+
+    def __init__(self, case: Case) -> None:
+        self._deepest_m = _deepest_m(case)
+        self._fall = _fall(case) if covers(case) else None
+        self._tail = np.empty((0, 2))
+        self._contact = Contact(0.0, 0)
+
+    @property
+    def applies(self) -> bool:
+        """Whether it covers the drop, and keeps the body above the floor's middle."""
+        return self._fall is not None
+
+    def add(self, part: Samples, flat: int) -> None:
+        """Take further samples, of which so many were flat."""
+        if self._fall is None:
+            return
+        numbers = itertools.chain.from_iterable(itertools.islice(self._fall, len(part)))
+        path = np.fromiter(numbers, np.float64, 2 * len(part)).reshape(-1, 2)
+        self._tail = np.vstack((self._tail, path))[-LAST:]
+        if not path[:, 0].min() > self._deepest_m:
+            self._fall = None
+            return
+        off_m = part.height_m[:flat] - path[:flat, 0]
+        worst = int(np.argmax(np.abs(off_m))) if flat else 0
+        if flat and (not part.first or abs(off_m[worst]) > self._contact.max_deviation_m):
+            self._contact = Contact(float(abs(off_m[worst])), part.first + worst)
+
+    def contact(self, phases: Phases, tumbled_step: int | None) -> Contact | None:
+        """Return how far recorded heights deviate from it while the body is flat."""
+        if phases.contact_step is None or tumbled_step == phases.contact_step:
+            return None
+        return self._contact if self.applies else None
+
+    @property
+    def end(self) -> tuple[float, float]:
+        """Its height at the last sample [m], and the largest of its last speeds [m/s]."""
+        return float(self._tail[-1, 0]), float(np.abs(self._tail[:, 1]).max())
 
 
 def _deepest_m(case: Case) -> float:
@@ -194,90 +167,29 @@ def restitution_threshold_m_s(case: Case) -> float:
     return RESTITUTION_THRESHOLD_M_S if asked is None else asked
 
 
-def find_contact(
-    case: Case, phases: Phases, tumbled_step: int | None, law: Path | None
-) -> Contact | None:
-    """Return how far the recorded heights deviate from the contact law while the body is flat."""
-    if law is None or phases.contact_step is None or tumbled_step == phases.contact_step:
-        return None
-    deviation_m = case.samples.height_m[:tumbled_step] - law.height_m[:tumbled_step]
-    worst = int(np.argmax(np.abs(deviation_m, out=deviation_m)))
-    return Contact(float(deviation_m[worst]), worst)
-
-
 # -- bounces --------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Episode:
-    """A run of samples that touch the floor, between two flights or at an end of the recording."""
-
-    first: int
-    last: int
-    pushed: int
-    """The last of them at which contact pushed."""
-    approach_m_s: float
-    """Downward speed that the contact met."""
-    leaves: bool
-    """Whether the body rises from it before the recording ends."""
-
-
-def episodes(case: Case) -> Iterator[Episode]:
-    """Yield the contacts with the floor that begin in the air, in order.
-
-    None with substeps: PyBullet reports only the contacts of the last one.
-    """
-    if case.hides_contacts:
-        return
-    touches = touching(case.samples)
-    edges = np.diff(np.concatenate(([False], touches, [False])).astype(np.int8))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    velocity_m_s = case.samples.velocity_m_s[:, 2]
-    for first, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        approach_m_s = _approach_m_s(case, first - 1)
-        if approach_m_s <= 0 or (first <= 1 and not case.starts_above):
-            continue  # it was in the floor already
-        leaves = end < len(touches) and velocity_m_s[end - 1] > 0
-        pushed = np.flatnonzero(case.samples.pushed[first:end])
-        if len(pushed):
-            yield Episode(first, end - 1, first + int(pushed[-1]), approach_m_s, bool(leaves))
-
-
-def _approach_m_s(case: Case, step: int) -> float:
-    """Return the downward speed that the contact after a sample meets [m/s].
-
-    Restitution acts on the velocity that the step would lead to without a contact.
-    """
-    if isinstance(case.law, BulletLaw):
-        return -bullet_contact.free_velocity(case.law, case.samples.velocity_m_s[step])
-    return -float(case.law.free_velocities(case.samples.velocity_m_s[step : step + 1])[0, 2])
-
-
-def find_bounces(case: Case, tumbled_step: int | None) -> list[Bounce]:
+def find_bounces(case: Case, episodes: list[Episode], tumbled_step: int | None) -> list[Bounce]:
     """Return the rebounds that leave the floor, beside what restitution alone would give."""
     floor_m = case.floor_height_m
     if not case.is_rigid or floor_m is None or case.fall.gravity_m_s2 >= 0:
         return []
-    leaving = [episode for episode in episodes(case) if episode.leaves]
-    touches, height_m = touching(case.samples), case.samples.height_m
-    following = np.append(np.flatnonzero(touches), len(touches))
-    law = law_path(case, contact_erp=0.0) if leaving else None
-    uncorrected_m = [] if law is None else _apexes(law.height_m, floor_m)
+    leaving = [episode for episode in episodes if episode.leaves]
+    uncorrected_m = _uncorrected_m(case, floor_m) if leaving and covers(case) else []
     bounces = []
     plain = True
     for number, episode in enumerate(leaving, start=1):
         plain = plain and _is_plain(case, episode, tumbled_step)
-        next_touch = int(following[np.searchsorted(following, episode.last + 1)])
         # Where the recording ends on the way up, there is no apex to compare.
-        whole = plain and (next_touch < len(touches) or case.samples.velocity_m_s[-1, 2] <= 0)
-        rebound_m_s = float(case.samples.velocity_m_s[episode.pushed, 2])
+        whole = plain and (episode.returned or case.end.velocity_m_s[0, 2] <= 0)
         bounces.append(
             Bounce(
                 step=episode.first - 1,
                 approach_m_s=episode.approach_m_s,
-                rebound_m_s=rebound_m_s,
-                effective_restitution=rebound_m_s / episode.approach_m_s if plain else None,
-                apex_m=float(height_m[episode.last : next_touch].max()) - floor_m,
+                rebound_m_s=episode.pushed_m_s,
+                effective_restitution=episode.pushed_m_s / episode.approach_m_s if plain else None,
+                apex_m=episode.highest_m - floor_m,
                 predicted_apex_m=_predicted_apex_m(case, number) if whole else None,
                 uncorrected_apex_m=uncorrected_m[number - 1]
                 if whole and number <= len(uncorrected_m)
@@ -292,8 +204,7 @@ def _is_plain(case: Case, episode: Episode, tumbled_step: int | None) -> bool:
     """Whether a rebound is by restitution alone: of a ball, or of a box on all four corners."""
     if case.is_springy or (tumbled_step is not None and episode.last >= tumbled_step):
         return False
-    points = case.samples.contact_points[episode.first : episode.last + 1]
-    return case.is_ball or (case.is_box and bool((points == CORNERS).all()))
+    return case.is_ball or (case.is_box and episode.stays_flat)
 
 
 def _predicted_apex_m(case: Case, number: int) -> float | None:
@@ -306,18 +217,36 @@ def _predicted_apex_m(case: Case, number: int) -> float | None:
     return float(bullet_contact.rebound_heights(drop_m, case.engine.pair_restitution, number)[-1])
 
 
-def _apexes(height_m: Float64, floor_m: float) -> list[float]:
-    """Return the highest point above the floor after each time that a path leaves it [m]."""
-    below = np.concatenate(([False], height_m <= floor_m, [False]))
-    starts, ends = np.flatnonzero(np.diff(below.astype(np.int8))).reshape(-1, 2).T
-    following = np.append(starts, len(height_m))[1:]
-    return [
-        float(height_m[end:start].max()) - floor_m
-        for end, start in zip(ends.tolist(), following.tolist(), strict=True)
-        if end < len(height_m)
-        # The recording may end on the way up.
-        and (start < len(height_m) or height_m[end:start].argmax() < start - end - 1)
-    ]
+def _uncorrected_m(case: Case, floor_m: float) -> list[float]:
+    """Return the apexes of the contact law without position correction [m], if it applies."""
+    deepest_m, lowest_m = _deepest_m(case), np.inf
+
+    def heights_m() -> Iterator[float]:
+        nonlocal lowest_m
+        for height_m, _ in _fall(case, contact_erp=0.0):
+            lowest_m = min(lowest_m, height_m)
+            yield height_m
+
+    apexes_m = [*_apexes(heights_m(), floor_m)]
+    return apexes_m if lowest_m > deepest_m else []
+
+
+def _apexes(heights_m: Iterable[float], floor_m: float) -> Iterator[float]:
+    """Yield the highest point above the floor after each time that a path leaves it [m].
+
+    Not that of a path that ends on its way up.
+    """
+    was_below, top_m, rises = False, None, False
+    for height_m in heights_m:
+        if height_m <= floor_m:
+            if top_m is not None:
+                yield top_m - floor_m
+            was_below, top_m = True, None
+        elif was_below:
+            rises = top_m is None or height_m > top_m
+            top_m = height_m if top_m is None else max(top_m, height_m)
+    if top_m is not None and not rises:
+        yield top_m - floor_m
 
 
 def _correction_m_s(case: Case, episode: Episode) -> float | None:
@@ -328,54 +257,52 @@ def _correction_m_s(case: Case, episode: Episode) -> float | None:
     position correction its rebound is not restitution × approach: a body that is not yet in the
     floor by the slop is slowed by the rest of the slop.
     """
-    before, samples = episode.first - 1, case.samples
-    if not covers(case) or samples.height_m[before] <= _deepest_m(case):
+    height_m = float(episode.before.position_m[0, 2])
+    if not covers(case) or height_m <= _deepest_m(case) or episode.pushed != episode.first:
         return None
-    if episode.pushed > episode.first:
-        return None
-    height_m, velocity_m_s = samples.height_m[before], samples.velocity_m_s[before, 2]
-    start, steps = (float(height_m), float(velocity_m_s)), episode.pushed - before
-    rebound_m_s = float(_law(case, *start, steps).velocity_m_s[-1])
-    plain_m_s = float(_law(case, *start, steps, contact_erp=0.0).velocity_m_s[-1])
-    recorded_m_s = float(samples.velocity_m_s[episode.pushed, 2])
-    if abs(recorded_m_s - rebound_m_s) > REPRODUCED * episode.approach_m_s:
+
+    def rebound_m_s(contact_erp: float | None = None) -> float:
+        falls_m_s = float(episode.before.velocity_m_s[0, 2])
+        _, (_, after_m_s) = itertools.islice(
+            _path(case, height_m, falls_m_s, contact_erp=contact_erp), 2
+        )
+        return after_m_s
+
+    corrected_m_s = rebound_m_s()
+    if abs(episode.pushed_m_s - corrected_m_s) > REPRODUCED * episode.approach_m_s:
         return None
     asked_m_s = bullet_contact.rebound_speed(
         -episode.approach_m_s,
         case.engine.pair_restitution or 0.0,
         threshold_m_s=restitution_threshold_m_s(case),
     )
-    if abs(plain_m_s - asked_m_s) > ROUNDED * episode.approach_m_s:
+    if abs(rebound_m_s(0.0) - asked_m_s) > ROUNDED * episode.approach_m_s:
         return None
-    return rebound_m_s - asked_m_s
+    return corrected_m_s - asked_m_s
 
 
 # -- rest -----------------------------------------------------------------------------------------
 
 
-def find_rest(
-    case: Case, phases: Phases, tumbled_step: int | None, law: Path | None
-) -> Rest | None:
+def find_rest(case: Case, phases: Phases, tumbled_step: int | None, law: ContactLaw) -> Rest | None:
     """Return where the body comes to lie, and why that is not exactly the rest height."""
     if not phases.lies:
         return None
-    last_m = float(case.samples.height_m[-1])
-    expected_m = flat_height_m(case, len(case.samples.height_m) - 1)
+    last_m, expected_m = float(case.end.height_m[0]), flat_height_m(case)
     if expected_m is None:
         return Rest(last_m, None, None, phases.rest_step, None)
     terms = None
-    if law is not None and tumbled_step is None:
+    if law.applies and tumbled_step is None:
         terms = _rest_terms(case, law, last_m, expected_m)
     error_m = last_m - expected_m
     return Rest(last_m, expected_m, error_m, phases.rest_step, terms, _sinks_m(case, error_m))
 
 
-def _rest_terms(case: Case, law: Path, last_m: float, expected_m: float) -> RestTerms | None:
+def _rest_terms(case: Case, law: ContactLaw, last_m: float, expected_m: float) -> RestTerms | None:
     """Return why the body lies where it does; None where the law does not come to rest."""
-    settles = abs(law.velocity_m_s[-10:]).max() < AT_REST_M_S
-    if not settles or _bounces_on(case) or not _contact_erp(case) > 0:
+    law_end_m, fastest_m_s = law.end
+    if fastest_m_s >= AT_REST_M_S or _bounces_on(case) or not _contact_erp(case) > 0:
         return None
-    law_end_m = float(law.height_m[-1])
     return RestTerms(
         slop=-CONTACT_SLOP_M,
         solver=last_m - law_end_m,
@@ -386,7 +313,7 @@ def _rest_terms(case: Case, law: Path, last_m: float, expected_m: float) -> Rest
 def _sinks_m(case: Case, error_m: float) -> float | None:
     """Return how deep a body at rest sinks into soft contact [m]; None where it lies elsewhere."""
     engine, gravity_m_s2 = case.engine, -case.fall.gravity_m_s2
-    points, depth_m = int(case.samples.contact_points[-1]), None
+    points, depth_m = int(case.end.contact_points[0]), None
     if gravity_m_s2 > 0 and points and engine.solref is not None and engine.solimp is not None:
         time_constant_s, ratio = engine.solref
         if time_constant_s > 0:
@@ -395,7 +322,7 @@ def _sinks_m(case: Case, error_m: float) -> float | None:
             gravity_m_s2, points, (time_constant_s, ratio), engine.solimp
         )
     if gravity_m_s2 > 0 and engine.modulus_pa is not None and case.is_box:
-        axis, _ = face_up(case, len(case.samples) - 1)
+        axis, _ = face_up(case, case.end.orientation)
         edges_m = np.array(engine.shape_dimensions_m)
         area_m2 = float(np.prod(np.delete(edges_m, axis)))
         # The pressure grows from 0 at the faces to the modulus in the middle.

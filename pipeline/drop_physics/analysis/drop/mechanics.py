@@ -34,17 +34,15 @@ class Mechanics:
         return self.kinetic_linear_j + self.kinetic_angular_j + self.potential_j
 
 
-def mechanics(engine: EngineReport, samples: Samples, rows: slice = slice(None)) -> Mechanics:
+def mechanics(engine: EngineReport, samples: Samples) -> Mechanics:
     """Return energies and angular momentum of a body in uniform gravity, of all its links together.
-
-    Of some samples in a row.
 
     Source: E = m v²/2 + ω·Iω/2 - m g_z z and L = I ω with I = R diag(I₁, I₂, I₃) Rᵀ; any text on
     classical mechanics, for instance Goldstein, chapter 5.
     """
     gravity_m_s2 = engine.gravity_m_s2[2]
     inertias_kg_m2 = np.reshape(engine.link_inertias_kg_m2, (-1, 3))
-    links = [link.at(rows) for link in (samples, *samples.links)]
+    links: list[Motion] = [samples, *samples.links]
     parts = [
         mechanics_of_part(part, mass_kg, inertia_kg_m2, gravity_m_s2)
         for part, mass_kg, inertia_kg_m2 in zip(
@@ -96,15 +94,39 @@ def _about_centre_of_mass(
     return np.where(nothing[:, None], 0.0, total)
 
 
+class Drift:
+    """How far numbers, shape (n,), or vectors, (n, 3), depart from the first of them."""
+
+    def __init__(self) -> None:
+        self._first: Float64 | None = None
+        self._most = 0.0
+
+    def add(self, values: Float64) -> None:
+        """Take further ones."""
+        columns = values.reshape(len(values), -1)
+        if self._first is None:
+            self._first = columns[0].copy()
+        away = np.linalg.norm(columns - self._first, axis=1)
+        self._most = float(np.maximum(self._most, away.max()))
+
+    @property
+    def start(self) -> float:
+        """The first number."""
+        return 0.0 if self._first is None else float(self._first[0])
+
+    @property
+    def relative(self) -> float | None:
+        """The largest |x - x(0)| / |x(0)|; None where x(0) is 0, or there is none."""
+        reference = 0.0 if self._first is None else float(np.linalg.norm(self._first))
+        return self._most / reference if reference else None
+
+
 def max_relative_drift(values: Float64) -> float | None:
     """Return the largest |x - x(0)| / |x(0)| over samples; None for no samples and for x(0) = 0.
 
     `values` holds numbers, shape (n,), or vectors, shape (n, 3).
     """
-    if not len(values):
-        return None
-    columns = values.reshape(len(values), -1)
-    reference = float(np.linalg.norm(columns[0]))
-    if reference == 0:
-        return None
-    return float(np.linalg.norm(columns - columns[0], axis=1).max() / reference)
+    drift = Drift()
+    if len(values):
+        drift.add(values)
+    return drift.relative

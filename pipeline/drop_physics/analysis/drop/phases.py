@@ -10,7 +10,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from drop_physics.analysis.drop.case import Case
-from drop_physics.analysis.drop.samples import Samples, blocks
+from drop_physics.analysis.drop.samples import Samples
+from drop_physics.laws.base import Motion
 from drop_physics.laws.vectors import largest
 
 Float64 = NDArray[np.float64]
@@ -53,58 +54,46 @@ class Phases:
         return pl.Series(get_args(Phase)).gather(which)
 
 
-def touching(samples: Samples) -> NDArray[np.bool_]:
-    """Return which samples touch the floor: a contact pushed, or the shapes overlapped.
+class Settling:
+    """When a body comes to lie where it lies in the end; samples are added in their order."""
 
-    A contact point alone is not a touch: Bullet keeps points up to 20 mm above the floor.
-    """
-    with np.errstate(invalid="ignore"):  # no contact, no distance
-        return samples.pushed | (samples.contact_distance_m <= 0)
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self._touched: int | None = None
+        """The first sample that touches."""
+        self._settled = 0
+        """The sample after the last that lies elsewhere."""
+
+    def add(self, part: Samples) -> int | None:
+        """Take further samples; return the one of them from which on it lies still, as it seems."""
+        touching = np.flatnonzero(part.touching)
+        if self._touched is None and len(touching):
+            self._touched = part.first + int(touching[0])
+        moving = np.flatnonzero(_moving(part, self._case.end))
+        if not len(moving):
+            return None
+        self._settled = part.first + int(moving[-1]) + 1
+        return self._settled
+
+    def phases(self, contact_step: int | None) -> Phases:
+        """Return the phases of a drop whose contact is known, after the last sample."""
+        case, rest_step, lies = self._case, None, False
+        if self._touched is not None and case.is_rigid and case.end.contact_points[0] > 0:
+            settled = max(self._touched, self._settled)
+            lasts = case.samples - 1 - settled
+            lies = lasts >= REST_SAMPLES and lasts * case.timestep_s >= REST_S * (1 - 1e-9)
+            if lies and not _moving(case.sample(settled + lasts // 2), case.end, CREEP)[0]:
+                rest_step = settled
+        return Phases(case.samples, contact_step, rest_step, lies)
 
 
-def phases_of(case: Case) -> Phases:
-    """Find the phases of a drop."""
-    samples = case.samples
-    touches = touching(samples)
-    first = np.flatnonzero(touches)
-    if not len(first):
-        return Phases(len(touches), None, None, lies=False)
-    contact_step, rest_step, lies = int(first[0]), None, False
-    if case.is_rigid and samples.contact_points[-1] > 0:
-        moving = np.flatnonzero(_moving(samples))
-        settled = max(contact_step, int(moving[-1]) + 1 if len(moving) else 0)
-        lasts = len(touches) - 1 - settled
-        lies = lasts >= REST_SAMPLES and lasts * case.timestep_s >= REST_S * (1 - 1e-9)
-        if lies and not _moving(samples, CREEP)[settled + lasts // 2]:
-            rest_step = settled
-    return Phases(len(touches), contact_step, rest_step, lies)
-
-
-def _moving(samples: Samples, share: float = 1.0) -> NDArray[np.bool_]:
+def _moving(part: Motion, end: Motion, share: float = 1.0) -> NDArray[np.bool_]:
     """Return which samples differ from the last in position or orientation, shape (samples,).
 
     By more than this share of what counts as settled.
     """
-    moving = np.empty(len(samples), np.bool_)
-    for rows in blocks(len(samples)):
-        way_m = largest(samples.position_m[rows] - samples.position_m[-1])
-        # |q·q'| of two orientations a turn by θ apart is cos(θ/2).
-        agree = np.abs(samples.orientation[rows] @ samples.orientation[-1])
-        turn_rad = 2 * np.arccos(np.minimum(agree, 1.0))
-        moving[rows] = (way_m > share * SETTLED_M) | (turn_rad > share * SETTLED_RAD)
-    return moving
-
-
-def crossing_time(height_m: Float64, floor_height_m: float, timestep_s: float) -> float | None:
-    """Return when the simulated centre first comes down through a height [s], or None.
-
-    Between two samples Bullet moves the body with one velocity, so the straight line between them
-    is the simulation's own path, not an interpolation.
-    """
-    above = height_m > floor_height_m
-    crossings = np.flatnonzero(above[:-1] & ~above[1:])
-    if not len(crossings):
-        return None
-    step = int(crossings[0])
-    fallen = height_m[step] - floor_height_m
-    return float((step + fallen / (height_m[step] - height_m[step + 1])) * timestep_s)
+    way_m = largest(part.position_m - end.position_m[0])
+    # |q·q'| of two orientations a turn by θ apart is cos(θ/2).
+    agree = np.abs(part.orientation @ end.orientation[0])
+    turn_rad = 2 * np.arccos(np.minimum(agree, 1.0))
+    return np.asarray((way_m > share * SETTLED_M) | (turn_rad > share * SETTLED_RAD))

@@ -1,73 +1,80 @@
-"""The recorded state as arrays."""
+"""The recorded state as arrays, some samples in a row at a time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from drop_physics.analysis.explained.contacts import Touches, touches_of
 from drop_physics.laws.base import Motion
 from drop_physics.states import BASE, BODY, FLOOR
 
 Float64 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
-BLOCK = 1 << 16
+BLOCK = 1 << 13
 """Samples worked through at a time."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Samples(Motion):
-    """The recorded state: the motion of the body, or of its base, and its floor contact."""
+    """Consecutive samples: the motion of the body, or of its base, and its floor contact."""
 
+    first: int
+    """Number of the first of them."""
     contact_points: NDArray[np.int16]
     """Number of contact points, shape (samples,)."""
     contact_distance_m: Float64
     """Their smallest distance to the floor [m], shape (samples,); nan without any."""
-    pushed: NDArray[np.bool_]
+    pushed: Flags
     """Whether any of them pushed, shape (samples,)."""
-    links: tuple[Motion, ...] = ()
+    links: tuple[Motion, ...]
     """The other links of a body with joints, where recorded."""
+    contacts: pl.DataFrame
+    """The contact points of these samples."""
 
-    @classmethod
-    def gathered(cls, parts: Iterable[Samples], most: int) -> Samples:
-        """Return consecutive samples as one; each part may be freed before the next is made.
+    @property
+    def end(self) -> int:
+        """Number of the sample after the last."""
+        return self.first + len(self)
 
-        `most`: at least their number.
-        """
-        whole, end = None, 0
-        for part in parts:
-            whole = whole or part._each(
-                lambda values: np.empty((most, *values.shape[1:]), values.dtype)
-            )
-            rows, end = slice(end, end + len(part)), end + len(part)
-            for mine, its in zip((whole, *whole.links), (part, *part.links), strict=True):
-                for each in fields(type(mine)):
-                    if each.name != "links":
-                        getattr(mine, each.name)[rows] = getattr(its, each.name)
-        assert whole is not None
-        return whole if end == most else whole._each(lambda values: values[:end])
+    @property
+    def steps(self) -> NDArray[np.int64]:
+        """Their numbers, shape (samples,)."""
+        return np.arange(self.first, self.end)
 
-    def _each(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Samples:
-        """Return the same with all arrays changed."""
-
-        def changed(motion: Motion) -> dict[str, NDArray[Any]]:
-            names = [each.name for each in fields(motion) if each.name != "links"]
-            return {name: change(getattr(motion, name)) for name in names}
-
-        return Samples(**changed(self), links=tuple(Motion(**changed(link)) for link in self.links))
+    def times_s(self, timestep_s: float) -> Float64:
+        """Return their times [s], shape (samples,)."""
+        return np.arange(self.first, self.end, dtype=np.float64) * timestep_s
 
     @property
     def height_m(self) -> Float64:
         """Height of the centre [m], shape (samples,)."""
         return self.position_m[:, 2]
 
+    @property
+    def touching(self) -> Flags:
+        """Which samples touch the floor: a contact pushed, or the shapes overlapped.
+
+        A contact point alone is not a touch: Bullet keeps points up to 20 mm above the floor.
+        """
+        with np.errstate(invalid="ignore"):  # no contact, no distance
+            return self.pushed | (self.contact_distance_m <= 0)
+
+    @cached_property
+    def touches(self) -> Touches:
+        """The contact points of the body, or its base, with the rows of their samples."""
+        touches = touches_of(self.contacts, BODY)
+        return touches.at(slice(None), touches.step - self.first)
+
 
 def samples_of(states: pl.DataFrame, contacts: pl.DataFrame) -> Samples:
-    """Return a recording's tables as arrays: the body's motion, and how it touches the floor.
+    """Return consecutive samples as arrays: the body's motion, and how it touches the floor.
 
     Parameters
     ----------
@@ -79,23 +86,28 @@ def samples_of(states: pl.DataFrame, contacts: pl.DataFrame) -> Samples:
     body = states.filter(pl.col("body") == BODY)
     base = motion_of(base_of(states))
     links = sorted(set(body["link"].unique()) - {BASE})
-    points, distance_m, pushed = _contact(contacts, samples=len(base.position_m))
+    first = int(states["step"].min() or 0)  # type: ignore[arg-type]
+    points, distance_m, pushed = _contact(contacts, first, samples=len(base))
     return Samples(
         position_m=base.position_m,
         orientation=base.orientation,
         velocity_m_s=base.velocity_m_s,
         spin_rad_s=base.spin_rad_s,
+        first=first,
         contact_points=points,
         contact_distance_m=distance_m,
         pushed=pushed,
         links=tuple(motion_of(body.filter(pl.col("link") == link)) for link in links),
+        contacts=contacts,
     )
 
 
-def blocks(end: int, first: int = 0) -> Iterator[slice]:
-    """Yield consecutive samples, few enough that a million do not take much memory."""
-    for begin in range(first, end, BLOCK):
-        yield slice(begin, min(begin + BLOCK, end))
+def samples_in(states: pl.DataFrame, contacts: pl.DataFrame) -> Iterator[Samples]:
+    """Yield the samples of a drop's tables, some at a time."""
+    last: int = states["step"].max()  # type: ignore[assignment]
+    for first in range(0, last + 1, BLOCK):
+        its = pl.col("step").is_between(first, first + BLOCK, closed="left")
+        yield samples_of(states.filter(its), contacts.filter(its))
 
 
 def base_of(states: pl.DataFrame) -> pl.DataFrame:
@@ -104,8 +116,8 @@ def base_of(states: pl.DataFrame) -> pl.DataFrame:
 
 
 def _contact(
-    contacts: pl.DataFrame, samples: int
-) -> tuple[NDArray[np.int16], Float64, NDArray[np.bool_]]:
+    contacts: pl.DataFrame, first: int, samples: int
+) -> tuple[NDArray[np.int16], Float64, Flags]:
     """Return the number of points on the floor, their smallest distance [m], whether one pushed."""
     needed = contacts.select("step", "body_a", "body_b", "distance_m", "normal_force_n")
     pair = [BODY, FLOOR]
@@ -116,13 +128,12 @@ def _contact(
     )
     points, distance_m = np.zeros(samples, np.int16), np.full(samples, np.nan)
     pushed = np.zeros(samples, np.bool_)
-    steps, first, count = np.unique(
-        touching["step"].to_numpy(), return_index=True, return_counts=True
-    )
+    rows = touching["step"].to_numpy() - first
+    steps, begins, count = np.unique(rows, return_index=True, return_counts=True)
     if len(steps):
         points[steps] = count
-        distance_m[steps] = np.minimum.reduceat(touching["distance_m"].to_numpy(), first)
-        pushed[touching["step"].to_numpy()[touching["normal_force_n"].to_numpy() > 0]] = True
+        distance_m[steps] = np.minimum.reduceat(touching["distance_m"].to_numpy(), begins)
+        pushed[rows[touching["normal_force_n"].to_numpy() > 0]] = True
     return points, distance_m, pushed
 
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
-
-import numpy as np
+from dataclasses import replace
 
 from drop_physics.analysis import story
-from drop_physics.analysis.drop.analysis import Fall, fall_of
-from drop_physics.analysis.drop.case import Case, case_seen
+from drop_physics.analysis.drop.analysis import Fall, Falling
+from drop_physics.analysis.drop.case import Case, case_seen, samples_seen
 from drop_physics.analysis.drop.findings import findings
 from drop_physics.analysis.drop.results import DropAnalysis
 from drop_physics.analysis.results import Analysis, BodyAnalysis, Explained, Unexplained
-from drop_physics.laws.base import Motion
 from drop_physics.laws.lookup import law_for
 from drop_physics.messages import Message
 from drop_physics.report import EngineReport
@@ -62,10 +59,14 @@ def drop_analysis_of(
     samples = seen.sampled.last + 1
     seen = replace(seen, samples={0: samples}, machine=engine.machine or "")
     other = None if scenario.engine == "bullet" else law_for(scenario, engine)
-    walked = story.analysis_of(seen, {}, at_s=at_s, sums_at_s=at_s, answers=(), other=other)
-    case = case_seen(scenario, engine, seen)
-    fall = fall_of(case, at_s=at_s, whole=whole or samples <= story.WHOLE)
-    walked = _checked(walked, case)
+    case, _ = case_seen(scenario, engine, seen)
+    falling = Falling(case, at_s=at_s, whole=whole or samples <= story.WHOLE)
+    walked = story.analysis_of(
+        seen, {}, at_s=at_s, sums_at_s=at_s, answers=(), other=other,
+        also=lambda piece: falling.add(samples_seen(seen, piece)),
+    )  # fmt: skip
+    fall = falling.fall()
+    walked = _checked(walked, fall)
     (body,) = (each for each in walked.bodies if each.id == BODY)
     of_drop = vars(fall.analysis) | {
         "origin": None, "kind": "drop", "segments": body.segments,
@@ -80,31 +81,28 @@ def _mismatch_step(fall: Fall, body: BodyAnalysis) -> int | None:
     left = [each.first_step for each in body.unexplained if each.reason == "remainder"]
     if not fall.case.is_rigid and fall.case.scenario.stepped:
         return None  # a mass that a call changed leaves the inertia of a first push
-    departs = fall.air.departs
-    if departs is not None and fall.air.touched_step is None and not fall.air.is_lawless:
-        left.append(departs)
+    air = fall.course.air
+    if air.departs is not None and not air.is_lawless:
+        left.append(air.departs)
     return min(left, default=None)
 
 
-def _checked(whole: Analysis, case: Case) -> Analysis:
+def _checked(whole: Analysis, fall: Fall) -> Analysis:
     """Return the analysis with the samples that no step led to compared with the release."""
     (body,) = (each for each in whole.bodies if each.id == BODY)
     segments, left = dict(body.segments), {each.reason: each for each in body.unexplained}
+    case, first, altered = fall.case, 0, int(not fall.case.released)
     if case.scenario.stepped:
-        altered = np.zeros(0 if case.released else 1, np.intp)
-        segments["set"] -= len(altered)
+        segments["set"] -= altered
         body = replace(body, segments=segments)
     else:  # nothing is a step
-        samples = case.samples
-        state = np.hstack([getattr(samples, each.name) for each in fields(Motion)])
-        altered, left = np.flatnonzero((state != state[0]).any(axis=1)), {}
-        segments |= dict.fromkeys(segments, 0) | {"still": len(state) - len(altered)}
+        first, altered = fall.course.altered or (0, 0)
+        left, still = {}, case.samples - altered
+        segments |= dict.fromkeys(segments, 0) | {"still": still}
         body = replace(body, flights=[], contacts=[], energy=None, momentum=None, at=[])
-    if len(altered):
+    if altered:
         other = left.get("remainder", Unexplained("remainder", 0, 0, None))
-        left["remainder"] = replace(
-            other, samples=other.samples + len(altered), first_step=int(altered[0])
-        )
+        left["remainder"] = replace(other, samples=other.samples + altered, first_step=first)
     segments["unexplained"] = sum(each.samples for each in left.values())
     body = replace(body, segments=segments, unexplained=[*left.values()])
     of = whole.by_body[BODY].of
@@ -123,7 +121,7 @@ def _explained(explained: Explained, body: BodyAnalysis, case: Case) -> Explaine
     """Return the same until the last explained sample, as of a drop, not the first other one."""
     first = min(body.unexplained, key=lambda each: each.first_step, default=None)
     if first is None:
-        return replace(explained, until_s=float(case.time_s[-1]), why=None)
+        return replace(explained, until_s=case.end_s, why=None)
     step = first.first_step
     why = Message(
         "what {engine} reports of the step does not add up to it", engine=case.engine_name
