@@ -316,7 +316,6 @@ def test_what_a_large_recording_takes_is_reported_before_the_work_starts(
     simulate(Scenario(), tmp_path / "run.rrd", camera=None, note=notes.append)
     assert len(notes) == 1
     assert "241 samples take about" in notes[0]
-    assert "GB of memory to analyze" in notes[0]
 
 
 # -- the folder -----------------------------------------------------------------------------------

@@ -63,8 +63,6 @@ GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.
 BYTES_PER_SAMPLE = 480
 """Size of a sample in a recording without frames, of any length, for a box resting on its four
 corners, which creep. In flight it is half of that."""
-ANALYSIS_BYTES_PER_SAMPLE = 1500
-"""Memory to analyze a sample, at most: for a box that slides or turns on the floor."""
 MAX_STEPS = 1_000_000_000
 """A recording of more steps would take over 500 GB."""
 
@@ -200,11 +198,10 @@ class Scenario(Optioned):
         if ratio > MAX_STEPS:
             raise ScenarioError(
                 "--duration over --timestep must be at most {most:,} steps, got {steps:.3g}, about "
-                "{disk:,.0f} GB on disk and {memory:,.0f} GB of memory; try a longer timestep",
+                "{disk:,.0f} GB on disk; try a longer timestep",
                 most=MAX_STEPS,
                 steps=ratio,
                 disk=ratio * BYTES_PER_SAMPLE / 1e9,
-                memory=ratio * ANALYSIS_BYTES_PER_SAMPLE / 1e9,
             )
         # 1e-9: a rounded decimal such as 0.0041666666667 means the fraction.
         if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:

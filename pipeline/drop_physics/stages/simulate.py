@@ -20,7 +20,6 @@ from drop_physics.recording.falling import Progress
 from drop_physics.recording.layout import layout, look_of_drop
 from drop_physics.recording.live import shown
 from drop_physics.scenario import (
-    ANALYSIS_BYTES_PER_SAMPLE,
     BYTES_PER_SAMPLE,
     STANDARD_CAMERA,
     Camera,
@@ -156,9 +155,8 @@ def _check_size(path: Path, samples: int, note: Callable[[str], None]) -> None:
         note(
             Message(
                 "{samples:,} samples take about {disk:.2g} GB on disk, twice that while they are "
-                "sealed, and {memory:.2g} GB of memory to analyze",
+                "sealed",
                 samples=samples,
                 disk=size / 1e9,
-                memory=samples * ANALYSIS_BYTES_PER_SAMPLE / 1e9,
             )
         )
