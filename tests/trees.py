@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,10 @@ import pybullet_data
 from clients import release_clients
 from drop_physics.laws import bullet_reports, bullet_tree
 from drop_physics.laws.bullet_tree import BulletTree, Reported
+from drop_physics.laws.columns import rotation
 from drop_physics.laws.impulses import Forces, Sum
 from drop_physics.laws.kinematics import Kinematics, kinematics
-from drop_physics.laws.tree import States
+from drop_physics.laws.tree import BASE, Joint, States, Tree
 
 DATA = pybullet_data.getDataPath()
 MOVES = {p.JOINT_REVOLUTE: 1, p.JOINT_PRISMATIC: 1, p.JOINT_SPHERICAL: 3}
@@ -35,6 +36,10 @@ def engine(*, gravity_m_s2: Sequence[float] = (0, 0, -9.81), floor: bool = False
         yield client
     finally:
         p.disconnect(client)
+
+
+JOINTS: dict[int, Joint] = {0: "revolute", 1: "prismatic", 2: "spherical", 4: "fixed"}
+"""By `getJointInfo`'s jointType; planar joints (3) are not covered."""
 
 
 def load(file: str, *, at: Sequence[float] = (0, 0, 0), fixed: bool = False, **how: Any) -> int:
@@ -57,8 +62,43 @@ def described(body: int, **damping: float) -> BulletTree:
     """Return a body as PyBullet describes it."""
     joints = [p.getJointInfo(body, joint) for joint in range(p.getNumJoints(body))]
     dynamics = [p.getDynamicsInfo(body, link) for link in range(-1, len(joints))]
-    made = bullet_reports.tree_of(joints, dynamics, fixed=is_fixed(body))
-    return BulletTree(**{**vars(made), **damping})
+    return replace(tree_of(joints, dynamics, fixed=is_fixed(body)), **damping)
+
+
+def tree_of(
+    joints: Sequence[Sequence[Any]], dynamics: Sequence[Sequence[Any]], *, fixed: bool
+) -> BulletTree:
+    """Return a body from `getJointInfo` of each joint and `getDynamicsInfo` of base and links.
+
+    With the joint damping and limits that `getJointInfo` reports, which `changeDynamics` does not
+    change there.
+
+    Raises
+    ------
+    KeyError
+        If a joint is of a kind that is not covered: planar.
+    """
+    kinds = tuple(JOINTS[info[2]] for info in joints)
+    links = len(kinds)
+    frames = rotation(np.array([info[4] for info in dynamics[1:]]).reshape(links, 4).T)
+    centres = np.array([info[3] for info in dynamics[1:]]).reshape(links, 3)
+    turned = np.array([info[15] for info in joints]).reshape(links, 4) * [-1, -1, -1, 1]
+    tree = Tree(
+        fixed=fixed,
+        masses_kg=np.array([info[0] for info in dynamics], np.float64),
+        inertias_kg_m2=np.array([info[2] for info in dynamics], np.float64),
+        parents=tuple(info[16] for info in joints),
+        joints=kinds,
+        axes=np.array([info[13] for info in joints], np.float64).reshape(links, 3),
+        positions_m=np.array([info[14] for info in joints], np.float64).reshape(links, 3),
+        orientations=turned,
+        centres_m=np.einsum("jin,nj->ni", frames, centres),
+    )
+    counts = [rate.stop - rate.start for rate in tree.rates]
+    damped, lower, upper = (
+        np.repeat(np.array([info[k] for info in joints], np.float64), counts) for k in (6, 8, 9)
+    )
+    return BulletTree(tree=tree, joint_damping=damped, lower=lower, upper=upper)
 
 
 def joints_of(body: int, *kinds: int) -> list[int]:
@@ -248,7 +288,7 @@ class Watched:
         step, link, vector, at, frame, torque, fresh = map(np.array, zip(*self.pushed, strict=True))
         at = np.where(torque[:, None], 0.0, at.astype(float))
         local = frame == p.LINK_FRAME
-        pose = bullet_reports.pose_used(step, link, fresh)
+        pose = np.where(fresh | (link == BASE), step, np.maximum(step - 1, 0))
         kin = self.kinematics()
         for one in np.flatnonzero(torque & ~local):  # at the centre, so that it has no moment
             at[one] = kin.position_m(int(link[one]))[pose[one]]

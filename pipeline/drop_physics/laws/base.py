@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from decimal import Context, Decimal, localcontext
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,40 +89,41 @@ def exactly(path: Iterator[Sequence[Decimal]], samples: int, start_m: Vector) ->
     return ExactPath(nearest, left_out)
 
 
-class Law(Protocol):
-    """The discrete law of one rigid body in the air; arrays have one row per sample."""
+@dataclass(frozen=True, kw_only=True)
+class RigidBody:
+    """What the step of one rigid body depends on, in any engine."""
 
-    @property
-    def timestep_s(self) -> float:
-        """Time between two samples [s]."""
-
-    @property
-    def substeps(self) -> int:
-        """Number of engine steps per timestep."""
+    timestep_s: float
+    """Time between two samples [s]."""
+    substeps: int = 1
+    """Number of engine steps per timestep."""
+    gravity_m_s2: Vector
+    """World axes."""
+    mass_kg: float
+    inertia_kg_m2: Vector
+    """Principal moments, about the body's axes."""
 
     @property
     def step_s(self) -> float:
         """Timestep of the integrator [s]."""
+        return self.timestep_s / self.substeps
+
+
+class Law(RigidBody, ABC):
+    """The discrete law of one rigid body in the air; arrays have one row per sample.
+
+    Where a method has no word of an engine's own, the engine has no limit of velocities.
+    """
+
+    epsilon: ClassVar[float] = 2.0**-52
+    """Unit of rounding of the engine's numbers, relative."""
+    oriented: ClassVar[float] = ORIENTED * 2.0**-52
+    """Allowed deviation of the components of an orientation after a step."""
 
     @property
-    def mass_kg(self) -> float:
-        """Of the body."""
-
-    @property
-    def inertia_kg_m2(self) -> Vector:
-        """Principal moments of inertia, about the body's axes."""
-
-    @property
-    def gravity_m_s2(self) -> Vector:
-        """World axes."""
-
-    @property
+    @abstractmethod
     def drag(self) -> Drag:
         """The damping in continuous time."""
-
-    @property
-    def epsilon(self) -> float:
-        """Unit of rounding of the engine's numbers, relative: 2^-52 of float64."""
 
     @property
     def clock_s(self) -> float:
@@ -129,13 +131,7 @@ class Law(Protocol):
 
         Not 0 where an engine steps from one rounded time to the next.
         """
-
-    @property
-    def oriented(self) -> float:
-        """Allowed deviation of the components of an orientation after a step."""
-
-    def covers(self, before: Motion) -> NDArray[np.bool_]:
-        """Return for which samples the engine's law is known to be this one, shape (n,)."""
+        return 0.0
 
     @property
     def semi_implicit(self) -> bool:
@@ -143,17 +139,26 @@ class Law(Protocol):
 
         Else along the mean of both, which is exact where only gravity acts.
         """
+        return True
 
     @property
+    @abstractmethod
     def moves_exactly(self) -> bool:
         """Whether `moved` has the engine's positions to the last bit."""
 
+    def covers(self, before: Motion) -> NDArray[np.bool_]:
+        """Return for which samples the engine's law is known to be this one, shape (n,)."""
+        return np.ones(len(before), np.bool_)
+
     def released(self, start: Motion) -> Motion:
         """Return a state as the engine stores it."""
+        return start
 
+    @abstractmethod
     def step(self, before: Motion) -> Motion:
         """Return each sample one timestep later."""
 
+    @abstractmethod
     def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:
         """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3).
 
@@ -162,13 +167,17 @@ class Law(Protocol):
 
     def unlimited(self, before: Motion) -> Motion:
         """Return the same as `step`, without the engine's velocity limit."""
+        return self.step(before)
 
+    @abstractmethod
     def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
         """Return each sample moved by one integrator step with these velocities."""
 
+    @abstractmethod
     def bits(self, before: Motion) -> NDArray[np.bool_]:
         """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
 
+    @abstractmethod
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
         """Return the size of the summands of velocity and spin in a timestep, shape (n,).
 
@@ -177,13 +186,20 @@ class Law(Protocol):
 
     def limited(self, before: Motion) -> NDArray[np.bool_]:
         """Return in which of these timesteps the engine clamped a velocity, shape (n,)."""
+        return np.zeros(len(before), np.bool_)
 
+    @abstractmethod
     def free_velocities(self, velocity_m_s: Float64) -> Float64:
-        """Return velocities after a step of the integrator [m/s], before `held`."""
+        """Return velocities after a step of the integrator [m/s], before `held`, shape (n, 3).
+
+        In textbook order of operations, so not to the last bit.
+        """
 
     def held(self, velocity_m_s: Float64) -> Float64:
         """Return velocities clamped to the engine's limit [m/s], shape (n, 3)."""
+        return velocity_m_s
 
+    @abstractmethod
     def exact_path(
         self, position_m: Vector, velocity_m_s: Vector, *, first: int = 0
     ) -> Iterator[Sequence[Decimal]]:

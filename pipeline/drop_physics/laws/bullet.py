@@ -7,13 +7,12 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from decimal import Decimal
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.laws import bullet_air, bullet_spin
-from drop_physics.laws.base import ORIENTED, Drag, Motion
+from drop_physics.laws.base import Drag, Law, Motion
 from drop_physics.laws.base import Vector as Triple
 from drop_physics.laws.bullet_air import EPSILON, BulletBody
 from drop_physics.laws.bullet_spin import ARRAYS, Quaternion, Vector
@@ -41,7 +40,7 @@ def drag_of(k: float, coordinates: Coordinates) -> Drag:
     return Drag(-math.log1p(-k) if k < 1 else math.inf, 0.0)
 
 
-class BulletLaw(BulletBody):
+class BulletLaw(BulletBody, Law):
     """The step of PyBullet 3.2.7, vectorised over samples.
 
     On x86-64 the velocities of a btRigidBody are the engine's to the last bit, and so are those of
@@ -56,23 +55,10 @@ class BulletLaw(BulletBody):
         """The damping in continuous time."""
         return drag_of(self.linear_damping, self.coordinates)
 
-    epsilon: ClassVar[float] = EPSILON
-    oriented: ClassVar[float] = ORIENTED * EPSILON
-    semi_implicit: ClassVar[bool] = True
-    clock_s: ClassVar[float] = 0.0
-
     @property
     def moves_exactly(self) -> bool:
         """Whether `moved` has the engine's positions to the last bit."""
         return self.substeps == 1
-
-    def covers(self, before: Motion) -> NDArray[np.bool_]:
-        """Return True for all samples, shape (n,)."""
-        return np.ones(len(before), dtype=bool)
-
-    def released(self, start: Motion) -> Motion:
-        """Return a state as the engine stores it."""
-        return start
 
     def step(self, before: Motion) -> Motion:
         """Return each sample one timestep later."""

@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from drop_physics.laws.base import Vector
+from drop_physics.laws.base import RigidBody, Vector
 from drop_physics.scenario import Coordinates
 
 Number = TypeVar("Number", float, Decimal)
@@ -41,28 +41,14 @@ def effective_damping(damping: float | None, coordinates: Coordinates) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BulletBody:
-    """What Bullet's step of one rigid body depends on; damping is the engine's own, never None."""
+class BulletBody(RigidBody):
+    """What Bullet's step depends on besides; damping is the engine's own, never None."""
 
-    timestep_s: float
-    """Time between two samples [s]."""
-    substeps: int = 1
-    """Number of engine steps per timestep."""
-    gravity_m_s2: Vector
-    """World axes."""
-    mass_kg: float
-    inertia_kg_m2: Vector
-    """Principal moments, about the body's axes."""
     linear_damping: float
     angular_damping: float
     coordinates: Coordinates
     velocity_limit: float = MAX_COORDINATE_VELOCITY_M_S
     """To which each component is clamped [m/s, rad/s]; in reduced coordinates only."""
-
-    @property
-    def step_s(self) -> float:
-        """Timestep of the integrator [s]."""
-        return self.timestep_s / self.substeps
 
 
 # -- the law --------------------------------------------------------------------------------------

@@ -7,24 +7,19 @@ are bullet3's, and what is said of them was measured with PyBullet 3.2.7 (`docs/
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.laws.bullet_tree import BulletTree
 from drop_physics.laws.columns import cross, rotation
 from drop_physics.laws.impulses import Forces
 from drop_physics.laws.kinematics import Kinematics, in_world
-from drop_physics.laws.tree import BASE, Joint, Tree
+from drop_physics.laws.tree import Tree
 
 Float64 = NDArray[np.float64]
 Rows = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-
-JOINTS: dict[int, Joint] = {0: "revolute", 1: "prismatic", 2: "spherical", 4: "fixed"}
-"""By `getJointInfo`'s jointType; planar joints (3) are not covered (`bullet_tree.not_covered`)."""
-
 
 # -- what the engine reports, as forces on links ------------------------------------------------
 
@@ -69,9 +64,14 @@ def pushes(
 ) -> Forces:
     """Return what `applyExternalForce` and `applyExternalTorque` do, shape (k,) rows.
 
-    `pose` is the state whose pose of the link PyBullet uses (`pose_used`): the force acts at the
-    centre of mass where the link is, but its frame and its moment are those of that pose
-    (`PhysicsServerCommandProcessor.cpp` 12609, `m_cachedWorldTransform`).
+    `pose` is the state whose pose of the link PyBullet uses: the force acts at the centre of mass
+    where the link is, but its frame and its moment are those of that pose
+    (`PhysicsServerCommandProcessor.cpp` 12609, `m_cachedWorldTransform`). It is the current one for
+    the base; for a link that of one step earlier, unless a call has refreshed the poses of this
+    body's links since: `getLinkState` or `getLinkStates` of any of its links with
+    `computeForwardKinematics=True`, `resetJointState` and its multi-dof form,
+    `resetBasePositionAndOrientation`, `resetBaseVelocity`; and before the first step. Other reads,
+    `performCollisionDetection` and `calculateInverseKinematics` do not.
     """
     force, point, torque = force_n.copy(), point_m.copy(), torque_n_m.copy()
     centre, arm = np.empty_like(force), np.empty_like(force)
@@ -87,18 +87,6 @@ def pushes(
         step=step, link=link, force_n=force, point_m=centre, torque_n_m=moment,
         rolling=np.zeros(len(step), np.bool_),
     )  # fmt: skip
-
-
-def pose_used(step: Rows, link: Rows, refreshed: Flags) -> Rows:
-    """Return which state's pose PyBullet uses for a push in these steps, shape (k,).
-
-    The current one for the base; for a link that of one step earlier, unless a call has refreshed
-    the poses of this body's links since: `getLinkState` or `getLinkStates` of any of its links with
-    `computeForwardKinematics=True`, `resetJointState` and its multi-dof form,
-    `resetBasePositionAndOrientation`, `resetBaseVelocity`; and before the first step. Other reads,
-    `performCollisionDetection` and `calculateInverseKinematics` do not.
-    """
-    return np.where(refreshed | (link == BASE), step, np.maximum(step - 1, 0))
 
 
 def constraint_forces(
@@ -167,42 +155,3 @@ def pd_effort(
     kp, kd = gains
     wanted = kp * (target - position) + kd * (target_velocity - velocity)
     return np.asarray(np.clip(wanted, -limit, limit))
-
-
-# -- from PyBullet's descriptions -----------------------------------------------------------------
-
-
-def tree_of(
-    joints: Sequence[Sequence[Any]], dynamics: Sequence[Sequence[Any]], *, fixed: bool
-) -> BulletTree:
-    """Return a body from `getJointInfo` of each joint and `getDynamicsInfo` of base and links.
-
-    With the joint damping and limits that `getJointInfo` reports, which `changeDynamics` does not
-    change there.
-
-    Raises
-    ------
-    KeyError
-        If a joint is of a kind that is not covered: planar.
-    """
-    kinds = tuple(JOINTS[info[2]] for info in joints)
-    links = len(kinds)
-    frames = rotation(np.array([info[4] for info in dynamics[1:]]).reshape(links, 4).T)
-    centres = np.array([info[3] for info in dynamics[1:]]).reshape(links, 3)
-    turned = np.array([info[15] for info in joints]).reshape(links, 4) * [-1, -1, -1, 1]
-    tree = Tree(
-        fixed=fixed,
-        masses_kg=np.array([info[0] for info in dynamics], np.float64),
-        inertias_kg_m2=np.array([info[2] for info in dynamics], np.float64),
-        parents=tuple(info[16] for info in joints),
-        joints=kinds,
-        axes=np.array([info[13] for info in joints], np.float64).reshape(links, 3),
-        positions_m=np.array([info[14] for info in joints], np.float64).reshape(links, 3),
-        orientations=turned,
-        centres_m=np.einsum("jin,nj->ni", frames, centres),
-    )
-    counts = [rate.stop - rate.start for rate in tree.rates]
-    damped, lower, upper = (
-        np.repeat(np.array([info[k] for info in joints], np.float64), counts) for k in (6, 8, 9)
-    )
-    return BulletTree(tree=tree, joint_damping=damped, lower=lower, upper=upper)

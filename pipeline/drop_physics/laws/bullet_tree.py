@@ -5,7 +5,7 @@ Measured with PyBullet 3.2.7 (`docs/validation.md`). File names and line numbers
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
@@ -89,18 +89,6 @@ class Reported:
             if (value := getattr(self, each.name)) is not None
         }
         return Reported(**numbers)
-
-    @staticmethod
-    def quiet(
-        steps: int, joint_rates: int, timestep_s: float, gravity_m_s2: Sequence[float]
-    ) -> Reported:
-        """Return steps in which only gravity acts."""
-        efforts = np.zeros((steps, joint_rates))
-        return Reported(
-            timestep_s=np.full(steps, timestep_s),
-            gravity_m_s2=np.tile(np.asarray(gravity_m_s2, np.float64), (steps, 1)),
-            motors=efforts, commanded=efforts, pd=efforts,
-        )  # fmt: skip
 
 
 # -- the sum --------------------------------------------------------------------------------------
@@ -251,30 +239,26 @@ class Settings:
     """`numSubSteps`."""
     may_sleep: bool = False
     """Whether `changeDynamics(activationState)` allows any body to be put to sleep."""
-    soft: bool = False
-    """Whether it is a soft body."""
     maximal: bool = False
     """Whether it was made with `useMaximalCoordinates`."""
     planar: bool = False
     """Whether it has a planar joint."""
-    other_constraint: bool = False
-    """Whether a constraint holds it that is not fixed, point-to-point or a gear."""
-    cone_friction: bool = True
-    """`enableConeFriction`."""
-    rolling: bool = False
-    """Whether it, or what it touches, has a coefficient of rolling or spinning friction."""
 
 
 def not_covered(settings: Settings, tree: Tree | None = None) -> tuple[Reason, ...]:
-    """Return why a body's step need not be the sum; empty where it is.
+    """Return why a body's step need not be the sum; empty where it is, as far as settings say.
 
     - engine: another engine's step is not this sum; its law of one body in flight may be known.
     - substeps: only the last substep's motors and contacts are reported.
     - asleep: a sleeping body is not stepped, whatever acts on it.
-    - soft: no tree. maximal: a btRigidBody, whose law is `bullet`.
+    - maximal: a btRigidBody, whose law is `bullet`.
     - massless: something can move that has neither mass nor inertia, so M has no inverse; Bullet
       leaves a free body without mass or without some moment of inertia at the spin that it has.
     - planar: two of the three numbers of a planar joint are reported.
+
+    Not from settings alone, and so said of single steps:
+
+    - soft: a soft body is near, which is no tree.
     - constraint: the force of a prismatic constraint is reported along axes that are not.
     - rolling unreported: with `enableConeFriction=0` the torque against rolling is reported in
       place of sliding friction.
@@ -283,12 +267,9 @@ def not_covered(settings: Settings, tree: Tree | None = None) -> tuple[Reason, .
         "engine": settings.other_engine,
         "substeps": settings.substeps > 1,
         "asleep": settings.may_sleep,
-        "soft": settings.soft,
         "maximal": settings.maximal,
         "massless": tree is not None and massless(tree),
         "planar": settings.planar,
-        "constraint": settings.other_constraint,
-        "rolling unreported": settings.rolling and not settings.cone_friction,
     }
     return tuple(reason for reason, holds in reasons.items() if holds)
 

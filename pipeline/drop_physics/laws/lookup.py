@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from drop_physics.laws.base import Drag, Law
 from drop_physics.laws.bullet import BulletLaw, drag_of
-from drop_physics.laws.bullet_air import MAX_COORDINATE_VELOCITY_M_S, effective_damping
+from drop_physics.laws.bullet_air import effective_damping
 from drop_physics.laws.dart import DartLaw
 from drop_physics.laws.drake import DrakeLaw
 from drop_physics.laws.mujoco import MujocoLaw
 from drop_physics.laws.physx import DEFAULT_ANGULAR_DAMPING, PhysxLaw
 from drop_physics.laws.theory import Fall
 from drop_physics.report import EngineReport
-from drop_physics.scenario import EXACT_INTEGRATORS, Coordinates, Scenario
+from drop_physics.scenario import EXACT_INTEGRATORS, Scenario
 
 
 def fall_of(scenario: Scenario) -> Fall:
@@ -76,41 +72,3 @@ def _textbook_law(scenario: Scenario, report: EngineReport) -> Law:
 
 RIGID = 1
 """PyBullet's number for a btRigidBody."""
-
-
-def law_of(
-    settings: Mapping[str, float | Sequence[float]],
-    reported: Mapping[str, NDArray[np.float64]],
-    given: Mapping[str, Any],
-) -> BulletLaw:
-    """Return the law of one rigid body of a script.
-
-    Parameters
-    ----------
-    settings
-        What the engine reports about itself, and what was set: `getPhysicsEngineParameters`.
-    reported
-        What it reports about the body: its kind, mass and inertia.
-    given
-        What `changeDynamics` set for the body, by argument; no call reports damping
-        or the limit of velocities.
-    """
-    kind = int(reported["kind"][0])
-    coordinates: Coordinates = "maximal" if kind == RIGID else "reduced"
-    damping = [
-        effective_damping(given.get(f"{which}Damping"), coordinates)
-        for which in ("linear", "angular")
-    ]
-    gx, gy, gz = (float(np.ravel(settings[f"gravityAcceleration{axis}"])[0]) for axis in "XYZ")
-    ix, iy, iz = reported["inertia_kg_m2"][0].tolist()
-    return BulletLaw(
-        timestep_s=float(np.ravel(settings["fixedTimeStep"])[0]),
-        substeps=int(np.ravel(settings["numSubSteps"])[0]) or 1,
-        gravity_m_s2=(gx, gy, gz),
-        mass_kg=float(reported["mass_kg"][0]),
-        inertia_kg_m2=(ix, iy, iz),
-        linear_damping=damping[0],
-        angular_damping=damping[1],
-        coordinates=coordinates,
-        velocity_limit=float(given.get("maxJointVelocity", MAX_COORDINATE_VELOCITY_M_S)),
-    )

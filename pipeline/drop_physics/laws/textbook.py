@@ -10,16 +10,16 @@ and its own law of spin.
 from __future__ import annotations
 
 import itertools
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.laws.base import ORIENTED, Drag, Motion, Vector
+from drop_physics.laws.base import Drag, Law, Motion, Vector
 from drop_physics.laws.rotations import rotate, rotate_inverse
 
 Float64 = NDArray[np.float64]
@@ -29,36 +29,13 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class TextbookLaw(ABC):
-    """What these laws share; for the methods see `drop_physics.laws.base.Law`."""
+class TextbookLaw(Law):
+    """What these laws share."""
 
-    timestep_s: float
-    """Time between two samples [s]."""
-    gravity_m_s2: Vector
-    """World axes."""
-    mass_kg: float
-    inertia_kg_m2: Vector
-    """Principal moments, about the body's axes."""
     linear_damping: float = 0.0
     """d of v' = g - d v, in continuous time [1/s]."""
     semi_implicit: bool = True
     """Whether it moves the body with the end-of-step velocity."""
-
-    substeps: ClassVar[int] = 1
-    epsilon: ClassVar[float] = 2.0**-52
-    """Unit of rounding of the engine's numbers."""
-    oriented: ClassVar[float] = ORIENTED * epsilon
-    """Allowed deviation of the components of an orientation."""
-
-    @property
-    def clock_s(self) -> float:
-        """By how much a step may be longer or shorter than the timestep [s]."""
-        return 0.0
-
-    @property
-    def step_s(self) -> float:
-        """Timestep of the integrator [s]."""
-        return self.timestep_s
 
     @property
     def moves_exactly(self) -> bool:
@@ -74,37 +51,17 @@ class TextbookLaw(ABC):
         """Return the factor by which a step's implicit damping scales a velocity: 1/(1 + dt d)."""
         return 1 / (1 + number(self.timestep_s) * number(self.linear_damping))
 
-    def covers(self, before: Motion) -> NDArray[np.bool_]:
-        """Return True for all samples, shape (n,)."""
-        return np.ones(len(before), dtype=bool)
-
     @abstractmethod
     def velocities(self, before: Motion) -> tuple[Float64, Float64]:
         """Return velocity [m/s] and spin [rad/s] after a step, shape (n, 3) each."""
 
     @abstractmethod
-    def bits(self, before: Motion) -> NDArray[np.bool_]:
-        """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
-
-    @abstractmethod
-    def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of the summands of velocity and spin in a timestep, shape (n,)."""
-
-    @abstractmethod
     def turned(self, before: Motion, spin_rad_s: Float64) -> Float64:
         """Return the orientations after a step with these spins, shape (n, 4)."""
-
-    def released(self, start: Motion) -> Motion:
-        """Return a state as the engine stores it."""
-        return start
 
     def step(self, before: Motion) -> Motion:
         """Return each sample one timestep later."""
         return self.moved(before, *self.velocities(before))
-
-    def unlimited(self, before: Motion) -> Motion:
-        """Return the same: there is no limit."""
-        return self.step(before)
 
     def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
         """Return each sample moved by one integrator step with these velocities."""
@@ -118,18 +75,10 @@ class TextbookLaw(ABC):
         """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3)."""
         return np.asarray(angular_impulse_n_m_s / np.array(self.inertia_kg_m2))
 
-    def limited(self, before: Motion) -> NDArray[np.bool_]:
-        """Return that no velocity was clamped, shape (n,)."""
-        return np.zeros(len(before), dtype=bool)
-
     def free_velocities(self, velocity_m_s: Float64) -> Float64:
         """Return velocities after a step [m/s], shape (n, 3)."""
         pulled = velocity_m_s + self.timestep_s * np.array(self.gravity_m_s2)
         return np.asarray(self.kept(float) * pulled)
-
-    def held(self, velocity_m_s: Float64) -> Float64:
-        """Return velocities [m/s] unchanged: there is no limit."""
-        return velocity_m_s
 
     def exact_path(
         self, position_m: Vector, velocity_m_s: Vector, *, first: int = 0

@@ -26,11 +26,8 @@ from drop_physics.scenario import Scenario
 
 Float64 = NDArray[np.float64]
 
-DUE = (pl.col("time_s") * SHOWN_PER_S + 1e-9).floor()
-SHOWN = (DUE.shift(1, fill_value=-1) != DUE) | (
-    pl.col("timestep_m").is_null() != pl.col("timestep_m").shift(-1).is_null()
-)
-"""The rows that curves show: so many a second, and at the ends of free flight."""
+MOST_ROWS = 1 << 17
+"""Rows of a table that does not have all, but for those where something changes."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +61,15 @@ class Falling:
     def __init__(self, case: Case, *, at_s: Sequence[float] = (), whole: bool = True) -> None:
         self._case, self._whole = case, whole
         self._asked = _asked(at_s, case)
+        self._per_s = min(SHOWN_PER_S, MOST_ROWS / max(case.end_s, 1.0))
         self._course, self._law, self._energies = Course(case), ContactLaw(case), Energies(case)
         self._errors = _Errors(case)
         self._rows: list[pl.DataFrame] = []
 
     def add(self, part: Samples) -> None:
         """Take further samples."""
+        if not len(part):
+            return
         course = self._course
         before, changes = course.add(part)
         tumbled = course.tumbled_step
@@ -80,7 +80,10 @@ class Falling:
         rows = _rows(self._case, part, energies, self._errors.add(part, course.air.covered))
         if not self._whole:
             kept = [0, *self._asked, *changes, self._case.samples - 1]
-            rows = rows.filter(SHOWN | pl.col("step").is_in(kept))
+            due = (pl.col("time_s") * self._per_s + 1e-9).floor()
+            flies = pl.col("timestep_m").is_not_null()
+            shown = (due != due.shift(1, fill_value=-1)) | (flies != flies.shift(-1))
+            rows = rows.filter(shown | pl.col("step").is_in(kept))
         self._rows.append(rows)
 
     def fall(self) -> Fall:

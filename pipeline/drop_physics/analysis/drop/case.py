@@ -19,7 +19,8 @@ from drop_physics.laws.rotations import same_way
 from drop_physics.laws.theory import Fall
 from drop_physics.report import EngineReport
 from drop_physics.scenario import ENGINES, EXACT_INTEGRATORS, Scenario
-from drop_physics.seen.history import Piece, Seen, joined
+from drop_physics.seen.history import PIECE, Piece, Seen, joined
+from drop_physics.states import BODY
 
 Float64 = NDArray[np.float64]
 
@@ -204,7 +205,18 @@ def case_seen(
     def samples() -> Iterator[Samples]:
         yield from map(functools.partial(samples_seen, seen), seen.pieces())
 
-    return Case(scenario, engine, seen.sampled.last + 1, sample), samples()
+    return Case(scenario, engine, _sampled(seen), sample), samples()
+
+
+def _sampled(seen: Seen) -> int:
+    """Return how many samples of the body there are; joints may have more where it was cut off."""
+    end = seen.sampled.last + 1
+    while end > 0:
+        rows = seen.sampled.piece(max(end - PIECE, 0), end).bases.filter(pl.col("body") == BODY)
+        if len(rows):
+            return int(rows["step"][-1]) + 1
+        end -= PIECE
+    return 0
 
 
 def samples_seen(seen: Seen, piece: Piece) -> Samples:

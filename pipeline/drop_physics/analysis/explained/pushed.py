@@ -35,7 +35,7 @@ def pushed(
     """Return what pushes do to a body in its steps.
 
     PyBullet takes the pose of a link that it computed last: that of one step earlier, unless a call
-    has refreshed it, some of which no recording has (`bullet_reports.pose_used`).
+    has refreshed it, some of which no recording has (`bullet_reports.pushes`).
 
     Parameters
     ----------
