@@ -14,10 +14,11 @@ from drop_physics.laws import bullet_air, bullet_spin
 from drop_physics.laws.base import Motion
 from drop_physics.laws.bullet import BulletLaw
 from drop_physics.laws.bullet_air import effective_damping
-from drop_physics.laws.bullet_spin import Arithmetic
+from drop_physics.laws.columns import rotation
 from drop_physics.laws.theory import Fall
 
-FLOATS = Arithmetic(math.sqrt, math.sin, math.cos, lambda which, a, b: a if which else b)
+SIN, COS = (np.vectorize(function, otypes=[float]) for function in (math.sin, math.cos))
+"""The C library's, as the engine's."""
 AT_REST = (0.0, 0.0, 0.0)
 
 
@@ -83,17 +84,18 @@ def tumbling(
     orientation: Any = (0.0, 0.0, 0.0, 1.0),
 ) -> Motion:
     """Return the motion before each step and after the last, as PyBullet reads it back."""
-    velocities = bullet_spin.velocities(law, FLOATS)
 
     def states() -> Any:
-        x, v, w, q = (0.0, 0.0, height_m), velocity_m_s, spin_rad_s, orientation
+        start = (0.0, 0.0, height_m), velocity_m_s, spin_rad_s, orientation
+        x, v, w, q = (np.array(each, float)[:, None] for each in start)
         while True:
-            seen = read_back(q)
-            q = seen if law.coordinates == "maximal" else q  # a btTransform keeps a matrix
-            yield x, seen, v, w
-            v, w = velocities(v, w, q)
-            x = tuple(a + b * law.step_s for a, b in zip(x, v, strict=True))
-            q = bullet_spin.turned(law, FLOATS, q, w)
+            seen = read_back(q[:, 0].tolist())
+            if law.coordinates == "maximal":  # a btTransform keeps a matrix
+                q = np.array(seen)[:, None]
+            yield x[:, 0], seen, v[:, 0], w[:, 0]
+            v, w = bullet_spin.velocities(law, v, w, q)
+            x = x + v * law.step_s
+            q = bullet_spin.turned(law, q, w, sin=SIN, cos=COS)
 
     seen = islice(states(), 0, steps * law.substeps + 1, law.substeps)
     return Motion(*(np.array(each, dtype=float) for each in zip(*seen, strict=True)))
@@ -101,7 +103,7 @@ def tumbling(
 
 def read_back(q: Any) -> tuple[float, float, float, float]:
     """Return a quaternion as `btMatrix3x3::getRotation` reads it back from its matrix."""
-    m = bullet_spin.matrix(q)
+    m = rotation(np.array(q)).tolist()
     trace = m[0][0] + m[1][1] + m[2][2]
     if trace > 0.0:
         root = math.sqrt(trace + 1.0)

@@ -15,14 +15,13 @@ from drop_physics.laws import bullet_air, bullet_spin
 from drop_physics.laws.base import Drag, Law, Motion
 from drop_physics.laws.base import Vector as Triple
 from drop_physics.laws.bullet_air import EPSILON, BulletBody
-from drop_physics.laws.bullet_spin import ARRAYS, Quaternion, Vector
 from drop_physics.laws.vectors import any_of, largest, lengths
 from drop_physics.scenario import Coordinates
 
 Float64 = NDArray[np.float64]
 
-Columns = tuple[Vector, Quaternion, Vector, Vector]
-"""Position, orientation, velocity and spin; each component an array over samples."""
+Columns = tuple[Float64, Float64, Float64, Float64]
+"""Position, orientation, velocity and spin, shapes (3, n) and (4, n)."""
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 BLOCK = 4096
@@ -62,11 +61,10 @@ class BulletLaw(BulletBody, Law):
 
     def step(self, before: Motion) -> Motion:
         """Return each sample one timestep later."""
-        velocities = bullet_spin.velocities(self, ARRAYS)
 
-        def stepped(x: Vector, q: Quaternion, v: Vector, w: Vector) -> Columns:
+        def stepped(x: Float64, q: Float64, v: Float64, w: Float64) -> Columns:
             for _ in range(self.substeps):
-                v, w = velocities(v, w, q)
+                v, w = bullet_spin.velocities(self, v, w, q)
                 x, q, v, w = self._moved(x, q, v, w)
             return x, q, v, w
 
@@ -129,10 +127,8 @@ class BulletLaw(BulletBody, Law):
         position_m, orientation = before.position_m, before.orientation
         return _in_blocks(self._moved, Motion(position_m, orientation, velocity_m_s, spin_rad_s))
 
-    def _moved(self, x: Vector, q: Quaternion, v: Vector, w: Vector) -> Columns:
-        dt = self.step_s
-        x = x[0] + v[0] * dt, x[1] + v[1] * dt, x[2] + v[2] * dt
-        return x, bullet_spin.turned(self, ARRAYS, q, w), v, w
+    def _moved(self, x: Float64, q: Float64, v: Float64, w: Float64) -> Columns:
+        return x + v * self.step_s, bullet_spin.turned(self, q, w), v, w
 
     def free_velocities(self, velocity_m_s: Float64) -> Float64:
         """Return velocities after a step of the integrator [m/s], before `held`.
@@ -169,6 +165,6 @@ def _in_blocks(change: Callable[..., Columns], motion: Motion) -> Motion:
     for first in range(0, len(motion), BLOCK):
         rows = slice(first, first + BLOCK)
         parts = motion.position_m, motion.orientation, motion.velocity_m_s, motion.spin_rad_s
-        columns = (tuple(np.ascontiguousarray(part[rows].T)) for part in parts)
-        np.stack([each for part in change(*columns) for each in part], axis=1, out=changed[rows])
+        columns = change(*(np.ascontiguousarray(part[rows].T) for part in parts))
+        changed[rows] = np.vstack(columns).T
     return Motion(*np.split(changed, (3, 7, 10), axis=1))
