@@ -455,6 +455,24 @@ def test_an_inertia_of_the_shape(scene: str, joint: str, ratio: float, tmp_path:
     assert not ask(flagged + "steps(2)", tmp_path, "inertia-from-shape")
 
 
+LIMP = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+k = p.loadURDF("{file}", [0, 0, {z}], useFixedBase={fixed})
+for j in range(p.getNumJoints(k)):
+    p.setJointMotorControl2(k, j, p.VELOCITY_CONTROL, force=0)
+steps(240)
+"""
+
+
+@pytest.mark.parametrize(
+    ("file", "z"), [("franka_panda/panda.urdf", 0), ("quadruped/minitaur.urdf", 0.2)]
+)
+def test_an_inertia_that_no_link_of_that_size_has(file: str, z: float, tmp_path: Path) -> None:
+    # They say 0.1 kg m² for 0.1 kg, and 1 kg m² for 0.25 kg without a shape.
+    assert not ask(LIMP.format(file=file, z=z, fixed=z == 0), tmp_path, "inertia-from-shape")
+
+
 def test_a_mass_that_is_changed_takes_the_inertia_of_the_shape(tmp_path: Path) -> None:
     inertial, change = INERTIAL.format(0.001, 0.002), "p.changeDynamics(b, -1, mass=1)"
     found = one(plate(tmp_path, inertial, FROM_FILE, change), tmp_path, "inertia-from-shape")

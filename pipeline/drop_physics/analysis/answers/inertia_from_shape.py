@@ -31,7 +31,8 @@ MATTERS = 0.02
 TURNS_RAD_S = 0.1
 """What never turns faster rests, or rocks a little."""
 ROOM = 2.0
-"""How far a link may reach, over how far its collision shape does."""
+"""How much larger an inertia may be than with all mass where its collision shape ends: a link may
+be larger than what is touched of it, but not by much."""
 AXES = "x", "y", "z"
 
 
@@ -157,9 +158,12 @@ def other_inertia(
     scene: Scene, body: Body, kin: Kinematics, of_file: Mapping[int, FileLink]
 ) -> OtherInertia | None:
     """Compare M with the file's inertias of some links and with those that are used."""
-    tree, more = kin.tree, {}
+    tree, more, too_large = kin.tree, {}, set()
     for link, each in of_file.items():
-        moments = _of_file(body, link, each)
+        moments = _of_file(body, each)
+        if moments is not None and np.trace(moments) > _most_kg_m2(body, link, each):
+            too_large.add(link)
+            continue
         used_kg_m2 = np.sort(tree.inertias_kg_m2[link + 1])
         # PyBullet does not scale an inertia that it takes from the file.
         unscaled = moments is not None and np.allclose(
@@ -175,7 +179,7 @@ def other_inertia(
             more[link] = _in_world(scene, body, link, each, turned, moments) - used
     diagonal = np.diagonal(mass_matrix(kin)[0])
     added = {row: float(sum(axis @ more[link] @ axis for link in links & more.keys()))
-        for row, axis, links in _axes(kin)}  # fmt: skip
+        for row, axis, links in _axes(kin) if not links & too_large}  # fmt: skip
     rows = [row for row, each in added.items()
         if abs(each) > OFF * diagonal[row] and each > -diagonal[row]]  # fmt: skip
     if not rows:
@@ -204,8 +208,8 @@ def _axes(kin: Kinematics) -> Iterator[tuple[int, Float64, set[int]]]:
                 yield tree.rates[link].start + k, axis[:, 0], turned
 
 
-def _of_file(body: Body, link: int, told: FileLink) -> Float64 | None:
-    """Return the file's inertia, shape (3, 3), if a body of its mass and shape can have it."""
+def _of_file(body: Body, told: FileLink) -> Float64 | None:
+    """Return the file's inertia, shape (3, 3), if a body can have it."""
     if not told.mass_kg > 0 or len(told.inertia_kg_m2) != 6:
         return None
     xx, xy, xz, yy, yz, zz = told.inertia_kg_m2
@@ -213,11 +217,24 @@ def _of_file(body: Body, link: int, told: FileLink) -> Float64 | None:
     if not np.isfinite(moments).all():
         return None
     low, middle, high = np.linalg.eigvalsh(moments)
-    reach_m = max((_reach_m(each) for each in body.collisions if each.link == link), default=np.inf)
-    # A link may be larger than what is touched of it, but not by much.
-    within = high <= told.mass_kg * (ROOM * reach_m) ** 2
-    possible = low > 0 and low + middle >= high * (1 - 1e-6) and within
-    return moments if possible else None
+    return moments if low > 0 and low + middle >= high * (1 - 1e-6) else None
+
+
+def _most_kg_m2(body: Body, link: int, told: FileLink) -> float:
+    """Return the largest trace of an inertia that a link of its mass and shape can have.
+
+    It is 2 Σ m r², and no mass is farther off than the shape, or the whole body if it has none.
+    """
+    reaches_m = [_reach_m(each) for each in body.collisions if each.link == link]
+    return ROOM * 2 * told.mass_kg * max(reaches_m or [_extent_m(body)]) ** 2
+
+
+def _extent_m(body: Body) -> float:
+    """Return the diagonal of the box around all shapes of a body; infinite if it has none."""
+    boxes = np.reshape(body.bounds_m, (-1, 2, 3))[[each.link + 1 for each in body.collisions]]
+    if not len(boxes):
+        return np.inf
+    return float(np.linalg.norm(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))
 
 
 def _reach_m(shape: Collision) -> float:
