@@ -726,16 +726,23 @@ def test_a_body_that_needs_no_mass(more: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "scene",
     [
-        ("p.setTimeStep({})\n" + FLOOR + "c = p.loadURDF('cube_small.urdf', [0, 0, 9])\n"
+        ("p.setTimeStep({})\n" + FLOOR + "c = p.loadURDF('cube_small.urdf', [0, 0, 3])\n"
          "p.resetBaseVelocity(c, [0, 0, -20])\nsteps(3)"),
-        ("p.setTimeStep({})\n" + FLOOR + "c = p.loadURDF('sphere_small.urdf', [0, 0, 3])\n"
-         "p.resetBaseVelocity(c, [30, 0, 0])\nsteps(3)"),
+        ("p.setTimeStep({})\n" + FLOOR + "c = p.loadURDF('sphere_small.urdf', [0, 0, 1])\n"
+         "p.resetBaseVelocity(c, [3, 0, -9])\nsteps(3)"),
         ("p.setTimeStep({})\n" + AIR + KUKA + "steps(5)"),
     ],
 )  # fmt: skip
 def test_a_step_that_is_too_long(scene: str, tmp_path: Path) -> None:
     assert one(scene.format(0.1), tmp_path, "timestep-too-long").level == "model"
     assert not ask(scene.format(1 / 960), tmp_path, "timestep-too-long")
+
+
+def test_a_step_that_leads_nowhere_is_long_enough(tmp_path: Path) -> None:
+    """It falls past the table: nothing is in its way."""
+    scene = AIR + CUBE + "p.loadURDF('table/table.urdf', [5, 0, 0])\n"
+    assert not ask(scene + "p.resetBaseVelocity(c, [0, 0, -20])\nsteps(60)", tmp_path,
+        "timestep-too-long")  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -186,7 +186,8 @@ def test_targets_that_move_are_followed_behind(
     assert found.level == "note"
     assert found.effect is not None
     assert found.effect.value == pytest.approx(lag, rel=0.02)
-    assert f"they change every {every} steps, and {left:.2g} of each change" in found.message
+    often = f"every {every} steps" if every > 1 else "with every step"
+    assert f"they change {often}, and {left:.2g} of each change" in found.message
 
 
 def test_targets_that_are_kept_up_with_are_not_told(tmp_path: Path) -> None:

@@ -298,7 +298,7 @@ class _Sides:
             if number in explained.bodies:
                 judged = explained.bodies[number]
                 for steps in judged.stretches:
-                    if len(steps.sides.step):
+                    if len(steps.sides.step) and steps.law.tree.size:
                         its = np.searchsorted(judged.steps, steps.steps)
                         self._take(steps, judged.explained[its])
             if number not in records:

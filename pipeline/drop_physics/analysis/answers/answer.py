@@ -216,3 +216,8 @@ class Answer(ABC):
 def and_more(number: int) -> str:
     """Return what follows the name of one of so many."""
     return Message(" (and {n} more)", n=number - 1) if number > 1 else ""
+
+
+def so_many(steps: int) -> str:
+    """Return a number of steps as text."""
+    return Message("{n:,} steps", n=steps) if steps != 1 else Message("one step")

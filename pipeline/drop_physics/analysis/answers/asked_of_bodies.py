@@ -71,4 +71,4 @@ class AskedOfBodies:
 def size_m(body: Body) -> float:
     """Return the longest edge of the box around a body, as it was added; 1 if it is unknown."""
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
-    return max(float(np.max(boxes[:, 1] - boxes[:, 0])) if len(boxes) else 1.0, 1e-9)
+    return float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0)) or 1.0

@@ -7,13 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import (
-    Answer,
-    Effect,
-    Finding,
-    Notes,
-    Scene,
-)
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene, so_many
 from drop_physics.analysis.answers.joint import OFF, units_of
 from drop_physics.analysis.explained.steps import Steps
 from drop_physics.analysis.joints import target_of
@@ -46,13 +40,15 @@ class Asleep(Answer):
                         term=term if unbalanced[row] else "motors")  # fmt: skip
 
     def _off_target(self, steps: Steps) -> NDArray[np.bool_]:
-        """Return in which steps motors that sleep, and report no torque, have something to do."""
+        """Return in which steps motors have something to do, and force to do it."""
         off = np.zeros(len(steps), np.bool_)
         for driven in self.scene.driven():
             if driven.steps is steps:
                 least = [OFF[units_of(driven, k)[0]] for k in range(driven.after.shape[1])]
                 far = np.abs(driven.after - target_of(driven)) > least
-                off |= (far & (driven.torque == 0) & (driven.limit > 0)).any(axis=1)
+                off |= (far & ~driven.at_limit & (driven.limit > 0) & (driven.asked.kp > 0)).any(
+                    axis=1
+                )
         return off
 
     def findings(self) -> Iterator[Finding]:
@@ -60,9 +56,9 @@ class Asleep(Answer):
         for number_, each in self._asleep.items():
             body = self.scene.body(number_).label
             message = Message(
-                "{body} sleeps from step {first:,} on: it does not move in {count:,} steps in "
-                "which the sum of what acts on it is not zero, most of all {term}",
-                body=body, first=each.first, count=each.count, term=each.at["term"],
+                "{body} sleeps from step {first:,} on: it does not move in {steps} in which "
+                "the sum of what acts on it is not zero, most of all {term}",
+                body=body, first=each.first, steps=so_many(each.count), term=each.at["term"],
             )  # fmt: skip
             yield Finding(
                 code="asleep", level="asked", message=message, body=body, share=1.0,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from drop_physics.analysis.answers.answer import Effect, Noted
+from drop_physics.analysis.answers.answer import Effect, Noted, so_many
 from drop_physics.analysis.answers.joint import JointAnswer, effort
 from drop_physics.analysis.controls import DEFAULT
 from drop_physics.analysis.joints import Driven
@@ -44,10 +44,10 @@ class BeyondUrdf(JointAnswer):
         fast = worst.at["kind"] == "velocity"
         unit = f"{position}/s" if fast else force
         message = Message(
-            "{joint} reaches {most} where its file allows {limit}, in {steps} steps: PyBullet's "
+            "{joint} reaches {most} where its file allows {limit}, in {steps}: PyBullet's "
             "motors do not heed that limit (joints beyond theirs: {count})",
             joint=worst.at["joint"], most=effort(most, unit), limit=f"{limit:g} {unit}",
-            steps=worst.count, count=worst.at["joints"],
+            steps=so_many(worst.count), count=worst.at["joints"],
         )  # fmt: skip
         name = "maxVelocity" if fast else "force"
         advice = Message("p.setJointMotorControl2(…, {name}={limit:g})", name=name, limit=limit)

@@ -105,9 +105,9 @@ class CollidesAsHull(Answer):
                 code="collides-as-hull",
                 level="asked",
                 message=Message(
-                    "{other} touches it {off:.3g} mm off the surface of its mesh: PyBullet "
+                    "{other} touches {body} {off:.3g} mm off the surface of its mesh: PyBullet "
                     "collides the convex hull of a mesh, which closes its hollows",
-                    other=self.scene.body(other).label, off=found.most * 1e3,
+                    other=self.scene.body(other).label, body=body.label, off=found.most * 1e3,
                 ),
                 advice=Message(
                     "if it never moves, p.createCollisionShape(…, "

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from drop_physics.analysis.answers.answer import Level
-from drop_physics.analysis.answers.slides import LEAST_M, Slides, Slip
+from drop_physics.analysis.answers.slides import Slides, Slip
 from drop_physics.messages import Message
 
 AT_LIMIT = 0.9
@@ -22,26 +24,28 @@ class Creeps(Slides):
     code = "creeps"
     level: Level = "model"
     speeds_m_s = 1e-7, 0.02
+    least_share = 0.0  # what is to stay is asked about by the millimetre
 
-    def says(self, run: Slip, _body_m: float) -> bool:
+    def says(self, run: Slip, least_m: float) -> bool:
         """Whether it went somewhere that friction could have kept it from."""
         of = run.of
         return bool(
             run.last - run.first >= LASTS
-            and of["went"] > LEAST_M
+            and of["went"] > least_m
             and min(of["slid"], of["went"]) > STRAIGHT * max(of["slid"], of["moved"])
             and run.most_m_s * of["time"] < STEADY * of["went"]
             and max(of["needed"], abs(of["used"])) < AT_LIMIT * of["available"]
         )
 
-    def words(self, run: Slip, on: str) -> tuple[Message, Message, float]:
+    def words(self, run: Slip, labels: Mapping[str, object]) -> tuple[Message, Message, float]:
         """Return what is said of a body and what it creeps on."""
         of, seconds = run.of, run.of["time"]
         message = Message(
-            "creeps {moved:.3g} mm on {on} in {time:.3g} s: friction there could give "
+            "{body} creeps {moved:.3g} mm on {on} in {time:.3g} s: friction there could give "
             "{available:.3g} N and staying takes {needed:.3g} N, but the solver ends before the "
             "contact is at rest",
-            moved=of["went"] * 1e3, on=on, time=seconds, available=of["available"] / seconds,
+            **labels,
+            moved=of["went"] * 1e3, time=seconds, available=of["available"] / seconds,
             needed=of["needed"] / seconds,
         )  # fmt: skip
         return message, Message(

@@ -16,10 +16,13 @@ from drop_physics.messages import Message, joined
 Int64 = NDArray[np.int64]
 
 OVERLAP_M = 1e-3
-SHARE, MOST = 0.2, 0.5
-"""Of the thinner one's shortest edge: worth saying; and no physics any more if it stays."""
+SHARE, LASTING, MOST = 0.2, 0.1, 0.5
+"""Of the thinner one's shortest edge: worth saying of an impact, and of what lasts; and no physics
+any more if it stays."""
 SOON = 4
 """Steps in which an impact is over."""
+JUMPED = 2.0
+"""Times what an approach gives in a step, that is deeper."""
 GROWS = 10
 """In fewer steps than this nothing presses it in."""
 CONSTRAINT, MOTOR = "constraint", "motor"
@@ -82,13 +85,16 @@ class DeepPenetration(Answer):
     def _overlap(self, pairs: Pairs, rows: NDArray[np.intp]) -> Overlap:
         steps, bodies, points = pairs.step[rows], pairs.body[rows], pairs.points
         moved = self.scene.placing.moved(bodies, steps[:, None])
-        still = ~points.began_m_s[pairs.starts[rows]].any(axis=2)
         came_m = pairs.most(points.approach_m_s)[rows].clip(0.0) * pairs.timestep_s[rows]
+        # A body that came with the step before may be listed as touching only now.
+        late = self.scene.placing.moved(bodies[0], steps[0] - 1).any()
+        placed = bool(moved[0].any() or (late and pairs.depth_m[rows[0]] > JUMPED * came_m[0]))
+        still = ~points.began_m_s[pairs.starts[rows]].any(axis=2)
         until = int(np.argmax(pairs.depth_m[rows]))
         its = np.flatnonzero(pairs.row == rows[until])
         first, second = points.link[its[int(np.argmin(points.distance_m[its]))]].tolist()
         return Overlap(
-            first=int(steps[0]), last=int(steps[-1]), placed=bool(moved[0].any()),
+            first=int(steps[0]), last=int(steps[-1]), placed=placed,
             carried=int((moved & still).any(axis=1).sum()),
             presses=max(_presses(self.scene, each, steps) for each in bodies[0].tolist()),
             began_m=float(pairs.depth_m[rows[0]]), depth_m=float(pairs.depth_m[rows[until]]),
@@ -105,7 +111,8 @@ class DeepPenetration(Answer):
             if not {first, second} & self._end.keys():
                 continue
             thin_m = self._thinner_m((first, second), overlap.links)
-            if overlap.depth_m > SHARE * thin_m:
+            lasts = overlap.deepest - overlap.first >= GROWS  # what comes fast goes deeper
+            if overlap.depth_m > (LASTING if lasts else SHARE) * thin_m:
                 finding = self._finding(first, second, overlap, thin_m)
                 if finding.advice is not None or overlap.depth_m > MOST * thin_m:
                     yield finding  # without a cause, only what is no physics any more
@@ -118,8 +125,10 @@ class DeepPenetration(Answer):
         share = overlap.depth_m / thin_m
         cause, advice = self._cause(body, other, overlap)
         message = Message(
-            "is {depth:.3g} mm inside {other} at {time:.4g} s, {share:.0%} of the thinner one",
-            depth=overlap.depth_m * 1e3, other=self.scene.body(other).label, share=share,
+            "{body} is {depth:.3g} mm inside {other} at {time:.4g} s, {share:.0%} of the thinner "
+            "one",
+            body=self.scene.body(body).label, other=self.scene.body(other).label,
+            depth=overlap.depth_m * 1e3, share=share,
             time=self.scene.times[self.scene.body(body).client].of(overlap.deepest - 1),
         )  # fmt: skip
         return Finding(

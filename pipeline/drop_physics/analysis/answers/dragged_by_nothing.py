@@ -82,9 +82,9 @@ class DraggedByNothing(Answer):
                 code="dragged-by-nothing",
                 level="asked",
                 message=Message(
-                    "stays behind while calls move {other} by {ahead:.3g} m under it: a body that "
-                    "is set where it is has no velocity, and drags nothing",
-                    other=on.label, ahead=float(ahead),
+                    "{body} stays behind while calls move {other} by {ahead:.3g} m under it: a "
+                    "body that is set where it is has no velocity, and drags nothing",
+                    body=self.scene.body(body).label, other=on.label, ahead=float(ahead),
                 ),
                 advice=Message(
                     "set the velocity, too: p.resetBaseVelocity({other}, …), each step",

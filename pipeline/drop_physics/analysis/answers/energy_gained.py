@@ -82,12 +82,13 @@ class EnergyGained(Answer):
             number = movers[0]
             other = next(each for each in both if each != number)
             message = Message(
-                "gains {gained:.3g} J on {brought:.3g} J from contact with {other}: it comes at "
-                "{approach:.4g} m/s and leaves at {parting:.4g} m/s; their restitution is "
+                "{body} gains {gained:.3g} J on {brought:.3g} J from contact with {other}: it "
+                "comes at {approach:.4g} m/s and leaves at {parting:.4g} m/s; their restitution is "
                 "{restitution:.3g}, and the push out of the overlap comes on top",
-                other=self.scene.body(other).label, gained=episode.given_j,
+                body=self.scene.body(number).label, other=self.scene.body(other).label,
+                gained=episode.given_j, brought=episode.brought_j,
                 approach=episode.approach_m_s, parting=episode.parting_m_s,
-                brought=episode.brought_j, restitution=episode.restitution,
+                restitution=episode.restitution,
             )  # fmt: skip
             yield Finding(
                 code="energy-gained", level="broken", message=message,

@@ -52,9 +52,10 @@ class FrictionPyramid(Answer):
                 code="friction-pyramid",
                 level="model",
                 message=Message(
-                    "friction on {other} brakes it with up to {most:.3g} times μN: with "
+                    "friction on {other} brakes {body} with up to {most:.3g} times μN: with "
                     "enableConeFriction=0 each of two axes has a limit of its own",
-                    other=self.scene.body(first).label, most=found.most,
+                    other=self.scene.body(first).label, body=self.scene.body(second).label,
+                    most=found.most,
                 ),
                 advice=Message("call p.setPhysicsEngineParameter(enableConeFriction=1)"),
                 body=self.scene.body(second).label,

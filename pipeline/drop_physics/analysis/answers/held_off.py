@@ -81,17 +81,17 @@ def _too_weak(driven: Driven, held: Holding, stood: Stood) -> Cause:
         )  # fmt: skip
     if float(driven.asked.force[row, k]) > need:  # another rule says why it has less
         return Cause(why, Message("call p.setTimeStep before the motors are commanded"))
-    return Cause(why, Message(
-        "give it at least {need}: p.setJointMotorControl2(…, force={force})",
-        need=effort(need, unit), force=_enough(need),
-    ))  # fmt: skip
+    return Cause(why, give_at_least(need, effort(need, unit)))
 
 
-def _enough(need: float) -> str:
-    """Return a round force limit that leaves some to spare."""
-    wanted = SPARE * need
+def give_at_least(need: float, said: str) -> Message:
+    """Return the advice to give a motor a round force limit that leaves some to spare."""
+    wanted = SPARE * abs(need)
     step = 10.0 ** (math.floor(math.log10(wanted)) - (wanted < 20))
-    return f"{math.ceil(wanted / step) * step:g}"
+    return Message(
+        "give it at least {need}: p.setJointMotorControl2(…, force={force})",
+        need=said, force=f"{math.ceil(wanted / step) * step:g}",
+    )  # fmt: skip
 
 
 def _held(

@@ -94,7 +94,7 @@ def units_of(driven: Driven, k: int) -> tuple[str, str]:
 
 def distance(value: float, unit: str) -> str:
     """Return a gap as text."""
-    if unit == "m":
+    if unit == "m" and abs(value) < 1:
         return f"{abs(value) * 1e3:.3g} mm"
     return f"{abs(value):.3g} {unit}" if abs(value) >= 10 else f"{abs(value):.2g} {unit}"
 

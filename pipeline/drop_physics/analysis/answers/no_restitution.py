@@ -74,10 +74,10 @@ class NoRestitution(Answer):
             yield Finding(
                 code="no-restitution", level="asked",
                 message=Message(
-                    "does not bounce off {other}: it meets it at {speed:.3g} m/s and leaves at "
-                    "{rebound:.3g} m/s; {why}",
-                    other=self.scene.body(on).label, speed=approach, rebound=max(rebound, 0.0),
-                    why=why,
+                    "{body} does not bounce off {other}: it meets it at {speed:.3g} m/s and leaves "
+                    "at {rebound:.3g} m/s; {why}",
+                    body=self.scene.body(body).label, other=self.scene.body(on).label,
+                    speed=approach, rebound=max(rebound, 0.0), why=why,
                 ),
                 advice=advice, body=self.scene.body(body).label, other=self.scene.body(on).label,
                 effect=Effect(wanted * approach, "m/s"), share=wanted, steps=Span(step, step, 1),

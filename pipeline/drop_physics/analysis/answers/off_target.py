@@ -9,7 +9,7 @@ import numpy as np
 
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Scene, Span, and_more
 from drop_physics.analysis.answers.asked_of_bodies import size_m
-from drop_physics.analysis.answers.held_off import Cause, at_limit, cause_of
+from drop_physics.analysis.answers.held_off import Cause, at_limit, cause_of, give_at_least
 from drop_physics.analysis.answers.joint import (
     OFF,
     distance,
@@ -26,6 +26,8 @@ SMALL = 0.05
 """A positionGain below that is small: PyBullet's own is 0.1."""
 LAWFUL = 0.1
 """A gap that differs by less than this share from what the motor's law leaves is the law's."""
+OFTEN = 0.05
+"""Of its steps, in which a motor is at its limit: less often it is no cause."""
 GIVE_MORE = Message("give it more force, or each target more steps")
 
 
@@ -143,7 +145,9 @@ class OffTarget(Answer):
         """Yield a line per robot; notes of what it holds, and of targets that move."""
         for number, joints in self._joints.items():
             label = self.scene.body(number).label
-            ends = [each for joint in joints.values() for each in self._ends(joint)]
+            rows = self.scene.joints.rows(number)
+            ends = [each for k, joint in joints.items()
+                for each in self._ends(joint, rows[k].needs_at_target)]  # fmt: skip
             asked = [each for each in ends if each.cause and each.cause.level == "asked"]
             for found in (asked, [each for each in ends if each not in asked]):
                 if found:
@@ -152,7 +156,7 @@ class OffTarget(Answer):
             if lags and not asked:
                 yield _lag(label, *max(lags, key=lambda pair: pair[1].off))
 
-    def _ends(self, joint: _Joint) -> Iterator[Missed]:
+    def _ends(self, joint: _Joint, takes: float | None) -> Iterator[Missed]:
         """Yield the targets of a joint that it missed, with their causes."""
         if joint.going is not None:
             driven, missed = joint.going
@@ -161,11 +165,11 @@ class OffTarget(Answer):
                 self._end(joint, driven, missed)
             elif joint.moved:
                 self._move(joint, driven, missed.stood, last=True)
-            elif (cause := _moving(driven, missed)) is not None:
+            elif (cause := _moving(driven, missed, takes)) is not None:
                 yield replace(missed, cause=cause)
         if joint.rested is not None:
             yield joint.rested
-        if joint.behind is not None:
+        if joint.behind is not None and joint.at_limit > OFTEN * joint.steps:
             weak = at_limit(joint.behind.limit, joint.at_limit, joint.steps)
             yield replace(joint.behind, cause=Cause(weak, GIVE_MORE))
 
@@ -188,10 +192,12 @@ def _finding(label: str, found: list[Missed]) -> Finding:
 
 def _lag(label: str, joint: _Joint, lag: Missed) -> Finding:
     stood = lag.stood
+    every = joint.steps / joint.moved
+    often = Message("every {n:.3g} steps", n=every) if every > 1 else Message("with every step")
     message = Message(
-        "{joint} follows its targets {off} behind: they change every {every:.3g} steps, and "
-        "{left:.2g} of each change remains",
-        joint=lag.joint, off=distance(lag.off, lag.unit), every=joint.steps / joint.moved,
+        "{joint} follows its targets {off} behind: they change {often}, and {left:.2g} of each "
+        "change remains",
+        joint=lag.joint, off=distance(lag.off, lag.unit), often=often,
         left=(1 - float(stood.kp[0])) ** int(stood.steps[0]),
     )  # fmt: skip
     advice = Message("p.setJointMotorControl2(…, positionGain=1) leaves nothing of it")
@@ -207,8 +213,11 @@ def _of(label: str, missed: Missed, cause: Cause, message: Message) -> Finding:
     )  # fmt: skip
 
 
-def _moving(driven: Driven, last: Missed) -> Cause | None:
-    """Return why a joint is not yet at the only target that it had; None if that is not sure."""
+def _moving(driven: Driven, last: Missed, takes: float | None) -> Cause | None:
+    """Return why a joint is not yet at the only target that it had; None if that is not sure.
+
+    `takes` is what the target takes of its motor.
+    """
     stood, kp = last.stood, float(last.stood.kp[0])
     row, k = int(stood.row[0]), stood.k
     rings = rings_with(stood.kp, driven.asked.kd[stood.row, k])[0]  # that is motor-gain's
@@ -224,4 +233,10 @@ def _moving(driven: Driven, last: Missed) -> Cause | None:
     if count <= steps / 2:
         return Cause(why)
     weak = at_limit(last.limit, count, steps)
+    if takes is not None and abs(takes) > driven.limit[row, k]:
+        need = effort(takes, units_of(driven, k)[1])
+        return Cause(
+            Message("{weak}; the target takes {need}", weak=weak, need=need),
+            give_at_least(takes, need),
+        )
     return Cause(Message("{why}, and {weak}", why=why, weak=weak), GIVE_MORE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from drop_physics.analysis.answers.answer import Answer, Finding, Scene
+from drop_physics.analysis.answers.answer import Answer, Finding, Scene, so_many
 from drop_physics.analysis.answers.arguments import given, site_of
 from drop_physics.analysis.called import LIVES
 from drop_physics.messages import Message
@@ -50,8 +50,8 @@ class ScriptFailed(Answer):
             yield Finding(code="script-failed", level="broken", message=message)
             return
         message = Message(
-            "the script fails after {steps:,} steps in p.{function}({arguments}){why}: {error}",
-            steps=call.at.step, function=call.function, arguments=call.arguments,
+            "the script fails after {steps} in p.{function}({arguments}){why}: {error}",
+            steps=so_many(call.at.step), function=call.function, arguments=call.arguments,
             why=self._why(call), error=error,
         )  # fmt: skip
         yield Finding(code="script-failed", level="broken", message=message, site=site_of(call))

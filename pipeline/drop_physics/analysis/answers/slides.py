@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +72,7 @@ class Slides(Answer):
     level: Level = "asked"
     speeds_m_s = SLIPS_M_S, np.inf
     """Of the slips that it looks at."""
+    least_share = LEAST_SHARE
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -88,19 +89,20 @@ class Slides(Answer):
                 if judged is None or both[0] == both[1]:
                     continue
                 if all(steps.law.tree.size == 6 for steps in judged.stretches):
-                    for run in _runs(pairs, rows, side, judged):
+                    for run in _runs(self.scene, rows, side, judged):
                         self._runs.add((number, both[1 - side]), run)
 
     def _size(self, both: tuple[int, int], run: Slip) -> float:
         """Return how far a body slips that friction could not stop."""
-        return run.of["slid"] if self.says(run, size_m(self.scene.body(both[0]))) else 0.0
+        least_m = max(LEAST_M, self.least_share * size_m(self.scene.body(both[0])))
+        return run.of["slid"] if self.says(run, least_m) else 0.0
 
-    def says(self, run: Slip, body_m: float) -> bool:
+    def says(self, run: Slip, least_m: float) -> bool:
         """Whether friction was not enough for what was at rest."""
         of = run.of
         slides = of["needed"] > of["available"] and of["slid"] >= SLIDING * of["moved"]
         return bool(
-            of["slid"] > max(LEAST_M, LEAST_SHARE * body_m)
+            of["slid"] > least_m
             and run.began_m_s <= FROM_REST * run.most_m_s
             and (slides or of["turning"] > of["held"] > 0)
             and of["normal"] > NONE * of["needed"]  # else it hardly touches it
@@ -109,7 +111,8 @@ class Slides(Answer):
     def findings(self) -> Iterator[Finding]:
         """Yield each body that slides, with what it slides on."""
         for body, other, run in self._runs.most():
-            message, advice, effect_m = self.words(run, self.scene.body(other).label)
+            labels = {"body": self.scene.body(body).label, "on": self.scene.body(other).label}
+            message, advice, effect_m = self.words(run, labels)
             yield Finding(
                 code=self.code, level=self.level, message=message, advice=advice,
                 body=self.scene.body(body).label, other=self.scene.body(other).label,
@@ -118,11 +121,11 @@ class Slides(Answer):
                 site=self.scene.asked.of["lateralFriction"].site(body, other),
             )  # fmt: skip
 
-    def words(self, run: Slip, on: str) -> tuple[Message, Message, float]:
+    def words(self, run: Slip, labels: Mapping[str, object]) -> tuple[Message, Message, float]:
         """Return what is said of a body that slips on another, the cure, and how far it went."""
         of, seconds = run.of, run.of["time"]
         values: dict[str, object] = {
-            "slid": of["slid"], "on": on, "available": of["available"] / seconds,
+            **labels, "slid": of["slid"], "available": of["available"] / seconds,
             "given": of["available"] / of["normal"], "needed": of["needed"] / seconds,
             "wanted": of["needed"] / of["normal"], "held": of["held"] / seconds,
             "turning": of["turning"] / seconds,
@@ -130,9 +133,9 @@ class Slides(Answer):
         if of["needed"] <= of["available"]:
             return (
                 Message(
-                    "turns in the grip of {on}, {slid:.3g} m at the contact: friction there gives "
-                    "at most {held:.3g} N m about it, and its weight beside it takes {turning:.3g} "
-                    "on average",
+                    "{body} turns in the grip of {on}, {slid:.3g} m at the contact: friction there "
+                    "gives at most {held:.3g} N m about it, and its weight beside it takes "
+                    "{turning:.3g} N m",
                     **values,
                 ),
                 Message("grip it at its centre of mass, or with more force or friction"),
@@ -140,8 +143,9 @@ class Slides(Answer):
             )
         return (
             Message(
-                "slides {slid:.3g} m on {on}: friction there gives at most {available:.3g} N "
-                "(coefficient {given:.3g}), staying takes {needed:.3g} N ({wanted:.3g})",
+                "{body} slides {slid:.3g} m on {on}: friction there gives at most "
+                "{available:.3g} N (coefficient {given:.3g}), staying takes {needed:.3g} N "
+                "({wanted:.3g})",
                 **values,
             ),
             Message(
@@ -153,14 +157,16 @@ class Slides(Answer):
         )
 
 
-def _runs(pairs: Pairs, rows: Rows, side: int, judged: Judged) -> Iterator[Slip]:
+def _runs(scene: Scene, rows: Rows, side: int, judged: Judged) -> Iterator[Slip]:
     """Yield runs of consecutive steps of a pair."""
-    needed, others, pushed, pressed, way, turning = _forces(pairs, rows, side, judged)
+    pairs = scene.touches.pairs
+    set_ = scene.placing.moved(pairs.body[rows, 1 - side], pairs.step[rows])
+    needed, others, pushed, pressed, way, turning = _forces(pairs, rows, side, judged, set_)
     normal = pairs.normal_n[rows]
     # What is held from both sides hangs back, whoever else carries it; elsewhere that is a push.
     gripped = np.linalg.norm(pairs.pressed_n[rows], axis=1) < GRIPPED * normal
     alone = (pushed <= NONE * normal) & (gripped | (others <= NONE * normal))
-    alone &= pairs.one_line[rows] & pairs.explained[rows].all(axis=1)
+    alone &= pairs.one_line[rows] & pairs.explained[rows, side]
     rows, needed, way, gripped = rows[alone], needed[alone], way[alone], gripped[alone]
     if not len(rows):
         return
@@ -185,14 +191,14 @@ def _runs(pairs: Pairs, rows: Rows, side: int, judged: Judged) -> Iterator[Slip]
 
 
 def _forces(
-    pairs: Pairs, rows: Rows, side: int, judged: Judged
+    pairs: Pairs, rows: Rows, side: int, judged: Judged, set_: NDArray[np.bool_]
 ) -> tuple[Float64, Float64, Float64, Float64, Float64, Float64]:
     """Return what of a body's weight and inertia friction has to carry, shape (n, 3) [N].
 
     Then what other bodies do to it, what pushes and constraints do, what of its weight and inertia
     presses it on [N], shape (n,) each, how its centre moves along the contact [m/s], shape (n, 3),
     and the moment about the contact of the first, and what friction can give of that [N m], shape
-    (n, 2). NaN where the sum says nothing.
+    (n, 2). NaN where the sum says nothing. `set_`: for which steps calls set the support.
     """
     needed, moved = np.full((2, len(rows), 3), np.nan)
     other, pushed, pressed = np.full((3, len(rows)), np.nan)
@@ -202,6 +208,10 @@ def _forces(
         return np.asarray(pairs.summed(weights * values) / pairs.normal_n[:, None].clip(1e-300))
 
     support = mean((points.ended_m_s - points.began_m_s)[:, 1 - side])[rows]
+    # Between steps calls may give it another velocity.
+    ended, began = (mean(each[:, 1 - side])[rows] for each in (points.ended_m_s, points.began_m_s))
+    given = np.flatnonzero(set_[1:] & (np.diff(pairs.step[rows]) == 1)) + 1
+    support[given] += began[given] - ended[given - 1]
     goes, centre = mean(points.ended_m_s[:, 1 - side])[rows], mean(points.at_m[:, side])
     sign, line, dt = (-1.0 if side else 1.0), pairs.line[rows], pairs.timestep_s[rows, None]
     arms = np.linalg.norm(np.cross(points.at_m[:, side] - centre[pairs.row], points.normal), axis=1)

@@ -14,6 +14,8 @@ OVERLAP_M = 1e-3
 """Less is no more than contacts at rest have."""
 PUSHED_M_S = 1e-2
 """Slower, nothing moves by it."""
+JUMPED = 2.0
+"""Times what an approach gives in a step, that is deeper."""
 STANDARD_M_S2 = 9.81
 
 
@@ -33,7 +35,13 @@ class StartsInContact(Answer):
         parting = pairs.most(np.where(points.distance_m < -OVERLAP_M, points.parting_m_s, 0.0))
         deep = (pairs.depth_m > OVERLAP_M) & (pairs.normal_n > 0) & (parting > PUSHED_M_S)
         rows = np.flatnonzero(deep)
-        placed = self.scene.placing.placed(pairs.body[rows], pairs.step[rows, None])
+        placing, bodies, steps = self.scene.placing, pairs.body[rows], pairs.step[rows, None]
+        # A body that came with the step before may be listed as touching only now.
+        came_m = pairs.most(points.approach_m_s)[rows].clip(0.0) * pairs.timestep_s[rows]
+        late = placing.placed(bodies, steps - 1)
+        jumped = pairs.depth_m[rows] > JUMPED * came_m + OVERLAP_M
+        late &= (jumped & ~placing.moved(bodies, steps).any(axis=1))[:, None]
+        placed = placing.placed(bodies, steps) | late
         for row, (first, second) in zip(rows.tolist(), placed.tolist(), strict=True):
             if first or second:
                 # Of two, that which was loaded last, or which alone was placed.
@@ -55,15 +63,15 @@ class StartsInContact(Answer):
         body, other, depth_m = self.scene.body(number), self.scene.body(of), found.at["depth"]
         size = min(size_m(each) for each in (body, other))
         values = {
-            "depth": depth_m * 1e3, "other": other.label, "speed": found.most,
+            "body": body.label, "depth": depth_m * 1e3, "other": other.label, "speed": found.most,
             "time": self.scene.times[body.client].of(found.at["step"] - 1),
         }  # fmt: skip
         thrown = found.most**2 / (2 * STANDARD_M_S2) > size
         advice = Message("place it at least {depth:.3g} mm farther away from {other}", **values)
         if number == of:
             message = Message(
-                "collides with itself as it starts: its links overlap by {depth:.3g} mm and are "
-                "pushed apart at {speed:.3g} m/s",
+                "{body} collides with itself as it starts: its links overlap by {depth:.3g} mm and "
+                "are pushed apart at {speed:.3g} m/s",
                 **values,
             )
             advice = Message(
@@ -72,14 +80,14 @@ class StartsInContact(Answer):
             )
         elif self.scene.placing.loaded(number, found.at["step"]):
             message = Message(
-                "is loaded {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed apart at "
-                "{speed:.3g} m/s",
+                "{body} is loaded {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed "
+                "apart at {speed:.3g} m/s",
                 **values,
             )
         else:
             message = Message(
-                "is set {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed apart at "
-                "{speed:.3g} m/s",
+                "{body} is set {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed "
+                "apart at {speed:.3g} m/s",
                 **values,
             )
         return Finding(

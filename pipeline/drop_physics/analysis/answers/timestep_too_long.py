@@ -25,23 +25,24 @@ class TimestepTooLong(Answer):
         self._long: Notes[int] = Notes()
 
     def see(self) -> None:
-        """Compare the way of each step with the size of the body."""
-        with_shape = [each.client for each in self.scene.seen.bodies.values() if each.collisions]
-        for number, judged in self.scene.judged.items():
+        """Compare the way of each step that leads into a contact with the size of the body."""
+        pairs = self.scene.touches.pairs
+        for judged, steps in self.scene.stretches():
             body, box = judged.body, np.array(judged.body.bounds_m[:6])
             thick_m = float((box[3:] - box[:3]).min()) if len(box) == 6 else 0.0
-            for steps in judged.stretches:
-                step_s = steps.reported.timestep_s / max(steps.epoch.substeps, 1)
-                rows = np.flatnonzero(step_s > LONG_S) if body.joints else np.empty(0, np.intp)
-                if len(rows):
-                    self._long.add(number, steps.steps[rows], step_s[rows])
-                if body.joints or steps.law.tree.fixed or with_shape.count(body.client) < 2:
-                    continue
-                way_m = np.linalg.norm(steps.after.velocity[:, 3:6], axis=1) * step_s
-                rows = np.flatnonzero((way_m > thick_m) & np.isfinite(way_m))
-                if len(rows) and 0 < thick_m < ENDLESS_M:
-                    told = {"step": step_s[rows]}
-                    self._far.add(number, steps.steps[rows], way_m[rows], told, thick=thick_m)
+            step_s = steps.reported.timestep_s / max(steps.epoch.substeps, 1)
+            rows = np.flatnonzero(step_s > LONG_S) if body.joints else np.empty(0, np.intp)
+            if len(rows):
+                self._long.add(body.number, steps.steps[rows], step_s[rows])
+            if body.joints or steps.law.tree.fixed:
+                continue
+            way_m = np.linalg.norm(steps.after.velocity[:, 3:6], axis=1) * step_s
+            touched = pairs.step[(pairs.body == body.number).any(axis=1)]
+            meets = np.isin(steps.steps, touched) | np.isin(steps.steps + 1, touched)
+            rows = np.flatnonzero(meets & (way_m > thick_m) & np.isfinite(way_m))
+            if len(rows) and 0 < thick_m < ENDLESS_M:
+                told = {"step": step_s[rows]}
+                self._far.add(body.number, steps.steps[rows], way_m[rows], told, thick=thick_m)
 
     def findings(self) -> Iterator[Finding]:
         """Yield the worst step of each body."""

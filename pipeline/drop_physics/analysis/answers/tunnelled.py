@@ -1,4 +1,4 @@
-"""`tunnelled`: a body is on one side of a box and, a step later, on the other."""
+"""`tunnelled`: a body gets into a box, or through it, and never touches it."""
 
 from __future__ import annotations
 
@@ -7,16 +7,20 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Notes, Scene
+from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Level, Notes, Scene
+from drop_physics.analysis.answers.arguments import number as number_of
+from drop_physics.analysis.answers.arguments import site_of
+from drop_physics.analysis.answers.asked_of_bodies import size_m
 from drop_physics.analysis.explained.bodies import records_of
 from drop_physics.laws.columns import rotation
 from drop_physics.messages import Message
-from drop_physics.seen.events import Collision
+from drop_physics.seen.calls import Call
+from drop_physics.seen.events import Body, Collision
 
 Float64 = NDArray[np.float64]
 
-FILTERS = "setCollisionFilter"
-"""Functions, by the beginning of their names, after which bodies may pass each other."""
+PAIR, FILTERS = "setCollisionFilterPair", "setCollisionFilter"
+"""A function after which two bodies pass each other; the beginning of all of this kind."""
 
 
 class Tunnelled(Answer):
@@ -25,76 +29,100 @@ class Tunnelled(Answer):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self._records = records_of(scene.seen)
-        self._boxes: dict[int, Collision] = {}
-        """Of bodies that nothing moves, and which are one box."""
         put = [each.body.number for each in scene.seen.puts]
-        for number, body in scene.seen.bodies.items():
-            one_box = len(body.collisions) == 1 and body.collisions[0].kind == "box"
-            if one_box and not body.moving and put.count(number) <= 1 and not body.before:
-                self._boxes[number] = body.collisions[0]
-        self._thinnest_m = min((min(each.size_m) for each in self._boxes.values()), default=np.inf)
+        self._boxes = {number: body.collisions[0] for number, body in scene.seen.bodies.items()
+            if len(body.collisions) == 1 and body.collisions[0].kind == "box"
+            and not body.moving and put.count(number) <= 1 and not body.before}  # fmt: skip
+        """Of bodies that nothing moves, and which are one box."""
+        self._off: dict[frozenset[int], Call] = {}
+        """Pairs that a call switched off, by the engine's ids."""
         self._filtered = False
         self._found: Notes[tuple[int, int]] = Notes()
 
     def see(self) -> None:
         """Take a piece."""
-        self._filtered |= any(each.function.startswith(FILTERS) for each in self.scene.piece.calls)
-        if not self._boxes or self._filtered:
-            return
-        for number, judged in self.scene.judged.items():
+        for call in self.scene.piece.calls:
+            if call.function == PAIR and number_of(call, "enableCollision", 1.0) == 0:
+                ids = (int(number_of(call, f"bodyUniqueId{each}", -1.0)) for each in "AB")
+                self._off[frozenset(ids)] = call
+            else:
+                self._filtered |= call.function.startswith(FILTERS)
+        for judged, steps in self.scene.stretches() if self._boxes and not self._filtered else ():
             body = judged.body
-            if body.joints or not body.base_moves or not body.collisions:
+            if body.joints or not body.base_moves:
                 continue
-            for steps in judged.stretches:
-                before_m, after_m = steps.before.position_m, steps.after.position_m
-                ways_m = np.linalg.norm(after_m - before_m, axis=1)
-                rows = np.flatnonzero(ways_m > self._thinnest_m)
-                for other, box in self._boxes.items() if len(rows) else ():
-                    if self.scene.body(other).client != body.client:
-                        continue
-                    base = self._records[other].told(steps.steps[rows])
-                    axis = _through(before_m[rows], after_m[rows], base, box)
-                    through = np.flatnonzero(axis >= 0)
-                    if len(through):
-                        thick_m = np.array(box.size_m)[axis[through]]
-                        at = {"step": steps.steps[rows][through], "thick": thick_m,
-                            "timestep": steps.reported.timestep_s[rows][through]}  # fmt: skip
-                        self._found.add((number, other), at["step"], ways_m[rows][through], at)
+            before_m, after_m = steps.before.position_m, steps.after.position_m
+            ways_m = np.linalg.norm(after_m - before_m, axis=1)
+            for other, box in self._boxes.items():
+                if self.scene.body(other).client == body.client:
+                    base = self._records[other].told(steps.steps)
+                    came, left = _crossing(before_m, after_m, base, box)
+                    whole = (came > 0) & (left < 1)
+                    # One with a shape, that gets inside, was held off.
+                    enters = whole if self._why(body, other) is None else (came > 0) & (came <= 1)
+                    rows = np.flatnonzero(enters & (came < left))
+                    if len(rows):
+                        told = {"step": steps.steps[rows], "share": (left - came)[rows],
+                            "timestep": steps.reported.timestep_s[rows]}  # fmt: skip
+                        self._found.add((body.number, other), steps.steps[rows], ways_m[rows], told)
+
+    def _why(self, body: Body, other: int) -> Call | str | None:
+        """Return the call that switched a pair off, or that a body has no shape; else None."""
+        if not body.collisions:
+            return "shapeless"
+        return self._off.get(frozenset((body.engine_id, self.scene.body(other).engine_id)))
 
     def findings(self) -> Iterator[Finding]:
         """Yield each body that went through a box without touching it."""
         for (number, other), found in self._found.items():
-            if self._filtered or any(
-                each.other == self.scene.body(other).label
-                for each in self.scene.touches.rows(number)
-            ):
-                continue  # they may be meant to pass; or it was held off, and pushed through
             body, box = self.scene.body(number), self.scene.body(other)
-            yield Finding(
-                code="tunnelled",
-                level="broken",
-                message=Message(
-                    "passes through {other} at {time:.4g} s without touching it: it goes "
-                    "{way:.3g} m in one step, and {other} is {thick:.3g} m thick",
-                    other=box.label, way=found.most, thick=found.at["thick"],
-                    time=self.scene.times[body.client].of(found.at["step"]),
-                ),
-                advice=Message(
+            touched = [each.other for each in self.scene.touches.rows(number)]
+            if self._filtered or box.label in touched:
+                continue  # they may be meant to pass; or it was held off, and pushed through
+            why = self._why(body, other)
+            level: Level = "asked"
+            times = self.scene.times[body.client]
+            values = {"body": body.label, "other": box.label,
+                "time": times.of(found.at["step"])}  # fmt: skip
+            if isinstance(why, Call):
+                level = "note"
+                message = Message(
+                    "{body} passes through {other} at {time:.4g} s: a call of "
+                    "p.setCollisionFilterPair switched this pair off",
+                    **values,
+                )
+                advice = Message("p.setCollisionFilterPair(…, enableCollision=1)")
+            elif why is not None:
+                message = Message(
+                    "{body} passes through {other} at {time:.4g} s: it has no collision shape",
+                    **values,
+                )
+                advice = Message("give it one: p.createCollisionShape(…), in a URDF <collision>")
+            else:
+                level, thick_m = "broken", found.most * found.at["share"]
+                message = Message(
+                    "{body} passes through {other} at {time:.4g} s without touching it: it goes "
+                    "{way:.3g} m in one step, and {other} is {thick:.3g} m thick there",
+                    **values, way=found.most, thick=thick_m,
+                )  # fmt: skip
+                advice = Message(
                     "use a timestep in which it goes less than that: p.setTimeStep({shorter:.1g})",
-                    shorter=found.at["timestep"] * found.at["thick"] / found.most / 2,
-                ),
-                body=body.label,
-                other=box.label,
-                effect=Effect(found.most, "m"),
-                share=found.most / found.at["thick"],
-                steps=found.span,
+                    shorter=found.at["timestep"] * found.at["share"] / 2,
+                )
+            yield Finding(
+                code="tunnelled", level=level, message=message, advice=advice, body=body.label,
+                other=box.label, effect=Effect(found.most, "m"), share=found.most / size_m(body),
+                steps=found.span, site=site_of(why) if isinstance(why, Call) else None,
             )  # fmt: skip
 
 
-def _through(
+def _crossing(
     before_m: Float64, after_m: Float64, base: Float64, box: Collision
-) -> NDArray[np.intp]:
-    """Return through which pair of faces of a box ways go, whole; -1 where they do not."""
+) -> tuple[Float64, Float64]:
+    """Return at which shares of their ways points come into a box and leave it, shape (n,) each.
+
+    Slab by slab; a way misses the box where it leaves one before it is in all.
+    """
     turns = np.moveaxis(rotation(base[:, 3:7].T), -1, 0)
     shape = np.moveaxis(rotation(np.array(box.orientation)[:, None]), -1, 0)[0]
     half_m = np.array(box.size_m) / 2
@@ -102,16 +130,10 @@ def _through(
         (np.einsum("nji,nj->ni", turns, each - base[:, :3]) - box.position_m) @ shape
         for each in (before_m, after_m)
     )
-    found = np.full(len(begins), -1)
-    for axis in range(3):
-        a, b = begins[:, axis], ends[:, axis]
-        apart = (np.minimum(a, b) < -half_m[axis]) & (np.maximum(a, b) > half_m[axis])
-        # Where it enters and leaves must be on the faces.
-        within = apart.copy()
-        for face in (-half_m[axis], half_m[axis]):
-            share = np.divide(face - a, b - a, out=np.zeros_like(a), where=b != a)
-            at = begins + share[:, None] * (ends - begins)
-            others = [k for k in range(3) if k != axis]
-            within &= (np.abs(at[:, others]) < half_m[others]).all(axis=1)
-        found[within] = axis
-    return found
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = np.array([(face - begins) / (ends - begins) for face in (-half_m, half_m)])
+    # What goes along a slab is in it all the way, or never.
+    outside, along = np.abs(begins) > half_m, ends == begins
+    came = np.where(along, np.where(outside, np.inf, -np.inf), sides.min(axis=0))
+    left = np.where(along, np.where(outside, -np.inf, np.inf), sides.max(axis=0))
+    return came.max(axis=1), left.min(axis=1)

@@ -16,6 +16,7 @@ from drop_physics.analysis.answers.answer import (
     Notes,
     Scene,
     and_more,
+    so_many,
 )
 from drop_physics.analysis.explained.judged import Judged
 from drop_physics.analysis.explained.steps import Steps
@@ -28,8 +29,11 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 OFTEN = 8
 """Changes of sign, from step to step, that are no chance."""
-RATTLE = "contacts", "rolling"
-"""Terms that turn around the rates of what lies on something: it trembles, and no more."""
+REACT = "contacts", "rolling", "motors"
+"""Terms that the solver finds: they react to others. What lies on something trembles so, and what
+a motor's own gains turn around is `motor-gain`."""
+FULL = 1 - 1e-9
+"""Share of the clamp's limit at which a rate is there."""
 SHARE, LEAST = 0.01, 1e-2
 """Of its greatest, and in rad/s or m/s: a slower rate is noise."""
 AXES = ("spin about x", "spin about y", "spin about z", "velocity along x", "velocity along y",
@@ -47,7 +51,6 @@ ADVICE: Mapping[str, Message] = {
         "damping acts explicitly: set less of it, p.changeDynamics(body, link, linearDamping=…, "
         "angularDamping=…), or use a smaller timestep"
     ),
-    "motors": Message("lower the motor's positionGain, and keep its velocityGain at 1"),
 }
 
 
@@ -134,8 +137,10 @@ def _clamp(known: _Rates, steps: Steps, judged: Judged, own: NDArray[np.bool_]) 
     """Note what the clamp took, in steps that are explained."""
     taken = np.abs(steps.terms["clamp"])
     explained = judged.explained[np.searchsorted(judged.steps, steps.steps)]
-    # What rounding leaves is none.
-    held = (taken > 1e-9 * steps.largest[:, None]) & (own & explained)[:, None]
+    # What rounding leaves is none, and what one rate's clamp takes of others is not theirs.
+    fastest = np.maximum(np.abs(steps.before.velocity), np.abs(steps.after.velocity))
+    held = (fastest >= FULL * steps.law.velocity_limit) & (taken > 1e-9 * steps.largest[:, None])
+    held &= (own & explained)[:, None]
     for row in np.flatnonzero(held.any(axis=0)).tolist():
         known.clamped.add(row, steps.steps[held[:, row]], taken[held[:, row], row])
     known.taken = known.taken + np.where(held, taken, 0.0).sum(axis=0)
@@ -158,7 +163,7 @@ def _unstable(known: _Rates, rings: dict[int, Noted]) -> Finding | None:
     # The clamp ends what others feed.
     turned = {term: float(each[row]) for term, each in known.turned.items() if term != "clamp"}
     most = max(turned, key=turned.__getitem__)
-    if most in RATTLE:
+    if most in REACT:
         return None
     fed = turned[most] > 0.5 * sum(each for each in turned.values() if each > 0)
     message = Message(
@@ -181,9 +186,9 @@ def _clamped(known: _Rates) -> Finding:
     joint, name, unit = _place(known, row)
     taken = Effect(float(known.taken[row]), "N m s" if unit == "rad/s" else "N s")
     message = Message(
-        "{name} reaches {limit:g} {unit}, where PyBullet clamps every rate: in {count:,} steps it "
-        "takes {taken:.3g} {of} away",
-        name=name, limit=known.limit, unit=unit, count=worst.count, taken=taken.value,
+        "{name} reaches {limit:g} {unit}, where PyBullet clamps every rate: in {steps} it takes "
+        "{taken:.3g} {of} away",
+        name=name, limit=known.limit, unit=unit, steps=so_many(worst.count), taken=taken.value,
         of=taken.unit,
     )  # fmt: skip
     return Finding(
