@@ -119,7 +119,7 @@ def seen(scenario: Scenario, camera: Camera, pose: np.ndarray) -> tuple[float, f
     with closing(VisibleWorld(replace(scenario, floor=False), "tiny")) as world:
         world.place(pose[:3], pose[3:])
         x, y, z = pose[:3]
-        rows, columns = np.nonzero(world.photograph(camera.looking_at((x, y, z))).drawn)
+        rows, columns = np.nonzero(world.photograph(camera.looking_at((x, y, z))).bodies >= 0)
     assert len(rows), "the body is not in the picture"
     return (rows.min() + rows.max()) / 2, (columns.min() + columns.max()) / 2, int(np.ptp(columns))
 

@@ -26,6 +26,7 @@ from drop_physics import Scenario, colours, simulate
 from drop_physics.analysis.decomposition import TERMS
 from drop_physics.recording import schema, writer
 from drop_physics.recording import viewer as program
+from drop_physics.recording.falling import image_chunk
 from drop_physics.recording.layout import Eye, layout, look_of_drop
 from drop_physics.recording.layout import Look as Described
 from drop_physics.recording.reader import read
@@ -193,7 +194,7 @@ def with_broken_images(chunk: Chunk) -> Chunk:
         return chunk
     batch = chunk.to_record_batch()
     png = batch.column("EncodedImage:blob")[0].values[0].values.to_numpy().tobytes()
-    return writer.image_chunk(batch.column("sim_step")[0].as_py(), 1 / 240, png[:200])
+    return image_chunk(batch.column("sim_step")[0].as_py(), 1 / 240, png[:200])
 
 
 def with_one_timeline(chunk: Chunk) -> Chunk:

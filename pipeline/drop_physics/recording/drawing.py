@@ -18,7 +18,7 @@ from drop_physics.messages import Message
 from drop_physics.recording import pictures, schema, writer
 from drop_physics.recording.gathering import Gathering
 from drop_physics.recording.told import Event
-from drop_physics.recording.writer import Chunk, Times
+from drop_physics.recording.writer import Chunk, Times, scalars_chunk
 from drop_physics.seen.calls import text_of
 from drop_physics.seen.events import (
     Appearance,
@@ -70,7 +70,10 @@ class Drawing:
         self._masses: dict[int, Mapping[str, Float64]] = {}
         self._gravity: dict[int, Float64] = {}
         self._poses = Gathering(pictures.poses, most=POSES_TOGETHER)
-        self._curves = Gathering(pictures.curves, most=POSES_TOGETHER)
+        self._curves = Gathering(
+            lambda entity, at, parts: scalars_chunk(entity, at, np.concatenate(parts)),
+            most=POSES_TOGETHER,
+        )
         self._trails = Gathering(pictures.trail, most=POSES_TOGETHER)
         self._ways: dict[int, tuple[int, Float64]] = {}
         """The last point of each, by number: when, and where."""

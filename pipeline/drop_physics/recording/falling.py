@@ -9,7 +9,7 @@ import numpy as np
 
 from drop_physics import colours
 from drop_physics.messages import Message
-from drop_physics.recording import schema, writer
+from drop_physics.recording import pictures, schema, writer
 from drop_physics.recording.writer import Chunk
 from drop_physics.scenario import ENGINES, Camera, Scenario
 from drop_physics.seen.events import Samples
@@ -60,6 +60,7 @@ class Falling:
             (schema.HEIGHT_DAMPED_FALL, "damped fall [m]", colours.DAMPED_FALL),
         ):
             yield writer.curve_style_chunk(entity, label, colour)
+        yield pictures.trail_style(schema.TRAIL, writer.rgba(colours.ENGINES[engine]))
 
     def chunks(self, seen: Samples) -> Iterator[Chunk]:
         """Yield heights and trail."""
@@ -76,8 +77,8 @@ class Falling:
             )
         trail = seen.steps % max(1, self.scenario.steps // TRAIL_POINTS) == 0
         if trail.any():
-            colour = colours.ENGINES[self.scenario.engine]
-            yield writer.trail_chunk(seen.steps[trail], timestep_s, base[trail, :3], colour)
+            at = writer.at(seen.steps[trail], timestep_s)
+            yield pictures.trail(schema.TRAIL, at, [base[trail, :3]])
 
     def frames(self, seen: Samples) -> Iterator[tuple[int, bytes, list[Chunk]]]:
         """Yield the frames due among these samples: step, PNG, and what shows it."""
@@ -94,6 +95,11 @@ class Falling:
             moved = [writer.camera_chunk(steps, timestep_s, looking)]
         total = camera.frames_of(self.scenario.steps)
         for step, png in zip(steps.tolist(), self.photography.draw(poses), strict=True):
-            yield step, png, [*moved, writer.image_chunk(step, timestep_s, png)]
+            yield step, png, [*moved, image_chunk(step, timestep_s, png)]
             moved = []
             self.progress(Message("drawing frames"), camera.frames_of(step), total)
+
+
+def image_chunk(step: int, timestep_s: float, png: bytes) -> Chunk:
+    """Return a camera frame."""
+    return pictures.images(schema.IMAGE, writer.at(np.array([step]), timestep_s), [png])

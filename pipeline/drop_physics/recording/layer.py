@@ -153,6 +153,7 @@ def _look(recording: Recording, entities: frozenset[str], shown: Shown) -> Look:
 def _of_drop(timestep_s: float, samples: pl.DataFrame) -> Iterator[Chunk]:
     explained = samples.filter(pl.col("timestep_m").is_not_null())
     steps = explained["step"].to_numpy()
+    at = writer.at(steps, timestep_s)
     for column, (name, colour) in ERROR_CURVES.items():
         number, curve = f"{schema.ERROR}/{name}", f"{schema.ERROR_MM}/{name}"
         values_m = explained[column].to_numpy()
@@ -160,8 +161,8 @@ def _of_drop(timestep_s: float, samples: pl.DataFrame) -> Iterator[Chunk]:
         yield writer.curve_style_chunk(number, f"{name} [m]", colour, width=width)
         yield writer.curve_style_chunk(curve, f"{name} [mm]", colour, width=width)
         if len(steps):
-            yield writer.numbers_chunk(number, steps, timestep_s, values_m)
-            yield writer.numbers_chunk(curve, steps, timestep_s, values_m * 1e3)
+            yield writer.scalars_chunk(number, at, values_m[:, None])
+            yield writer.scalars_chunk(curve, at, values_m[:, None] * 1e3)
     steps = samples["step"].to_numpy()
     largest_j = samples.select(pl.max_horizontal(pl.col(*ENERGY_CURVES).abs().max())).item()
     resolution_j = schema.ENERGY_RESOLUTION * (largest_j or 1.0)
@@ -198,7 +199,7 @@ def _of_panels(shown: Shown) -> Iterator[Chunk]:
             )
             yield Chunk.from_columns(entity, [], named.partition([len(lines)]))
             values = np.stack([line.values for line in lines], axis=1)
-            yield pictures.curves(entity, Times(lines[0].steps, lines[0].times_s), [values])
+            yield writer.scalars_chunk(entity, Times(lines[0].steps, lines[0].times_s), values)
 
 
 def _errors(body: pl.DataFrame, entity: str) -> Iterator[Chunk]:
@@ -211,7 +212,7 @@ def _errors(body: pl.DataFrame, entity: str) -> Iterator[Chunk]:
         | (in_flight != in_flight.shift(-1, fill_value=False))
     )
     errors_mm = shown.select("error_x_m", "error_y_m", "error_z_m").to_numpy() * 1e3
-    yield pictures.curves(entity, _times(shown), [errors_mm])
+    yield writer.scalars_chunk(entity, _times(shown), errors_mm)
 
 
 def _states(body: pl.DataFrame) -> Iterator[Chunk]:

@@ -56,9 +56,9 @@ def trail(entity: str, at: Times, places: Sequence[Float64]) -> Chunk:
     )
 
 
-def trail_style(entity: str) -> Chunk:
+def trail_style(entity: str, colour: int = TRAIL_COLOUR) -> Chunk:
     """Return how the points of a way look."""
-    look = rr.Points3D.columns(radii=[TRAIL_RADIUS], colors=np.array([TRAIL_COLOUR], np.uint32))
+    look = rr.Points3D.columns(radii=[TRAIL_RADIUS], colors=np.array([colour], np.uint32))
     return Chunk.from_columns(entity, [], look)
 
 
@@ -256,14 +256,6 @@ def camera(entity: str, at: Times, seen: Image) -> Iterator[Chunk]:
             camera_xyz=[rr.ViewCoordinates.RUB.coordinates],
         ),
     )
-
-
-def curves(entity: str, at: Times, parts: Sequence[Float64]) -> Chunk:
-    """Return points of curves, from parts of shape (n, curves)."""
-    values = np.concatenate(parts)
-    count, width = values.shape
-    columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).ravel())
-    return Chunk.from_columns(entity, times(at), columns.partition([width] * count))
 
 
 def log(entity: str, at: Times, lines: Sequence[tuple[str, bool]]) -> Chunk:

@@ -202,7 +202,7 @@ def camera_chunk(steps: Steps | None, timestep_s: float, world_from_camera: Floa
     """Return the camera's poses, shape (n, 4, 4), at these steps, or a constant one."""
     return Chunk.from_columns(
         schema.CAMERA,
-        [] if steps is None else _times(steps, timestep_s),
+        [] if steps is None else times(at(steps, timestep_s)),
         rr.Transform3D.columns(
             translation=world_from_camera[:, :3, 3], mat3x3=world_from_camera[:, :3, :3]
         ),
@@ -310,7 +310,8 @@ def texts_chunk(entity: str, at: Times, texts: Sequence[str]) -> Chunk:
     return Chunk.from_columns(entity, times(at), [column])
 
 
-def _at(steps: Steps, timestep_s: float) -> Times:
+def at(steps: Steps, timestep_s: float) -> Times:
+    """Return the times of a drop's steps."""
     return Times(steps, np.asarray(steps * timestep_s, dtype=np.float64))
 
 
@@ -340,11 +341,6 @@ class _Arrow:
         return self._values
 
 
-def numbers_chunk(entity: str, steps: Steps, timestep_s: float, values: Float64) -> Chunk:
-    """Return one scalar per step, shape (n,), float64."""
-    return Chunk.from_columns(entity, _times(steps, timestep_s), rr.Scalars.columns(scalars=values))
-
-
 def curve_chunk(
     entity: str, steps: Steps, timestep_s: float, values: Float64, *, resolution: float
 ) -> Chunk:
@@ -354,7 +350,7 @@ def curve_chunk(
     them with a straight line.
     """
     kept = noticed(values.reshape(-1, 1), resolution)
-    return numbers_chunk(entity, steps[kept], timestep_s, values[kept])
+    return scalars_chunk(entity, at(steps[kept], timestep_s), values[kept, None])
 
 
 def noticed(values: Float64, resolution: float) -> NDArray[np.bool_]:
@@ -364,33 +360,5 @@ def noticed(values: Float64, resolution: float) -> NDArray[np.bool_]:
     return np.concatenate(([True], changes)) | np.concatenate((changes, [True]))
 
 
-def trail_chunk(steps: Steps, timestep_s: float, positions_m: Float64, colour: str) -> Chunk:
-    """Return points of the body's trail [m], shape (n, 3), as a stroboscope shows them."""
-    n, radius = len(steps), -1.5  # negative: in screen points, whatever the distance
-    return Chunk.from_columns(
-        schema.TRAIL,
-        _times(steps, timestep_s),
-        rr.Points3D.columns(
-            positions=positions_m,
-            radii=[radius] * n,
-            # As plain numbers, three or four colours would be read as the channels of one.
-            colors=np.full(n, rgba(colour), dtype=np.uint32),
-        ),
-    )
-
-
-def image_chunk(step: int, timestep_s: float, png: bytes) -> Chunk:
-    """Return one camera frame."""
-    return Chunk.from_columns(
-        schema.IMAGE,
-        _times(np.array([step]), timestep_s),
-        rr.EncodedImage.columns(blob=[png], media_type=["image/png"]),
-    )
-
-
 def _static(entity: str, columns: rr.ComponentColumnList) -> Chunk:
     return Chunk.from_columns(entity, [], columns)
-
-
-def _times(steps: Steps, timestep_s: float) -> list[rr.TimeColumn]:
-    return times(_at(steps, timestep_s))

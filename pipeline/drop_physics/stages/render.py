@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -139,13 +138,9 @@ def render(
     if made is not None:
         check_animation(gif, made.played.fps)
         beside = story if animation.with_plot and story.panels else None
-        captions = _captions(analysis, animation)
-        pictures = _composed(made, beside, captions, dark)
-        count = len(made.times_s)
-        report = functools.partial(progress, Message("writing {suffix}", suffix=gif.suffix[1:]))
+        pictures = _composed(made, beside, _captions(analysis, animation), dark, progress, gif)
         with written_whole(gif, force=force, ours=out is None) as file, _refused(path):
-            shown = _reported(pictures, count, report)
-            pictured = write_animation(shown, file, suffix=gif.suffix, fps=made.played.fps)
+            pictured = write_animation(pictures, file, suffix=gif.suffix, fps=made.played.fps)
     with written_whole(plotted, force=force, ours=plot is None) as file:
         drawn = _plot(story, plotted.suffix[1:], dark) if assistant is None else assistant.answer()
         file.write(drawn)
@@ -221,25 +216,26 @@ def _captions(
 
 
 def _composed(
-    film: Film, story: Story | None, captions: Callable[[float], str] | None, dark: bool
+    film: Film,
+    story: Story | None,
+    captions: Callable[[float], str] | None,
+    dark: bool,
+    progress: Progress,
+    gif: Path,
 ) -> Iterator[Image.Image]:
-    if story is None and captions is None:
-        yield from film.pictures
-        return
-    from drop_physics.figures.composition import Composition  # loads matplotlib
-
+    """Yield the pictures with what is beside and below them, and report each."""
     composition: Composition | None = None
-    for picture, time_s in zip(film.pictures, film.times_s, strict=True):
-        composition = composition or Composition(picture.size, story, captions, dark=dark)
-        yield composition.composed(picture, time_s)
+    words, count = Message("writing {suffix}", suffix=gif.suffix[1:]), len(film.times_s)
+    moments = zip(film.pictures, film.times_s, strict=True)
+    for done, (picture, time_s) in enumerate(moments, start=1):
+        if story is None and captions is None:
+            yield picture
+        else:
+            from drop_physics.figures.composition import Composition  # loads matplotlib
 
-
-def _reported(
-    pictures: Iterator[Image.Image], count: int, report: Callable[[int, int], None]
-) -> Iterator[Image.Image]:
-    for done, picture in enumerate(pictures, start=1):
-        yield picture
-        report(done, count)
+            composition = composition or Composition(picture.size, story, captions, dark=dark)
+            yield composition.composed(picture, time_s)
+        progress(words, done, count)
 
 
 def plot_of(analysis: Analysis | FallAnalysis, *, dark: bool = False) -> bytes:

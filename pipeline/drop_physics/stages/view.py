@@ -135,7 +135,7 @@ def _poses(seen: Seen) -> Iterator[Chunk]:
             for entity, poses in poses_in_tree(body, motions):
                 yield pictures.poses(entity, at, [poses])
             if not body.joints:
-                yield pictures.curves(f"{schema.HEIGHT}/{body.label}", at, [motions[:, 0, 2:3]])
+                yield writer.scalars_chunk(f"{schema.HEIGHT}/{body.label}", at, motions[:, 0, 2:3])
 
 
 def _of_one_script(paths: Sequence[Path]) -> bool:

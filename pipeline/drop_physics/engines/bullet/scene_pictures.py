@@ -16,7 +16,7 @@ from PIL import Image
 
 from drop_physics.engines.bullet.c_output import c_output_moved_aside
 from drop_physics.engines.bullet.engine import p
-from drop_physics.engines.bullet.visible_world import LIGHT, view_matrix
+from drop_physics.engines.bullet.visible_world import picture_of
 from drop_physics.scenario import Camera
 from drop_physics.seen.events import Model, Pose
 
@@ -152,23 +152,10 @@ class _Shapes:
 def _picture(
     camera: Camera, client: int, floors: set[int], page: tuple[int, int, int]
 ) -> NDArray[np.uint8]:
-    width, height = camera.size_px
-    _, _, rgba, depth, bodies = p.getCameraImage(
-        width,
-        height,
-        viewMatrix=view_matrix(camera),
-        projectionMatrix=p.computeProjectionMatrixFOV(
-            camera.vertical_fov_deg, width / height, camera.near_m, camera.far_m
-        ),
-        lightDirection=LIGHT,
-        renderer=p.ER_TINY_RENDERER,
-        physicsClientId=client,
-    )
-    pixels = np.array(rgba, dtype=np.uint8).reshape(height, width, 4)[:, :, :3]
+    pixels, depth, numbers = picture_of(client, camera, "tiny", lit=True)
     pixels -= pixels % SHADES
-    numbers = np.reshape(bodies, (height, width))
     near_m, far_m = camera.near_m, camera.far_m
-    nearness = far_m - (far_m - near_m) * np.reshape(depth, (height, width)).astype(np.float64)
+    nearness = far_m - (far_m - near_m) * depth.astype(np.float64)
     pixels[numbers < 0] = page
     shown = (numbers >= 0) & ~np.isin(numbers, [*floors])
     edges = _edges(np.where(shown, numbers, -1), nearness) & shown

@@ -32,8 +32,8 @@ class Picture(NamedTuple):
     """RGB, shape (height, width, 3)."""
     depth: NDArray[np.float32]
     """0 at the near plane, 1 at the far plane and where there is nothing."""
-    drawn: NDArray[np.bool_]
-    """Where there is anything."""
+    bodies: NDArray[np.int64]
+    """Whose pixel each is; below 0 where there is nothing."""
 
 
 class VisibleWorld(World):
@@ -78,27 +78,30 @@ class VisibleWorld(World):
 
     def photograph(self, camera: Camera) -> Picture:
         """Return a picture of the world as it is now."""
-        width, height = camera.size_px
-        _, _, rgba, depth, bodies = p.getCameraImage(
-            width,
-            height,
-            viewMatrix=view_matrix(camera),
-            projectionMatrix=p.computeProjectionMatrixFOV(
-                camera.vertical_fov_deg, width / height, camera.near_m, camera.far_m
-            ),
-            **({} if camera.view == "standard" else {"lightDirection": LIGHT}),
-            renderer={"tiny": p.ER_TINY_RENDERER, "egl": p.ER_BULLET_HARDWARE_OPENGL}[
-                self._renderer
-            ],
-            physicsClientId=self._client,
-        )
-        # Built without numpy, PyBullet returns flat tuples instead of arrays.
-        pixels = np.asarray(rgba, dtype=np.uint8).reshape(height, width, 4)
-        return Picture(
-            np.ascontiguousarray(pixels[:, :, :3]),
-            np.asarray(depth, dtype=np.float32).reshape(height, width),
-            np.asarray(bodies).reshape(height, width) >= 0,
-        )
+        return picture_of(self._client, camera, self._renderer, lit=camera.view != "standard")
+
+
+def picture_of(client: int, camera: Camera, renderer: Renderer, *, lit: bool) -> Picture:
+    """Return a picture of what a simulation holds now; `lit` by our own light, or PyBullet's."""
+    width, height = camera.size_px
+    _, _, rgba, depth, bodies = p.getCameraImage(
+        width,
+        height,
+        viewMatrix=view_matrix(camera),
+        projectionMatrix=p.computeProjectionMatrixFOV(
+            camera.vertical_fov_deg, width / height, camera.near_m, camera.far_m
+        ),
+        **({"lightDirection": LIGHT} if lit else {}),
+        renderer={"tiny": p.ER_TINY_RENDERER, "egl": p.ER_BULLET_HARDWARE_OPENGL}[renderer],
+        physicsClientId=client,
+    )
+    # Built without numpy, PyBullet returns flat tuples instead of arrays.
+    pixels = np.asarray(rgba, dtype=np.uint8).reshape(height, width, 4)
+    return Picture(
+        np.ascontiguousarray(pixels[:, :, :3]),
+        np.asarray(depth, dtype=np.float32).reshape(height, width),
+        np.asarray(bodies).reshape(height, width),
+    )
 
 
 SHARE_OF_HEIGHT = {"close": 1 / 6, "follow": 1 / 4}
