@@ -87,6 +87,31 @@ def record(
         As for `unfinished`; if the file fails verification.
     """
     rows: dict[str, int] = {}
+    kept = unfinished(path, force=force, ours=ours, salvage=salvage, note=note)
+    with kept as part, strict():
+        _stream(part, chunks, rows, recording_id, full)
+        if blueprint is None:
+            seal(part, path, blueprint=None, rows=rows, force=force or ours)
+            return
+        with tempfile.TemporaryDirectory() as folder:
+            layout = Path(folder, "layout.rbl")
+            layout_of = blueprint if isinstance(blueprint, rrb.Blueprint) else blueprint()
+            # Rerun keeps the stream that it saved with, and two threads that never sleep for long.
+            # If one thread cleans up while another saves, both wait forever.
+            with output_errors(layout), _SAVING:
+                layout_of.save(schema.APPLICATION_ID, str(layout))
+                bindings.flush_and_cleanup_orphaned_recordings()
+            seal(part, path, blueprint=layout, rows=rows, force=force or ours)
+
+
+def _stream(
+    part: Path,
+    chunks: Iterable[Chunk],
+    rows: dict[str, int],
+    recording_id: str,
+    full: Callable[[], None] | None,
+) -> None:
+    """Write chunks to a file one by one, and count their `rows` by entity."""
     failures: list[BaseException] = []
 
     def counted() -> Iterator[Chunk]:
@@ -102,31 +127,17 @@ def record(
         except BaseException as failure:  # noqa: BLE001 - raised again below
             failures.append(failure)
 
-    kept = unfinished(path, force=force, ours=ours, salvage=salvage, note=note)
-    with kept as part, strict():
-        try:
-            LazyChunkStream.from_iter(counted()).write_rrd(
-                part, application_id=schema.APPLICATION_ID, recording_id=recording_id
-            )
-        except RuntimeError as failure:  # also from a signal that comes between two chunks
-            check_signals()
-            if str(failure).startswith("KeyboardInterrupt"):
-                raise KeyboardInterrupt from None
-            raise
-        if failures:
-            raise failures[0]
-        if blueprint is None:
-            seal(part, path, blueprint=None, rows=rows, force=force or ours)
-            return
-        with tempfile.TemporaryDirectory() as folder:
-            layout = Path(folder, "layout.rbl")
-            layout_of = blueprint if isinstance(blueprint, rrb.Blueprint) else blueprint()
-            # Rerun keeps the stream that it saved with, and two threads that never sleep for long.
-            # If one thread cleans up while another saves, both wait forever.
-            with output_errors(layout), _SAVING:
-                layout_of.save(schema.APPLICATION_ID, str(layout))
-                bindings.flush_and_cleanup_orphaned_recordings()
-            seal(part, path, blueprint=layout, rows=rows, force=force or ours)
+    try:
+        LazyChunkStream.from_iter(counted()).write_rrd(
+            part, application_id=schema.APPLICATION_ID, recording_id=recording_id
+        )
+    except RuntimeError as failure:  # also from a signal that comes between two chunks
+        check_signals()
+        if str(failure).startswith("KeyboardInterrupt"):
+            raise KeyboardInterrupt from None
+        raise
+    if failures:
+        raise failures[0]
 
 
 def _is_short_of_room(part: Path) -> bool:

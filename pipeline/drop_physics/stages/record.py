@@ -219,14 +219,14 @@ def _worth_knowing(
 
 
 def written(
-    process: running.Script,
+    process: running.Listener,
     recorder: Recorder,
     path: Path,
     *,
     recording_id: str,
     **how: Any,  # noqa: ANN401 - as `writer.record` takes it
 ) -> Ending:
-    """Write what a running script does, and return how it ended."""
+    """Write what a running script or block does, and return how it ended."""
     endings: list[Ending] = []
 
     def ending() -> Ending:

@@ -30,12 +30,10 @@ from drop_physics.engines.bullet.watching import ending, start
 from drop_physics.engines.bullet.watching.hooks import Stop, Watch
 from drop_physics.errors import NO_MEMORY, DropError, OutputError, check_suffix
 from drop_physics.files.outputs import check_target
-from drop_physics.recording import schema, writer
-from drop_physics.recording.about import about_script
-from drop_physics.recording.layout import layout
+from drop_physics.recording import schema
 from drop_physics.recording.recorder import Recorder
 from drop_physics.stages.program import checked_limits
-from drop_physics.stages.record import Recorded, recorded_of
+from drop_physics.stages.record import Recorded, recorded_of, written
 from drop_physics.workers import our_environment
 
 
@@ -132,6 +130,11 @@ def record(
                     recorder.returncode = 0
     if not ours:
         return
+    block.recorded = replace(_recorded(answer, path), recording=path)
+
+
+def _recorded(answer: bytes, path: Path) -> Recorded:
+    """Return the result that the process that writes the recording has sent."""
     if not answer:
         raise OutputError(
             "{path} was not written: the process that writes the recording ended; is there enough "
@@ -141,7 +144,7 @@ def record(
     result: dict[str, Any] = json.loads(answer)
     if "recording" not in result:
         raise OutputError("{error}", error=result["error"])
-    block.recorded = replace(Recorded(**result), recording=path)
+    return Recorded(**result)
 
 
 def _record(request: dict[str, Any]) -> dict[str, Any]:
@@ -155,20 +158,11 @@ def _record(request: dict[str, Any]) -> dict[str, Any]:
     }
     recorder = Recorder({schema.ORIGIN_PROPERTY: origin}, drawn=request["drawn"])
     listener = BlockListener(request["reading"], request["block"], process=request["process"])
-    chunks = recorder.chunks(
-        listener.events(), listener.ending, lambda ended: about_script(origin, recorder, ended)
-    )
-    writer.record(
-        path,
-        writer.named(chunks, path.stem),
-        recording_id=recording_id,
-        blueprint=(lambda: layout(recorder.look())) if request["drawn"] else None,
-        force=request["force"],
+    ended = written(
+        listener, recorder, path, recording_id=recording_id, force=request["force"],
         full=lambda: listener.stop("disk"),
-    )
-    recorded = recorded_of(
-        recorder, listener.ending(), path, recording_id=recording_id, name=schema.BLOCK
-    )
+    )  # fmt: skip
+    recorded = recorded_of(recorder, ended, path, recording_id=recording_id, name=schema.BLOCK)
     wall_s = time.perf_counter() - began
     return asdict(recorded) | {"recording": str(path), "wall_s": wall_s}
 

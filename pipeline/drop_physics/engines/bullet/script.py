@@ -125,6 +125,9 @@ class Listener(ABC):
         File descriptors of the pipe, and of the memory that both processes see.
     """
 
+    target = ""
+    """The script; empty of a block."""
+
     def __init__(self, reading: int, block: int) -> None:
         self.decoder = Decoder()
         self._reading, self._memory = reading, block

@@ -86,7 +86,7 @@ def changing(watch: Watch, name: str, original: Any) -> Call:
     acquire, release, kept = lock.acquire, lock.release, lock.kept
     real_time, plan_of = watch.real_time_since, calls.plans(name).get
     (before, after), frame = _effects(name), _getframe
-    letter, head, block_size = protocol.CALL, protocol.HEADER.size, protocol.BLOCK.size
+    letter, head, block = protocol.CALL, protocol.HEADER.size, protocol.BLOCK.size
 
     def change(*args: Any, **kwargs: Any) -> Any:
         if not watch.on:
@@ -94,9 +94,8 @@ def changing(watch: Watch, name: str, original: Any) -> Call:
         told = noted = None
         acquire()
         try:
-            if watch.stopped or pipe.gone:
+            if watch.stopped or pipe.gone or real_time:
                 watch.check()
-            if real_time:
                 watch.let_time_pass()
             place, world, numbers = frame(1), None, None
             plan = plan_of((id(place.f_code), place.f_lasti))
@@ -121,7 +120,7 @@ def changing(watch: Watch, name: str, original: Any) -> Call:
                 end = pipe.end if pipe.end <= pipe.limit else pipe.make_room()
                 pack(pipe.memory, end, letter, size - head, world.number, site, *numbers)
                 pipe.end = end = end + size
-                pipe.counts[1] = end - block_size
+                pipe.counts[1] = end - block
             except Exception:  # noqa: BLE001 - likewise
                 watch.guarded(world, calls.tell, world, name, args, kwargs, place)
             told = world
@@ -130,8 +129,7 @@ def changing(watch: Watch, name: str, original: Any) -> Call:
                 after(watch, world, name, noted, result)
             return result
         except Exception as error:
-            if told is not None:
-                _raised(watch, told, name, error)
+            _raised(watch, told, name, error)
             raise
         finally:
             release()
@@ -205,7 +203,9 @@ def _after_creation(watch: Watch, _: World, name: str, __: Any, result: Any) -> 
         watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(result))
 
 
-def _raised(watch: Watch, world: World, name: str, error: Exception) -> None:
+def _raised(watch: Watch, world: World | None, name: str, error: Exception) -> None:
+    if world is None:  # it was not told of
+        return
     watch.pipe.note("raised", error=f"{type(error).__name__}: {error}")
     if name in MOVES_ALL:  # it may have moved some bodies before it failed
         world.moved[ALL] = set()
@@ -223,8 +223,7 @@ def passive(watch: Watch, name: str, original: Any) -> Call:
         if watch.stopped or pipe.gone or real_time or polls:
             with watch.lock:
                 watch.check()
-                if real_time:
-                    watch.let_time_pass()
+                watch.let_time_pass()
                 if polls:
                     clock.ask()
         if has_answer and windows:
@@ -330,8 +329,7 @@ def photographing(watch: Watch, name: str, original: Any) -> Call:
             return original(*args, **kwargs)
         with watch.lock:
             watch.check()
-            if watch.real_time_since:
-                watch.let_time_pass()
+            watch.let_time_pass()
             world = watch.worlds.get(client_of(name, args, kwargs))
             result = original(*args, **kwargs)
             if world is not None:

@@ -296,7 +296,8 @@ class Watch:
 
     def let_time_pass(self) -> None:
         """Let pass the time that a call takes, where a simulation runs by itself."""
-        self.clock.wait(CALL_S)
+        if self.real_time_since:
+            self.clock.wait(CALL_S)
 
     def _time_has_passed(self) -> None:
         if not self.on:
