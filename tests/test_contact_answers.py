@@ -13,9 +13,11 @@ from asked import findings
 from conftest import some
 from contact_scenes import (
     BOX,
+    DUCKS,
     FLOOR,
     GRIP,
     HEIGHT,
+    JERKED,
     LIFT,
     PANDA,
     PUCK,
@@ -23,6 +25,7 @@ from contact_scenes import (
     SLOPE,
     STACK,
     TRAY,
+    TURNED,
     bare,
 )
 from drop_physics.analysis.answers.answer import Finding
@@ -52,6 +55,8 @@ SLIDES = {
     "grip of a heavy one": (GRIP.format(mass=2, off=0, mu=0.7, force=10), 1, "0.98"),
     "lift": (LIFT.format(mass=1, mu=0.2, force=10), 2, "0.5"),
     "tray": (TRAY.format(mu=0.3), 2, "0.5"),
+    "turned": (TURNED.format(mu=0.3), 2, "0.3"),
+    "jerked": (JERKED.format(mass=0.3, mu=0.3, force=10), 2, "(0.403)"),
 }
 HOLDS = {
     "slope": SLOPE.format(degrees=25, mu=0.6, above=0, steps=240),
@@ -60,6 +65,8 @@ HOLDS = {
     "grip of a heavy one": GRIP.format(mass=2, off=0, mu=0.7, force=30),
     "lift": LIFT.format(mass=1, mu=1.5, force=10).replace("else 0)", "else 10)"),
     "tray": TRAY.format(mu=0.8),
+    "turned": TURNED.format(mu=0.8),
+    "jerked": JERKED.format(mass=0.3, mu=0.3, force=20),
 }
 
 
@@ -79,7 +86,9 @@ def test_what_friction_cannot_hold_slides(name: str, tmp_path: Path) -> None:
     assert not found(HOLDS[name], tmp_path, "slides")
 
 
-@pytest.mark.parametrize("scene", [PUCK, PUSHED, PANDA], ids=["puck", "pushed", "panda"])
+@pytest.mark.parametrize(
+    "scene", [PUCK, PUSHED, PANDA, DUCKS], ids=["puck", "pushed", "panda", "ducks"]
+)
 def test_what_is_meant_to_move_does_not_slide(scene: str, tmp_path: Path) -> None:
     assert not found(scene, tmp_path, "slides")
 

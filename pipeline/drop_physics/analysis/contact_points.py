@@ -49,6 +49,8 @@ class Points:
     """Velocities of both sides' points as the step began, shape (k, 2, 3)."""
     ended_m_s: Float64
     """As it ended."""
+    carried_m_s: Float64
+    """The same, with links turned on as they then are: what a point of a wheel was given."""
     timestep_s: Float64
     explained: Flags
     """Whether the step of each side is explained, shape (k, 2); so is what cannot move."""
@@ -270,6 +272,7 @@ def _points(explained: Explained, records: Mapping[int, Record]) -> Points:
         restitution=_product(records, "restitution", table, bodies, links)[order],
         began_m_s=sides.began_m_s[rows, which],
         ended_m_s=sides.ended_m_s[rows, which],
+        carried_m_s=sides.carried_m_s[rows, which],
         timestep_s=sides.timestep_s[order],
         explained=sides.explained[rows, which],
         moves=sides.moves[rows, which],
@@ -289,7 +292,7 @@ class _Sides:
         table: pl.DataFrame,
     ) -> None:
         self.at_m = np.stack([_vectors(table, "ax_m"), _vectors(table, "bx_m")], axis=1)
-        self.began_m_s, self.ended_m_s = np.zeros((count, 2, 3)), np.zeros((count, 2, 3))
+        self.began_m_s, self.ended_m_s, self.carried_m_s = np.zeros((3, count, 2, 3))
         self.timestep_s = np.zeros(count)
         self.explained = np.ones((count, 2), np.bool_)
         self.moves = np.zeros((count, 2), np.bool_)
@@ -310,19 +313,27 @@ class _Sides:
                 base = records[number].told(ends[rows])
                 arm = self.at_m[rows, side] - base[:, :3]
                 moved = base[:, 7:10] + np.cross(base[:, 10:13], arm)
-                self.began_m_s[rows, side] = self.ended_m_s[rows, side] = moved
+                for each in (self.began_m_s, self.ended_m_s, self.carried_m_s):
+                    each[rows, side] = moved
 
     def _take(self, steps: Steps, explained: Flags) -> None:
         used, rows = np.unique(steps.reported.contacts.step, return_inverse=True)
-        kin = kinematics(steps.law.tree, steps.before.at(used))
+        kin, then = (kinematics(steps.law.tree, each.at(used))
+            for each in (steps.before, steps.after))  # fmt: skip
         point, side = steps.sides.point, np.where(steps.sides.is_a, 0, 1)
         at_m = self.at_m[point, side]
-        for states, out in ((steps.before, self.began_m_s), (steps.after, self.ended_m_s)):
-            moved = motion(kin, states.velocity[used])
+        for here, states, out in (
+            (kin, steps.before, self.began_m_s), (kin, steps.after, self.ended_m_s),
+            (then, steps.after, self.carried_m_s),
+        ):  # fmt: skip
+            moved = motion(here, states.velocity[used])
             for link in np.unique(steps.sides.link).tolist():
                 its = np.flatnonzero(steps.sides.link == link)
                 k = min(link, steps.law.tree.links - 1) + 1
                 arm = at_m[its] - kin.centres[k].T[rows[its]]
+                if here is then:
+                    turn = then.matrix(k - 1) @ kin.matrix(k - 1).swapaxes(1, 2)
+                    arm = np.einsum("nij,nj->ni", turn[rows[its]], arm)
                 turned = np.cross(moved.spins[k].T[rows[its]], arm)
                 out[point[its], side[its]] = moved.velocities[k].T[rows[its]] + turned
         row = steps.reported.contacts.step

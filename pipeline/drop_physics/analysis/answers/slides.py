@@ -25,16 +25,18 @@ LEAST_M, LEAST_SHARE = 1e-3, 0.01
 """Of a slip, and of its share of the body's size."""
 NONE = 0.01
 """A force below this share of the normal force is none."""
+LEAST_STEPS = 10
+"""Shorter, it was hit."""
 LANDS_M_S = 0.02
 """Along the normal; then it does not rest there."""
 GRIPPED = 0.1
 """Share of the normal forces that is left of them as a sum, where they press from both sides."""
 SLIDING = 0.8
 """What slips less at the contact than its centre moves rolls or tumbles."""
-SUMS = ("slid", "moved", "time", "normal", "available", "used", "turning", "held")
-"""Of slip [m], way of the centre [m], time [s]; normal, available, used impulse [N s]; in a grip
-the moment about the contact of what moving with the support takes, and what friction can give of
-it [N m s]."""
+SUMS = ("slid", "moved", "time", "normal", "available", "used", "against", "turning", "held")
+"""Of slip [m], way of the centre [m], time [s]; normal, available, used impulse [N s], and that
+against the slip which moving with the support takes; in a grip the moment about the contact of
+that, and what friction can give of it [N m s]."""
 
 
 @dataclass
@@ -51,11 +53,14 @@ class Slip:
     most_m_s: float
     sums: Float64
     """SUMS, then the impulse that moving with the support takes [N s], and the way, as vectors."""
+    rise: Float64
+    """The same until it slips fastest: then it is caught, or falls on."""
 
     def then(self, more: Slip) -> Slip:
         """Return both as one."""
+        rise = self.sums + more.rise if more.most_m_s > self.most_m_s else self.rise
         most_m_s = max(self.most_m_s, more.most_m_s)
-        return Slip(self.first, more.last, self.began_m_s, most_m_s, self.sums + more.sums)
+        return Slip(self.first, more.last, self.began_m_s, most_m_s, self.sums + more.sums, rise)
 
     @property
     def of(self) -> dict[str, float]:
@@ -63,6 +68,11 @@ class Slip:
         needed, went = np.linalg.norm(self.sums[len(SUMS) :].reshape(2, 3), axis=1).tolist()
         sums = dict(zip(SUMS, self.sums.tolist(), strict=False))
         return {**sums, "needed": needed, "went": went}
+
+    @property
+    def at_first(self) -> dict[str, float]:
+        """The sums until it slips fastest by their names."""
+        return dict(zip(SUMS, self.rise.tolist(), strict=False))
 
 
 class Slides(Answer):
@@ -100,11 +110,13 @@ class Slides(Answer):
     def says(self, run: Slip, least_m: float) -> bool:
         """Whether friction was not enough for what was at rest."""
         of = run.of
-        slides = of["needed"] > of["available"] and of["slid"] >= SLIDING * of["moved"]
+        first = run.at_first
+        slides = first["against"] > first["available"] and of["slid"] >= SLIDING * of["moved"]
         return bool(
             of["slid"] > least_m
             and run.began_m_s <= FROM_REST * run.most_m_s
             and (slides or of["turning"] > of["held"] > 0)
+            and run.last - run.first + 1 >= LEAST_STEPS
             and of["normal"] > NONE * of["needed"]  # else it hardly touches it
         )
 
@@ -123,14 +135,15 @@ class Slides(Answer):
 
     def words(self, run: Slip, labels: Mapping[str, object]) -> tuple[Message, Message, float]:
         """Return what is said of a body that slips on another, the cure, and how far it went."""
-        of, seconds = run.of, run.of["time"]
+        of, first, seconds = run.of, run.at_first, run.of["time"]
         values: dict[str, object] = {
-            **labels, "slid": of["slid"], "available": of["available"] / seconds,
-            "given": of["available"] / of["normal"], "needed": of["needed"] / seconds,
-            "wanted": of["needed"] / of["normal"], "held": of["held"] / seconds,
+            **labels, "slid": of["slid"], "available": first["available"] / first["time"],
+            "given": first["available"] / first["normal"],
+            "needed": first["against"] / first["time"],
+            "wanted": first["against"] / first["normal"], "held": of["held"] / seconds,
             "turning": of["turning"] / seconds,
         }  # fmt: skip
-        if of["needed"] <= of["available"]:
+        if first["against"] <= first["available"]:
             return (
                 Message(
                     "{body} turns in the grip of {on}, {slid:.3g} m at the contact: friction there "
@@ -179,15 +192,19 @@ def _runs(scene: Scene, rows: Rows, side: int, judged: Judged) -> Iterator[Slip]
     towards = np.divide(needed, size[:, None], out=np.zeros_like(needed), where=size[:, None] > 0)
     used = np.einsum("ni,ni->n", pairs.tangential_n[rows], towards) * (-1.0 if side else 1.0)
     turned = turning[alone] * gripped[:, None]
-    forces = np.column_stack([np.ones(len(rows)), normal, available, used, turned, needed])
-    ways = slip, np.linalg.norm(way, axis=1)
+    moved = np.linalg.norm(way, axis=1)
+    against = -np.einsum("ni,ni->n", needed, way) / moved.clip(1e-300)
+    forces = np.column_stack([np.ones(len(rows)), normal, available, used, against, turned, needed])
+    ways = slip, moved
     numbers = np.column_stack([*ways, forces * steady[:, None], way]) * dt[:, None]
     starts = np.flatnonzero(np.diff(step, prepend=step[0] - 2) != 1)
-    sums, most = np.add.reduceat(numbers, starts), np.maximum.reduceat(slip, starts)
-    began = pairs.began_slip_m_s[rows][starts]
-    lasts = np.append(starts[1:], len(rows)) - 1
-    for k, (start, end) in enumerate(zip(starts.tolist(), lasts.tolist(), strict=True)):
-        yield Slip(int(step[start]), int(step[end]), float(began[k]), float(most[k]), sums[k])
+    began, ends = pairs.began_slip_m_s[rows], np.append(starts[1:], len(rows))
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        fastest = start + int(np.argmax(slip[start:end]))
+        yield Slip(
+            int(step[start]), int(step[end - 1]), float(began[start]), float(slip[fastest]),
+            numbers[start:end].sum(axis=0), numbers[start : fastest + 1].sum(axis=0),
+        )  # fmt: skip
 
 
 def _forces(
@@ -207,9 +224,10 @@ def _forces(
     def mean(values: Float64) -> Float64:
         return np.asarray(pairs.summed(weights * values) / pairs.normal_n[:, None].clip(1e-300))
 
-    support = mean((points.ended_m_s - points.began_m_s)[:, 1 - side])[rows]
+    began, ended = (mean(each[:, 1 - side])[rows]
+        for each in (points.began_m_s, points.carried_m_s))  # fmt: skip
+    support = ended - began
     # Between steps calls may give it another velocity.
-    ended, began = (mean(each[:, 1 - side])[rows] for each in (points.ended_m_s, points.began_m_s))
     given = np.flatnonzero(set_[1:] & (np.diff(pairs.step[rows]) == 1)) + 1
     support[given] += began[given] - ended[given - 1]
     goes, centre = mean(points.ended_m_s[:, 1 - side])[rows], mean(points.at_m[:, side])
