@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,8 @@ from rich.markup import escape
 from drop_physics.analysis.jsonable import jsonable
 from drop_physics.analysis.results import renamed
 from drop_physics.console.output import (
+    Column,
+    columns_of,
     counted,
     made,
     print_json,
@@ -31,6 +34,8 @@ if TYPE_CHECKING:
     from drop_physics.stages.trust import Trust
     from drop_physics.stages.trust_runs import Varied
 
+Part = Callable[[str, str | None, str], str]
+"""Names a position, of its body, joint and unit."""
 MOST_PARTS = 6
 """Positions that are listed; all are in the JSON."""
 APART = 3
@@ -87,10 +92,13 @@ def json_of(trust: Trust) -> dict[str, Any]:
 
 def trust_lines(trust: Trust) -> list[str]:
     """Return what the terminal prints."""
-    lines = [*wrapped(translated(_verdict(trust)), width()), "", *_variations(trust)]
+    part = _namer(trust)
+    rows = [[each.name, *_distances(each, trust, part)] for each in trust.variations]
+    lines = [*wrapped(translated(_verdict(trust)), width()), ""]
+    lines += _table(VARIATIONS, rows, without=(4,))
     stands = trust.standing[:MOST_PARTS]
     if stands:
-        lines += ["", *_table(STANDING, [*map(_stands, stands)])]
+        lines += ["", *_table(STANDING, [_stands(each, part) for each in stands], without=(5, 4))]
         if len(trust.standing) > len(stands):
             more = Message("and {more} more: --json",
                 more=counted(len(trust.standing) - len(stands), "position"))  # fmt: skip
@@ -120,32 +128,39 @@ def _verdict(trust: Trust) -> Message:
         steps=steps, depends=joined(", ", depends), stands=joined(", ", stands))  # fmt: skip
 
 
-def _variations(trust: Trust) -> list[str]:
-    return _table(VARIATIONS, [[each.name, *_distances(each, trust)] for each in trust.variations])
+def _namer(trust: Trust) -> Part:
+    """Return what names a position: a joint by itself where no other body has one of that name."""
+    tracks = {(track.body, track.joint) for each in trust.variations for track in each.apart.tracks}
+    named = Counter(joint for _, joint in tracks)
+
+    def part(body: str, joint: str | None, unit: str) -> str:
+        alone = joint is not None and named[joint] == 1
+        return joint if joint and alone else translated(part_of(body, joint, unit))
+
+    return part
 
 
-def _distances(each: Varied, trust: Trust) -> list[str]:
+def _distances(each: Varied, trust: Trust, part: Part) -> list[str]:
     if each.made.ended == "failed" and trust.made.ended != "failed":
         return [translated(Message("fails")), each.made.error[:40], "", "", "", ""]
     first = each.apart.first
-    end, most = (_farthest(found) for found in (each.apart.end, each.apart.most))
+    end, most = (_farthest(found, part) for found in (each.apart.end, each.apart.most))
     since = NONE if first is None else f"{first.from_s:.4g} s"
     term = NONE if each.term is None else translated(TERMS[each.term])
     return [*end, *most, since, term]
 
 
-def _farthest(found: Sequence[Distance]) -> tuple[str, str]:
+def _farthest(found: Sequence[Distance], part: Part) -> tuple[str, str]:
     """Return the farthest of several units, and what it is of."""
     if not any(each.value for each in found):
         return "0", ""
     worst = max(found, key=lambda each: (each.unit == "m" and each.value > LEAST, each.value))
-    part = part_of(worst.body, worst.joint, worst.unit)
-    return readable(worst.value, worst.unit), translated(part)
+    return readable(worst.value, worst.unit), part(worst.body, worst.joint, worst.unit)
 
 
-def _stands(each: Standing) -> list[str]:
+def _stands(each: Standing, part: Part) -> list[str]:
     return [
-        translated(part_of(each.body, each.joint, each.unit)), readable(each.moved, each.unit),
+        part(each.body, each.joint, each.unit), readable(each.moved, each.unit),
         _digits(each.end_digits, each.end, each.unit), each.end_by or "",
         _digits(each.most_digits, each.most, each.unit), each.most_by or "",
     ]  # fmt: skip
@@ -158,8 +173,17 @@ def _digits(digits: int | None, off: float, unit: str) -> str:
         off=readable(off, unit)))  # fmt: skip
 
 
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return table([(head, [row[at] for row in rows], False) for at, head in enumerate(heads)])
+def _table(
+    heads: Sequence[str], rows: Sequence[Sequence[str]], *, without: Sequence[int]
+) -> list[str]:
+    """Return a table's lines, without some of its columns where the terminal has no room."""
+    columns: list[Column] = [(head, [row[at] for row in rows], False)
+        for at, head in enumerate(heads)]  # fmt: skip
+    for number in without:
+        widths = [max(map(columns_of, [translated(head), *cells])) for head, cells, _ in columns]
+        if sum(widths) + 2 * len(widths) - 2 > width():
+            del columns[number]
+    return table(columns)
 
 
 def _sentences(trust: Trust) -> Iterator[str]:
