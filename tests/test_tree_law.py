@@ -236,6 +236,13 @@ def test_three_steps_of_a_pendulum_by_hand() -> None:
     assert found.energy_j()["integrator"] == pytest.approx(np.diff(energy), abs=1e-14)
 
 
+def test_what_a_weight_rounds_is_no_remainder() -> None:
+    """A pendulum that hangs: its weight passes through its joint, and no term shows its size."""
+    rounded = 1e-16 * DT * MASS_KG * G / (MASS_KG * LENGTH_M**2)
+    found = sum_of(undamped(PENDULUM), states_of([0, 0], [0, rounded]), quiet(1, 1, DT, (0, 0, -G)))
+    assert found.unexplained[0] < 1e-15
+
+
 def test_the_links_are_where_they_turn_to() -> None:
     kin = kinematics(PENDULUM, states_of([0.3], [0.7]))
     hung = [0.1 - LENGTH_M * math.sin(0.3), 0.2, 0.3 - LENGTH_M * math.cos(0.3)]

@@ -128,7 +128,7 @@ def _sum_of(body: BulletTree, states: States, reported: Reported) -> Sum:
     terms |= {"rolling": found.rolling, "stops": found.stops}
     lifted = lifted_j(everywhere, reported.gravity_m_s2)
     every = reported.contacts.then(reported.applied).then(reported.constraints)
-    largest = largest_per_step(tree, every, dt)
+    largest = largest_per_step(tree, every, reported.gravity_m_s2, dt)
     return Sum(matrices, states.velocity, terms, found.remainder, lifted, largest)
 
 

@@ -88,14 +88,20 @@ def per_step(forces: Forces, impulses: Float64, *, steps: int) -> Float64:
     return summed(forces.step, impulses, count=steps)
 
 
-def largest_per_step(tree: Tree, forces: Forces, timestep_s: Float64) -> Float64:
-    """Return the largest impulse of a single force on a link that moves [N s], shape (n,)."""
+def largest_per_step(
+    tree: Tree, forces: Forces, gravity_m_s2: Float64, timestep_s: Float64
+) -> Float64:
+    """Return the largest impulse of a single force on a link that moves [N s], shape (n,).
+
+    Of its weight too; `gravity_m_s2` has the shape (n, 3).
+    """
     free = [not tree.fixed]
     for link, parent in enumerate(tree.parents):
         free.append(free[parent + 1] or RATES[tree.joints[link]] > 0)
     moves = np.array(free)[forces.link + 1]
     impulses = np.linalg.norm(forces.force_n, axis=1) * timestep_s[forces.step]
-    largest = np.zeros(len(timestep_s))
+    heaviest_kg = float(tree.masses_kg[free].max(initial=0.0))
+    largest = heaviest_kg * np.linalg.norm(gravity_m_s2, axis=1) * timestep_s
     np.maximum.at(largest, forces.step[moves], impulses[moves])
     return largest
 
