@@ -83,13 +83,7 @@ def analyze(
     progress(ANALYZING, 0, _PARTS)
     read_back = read(path)
     progress(ANALYZING, 1, _PARTS)
-    analysis: Analysis
-    if read_back.drop is not None:
-        analysis = drop_analysis_of(
-            read_back.scenario, read_back.engine, read_back.seen, at_s=at_s, whole=bool(tables)
-        )
-    else:
-        analysis = _of_script(read_back, at_s, whole=bool(tables))
+    analysis = _analysis_of(read_back, at_s, whole=bool(tables))
     progress(ANALYZING, 2, _PARTS)
     write_layer(
         layer, read_back, samples=analysis.table, events=events(analysis),
@@ -110,13 +104,14 @@ def _hulls(analysis: Analysis) -> frozenset[str]:
     return frozenset(label for label in found if label is not None)
 
 
-def _of_script(read_back: Recording, at_s: Sequence[float], *, whole: bool) -> Analysis:
+def _analysis_of(read_back: Recording, at_s: Sequence[float], *, whole: bool) -> Analysis:
+    seen = read_back.seen
+    if read_back.drop is not None:
+        return drop_analysis_of(read_back.scenario, read_back.engine, seen, at_s=at_s, whole=whole)
     ended = read_back.ended or {}
     origin = read_back.origin | {name: ended.get(name) for name in ("ended", "error")}
-    _check_times(at_s, read_back.seen)
-    return analysis_of(
-        read_back.seen, origin, at_s=at_s or DEFAULT_AT_S, sums_at_s=at_s, whole=whole
-    )
+    _check_times(at_s, seen)
+    return analysis_of(seen, origin, at_s=at_s or DEFAULT_AT_S, sums_at_s=at_s, whole=whole)
 
 
 def _shown(analysis: Analysis, seen: Seen) -> LayerShown:

@@ -131,34 +131,21 @@ def balance_of(
     before
         What each step began with; None where that is the sample before.
     """
-    samples, dt = len(motion), law.step_s
-    before = motion.before() if before is None else before
+    dt, before = law.step_s, motion.before() if before is None else before
     alone = law.step(before)
-    arm_m = touches.position_m - before.position_m[touches.step]
-    impulse = touches.force_n * dt
-    turn, size = cross(arm_m, impulse), lengths(impulse)
-    impulse_n_s = summed(touches.step, impulse, count=samples)
-    turn_n_m_s = summed(touches.step, turn, count=samples)
-    sizes = np.stack((size, size * lengths(arm_m)), axis=1)
-    scales = summed(touches.step, sizes, count=samples)
+    impulse_n_s, turn_n_m_s, scales = _impulses(touches, before, dt)
     touched = scales[:, 0] > 0
     start_m_s, start_rad_s = alone.velocity_m_s, alone.spin_rad_s
-    inertia = np.array(law.inertia_kg_m2)
-
-    def spun(turned: Float64) -> Float64:
-        own = law.turned_by(rotate_inverse(before.orientation, turned), before)
-        return rotate(before.orientation, own)
-
     if pushes is not None:
         # Part of the law's step, before the engine clamps velocities; contact comes after.
         free = law.unlimited(before)
         start_m_s = free.velocity_m_s + dt * pushes.force_n / law.mass_kg
-        start_rad_s = free.spin_rad_s + spun(dt * pushes.torque_n_m)
+        start_rad_s = free.spin_rad_s + _spun(law, before, dt * pushes.torque_n_m)
         scales += dt * np.stack((pushes.force_scale_n, pushes.torque_scale_n_m), axis=1)
     first = _limited(law, start_m_s, start_rad_s)
     start_m_s, start_rad_s = law.held(start_m_s), law.held(start_rad_s)
     summed_m_s = start_m_s + impulse_n_s / law.mass_kg
-    summed_rad_s = start_rad_s + spun(turn_n_m_s)
+    summed_rad_s = start_rad_s + _spun(law, before, turn_n_m_s)
     velocity_m_s, spin_rad_s = law.held(summed_m_s), law.held(summed_rad_s)
     near, tried_m_s, tried_rad_s = _tried(law, before, motion, touches)
     fastest = _largest(before.velocity_m_s, alone.velocity_m_s, velocity_m_s)
@@ -171,13 +158,34 @@ def balance_of(
         velocity_m_s=velocity_m_s,
         spin_rad_s=spin_rad_s,
         velocity_scale_m_s=scales[:, 0] / law.mass_kg + fastest,
-        spin_scale_rad_s=scales[:, 1] / (inertia.min() or math.inf) + quickest,
+        spin_scale_rad_s=scales[:, 1] / (min(law.inertia_kg_m2) or math.inf) + quickest,
         held=first | _limited(law, summed_m_s, summed_rad_s),
         near=near,
         tried_m_s=tried_m_s,
         tried_rad_s=tried_rad_s,
         unit=law.epsilon,
     )
+
+
+def _impulses(touches: Touches, before: Motion, step_s: float) -> tuple[Float64, Float64, Float64]:
+    """Return the impulse of contact in each step and its moment, shape (samples, 3) each.
+
+    And the sizes of the summands of both, shape (samples, 2).
+    """
+    arm_m = touches.position_m - before.position_m[touches.step]
+    impulse = touches.force_n * step_s
+    turn, size = cross(arm_m, impulse), lengths(impulse)
+    sizes = np.stack((size, size * lengths(arm_m)), axis=1)
+    impulses, turns, scales = (
+        summed(touches.step, each, count=len(before)) for each in (impulse, turn, sizes)
+    )
+    return impulses, turns, scales
+
+
+def _spun(law: Law, before: Motion, turned_n_m_s: Float64) -> Float64:
+    """Return what angular impulses change of the spin [rad/s], world axes, (samples, 3)."""
+    own = law.turned_by(rotate_inverse(before.orientation, turned_n_m_s), before)
+    return rotate(before.orientation, own)
 
 
 def _tried(
