@@ -147,6 +147,17 @@ def test_wheels_that_slip(name: str, tmp_path: Path) -> None:
     assert all(each.share < 0.6 * one.share for each in slips(cured, tmp_path))
 
 
+def test_locked_wheels_slide_on(tmp_path: Path) -> None:
+    """They are sped up slowly, and stopped at once: it goes farther than they roll."""
+    stops = "10 * min(1, i / 480) if i < 600 else 0"
+    scene = husky(mu=0.3, steps=960, left=stops, right=stops)
+    (one,) = slips(scene, tmp_path)
+    ended = bare(scene)
+    goes, rolled = np.linalg.norm(ended["where"][:2]), np.abs(ended["rolled"]).mean()
+    assert goes > 1.05 * rolled
+    assert one.share == pytest.approx(goes / rolled - 1, rel=0.3)
+
+
 def test_a_turn_on_the_spot_drags_wheels_sideways(tmp_path: Path) -> None:
     (one,) = slips(husky(left=-5, right=5), tmp_path)
     assert "sideways" in one.message

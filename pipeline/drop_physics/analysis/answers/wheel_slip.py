@@ -172,14 +172,16 @@ class Rolling:
         self.rate = np.where(joint == BASE, tree.joint_rates, np.array(rates)[joint])
         used, at = np.unique(self.row, return_inverse=True)
         kin = kinematics(tree, steps.before.at(used))
-        self._surface_m_s, self.lying = np.zeros((len(its), 3)), np.ones(len(its))
+        self._forward_m, self._rate = np.zeros((len(its), 3)), np.zeros(len(its))
+        """How a point moves by a radian of its joint, and the joint's rate."""
+        self.lying = np.ones(len(its))
         for k in np.unique(joint[joint != BASE]).tolist():
             if tree.joints[k] == "revolute":
                 rows = np.flatnonzero(joint == k)
                 axis, pivot = kin.axes[k][0].T[at[rows]], kin.pivots[k].T[at[rows]]
-                speed = steps.after.velocity[self.row[rows], tree.rates[k].start]
+                self._rate[rows] = steps.after.velocity[self.row[rows], tree.rates[k].start]
                 arm = points.at_m[its[rows], side[rows]] - pivot
-                self._surface_m_s[rows] = speed[:, None] * np.cross(axis, arm)
+                self._forward_m[rows] = np.cross(axis, arm)
                 self.lying[rows] = np.einsum("ki,ki->k", axis, self._normal[rows])
 
     def held(self, wheel: Flags) -> Flags:
@@ -199,13 +201,15 @@ class Rolling:
         """Return the sums of a `Wheel` over its contact points; `which` is the step of each."""
         n = int(which[-1]) + 1
         normal_n = self._normal_n[rows]
-        surface = self._surface_m_s[rows]
-        surface = surface - np.einsum("ki,ki->k", surface, self._normal[rows])[:, None] * (
-            self._normal[rows])  # fmt: skip
-        rolls = np.linalg.norm(surface, axis=1)
-        along = surface / np.maximum(rolls, 1e-12)[:, None]
-        slips = np.einsum("ki,ki->k", self._slip_m_s[rows], along)
-        across = np.linalg.norm(self._slip_m_s[rows] - slips[:, None] * along, axis=1)
+        forward, line = self._forward_m[rows], self._normal[rows]
+        forward = forward - np.einsum("ki,ki->k", forward, line)[:, None] * line
+        arm = np.linalg.norm(forward, axis=1)
+        forward = forward / np.maximum(arm, 1e-12)[:, None]
+        rolls, slips = self._rate[rows] * arm, np.einsum("ki,ki->k", self._slip_m_s[rows], forward)
+        across = np.linalg.norm(self._slip_m_s[rows] - slips[:, None] * forward, axis=1)
+        # Forwards is where it rolls, or where it goes if that is more: a locked wheel slides on.
+        sign = np.where(2 * rolls < slips, -1.0, 1.0)
+        rolls, slips = sign * rolls, sign * slips
         means = _summed(np.column_stack([rolls, slips, across]) * normal_n[:, None], which, n)
         normal = np.bincount(which, normal_n, n)
         rolled, slipped, across = means.T / normal
