@@ -23,9 +23,8 @@ from drop_physics.files.outputs import check_apart, check_target
 from drop_physics.files.whole import replaced
 from drop_physics.messages import Message, shell_command
 from drop_physics.recording import sealing
-from drop_physics.recording.camera_images import frames_of_cameras
 from drop_physics.recording.checks import damaged
-from drop_physics.recording.frames import frames
+from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.reader import Recording, is_recording, read
 from drop_physics.shown import Shown
 

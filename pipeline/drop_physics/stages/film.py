@@ -16,8 +16,7 @@ from drop_physics.errors import DropError, RecordingError
 from drop_physics.figures.animation import decoded
 from drop_physics.figures.playback import Animation, Playback, playback
 from drop_physics.messages import shell_command
-from drop_physics.recording.camera_images import frames_of_cameras
-from drop_physics.recording.frames import frames
+from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.reader import Recording
 from drop_physics.recording.scene import Part, parts_of
 from drop_physics.scenario import STANDARD_CAMERA, Camera, View

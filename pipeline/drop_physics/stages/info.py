@@ -15,8 +15,7 @@ from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, shell_command
 from drop_physics.recording import schema
 from drop_physics.recording.about import engine_in_words
-from drop_physics.recording.camera_images import frames_of_cameras
-from drop_physics.recording.frames import frames
+from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.inputs import Drop
 from drop_physics.recording.layer_file import is_layer, layer_of
 from drop_physics.recording.reader import Recording, listed, read, recording_id

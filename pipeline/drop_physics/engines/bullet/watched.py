@@ -107,7 +107,7 @@ class Decoder:
                 except ValueError:
                     self._frames.broken = True
                     break
-                yield from getattr(self, f"_on_{note.pop('what')}")(**note)
+                yield from getattr(self, f"_on_{note.pop('what')}")(**note) or ()
             elif kind == pipe.SET:
                 yield self._put(payload)
             elif kind == pipe.RESULT:
@@ -170,22 +170,19 @@ class Decoder:
 
     # -- notes ------------------------------------------------------------------------------------
 
-    def _on_python(self, **note: Any) -> Iterator[Event]:  # noqa: ANN401
+    def _on_python(self, **note: Any) -> None:  # noqa: ANN401
         self.python.update(note)
-        yield from ()
 
-    def _on_pybullet(self, version: int, **_: object) -> Iterator[Event]:
+    def _on_pybullet(self, version: int, **_: object) -> None:
         self.python["pybullet_api"] = version
-        yield from ()
 
     def _on_world(
         self, world: int, client: int, first_step: int, first_time_s: float, **_: object
-    ) -> Iterator[Event]:
+    ) -> None:
         if not math.isfinite(first_time_s):
             times_s = [known.time_s(known.step) for known in self._worlds.values()]
             first_time_s = max(times_s, default=0.0)
         self._worlds[world] = World(client, first_step, first_time_s)
-        yield from ()
 
     def _on_site(self, names: list[str], whole: list[bool], **note: Any) -> Iterator[Event]:  # noqa: ANN401
         at = next((names.index(name) for name in TIMESTEPS if name in names), None)
@@ -202,10 +199,9 @@ class Decoder:
             self.raised = self._called
             yield Raised(at, error)
 
-    def _on_solver(self, world: int, **early: Any) -> Iterator[Event]:  # noqa: ANN401
+    def _on_solver(self, world: int, **early: Any) -> None:  # noqa: ANN401
         its = self._worlds[world]
         self._solvers[world, early["iterations"]] = Solver(self._at(its), its.client, **early)
-        yield from ()
 
     def _on_over(self, world: int, **_: object) -> Iterator[Event]:
         yield from self._worlds[world].gathered()
@@ -287,17 +283,14 @@ class Decoder:
         layout = [(self._bodies[number], has_base) for number, has_base in bodies]
         its.lay_out(layout, constraints)
 
-    def _on_real_time(self, **_: object) -> Iterator[Event]:
+    def _on_real_time(self, **_: object) -> None:
         self.real_time = True
-        yield from ()
 
-    def _on_timing(self, file: str, line: int) -> Iterator[Event]:
+    def _on_timing(self, file: str, line: int) -> None:
         self.timing = f"{file}:{line}"
-        yield from ()
 
-    def _on_unseeded(self, called: str, file: str, line: int) -> Iterator[Event]:
+    def _on_unseeded(self, called: str, file: str, line: int) -> None:
         self.unseeded.append(f"{called} at {file}:{line}")
-        yield from ()
 
     def _on_fault(self, world: int, step: int, error: str) -> Iterator[Event]:
         self.faults.append(
@@ -309,21 +302,17 @@ class Decoder:
         )
         yield from self._worlds[world].gathered()
 
-    def _on_running(self) -> Iterator[Event]:
+    def _on_running(self) -> None:
         self._ends_early(Message("threads that step the simulation outlive the block"))
-        yield from ()
 
-    def _on_stop(self, why: str) -> Iterator[Event]:
+    def _on_stop(self, why: str) -> None:
         self.stopped = why
-        yield from ()
 
-    def _on_end(self, **note: Any) -> Iterator[Event]:  # noqa: ANN401
+    def _on_end(self, **note: Any) -> None:  # noqa: ANN401
         self.ended = note
-        yield from ()
 
-    def _on_cut(self) -> Iterator[Event]:
+    def _on_cut(self) -> None:
         self._is_cut_off(Message("the script closed drop's pipe"))
-        yield from ()
 
     def _on_image(self, payload: bytes) -> Iterator[Event]:
         (length,) = pipe.IMAGE_HEAD.unpack_from(payload)
