@@ -22,6 +22,8 @@ COLUMNS = {
 }  # fmt: skip
 """An error is that of the flight with the sample, else null; the remainder is that of the step that
 led to it, over its largest term."""
+MOST_ROWS = 1 << 17
+"""Rows that a table has at most, but for changes, without being asked for."""
 SHOWN_PER_S = 60.0
 """Rows of a body that are kept at most where not all are."""
 

@@ -16,14 +16,11 @@ from drop_physics.analysis.explained import recording
 from drop_physics.analysis.explained.recording import Explanation
 from drop_physics.analysis.joints import JointTable
 from drop_physics.analysis.results import Analysis, Explained
-from drop_physics.analysis.rows import COLUMNS, SHOWN_PER_S, shown
+from drop_physics.analysis.rows import COLUMNS, MOST_ROWS, SHOWN_PER_S, shown
 from drop_physics.analysis.times import Times
 from drop_physics.analysis.touches import TouchTable
 from drop_physics.laws.base import Law
 from drop_physics.seen.history import Piece, Seen
-
-WHOLE = 1 << 17
-"""Rows that a table has at most, but for changes of segment, without being asked for."""
 
 
 class Story:
@@ -80,7 +77,7 @@ class Story:
         ends_s = [self.scene.times[body.client].of(seen.samples.get(body.client, 1) - 1)
             for body in seen.bodies.values()]  # fmt: skip
         together_s = max(sum(abs(end_s) for end_s in ends_s), 1.0)
-        self._shown_per_s = np.inf if whole else min(SHOWN_PER_S, WHOLE / together_s)
+        self._shown_per_s = np.inf if whole else min(SHOWN_PER_S, MOST_ROWS / together_s)
         self.bodies = {
             number: BodyStory(self.scene, body, at_s=at_s, sums_at_s=sums_at_s)
             for number, body in sorted(seen.bodies.items())
@@ -142,7 +139,7 @@ def analysis_of(
     """
     samples = sum(seen.samples.values()) * max(1, len(seen.bodies))
     story = Story(
-        seen, origin, at_s=at_s, sums_at_s=sums_at_s, whole=whole or samples <= WHOLE,
+        seen, origin, at_s=at_s, sums_at_s=sums_at_s, whole=whole or samples <= MOST_ROWS,
         detailed=whole, answers=answers, other=other, also=also,
     )  # fmt: skip
     story.see_all()

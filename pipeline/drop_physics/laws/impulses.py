@@ -101,7 +101,7 @@ def largest_per_step(
     moves = np.array(free)[forces.link + 1]
     impulses = np.linalg.norm(forces.force_n, axis=1) * timestep_s[forces.step]
     heaviest_kg = float(tree.masses_kg[free].max(initial=0.0))
-    largest = heaviest_kg * np.linalg.norm(gravity_m_s2, axis=1) * timestep_s
+    largest: Float64 = heaviest_kg * np.linalg.norm(gravity_m_s2, axis=1) * timestep_s
     np.maximum.at(largest, forces.step[moves], impulses[moves])
     return largest
 

@@ -12,6 +12,7 @@ from drop_physics.analysis.drop.analysis import fall_of
 from drop_physics.analysis.drop.case import case_seen
 from drop_physics.analysis.drop.results import FallAnalysis
 from drop_physics.analysis.results import Analysis
+from drop_physics.analysis.rows import MOST_ROWS
 from drop_physics.analysis.story import analysis_of
 from drop_physics.errors import RecordingError, ScenarioError, check_suffix
 from drop_physics.figures.animation import MAX_FPS, check_animation, write_animation
@@ -123,7 +124,7 @@ def render(
         )
     gif, plotted = _targets(path, out, plot, animation, force=force)
     held = read(path)
-    analysis = _analysis_of(held)
+    analysis = _analysis_of(held, whole=animation.caption or animation.with_plot)
     story = story_of(analysis)
     if assistant is not None:
         assistant.ask(DRAW_PLOT, story, plotted.suffix[1:], dark)
@@ -175,9 +176,11 @@ def _targets(
     return gif, plotted
 
 
-def _analysis_of(held: Recording) -> Analysis | FallAnalysis:
+def _analysis_of(held: Recording, *, whole: bool) -> Analysis | FallAnalysis:
+    """Return the analysis; `whole`: whether the table has all samples of a long drop too."""
     if held.drop is not None:
-        return fall_of(*case_seen(held.scenario, held.engine, held.seen)).analysis
+        case, samples = case_seen(held.scenario, held.engine, held.seen)
+        return fall_of(case, samples, whole=whole or case.samples <= MOST_ROWS).analysis
     ended = {name: (held.ended or {}).get(name) for name in ("ended", "error")}
     return analysis_of(held.seen, held.origin | ended)
 

@@ -19,15 +19,12 @@ from drop_physics.analysis.drop.one_sample import DEFAULT_AT_S
 from drop_physics.analysis.drop.phases import Phases
 from drop_physics.analysis.drop.results import Airborne, FallAnalysis, Moment, Terms
 from drop_physics.analysis.drop.samples import Samples
-from drop_physics.analysis.rows import SHOWN_PER_S
+from drop_physics.analysis.rows import MOST_ROWS, SHOWN_PER_S
 from drop_physics.errors import ScenarioError
 from drop_physics.report import EngineReport
 from drop_physics.scenario import Scenario
 
 Float64 = NDArray[np.float64]
-
-MOST_ROWS = 1 << 17
-"""Rows of a table that does not have all, but for those where something changes."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from drop_physics.analysis.drop.case import Case, case_seen, samples_seen
 from drop_physics.analysis.drop.findings import findings
 from drop_physics.analysis.drop.results import DropAnalysis
 from drop_physics.analysis.results import Analysis, BodyAnalysis, Explained, Unexplained
+from drop_physics.analysis.rows import MOST_ROWS
 from drop_physics.laws.lookup import law_for
 from drop_physics.messages import Message
 from drop_physics.report import EngineReport
@@ -60,7 +61,7 @@ def drop_analysis_of(
     seen = replace(seen, samples={0: samples}, machine=engine.machine or "")
     other = None if scenario.engine == "bullet" else law_for(scenario, engine)
     case, _ = case_seen(scenario, engine, seen)
-    falling = Falling(case, at_s=at_s, whole=whole or samples <= story.WHOLE)
+    falling = Falling(case, at_s=at_s, whole=whole or samples <= MOST_ROWS)
     walked = story.analysis_of(
         seen, {}, at_s=at_s, sums_at_s=at_s, answers=(), other=other,
         also=lambda piece: falling.add(samples_seen(seen, piece)),
