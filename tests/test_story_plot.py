@@ -96,6 +96,12 @@ def test_a_title_says_whether_it_was_thrown_and_no_theory_falls_beside_what_hang
     assert (len(story.panels[0].curves) > 1) == scenario.stepped
 
 
+def test_nothing_is_enlarged_where_it_would_hide_the_fall(tmp_path: Path) -> None:
+    simulate(Scenario(duration_s=0.5), tmp_path / "run.rrd", camera=None)
+    heights, *_ = story_of(analyze_recording(tmp_path / "run.rrd")).panels
+    assert heights.enlarged is None
+
+
 # -- of a script ----------------------------------------------------------------------------------
 
 

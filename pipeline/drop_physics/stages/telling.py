@@ -27,6 +27,8 @@ Float64 = NDArray[np.float64]
 MOST_PANELS, MOST_CAUSES = 4, 4
 BEFORE, AFTER = 4, 10
 """Steps before and after an impact that are drawn enlarged."""
+FREE = 0.55, 0.3
+"""From this share of the time on, a drop that stays below this share of its height leaves room."""
 NOTHING_MM = 1e-9
 """Errors of a drop below this are rounding, and have no panel."""
 NAMES = {"contacts": Message("contact"), "rolling": Message("rolling friction"),
@@ -114,9 +116,12 @@ def _story_of_drop(analysis: FallAnalysis) -> Story:
 
 
 def _impact(analysis: FallAnalysis, timestep_s: float) -> Detail | None:
-    """Return the steps around the impact, if it is seen in the whole fall as a kink only."""
-    impact = analysis.impact
+    """Return the steps around the impact; None where that would hide what comes later."""
+    impact, heights_m = analysis.impact, analysis.table["simulated_m"].to_numpy()
     if impact is None or impact.time_simulated_s is None or impact.step is None:
+        return None
+    later_m = heights_m[int(FREE[0] * len(heights_m)) :]
+    if later_m.max() > FREE[1] * heights_m.max():
         return None
     first, last = impact.step - BEFORE - 0.5, impact.step + AFTER + 0.5
     return Detail(Message("impact, enlarged"), first * timestep_s, last * timestep_s)
