@@ -162,7 +162,7 @@ for each in (0, b):
 )
 
 
-@pytest.mark.parametrize(("z", "r"), some([(5, 1), (2, 1.1)], 1))
+@pytest.mark.parametrize(("z", "r"), some([(5, 1), (2, 1.1), (8, 1)], 1))
 def test_what_bounces_ever_higher(z: float, r: float, tmp_path: Path) -> None:
     scene = BOUNCES.format(z=z, r=r) + HEIGHT.replace("240", "1200")
     (one,) = found(scene, tmp_path, "energy-gained")
