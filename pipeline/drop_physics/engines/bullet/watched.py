@@ -97,8 +97,16 @@ class Decoder:
     def feed(self, data: bytes) -> Iterator[Event]:
         """Yield the events in the next part of the stream."""
         for kind, payload in self._frames.feed(data):
-            if kind == pipe.SAMPLE:
-                yield from self._on_sample(payload)
+            if kind == pipe.SAMPLE:  # most frames are: without a generator for each
+                number, step = pipe.HEAD.unpack_from(payload)
+                world = self._worlds[number]
+                if world.is_full:
+                    yield from world.gathered()
+                if not world.add_sample(step, payload, self.calls):
+                    raise StreamError(
+                        "the script's process sent step {step} out of order", step=step
+                    )
+                self.samples += 1
             elif kind == pipe.CALL:
                 self._on_call(payload)
             elif kind == pipe.NOTE:
@@ -140,15 +148,6 @@ class Decoder:
         )
 
     # -- numbers ----------------------------------------------------------------------------------
-
-    def _on_sample(self, payload: bytes) -> Iterator[Event]:
-        number, step = pipe.HEAD.unpack_from(payload)
-        world = self._worlds[number]
-        if world.is_full:
-            yield from world.gathered()
-        if not world.add_sample(step, payload, self.calls):
-            raise StreamError("the script's process sent step {step} out of order", step=step)
-        self.samples += 1
 
     def _on_call(self, payload: bytes) -> None:
         number, site = pipe.CALL_HEAD.unpack_from(payload)
