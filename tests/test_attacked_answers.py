@@ -22,6 +22,12 @@ SILENT = {
         "p.changeDynamics(b, -1, restitution=0)\nsteps(180)",
         "no-restitution",
     ),
+    "wheels that touch without a force": (
+        FLOOR + "c = p.loadURDF('racecar/racecar.urdf')\nfor j in (2, 3, 5, 7):\n"
+        "    p.setJointMotorControl2(c, j, p.VELOCITY_CONTROL, targetVelocity=20, force=10)\n"
+        "steps(480)",
+        "default-damping",
+    ),
     "seven joints, each pushed once": (
         FLOOR + "k = p.loadURDF('kuka_iiwa/model.urdf', useFixedBase=True)\n"
         "for j in range(7):\n"

@@ -102,7 +102,20 @@ SLIP = {
     ),
     "cart up a slope": (cart(slope=0.1, mu=0.12), cart(slope=0.1, mu=1)),
 }  # fmt: skip
+THEN_BACK = """
+p.setGravity(0, 0, -9.81)
+p.loadURDF("plane.urdf")
+b = p.loadURDF("racecar/racecar.urdf", [0, 0, .2])
+for n, speed in ((240, 0), (480, 20), (120, 0), (480, -20), (240, 0)):
+    for j in (2, 3, 5, 7):
+        p.setJointMotorControl2(b, j, p.VELOCITY_CONTROL, targetVelocity=speed, force=30)
+    for j in (4, 6):
+        p.setJointMotorControl2(b, j, p.POSITION_CONTROL, 0, force=200)
+    steps(n)
+"""
 ROLL = {
+    # Rolls 2 m each way and goes 2.03; its front wheels touch where it starts and brakes.
+    "racecar there and back": THEN_BACK,
     "husky": husky(),
     "racecar": RACECAR.format(mu=1, speed=10, steer=0),
     "racecar in a curve": RACECAR.format(mu=1, speed=10, steer=0.4),

@@ -45,9 +45,11 @@ class DefaultDamping(Answer):
             if damping is None or steps.epoch.damping != (None, None):
                 continue
             kinds = judged.segment[np.searchsorted(judged.steps, steps.steps)]
-            # A robot whose motors hold its joints is in the air, too; an arm is mounted.
-            air = (FLIGHT,) if steps.law.tree.fixed else (FLIGHT, DRIVEN)
-            rows = np.flatnonzero(np.isin(kinds, air))
+            # A robot whose motors hold its joints is in the air, too, if nothing is near; an arm is
+            # mounted.
+            near = np.full(len(steps), steps.law.tree.fixed)
+            near[steps.reported.contacts.step] = True
+            rows = np.flatnonzero((kinds == FLIGHT) | ((kinds == DRIVEN) & ~near))
             if len(rows):
                 first = _Damped(Noted(int(steps.steps[rows[0]])))
                 known = self._damped.setdefault((number, steps.epoch.life), first)

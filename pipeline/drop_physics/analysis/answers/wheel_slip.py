@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -44,6 +45,9 @@ class Wheel:
     count: int = 0
     low_rad: float = np.inf
     high_rad: float = -np.inf
+    turned_rad: float = 0.0
+    """There, and in all steps in which it is driven: it may leave the ground in between."""
+    turned_in_all_rad: float = 0.0
     sums: Float64 = field(default_factory=lambda: np.zeros(7))
     """What it rolls, what of it slips, the same where friction is at its limit, what it slips
     across [m]; friction available, normal impulse [N s]; time [s]."""
@@ -52,6 +56,12 @@ class Wheel:
     def turns(self) -> bool:
         """Whether it goes round."""
         return self.high_rad - self.low_rad > TURN_RAD
+
+    @property
+    def in_all(self) -> Float64:
+        """The sums, with what it rolls in all steps in which it is driven: one that touches only
+        where it starts and brakes slips little of its way."""
+        return self.sums * [self.turned_in_all_rad / self.turned_rad, *[1] * 6]
 
     @property
     def share(self) -> float:
@@ -68,12 +78,16 @@ class WheelSlip(Answer):
         """By body and joint."""
         self._steps: dict[int, NDArray[np.int64]] = {}
         """By body, in which something else holds it, and the others."""
+        self._turned_rad: defaultdict[int, Float64 | float] = defaultdict(float)
+        """By body, how far its joints turn in steps in which they are driven."""
 
     def see(self) -> None:
         """Take a piece."""
         for driven in self.scene.driven():
             drives = (driven.asked.mode == VELOCITY) & (driven.asked.impulse > 0)
             if driven.steps.terms and not driven.steps.law.tree.fixed and drives.any():
+                turned_rad = driven.steps.reported.timestep_s @ np.abs(driven.rate * drives)
+                self._turned_rad[driven.body.number] += turned_rad
                 self._see(driven, drives)
 
     def _see(self, driven: Driven, drives: Flags) -> None:
@@ -99,6 +113,9 @@ class WheelSlip(Answer):
         steps, angle = driven.steps.steps[ends], driven.after[ends, k]
         key = driven.body.number, k
         wheel = self._wheels.setdefault(key, Wheel(int(rolling.ground[rows[0]]), int(steps[0])))
+        wheel.turned_rad += float(
+            driven.steps.reported.timestep_s[ends] @ np.abs(driven.rate[ends, k])
+        )
         wheel.last, wheel.count = int(steps[-1]), wheel.count + len(steps)
         wheel.low_rad = min(wheel.low_rad, float(angle.min()))
         wheel.high_rad = max(wheel.high_rad, float(angle.max()))
@@ -109,8 +126,10 @@ class WheelSlip(Answer):
         for number, (held, free) in self._steps.items():
             its = {k: each for (body, k), each in self._wheels.items()
                 if body == number and each.turns}  # fmt: skip
+            for k, each in its.items():
+                each.turned_in_all_rad = float(np.ravel(self._turned_rad[number])[k])
             # Of one that slips forwards and one that slips backwards, the robot loses nothing.
-            whole = np.sum([each.sums for each in its.values()], axis=0) if its else np.zeros(7)
+            whole = np.sum([each.in_all for each in its.values()], axis=0) if its else np.zeros(7)
             if held < free and share_of(whole) > LEAST:
                 k = max(its, key=lambda k: its[k].share)
                 yield self._finding(number, k, its[k])
