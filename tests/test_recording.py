@@ -242,7 +242,7 @@ def test_rows_that_went_missing_are_noticed_before_the_name_is_given(
 ) -> None:
     part, path = tmp_path / "run.rrd.part", tmp_path / "run.rrd"
     part.write_bytes(standard.simulation.recording.read_bytes())
-    with pytest.raises(OutputError, match="lacks rows"):
+    with pytest.raises(OutputError, match="does not verify"):
         sealing.seal(part, path, blueprint=None, rows={"/state": 242}, force=False)
     assert not path.exists()
 

@@ -178,7 +178,7 @@ def _check(written: Path, path: Path, part: Path, rows: Mapping[str, int]) -> No
     except rrd.DamagedError:
         raise _unverified(path, part) from None
     if counted != dict(rows):
-        raise OutputError("what was written for {path} lacks rows; run it again", path=path)
+        raise _unverified(path, part)
 
 
 def _rerun(*arguments: str | Path, stdout: BinaryIO | int = subprocess.PIPE) -> str:
