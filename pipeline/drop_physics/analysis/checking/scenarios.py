@@ -18,8 +18,19 @@ OF_EVERY_ENGINE = ("timestep_s", "gravity_m_s2", "mass_kg", "inertia_kg_m2", "bo
 
 
 def scenario_differences(run: Drop, golden: Drop) -> list[Difference]:
-    """Return the settings that make it another experiment."""
-    return [*_scenario_differences(run, golden), *_engine_differences(run, golden)]
+    """Return the settings that make it another experiment.
+
+    What differing scenarios say is not repeated from the engines. Where they agree, the name says
+    that it is the engine's: a default of the engine has changed, or a report was altered.
+    """
+    found, names = _scenario_differences(run, golden), asdict(run.scenario).keys()
+    of_engines = [each for each in _engine_settings(run, golden) if not _is_version(each.column)]
+    if found:
+        return [*found, *(each for each in of_engines if each.column not in names)]
+    return [
+        replace(each, column=f"engine.{each.column}") if each.column in names else each
+        for each in of_engines
+    ]
 
 
 def engine_versions(run: Drop, golden: Drop) -> Iterator[Setting]:
@@ -88,24 +99,6 @@ def _apart(name: str, value: Any, other: Any) -> bool:  # noqa: ANN401
     if name not in OF_EVERY_ENGINE:
         return False
     return isinstance(value, str) or not np.allclose(value, other, rtol=SINGLE, atol=0)
-
-
-def _engine_differences(run: Drop, golden: Drop) -> list[Difference]:
-    """Return what else the engines report differently.
-
-    What differing scenarios say already is not repeated. Where they agree, the name says that it is
-    the engine's: a default of the engine has changed, or a report was altered.
-    """
-    settings = [
-        setting for setting in _engine_settings(run, golden) if not _is_version(setting.column)
-    ]
-    names = asdict(run.scenario).keys()
-    if _scenario_differences(run, golden):
-        return [setting for setting in settings if setting.column not in names]
-    return [
-        replace(setting, column=f"engine.{setting.column}") if setting.column in names else setting
-        for setting in settings
-    ]
 
 
 def _is_version(name: str) -> bool:
