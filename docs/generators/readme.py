@@ -54,6 +54,7 @@ DRAWN = (
     "heap-trust-dark.png",
     "film.gif",
     "film-dark.gif",
+    "recordings/run.gif",
     "recordings/run.png",
     "run-dark.png",
 )
