@@ -59,8 +59,10 @@ class Wheel:
 
     @property
     def in_all(self) -> Float64:
-        """The sums, with what it rolls in all steps in which it is driven: one that touches only
-        where it starts and brakes slips little of its way."""
+        """The sums, with what it rolls in all steps in which it is driven.
+
+        One that touches only where it starts and brakes slips little of its way.
+        """
         return self.sums * [self.turned_in_all_rad / self.turned_rad, *[1] * 6]
 
     @property
