@@ -114,6 +114,17 @@ p.resetBasePositionAndOrientation(c, [0, 0, .2], [0, 0, 0, 1])
 steps(20)
 """
 )
+DOOR = """
+shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.4, .02, 1])
+d = p.createMultiBody(0, -1, -1, linkMasses=[10], linkCollisionShapeIndices=[shape],
+    linkVisualShapeIndices=[-1], linkPositions=[[.4, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+    linkInertialFramePositions=[[0, 0, 0]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+    linkParentIndices=[0], linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 0, 1]])
+{more}
+for i in range(60):
+    p.applyExternalForce(d, 0, [0, 5, 0], [.3, 0, 0], p.LINK_FRAME)
+    p.stepSimulation()
+"""
 STILL = "for j in range(p.getNumJoints(c)):\n    p.resetJointState(c, j, 0)"
 PENDULUM = """
 p.setGravity(0, 0, -9.81)
@@ -132,6 +143,10 @@ SAID = {
     "slower than Bullet's threshold": (
         BILLIARD.format(speed=0.19), "no-restitution", "slower than 0.2 m/s",
         BILLIARD.format(speed=0.25),
+    ),
+    "a door that is pushed": (
+        DOOR.format(more=""), "default-motor", "what calls push it with",
+        DOOR.format(more="p.setJointMotorControl2(d, 0, p.VELOCITY_CONTROL, force=0)"),
     ),
     "wheels turn on": (
         WHEELS.format(more=""), "reset-leaves", "still turns at", WHEELS.format(more=STILL),

@@ -194,6 +194,8 @@ def test_links_that_overlap_collide(x: float, tmp_path: Path) -> None:
     (one,) = found(ITSELF.format(x=x, flags=flags), tmp_path, "self-collision")
     assert one.effect is not None
     assert one.effect.value == pytest.approx(0.1 - (0.2 - x), abs=2e-3)
+    assert "0_box (link3) collides" in one.message
+    assert "inside 0_box (link2)" in one.message
     for cured in (ITSELF.format(x=x, flags=""), ITSELF.format(x=0.09, flags=flags)):
         assert not found(cured, tmp_path, "self-collision")
 

@@ -38,9 +38,10 @@ class _Held:
     torque: str | None = None
     """Where the motor was set, and the torque."""
     acting: float = 0.0
-    """Σ |what acts on it, motor apart| [N s or N m s]; then gravity's part, and the contacts'."""
+    """Σ |what acts on it, motor apart| [N s, N m s]; then the parts of gravity, contacts, calls."""
     weight: float = 0.0
     hit: float = 0.0
+    pushed: float = 0.0
     taken: float = 0.0
     """What the motor took of it."""
     most: float = 0.0
@@ -101,6 +102,7 @@ class DefaultMotor(Answer):
         held.acting += float(acting.sum())
         held.weight += float((terms["gravity"][real] * sign).sum())
         held.hit += float((terms["contacts"][real] * sign).sum())
+        held.pushed += float((terms["applied"][real] * sign).sum())
         held.taken += float(np.clip(-motor[real] * sign, 0, acting).sum())
         held.time_s += float(steps.reported.timestep_s[rows][real].sum())
         (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(rows[-1:])))
@@ -119,7 +121,8 @@ class DefaultMotor(Answer):
             held = {
                 key: each
                 for key, each in joints.items()
-                if each.holds and (key[1] or max(each.weight, each.hit) > MOST * each.acting)
+                if each.holds
+                and (key[1] or max(each.weight, each.hit, each.pushed) > MOST * each.acting)
             }
             # Where torques are commanded, they are what the reader asks about.
             held = {key: each for key, each in held.items() if key[1]} or held
@@ -147,6 +150,11 @@ class DefaultMotor(Answer):
             template = Message(
                 "{joint} is held by the velocity motor that PyBullet gives every joint: it takes "
                 "{share:.0%} of its weight, {weight} on average"
+            )
+        elif held.pushed > MOST * held.acting:
+            template = Message(
+                "{joint} is held by the velocity motor that PyBullet gives every joint: it takes "
+                "{share:.0%} of what calls push it with, up to {most} of the {limit} that it may"
             )
         else:
             template = Message(

@@ -9,6 +9,7 @@ import numpy as np
 from drop_physics.analysis.answers.answer import Answer, Effect, Finding, Noted, Notes, Scene
 from drop_physics.analysis.answers.asked_of_bodies import size_m
 from drop_physics.messages import Message
+from drop_physics.seen.events import Body
 
 OVERLAP_M = 1e-3
 """Less is no more than contacts at rest have."""
@@ -47,9 +48,12 @@ class StartsInContact(Answer):
                 # Of two, that which was loaded last, or which alone was placed.
                 body, other = pairs.body[row].tolist()[:: -1 if second else 1]
                 site = self.scene.placing.site(self.scene.body(body), int(pairs.step[row]))
+                rows_of = np.flatnonzero(pairs.row == row)
+                deepest = rows_of[np.argmin(points.distance_m[rows_of])]
+                links = points.link[deepest].tolist()[:: -1 if second else 1]
                 self._found.add(
                     (body, other), pairs.step[[row]], parting[[row]], site=site,
-                    depth=float(pairs.depth_m[row]), step=int(pairs.step[row]),
+                    depth=float(pairs.depth_m[row]), step=int(pairs.step[row]), links=links,
                 )  # fmt: skip
 
     def findings(self) -> Iterator[Finding]:
@@ -63,15 +67,16 @@ class StartsInContact(Answer):
         body, other, depth_m = self.scene.body(number), self.scene.body(of), found.at["depth"]
         size = min(size_m(each) for each in (body, other))
         values = {
-            "body": body.label, "depth": depth_m * 1e3, "other": other.label, "speed": found.most,
+            "body": _named(body, found.at["links"][0]), "depth": depth_m * 1e3,
+            "other": _named(other, found.at["links"][1]), "speed": found.most,
             "time": self.scene.times[body.client].of(found.at["step"] - 1),
         }  # fmt: skip
         thrown = found.most**2 / (2 * STANDARD_M_S2) > size
         advice = Message("place it at least {depth:.3g} mm farther away from {other}", **values)
         if number == of:
             message = Message(
-                "{body} collides with itself as it starts: its links overlap by {depth:.3g} mm and "
-                "are pushed apart at {speed:.3g} m/s",
+                "{body} collides with itself as it starts: it is {depth:.3g} mm inside {other}, "
+                "and they are pushed apart at {speed:.3g} m/s",
                 **values,
             )
             advice = Message(
@@ -97,3 +102,9 @@ class StartsInContact(Answer):
             effect=Effect(depth_m, "m"), share=depth_m / size, steps=found.span,
             site=found.at["site"],
         )  # fmt: skip
+
+
+def _named(body: Body, link: int) -> str:
+    """Return what a link is called; of a body that has no other, what that is."""
+    single = len(body.links) < 2 or link + 1 >= len(body.links)
+    return body.label if single else f"{body.label} ({body.links[link + 1]})"
