@@ -840,6 +840,20 @@ def test_a_script_that_fails_shows_its_own_traceback_and_exits_1(bench: Bench) -
 
 @pytest.mark.parametrize(
     "text",
+    ["def f():\n    raise ValueError  # here\nf()\n",
+     "import json\ndef f():\n    json.loads('{')  # here\nf()\n",
+     "p.getJointState(0, 99)  # here\n", "import nothing_of_this_name  # here\n"],
+)  # fmt: skip
+def test_the_line_of_the_scripts_own_that_fails_is_cited(bench: Bench, text: str) -> None:
+    script = bench.script(STEPS + text)
+    bench.record(script)
+    failed = analyze(bench.out).findings[0]
+    line = (STEPS + text).partition("# here")[0].count("\n") + 1
+    assert (failed.code, failed.site) == ("script-failed", f"{script}:{line}")
+
+
+@pytest.mark.parametrize(
+    "text",
     [
         """
 def load():

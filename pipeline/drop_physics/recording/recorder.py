@@ -172,6 +172,7 @@ class Recorder:
             "frames": self.frames,
             "ended": ending.how,
             "error": ending.error[:LONGEST] or None,
+            "error_site": ending.site[:LONGEST] or None,
             "notes": [note[:LONGEST] for note in ending.notes[:MOST_NOTES]] or None,
             "state_sha256": self._states.hexdigest(),
             "contacts_sha256": self._contacts.hexdigest(),

@@ -373,6 +373,8 @@ Event = (
 )  # fmt: skip
 
 
+ENDS = ("ended", "error", "error_site")
+"""What a recording says of how its script ended, by name."""
 ENDED = {
     "finished": Message("finished"),
     "steps": Message("stopped after --steps"),
@@ -393,6 +395,8 @@ class Ending:
     """`finished`, `steps`, `duration`, `idle`, `disk`, `interrupted` or `failed`."""
     error: str = ""
     """What failed, in a line."""
+    site: str = ""
+    """File and line of the script's own that failed."""
     notes: list[str] = field(default_factory=list)
     """What is worth knowing about the recording."""
     made_with: dict[str, Any] = field(default_factory=dict)

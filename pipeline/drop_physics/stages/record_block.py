@@ -110,18 +110,19 @@ def record(
                 writing, os.dup(memory.fileno()), steps=steps, duration_s=duration_s,
                 keep_sleeping=keep_sleeping, seed=seed,
             )  # fmt: skip
-            how, error = "finished", ""
+            how, error, site = "finished", "", ""
             try:
                 yield block
             except Stop:
                 how = "stopped"
             except BaseException as failure:
                 how, error = "failed", ending.in_one_line(failure)
+                site = ending.place_of(failure, __file__)
                 raise
             finally:
                 ours = os.getpid() == request["process"]
                 if ours:
-                    ending.end(watch, how, error)
+                    ending.end(watch, how, error, site)
                     watch.remove()
                     watch.pipe.close()
                     assert recorder.stdout is not None

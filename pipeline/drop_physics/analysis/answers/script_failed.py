@@ -47,7 +47,8 @@ class ScriptFailed(Answer):
                 message = Message("{message} {why}", message=message, why=Message(
                     "There is no simulation with that number: p.connect did not make it, or "
                     "p.disconnect ended it"))  # fmt: skip
-            yield Finding(code="script-failed", level="broken", message=message)
+            site = origin.get("error_site")
+            yield Finding(code="script-failed", level="broken", message=message, site=site)
             return
         message = Message(
             "the script fails after {steps} in p.{function}({arguments}){why}: {error}",

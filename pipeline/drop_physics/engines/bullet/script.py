@@ -185,7 +185,7 @@ class Listener(ABC):
         if decoder.stopped:
             ending.how = decoder.stopped
         elif ended:
-            ending.how, ending.error = ended["how"], ended["error"]
+            ending.how, ending.error, ending.site = ended["how"], ended["error"], ended["site"]
         else:
             ending.how, ending.error = "failed", Message("its process ended")
         return ending

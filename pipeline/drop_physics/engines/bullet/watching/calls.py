@@ -100,7 +100,7 @@ class Calls:
         name = place.f_code.co_filename
         shown = self._shown.get(name)
         if shown is None:
-            shown = self._shown[name] = _shown(name)
+            shown = self._shown[name] = shown_file(name)
         return shown, place.f_lineno
 
 
@@ -205,7 +205,7 @@ def _escaped(text: str) -> str:
     return text.replace("{", "{{").replace("}", "}}")
 
 
-def _shown(name: str) -> str:
+def shown_file(name: str) -> str:
     """Return a file's name, relative to the working directory or the module path."""
     try:
         here = os.getcwd()

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import atexit
 import ctypes
+import os
 import sys
 import traceback
 from collections.abc import Callable
 from types import TracebackType
 
 from . import clock, draws, handlers, hooks, varied
+from .calls import shown_file
 from .hooks import Stop, Watch
 
 WRAPPERS = (
     hooks.__file__, handlers.__file__, clock.__file__, draws.__file__, varied.__file__,
 )  # fmt: skip
 """The files whose functions stand before others: the script's tracebacks are without them."""
+LIBRARY = os.path.dirname(os.__file__)
+"""The folder of Python's own modules."""
 PR_SET_PDEATHSIG, SIGKILL = 1, 9
 """From Linux's `sys/prctl.h` and `signal.h`."""
 
@@ -47,7 +51,7 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
         code = 130
     except BaseException as error:  # noqa: BLE001 - the script's own
         watch.clock.remove()
-        _tell(watch, "failed", in_one_line(error))
+        _tell(watch, "failed", in_one_line(error), place_of(error, ours))
         while error.__traceback__ is not None and _is_ours(error.__traceback__, ours):
             error.__traceback__ = error.__traceback__.tb_next
         _hide_wrappers(error)
@@ -56,22 +60,22 @@ def run(watch: Watch, script: Callable[[], None], ours: str) -> None:
     raise SystemExit(code)  # not sys.exit, which the script may have replaced
 
 
-def end(watch: Watch, how: str, error: str = "") -> None:
+def end(watch: Watch, how: str, error: str = "", site: str = "") -> None:
     """Send the recorder what is left, and that the script is over: nothing follows."""
     watch.finish()
     watch.lock.remove()
-    watch.pipe.note("end", how=how, error=error)
+    watch.pipe.note("end", how=how, error=error, site=site)
     watch.pipe.flush()
 
 
-def _tell(watch: Watch, how: str, error: str = "") -> None:
-    """Tell how the script has ended.
+def _tell(watch: Watch, how: str, error: str = "", site: str = "") -> None:
+    """Tell how the script has ended, and with an error, in which line of its own.
 
     What its threads, its functions of `atexit` and its finalizers still do is recorded.
     """
     with watch.lock:
         watch.settle()
-        watch.pipe.note("end", how=how, error=error)
+        watch.pipe.note("end", how=how, error=error, site=site)
         watch.pipe.flush()
 
 
@@ -85,6 +89,19 @@ def _end_last(watch: Watch) -> None:
         watch.lock.acquire()
         watch.lock.remove()
         watch.settle()
+
+
+def place_of(error: BaseException, ours: str) -> str:
+    """Return the last line of the script's own files that an error came through, as file:line."""
+    place = ""
+    trace = error.__traceback__
+    while trace is not None:
+        name = trace.tb_frame.f_code.co_filename
+        library = name.startswith(("<", LIBRARY)) or draws.INSTALLED.search(name)
+        if not library and name not in WRAPPERS and not _is_ours(trace, ours):
+            place = f"{shown_file(name)}:{trace.tb_lineno}"
+        trace = trace.tb_next
+    return place
 
 
 def _is_ours(trace: TracebackType, ours: str) -> bool:
