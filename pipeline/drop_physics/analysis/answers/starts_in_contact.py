@@ -27,6 +27,8 @@ class StartsInContact(Answer):
         super().__init__(scene)
         self._found: Notes[tuple[int, int]] = Notes()
         """By the body that was placed last, and the other: how fast they part."""
+        self._deepest: Notes[tuple[int, int]] = Notes()
+        """How deep they are in each other [m]."""
 
     def see(self) -> None:
         """Take a piece."""
@@ -51,24 +53,21 @@ class StartsInContact(Answer):
                 rows_of = np.flatnonzero(pairs.row == row)
                 deepest = rows_of[np.argmin(points.distance_m[rows_of])]
                 links = points.link[deepest].tolist()[:: -1 if second else 1]
-                self._found.add(
-                    (body, other), pairs.step[[row]], parting[[row]], site=site,
-                    depth=float(pairs.depth_m[row]), step=int(pairs.step[row]), links=links,
-                )  # fmt: skip
+                step = pairs.step[[row]]
+                self._found.add((body, other), step, parting[[row]], site=site, step=int(step[0]))
+                self._deepest.add((body, other), step, pairs.depth_m[[row]], links=links)
 
     def findings(self) -> Iterator[Finding]:
         """Yield each pair, the deepest first."""
-        for (body, other), found in sorted(
-            self._found.items(), key=lambda pair: -pair[1].at["depth"]
-        ):
-            yield self._finding(body, other, found)
+        for (body, other), deepest in sorted(self._deepest.items(), key=lambda pair: -pair[1].most):
+            yield self._finding(body, other, self._found[body, other], deepest)
 
-    def _finding(self, number: int, of: int, found: Noted) -> Finding:
-        body, other, depth_m = self.scene.body(number), self.scene.body(of), found.at["depth"]
+    def _finding(self, number: int, of: int, found: Noted, deepest: Noted) -> Finding:
+        body, other, depth_m = self.scene.body(number), self.scene.body(of), deepest.most
         size = min(size_m(each) for each in (body, other))
         values = {
-            "body": _named(body, found.at["links"][0]), "depth": depth_m * 1e3,
-            "other": _named(other, found.at["links"][1]), "speed": found.most,
+            "body": _named(body, deepest.at["links"][0]), "depth": depth_m * 1e3,
+            "other": _named(other, deepest.at["links"][1]), "speed": found.most,
             "time": self.scene.times[body.client].of(found.at["step"] - 1),
         }  # fmt: skip
         thrown = found.most**2 / (2 * STANDARD_M_S2) > size
