@@ -250,12 +250,13 @@ def test_the_terminal_shows_it_in_a_few_lines(drop: Drop) -> None:
     begin = next(n for n, line in enumerate(lines) if line.startswith("Explained"))
     assert "all 721 samples" in lines[begin]
     begin = next(n for n, line in enumerate(lines) if line.startswith("Flights")) - 1
-    flights = lines[begin + 1 : begin + 9]
+    flights = lines[begin + 1 : begin + 10]
     assert flights[0].startswith("Flights")
-    assert flights[1].split()[:4] == ["0.0000", "s", "0.4500", "s"]
-    assert flights[7].strip().startswith("and ")
-    contacts = lines[begin + 10 : begin + 17]
+    assert flights[2].split() == ["0.0000", "0.4500", "+0.0000", "+0.0000", "+9.4434", "box"]
+    assert flights[8].startswith("and ")
+    contacts = lines[begin + 11 : begin + 19]
     assert contacts[0].startswith("Contacts")
-    assert contacts[1].split()[4:] == ["0.7225", "Ns", "173.4", "N", "-0.485", "J"]
-    columns = {line.rindex("mm") for line in flights[1:7]} | {len(line) for line in contacts[1:6]}
-    assert len(columns) == 2
+    assert contacts[2].split()[2:] == ["0.7225", "173.4", "-0.485", "on", "floor"]
+    ends = {line.rindex("  box") for line in flights[2:8]}
+    assert ends == {len(flights[1])}
+    assert {line.rindex("  on floor") for line in contacts[2:8]} == {len(contacts[1])}

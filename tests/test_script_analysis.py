@@ -1227,7 +1227,13 @@ def test_what_is_printed_fits_a_terminal(article: Path, drop: Drop) -> None:
     done = drop("analyze", article / "article.rrd", "--out", "layer2.rrd", "--verbose")
     lines = done.stdout.splitlines()
     assert max(map(len, lines)) <= 80
-    assert any(line.split()[:2] == ["total", "+0.0000"] and "-1.8203 mm" in line for line in lines)
+    assert any(line.split() == ["total", "+0.0000", "+0.0000", "-1.8203"] for line in lines)
+    begin = next(n for n, line in enumerate(lines) if line.startswith("Momentum"))
+    rows = lines[begin + 2 : lines.index("", begin)]
+    told = {row.split()[-4]: float(row.split()[-1]) for row in rows}
+    assert told["gravity"] == pytest.approx(-0.981, abs=1e-4)  # 1 s of 0.1 kg
+    given = told["start"] + sum(told[cause] for cause in ("gravity", "damping", "contact"))
+    assert given == pytest.approx(told["end"], abs=1e-4)
 
 
 def test_long_names_and_many_bodies_fit_too(

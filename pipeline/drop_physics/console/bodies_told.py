@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from drop_physics.console.findings_told import finding_lines
 from drop_physics.console.flights_told import contact_lines, flight_lines
+from drop_physics.console.momentum_told import momentum_lines
 from drop_physics.console.output import columns_of, counted, cut, left, right, titled, wrapped
 from drop_physics.console.output import width as columns
 from drop_physics.console.words import CAUSES, SEGMENTS, kinds_of_samples
@@ -43,6 +44,7 @@ def lines_of_bodies(analysis: Analysis, *, verbose: bool = False) -> list[str]:
         for each in body.at:
             lines += ["", *sum_lines(body, each)]
     if verbose or alone:
+        lines += momentum_lines(moving)
         lines += flight_lines(moving)
         lines += contact_lines(moving)
     elif any(body.flights or body.contacts for body in moving):
