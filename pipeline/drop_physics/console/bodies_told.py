@@ -80,6 +80,8 @@ def _explained(analysis: Analysis) -> Message:
     explained = analysis.explained
     if not explained.of:
         return Message("nothing moved")
+    if explained.samples == explained.of and not explained.remainder:
+        return Message("all explained to the bit")
     if explained.samples == explained.of:
         return Message("all explained to {remainder:.0e}", remainder=explained.remainder)
     return Message(

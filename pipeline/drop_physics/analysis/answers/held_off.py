@@ -81,17 +81,19 @@ def _too_weak(driven: Driven, held: Holding, stood: Stood) -> Cause:
         )  # fmt: skip
     if float(driven.asked.force[row, k]) > need:  # another rule says why it has less
         return Cause(why, Message("call p.setTimeStep before the motors are commanded"))
-    return Cause(why, give_at_least(need, effort(need, unit)))
+    return Cause(why, give_at_least(need, unit))
 
 
-def give_at_least(need: float, said: str) -> Message:
+def give_at_least(need: float, unit: str) -> Message:
     """Return the advice to give a motor a round force limit that leaves some to spare."""
     wanted = SPARE * abs(need)
     step = 10.0 ** (math.floor(math.log10(wanted)) - (wanted < 20))
+    digit = 10.0 ** min(0, math.floor(math.log10(abs(need))) - 1)  # the last that is written
     return Message(
         "give it at least {need}: p.setJointMotorControl2(…, force={force})",
-        need=said, force=f"{math.ceil(wanted / step) * step:g}",
-    )  # fmt: skip
+        need=effort(math.ceil(abs(need) / digit) * digit, unit),
+        force=f"{math.ceil(wanted / step) * step:g}",
+    )
 
 
 def _held(

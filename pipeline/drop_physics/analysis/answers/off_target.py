@@ -234,9 +234,7 @@ def _moving(driven: Driven, last: Missed, takes: float | None) -> Cause | None:
         return Cause(why)
     weak = at_limit(last.limit, count, steps)
     if takes is not None and abs(takes) > driven.limit[row, k]:
-        need = effort(takes, units_of(driven, k)[1])
-        return Cause(
-            Message("{weak}; the target takes {need}", weak=weak, need=need),
-            give_at_least(takes, need),
-        )
+        unit = units_of(driven, k)[1]
+        why = Message("{weak}; the target takes {need}", weak=weak, need=effort(takes, unit))
+        return Cause(why, give_at_least(takes, unit))
     return Cause(Message("{why}, and {weak}", why=why, weak=weak), GIVE_MORE)
