@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 import typer
-from conftest import Drop
+from conftest import Drop, some
 from drop_physics import Camera, DropError, Scenario, analyze, check, run, simulate
 from drop_physics.cli import app
 from drop_physics.console import running
@@ -380,7 +380,7 @@ MALFORMED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", MALFORMED)
+@pytest.mark.parametrize("kind", some(MALFORMED, 20))
 def test_a_malformed_urdf_is_one_line(tmp_path: Path, kind: str) -> None:
     (tmp_path / "own.urdf").write_text(MALFORMED[kind])
     with pytest.raises(ScenarioError, match="body must") as raised:
@@ -459,11 +459,11 @@ def test_a_good_urdf_is_left_to_bullet(tmp_path: Path) -> None:
 
 NAMES = (
     "with space, it's a \"quote\"; $(touch x)", "ünïcödé 日本語 📦 …", "new\nline, tab\tin",
-    "[red] per%cent {brace}", "-dash", "back\\slash", "~",
+    "[red] per%cent {brace} back\\slash", "-dash", "~",
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", some(NAMES, 2))
 def test_names_are_taken_as_they_are_whatever_is_in_them(
     drop: Drop, tmp_path: Path, name: str
 ) -> None:

@@ -32,7 +32,7 @@ import polars as pl
 import pytest
 import rerun.blueprint as rrb
 from command import drop_here, environment, run_here, wait_for
-from conftest import Drop, descendants_of
+from conftest import Drop, descendants_of, some
 from drop_physics import Scenario, analyze, check, render, simulate
 from drop_physics.errors import OutputError, RecordingError, ScenarioError
 from drop_physics.files.outputs import MOST_PARTS, check_room, output_errors, part_of
@@ -569,7 +569,7 @@ WRITERS: dict[str, Callable[[Path, Path, bool], object]] = {
 """How each file is written from a recording `run.rrd` with frames, by the file's name."""
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", some(WRITERS, 5))
 def test_an_existing_part_is_kept(tmp_path: Path, filmed: Path, name: str) -> None:
     """It may be anything, complete or unfinished; with --force it is replaced."""
     run, out = tmp_path / "run.rrd", tmp_path / name

@@ -116,6 +116,7 @@ def test_every_recorded_frame_is_in_the_gif_to_the_pixel(standard_frames: list[P
         assert image.info["loop"] == 0  # forever
 
 
+@pytest.mark.long
 def test_only_what_changed_is_stored(standard_frames: list[Pixels]) -> None:
     first, *_ = standard_frames
     _, alone = written([first])

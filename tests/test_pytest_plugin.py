@@ -71,6 +71,7 @@ def test_a_golden_is_made_and_then_holds(project: Path, monkeypatch: pytest.Monk
     assert "1.001" in summary.read_text()
 
 
+@pytest.mark.long
 def test_a_tolerance_passes_what_is_within(project: Path) -> None:
     assert run(project, {"box": block("box.drop(1)")}, "--update-golden")[0] == 0
     allowed = {"wide": "0.01", "text": "'1e-2'", "narrow": "1e-9"}
@@ -101,6 +102,7 @@ def test_box(golden_recording, box):
 """
 
 
+@pytest.mark.long
 def test_set_up_after_the_fixture_is_seen(project: Path) -> None:
     (project / "tests/test_box.py").write_text(SET_UP.replace("STEPS", "p.stepSimulation()"))
     call = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"]
@@ -117,6 +119,7 @@ def test_set_up_after_the_fixture_is_seen(project: Path) -> None:
     assert "recorded no step" in done.stdout
 
 
+@pytest.mark.long
 def test_what_cannot_be_a_golden_fails_and_says_why(project: Path) -> None:
     cases = {
         "another_step": (block("box.drop(1, step=box.stepSimulation)"), "recorded no step"),
