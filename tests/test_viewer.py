@@ -573,7 +573,8 @@ def test_a_viewer_that_goes_away_or_hangs_costs_the_recording_nothing(
         viewer=view.connection(receiver.url), note=notes.append, progress=lose,
     )  # fmt: skip
     assert len(notes) == 1
-    assert "the viewer does not respond" in notes[0]
+    # Which of both depends on where in the fall it happens.
+    assert re.search("viewer (does not respond|stopped responding)", notes[0])
     assert len(read(path).states) == long.steps + 1
 
 
