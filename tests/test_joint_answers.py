@@ -83,7 +83,7 @@ def test_the_words_of_a_weak_motor(tmp_path: Path) -> None:
         "lbr_iiwa_joint_2 ends 0.54 rad off its target of 0.80 rad: its motor is at its limit of "
         "30 N m in 480 of 480 steps; the target takes 41 N m, here it takes 46"
     )
-    assert found.advice == "give it at least 46 N m: p.setJointMotorControl2(…, force=60)"
+    assert found.advice == "give it at least 47 N m: p.setJointMotorControl2(…, force=60)"
     assert found.joint == "lbr_iiwa_joint_2"
     assert found.site == site(7)
     assert found.steps is not None
